@@ -334,7 +334,11 @@ def small(tmp_path, monkeypatch):
 
 def test_finished_results_are_overwritten_by_force_alone(small, capsys):
     """Unfinished ones are; --resume goes on from finished ones."""
-    assert main(["run", "small.toml"]) == 0
+    assert main(["run", "small.toml", "--set", "output.dtype=float32"]) == 0
+    said, results = capsys.readouterr().out, open_results("small.h5")
+    assert f"reached, {results.steps[-1]} steps and their files in" in said
+    assert results.provenance["command"] == "farhorizon run small.toml --set output.dtype=float32"
+    assert results.field("u", 0).dtype == np.float32 and "machine" in results.provenance
     before = Path("small.h5").read_bytes()
     assert main(["run", "small.toml"]) == 2
     assert "--force" in capsys.readouterr().err and Path("small.h5").read_bytes() == before

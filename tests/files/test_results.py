@@ -26,7 +26,7 @@ def values(dim, dtype, number):
     return array
 
 
-def write(path, dim=2, dtype="float64", outputs=3, fields=("u", "v")):
+def write(path, dim=2, dtype="float64", outputs=3, fields=("u", "v"), **options):
     probes = np.arange(2.0 * dim).reshape(2, dim)
     lower = (-1.5, 2.0, 0.25)[:dim]
     writer = ResultsWriter.create(
@@ -39,6 +39,7 @@ def write(path, dim=2, dtype="float64", outputs=3, fields=("u", "v")):
         probes=probes,
         case="[lattice] # ä",
         program="fh 0",
+        **options,
     )
     for k in range(outputs):
         writer.append_probes(0.4 * k + np.array([0.1, 0.2, 0.3]), np.array([[k, k], [k, 1], [k, -k]]))
@@ -67,6 +68,39 @@ def test_round_trip(tmp_path, dim, dtype):
     np.testing.assert_allclose(results.probe_times[:4], [0.1, 0.2, 0.3, 0.5])
     np.testing.assert_array_equal(results.probe_values[3:6], [[1, 1], [1, 1], [1, -1]])
     np.testing.assert_array_equal(results.energy, [5, 4, 3])
+
+
+def test_packed_fields_are_the_same_fields(tmp_path):
+    """In a smaller file, which is taken up as others are."""
+    plain, packed = (tmp_path / name for name in ("a.h5", "b.h5"))
+    for path in (plain, packed):
+        writer = ResultsWriter.create(
+            path,
+            shape=(60, 50),
+            spacing=0.5,
+            lower=(0, 0),
+            fields=("u",),
+            dtype="f8",
+            components=2,
+            compress=path == packed,
+        )
+        for k in range(3):
+            field = np.zeros((2, 60, 50))
+            field[:, 20:30, 20:30] = np.random.default_rng(k).normal(size=(2, 10, 10))
+            writer.append(k, float(k), {"u": field})
+    ResultsWriter.resume(packed, 2).append(2, 2.0, {"u": field})
+    for k in range(3):
+        np.testing.assert_array_equal(open_results(packed).field("u", k), open_results(plain).field("u", k))
+    assert packed.stat().st_size < 0.3 * plain.stat().st_size
+
+
+def test_provenance_and_units_come_back(tmp_path):
+    writer = write(tmp_path / "a.h5", units={"length": "µm"}, provenance={"command": "farhorizon run a.toml"})
+    results = open_results(writer.path)
+    assert results.units == {"length": "µm"} and results.provenance == {"command": "farhorizon run a.toml"}
+    made = results.to_xarray()
+    assert made.attrs["command"] == "farhorizon run a.toml" and made["x"].attrs["units"] == "µm"
+    assert open_results(write(tmp_path / "b.h5").path).units == {}
 
 
 def test_balance(tmp_path):
@@ -389,10 +423,11 @@ def assert_same(results, index, image):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("compress", [False, True])
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize("dim", [1, 2, 3])
-def test_vtk_reads_the_file(tmp_path, dim, dtype):
-    write(tmp_path / "a.h5", dim, dtype)
+def test_vtk_reads_the_file(tmp_path, dim, dtype, compress):
+    write(tmp_path / "a.h5", dim, dtype, compress=compress)
     results = open_results(tmp_path / "a.h5")
     times, images = vtk_outputs(tmp_path / "a.h5")
     assert tuple(times) == tuple(results.times)
@@ -589,9 +624,10 @@ def contents(path):
     )
 
 
-def test_any_flipped_bit_of_results_is_told_or_harmless(tmp_path):
+@pytest.mark.parametrize("compress", [False, True])
+def test_any_flipped_bit_of_results_is_told_or_harmless(tmp_path, compress):
     """Damage anywhere: FileFormatError, or (in padding) everything is read as it was."""
-    path = write(tmp_path / "a.h5").path
+    path = write(tmp_path / "a.h5", compress=compress).path
     data, good, told = path.read_bytes(), contents(path), 0
     rng = np.random.default_rng(4)
     for place in rng.integers(len(data), size=120):

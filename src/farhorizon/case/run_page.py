@@ -30,6 +30,11 @@ def versions() -> list[tuple[str, str]]:
     ]
 
 
+def computed_with() -> list[tuple[str, str]]:
+    """What a run is computed with, beside its number of threads."""
+    return [*versions(), ("machine", f"{platform.system()} {platform.machine()}")]
+
+
 def write_report(
     path: Path,
     case: Case,
@@ -66,7 +71,7 @@ def write_report(
     Path
         The file.
     """
-    machine = [*versions(), ("machine", f"{platform.system()} {platform.machine()}"), ("threads", str(threads))]
+    machine = [*computed_with(), ("threads", str(threads))]
     cite = (
         f"The farhorizon developers: farhorizon: peridynamics in an unbounded medium, version {__version__}, "
         "BSD-3-Clause; and the papers of the methods that were used, which the docstrings of their classes name."

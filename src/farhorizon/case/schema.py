@@ -523,6 +523,10 @@ class OutputPart(Part):
     """Places where u is recorded."""
     probe_every: Number | None = None
     """Time between two records of the probes; every step unless given."""
+    dtype: Literal["float32", "float64"] | None = None
+    """Precision of the fields in the results file; that of the run unless given."""
+    compress: bool = False
+    """Pack the fields in the results file, without loss; ParaView reads them still."""
     pictures: list[Number] | None = None
     """Times of the pictures; four even ones unless given."""
     balance: bool = False

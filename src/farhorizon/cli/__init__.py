@@ -40,6 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         options = command_parser().parse_args(arguments)
         options.output, options.errors = sys.stdout, sys.stderr
+        options.given = sys.argv[1:] if arguments is None else list(arguments)
         import farhorizon.case.case  # noqa: F401
 
         check_json(getattr(options, "json", None))

@@ -48,7 +48,7 @@ def march(
     of the results and the exit code.
     """
     with _stopping(sim) as came:
-        writer = _taken_up(sim, files) if options.resume else _begun(case, sim, files)
+        writer = _taken_up(sim, files) if options.resume else _begun(options, case, sim, files)
         for note in (*sim.notes, *sim.probes.notes):
             print(f"note: {note}", file=sys.stderr)
         print(
@@ -106,9 +106,10 @@ def _taken_up(sim: Any, files: RunFiles) -> Any:
     return ResultsWriter.resume(files.result, outputs, rows, records, kept.get("recorded"))
 
 
-def _begun(case: Any, sim: Any, files: RunFiles) -> Any:
+def _begun(options: argparse.Namespace, case: Any, sim: Any, files: RunFiles) -> Any:
     """Empty results, in place of what was there."""
     from farhorizon import __version__
+    from farhorizon.case.run_page import computed_with
     from farhorizon.files.results import ResultsWriter, check_replaceable
 
     check_replaceable(files.result)
@@ -120,11 +121,13 @@ def _begun(case: Any, sim: Any, files: RunFiles) -> Any:
         spacing=case.lattice.spacing,
         lower=case.lattice.lower,
         fields=case.fields,
-        dtype=sim.fields["u"].dtype,
+        dtype=case.parts.output.dtype or sim.fields["u"].dtype,
         probes=sim.probes.places,
         accounts=list(sim.balance()) if case.parts.output.balance else [],
         case=case.text,
         units=case.unit_names,
+        provenance={"command": shlex.join(["farhorizon", *options.given]), **dict(computed_with())},
+        compress=case.parts.output.compress,
         program=f"farhorizon {__version__}",
         components={name: len(field) if field.ndim > dim else 1 for name, field in sim.fields.items()},
     )

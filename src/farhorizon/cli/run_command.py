@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,8 +41,10 @@ def run_command(options: argparse.Namespace) -> int:
         _refuse_finished(files.result, options)
         for path in (files.result, files.checkpoint):
             remove_leftovers(path)
+        began, before = time.perf_counter(), sim.step_count
         writer, code = march(options, case, sim, files, until, last)
         if code == GOOD:
+            _sum_up(case, sim, sim.step_count - before, time.perf_counter() - began)
             for recorder in sim.recorders:
                 for records in recorder.concluded():
                     writer.conclude(records)
@@ -64,6 +67,14 @@ def _refuse_finished(result: Path, options: argparse.Namespace) -> None:
     if finished:
         remedy = "--force overwrites them, --resume --until T goes on from them, --out DIR puts the new ones elsewhere"
         raise InputError(f"{result} holds the results of a finished run", remedy=remedy)
+
+
+def _sum_up(case: Any, sim: Any, steps: int, seconds: float) -> None:
+    """Say what was done: how far, how fast, what broke."""
+    said = f"{case.name}: t = {sim.time:g} reached, {steps} steps and their files in {seconds:.3g} s"
+    if "damage" in sim.fields:
+        said += f"; {sim.broken_bonds} bonds have broken"
+    print(said)
 
 
 def _tell(options: argparse.Namespace, case: Any, sim: Any, certificate: Any, until: float, files: RunFiles) -> None:

@@ -410,6 +410,8 @@ class ResultsWriter:
         program: str = "",
         components: int | Mapping[str, int] = 1,
         units: Mapping[str, str] | None = None,
+        provenance: Mapping[str, str] | None = None,
+        compress: bool = False,
     ) -> ResultsWriter:
         """Create an empty results file; an older results file of that name is replaced, any other file is refused.
 
@@ -439,6 +441,10 @@ class ResultsWriter:
             the field u if it is named, written or not, else the first one.
         units : mapping of str to str, optional
             Units of "length", "time" and fields, as far as they are known.
+        provenance : mapping of str to str, optional
+            What the file comes from: command, machine, versions.
+        compress : bool
+            Pack the fields, without loss.
 
         Returns
         -------
@@ -493,17 +499,20 @@ class ResultsWriter:
             steps.attrs["NSteps"] = 0
             _growing(steps, "Values", "f8")
             offsets = steps.create_group("PointDataOffsets")
+            packed = {"compression": "gzip", "compression_opts": 4, "shuffle": True} if compress else {}
             for name in fields:
                 stored = _vtk_shape(shape, width[name])
                 chunk = _chunk(stored, dtype.itemsize)
-                data.create_dataset(name, (0, *stored), dtype, maxshape=(None, *stored), chunks=chunk, fletcher32=True)
+                data.create_dataset(
+                    name, (0, *stored), dtype, maxshape=(None, *stored), chunks=chunk, fletcher32=True, **packed
+                )
                 _growing(offsets, name, "i8")
                 kind = "Scalars" if width[name] == 1 else "Vectors"
                 if kind not in data.attrs:
                     _put_word(data.attrs, kind, name)
             group = file.create_group("farhorizon")
-            named = json.dumps(dict(units or {}), ensure_ascii=False)
-            for name, word in (("format", FORMAT), ("program", program), ("cautions", "[]"), ("units", named)):
+            told = {name: json.dumps(dict(one or {})) for name, one in (("units", units), ("provenance", provenance))}
+            for name, word in {"format": FORMAT, "program": program, "cautions": "[]", **told}.items():
                 _put_word(group.attrs, name, word)
             group.attrs["version"], group.attrs["finished"] = RESULTS_VERSION, False
             group.attrs["dim"], group.attrs["shape"], group.attrs["spacing"], group.attrs["lower"] = (
@@ -830,6 +839,8 @@ class Results:
         Text of the case file; name and version of the program that wrote the file.
     units : dict of str to str
         Units of "length", "time", "u" and "v", as far as the case says them.
+    provenance : dict of str to str
+        Command, machine and versions that it comes from, of runs of the command line.
     finished : bool
         Whether the run had come to its end when the file was opened.
 
@@ -855,7 +866,9 @@ class Results:
             self.probes: np.ndarray = _read(group, self.path, "probes")
             self.case: str = _words(group, "case")[0]
             self.program = _word(group.attrs, "program")
-            self.units: dict[str, str] = json.loads(_word(group.attrs, "units") or "{}")
+            self.units, self.provenance = (
+                dict[str, str](json.loads(_word(group.attrs, name) or "{}")) for name in ("units", "provenance")
+            )
             self.finished = bool(group.attrs.get("finished", False))
             self._accounts = _words(group, "accounts")
             self.components = _components(group)
@@ -1045,6 +1058,7 @@ class Results:
         more = dataset_parts(self.recorded)
         data, coords = data | more[0], coords | more[1]
         attributes = {
+            **self.provenance,
             "program": self.program,
             "case": self.case,
             "dim": self.dim,
