@@ -132,6 +132,7 @@ MEASUREMENTS = {
     "mach-cones": validated("mach-cones", ours={"error": 1, "order": 2}),
     "explosion": validated("explosion", ours={"error": 2, "order": 4}, off={"static": 6}),
     "garvin": validated("garvin", ours={"error": 1, "order": 2}),
+    "pekeris": validated("pekeris", ours={"passing": 0, "error": 1, "order": 4}),
     "cylinders": validated("cylinders", ours={"soft": 1, "rigid": 5, "soft-order": 2, "rigid-order": 6}),
     "crack-scattering": validated("crack-scattering", ours={"error": 1, "order": 2}),
     "cavity": validated("cavity", ours={"error": 1, "order": 2}),

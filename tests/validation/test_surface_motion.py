@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.special import j0
 
 from farhorizon.inputs.signals import Step
 from farhorizon.validation import surface_motion
@@ -51,3 +52,25 @@ def test_a_buried_blast_leaves_the_static_field_that_a_free_surface_multiplies_b
 
 def test_nothing_moves_before_the_p_wave_comes():
     assert not surface_motion.buried_blast(2.0, np.array([0.0, 1.29]), SPEEDS, DENSITY).any()
+
+
+def test_a_pressed_surface_moves_as_the_sum_of_its_hankel_transforms():
+    """Both transformed in time, at s = 1. In a cylindrical wave J0(kr) a pressure p moves the surface by
+    ``p nu s^2 / (mu beta^2 R)`` (Achenbach, 1973, section 7.5), in short ones by the static ``3 p / (4 mu k)``.
+    """
+    r, rise = 1.3, surface_motion.RISE
+    k = (np.arange(60000) + 0.5) * 0.005
+    nu, eta = np.sqrt(k**2 + 1 / 3), np.sqrt(k**2 + 1)
+    move = k * nu / ((k**2 + eta**2) ** 2 - 4 * k**2 * nu * eta) - 0.75
+    step = (0.75 / r + (move * j0(k * r)).sum() * 0.005) / (2 * np.pi)
+    wanted = step * (1 - np.exp(-rise)) / rise * (1 - 1 / (1 + (2 * np.pi / rise) ** 2))
+    last = surface_motion.RAYLEIGH * r + rise
+    t = (np.arange(4000) + 0.5) * last / 4000
+    found = (surface_motion.pressed(r, t) * np.exp(-t)).sum() * last / 4000 + 3 / (8 * np.pi * r) * np.exp(-last)
+    assert found == pytest.approx(wanted, rel=1e-4)
+
+
+def test_a_pressed_surface_is_still_before_the_p_wave_and_static_after_the_rayleigh_wave():
+    r, late = 1.3, surface_motion.RAYLEIGH * 1.3 + surface_motion.RISE
+    assert not surface_motion.pressed(r, np.array([0.0, 0.74])).any()
+    np.testing.assert_allclose(surface_motion.pressed(r, np.array([late, 9.0])), 3 / (8 * np.pi * r), rtol=1e-9)

@@ -1,6 +1,6 @@
-r"""Waves at the free surface of a half-space, from a source below it: Garvin's problem.
+r"""Waves at the free surface of a half-space, from a source below it and from one on it.
 
-At the depth h below the surface z = 0 of a half-plane a line of charges goes off, the body force
+Garvin's problem. At the depth h below the surface z = 0 of a half-plane a line of charges goes off, the body force
 :math:`b = -M(t)\,\nabla\delta`. Its P wave and what the surface sends back are sums of plane waves
 :math:`e^{s(ipx - ah)}` of slowness p, with :math:`a = \sqrt{p^2 + \alpha^{-2}}`,
 :math:`b = \sqrt{p^2 + \beta^{-2}}` and the Rayleigh function :math:`R = (p^2 + b^2)^2 - 4p^2ab`.
@@ -16,6 +16,11 @@ z and :math:`u_z` upwards. On the path on which :math:`ah - ipx = t` is real,
 the integral is a Laplace transform by inspection, and the displacement is :math:`\dot M` convolved with twice the real
 part of the integrand times :math:`dp/dt` (Garvin, 1956, by the method of Cagniard and de Hoop). With
 :math:`t = (r/\alpha)\cosh\theta` it is smooth. For good it is :math:`4(1 - \nu)` times that of the infinite solid.
+
+Lamb's problem. A point of the surface of a half-space in three dimensions is pressed with the force :math:`P(t)`. With
+Poisson's ratio 1/4 a step of it moves the surface at the distance r by :math:`\frac{P}{\mu r}\,G(\beta t/r)`, where G
+is algebraic between the arrivals of P, S and Rayleigh waves, the last at :math:`q_R = \sqrt{3/4 + \sqrt3/4}`
+(Pekeris, 1955): see `pressed_step`. Its root before :math:`q_R` becomes smooth by :math:`q = q_R - v^2`.
 """
 
 from __future__ import annotations
@@ -28,6 +33,7 @@ from farhorizon.boundaries import Free, LatticePML
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.local_sources import MomentTensor
 from farhorizon.inputs.signals import Step
+from farhorizon.inputs.sources import Source
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Elastic
 from farhorizon.simulation.receivers import Receivers
@@ -46,10 +52,14 @@ SPACINGS = (0.05, 0.025)  # 20 and 40 nodes on the way of S waves in the rise
 SURFACE = np.array([15.0, -10.0, 3.0]) / 8
 
 
-def solid(spacing: float) -> Elastic:
+def solid(kernel: Kernel, stabilisation: float) -> Elastic:
     """Of Poisson's ratio 1/4, with S waves of speed 1 and density 1; its surfaces are of second order."""
-    kernel = Kernel(1.5 * spacing, exponent=2)
-    return Elastic(kernel, shear=1.0, poisson=0.25, material="correspondence", stabilisation=0.8)
+    return Elastic(kernel, shear=1.0, poisson=0.25, material="correspondence", stabilisation=stabilisation)
+
+
+def rising(t: np.ndarray) -> np.ndarray:
+    """Rate of the load at times within its rise."""
+    return (1 - np.cos(2 * np.pi * t / RISE)) / RISE
 
 
 def buried_blast(x: float, times: np.ndarray, speeds: tuple[float, float], density: float) -> np.ndarray:
@@ -70,8 +80,7 @@ def buried_blast(x: float, times: np.ndarray, speeds: tuple[float, float], densi
     a, b = (np.sqrt(p**2 + 1 / speed**2) for speed in (alpha, beta))
     bend = p**2 + b**2
     factor = 2 * dp / (bend**2 - 4 * p**2 * a * b)
-    rate = (1 - np.cos(2 * np.pi * (times[:, None] - t) / RISE)) / RISE
-    amount = rate * weights * (last - first) / 2 / (4 * np.pi * density * (alpha * beta) ** 2)
+    amount = rising(times[:, None] - t) * weights * (last - first) / 2 / (4 * np.pi * density * (alpha * beta) ** 2)
     return np.array([(amount * 2 * (factor * part).real).sum(1) for part in (-2j * p * b, bend)])
 
 
@@ -84,7 +93,8 @@ def run_blast(spacing: float) -> tuple[np.ndarray, np.ndarray]:
     lattice = Lattice(spacing, (-MARGIN, top - DEPTH - MARGIN), (PLACES[-1] + MARGIN, top))
     sides = {"all": LatticePML(nodes=24), "y+": Free()}
     charge = MomentTensor((0.0, -DEPTH), 1.0, Step(RISE))
-    Simulation(lattice, solid(spacing), sides, sources=[charge], observe=[surface]).run(UNTIL, progress=False)
+    model = solid(Kernel(1.5 * spacing, exponent=2), 0.8)
+    Simulation(lattice, model, sides, sources=[charge], observe=[surface]).run(UNTIL, progress=False)
     found = surface.data["u"].reshape(-1, len(PLACES), len(SURFACE), 2)
     return surface.times, np.einsum("tprc,r->pct", found, SURFACE)
 
@@ -94,10 +104,10 @@ def garvin(folder: Path) -> Outcome:
     """All waves at the surface: P, the S waves that it becomes, and Rayleigh waves."""
     from farhorizon.pictures.curves import curve_panels
 
-    rows, errors, model = [], [], solid(1.0)
+    rows, errors = [], []
     for spacing in SPACINGS:
         times, found = run_blast(spacing)
-        wanted = np.array([buried_blast(x, times, (model.p_speed, model.s_speed), model.density) for x in PLACES])
+        wanted = np.array([buried_blast(x, times, (np.sqrt(3.0), 1.0), 1.0) for x in PLACES])
         apart = np.abs(found - wanted).max((1, 2)) / np.abs(wanted).max((1, 2))
         errors.append(float(apart.max()))
         rows.append(Row(f"largest difference, of the largest value at its place, spacing {spacing:g} h", errors[-1]))
@@ -109,4 +119,79 @@ def garvin(folder: Path) -> Outcome:
     ]
     picture = folder / "garvin.png"
     curve_panels(panels, picture, xlabel="t beta / h", ylabel="upward displacement")
+    return Outcome(rows, pictures=[picture])
+
+
+LAMB = "Pekeris (1955), The seismic surface pulse"
+AWAY = 1.0  # distance along the surface from the load: as far as S waves run in the rise
+PRESSED = 2.4  # time until which it is pressed
+ROOT = np.sqrt(3.0)
+RAYLEIGH = float(np.sqrt(0.75 + ROOT / 4))  # slowness of Rayleigh waves over that of S waves
+
+
+def pressed_step(q: np.ndarray) -> np.ndarray:
+    """G at times q of S waves from the load to the place."""
+    square = np.asarray(q, float) ** 2
+
+    def root(constant: float, distance: np.ndarray) -> np.ndarray:
+        return np.sqrt(constant / np.where(distance > 0, distance, 1.0))
+
+    late = root(3 * ROOT + 5, RAYLEIGH**2 - square)
+    early = 6 - root(3.0, square - 0.25) - late + root(3 * ROOT - 5, square + ROOT / 4 - 0.75)
+    parts = [square <= 1 / 3, square <= 1, square < RAYLEIGH**2]
+    return np.select(parts, [0 * square, early / (32 * np.pi), (6 - late) / (16 * np.pi)], 3 / (8 * np.pi))
+
+
+def pressed(r: float, times: np.ndarray) -> np.ndarray:
+    """Displacement of the surface along the force, at the distance r, for unit force, modulus and speed of S waves."""
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+    part, weights = (1 - nodes) / 2, weights / 2
+    found = np.zeros(len(times))
+    for start, end in ((1 / ROOT, 1.0), (1.0, RAYLEIGH), (RAYLEIGH, np.inf)):
+        first = np.maximum(start, (times - RISE) / r)[:, None]
+        last = np.maximum(np.minimum(end, times / r)[:, None], first)
+        # the points lie closer towards the end, so that the root there becomes smooth
+        q = last - (last - first) * part**2
+        step = (last - first) * 2 * part * weights
+        found += (rising(times[:, None] - r * q) * pressed_step(q) * step).sum(1)
+    return found
+
+
+def run_pressed(spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times, and displacement of the surface along the force."""
+    wide, top = round(0.25 / spacing) * spacing, -spacing / 2
+    rows = top - spacing * np.arange(len(SURFACE))
+    surface = Receivers([(AWAY, 0.0, z) for z in rows], interpolation="linear")
+    lattice = Lattice(spacing, (-wide, -wide, top - 1.6 * wide), (AWAY + wide, wide, top))
+    force = np.zeros((3, *lattice.shape))
+    # what extrapolates the field to the surface is, by reciprocity, a force on the surface
+    force[(2, *lattice.index((0.0, 0.0, top))[:2])][-1 : -1 - len(SURFACE) : -1] = -SURFACE / spacing**3
+    sides = {"all": LatticePML(nodes=10), "z+": Free()}
+    model = solid(Kernel(spacing, exponent=0), 4 / 9)  # at which S waves have no dispersion of second order
+    source = Source(force, time=Step(RISE))
+    Simulation(lattice, model, sides, sources=[source], observe=[surface]).run(PRESSED, progress=False)
+    return surface.times, -surface.data["u"][..., 2] @ SURFACE
+
+
+@validation("pekeris", LAMB, "the surface of a half-space beside a point that is pressed, in 3D", "a minute")
+def pekeris(folder: Path) -> Outcome:
+    """The displacement along the force, while the Rayleigh wave passes and apart from it."""
+    from farhorizon.pictures.curves import curve_panels
+
+    rows, errors = [], []
+    for spacing in SPACINGS:
+        times, found = run_pressed(spacing)
+        wanted = pressed(AWAY, times)
+        apart = np.abs(found - wanted) / np.abs(wanted).max()
+        passing = (times > RAYLEIGH * AWAY) & (times < RAYLEIGH * AWAY + RISE)
+        errors.append(float(apart.max()))
+        rows += [
+            Row(f"largest difference, of the largest value, spacing {spacing:g}", errors[-1]),
+            Row(f"the same before and after the Rayleigh wave, spacing {spacing:g}", float(apart[~passing].max())),
+        ]
+    rows.append(Row("order in the spacing", float(np.log2(errors[0] / errors[1])), 2.0))
+    rows.append(Row("last displacement over the static one", float(found[-1] * 8 * np.pi * AWAY / 3), 1.0))
+    curves = [("exact", times, wanted), ("computed", times, found)]
+    picture = folder / "pekeris.png"
+    curve_panels([("", curves)], picture, xlabel="t", ylabel="displacement along the force")
     return Outcome(rows, pictures=[picture])
