@@ -79,6 +79,19 @@ def reach(m: int, nodes: int) -> Callable[[Any], float]:
     )
 
 
+def spread(case: str, column: str, word: str = "", percent: bool = False) -> Callable[[Any], tuple[float, float]]:
+    """The least and the largest of a column of a benchmark, over the rows whose case has a word, or all; in per cent
+    what ratios are above 1.
+    """
+
+    def read(found: Any) -> tuple[float, float]:
+        given = [float(row[column]) for row in found["rows"] if word in row[case]]
+        values = [100 * (value - 1) for value in given] if percent else given
+        return min(values), max(values)
+
+    return read
+
+
 MEASUREMENTS = {
     "demo": Measurement(
         ("farhorizon", "demo"),
@@ -146,6 +159,39 @@ MEASUREMENTS = {
     "penny-crack": validated("penny-crack", ours={"order": 2}, off={"jump": 1}),
     "pencil-electrode": validated("pencil-electrode", off={"rate": 2}),
     "open-electrolyte": validated("open-electrolyte", off={"rate": 2}),
+    "receivers": Measurement(
+        ("python", "benchmarks/receivers.py", "points", "shell"),
+        {
+            f"receivers.{key}": spread("recorder", "added %", word)
+            for key, word in {
+                "nodes": "on nodes",
+                "linear": "linear",
+                "sinc": "sinc",
+                "shell": "every = 1",
+                "thirds": "every = 3",
+            }.items()
+        },
+    ),
+    "far-field": Measurement(
+        ("python", "benchmarks/far_field.py"),
+        {
+            "far-field.frequencies": spread("far field", "added %", "20 frequencies"),
+            "far-field.history": spread("far field", "added %", "history"),
+        },
+    ),
+    "passes": Measurement(
+        ("python", "benchmarks/elastic.py", "passes"),
+        {
+            f"passes.{key}{dim}": spread("case", "stencil/passes", f"{dim}D {material}")
+            for key, material in (("states", "state-based"), ("correspondence", "correspondence"))
+            for dim in (2, 3)
+        }
+        | {
+            "passes.free": spread("case", "free/periodic", "3D", percent=True),
+            "passes.hole": spread("case", "hole/periodic", "3D", percent=True),
+            "passes.bytes": spread("case", "bytes/node"),
+        },
+    ),
     "bar": Measurement(
         ("python", "benchmarks/layer.py", "bar"),
         {
@@ -157,11 +203,14 @@ MEASUREMENTS = {
 
 
 def written(value: float | tuple[float, float]) -> str:
-    """A figure as the documents have it: two digits, a range as "a to b"."""
+    """A figure as the documents have it: two digits, a range as "a to b" where these differ."""
     if isinstance(value, tuple):
-        return f"{written(value[0])} to {written(value[1])}"
+        ends = written(value[0]), written(value[1])
+        return ends[0] if ends[0] == ends[1] else " to ".join(ends)
     if value == float("inf"):
         return "overflow"
+    if 1e2 <= abs(value) < 1e3:
+        return f"{value:.0f}"
     if value != 0 and not 1e-2 <= abs(value) < 1e3:
         mantissa, exponent = f"{value:.1e}".split("e")
         return f"{mantissa}e{int(exponent)}"
