@@ -166,6 +166,13 @@ def test_check_tunes_an_outline(tmp_path, capsys, monkeypatch):
     assert written("check.json", "check")["certificate"]["verdict"] == "certified"
 
 
+def test_an_end_that_is_no_time(capsys):
+    for end, said in (("soon", "not a time: 'soon'"), ("static", "--set run.until=static --set run.limit=T")):
+        with pytest.raises(SystemExit):
+            main(["run", "blob.toml", "--until", end])
+        assert said in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -198,6 +198,8 @@ def test_case_file():
         Case(text.replace("SIGNAL", "exp(-x)"))
     with pytest.raises(fh.InputError, match="did you mean 'direction'"):
         Case(text.replace("direction", "directon"))
+    with pytest.raises(fh.InputError, match=r'unknown type; value: rayleigh; .*remedy: type = "rayleigh-wave"'):
+        Case(text.replace("direction", 'type = "rayleigh"\n    direction'))
 
 
 def test_notes():

@@ -112,13 +112,14 @@ def _problem(key: str, same: list[Any]) -> str:
         case "union_tag_not_found" | "union_tag_invalid":
             types = _types(location)
             message = "unknown type" if "tag" in context else "the type is missing"
+            near = difflib.get_close_matches(str(context["tag"]), types, 1) if "tag" in context else types[:1]
             return str(
                 InputError(
                     message,
                     value=context.get("tag"),
                     limit=", ".join(types),
                     key=f"{key}.type",
-                    remedy=f'type = "{types[0]}"',
+                    remedy=f'type = "{near[0]}"' if near else "",
                 )
             )
     words = [

@@ -30,8 +30,8 @@ def command_parser() -> argparse.ArgumentParser:
     """The parser of command lines; its result has the function of the command as `command`."""
     parser = argparse.ArgumentParser(
         prog="farhorizon",
-        description="Waves, diffusion, heat and corrosion in an unbounded peridynamic or classical medium, computed "
-        "on a small grid.",
+        description="Waves, elasticity, fracture, diffusion, heat and corrosion in an unbounded peridynamic or "
+        "classical medium, computed on a small grid.",
         epilog="Start with 'farhorizon demo'; then 'farhorizon new wave -o my.toml' and 'farhorizon run my.toml'. Exit "
         "code: 0 good, 1 run failed, 2 bad input, 130 interrupted (Ctrl-C), 143 terminated.",
     )
@@ -65,11 +65,19 @@ def _keys(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("prefix", nargs="?", default="", metavar="KEY", help="a key with dots, or the first part of one")
 
 
+def _time(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        static = "; to its static state a run goes by --set run.until=static --set run.limit=T"
+        raise argparse.ArgumentTypeError(f"not a time: {text!r}{static if text == 'static' else ''}") from None
+
+
 def _run(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("case", help="case file (TOML)")
     sub.add_argument("--out", metavar="DIR", default=".", help="folder of the results (default: here)")
     sub.add_argument("--resume", action="store_true", help="go on from the checkpoint NAME.ckpt of an interrupted run")
-    sub.add_argument("--until", type=float, metavar="T", help="end time instead of the case's")
+    sub.add_argument("--until", type=_time, metavar="T", help="end time instead of the case's")
     sub.add_argument("--force", action="store_true", help="overwrite the results of a finished run")
     sub.add_argument("--no-report", action="store_true", help="write no page about the run (NAME/report.html)")
     sub.add_argument("--allow-unstable", action="store_true", help="run although a mode grows")

@@ -382,10 +382,11 @@ def check_scatterers(
     lower, upper = (np.array(b, float) for b in wave.within.bounds())
     more = 2 * lattice.spacing * np.array(reach)
     open_sides = standing_on(wave.within, lattice, free)
-    lower, upper = lower + more - close, upper - more + close
+    lower, upper = lower + more, upper - more
     for axis, side in open_sides:
         (lower if side < 0 else upper)[axis] = side * np.inf
     limit = f"{shown(np.maximum(lower, lattice.lower))} to {shown(np.minimum(upper, lattice.upper))}"
+    lower, upper = lower - close, upper + close
     for cut in cuts:
         low, high = (np.asarray(b, float) for b in cut.bounds())
         if (low < lower).any() or (high > upper).any():

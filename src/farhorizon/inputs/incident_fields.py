@@ -115,12 +115,13 @@ class _GivenPassage(Passage):
 def _values(field: Any, places: np.ndarray, t: float, components: int) -> np.ndarray:
     """What a function of the coordinates and t is at places (dim, n); of shape (components, n)."""
     found = _value(field, places, t)
-    entries = list(found) if components > 1 and np.size(found) != 1 else [found]
+    several = isinstance(found, list | tuple) or (components > 1 and np.size(found) != 1)
+    entries = list(found) if several else [found]
     if len(entries) != components:
         raise InputError(
-            "a vector field needs one entry a component",
+            "an incident field has one entry a component",
             value=f"{len(entries)} entries",
-            limit=f"a list of {components}",
+            limit=components,
             key="incident.field",
         )
     values = np.empty((components, places.shape[1]))

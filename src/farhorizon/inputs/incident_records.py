@@ -113,8 +113,8 @@ def _settled(record: Any, name: str) -> dict[str, Any]:
     if not isinstance(record, Mapping) or not set(_PARTS) <= set(record):
         raise InputError(
             "not the record of a shell",
-            value=kinds.said(record),
-            limit="a results file, a ShellRecorder, or its points, times, u and medium",
+            value=f"{', '.join(map(str, record))} alone" if isinstance(record, Mapping) else kinds.said(record),
+            limit="a results file, a ShellRecorder that has run, or its points, times, u and medium",
             key="incident.record",
         )
     points = kinds.array(record["points"], "incident.record", shape=(None, None))

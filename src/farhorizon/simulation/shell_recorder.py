@@ -162,10 +162,10 @@ def _factor(setup: Setup, parts: Parts, nodes: np.ndarray) -> float:
         wrong |= bool(on[tuple(there.T)].any())
     if wrong:
         raise InputError(
-            "the medium is not uniform at the faces of a box whose shell is recorded: cracks, holes, other materials "
-            "and conditions are one reach away from them",
+            "the medium is not uniform at the faces of a box whose shell is recorded",
             key=_KEY,
-            remedy="another box",
+            limit="cracks, holes, other materials and conditions one reach away from the faces",
+            remedy="a box with all of them inside, or outside",
         )
     return float(material[0])
 
