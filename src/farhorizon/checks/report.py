@@ -28,12 +28,14 @@ from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.signals import Signal
 from farhorizon.machine import one_blas_thread
 from farhorizon.medium.stencil import BackwardWaves
+from farhorizon.models import Elastic
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
 _FINE = tuple(np.linspace(0, 85, 35).tolist())  # angles of the picture
 _MAKING = 0.5  # seconds of the time that the making of the set-up takes
 LEAST = 2 - _MAKING  # seconds that the rest may take whatever the run takes
 _SHARE, _MINIMUM = 0.4, 0.1  # of the time: until when wavelengths are predicted, and what the certificate has at least
+_STEEP = 60.0  # degrees: waves that come flatter are few, and layers are worst for them
 _EXACT = 1e-14  # less than this comes back: rounding
 _MUCH = 1e-3  # amplitude that a layer of given thickness may send back without a warning
 _LONG = 30 * 86400.0  # seconds of a run that is warned of
@@ -218,13 +220,27 @@ class Report:
 
     @property
     def headline(self) -> str:
-        """The report in one line."""
-        parts: list[str] = [] if self.certificate is None else [self.certificate.verdict]
+        """The report in one line: whether to run it, how long that takes, what comes back, whether it is stable."""
+        count = len(self.warnings)
+        parts = ["run refuses it" if self.refused else f"{count} warning{'s' * (count > 1)}" if count else "fine"]
         if "seconds" in self.numbers:
-            parts.append(f"about {seconds(self.numbers['seconds'])}")
-        if self.warnings:
-            parts.append(f"{len(self.warnings)} warning{'s' * (len(self.warnings) > 1)}")
+            parts.append(f"about {seconds(self.numbers['seconds'])} of steps, {_mebibytes(self.numbers['memory'])}")
+        if (back := self._largest_returned()) is not None:
+            parts.append(f"echoes of plane waves at most {_decibels(back)} dB up to {_STEEP:g} degrees")
+        if self.certificate is not None:
+            parts.append(f"stability {self.certificate.verdict}")
         return ", ".join(parts)
+
+    def _largest_returned(self) -> float | None:
+        """Largest amplitude that absorbing sides send back of plane waves that are not grazing; None without any."""
+        steep = [
+            table[..., np.array(found.angles) <= _STEEP].ravel()
+            for found in self.reflections
+            if not found.diffusive
+            for table in found.tables.values()
+        ]
+        amplitudes = np.concatenate(steep) if steep else np.zeros(0)
+        return float(np.nanmax(amplitudes)) if np.isfinite(amplitudes).any() else None
 
     def _predict(self, sim: Examined, wavelengths: tuple[float, ...], end: float) -> None:
         """Reflection by each kind of absorbing side, the typical wave first; what there is no time for is noted."""
@@ -269,6 +285,8 @@ class Report:
             f"{sim.dt:.6g}, {sim.dt / sim.step_limit:.3g} of the stable limit {sim.step_limit:.6g} "
             f"({sim.model.integrator.name})",
         )
+        if isinstance(sim.model, Elastic):
+            say("wave speeds", f"P {sim.model.p_speed:.4g}, S {sim.model.s_speed:.4g}")
         if waves is not None:
             say(
                 "wavelengths",
@@ -328,7 +346,7 @@ class Report:
         say("nodes computed", f"{total} in the core, {extra} beyond the near field")
         say(
             "memory",
-            f"{engine.nbytes / 2**20:.3g} MiB = "
+            f"{_mebibytes(engine.nbytes)} = "
             f"{engine.nbytes / (np.prod(sim.field_shape) * engine.dtype.itemsize):.3g} near fields",
         )
         say("absent bonds", str(engine.absent.count))
@@ -507,8 +525,9 @@ class Report:
         return table(self.rows, self.headline) + preformatted("\n".join(self._reflection_lines())) + listed(lines)
 
     def __str__(self) -> str:
-        width = max(len(name) for name, _ in self.rows)
-        lines = [f"{name:<{width}}  {value}" for name, value in self.rows]
+        rows = [("in short", self.headline), *self.rows]
+        width = max(len(name) for name, _ in rows)
+        lines = [f"{name:<{width}}  {value}" for name, value in rows]
         return "\n".join(
             lines
             + self._reflection_lines()
@@ -644,6 +663,10 @@ def _decibels(amplitude: float) -> str:
     if not np.isfinite(amplitude):
         return "none"
     return f"{20 * np.log10(amplitude):.0f}" if amplitude > _EXACT else f"< {20 * np.log10(_EXACT):.0f}"
+
+
+def _mebibytes(size: float) -> str:
+    return f"{size / 2**20:.3g} MiB"
 
 
 def seconds(duration: float) -> str:
