@@ -4,9 +4,10 @@ import itertools
 
 import numpy as np
 
-from farhorizon import Kernel, Lattice, Stencil
+from farhorizon import Free, Kernel, Lattice, LatticePML, Stencil
 from farhorizon.engine.engine import Engine
 from farhorizon.medium.integrators import Euler
+from farhorizon.studies.compare import compare
 
 #: Factor of a bond from the coefficients of its ends.
 RULES = {
@@ -99,3 +100,21 @@ def check_apply(shape, stencil, stages=None, real="float64", coefficient=None, r
 def fitted_rate(sizes, errors):
     """Order p of errors ~ size^p by least squares."""
     return np.polyfit(np.log(sizes), np.log(errors), 1)[0]
+
+
+def half_space_error(model, nodes, cracks=()):
+    """Largest error, of the initial maximum, of an elastic half-space whose surface runs into layers: of the surface
+    wave that leaves through a side and all others, against a domain so large that nothing returns.
+    """
+    layer = LatticePML(nodes=nodes)
+    setup = {
+        "lattice": Lattice(1.0, (-15.0, 0.0), (15.0, 20.0)),
+        "model": model,
+        "threads": 1,
+        "boundary": {"x": layer, "y-": Free(), "y+": layer},
+        "initial": {"u": [0.0, lambda x, y: np.exp(-(x**2 + y**2) / 9)]},
+        "cracks": cracks,
+    }
+    found = compare(setup, 40.0, [10.0, 20.0, 30.0, 40.0], beside=False)
+    (curve,) = found.curves.values()
+    return max(curve["error_rel_initial"])

@@ -12,8 +12,7 @@ from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.checks.side_modes import Strip
 from farhorizon.engine.state import State
 from farhorizon.medium.solids import central, correspondence, dilatation
-from farhorizon.studies.compare import compare
-from helpers import fitted_rate, lattice_of, roll_apply
+from helpers import fitted_rate, half_space_error, lattice_of, roll_apply
 
 # Poisson's ratio of central forces: 1/4, 1/3 in plane stress (Silling 2000).
 MODELS = {
@@ -404,20 +403,7 @@ def test_layers_in_space(material, nodes, wanted):
 
 @pytest.mark.parametrize(("nodes", "wanted"), [(20, 1e-4), (30, 1e-5)])
 def test_a_free_surface_runs_into_the_layers(nodes, wanted):
-    """A half-space: the surface wave leaves through the side, against a domain so large that nothing returns; of all
-    waves together.
-    """
-    lattice = fh.Lattice(1.0, (-15.0, 0.0), (15.0, 20.0))
-    setup = {
-        "lattice": lattice,
-        "model": elastic(1.0, fh.Kernel(2.0, exponent=1, influence="linear")),
-        "threads": 1,
-        "boundary": {"x": fh.LatticePML(nodes=nodes), "y-": fh.Free(), "y+": fh.LatticePML(nodes=nodes)},
-        "initial": {"u": [0.0, lambda x, y: np.exp(-(x**2 + y**2) / 9)]},
-    }
-    found = compare(setup, 40.0, [10.0, 20.0, 30.0, 40.0], beside=False)
-    (curve,) = found.curves.values()
-    assert max(curve["error_rel_initial"]) < wanted
+    assert half_space_error(elastic(1.0, fh.Kernel(2.0, exponent=1, influence="linear")), nodes) < wanted
 
 
 def test_modes_between_like_sides_are_even_or_odd():
