@@ -62,6 +62,12 @@ CASES = {
     "1D, reaction, coefficient": lambda: waves((23,), model=drawn_back(1), coefficient=half((23,))),
     "2D, reaction": lambda: waves((15, 16), model=drawn_back(2)),
     "2D, reaction, coefficient": lambda: waves((17, 18), model=drawn_back(2), coefficient=half((17, 18))),
+    "2D, density": lambda: waves(
+        (17, 18),
+        {"x": SLOW, "y-": fh.Sponge(3), "y+": fh.Free()},
+        fh.Wave(fh.Kernel(2.0), "1 + (x < 8)", damping=0.1, density="2 - (y > 8)"),
+        sources=source((17, 18)),
+    ),
     "2D, receivers": lambda: waves((21, 22), observe=[fh.Receivers([(10.2, 11.7), (9.0, 12.5)], ["u", "gradient"])]),
     "2D, crack into a layer": lambda: waves((15, 16), cracks=[[(8.5, 8.2), (8.5, 40.0)]]),
     "2D, body": lambda: fh.Simulation(
@@ -195,7 +201,7 @@ def test_the_loop_of_a_run_has_all_kernels_that_the_run_needs(make):
             assert ("STATES" if which else KERNELS[operation]) in (kernels | {""})
         assert "RARE" in kernels or tables.bonds.places.size == tables.phases.runs.size == 0
         assert "SOME" in kernels or not tables.listening.rows.size
-    assert found and sorted(KERNELS) == [i for i in range(21) if i not in (op.LAW, op.BREAK, op.DAMAGED)]
+    assert found and sorted(KERNELS) == [i for i in range(22) if i not in (op.LAW, op.BREAK, op.DAMAGED)]
 
 
 def test_corrosion():

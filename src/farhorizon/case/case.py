@@ -25,6 +25,7 @@ from farhorizon.case.schema import (
     ConstraintPart,
     CrackPart,
     FarFieldPart,
+    MaterialPart,
     Part,
     PowerPart,
     PrescribedPart,
@@ -330,6 +331,20 @@ class Case:
                     key="model.stages",
                 )
             values["integrator"] = fh.RungeKuttaChebyshev(part.stages)
+        named = {name for part in self.parts.material for name in part.model_fields_set - {"region"}}
+        for name in sorted(named):
+            if values.get(name) is None:
+                known = sorted(
+                    set(MaterialPart.model_fields) & {one for one, value in values.items() if value is not None}
+                )
+                raise InputError(
+                    "a region has constants that the model has, too",
+                    value=name,
+                    limit=", ".join(known) or "none",
+                    key="material",
+                    remedy=f"give [model] its {name}, of what is elsewhere" if name in takes else "leave it out",
+                )
+            values[name] = self._constant(name, values[name])
         try:
             return kind(**values)
         except InputError as error:
@@ -398,14 +413,6 @@ class Case:
                 key="load",
                 limit="elastic, correspondence",
                 remedy="[[source]]",
-            )
-        if parts.material:
-            raise InputError(
-                "a body has materials by region",
-                value=parts.model.type,
-                key="material",
-                limit="correspondence",
-                remedy="coefficient",
             )
         coefficient = None
         if parts.coefficient is not None:

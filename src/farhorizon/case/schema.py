@@ -262,7 +262,7 @@ class BodyPart(Part):
 
 
 class MaterialPart(Part):
-    """Constants of a body in a region, in place of the model's."""
+    """Constants of the medium in a region, in place of the model's."""
 
     region: RegionPart
     """Where; later regions go before earlier ones."""
@@ -270,6 +270,12 @@ class MaterialPart(Part):
     """Young's modulus there."""
     poisson: str | Number | None = None
     """Poisson's ratio there."""
+    bulk: str | Number | None = None
+    """Bulk modulus there."""
+    shear: str | Number | None = None
+    """Shear modulus there."""
+    speed: str | Number | None = None
+    """Speed of waves there."""
     density: str | Number | None = None
     """Density there."""
 
@@ -564,7 +570,7 @@ class CasePart(Part):
     """Conditions on nodes."""
     coefficient: str | Number | None = None
     """Factor of the bonds, a function of place: another material in part of the medium."""
-    rule: str = "both"
+    rule: str | None = None
     """Factor of a bond from those of its ends: both (the smaller one), arithmetic or harmonic."""
     rim: str = "free"
     """The surface of a body: free, or fixed at the background."""

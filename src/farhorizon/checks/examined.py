@@ -38,6 +38,8 @@ class Examined(Timed, Protocol):
 
     Attributes
     ----------
+    given : dict of str to object
+        What it was made of but the initial data, by the names of the arguments of `Simulation`.
     lattice : Lattice
         The near field.
     model : LatticeModel
@@ -49,7 +51,8 @@ class Examined(Timed, Protocol):
         Largest stable time step; largest rate of the operator, and largest factor on the stencil (1/time, or 1/time^2
         of waves).
     strongest, weakest : float
-        Largest factor on bonds, and the smallest one that is not zero; `varied`: whether it varies.
+        Largest squared speed over the model's, and the smallest one that is not zero; `varied`: whether the medium
+        does.
     field_shape : tuple of int
         That of the lattice, of vectors with the components first.
     start_u, start_v : ndarray
@@ -73,6 +76,7 @@ class Examined(Timed, Protocol):
     recorders : list of farhorizon.simulation.recorder.Recorder
     """
 
+    given: dict[str, Any]
     lattice: Lattice
     model: LatticeModel
     stencil: Stencil

@@ -266,6 +266,20 @@ class Engine:
         factors = (factor.astype(self.dtype) for factor in (before, after, leak))
         self.replace(damping=Damping(nodes.astype(np.int64), *factors))
 
+    def set_density(self, density: np.ndarray) -> None:
+        """Mass of each node of the core over that of a node of the medium: what forces do to it is less by so much. It
+        goes on beyond the core as at its edge. The older level must outlive a step.
+        """
+        self.replace(mobility=self.spread(1 / np.asarray(density, float)))
+
+    @property
+    def mobility(self) -> np.ndarray:
+        """What forces do to each place of a level over what they do to a node of the medium; one number without
+        densities.
+        """
+        mobility = self.tables.mobility
+        return np.tile(mobility, self.components) if mobility.size else np.ones(1, self.dtype)
+
     def set_phases(self, dissolved: np.ndarray, interface: float, saturation: float, limited: bool = False) -> None:
         """Two phases: bonds between solid nodes carry nothing, those between phases `interface` times their weight, and
         a solid node becomes liquid once its value is below `saturation`. All beyond the core is liquid, beyond a

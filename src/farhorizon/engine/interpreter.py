@@ -50,6 +50,7 @@ class Interpreter:
             op.STRETCH: self._stretch,
             op.ENDS: self._exact_ends,
             op.FEED: self._feed,
+            op.INERTIA: self._weigh_down,
             op.DAMP_NEW: self._damp_new,
             op.FILTER: self._filter,
             op.HOLD: lambda: self._set(self.inputs.held, self.inputs.held_values[self.step]),
@@ -396,6 +397,12 @@ class Interpreter:
             stage.base[nodes] *= before
         else:
             stage.base[nodes] = stage.src[nodes] - (stage.src[nodes] - stage.base[nodes]) * before
+
+    def _weigh_down(self) -> None:
+        stage, nodes = self.stage, self.engine.all_components(self.nodes)
+        src, mobile = stage.src[nodes], np.tile(self.tables.mobility[self.nodes], self.components)
+        free = src - stage.b * (src - stage.base[nodes])
+        stage.out[nodes] = free + mobile * (stage.out[nodes] - free)
 
     def _damp_new(self) -> None:
         stage, (nodes, _, after, leak) = self.stage, self.tables.damping

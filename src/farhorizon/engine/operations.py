@@ -42,6 +42,7 @@ KEEP = 17  # values of watched nodes and sums over blocks of nodes are kept
 LAW = 18  # what nodes make of their states
 BREAK = 19  # bonds beyond their limit break
 DAMAGED = 20  # sums of nodes that have lost bonds are made anew
+INERTIA = 21  # what the forces have done to heavy nodes is less
 
 # Passes of the operator: the springs, sums over bonds that make states, sums over states that make forces.
 SPRINGS, GATHER, SCATTER = range(3)
@@ -92,6 +93,8 @@ class Tables(NamedTuple):
     work_space : ndarray, shape (threads, n)
     work : ndarray, shape (n,)
         Where the work of sources is added up, or empty.
+    mobility : ndarray, shape (places,)
+        Of each node what forces do to it over what they do to a node of the medium, or empty.
     """
 
     operations: np.ndarray
@@ -111,6 +114,7 @@ class Tables(NamedTuple):
     bonds: Bonds
     work: np.ndarray
     damping: Damping
+    mobility: np.ndarray
     ends: Ends
     dependents: Dependents
     flows: Flows
@@ -130,6 +134,7 @@ def needed(tables: Tables) -> frozenset[str]:
     kernels = {
         "SOME": (
             tables.damping.nodes,
+            tables.mobility,
             tables.filter.runs,
             flows.inflow,
             flows.accounts,
@@ -165,6 +170,7 @@ def _stage(tables: Tables, inputs: Inputs, stage: int) -> list[Operation]:
         + _chosen(
             (ENDS, len(tables.ends.nodes)),
             (FEED, fed),
+            (INERTIA, tables.mobility.size),
             (DAMP_NEW, damped),
             (FILTER, tables.filter.runs.size),
             (HOLD, inputs.held.size),

@@ -47,6 +47,7 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
         bonds=no_bonds(engine.dtype),
         work=np.zeros(0),
         damping=Damping(none, nothing, nothing, nothing),
+        mobility=nothing,
         ends=ends_table(np.zeros((0, 0), np.int64), 1.0),
         dependents=Dependents(none, np.zeros(1, np.int64), none, nothing),
         flows=no_flows(len(numbers), engine.dtype),

@@ -48,6 +48,7 @@ from farhorizon.engine.operations import (
     FRINGE,
     GATHER,
     HOLD,
+    INERTIA,
     KEEP,
     LAW,
     LINES,
@@ -493,6 +494,25 @@ def damp_new(thread, stage, damping):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
+def weigh_down(thread, stage, block, mobility):
+    """Of what forces have done in this step to each node, leave what they do to one of its mass; the older level is as
+    it was before the step.
+    """
+    apart, keep = stage.out.size // stage.components, -stage.b
+    own = share(thread, block[1] * block[2])
+    for row in range(own[0], own[1]):
+        first = block[0] + row // block[2] * block[4] + row % block[2] * block[5]
+        mobile = mobility[first : first + block[3]]
+        for c in range(stage.components):
+            start, end = first + c * apart, first + c * apart + block[3]
+            src, base, out = stage.src[start:end], stage.base[start:end], stage.out[start:end]
+            for i in range(block[3]):
+                free = src[i] + keep * (src[i] - base[i])
+                out[i] = free + mobile[i] * (out[i] - free)
+    barrier(thread)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
 def feed(thread, stage, inputs, scale, step):
     """Add what sources give."""
     nodes, fields = inputs.source_nodes, inputs.source_fields
@@ -712,6 +732,8 @@ def run(thread, steps, phase, levels, tables, inputs):
                     hold(thread, stage, inputs, step)
                 elif SOME and operation == DAMP_OLD:
                     damp_old(thread, stage, tables.damping)
+                elif SOME and operation == INERTIA:
+                    weigh_down(thread, stage, sweep.block, tables.mobility)
                 elif SOME and operation == DAMP_NEW:
                     damp_new(thread, stage, tables.damping)
                 elif SOME and operation == FLOW_LAYERS:

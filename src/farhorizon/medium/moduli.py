@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from farhorizon.errors import InputError
 
@@ -13,23 +15,25 @@ _CLOSE = 1e-6  # of Poisson's ratio
 
 
 class Moduli(NamedTuple):
-    """Constants of an isotropic solid: `lame` is that of the plane in plane stress, the others those of space."""
+    """Constants of an isotropic solid, numbers or arrays: `lame` is that of the plane in plane stress, the others those
+    of space.
+    """
 
-    young: float
-    poisson: float
-    bulk: float
-    shear: float
-    lame: float
+    young: Any
+    poisson: Any
+    bulk: Any
+    shear: Any
+    lame: Any
 
 
 def moduli_of(
-    given: Mapping[str, float], fixed: float | None, plane: str | None, material: str, combinations: str
+    given: Mapping[str, Any], fixed: float | None, plane: str | None, material: str, combinations: str
 ) -> Moduli:
     """All constants from two of young, poisson, bulk and shear, or one modulus where Poisson's ratio is fixed.
 
     Parameters
     ----------
-    given : mapping of str to float
+    given : mapping of str to float or ndarray
     fixed : float or None
         Poisson's ratio of the material, if it has one of its own.
     plane : {"strain", "stress"} or None
@@ -51,7 +55,8 @@ def moduli_of(
             key="model",
             remedy="give young" if one else "give young and poisson",
         )
-    _check_ratio(nu, fixed, plane, combinations)
+    for ratio in {float(np.min(nu)), float(np.max(nu))}:
+        _check_ratio(ratio, fixed, plane, combinations)
     if "shear" in given:
         shear = given["shear"]
     elif "young" in given:
@@ -62,11 +67,14 @@ def moduli_of(
     lame = 2 * space * shear / (space + 2 * shear) if plane == "stress" else space
     found = Moduli(2 * shear * (1 + nu), nu, space + 2 * shear / 3, shear, lame)
     for name, value in given.items():
-        if abs(getattr(found, name) - value) > _CLOSE * max(abs(value), 1.0 if name == "poisson" else 0.0):
+        apart = np.abs(getattr(found, name) - value)
+        if np.any(apart > _CLOSE * np.maximum(np.abs(value), 1.0 if name == "poisson" else 0.0)):
+            worst = int(np.argmax(apart))
+            wrong, right = (np.broadcast_to(one, np.shape(apart)).flat[worst] for one in (value, getattr(found, name)))
             raise InputError(
                 "elastic constants do not agree",
-                value=value,
-                limit=f"{getattr(found, name):.6g}",
+                value=float(wrong),
+                limit=f"{right:.6g}",
                 key=f"model.{name}",
                 remedy="give two of them",
             )
@@ -93,7 +101,7 @@ def _check_ratio(nu: float, fixed: float | None, plane: str | None, combinations
         )
 
 
-def _poisson(given: Mapping[str, float], fixed: float | None) -> float | None:
+def _poisson(given: Mapping[str, Any], fixed: float | None) -> Any:
     """Poisson's ratio from two moduli; the material's own with one; None if it has none."""
     if {"young", "shear"} <= set(given):
         return given["young"] / (2 * given["shear"]) - 1

@@ -7,6 +7,7 @@ The tables of its bonds are in `farhorizon.medium.solids`.
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from farhorizon.medium.force_states import ForceStates, correspondence_states, d
 from farhorizon.medium.fracture import fracture_energy as energy_of_fracture
 from farhorizon.medium.integrators import Verlet
 from farhorizon.medium.kernel import Kernel
-from farhorizon.medium.moduli import moduli_of
+from farhorizon.medium.moduli import Moduli, moduli_of
 from farhorizon.medium.solids import (
     Table,
     central,
@@ -30,9 +31,11 @@ from farhorizon.medium.solids import (
     sum_of,
 )
 from farhorizon.medium.stencil import Stencil
-from farhorizon.models.model import LatticeModel
+from farhorizon.medium.variation import Variation, middle_node, varying
+from farhorizon.models.model import Constant, LatticeModel, material_constant
 
 MATERIALS = ("bond-based", "state-based", "correspondence", "finite-element")
+_BREAKABLE = MATERIALS[:3]
 _CAUCHY = {"strain": 0.25, "stress": 1 / 3, None: 0.25}  # Poisson's ratio of central forces
 #: For messages; docs/explanation/elasticity.md has it as a table.
 COMBINATIONS = (
@@ -52,11 +55,12 @@ class Elastic(LatticeModel):
         Influence function ``w(r)/r^p`` of the bonds (exponent 1 and constant influence: the prototype microelastic
         material), or of the weights of state-based and correspondence materials; None for finite elements. A `Stencil`
         of matrices, for unit P modulus, replaces the material's.
-    young, poisson, bulk, shear : float, optional
+    young, poisson, bulk, shear : float, str, ndarray or callable, optional
         Young's modulus, Poisson's ratio, bulk and shear modulus: two of the four; bond-based materials, whose Poisson's
-        ratio is fixed, need one.
-    density : float
-        Mass per volume.
+        ratio is fixed, need one. Where the material varies, an expression or a function of the coordinates, or the
+        values at the nodes.
+    density : float, str, ndarray or callable
+        Mass per volume; as these.
     material : {"bond-based", "state-based", "correspondence", "finite-element"}
     plane : {"strain", "stress"}, optional
         In two dimensions; "strain" unless given.
@@ -103,17 +107,23 @@ class Elastic(LatticeModel):
     1.732051
     """
 
+    young: Any
+    poisson: Any
+    bulk: Any
+    shear: Any
+    lame: Any
+    density: Any
     target = 1e-4  # a tenth of it costs as many nodes again: strong backward waves decide
 
     def __init__(
         self,
         kernel: Kernel | Stencil | None = None,
-        young: float | None = None,
-        poisson: float | None = None,
+        young: Constant | None = None,
+        poisson: Constant | None = None,
         *,
-        bulk: float | None = None,
-        shear: float | None = None,
-        density: float = 1.0,
+        bulk: Constant | None = None,
+        shear: Constant | None = None,
+        density: Constant = 1.0,
         material: str = "bond-based",
         plane: str | None = None,
         damping: float = 0.0,
@@ -151,14 +161,16 @@ class Elastic(LatticeModel):
             fracture_energy,
         )
         self._check_law()
-        self.density, self.damping = (
-            kinds.number(density, "model.density", above=0),
-            kinds.number(damping, "model.damping", least=0),
-        )
-        self._set_moduli(young=young, poisson=poisson, bulk=bulk, shear=shear)
-        self.source_factor = 1 / self.density
-        self.coefficient = self.p_modulus / self.density
+        self.damping = kinds.number(damping, "model.damping", least=0)
         self.integrator = Verlet()
+        moduli = {"young": young, "poisson": poisson, "bulk": bulk, "shear": shear}
+        self._given_moduli = {
+            name: material_constant(value, f"model.{name}", positive=name != "poisson")
+            for name, value in moduli.items()
+            if value is not None
+        }
+        self.density = material_constant(density, "model.density")
+        self._settle()
 
     mechanical = True
 
@@ -181,7 +193,7 @@ class Elastic(LatticeModel):
             if getattr(self, name) is not None:
                 setattr(self, name, kinds.number(getattr(self, name), f"model.{name}", above=0))
         given = [name for name in ("nonlinear", "fracture_energy", "critical_stretch") if getattr(self, name)]
-        served = ("bond-based",) if given != ["critical_stretch"] else MATERIALS[:3]
+        served = ("bond-based",) if given != ["critical_stretch"] else _BREAKABLE
         if given and (self.material not in served or not isinstance(self.kernel, Kernel)):
             raise InputError(
                 f"bonds of this material have no {given[0]}",
@@ -239,20 +251,50 @@ class Elastic(LatticeModel):
         of_one = energy_of_fracture(spacing * stencil.offsets, self.bond_stiffness(stencil, spacing), 1.0)
         return float(np.sqrt(self.fracture_energy / of_one))
 
-    def _set_moduli(self, **constants: float | None) -> None:
-        """Set all elastic constants from those that are given."""
-        varies = (
-            "one number; Body takes constants that vary, and the coefficient of a Simulation multiplies the "
-            "stiffness of bonds"
-        )
-        given = {
-            name: kinds.number(value, f"model.{name}", above=None if name == "poisson" else 0, remedy=varies)
-            for name, value in constants.items()
-            if value is not None
-        }
+    def _settle(self) -> None:
+        """Set all constants from those that are given."""
+        given = self._given_moduli
+        if self.varying:
+            self.young, self.poisson, self.bulk, self.shear = (
+                given.get(name) for name in ("young", "poisson", "bulk", "shear")
+            )
+            return
+        self.young, self.poisson, self.bulk, self.shear, self.lame = self._moduli_of(given)
+        self.source_factor = 1 / self.density
+        self.coefficient = self.p_modulus / self.density
+
+    def _moduli_of(self, given: Mapping[str, Any]) -> Moduli:
         fixed = _CAUCHY[self.plane] if self.bonds else None
-        moduli = moduli_of(given, fixed, self.plane, self.material, COMBINATIONS)
-        self.young, self.poisson, self.bulk, self.shear, self.lame = moduli
+        return moduli_of(given, fixed, self.plane, self.material, COMBINATIONS)
+
+    @property
+    def varying(self) -> dict[str, Any]:
+        """Those of the moduli and the density that vary."""
+        given = self._given_moduli | {"density": self.density}
+        return {name: value for name, value in given.items() if not isinstance(value, float)}
+
+    def with_constants(self, constants: Mapping[str, Any]) -> Elastic:
+        """The same material with other constants."""
+        model = copy.copy(self)
+        model._given_moduli = {name: constants.get(name, value) for name, value in self._given_moduli.items()}
+        model.density = constants.get("density", self.density)
+        model._settle()
+        return model
+
+    def check_constant(self, name: str, values: np.ndarray) -> None:
+        """Refuse values that are not positive; Poisson's ratio has a range of its own."""
+        if name != "poisson":
+            super().check_constant(name, values)
+
+    def on_nodes(self, values: Mapping[str, np.ndarray]) -> tuple[Elastic, Variation]:
+        """The medium in the middle of all speeds of P waves, and the others beside it."""
+        given = {name: values.get(name, value) for name, value in self._given_moduli.items()}
+        moduli = self._moduli_of(given)
+        modulus, density = np.broadcast_arrays(moduli.lame + 2 * moduli.shear, values.get("density", self.density))
+        host = middle_node(modulus / density)
+        of_host = {name: float(np.broadcast_to(value, modulus.shape).flat[host]) for name, value in given.items()}
+        model = self.with_constants(of_host | {"density": float(density.flat[host])})
+        return model, Variation(varying(modulus / model.p_modulus), varying(density / model.density))
 
     @property
     def moduli(self) -> tuple[float, float]:

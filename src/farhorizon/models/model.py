@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import copy
 import inspect
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Protocol, Self, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from farhorizon import kinds
 from farhorizon.errors import InputError, shown
@@ -16,7 +18,10 @@ from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.integrators import Euler, Integrator, RungeKutta4, RungeKuttaChebyshev, Verlet
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
+from farhorizon.medium.variation import Variation
 
+#: Of a material: a number, or an expression, a function of the coordinates or values at the nodes.
+Constant = float | str | Callable[..., Any] | NDArray[np.float64]
 _TAKEN = ("type", "stencil", "stages")  # keys of its table that are not the class's own
 _OTHERS = {"farhorizon.Body": "correspondence"}  # in case files beside the models of this kind
 
@@ -160,7 +165,7 @@ class LatticeModel:
         InputError
             It names what is missing.
         """
-        asked = ["coefficient", "integrator", *inspect.signature(type(self)).parameters]
+        asked = ["integrator", *([] if self.varying else ["coefficient"]), *inspect.signature(type(self)).parameters]
         missing = [name for name in asked if not hasattr(self, name)]
         if missing:
             raise InputError(
@@ -169,8 +174,44 @@ class LatticeModel:
                 key="model",
                 remedy=f"self.{missing[0]} = ... in __init__",
             )
-        kinds.number(self.coefficient, "model.coefficient", above=0)
+        if not self.varying:
+            kinds.number(self.coefficient, "model.coefficient", above=0)
         kinds.instance(self.integrator, "model.integrator", get_args(Integrator), "a time integrator")
+
+    @property
+    def varying(self) -> dict[str, Any]:
+        """Constants of the material that vary from node to node, by name, as they are given."""
+        return {}
+
+    def with_constants(self, constants: Mapping[str, Any]) -> Self:
+        """The same model with others of its constants `varying`."""
+        return self
+
+    def check_constant(self, name: str, values: np.ndarray) -> None:
+        """Refuse values of a constant that varies.
+
+        Raises
+        ------
+        InputError
+        """
+        if values.size and not values.min() > 0:
+            raise InputError(
+                f"the {name} must be positive at every node",
+                value=float(values.min()),
+                limit="> 0",
+                key=f"model.{name}",
+                remedy="where there is no medium, leave it out of the lattice: body=...",
+            )
+
+    def on_nodes(self, values: Mapping[str, np.ndarray]) -> tuple[Self, Variation]:
+        """A uniform model, and how the medium varies beside it.
+
+        Parameters
+        ----------
+        values : mapping of str to ndarray
+            Of each of the constants `varying` its value at the nodes.
+        """
+        return self, Variation()
 
     @property
     def title(self) -> str:
@@ -286,3 +327,17 @@ def first_order(integrator: str | Integrator) -> Integrator:
     if isinstance(integrator, Euler | RungeKutta4 | RungeKuttaChebyshev):
         return integrator
     return INTEGRATORS[kinds.one_of(integrator, "model.integrator", INTEGRATORS, "unknown integrator")]
+
+
+def material_constant(value: Any, key: str, positive: bool = True) -> Any:
+    """A constant of a material: a number, positive or not, or what gives it at the nodes as it is.
+
+    Raises
+    ------
+    InputError
+        A number that is not positive, or what is none of these.
+    """
+    if callable(value) or isinstance(value, str) or (isinstance(value, np.ndarray) and value.ndim):
+        return value
+    least = 0.0 if positive else None
+    return kinds.number(value, key, above=least, remedy="a number, an expression, a function or an array of the nodes")

@@ -2,27 +2,42 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
 from farhorizon import kinds
 from farhorizon.medium.integrators import Verlet
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
-from farhorizon.models.model import LatticeModel
+from farhorizon.medium.variation import Variation, middle_node, varying
+from farhorizon.models.model import Constant, LatticeModel, material_constant
 
 
 class Wave(LatticeModel):
-    r"""Peridynamic or classical scalar waves, :math:`u_{tt} + 2 d\,u_t = c^2 L u + s`, by velocity Verlet.
+    r"""Peridynamic or classical scalar waves, :math:`\rho\,(u_{tt} + 2 d\,u_t) = \rho c^2 L u + s`, by velocity Verlet.
+
+    Where the medium varies, bonds have the stiffness :math:`\rho c^2` that follows from those of both ends
+    (`Simulation`, `rule`), and each node has its own density: the operator is that of
+    :math:`\nabla\cdot(\rho c^2\,\nabla u)`.
 
     Parameters
     ----------
     operator : Kernel or Stencil
-    speed : float
-        Wave speed c (length / time) of long waves.
+    speed : float, str, ndarray or callable
+        Wave speed c (length / time) of long waves; of a medium that varies an expression or a function of the
+        coordinates, or its values at the nodes.
     damping : float
         Viscous damping d (1 / time).
+    density : float, str, ndarray or callable
+        Mass per volume; as `speed`.
 
     Notes
     -----
-    Hermann, Shojaei, Seleson and Cyron (2023), eqs 1 and 42.
+    Hermann, Shojaei, Seleson and Cyron (2023), eqs 1 and 42. Waves of pressure in a fluid, with
+    :math:`\nabla\cdot(\rho_f^{-1}\,\nabla p)` on the right-hand side, have the density :math:`1/(\rho_f c^2)` here.
 
     Examples
     --------
@@ -30,12 +45,41 @@ class Wave(LatticeModel):
     >>> model = fh.Wave(fh.Kernel(2.0), speed=3.0)
     >>> model.crossing(length=12.0)
     4.0
+    >>> layered = fh.Wave(fh.Kernel(2.0), speed="where(y < 0, 2, 1)", density="where(y < 0, 1.5, 1)")
     """
 
-    def __init__(self, operator: Kernel | Stencil, speed: float = 1.0, damping: float = 0.0) -> None:
+    speed: Any
+    density: Any
+
+    def __init__(
+        self, operator: Kernel | Stencil, speed: Constant = 1.0, damping: float = 0.0, *, density: Constant = 1.0
+    ) -> None:
         super().__init__(operator)
-        varies = "the largest speed; coefficient=(speed/largest)**2 of Simulation varies it"
-        self.speed = kinds.number(speed, "model.speed", above=0, remedy=varies)
         self.damping = kinds.number(damping, "model.damping", least=0)
-        self.coefficient = self.speed**2
         self.integrator = Verlet()
+        self._set(material_constant(speed, "model.speed"), material_constant(density, "model.density"))
+
+    def _set(self, speed: Any, density: Any) -> None:
+        self.speed, self.density = speed, density
+        if not self.varying:
+            self.coefficient, self.source_factor = speed**2, 1 / density
+
+    @property
+    def varying(self) -> dict[str, Any]:
+        """The speed, the density, or both, where they vary."""
+        given = {"speed": self.speed, "density": self.density}
+        return {name: value for name, value in given.items() if not isinstance(value, float)}
+
+    def with_constants(self, constants: Mapping[str, Any]) -> Wave:
+        """The same waves at other speeds."""
+        model = copy.copy(self)
+        model._set(constants.get("speed", self.speed), constants.get("density", self.density))
+        return model
+
+    def on_nodes(self, values: Mapping[str, np.ndarray]) -> tuple[Wave, Variation]:
+        """The medium in the middle of all speeds, and the others beside it."""
+        speed, density = np.broadcast_arrays(values.get("speed", self.speed), values.get("density", self.density))
+        host = middle_node(speed)
+        model = self.with_constants({"speed": float(speed.flat[host]), "density": float(density.flat[host])})
+        heavier = density / model.density
+        return model, Variation(varying(heavier * (speed / model.speed) ** 2), varying(heavier))

@@ -20,13 +20,13 @@ from farhorizon.simulation.drives import Drive, Drives, check_signals, given, in
 from farhorizon.simulation.extension import Emitters, extend
 from farhorizon.simulation.grid import Grid, choose_margins, largest_rate, make_grid, states_of
 from farhorizon.simulation.layers import choose_layers
-from farhorizon.simulation.near_field import NearField, near_field, node_factor
+from farhorizon.simulation.near_field import NearField, near_field, node_factor, varied
 from farhorizon.simulation.setup import Key, Setup, Sides
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
 from farhorizon.simulation.start import Start, start_of
 from farhorizon.simulation.surfaces import check_conditions, rest_and_damp
 from farhorizon.simulation.surroundings import Surroundings, by_target, check_memory
-from farhorizon.simulation.validation import check_model, check_stencil
+from farhorizon.simulation.validation import check_model, check_stencil, check_variation
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,20 +79,22 @@ class Parts:
     driving: list[Drive]
 
 
-def assemble(setup: Setup, stiffer: float = 1.0) -> Parts:
+def assemble(setup: Setup, stiffer: float | None = None) -> Parts:
     """The parts of a run; `setup` is looked at from the cheap to the dear.
 
     Parameters
     ----------
     setup : Setup
-    stiffer : float
-        Of the fastest oscillation the squared frequency over that of the medium with all its bonds, where it is known.
+    stiffer : float, optional
+        Of the fastest oscillation the squared frequency over that of the medium with all its bonds; found by a first
+        assembly where it is not given and may be above 1.
 
     Raises
     ------
     InputError
         Anything that cannot be computed.
     """
+    setup, variation = varied(setup)
     lattice, model = setup.lattice, setup.model
     autos = {key: b for key, b in setup.sides.items() if isinstance(b, Auto)}
     sides = setup.sides | {key: b.layer(None, model.target) for key, b in autos.items()}
@@ -100,8 +102,11 @@ def assemble(setup: Setup, stiffer: float = 1.0) -> Parts:
     stencil = model.medium(lattice.spacing, lattice.dim)
     check_stencil(setup, sides, stencil)
     check_memory(setup, stencil, by_target(setup, sides, stencil))
-    factor = node_factor(setup)
-    near = near_field(setup, sides, stencil, factor, stiffer)
+    coefficient = node_factor(setup)
+    variation = variation.times(coefficient)
+    check_variation(sides, variation)
+    near = near_field(setup, sides, stencil, variation, coefficient, 1.0 if stiffer is None else stiffer)
+    factor = near.factor
     check_signals(setup, near)
     waves = incident_waves(setup, near, sides)
     sources = given(setup, near, sides)
@@ -112,7 +117,10 @@ def assemble(setup: Setup, stiffer: float = 1.0) -> Parts:
     notes = beyond.notes
     notes += near.conditions.notes + around.notes
     if factor is not None:
-        notes += gradients(factor, "the coefficient", beyond.targets, stencil.reach)
+        name = "the coefficient" if factor is coefficient else "the stiffness"
+        notes += gradients(factor, name, beyond.targets, stencil.reach)
+    if near.density is not None:
+        notes += gradients(near.density, "the density", beyond.targets, stencil.reach)
     start = start_of(setup, near, sides, beyond)
     cuts_given = [crack.cut for crack in setup.cracks]
     beyond.check_cracks(cuts_given, stencil.reach)
@@ -141,7 +149,7 @@ def assemble(setup: Setup, stiffer: float = 1.0) -> Parts:
     if setup.lasting:
         grid.engine.record_work()
     cuts.cut(setup.cracks)
-    if states is not None and grid.engine.absent.count and stiffer == 1.0:  # nodes with fewer bonds may be faster
+    if states is not None and grid.engine.absent.count and stiffer is None:  # nodes with fewer bonds may be faster
         return assemble(setup, max(1.0, largest_rate(grid.engine) / near.rate_limit))
     alone = breaking.loose() if breaking is not None and setup.cracks else 0
     if alone:
@@ -184,7 +192,7 @@ def _choose_sides(
 
 def _with_layers(setup: Setup, near: NearField, sides: Sides, sources: Sequence[Any]) -> Surroundings:
     stencil: Stencil = near.stencil
-    found = choose_layers(setup, near, by_target(setup, sides, stencil, near.factor), sources)
+    found = choose_layers(setup, near, by_target(setup, sides, stencil, near.squared_speed), sources)
     if found.thickness:
         check_memory(setup, stencil, found)
     return found

@@ -41,6 +41,8 @@ def fingerprint(setup: Setup, parts: Parts, cuts: int) -> dict[str, Any]:
     }
     if engine.reaction:
         found["reaction"] = engine.reaction
+    if near.density is not None:
+        found["density"] = float(near.density.sum())
     if parts.ends is not None:
         found["exact"] = parts.ends.names
     if parts.closure is not None:

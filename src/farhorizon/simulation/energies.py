@@ -14,9 +14,15 @@ from farhorizon.simulation.setup import Sides
 def kinetic_energy(near: NearField, grid: Grid) -> float:
     """Of waves, half a step ago."""
     engine = grid.engine
-    mass = near.lattice.spacing**near.lattice.dim / near.model.source_factor
     rate = (_shown(near, grid, engine.current).astype(float) - _shown(near, grid, engine.older)) / near.dt
-    return float(mass * 0.5 * (rate**2).sum())
+    return _kinetic(near, rate)
+
+
+def _kinetic(near: NearField, rate: np.ndarray) -> float:
+    """Of velocities."""
+    mass = near.lattice.spacing**near.lattice.dim / near.model.source_factor
+    squares = rate**2 if near.density is None else rate**2 * _there(near, near.density)
+    return float(mass * 0.5 * squares.sum())
 
 
 def energies(
@@ -43,9 +49,9 @@ def energies(
     u, old = engine.current.astype(float), engine.older.astype(float)
     if ends is not None:
         ends.fill(u, old)
-    rate = ((_shown(near, grid, u) - _shown(near, grid, old)) / near.dt) ** 2
+    rate = (_shown(near, grid, u) - _shown(near, grid, old)) / near.dt
     strain = _shown(near, grid, _strain(near, sides, grid, u, old))
-    found = {"kinetic": float(mass * 0.5 * rate.sum()), "strain": float(mass * 0.25 * strain.sum())}
+    found = {"kinetic": _kinetic(near, rate), "strain": float(mass * 0.25 * strain.sum())}
     if breaking is not None:
         own["broken"] = float(mass * engine.bonds.broken[0])
     return found | own | ({"work": mass * engine.work} if work else {})
@@ -76,4 +82,9 @@ def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.nd
 def _shown(near: NearField, grid: Grid, level: np.ndarray) -> np.ndarray:
     """A level on the nodes of the near field that there are."""
     part = grid.view(np.ascontiguousarray(level)).reshape(near.field_shape)
-    return part if near.lattice.mask is None else part[..., near.lattice.mask]
+    return _there(near, part)
+
+
+def _there(near: NearField, values: np.ndarray) -> np.ndarray:
+    """Values on the nodes that there are."""
+    return values if near.lattice.mask is None else values[..., near.lattice.mask]

@@ -89,12 +89,17 @@ class Grid:
 
     def grown(self, values: np.ndarray, mode: Literal["edge", "constant"] = "edge") -> np.ndarray:
         """Values on the near field over the core, as at the edge around it; of the core's shape."""
-        pads = [(self.margins[a, -1], self.margins[a, 1]) for a in range(self.lattice.dim)]
-        return np.pad(values, pads, mode=mode).reshape(self.engine.core.nodes)
+        return _over_core(values, self.margins, mode)
 
     def keyed(self, of_sides: dict[Key, float]) -> dict[Key, float]:
         """Values by side, with the engine's numbers of the axes."""
         return {(self.lead + axis, side): value for (axis, side), value in of_sides.items()}
+
+
+def _over_core(values: np.ndarray, margins: dict[Key, int], mode: Literal["edge", "constant"] = "edge") -> np.ndarray:
+    """Values on the near field over the core, whose three axes it has."""
+    grown = np.pad(values, [(margins[a, -1], margins[a, 1]) for a in range(values.ndim)], mode=mode)
+    return grown.reshape((1,) * (3 - values.ndim) + grown.shape)
 
 
 def states_of(setup: Setup, sides: Sides) -> ForceStates | None:
@@ -176,13 +181,13 @@ def make_grid(
     layers = {(lead + axis, side): layer for (axis, side), layer in around.layers.items()}
     periodic = frozenset(lead + a for (a, side), b in sides.items() if side < 0 and b.periodic)
     if isinstance(model.integrator, Verlet):
-        stages = model.integrator.stages(near.dt, model.damping, lattice.dim == 1, setup.lasting)
+        light = near.density is None  # else the older level is read once forces are known
+        stages = model.integrator.stages(near.dt, model.damping, lattice.dim == 1 and light, setup.lasting or not light)
     else:
         stages = model.integrator.stages(near.dt, model.damping)
     grown = None
     if near.factor is not None:
-        pads = [(margins[a, -1], margins[a, 1]) for a in range(lattice.dim)]
-        grown = np.pad(near.factor, pads, mode="edge").reshape(core)
+        grown = _over_core(near.factor, margins)
         check_material(near, around, margins, grown)
     engine = Engine(
         core,
@@ -195,12 +200,16 @@ def make_grid(
         real=setup.dtype,
         threads=wanted_threads(setup.threads),
         coefficient=grown,
-        rule=setup.rule,
+        rule=setup.bond_rule,
         reaction=stencil.reaction * scale,
         sums=None if states is None else _sums(states, scale, lead),
     )
     walled = frozenset(key for key, b in sides.items() if b.held is not None and margins[key])
     grid = Grid(lattice, margins, engine, walled)
+    if near.density is not None:
+        density = _over_core(near.density, margins)
+        check_material(near, around, margins, density)
+        engine.set_density(density)
     for (axis, side), boundary in sides.items():
         if boundary.held is not None and boundary.held != near.background:
             _hold_beyond(grid, near, around, (axis, side), boundary.held)
@@ -238,10 +247,11 @@ def largest_rate(engine: Engine) -> float:
     nodes = engine.all_components(nodes[engine.absent.exists[nodes]])
     level = np.zeros(engine.levels.shape[1], engine.dtype)
     level[nodes] = np.random.default_rng(1).standard_normal(len(nodes))
+    root = np.sqrt(engine.mobility)
     rate = 0.0
     for _ in range(_ITERATIONS):
         level[nodes] /= np.linalg.norm(level[nodes])
-        found = engine.apply_core(level)
+        found = root * engine.apply_core(root * level)
         before, rate = rate, -float(level[nodes] @ found[nodes])
         if abs(rate - before) < _CONVERGED * rate:
             break

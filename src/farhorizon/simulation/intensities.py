@@ -315,9 +315,9 @@ def _medium_at(near: NearField, tip: np.ndarray) -> NearTip:
 
 def _check_even(near: NearField, domain: InteractionDomain) -> None:
     """Refuse a domain in which the medium varies, or ends."""
-    factor = np.ones(1) if near.factor is None else near.factor.ravel()[domain.nodes]
+    factor = near.material.ravel()[domain.nodes]  # nan where the medium ends, or is heavier
     hidden = near.hidden is not None and bool(near.hidden.ravel()[domain.nodes].any())
-    if hidden or np.ptp(factor) > _UNEVEN * factor.max():
+    if hidden or not np.ptp(factor) <= _UNEVEN * factor.max():
         raise InputError(
             "the medium varies around the tip, or ends there",
             value=domain.tip.tolist(),

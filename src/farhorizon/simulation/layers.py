@@ -203,7 +203,7 @@ class _Choice:
 
     def _scatterers(self) -> np.ndarray:
         """Nodes that scatter waves: around cracks, beside nodes that do not exist, and where the medium changes."""
-        lattice, factor = self.near.lattice, self.near.factor
+        lattice = self.near.lattice
         found = np.zeros(lattice.shape, bool)
         for crack in self.setup.cracks:
             low, high = (np.asarray(bound, float) for bound in crack.cut.bounds())
@@ -211,7 +211,8 @@ class _Choice:
             found[tuple(slice(max(a, 0), max(b, 0) + 1) for a, b in zip(first, last, strict=True))] = True
         if lattice.body is not None and lattice.mask is not None:
             found |= ~lattice.mask
-        if factor is not None:
-            for axis in range(lattice.dim):
-                found |= np.abs(np.gradient(factor, axis=axis)) > 0
+        for values in (self.near.factor, self.near.density):
+            if values is not None:
+                for axis in range(lattice.dim):
+                    found |= np.abs(np.gradient(values, axis=axis)) > 0
         return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,9 +13,11 @@ from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.conditions import Conditions, resolve
+from farhorizon.inputs.expressions import as_given
 from farhorizon.inputs.prescribed import Prescribed, PrescribedNodes
 from farhorizon.inputs.sources import field, largest_component
 from farhorizon.medium.stencil import Stencil
+from farhorizon.medium.variation import Variation, lightest_bond
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.setup import Setup, Sides
 from farhorizon.simulation.validation import closed_window
@@ -36,6 +38,10 @@ class NearField:
         Nodes of a window that a condition closes along its outline.
     factor : ndarray or None
         Factor on bonds, of the lattice's shape.
+    density : ndarray or None
+        Mass of each node over that of a node of the model.
+    coefficient : ndarray or None
+        The factor that is given beside what the model's own constants make.
     conditions : Conditions
     rate_limit : float
         Largest rate of the operator (1/time, or 1/time^2 of waves).
@@ -50,6 +56,8 @@ class NearField:
     stencil: Stencil
     closed: np.ndarray | None
     factor: np.ndarray | None
+    density: np.ndarray | None
+    coefficient: np.ndarray | None
     conditions: Conditions
     rate_limit: float
     dt: float
@@ -72,19 +80,36 @@ class NearField:
         return shape if components == 1 else (components, *shape)
 
     @cached_property
+    def squared_speed(self) -> np.ndarray | None:
+        """Of waves at each node over that of the model, or the diffusivity; None where it is uniform."""
+        return Variation(self.factor, self.density).squared_speed
+
+    @cached_property
     def strongest(self) -> float:
-        """Largest factor on bonds."""
-        return _strongest(self.model, self.factor)
+        """The largest of these: of the factors on bonds where no density varies."""
+        return _strongest(self.model, self.squared_speed)
 
     @property
     def weakest(self) -> float:
-        """Smallest factor on bonds that there is, those that are absent left out."""
-        return 1.0 if self.factor is None else float(self.factor.min(where=self.factor > 0, initial=self.strongest))
+        """The smallest one, where there are bonds."""
+        speeds = self.squared_speed
+        return 1.0 if speeds is None else float(speeds.min(where=speeds > 0, initial=self.strongest))
+
+    @property
+    def varies(self) -> bool:
+        """Whether the medium is not the same everywhere."""
+        return self.density is not None or (self.factor is not None and bool(np.ptp(self.factor) > 0))
+
+    @property
+    def masses(self) -> np.ndarray:
+        """Mass of each node, or its heat capacity; of the lattice's shape."""
+        mass = self.lattice.spacing**self.lattice.dim / self.model.source_factor
+        return np.full(self.lattice.shape, mass) if self.density is None else mass * self.density
 
     @property
     def fastest_rate(self) -> float:
         """``coefficient / spacing^2`` where the medium is fastest, the factor on the stencil `fastest`."""
-        return _fastest_rate(self.lattice.spacing, self.model, self.factor)
+        return _fastest_rate(self.lattice.spacing, self.model, self.squared_speed)
 
     @property
     def fastest(self) -> Stencil:
@@ -118,9 +143,11 @@ class NearField:
 
     @property
     def material(self) -> np.ndarray:
-        """The factor on bonds at each node, nan where there is no node."""
+        """The factor on bonds at each node, nan where there is no node, or one of another density than the model's."""
         lattice = self.lattice
         found = np.ones(lattice.shape) if self.factor is None else self.factor.copy()
+        if self.density is not None:
+            found[self.density != 1] = np.nan
         if lattice.body is not None and lattice.mask is not None:
             found[~lattice.mask] = np.nan
         return found
@@ -160,7 +187,12 @@ class NearField:
 
 
 def near_field(
-    setup: Setup, sides: Sides, stencil: Stencil, factor: np.ndarray | None, stiffer: float = 1.0
+    setup: Setup,
+    sides: Sides,
+    stencil: Stencil,
+    variation: Variation,
+    coefficient: np.ndarray | None = None,
+    stiffer: float = 1.0,
 ) -> NearField:
     """The near field of a set-up.
 
@@ -170,8 +202,9 @@ def near_field(
     sides : dict of (axis, side) to Side
         They may bear shorter steps only.
     stencil : Stencil
-    factor : ndarray or None
-        Factor on bonds, of the lattice's shape.
+    variation : Variation
+    coefficient : ndarray or None
+        Of the factors on bonds what is given beside the model.
     stiffer : float
         Of the fastest oscillation the squared frequency over that of the medium with all its bonds.
 
@@ -180,9 +213,14 @@ def near_field(
     InputError
         Conditions that cannot hold, a time step above the stable limit.
     """
-    lattice, model = setup.lattice, setup.model
+    lattice, model, factor, density = setup.lattice, setup.model, variation.stiffness, variation.density
     conditions = _resolve(setup, stencil, factor)
-    rate = _fastest_rate(lattice.spacing, model, factor) * stencil.with_reaction(0.0).symbol_maximum
+    rate = stencil.with_reaction(0.0).symbol_maximum
+    if density is None:
+        rate *= _fastest_rate(lattice.spacing, model, factor)
+    else:
+        fastest = lightest_bond(factor, density, stencil.offsets, setup.bond_rule)
+        rate *= model.coefficient / lattice.spacing**2 * max(fastest, 1e-300)
     rate *= stiffer
     rate += stencil.reaction * model.coefficient / lattice.spacing**2 + float(_leak(model, conditions).max(initial=0))
     dt = _choose_step(setup, sides, model.integrator.step_limit(rate))
@@ -194,6 +232,8 @@ def near_field(
         stencil,
         closed_window(setup, sides),
         factor,
+        density,
+        coefficient,
         conditions,
         rate,
         dt,
@@ -211,6 +251,40 @@ def node_factor(setup: Setup) -> np.ndarray | None:
             "a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient"
         )
     return factor
+
+
+def varied(setup: Setup) -> tuple[Setup, Variation]:
+    """A set-up whose model is uniform, and how the medium varies beside it.
+
+    Raises
+    ------
+    InputError
+        As `constants_of`.
+    """
+    values = constants_of(setup)
+    if not values:
+        return setup, Variation()
+    model, variation = setup.model.on_nodes(values)
+    return replace(setup, model=model, rule=setup.bond_rule), variation
+
+
+def constants_of(setup: Setup) -> dict[str, np.ndarray]:
+    """Those of the model's constants that vary, at the nodes.
+
+    Raises
+    ------
+    InputError
+        Constants that are not positive, or of the wrong shape.
+    """
+    lattice, values = setup.lattice, {}
+    for name, value in setup.model.varying.items():
+        key = f"model.{name}"
+        values[name] = field(as_given(value, lattice.dim, key, time=False), lattice, 1, key)
+        there = values[name] if lattice.mask is None else values[name][lattice.mask]
+        setup.model.check_constant(name, there)
+        if lattice.mask is not None and lattice.body is not None:  # nothing is known outside
+            values[name] = np.where(lattice.mask, values[name], np.median(there))
+    return values
 
 
 def _strongest(model: LatticeModel, factor: np.ndarray | None) -> float:

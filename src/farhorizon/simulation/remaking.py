@@ -21,6 +21,7 @@ def remade_setup(settled: Setup, parts: Parts, changes: Mapping[str, Any]) -> Se
         return replace(settled, **{"initial": initial, **changes})
     nothing = dict.fromkeys(("sources", "loads", "cracks", "constraints", "specimens"), ())
     changes = {**nothing, "initial": {}, "coefficient": None, "rim": "free", "balance": False, **changes}
-    if near.factor is not None and near.strongest > 0:
-        changes["model"] = changes.get("model", near.model).scaled(near.strongest)
+    changes.setdefault("model", near.model)
+    if near.squared_speed is not None and near.strongest > 0:
+        changes["model"] = changes["model"].scaled(near.strongest)
     return replace(settled, **changes)

@@ -83,7 +83,7 @@ constraints, balance, specimens, loads
     dt: float | Callable[[float], float] | None = None
     dtype: str = "float64"
     threads: int | None = None
-    rule: str = "both"
+    rule: str | None = None
     rim: str = "free"
     constraints: Sequence[Constraint | Prescribed] = ()
     balance: bool = False
@@ -104,7 +104,8 @@ constraints, balance, specimens, loads
         kinds.flag(self.balance, "balance")
         beyond = sides(LatticePML() if self.boundary is None else self.boundary, lattice.dim)
         kinds.one_of(self.dtype, "dtype", ("float64", "float32"), "unknown number type")
-        kinds.one_of(self.rule, "rule", ("both", "arithmetic", "harmonic"), "unknown bond rule")
+        if self.rule is not None:
+            kinds.one_of(self.rule, "rule", ("both", "arithmetic", "harmonic"), "unknown bond rule")
         kinds.one_of(self.rim, "rim", ("free", "fixed"), "unknown surface of a body")
         wanted_threads(self.threads)
         if self.rim == "fixed" and lattice.body is None:
@@ -134,6 +135,11 @@ constraints, balance, specimens, loads
     def sides(self) -> Sides:
         """What stands on each side by (axis, side), side = -1 or +1."""
         return sides(self.boundary, self.lattice.dim)
+
+    @property
+    def bond_rule(self) -> str:
+        """How the coefficients of a bond's ends combine."""
+        return self.rule or ("harmonic" if self.model.varying else "both")
 
     @property
     def lasting(self) -> bool:

@@ -74,8 +74,9 @@ class Simulation(Run):
         sources and loads.
     coefficient : array_like, optional
         Factor on bonds, given on the nodes.
-    rule : {"both", "arithmetic", "harmonic"}
-        How the coefficients of a bond's ends combine; "both" is the smaller one.
+    rule : {"both", "arithmetic", "harmonic"}, optional
+        How the coefficients, or the stiffness, of a bond's ends combine: "both" (the smaller one), which is that of a
+        uniform model unless given, or one of two means; "harmonic" of a model whose constants vary.
     rim : {"free", "fixed"}
         What the outline of a body is: bonds across it are absent, or the field is held at the background outside.
     background : float
@@ -140,7 +141,7 @@ class Simulation(Run):
         dt: float | Callable[[float], float] | None = None,
         dtype: str = "float64",
         threads: int | None = None,
-        rule: str = "both",
+        rule: str | None = None,
         rim: str = "free",
         constraints: Sequence[Constraint | Prescribed] = (),
         balance: bool = False,
@@ -175,12 +176,12 @@ class Simulation(Run):
         self.step_limit, self.rate_limit, self.field_shape = near.step_limit, near.rate_limit, near.field_shape
         self.strongest, self.conditions, self.leak = near.strongest, near.conditions, near.leak
         self.fastest_rate, self.weakest, self.signals = near.fastest_rate, near.weakest, signals(setup)
-        self.varied = bool(parts.start.solid.any() or (near.factor is not None and np.ptp(near.factor) > 0))
+        self.varied = bool(parts.start.solid.any()) or near.varies
         self.start_u, self.start_v = parts.start.u, parts.start.v
         self.sources, self.incident = parts.drives.sources, parts.incident
         self.coefficients, self.thickness, self.extents = around.coefficients, around.thickness, around.extents
         sides = settled_sides(around, near.model)
-        self.settled = replace(setup, boundary=sides, coefficient=near.factor, dt=near.dt)
+        self.settled = replace(setup, boundary=sides, coefficient=near.coefficient, dt=near.dt)
         self.given = {name: value for name, value in self.settled.arguments.items() if name != "initial"}
         self._at_start(observe, int(np.prod(self.engine.core.nodes)))
         self._end = 0.0  # of the run, as far as it is known

@@ -110,7 +110,7 @@ class Motion:
             acceleration[self.ends.nodes] += self.ends.forces()
         part = self.grid.view(acceleration)
         part += self.force(time).reshape(part.shape)
-        return acceleration
+        return acceleration * engine.mobility
 
     def step_back(self, v: np.ndarray, resting: np.ndarray) -> None:
         """The level one step before the start; some places of a level do not move."""

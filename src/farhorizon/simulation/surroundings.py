@@ -62,11 +62,12 @@ class Surroundings:
         return {key: max(n, stencil.reach[key[0]]) for key, n in nodes.items()}
 
 
-def by_target(setup: Setup, sides: Sides, stencil: Stencil, factor: np.ndarray | None = None) -> Surroundings:
+def by_target(setup: Setup, sides: Sides, stencil: Stencil, squared_speed: np.ndarray | None = None) -> Surroundings:
     """The sides with layers that follow from their targets alone or are given, for the speed of the medium at each."""
     lattice, model = setup.lattice, setup.model
     coefficients = {
-        key: model.coefficient * (1.0 if factor is None else _factor_at(factor, stencil, *key)) for key in sides
+        key: model.coefficient * (1.0 if squared_speed is None else _fastest_at(squared_speed, stencil, *key))
+        for key in sides
     }
     half_width = max(float((lattice.upper - lattice.lower).max()) / 2, lattice.spacing)
     layers = {
@@ -83,9 +84,9 @@ def by_target(setup: Setup, sides: Sides, stencil: Stencil, factor: np.ndarray |
     return Surroundings(sides, coefficients, layers)
 
 
-def _factor_at(factor: np.ndarray, stencil: Stencil, axis: int, side: int) -> float:
-    """The largest factor on bonds within one reach of a side, for a layer goes by the fastest waves that it meets; that
-    of the whole near field where nothing reaches the side.
+def _fastest_at(factor: np.ndarray, stencil: Stencil, axis: int, side: int) -> float:
+    """The largest of the squared speeds over the model's within one reach of a side, for a layer goes by the fastest
+    waves that it meets; that of the whole near field where nothing reaches the side.
     """
     last = np.arange(stencil.reach[axis] + 1)
     found = float(np.take(factor, last if side < 0 else -1 - last, axis).max())

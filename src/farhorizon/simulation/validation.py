@@ -10,6 +10,7 @@ from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.incidence import Incident
 from farhorizon.medium.integrators import Euler, Verlet
 from farhorizon.medium.stencil import Stencil
+from farhorizon.medium.variation import Variation
 from farhorizon.simulation.setup import Setup, Sides, side_name
 
 
@@ -73,6 +74,26 @@ def _check_bonds(setup: Setup) -> None:
         raise InputError(
             "bonds that are nonlinear or break are whole or cut", key="crack.factor", limit=0, remedy="leave it out"
         )
+
+
+def check_variation(sides: Sides, variation: Variation) -> None:
+    """Refuse sides that go on with a medium of one density.
+
+    Raises
+    ------
+    InputError
+    """
+    if variation.density is None:
+        return
+    for key, boundary in sides.items():
+        if boundary.exact or boundary.closing:
+            raise InputError(
+                "goes on with a medium of one density",
+                value=type(boundary).__name__,
+                limit="a density that is the same everywhere",
+                key=f"boundary.{side_name(*key)}",
+                remedy="LatticePML",
+            )
 
 
 def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:

@@ -25,6 +25,7 @@ from farhorizon.inputs.loads import BodyForce
 from farhorizon.inputs.sources import Source
 from farhorizon.models import Elastic
 from farhorizon.simulation.drives import ends_of
+from farhorizon.simulation.near_field import constants_of
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.simulation import Simulation
 
@@ -282,7 +283,7 @@ def _infinite(setup: Given, ours: Simulation | Body, steps: int) -> tuple[str, C
 
 def _homogeneous(setup: Setup, ours: Simulation) -> bool:
     """Whether there is nothing but a linear medium without end and initial data."""
-    changed = setup.cracks or setup.constraints or setup.specimens or setup.coefficient is not None
+    changed = setup.cracks or setup.constraints or setup.specimens or setup.coefficient is not None or ours.varied
     endless = all(b.endless for b in ours.sides.values()) and ours.lattice.body is None
     return endless and not changed and not ours.sources and ours.model.bond_law is None
 
@@ -393,6 +394,9 @@ def _extended_simulation(setup: Setup, ours: Simulation, until: float) -> Simula
             replace(s, where=widen(s.where)) if not isinstance(s.where, Shape) else s for s in setup.specimens
         ],
         "coefficient": None if setup.coefficient is None else widen(setup.coefficient, "edge"),
+        "model": setup.model.with_constants(
+            {name: widen(value, "edge") for name, value in constants_of(setup).items()}
+        ),
     }
     return Simulation.of(replace(setup, **changed))
 

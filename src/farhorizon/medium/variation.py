@@ -1,0 +1,82 @@
+"""Media that vary from node to node, beside the uniform one that a model stands for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_ROUNDING = 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class Variation:
+    """How a medium varies; all of the lattice's shape, and None where it does not.
+
+    Attributes
+    ----------
+    stiffness : ndarray or None
+        Factor on the stiffness of bonds.
+    density : ndarray or None
+        Mass of a node over that of a node of the model.
+    """
+
+    stiffness: np.ndarray | None = None
+    density: np.ndarray | None = None
+
+    def times(self, factor: np.ndarray | None) -> Variation:
+        """The same with another factor on bonds."""
+        if factor is None:
+            return self
+        return Variation(factor if self.stiffness is None else factor * self.stiffness, self.density)
+
+    @property
+    def squared_speed(self) -> np.ndarray | None:
+        """Of the waves at each node over that of the model."""
+        if self.density is None:
+            return self.stiffness
+        return (1.0 if self.stiffness is None else self.stiffness) / self.density
+
+
+def middle_node(values: np.ndarray) -> int:
+    """Number of a node whose value is in the middle of all: of the host medium, where that fills most of a lattice."""
+    return int(np.argsort(values, axis=None, kind="stable")[values.size // 2])
+
+
+def varying(values: np.ndarray) -> np.ndarray | None:
+    """Values over nodes; None where all are 1 to rounding."""
+    return None if np.abs(values - 1).max() < _ROUNDING else values
+
+
+def lightest_bond(factor: np.ndarray | None, density: np.ndarray, offsets: np.ndarray, rule: str) -> float:
+    """The largest factor of a bond over the smaller mass of its ends.
+
+    The squared frequencies of the medium are at most so many times those of the uniform one if no weight is negative:
+    the bonds between nodes heavier than any m, which have a mass of at least m, oscillate no faster than all bonds do.
+
+    Parameters
+    ----------
+    factor : ndarray or None
+        Of the stiffness of bonds, at the nodes.
+    density : ndarray
+        Masses of the nodes.
+    offsets : ndarray of int, shape (K, dim)
+    rule : {"both", "arithmetic", "harmonic"}
+        How the factors of a bond's ends combine.
+    """
+    largest = 0.0
+    for offset in offsets:
+        here = tuple(slice(max(-o, 0), n - max(o, 0)) for o, n in zip(offset, density.shape, strict=True))
+        there = tuple(slice(max(o, 0), n + min(o, 0)) for o, n in zip(offset, density.shape, strict=True))
+        lighter = np.minimum(density[here], density[there])
+        bond = 1.0 if factor is None else combined(factor[here], factor[there], rule)
+        largest = max(largest, float((bond / lighter).max(initial=0)))
+    return largest
+
+
+def combined(one: np.ndarray, other: np.ndarray, rule: str) -> np.ndarray:
+    """Factors of bonds from those of their ends."""
+    if rule == "both":
+        return np.asarray(np.minimum(one, other))
+    total = one + other
+    return np.asarray(total / 2 if rule == "arithmetic" else 2 * one * other / np.where(total > 0, total, 1.0))
