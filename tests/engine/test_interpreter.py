@@ -141,6 +141,28 @@ CASES = {
         cracks=[fh.Crack([(15.3, 10.4), (25.0, 10.4)])],
         balance=True,
     ),
+    "stresses of two solids as bonds break": lambda: fh.Simulation(
+        fh.Lattice(1.0, (0.0, 0.0), (20.0, 21.0)),
+        fh.Elastic(
+            fh.Kernel(2.0),
+            "1 + (x > 9.5)",
+            "0.3 - 0.1*(x > 9.5)",
+            density="1 + (y > 9.5)",
+            material="correspondence",
+            stabilisation=0.4,
+            critical_stretch=0.006,
+        ),
+        {"x-": SLOW, "x+": fh.Free(), "y": fh.Free()},
+        {"v": 0.03 * bump((21, 22), 2)},
+        balance=True,
+    ),
+    "dilatations of two solids as bonds break": lambda: fh.Simulation(
+        fh.Lattice(1.0, (0.0, 0.0), (20.0, 21.0)),
+        fh.Elastic(fh.Kernel(2.0), "1 + (x > 9.5)", 0.4, material="state-based", critical_stretch=0.006),
+        fh.Free(),
+        {"v": 0.03 * bump((21, 22), 2)},
+        balance=True,
+    ),
     "dilatations as bonds break": lambda: fh.Simulation(
         fh.Lattice(1.0, (0.0, 0.0), (20.0, 21.0)),
         fh.Elastic(fh.Kernel(2.0), 1.0, 0.4, material="state-based", critical_stretch=0.006),

@@ -183,11 +183,19 @@ def test_oblique_reflection_is_that_of_the_impedances_to_second_order(speed, den
 
 
 @pytest.mark.parametrize("direction", ["P", "S"])
-@pytest.mark.parametrize("material", [{}])
+@pytest.mark.parametrize(
+    "material",
+    [
+        {},
+        {"material": "state-based", "poisson": 0.3},
+        {"material": "correspondence", "poisson": 0.3, "stabilisation": 0.5},
+    ],
+    ids=["bonds", "state-based", "correspondence"],
+)
 def test_elastic_waves_are_reflected_as_the_impedances_say(direction, material):
     density, errors = 1.8, []
     for h in SIZES:
-        lattice = fh.Lattice(h, (0.0, -40.0 + h / 2), (6 * h, 40.0 - h / 2))
+        lattice = fh.Lattice(h, (0.0, -40.0 + h / 2), (8 * h, 40.0 - h / 2))
         first = fh.Elastic(fh.Kernel(2 * h), 1.0, **material)
         speeds = [(fh.Elastic(fh.Kernel(2 * h), e, density=d, **material)) for e, d in ((1.0, 1.0), (3.0, density))]
         c, faster = ((one.p_speed if direction == "P" else one.s_speed) for one in speeds)
@@ -207,6 +215,17 @@ def test_interfaces_run_into_the_layers():
     for model, wanted in (
         (fh.Wave(fh.Kernel(1.0), "where(y < 0.25, 1.5, 1)", density="where(y < 0.25, 2, 1)"), 1e-5),
         (fh.Elastic(fh.Kernel(1.0), "where(y < 0.25, 3, 1)", density="where(y < 0.25, 2, 1)"), 1e-4),
+        (
+            fh.Elastic(
+                fh.Kernel(1.0),
+                "where(y < 0.25, 2, 1)",
+                "where(y < 0.25, 0.3, 0.2)",
+                density="where(y < 0.25, 1.5, 1)",
+                material="correspondence",
+                stabilisation=0.5,
+            ),
+            1e-4,
+        ),
     ):
         start = {"u": [0.0, u] if model.mechanical else u}
         found = compare(fh.Setup(lattice, model, fh.LatticePML(nodes=14), start), 24.0, [8.0, 16.0, 24.0], beside=False)

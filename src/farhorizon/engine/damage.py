@@ -12,7 +12,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from farhorizon.engine.bonds import CHANGED, END, FIRST, JUST_CHANGED, PIECE_ROWS, UNCHANGED, next_piece, sweep_tiles
+from farhorizon.engine.bonds import (
+    CHANGED,
+    END,
+    FIRST,
+    JUST_CHANGED,
+    PIECE_ROWS,
+    UNCHANGED,
+    bond_factor,
+    next_piece,
+    sweep_tiles,
+)
 from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.threads import barrier
@@ -89,9 +99,11 @@ def invert_shape(numbers, dim):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def law_of_node(law, numbers, rows):
+def law_of_node(law, node, numbers, rows):
     """What a node makes of its state, in the place of the state."""
     lame, shear, pull = law.moduli[0], law.moduli[1], law.moduli[2]
+    if law.local.size:
+        lame, shear, pull = law.local[0, node], law.local[1, node], law.local[2, node]
     state = numbers[_STATE:_SHAPE]
     if rows == 1:
         state[0] *= lame
@@ -115,12 +127,21 @@ def law_of_node(law, numbers, rows):
             state[a * dim + b] = total
 
 
+@njit(error_model="numpy", inline="always")
+def spring_factor(material, node, distance):
+    """Factor on the spring of a bond."""
+    coefficient = material.coefficient
+    if coefficient.size == 1:
+        return coefficient[0]
+    return bond_factor(material.rule, coefficient[node], coefficient[node + distance])
+
+
 @njit(error_model="numpy", cache=True, counted=False)
-def node_energy(stage, node, bits, springs, gather, scatter, numbers):
+def node_energy(stage, node, bits, springs, material, gather, scatter, numbers):
     """Twice the energy of a node with some bonds, from the displacements now and a step ago, in units of the update."""
     u, old, columns = stage.src, stage.base, gather.columns
     sum_state(u, node, bits, gather, numbers)
-    law_of_node(gather.sweep.law, numbers, gather.rows)
+    law_of_node(gather.sweep.law, node, numbers, gather.rows)
     apart, rows, distances = u.size // columns, scatter.columns, gather.sweep.offsets
     weights, pulls = scatter.sweep.general[stage.part], springs.general[stage.part]
     total = 0.0
@@ -132,28 +153,29 @@ def node_energy(stage, node, bits, springs, gather, scatter, numbers):
                 for row in range(rows):
                     force += weights[(k * columns + a) * rows + row] * numbers[_STATE + row]
                 if pulls.size:
+                    factor = spring_factor(material, node, distances[k]) / 2
                     for b in range(columns):
                         here = node + b * apart
-                        force += pulls[(k * columns + a) * columns + b] * (u[here + distances[k]] - u[here]) / 2
+                        force += factor * pulls[(k * columns + a) * columns + b] * (u[here + distances[k]] - u[here])
                 total += force * (old[at + distances[k]] - old[at])
     return total
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def weigh_broken(stage, bonds, springs, gather, scatter, node, numbers, broken):
+def weigh_broken(stage, bonds, springs, material, gather, scatter, node, numbers, broken):
     """Add the energy that a node loses as bonds break, and the bits from which it is known; then forget these."""
     gone = False
     for word in range(bonds.alive.shape[0]):
         gone |= bonds.before[word, node] != bonds.alive[word, node]
     if gone:
-        broken[0] += node_energy(stage, node, bonds.before, springs, gather, scatter, numbers) / 2
-        broken[0] -= node_energy(stage, node, bonds.alive, springs, gather, scatter, numbers) / 2
+        broken[0] += node_energy(stage, node, bonds.before, springs, material, gather, scatter, numbers) / 2
+        broken[0] -= node_energy(stage, node, bonds.alive, springs, material, gather, scatter, numbers) / 2
         for word in range(bonds.alive.shape[0]):
             bonds.before[word, node] = bonds.alive[word, node]
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def node_force(stage, node, bonds, springs, gather, scatter):
+def node_force(stage, node, bonds, springs, material, gather, scatter):
     """The new displacement of a node by the bonds that are there."""
     u, states, columns = stage.src, gather.sweep.law.values, gather.columns
     apart, rows, distances = u.size // columns, scatter.columns, gather.sweep.offsets
@@ -167,14 +189,15 @@ def node_force(stage, node, bonds, springs, gather, scatter):
                     here = node + row * apart
                     total += weights[(k * columns + a) * rows + row] * (states[here] + states[here + distances[k]])
                 if pulls.size:
+                    factor = spring_factor(material, node, distances[k])
                     for b in range(columns):
                         here = node + b * apart
-                        total += pulls[(k * columns + a) * columns + b] * (u[here + distances[k]] - u[here])
+                        total += factor * pulls[(k * columns + a) * columns + b] * (u[here + distances[k]] - u[here])
         stage.out[at] = total
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def redo_damaged(thread, stage, springs, gather, scatter, bonds, forces):
+def redo_damaged(thread, stage, springs, material, gather, scatter, bonds, forces):
     """States, or then forces, of the nodes that lack bonds in tiles where some have broken."""
     zone, block, changed, alive = bonds.zone, springs.block, bonds.changed, bonds.alive
     law, numbers = gather.sweep.law, gather.sweep.law.room[thread.number, 0]
@@ -195,12 +218,12 @@ def redo_damaged(thread, stage, springs, gather, scatter, bonds, forces):
                 if full:
                     continue
                 if forces:
-                    node_force(stage, node, bonds, springs, gather, scatter)
+                    node_force(stage, node, bonds, springs, material, gather, scatter)
                     continue
                 if kind == JUST_CHANGED:
-                    weigh_broken(stage, bonds, springs, gather, scatter, node, numbers, bonds.broken[i0, row])
+                    weigh_broken(stage, bonds, springs, material, gather, scatter, node, numbers, bonds.broken[i0, row])
                 sum_state(stage.src, node, alive, gather, numbers)
-                law_of_node(law, numbers, gather.rows)
+                law_of_node(law, node, numbers, gather.rows)
                 for c in range(gather.rows):
                     law.values[c * size + node] = numbers[_STATE + c]
         if not forces:

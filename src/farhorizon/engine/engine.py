@@ -143,7 +143,7 @@ class Engine:
     reaction : float
         In units of the operator: what it takes of each node's own value, whatever the coefficient.
     sums : StateSums, optional
-        Two passes beside the stencil, on its offsets; bonds have no coefficients then.
+        Two passes beside the stencil, on its offsets; coefficients are those of the stencil's own bonds.
 
     Attributes
     ----------
@@ -643,7 +643,8 @@ class Engine:
             tables.material.coefficient,
             *tables.cuts,
             *tables.surface,
-            *(law.intact, law.nodes, law.numbers, law.matrices),
+            *(law.intact, law.nodes, law.numbers, law.matrices, law.local),
+            tables.mobility,
             *tables.gather.surface,
             *tables.scatter.surface,
             *tables.scatter.cuts,

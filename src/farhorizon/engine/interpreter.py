@@ -145,7 +145,7 @@ class Interpreter:
     def _sweep(self) -> None:
         stage, nodes, forces = self.stage, self.nodes, self.tables.bonds.forces
         total = np.zeros((self.components, nodes.size))
-        for distance, weight in zip(self.tables.sweep.offsets, self.matrices, strict=True):
+        for distance, weight in zip(self.engine.offsets @ self.box.stride, self.matrices, strict=True):
             gaps = self._factors(nodes, nodes + distance) * self._gaps(nodes, nodes + distance)
             total += weight @ (gaps if forces else gaps * self._present(nodes, nodes + distance))
         if forces:
@@ -165,7 +165,7 @@ class Interpreter:
         exists, nodes = self.engine.absent.exists, self.nodes
         found = np.zeros((self.components, nodes.size))
         zone = self._zone() if self.tables.bonds.places.size else np.zeros(nodes.size, bool)
-        for distance, weight in zip(self.tables.sweep.offsets, self.matrices, strict=True):
+        for distance, weight in zip(self.engine.offsets @ self.box.stride, self.matrices, strict=True):
             bare = exists[nodes] & ~exists[nodes + distance] & ~zone
             found -= bare * (weight @ (self._factors(nodes, nodes + distance) * self._gaps(nodes, nodes + distance)))
         return found
@@ -240,8 +240,10 @@ class Interpreter:
             odd = np.einsum("sab,bs->as", law.matrices[law.numbers], states[:, law.nodes])
             if not self.tables.bonds.forces:
                 lost = self._lost_bonds()
-                damaged = np.einsum("sab,bs->as", passes.sums.law(self._shapes(lost)), states[:, lost])
-            states[...] = law.intact @ states
+                damaged = np.einsum("sab,bs->as", self._laws(lost), states[:, lost])
+            states[...] = (
+                np.einsum("cs,cab,bs->as", law.local, law.bases, states) if law.local.size else law.intact @ states
+            )
             states[:, law.nodes], self.raw = odd, False
             if not self.tables.bonds.forces:
                 states[:, lost] = damaged
@@ -267,6 +269,12 @@ class Interpreter:
         """Nodes that exist and lack bonds, cut, broken or beyond an edge."""
         bonds, nodes = self.tables.bonds, self.nodes[self.engine.absent.exists[self.nodes]]
         return np.asarray(nodes[(bonds.alive[:, nodes] != bonds.full[:, None]).any(0)])
+
+    def _laws(self, nodes: np.ndarray) -> np.ndarray:
+        """Matrices by which nodes that lack bonds make something of their states."""
+        passes = self.engine.passes
+        assert passes is not None
+        return passes.sums.law(self._shapes(nodes), passes.moduli_at(nodes))
 
     def _shapes(self, nodes: np.ndarray) -> np.ndarray:
         """Their shape tensors."""
@@ -298,9 +306,10 @@ class Interpreter:
         there = np.stack([self._present(nodes, nodes + distance) for distance in distances])
         (eta, old) = (np.stack([u[:, nodes + d] - u[:, nodes] for d in distances]) for u in (now, ago))
         state = np.einsum("ks,kqa,kas->sq", there, passes.weights[0], eta)
-        last = np.einsum("sab,sb->sa", passes.sums.law(self._shapes(nodes)), state)
+        last = np.einsum("sab,sb->sa", self._laws(nodes), state)
         total += np.einsum("ks,kaq,sq,kas->s", there, passes.weights[1], last, old)
-        total += np.einsum("ks,kab,kas,kbs->s", there, self.matrices, old, eta) / 2
+        springs = there * np.stack([self._factors(nodes, nodes + d) for d in distances])
+        total += np.einsum("ks,kab,kas,kbs->s", springs, self.matrices, old, eta) / 2
         return float(self.stage.scale * total.sum() / 2)
 
     # --- layers ------------------------------------------------------------------------------------------------
@@ -363,7 +372,7 @@ class Interpreter:
                 later = next((a for a in range(axis + 1, 3) if self._has_layers(a)), 3)
                 less = self._moved(self._continued(tuple(offset), later), offset, later)
                 at = self.nodes + int(np.dot(offset, self.box.stride))
-                there = self._present(self.nodes, at) * self._factors(self.nodes, at)
+                there = self._present(self.nodes, at) * (self._factors(self.nodes, at) if number == op.SPRINGS else 1)
                 total += np.tensordot(weight, (more - less) * there.reshape(self.box.nodes), 1)
         return total
 

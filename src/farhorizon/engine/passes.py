@@ -41,7 +41,7 @@ class StateSums:
         In units of the operator.
     shapes : ndarray, shape (K, e, e)
     law : callable
-    moduli : tuple of three floats
+    moduli : ndarray, shape (3,), or (3, ...) with the shape of the core
     signs : tuple of (int, int, int)
         See `farhorizon.medium.force_states`.
     """
@@ -49,8 +49,8 @@ class StateSums:
     gradient: np.ndarray
     divergence: np.ndarray
     shapes: np.ndarray
-    law: Callable[[np.ndarray], np.ndarray]
-    moduli: tuple[float, float, float]
+    law: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    moduli: np.ndarray
     signs: Signs
 
 
@@ -150,10 +150,13 @@ class Passes:
                 layers=cut_layers(tables, nodes, neighbours, weights[bonds]),
                 surface=surface_of(self.layout.box, odd[there], own[there].astype(self.dtype)),
             )
-        shapes = np.eye(self.sums.shapes.shape[1]) - sum(lost(self.sums.shapes))
-        kinds, numbers = np.unique(shapes[there].round(14), axis=0, return_inverse=True)
+        dim = self.sums.shapes.shape[1]
+        shapes = np.eye(dim) - sum(lost(self.sums.shapes))
+        rows = np.hstack([shapes[there].round(14).reshape(-1, dim * dim), self.moduli_at(odd[there])])
+        kinds, numbers = np.unique(rows, axis=0, return_inverse=True)
         nothing = np.zeros((1, *self.sums.gradient.shape[1:2] * 2))
-        matrices = np.concatenate([nothing, self.sums.law(kinds)]).astype(self.dtype)
+        found = self.sums.law(kinds[:, :-3].reshape(-1, dim, dim), kinds[:, -3:])
+        matrices = np.concatenate([nothing, found]).astype(self.dtype)
         of_node = np.zeros(len(odd), np.int64)
         of_node[there] = 1 + numbers.ravel()
         sweep = passes[0].sweep
@@ -171,7 +174,12 @@ class Passes:
     def _law(self) -> PointLaw:
         """That of nodes with all bonds."""
         none, count = np.zeros(0, np.int64), len(self.sums.signs)
-        intact = self.sums.law(np.eye(self.sums.shapes.shape[1])[None])[0].astype(self.dtype)
+        whole, moduli = np.eye(self.sums.shapes.shape[1])[None], self.sums.moduli
+        bases = np.concatenate([self.sums.law(whole, unit[None]) for unit in np.eye(3)])
+        varies = moduli.ndim > 1
+        local = np.stack([self.engine.spread(one) for one in moduli]) if varies else np.zeros((3, 0))
+        middle = moduli.reshape(3, -1)[:, 0]
+        intact = np.einsum("c,cab->ab", middle, bases).astype(self.dtype)
         return PointLaw(
             aligned_zeros(count * self.layout.size, self.dtype),
             load_law(count, self.dtype.name),
@@ -179,11 +187,18 @@ class Passes:
             none,
             none,
             np.zeros((1, count, count), self.dtype),
-            np.array(self.sums.moduli, self.dtype),
+            middle.astype(self.dtype),
+            local.astype(self.dtype),
+            bases.astype(self.dtype),
             self.sums.shapes.reshape(len(self.sums.shapes), -1).astype(self.dtype),
             *self._whole(),
-            np.zeros((self.engine.threads, count, CHUNK), self.dtype),
+            np.zeros((self.engine.threads, 2 * count, CHUNK), self.dtype),
         )
+
+    def moduli_at(self, nodes: np.ndarray) -> np.ndarray:
+        """Moduli that the law of some nodes goes by, shape (S, 3)."""
+        law = self.engine.tables.gather.sweep.law
+        return law.local[:, nodes].T if law.local.size else np.tile(law.moduli, (len(nodes), 1))
 
 
 def _repeats(weights: np.ndarray, blocks: int) -> bool:
@@ -198,6 +213,7 @@ def no_law(engine: Field) -> PointLaw:
     """That of sums which are all that is wanted."""
     none, nothing = np.zeros(0, np.int64), np.zeros((1, 1), engine.dtype)
     room = np.zeros((1, 1, CHUNK), engine.dtype)
+    empty, local = np.zeros(0, engine.dtype), np.zeros((3, 0), engine.dtype)
     return PointLaw(
-        np.zeros(0, engine.dtype), 0, nothing, none, none, nothing[None], nothing[0], nothing, none, none, room
+        empty, 0, nothing, none, none, nothing[None], nothing[0], local, nothing[None], nothing, none, none, room
     )

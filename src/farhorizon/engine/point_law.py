@@ -33,11 +33,15 @@ class PointLaw(NamedTuple):
     matrices : ndarray, shape (m, n, n)
     moduli : ndarray, shape (3,)
         Lame's constant, the shear modulus and what stabilises, from which the matrices are.
+    local : ndarray, shape (3, places)
+        The same of each node where they vary, or empty.
+    bases : ndarray, shape (3, n, n)
+        Matrix of all other nodes for a unit of each.
     shapes : ndarray, shape (K, d * d)
         What each bond adds to the shape tensor.
     first, end : ndarray of int, shape (3,)
         Box of nodes whose states are whole once they are swept: no layer adds to them, and no bond is cut.
-    room : ndarray, shape (threads, n, CHUNK)
+    room : ndarray, shape (threads, 2 n, CHUNK)
         To work in.
     """
 
@@ -48,6 +52,8 @@ class PointLaw(NamedTuple):
     numbers: np.ndarray
     matrices: np.ndarray
     moduli: np.ndarray
+    local: np.ndarray
+    bases: np.ndarray
     shapes: np.ndarray
     first: np.ndarray
     end: np.ndarray
@@ -68,6 +74,26 @@ def first_special(nodes, place):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
+def apply_local(law, start, n, room):
+    """The law of neighbours with all bonds, each with moduli of its own; in place."""
+    values, local, bases, count = law.values, law.local, law.bases, law.intact.shape[0]
+    size = values.size // count
+    for row in range(count):
+        total = room[count + row]
+        total[:n] = 0
+        for column in range(count):
+            lame, shear, pull = bases[0, row, column], bases[1, row, column], bases[2, row, column]
+            if lame != 0 or shear != 0 or pull != 0:
+                state = values[column * size + start : column * size + start + n]
+                for i in range(n):
+                    at = start + i
+                    total[i] += (lame * local[0, at] + shear * local[1, at] + pull * local[2, at]) * state[i]
+    for row in range(count):
+        for i in range(n):
+            values[row * size + start + i] = room[count + row, i]
+
+
+@njit(error_model="numpy", cache=True, counted=False)
 def apply_law(thread, law, first, last):
     """The law of the places from `first` on, before `last`, of neighbours in memory; in place."""
     values, intact, nodes, count = law.values, law.intact, law.nodes, law.intact.shape[0]
@@ -84,8 +110,11 @@ def apply_law(thread, law, first, last):
                     total += special_matrix[row, column] * values[column * size + nodes[odd]]
                 special[row, odd - begin] = total
             odd += 1
-        place, matrix = values.ctypes.data + start * values.itemsize, intact.ctypes.data
-        call_law(law.function, place, size * values.itemsize, matrix, n)
+        if law.local.size:
+            apply_local(law, start, n, special)
+        else:
+            place, matrix = values.ctypes.data + start * values.itemsize, intact.ctypes.data
+            call_law(law.function, place, size * values.itemsize, matrix, n)
         for row in range(count):
             there = values[row * size + start :]
             for i in range(begin, odd):

@@ -632,6 +632,7 @@ def work_off(thread, operation, axis, which, stage, tables, inputs, material, ba
     """An operation of the passes over the states of nodes."""
     sweep, none, one = tables.gather.sweep, stage.src[0] * 0, stage.src.dtype.type(1)
     law = sweep.law
+    plain = Material(material.coefficient[:1], material.rule, material.interface, material.ceiling)  # all but springs
     if operation == LAW:
         own = share(thread, count_parts(sweep))
         for number in range(own[0], own[1]):
@@ -640,7 +641,8 @@ def work_off(thread, operation, axis, which, stage, tables, inputs, material, ba
     elif RARE and operation == BREAK:
         break_bonds(thread, stage, tables.sweep, material, tables.bonds)
     elif RARE and operation == DAMAGED:
-        redo_damaged(thread, stage, tables.sweep, tables.gather, tables.scatter, tables.bonds, which == SCATTER)
+        backs = which == SCATTER
+        redo_damaged(thread, stage, tables.sweep, material, tables.gather, tables.scatter, tables.bonds, backs)
     elif operation == COPY:
         if thread.number == 0:
             copy(law.values, tables.copies, law.intact.shape[0])
@@ -650,7 +652,7 @@ def work_off(thread, operation, axis, which, stage, tables, inputs, material, ba
         made = Stage(
             stage.src, law.values, law.values, stage.part, none, none, none, one, False, gather.columns, gather.rows
         )
-        sum_states(thread, operation, axis, made, gather, tables, inputs, material, backward)
+        sum_states(thread, operation, axis, made, gather, tables, inputs, plain, backward)
     else:
         scatter = tables.scatter
         made = Stage(
@@ -666,7 +668,7 @@ def work_off(thread, operation, axis, which, stage, tables, inputs, material, ba
             scatter.columns,
             scatter.rows,
         )
-        sum_states(thread, operation, axis, made, scatter, tables, inputs, material, not backward)
+        sum_states(thread, operation, axis, made, scatter, tables, inputs, plain, not backward)
 
 
 @njit(error_model="numpy", nogil=True, cache=True, counted=False, entry=True)

@@ -35,7 +35,8 @@ class ForceStates:
     shapes : ndarray, shape (K, dim, dim)
         What a bond adds to the shape tensor of its node, which is 1 where all are there.
     law : callable
-        Takes shape tensors, shape (S, dim, dim), and returns M, shape (S, n, n).
+        Takes shape tensors, shape (S, dim, dim), and moduli, shape (S, 3), in which it is linear, and returns M, shape
+        (S, n, n).
     moduli : tuple of three floats
         Lame's constant that the law goes by, the shear modulus, and what stabilises.
     signs : tuple of tuple of int
@@ -47,7 +48,7 @@ class ForceStates:
     gradient: np.ndarray
     divergence: np.ndarray
     shapes: np.ndarray
-    law: Callable[[np.ndarray], np.ndarray]
+    law: Callable[[np.ndarray, np.ndarray], np.ndarray]
     moduli: tuple[float, float, float]
     signs: tuple[tuple[int, ...], ...]
 
@@ -66,15 +67,13 @@ def correspondence_states(
     eye = np.eye(dim)
     # the number a dim + b of a state belongs to the derivative of component a along b
     gradient = np.einsum("ac,kb->kabc", eye, g).reshape(len(g), dim * dim, dim)
-    stiffness = lame * np.einsum("ab,cd->abcd", eye, eye) + shear * (
-        np.einsum("ac,bd->abcd", eye, eye) + np.einsum("ad,bc->abcd", eye, eye)
-    )
 
-    def law(shapes: np.ndarray) -> np.ndarray:
-        inverse = inverse_shapes(shapes)
-        stress = np.einsum("abcd,sde->sabce", stiffness, inverse)
-        found = np.einsum("sacde,scb->sabde", stress, inverse)
-        found -= stabilisation * np.einsum("ac,sdb->sabcd", eye, inverse)
+    def law(shapes: np.ndarray, moduli: np.ndarray) -> np.ndarray:
+        inverse = inverse_shapes(shapes)  # e = q K^-1, p = sigma(e) K^-1 - pull e
+        found = np.einsum("s,sab,sdc->sabcd", moduli[:, 0], inverse, inverse)
+        found += np.einsum("s,ac,sdj,sjb->sabcd", moduli[:, 1], eye, inverse, inverse)
+        found += np.einsum("s,scb,sda->sabcd", moduli[:, 1], inverse, inverse)
+        found -= np.einsum("s,ac,sdb->sabcd", moduli[:, 2], eye, inverse)
         return np.asarray(found.reshape(len(shapes), dim * dim, dim * dim))
 
     return ForceStates(
@@ -112,7 +111,7 @@ def dilatation_states(
         g[:, None, :],
         g[:, :, None],
         g[:, :, None] * offsets[:, None, :],
-        lambda shapes: np.full((len(shapes), 1, 1), lame),
+        lambda shapes, moduli: moduli[:, :1, None],
         (lame, 0.0, 0.0),
         ((0,) * dim,),
     )

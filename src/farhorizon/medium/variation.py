@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,19 +16,33 @@ class Variation:
     Attributes
     ----------
     stiffness : ndarray or None
-        Factor on the stiffness of bonds.
+        Of the waves that the model's coefficient tells: factor on bonds.
     density : ndarray or None
         Mass of a node over that of a node of the model.
+    moduli : ndarray, shape (3, ...), or None
+        Those of `ForceStates`, where forces follow from states of the nodes.
+    springs : ndarray or None
+        Factor on the bonds beside these states.
+    lame : ndarray, shape (2, ...), or None
+        Lame's constants of such a medium.
     """
 
     stiffness: np.ndarray | None = None
     density: np.ndarray | None = None
+    moduli: np.ndarray | None = None
+    springs: np.ndarray | None = None
+    lame: np.ndarray | None = None
+
+    @property
+    def of_bonds(self) -> np.ndarray | None:
+        """Factor on bonds."""
+        return self.stiffness if self.moduli is None else self.springs
 
     def times(self, factor: np.ndarray | None) -> Variation:
         """The same with another factor on bonds."""
         if factor is None:
             return self
-        return Variation(factor if self.stiffness is None else factor * self.stiffness, self.density)
+        return replace(self, stiffness=factor if self.stiffness is None else factor * self.stiffness)
 
     @property
     def squared_speed(self) -> np.ndarray | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -289,12 +290,23 @@ class Elastic(LatticeModel):
     def on_nodes(self, values: Mapping[str, np.ndarray]) -> tuple[Elastic, Variation]:
         """The medium in the middle of all speeds of P waves, and the others beside it."""
         given = {name: values.get(name, value) for name, value in self._given_moduli.items()}
-        moduli = self._moduli_of(given)
-        modulus, density = np.broadcast_arrays(moduli.lame + 2 * moduli.shear, values.get("density", self.density))
+        solids = self._moduli_of(given)
+        modulus, density = np.broadcast_arrays(solids.lame + 2 * solids.shear, values.get("density", self.density))
         host = middle_node(modulus / density)
         of_host = {name: float(np.broadcast_to(value, modulus.shape).flat[host]) for name, value in given.items()}
         model = self.with_constants(of_host | {"density": float(density.flat[host])})
-        return model, Variation(varying(modulus / model.p_modulus), varying(density / model.density))
+        found = Variation(varying(modulus / model.p_modulus), varying(density / model.density))
+        if self.bonds or set(values) <= {"density"}:
+            return model, found
+        lame, shear = np.array([np.broadcast_to(one, modulus.shape) for one in (solids.lame, solids.shear)])
+        found = replace(found, lame=np.stack([lame, shear]))
+        lame, shear = lame / model.p_modulus, shear / model.p_modulus
+        if self.material == "state-based":
+            moduli = np.stack([lame - shear, 0 * shear, 0 * shear])
+            return model, replace(found, moduli=moduli, springs=shear * model.p_modulus / model.shear)
+        whole = modulus / model.p_modulus
+        moduli = np.stack([lame, shear, self.stabilisation * whole])
+        return model, replace(found, moduli=moduli, springs=whole if self.stabilisation else None)
 
     @property
     def moduli(self) -> tuple[float, float]:

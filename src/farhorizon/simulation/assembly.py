@@ -94,7 +94,8 @@ def assemble(setup: Setup, stiffer: float | None = None) -> Parts:
     InputError
         Anything that cannot be computed.
     """
-    setup, variation = varied(setup)
+    whole = setup
+    setup, variation = varied(whole)
     lattice, model = setup.lattice, setup.model
     autos = {key: b for key, b in setup.sides.items() if isinstance(b, Auto)}
     sides = setup.sides | {key: b.layer(None, model.target) for key, b in autos.items()}
@@ -131,7 +132,7 @@ def assemble(setup: Setup, stiffer: float | None = None) -> Parts:
 
     solid = start.solid
     material = solid.astype(float) if solid.any() else factor
-    states = states_of(setup, sides)
+    states = states_of(setup, sides, near.variation.moduli is not None)
     margins = choose_margins(near, around, (start.u, start.v), material, cuts_given, states)
     check_conditions(near, sides, margins)
     grid = make_grid(setup, near, around, margins, states)
@@ -149,8 +150,11 @@ def assemble(setup: Setup, stiffer: float | None = None) -> Parts:
     if setup.lasting:
         grid.engine.record_work()
     cuts.cut(setup.cracks)
-    if states is not None and grid.engine.absent.count and stiffer is None:  # nodes with fewer bonds may be faster
-        return assemble(setup, max(1.0, largest_rate(grid.engine) / near.rate_limit))
+    unlike = (
+        grid.engine.absent.count or near.variation.moduli is not None
+    )  # nodes with fewer or other bonds may be faster
+    if states is not None and unlike and stiffer is None:
+        return assemble(whole, max(1.0, largest_rate(grid.engine) / near.rate_limit))
     alone = breaking.loose() if breaking is not None and setup.cracks else 0
     if alone:
         notes.append(f"cracks leave {alone} nodes without any bond: they move freely")

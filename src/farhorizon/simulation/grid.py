@@ -102,12 +102,12 @@ def _over_core(values: np.ndarray, margins: dict[Key, int], mode: Literal["edge"
     return grown.reshape((1,) * (3 - values.ndim) + grown.shape)
 
 
-def states_of(setup: Setup, sides: Sides) -> ForceStates | None:
-    """The passes of the operator where they are worked off one after the other: where bonds may be absent, and in
-    space, where their convolution takes longer (`benchmarks/elastic.py passes`); else None.
+def states_of(setup: Setup, sides: Sides, varies: bool) -> ForceStates | None:
+    """The passes of the operator where they are worked off one after the other: where bonds may be absent, or the
+    moduli vary, and in space, where their convolution takes longer (`benchmarks/elastic.py passes`); else None.
     """
     lattice = setup.lattice
-    cut = bool(len(setup.cracks)) or setup.model.bond_law is not None
+    cut = varies or bool(len(setup.cracks)) or setup.model.bond_law is not None
     cut |= lattice.body is not None and setup.rim == "free"
     if lattice.dim < 3 and not cut and all(b.bonded for b in sides.values()):
         return None
@@ -186,9 +186,14 @@ def make_grid(
     else:
         stages = model.integrator.stages(near.dt, model.damping)
     grown = None
-    if near.factor is not None:
-        grown = _over_core(near.factor, margins)
+    if near.variation.of_bonds is not None:
+        grown = _over_core(near.variation.of_bonds, margins)
         check_material(near, around, margins, grown)
+    moduli = None
+    if near.variation.moduli is not None:
+        moduli = np.stack([_over_core(one, margins) for one in near.variation.moduli])
+        for one in moduli:
+            check_material(near, around, margins, one)
     engine = Engine(
         core,
         offsets,
@@ -200,9 +205,9 @@ def make_grid(
         real=setup.dtype,
         threads=wanted_threads(setup.threads),
         coefficient=grown,
-        rule=setup.bond_rule,
+        rule=setup.bond_rule if near.variation.moduli is None else "arithmetic",  # each end has forces of its own
         reaction=stencil.reaction * scale,
-        sums=None if states is None else _sums(states, scale, lead),
+        sums=None if states is None else _sums(states, scale, lead, moduli),
     )
     walled = frozenset(key for key, b in sides.items() if b.held is not None and margins[key])
     grid = Grid(lattice, margins, engine, walled)
@@ -216,10 +221,11 @@ def make_grid(
     return grid
 
 
-def _sums(states: ForceStates, scale: float, lead: int) -> StateSums:
-    """The passes of the engine, whose operator has the unit `scale`."""
+def _sums(states: ForceStates, scale: float, lead: int, moduli: np.ndarray | None) -> StateSums:
+    """The passes of the engine, whose operator has the unit `scale`, with moduli over the core where they vary."""
+    moduli = np.array(states.moduli) if moduli is None else moduli
     signs = tuple((sign[0] if lead == 0 else 0, sign[-2], sign[-1]) for sign in states.signs)
-    return StateSums(states.gradient, scale * states.divergence, states.shapes, states.law, states.moduli, signs)
+    return StateSums(states.gradient, scale * states.divergence, states.shapes, states.law, moduli, signs)
 
 
 def check_material(near: NearField, around: Surroundings, margins: dict[Key, int], core: np.ndarray) -> None:

@@ -308,9 +308,8 @@ def _edges(parts: Parts) -> tuple[np.ndarray, np.ndarray]:
 
 def _medium_at(near: NearField, tip: np.ndarray) -> NearTip:
     """The near fields of the medium around a tip."""
-    lame, shear = near.model.moduli or (0.0, 0.0)
-    factor = 1.0 if near.factor is None else float(near.factor[near.lattice.index(tip)])
-    return NearTip(factor * lame, factor * shear, antiplane=not near.model.mechanical)
+    lame, shear = (float(one[near.lattice.index(tip)]) for one in near.lame)
+    return NearTip(lame, shear, antiplane=not near.model.mechanical)
 
 
 def _check_even(near: NearField, domain: InteractionDomain) -> None:

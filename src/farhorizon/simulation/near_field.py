@@ -22,6 +22,8 @@ from farhorizon.models import LatticeModel
 from farhorizon.simulation.setup import Setup, Sides
 from farhorizon.simulation.validation import closed_window
 
+_ALIKE = 1e-12  # constants of the same medium
+
 
 @dataclass(frozen=True, eq=False)
 class NearField:
@@ -36,10 +38,8 @@ class NearField:
         Of the medium where its coefficient is that of the model.
     closed : ndarray of bool, or None
         Nodes of a window that a condition closes along its outline.
-    factor : ndarray or None
-        Factor on bonds, of the lattice's shape.
-    density : ndarray or None
-        Mass of each node over that of a node of the model.
+    variation : Variation
+        How the medium varies beside the model.
     coefficient : ndarray or None
         The factor that is given beside what the model's own constants make.
     conditions : Conditions
@@ -55,8 +55,7 @@ class NearField:
     background: float
     stencil: Stencil
     closed: np.ndarray | None
-    factor: np.ndarray | None
-    density: np.ndarray | None
+    variation: Variation
     coefficient: np.ndarray | None
     conditions: Conditions
     rate_limit: float
@@ -79,10 +78,20 @@ class NearField:
         shape, components = self.lattice.shape, self.stencil.components
         return shape if components == 1 else (components, *shape)
 
+    @property
+    def factor(self) -> np.ndarray | None:
+        """Stiffness over that of the model: the factor on bonds, of the lattice's shape."""
+        return self.variation.stiffness
+
+    @property
+    def density(self) -> np.ndarray | None:
+        """Mass of each node over that of a node of the model."""
+        return self.variation.density
+
     @cached_property
     def squared_speed(self) -> np.ndarray | None:
         """Of waves at each node over that of the model, or the diffusivity; None where it is uniform."""
-        return Variation(self.factor, self.density).squared_speed
+        return self.variation.squared_speed
 
     @cached_property
     def strongest(self) -> float:
@@ -98,13 +107,17 @@ class NearField:
     @property
     def varies(self) -> bool:
         """Whether the medium is not the same everywhere."""
-        return self.density is not None or (self.factor is not None and bool(np.ptp(self.factor) > 0))
+        if self.density is not None or self.variation.moduli is not None:
+            return True
+        return self.factor is not None and bool(np.ptp(self.factor) > 0)
 
     @property
-    def masses(self) -> np.ndarray:
-        """Mass of each node, or its heat capacity; of the lattice's shape."""
-        mass = self.lattice.spacing**self.lattice.dim / self.model.source_factor
-        return np.full(self.lattice.shape, mass) if self.density is None else mass * self.density
+    def lame(self) -> np.ndarray:
+        """Lame's constants at each node; of a scalar field 0 and what its gradient is multiplied with in the flux."""
+        if self.variation.lame is not None:
+            return self.variation.lame
+        factor = np.ones(self.lattice.shape) if self.factor is None else self.factor
+        return np.multiply.outer(self.model.moduli or (0.0, 0.0), factor)
 
     @property
     def fastest_rate(self) -> float:
@@ -143,11 +156,17 @@ class NearField:
 
     @property
     def material(self) -> np.ndarray:
-        """The factor on bonds at each node, nan where there is no node, or one of another density than the model's."""
+        """The stiffness of each node over the model's, nan where there is no node, or one of another density or another
+        Poisson's ratio.
+        """
         lattice = self.lattice
         found = np.ones(lattice.shape) if self.factor is None else self.factor.copy()
         if self.density is not None:
             found[self.density != 1] = np.nan
+        if self.variation.lame is not None:
+            uniform = np.multiply.outer(self.model.moduli or (0.0, 0.0), found)
+            alike = np.abs(self.variation.lame - uniform) <= _ALIKE * np.abs(self.variation.lame).max()
+            found[~alike.all(0)] = np.nan
         if lattice.body is not None and lattice.mask is not None:
             found[~lattice.mask] = np.nan
         return found
@@ -231,8 +250,7 @@ def near_field(
         setup.background,
         stencil,
         closed_window(setup, sides),
-        factor,
-        density,
+        variation,
         coefficient,
         conditions,
         rate,

@@ -213,6 +213,8 @@ def _check_bonds(setup: Setup, parts: Parts) -> None:
         wrong = "cracks that open later change the bonds"
     elif weights.ndim > 1 and np.abs(weights - weights.swapaxes(1, 2)).max() > _SYMMETRIC * np.abs(weights).max():
         wrong = "the weights of bonds are no symmetric matrices"
+    elif parts.near.variation.moduli is not None:
+        wrong = "the power of forces by states is known where the moduli are the same everywhere"
     elif engine.passes is not None and engine.absent.count:
         wrong = "the power of forces by states is known where all bonds are there: no free sides, holes or cracks"
     if wrong is not None:

@@ -156,9 +156,5 @@ QUANTITIES: dict[str, Quantity] = {
 
 def moduli_at(near: NearField, points: np.ndarray) -> LocalModuli:
     """Constants of the medium at points: those of the nearest nodes."""
-    factor = np.ones(len(points))
-    if near.factor is not None:
-        nearest = np.round((points - near.lattice.lower) / near.lattice.spacing).astype(int)
-        factor = near.factor[tuple(np.clip(nearest, 0, np.array(near.lattice.shape) - 1).T)]
-    lame, shear = near.model.moduli or (0.0, 0.0)
-    return LocalModuli(lame * factor, shear * factor)
+    nearest = np.round((points - near.lattice.lower) / near.lattice.spacing).astype(int)
+    return LocalModuli(*(one[tuple(np.clip(nearest, 0, np.array(near.lattice.shape) - 1).T)] for one in near.lame))
