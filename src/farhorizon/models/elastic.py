@@ -41,7 +41,8 @@ _CAUCHY = {"strain": 0.25, "stress": 1 / 3, None: 0.25}  # Poisson's ratio of ce
 #: For messages; docs/explanation/elasticity.md has it as a table.
 COMBINATIONS = (
     'with LatticePML or Sponge: free sides, bodies and cracks of material="bond-based" (Poisson\'s ratio 1/4, in plane '
-    'stress 1/3), "state-based" and "correspondence" (any ratio); "finite-element" without them'
+    'stress 1/3), "state-based" and "correspondence" (any ratio); "finite-element" without them. '
+    'With NonlocalPML (cross = 0.1): Body (type = "correspondence" in a case file)'
 )
 
 
