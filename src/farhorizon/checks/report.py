@@ -286,7 +286,8 @@ class Report:
             f"({sim.model.integrator.name})",
         )
         if isinstance(sim.model, Elastic):
-            say("wave speeds", f"P {sim.model.p_speed:.4g}, S {sim.model.s_speed:.4g}")
+            of = " of the medium in the middle of all" if sim.varied else ""
+            say("wave speeds", f"P {sim.model.p_speed:.4g}, S {sim.model.s_speed:.4g}{of}")
         if waves is not None:
             say(
                 "wavelengths",

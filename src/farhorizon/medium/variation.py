@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,8 +63,10 @@ def varying(values: np.ndarray) -> np.ndarray | None:
     return None if np.abs(values - 1).max() < _ROUNDING else values
 
 
-def lightest_bond(factor: np.ndarray | None, density: np.ndarray, offsets: np.ndarray, rule: str) -> float:
-    """The largest factor of a bond over the smaller mass of its ends.
+def lightest_bond(
+    factor: np.ndarray | None, density: np.ndarray, offsets: np.ndarray, rule: str, periodic: Collection[int] = ()
+) -> float:
+    """The largest factor of a bond over the smaller mass of its ends; those of bonds across an edge are alike.
 
     The squared frequencies of the medium are at most so many times those of the uniform one if no weight is negative:
     the bonds between nodes heavier than any m, which have a mass of at least m, oscillate no faster than all bonds do.
@@ -77,15 +80,28 @@ def lightest_bond(factor: np.ndarray | None, density: np.ndarray, offsets: np.nd
     offsets : ndarray of int, shape (K, dim)
     rule : {"both", "arithmetic", "harmonic"}
         How the factors of a bond's ends combine.
+    periodic : collection of int
+        Axes along which the medium repeats itself.
     """
+    reach = np.abs(offsets).max(0)
+    stiff, heavy = (
+        grown_over(np.ones(density.shape) if one is None else one, reach, periodic) for one in (factor, density)
+    )
     largest = 0.0
+    here = tuple(slice(m, m + n) for m, n in zip(reach, density.shape, strict=True))
     for offset in offsets:
-        here = tuple(slice(max(-o, 0), n - max(o, 0)) for o, n in zip(offset, density.shape, strict=True))
-        there = tuple(slice(max(o, 0), n + min(o, 0)) for o, n in zip(offset, density.shape, strict=True))
-        lighter = np.minimum(density[here], density[there])
-        bond = 1.0 if factor is None else combined(factor[here], factor[there], rule)
-        largest = max(largest, float((bond / lighter).max(initial=0)))
+        there = tuple(slice(m + o, m + o + n) for m, o, n in zip(reach, offset, density.shape, strict=True))
+        bond = combined(stiff[here], stiff[there], rule)
+        largest = max(largest, float((bond / np.minimum(heavy[here], heavy[there])).max()))
     return largest
+
+
+def grown_over(values: np.ndarray, reach: Sequence[int], periodic: Collection[int]) -> np.ndarray:
+    """Values with so many more beyond each edge: as at the edge, or as across a periodic axis."""
+    for axis, more in enumerate(reach):
+        widths = [(int(more), int(more)) if a == axis else (0, 0) for a in range(values.ndim)]
+        values = np.pad(values, widths, mode="wrap" if axis in periodic else "edge")
+    return values
 
 
 def combined(one: np.ndarray, other: np.ndarray, rule: str) -> np.ndarray:

@@ -238,7 +238,8 @@ def near_field(
     if density is None:
         rate *= _fastest_rate(lattice.spacing, model, factor)
     else:
-        fastest = lightest_bond(factor, density, stencil.offsets, setup.bond_rule)
+        around = {axis for (axis, _), side in sides.items() if side.periodic}
+        fastest = lightest_bond(factor, density, stencil.offsets, setup.bond_rule, around)
         rate *= model.coefficient / lattice.spacing**2 * max(fastest, 1e-300)
     rate *= stiffer
     rate += stencil.reaction * model.coefficient / lattice.spacing**2 + float(_leak(model, conditions).max(initial=0))
