@@ -257,6 +257,18 @@ def test_constants_that_cannot_be(given, key, words):
     assert caught.value.key == key
 
 
+def test_finite_elements_are_of_one_stiffness():
+    with pytest.raises(fh.InputError, match="same everywhere") as caught:
+        fh.Elastic(None, young="1 + (x > 0)", poisson=0.3, material="finite-element")
+    assert caught.value.key == "model.young"
+    lattice = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
+    model = fh.Elastic(None, young=1.0, poisson=0.3, material="finite-element", density="1 + (x > 0)")
+    sim = fh.Simulation(lattice, model, fh.Fixed(), {"u": np.random.default_rng(1).standard_normal((2, 19, 19))})
+    before = sim.energy()
+    sim.step(50)
+    assert sim.energy() == pytest.approx(before, rel=1e-12)
+
+
 def test_sides_that_go_on_with_one_density_are_refused():
     line, plane = fh.Lattice(1.0, -9.0, 9.0), fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
     model = fh.Wave(fh.Kernel(2.0), density="1 + (x > 0)")

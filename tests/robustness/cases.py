@@ -509,6 +509,8 @@ class Draw:
                 "rule": self.one("both", "arithmetic", "harmonic"),
                 **case,
             }
+        if self.chance(0.2) and kind in ("wave", "elastic"):
+            case |= self.uneven(case["model"])
         if self.chance(0.1) and kind == "wave" and "window" not in case["lattice"]:
             case["constraint"] = [
                 {
@@ -519,6 +521,28 @@ class Draw:
                 }
             ]
         return case
+
+    def uneven(self, model: dict) -> dict:
+        """Constants that vary from node to node, in the table of the model or by region."""
+        model.setdefault("density", 1.0)
+        names = [name for name in ("speed", "young", "poisson", "density") if name in model]
+        if model.get("material") in ("bond-based", "finite-element"):
+            names = ["density"] if model["material"] == "finite-element" else ["young", "density"]
+        chosen = self.rng.choice(names, self.rng.integers(1, len(names) + 1), replace=False).tolist()
+        other = {name: model[name] * self.one(0.7, 1.4) for name in chosen}
+        if self.chance(0.5):
+            return {"material": [{"region": {"ball" if self.dim == 3 else "box": self.half_of_it()}, **other}]}
+        beyond = f"{self.names[-1]} > {self.number(-0.5, 0.5) * self.span!r}"
+        for name, value in other.items():
+            model[name] = f"where({beyond}, {value!r}, {model[name]!r})"
+        return {}
+
+    def half_of_it(self) -> dict:
+        """A region: a ball in the middle, else the upper half."""
+        if self.dim == 3:
+            return {"radius": 0.6 * self.span}
+        far = 10 * self.span
+        return {"lower": [-far] * (self.dim - 1) + [0.1 * self.spacing], "upper": [far] * self.dim}
 
     def tips(self, case: dict) -> dict:
         """What listens to the tips of cracks in the plane."""

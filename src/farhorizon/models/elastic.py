@@ -171,6 +171,15 @@ class Elastic(LatticeModel):
             if value is not None
         }
         self.density = material_constant(density, "model.density")
+        uneven = sorted(set(self.varying) - {"density"})
+        if uneven and not self.cuttable:
+            raise InputError(
+                f"the moduli of {self.title} are the same everywhere",
+                value=kinds.said(self.varying[uneven[0]]),
+                limit="a number",
+                key=f"model.{uneven[0]}",
+                remedy='material = "bond-based", "state-based" or "correspondence" with a kernel; the density may vary',
+            )
         self._settle()
 
     mechanical = True
