@@ -248,7 +248,7 @@ RIGHT = {
     "ToneBurst": {"frequency": 1.0, "cycles": 3.0},
     "Traction": {"side": "y+", "value": (1.0, 0.0), "between": None, "time": None},
     "Voxels": {"voxels": np.ones((2, 2), int), "size": 1.0, "lower": (0.0, 0.0), "labels": None},
-    "Wave": {"operator": KERNEL, "speed": 1.0, "damping": 0.0},
+    "Wave": {"operator": KERNEL, "speed": 1.0, "damping": 0.0, "density": 1.0},
     "WholeSteps": {"every": 0.25, "until": 1.0},
     "open_results": {"path": "no such file"},
     "read_case": {"path": "no such file", "changes": ()},

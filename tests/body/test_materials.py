@@ -340,7 +340,7 @@ def test_a_case_with_regions():
             "exactly one of",
         ),
         ("nodes = 6 }", 'nodes = 6, form = "split" }', "split fields carry.*several materials"),
-        ('type = "correspondence"', 'type = "elastic"', "unknown key|model"),
+        ('type = "correspondence"', 'type = "elastic"', "boundary.x: not a boundary that serves here"),
     ],
 )
 def test_bad_cases(old, new, message):

@@ -156,5 +156,6 @@ QUANTITIES: dict[str, Quantity] = {
 
 def moduli_at(near: NearField, points: np.ndarray) -> LocalModuli:
     """Constants of the medium at points: those of the nearest nodes."""
-    nearest = np.round((points - near.lattice.lower) / near.lattice.spacing).astype(int)
-    return LocalModuli(*(one[tuple(np.clip(nearest, 0, np.array(near.lattice.shape) - 1).T)] for one in near.lame))
+    last = np.array(near.lattice.shape) - 1  # what lies outside is refused elsewhere
+    nearest = np.clip(np.round((points - near.lattice.lower) / near.lattice.spacing), 0, last).astype(int)
+    return LocalModuli(*(one[tuple(nearest.T)] for one in near.lame))
