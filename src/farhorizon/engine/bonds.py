@@ -165,10 +165,15 @@ def factors_of(material: Material, nodes: np.ndarray, neighbours: np.ndarray) ->
     mine, other = material.coefficient[nodes].astype(float), material.coefficient[neighbours].astype(float)
     if material.rule == PHASES:
         return np.asarray(np.maximum(np.maximum(mine, other), 0) * np.abs(np.minimum(mine, other)))
-    if material.rule == 0:
+    return combined(RULES[material.rule], mine, other)
+
+
+def combined(rule: str, mine: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Factors of bonds from the coefficients of their ends, by one of the rules but that of phases."""
+    if rule == "both":
         return np.asarray(np.minimum(mine, other))
     total = mine + other
-    return np.asarray(0.5 * total if material.rule == 1 else 2 * mine * other / np.where(total > 0, total, 1.0))
+    return np.asarray(total / 2 if rule == "arithmetic" else 2 * mine * other / np.where(total > 0, total, 1.0))
 
 
 @njit(error_model="numpy", inline="always")

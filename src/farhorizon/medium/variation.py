@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from farhorizon.engine.bonds import combined
+
 _ROUNDING = 1e-14
 
 
@@ -91,7 +93,7 @@ def lightest_bond(
     here = tuple(slice(m, m + n) for m, n in zip(reach, density.shape, strict=True))
     for offset in offsets:
         there = tuple(slice(m + o, m + o + n) for m, o, n in zip(reach, offset, density.shape, strict=True))
-        bond = combined(stiff[here], stiff[there], rule)
+        bond = combined(rule, stiff[here], stiff[there])
         largest = max(largest, float((bond / np.minimum(heavy[here], heavy[there])).max()))
     return largest
 
@@ -102,11 +104,3 @@ def grown_over(values: np.ndarray, reach: Sequence[int], periodic: Collection[in
         widths = [(int(more), int(more)) if a == axis else (0, 0) for a in range(values.ndim)]
         values = np.pad(values, widths, mode="wrap" if axis in periodic else "edge")
     return values
-
-
-def combined(one: np.ndarray, other: np.ndarray, rule: str) -> np.ndarray:
-    """Factors of bonds from those of their ends."""
-    if rule == "both":
-        return np.asarray(np.minimum(one, other))
-    total = one + other
-    return np.asarray(total / 2 if rule == "arithmetic" else 2 * one * other / np.where(total > 0, total, 1.0))
