@@ -1,6 +1,7 @@
 """The documentation site: built without a warning, whole, without the network; what its pages are made of."""
 
 import ast
+import fcntl
 import functools
 import importlib
 import json
@@ -133,12 +134,14 @@ def site(tmp_path_factory):
     """The site as the command of its documentation builds it: warnings are errors."""
     pytest.importorskip("sphinx", reason="the site needs what `python -m pip install '.[docs]'` brings")
     made = tmp_path_factory.mktemp("site")
-    done = subprocess.run(
-        [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", str(DOCS), str(made)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-    )
+    with (tmp_path_factory.getbasetemp().parent / "site.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # workers that build it one after the other share what examples wrote
+        done = subprocess.run(
+            [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", str(DOCS), str(made)],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+        )
     assert done.returncode == 0 and not done.stderr.strip(), done.stderr[-5000:]
     return made
 
