@@ -28,7 +28,6 @@ from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.signals import Signal
 from farhorizon.machine import one_blas_thread
 from farhorizon.medium.stencil import BackwardWaves
-from farhorizon.models import Elastic
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
 _FINE = tuple(np.linspace(0, 85, 35).tolist())  # angles of the picture
@@ -285,9 +284,9 @@ class Report:
             f"{sim.dt:.6g}, {sim.dt / sim.step_limit:.3g} of the stable limit {sim.step_limit:.6g} "
             f"({sim.model.integrator.name})",
         )
-        if isinstance(sim.model, Elastic):
+        if sim.model.speeds:
             of = " of the medium in the middle of all" if sim.varied else ""
-            say("wave speeds", f"P {sim.model.p_speed:.4g}, S {sim.model.s_speed:.4g}{of}")
+            say("wave speeds", ", ".join(f"{wave} {c:.4g}" for wave, c in sim.model.speeds.items()) + of)
         if waves is not None:
             say(
                 "wavelengths",

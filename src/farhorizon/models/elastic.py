@@ -342,6 +342,11 @@ class Elastic(LatticeModel):
         """Speed of long S waves."""
         return float(np.sqrt(self.shear / self.density))
 
+    @property
+    def speeds(self) -> dict[str, float]:
+        """Those of long P and S waves."""
+        return {"P": self.p_speed, "S": self.s_speed}
+
     def with_stencil(self, stencil: Stencil) -> Elastic:
         """The same model, linear, with a stencil in place of its material's."""
         model = super().with_stencil(stencil).linearised

@@ -248,6 +248,11 @@ class LatticeModel:
         return 2 if isinstance(self.integrator, Verlet) else 1
 
     @property
+    def speeds(self) -> dict[str, float]:
+        """Of long waves by what they are called, where there are several kinds."""
+        return {}
+
+    @property
     def moduli(self) -> tuple[float, float] | None:
         """Lame's first constant and the shear modulus; of a scalar field 0 and what its gradient is multiplied with in
         the flux of energy, ``c^2``. None where the gradient does not tell that flux.
