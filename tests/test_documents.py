@@ -66,6 +66,7 @@ def test_commands_of_the_readme_exist(capsys):
         "check",
         "run",
         "compare",
+        "sweep",
         "plot",
         "reproduce",
         "validate",

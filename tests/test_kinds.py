@@ -7,6 +7,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon import kinds
+from farhorizon.case.case import Case
 from farhorizon.errors import shown
 
 LINE = fh.Lattice(0.5, -4.0, 4.0)
@@ -42,6 +43,10 @@ ODD = [
     fh.Wave,
 ]
 
+TINY = Case("""lattice = { spacing = 0.5, lower = [-3.0], upper = [3.0] }
+model = { type = "wave", kernel = { horizon = 1.0 } }
+boundary = { all = { type = "fixed" } }
+run = { until = 1.0 }""")
 SETUP = {
     "lattice": LINE,
     "model": fh.Wave(KERNEL),
@@ -254,6 +259,15 @@ RIGHT = {
     "read_case": {"path": "no such file", "changes": ()},
     "speed_of_current": {"density": 10.0, "metal": 143000.0, "electrons": 2.0},
     "convergence": {"case": float, "spacings": [0.4, 0.2, 0.1], "quantity": float, "exact": 0.0},
+    "sweep": {
+        "case": TINY,
+        "changes": {"model.speed": [1.0]},
+        "quantities": {"a": lambda run: run.time},
+        "table": None,
+        "jobs": 1,
+        "executor": None,
+        "progress": False,
+    },
     "tuned": {"sim": None, "angle": 60.0, "band": None, "budget": 1.0},
 }
 # a result, which nobody makes by hand, and what boundaries, models and signals derive from

@@ -88,4 +88,5 @@ from farhorizon.simulation.simulation import Simulation as Simulation
 from farhorizon.simulation.spectra import Spectra as Spectra
 from farhorizon.simulation.steps import WholeSteps as WholeSteps
 from farhorizon.studies.convergence import convergence as convergence
+from farhorizon.studies.sweep import sweep as sweep
 from farhorizon.studies.tuning import tuned as tuned

@@ -135,7 +135,14 @@ class Case:
         if self.parts.run.dt is not None:
             waves = self.kind is not fh.Simulation or self.model.order == 2
             changes["run.dt"] = self.parts.run.dt * finer ** (1 if waves else 2)
+        return self.changed(changes)
+
+    def changed(self, changes: Mapping[str, Any]) -> Case:
+        """The case with other values at dotted keys."""
         return Case(self.text, self.path, changes)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Case, (self.text, self.path)
 
     @property
     def name(self) -> str:
@@ -246,6 +253,28 @@ class Case:
             made = self._made(**changes)
             self._asked.check(made.dt, "run.dt")
             return made
+
+    def completed(self, threads: int | None = None) -> Run:
+        """A new run that has come to its end, on so many threads at most."""
+        given = self.parts.run.threads
+        least = min((one for one in (given, threads) if one is not None), default=None)
+        made = self.run(threads=least)
+        rest: dict[str, Any] = self.to_rest
+        return made.run(self.parts.run.until, self.every(made.dt), progress=False, **rest)
+
+    def figures(self, run: Run) -> dict[str, float]:
+        """What a table of several cases has of a run: its step, their number, the time and the energy at the end, the
+        largest magnitude of each field that is written, and what the probes show then.
+        """
+        fields = run.fields
+        found = {"dt": run.dt, "steps": run.step_count, "time": run.time, "energy": run.energy()}
+        found |= {f"max_{name}": float(np.nanmax(np.abs(fields[name]), initial=0.0)) for name in self.fields}
+        for i, point in enumerate(self.parts.output.probes):
+            place: tuple[Any, ...] = (..., *self.lattice.index(point))
+            values = np.atleast_1d(fields["u"][place])
+            names = [f"probe_{i}"] if len(values) == 1 else [f"probe_{i}_{axis}" for axis in AXES]
+            found |= dict(zip(names, map(float, values), strict=False))
+        return found
 
     def _made(self, observe: Sequence[Observer] = (), **changes: Any) -> Run:
         observe = [*self._recorders(), *observe]

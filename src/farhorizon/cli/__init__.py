@@ -1,4 +1,4 @@
-"""The command line: new, keys, run, check, compare, plot, reproduce, validate, demo, schema, info.
+"""The command line: new, keys, run, check, compare, sweep, plot, reproduce, validate, demo, schema, info.
 
 A command is a function of the parsed options in a module of its name, which imports what it needs when it is called;
 `parser` says what each may be given. Here is how a process begins and how it ends.

@@ -37,10 +37,26 @@ class RunFacts(TypedDict):
     """What was known of the stability before the run."""
 
 
+class SweepFacts(TypedDict):
+    """Many cases that differ in some keys."""
+
+    name: str
+    """Name of the case."""
+    table: str
+    """The file of the table."""
+    changes: list[dict[str, Any]]
+    """Of each case, the values of the keys that were changed."""
+    figures: list[dict[str, float]]
+    """Of each case, what came out; nothing of one that failed."""
+    failed: dict[str, str]
+    """By the numbers of cases that failed, from 0 on, why."""
+
+
 OUTPUTS: dict[str, Any] = {
     "run": RunFacts,
     "check": ReportFacts,
     "compare": dict[str, Curve],
+    "sweep": SweepFacts,
     "reproduce": OutcomeFacts | dict[str, EntryFacts],
     "validate": OutcomeFacts | dict[str, EntryFacts],
     "demo": dict[str, Curve],

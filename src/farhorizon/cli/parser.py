@@ -13,6 +13,7 @@ from farhorizon.cli.collection_commands import reproduce_command, validate_comma
 from farhorizon.cli.compare_command import compare_command, demo_command
 from farhorizon.cli.plot_command import plot_command
 from farhorizon.cli.run_command import run_command
+from farhorizon.cli.sweep_command import sweep_command
 from farhorizon.cli.text_commands import info_command, keys_command, new_command, schema_command
 
 
@@ -107,6 +108,19 @@ def _compare(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--times", type=float, nargs="+", metavar="T", help="when to compare (default: 40 even times)")
 
 
+def _sweep(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("case", help="case file (TOML)")
+    sub.add_argument(
+        "changes",
+        nargs="+",
+        metavar="KEY=VALUES",
+        help="values of a key, such as model.speed=1.0,2.0; of several keys all combinations are computed",
+    )
+    sub.add_argument("--jobs", type=int, default=1, metavar="N", help="cases that are computed at a time (default: 1)")
+    sub.add_argument("--out", metavar="DIR", default=".", help="folder of the table NAME-sweep.csv (default: here)")
+    sub.add_argument("--force", action="store_true", help="compute those again that the table has")
+
+
 def _plot(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("result", help="results file (NAME.h5)")
     sub.add_argument(
@@ -198,6 +212,11 @@ _COMMANDS: dict[str, tuple[Callable[..., int], tuple[Callable[[argparse.Argument
         compare_command,
         (_compare, _changes, _computing),
         "compare a case with the infinite medium, beside a fixed and a free edge",
+    ),
+    "sweep": (
+        sweep_command,
+        (_sweep, _changes, _computing),
+        "run a case with many values of some keys: one table of what came out, which is gone on with",
     ),
     "plot": (plot_command, (_plot,), "draw pictures of a results file"),
     "reproduce": (

@@ -1023,7 +1023,7 @@ class Results:
         FileFormatError
             The file is damaged.
         """
-        xarray = _xarray()
+        xarray = xarray_module()
         names = ("x", "y", "z")[: self.dim]
         component = {name: () if count == 1 else ("component",) for name, count in self.components.items()}
         probed = ("component",) if self.probe_values.ndim > 2 else ()
@@ -1074,7 +1074,8 @@ class Results:
         return whole
 
 
-def _xarray() -> Any:
+def xarray_module() -> Any:
+    """xarray; InputError where it is not installed."""
     try:
         import xarray
     except ImportError as error:
@@ -1097,7 +1098,7 @@ def dataset(
     coords: dict[str, Any] = {**dict(zip(names, axes, strict=True)), **moment}
     if any(values.ndim > len(axes) for values in fields.values()):
         coords["component"] = list(names)
-    return _xarray().Dataset(data, coords)
+    return xarray_module().Dataset(data, coords)
 
 
 def open_results(path: str | Path) -> Results:

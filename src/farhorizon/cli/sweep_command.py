@@ -1,0 +1,53 @@
+"""`farhorizon sweep`: one case with many values of some keys."""
+
+from __future__ import annotations
+
+import argparse
+import tomllib
+from typing import TYPE_CHECKING, Any
+
+from farhorizon.cli.common import FAILED, GOOD, INTERRUPTED, case_of, check_folder, made_folder, write_json
+
+if TYPE_CHECKING:
+    from farhorizon.cli.outputs import SweepFacts
+
+
+def sweep_command(options: argparse.Namespace) -> int:
+    """Run all combinations, several at a time, and print the table."""
+    from farhorizon.studies.sweep import sweep
+
+    check_folder(options.out)
+    case = case_of(options)
+    changes = dict(map(_values, options.changes))
+    path = made_folder(options.out) / f"{case.name}-sweep.csv"
+    if options.force:
+        path.unlink(missing_ok=True)
+    try:
+        found = sweep(case, changes, table=path, jobs=options.jobs, progress=True)
+    except KeyboardInterrupt:
+        print(f"\ninterrupted; the same command goes on with {path}", file=options.errors)
+        return INTERRUPTED
+    print(found, file=options.output)
+    print(f"table: {path}")
+    figures: SweepFacts = {
+        "name": case.name,
+        "table": str(path),
+        "changes": found.changes,
+        "figures": found.figures,
+        "failed": {str(number): why for number, why in found.failed.items()},
+    }
+    write_json(options.json, figures)
+    return FAILED if found.failed else GOOD
+
+
+def _values(text: str) -> tuple[str, list[Any]]:
+    """Key and values of ``key=value,value``: the values are TOML, and what is no TOML are texts."""
+    from farhorizon.errors import InputError
+
+    key, _, several = (part.strip() for part in text.partition("="))
+    if not (key and several):
+        raise InputError("give a key and its values", value=text, key="KEY=VALUES", remedy="model.speed=1.0,2.0")
+    try:
+        return key, list(tomllib.loads(f"values = [{several}]")["values"])
+    except (ValueError, RecursionError):
+        return key, [part.strip() for part in several.split(",")]

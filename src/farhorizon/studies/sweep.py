@@ -1,0 +1,339 @@
+"""Many cases that differ in some keys, side by side: one table of what came out."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import itertools
+import json
+import multiprocessing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.engine.engine import available_threads
+from farhorizon.errors import FileFormatError, InputError
+from farhorizon.files.results import xarray_module
+from farhorizon.files.storage import locked, replacing
+
+if TYPE_CHECKING:
+    import xarray
+
+_FAILED, _CASE = "failed", "case"  # columns behind those of the keys and of the quantities
+
+Quantities = Mapping[str, Callable[[Any], float]]
+Outcome = tuple[dict[str, float], str]  # quantities, and why it failed
+
+
+class Sweepable(Protocol):
+    """A case file, read."""
+
+    @property
+    def text(self) -> str:
+        """What it says."""
+
+    def changed(self, changes: Mapping[str, Any]) -> Sweepable:
+        """The same with other values at dotted keys."""
+
+    def completed(self, threads: int | None) -> Any:
+        """A new run that has come to its end, on so many threads at most."""
+
+    def figures(self, run: Any) -> dict[str, float]:
+        """What is told of a run unless something else is asked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class SweepTable:
+    """What came of many cases.
+
+    Attributes
+    ----------
+    changes : list of dict
+        Of each case, the values of the keys that were changed.
+    figures : list of dict
+        Of each case the quantities by name; empty for one that failed.
+    failed : dict of int to str
+        Numbers of the cases that failed, and why.
+    """
+
+    changes: list[dict[str, Any]]
+    figures: list[dict[str, float]]
+    failed: dict[int, str]
+
+    @property
+    def quantities(self) -> list[str]:
+        """Names of the quantities."""
+        return list(dict.fromkeys(name for one in self.figures for name in one))
+
+    def __str__(self) -> str:
+        names = [*self.changes[0], *self.quantities]
+        rows = [names]
+        for change, figures in zip(self.changes, self.figures, strict=True):
+            words = {key: _word(value) for key, value in change.items()} | {n: f"{v:.6g}" for n, v in figures.items()}
+            rows.append([words.get(name, "") for name in names])
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = ["  ".join(f"{word:>{width}}" for word, width in zip(row, widths, strict=True)) for row in rows]
+        return "\n".join([*lines, *(f"failed: {_said(self.changes[i])}: {why}" for i, why in self.failed.items())])
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The table with an axis for each key, where all combinations of their values were computed, else with one axis
+        of the cases. What failed is NaN.
+
+        Returns
+        -------
+        xarray.Dataset
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
+        keys = list(self.changes[0])
+        rows = [tuple(_plain(value) for value in one.values()) for one in self.changes]
+        values = [list(dict.fromkeys(column)) for column in zip(*rows, strict=True)]
+        whole = list(itertools.product(*values)) == rows
+        axes, shape = (keys, [len(one) for one in values]) if whole else ([_CASE], [len(rows)])
+        data = {
+            name: (axes, np.reshape([one.get(name, np.nan) for one in self.figures], shape)) for name in self.quantities
+        }
+        columns = zip(*rows, strict=True)
+        along = zip(keys, values if whole else [(_CASE, list(column)) for column in columns], strict=True)
+        return xarray_module().Dataset(data, coords=dict(along))
+
+
+def sweep(
+    case: Sweepable,
+    changes: Mapping[str, Sequence[Any]] | Sequence[Mapping[str, Any]],
+    quantities: Quantities | None = None,
+    *,
+    table: str | Path | None = None,
+    jobs: int = 1,
+    executor: Executor | None = None,
+    progress: bool = False,
+) -> SweepTable:
+    """Run a case once for each combination of values of some keys, several at a time, and make a table of what came
+    out.
+
+    Parameters
+    ----------
+    case : Case
+        What `read_case` has read.
+    changes : mapping of str to sequence, or sequence of mappings
+        Values of each dotted key, all combinations of which are computed, the last key first; or the cases one by one.
+    quantities : mapping of str to callable, optional
+        Each takes the run at its end and returns a number. For other processes they must be functions of a module.
+        Unless given: what `Case.figures` tells.
+    table : str or Path, optional
+        A CSV file, to which each case is added when it has ended. Cases that it has are not computed again, but for
+        those that failed.
+    jobs : int
+        Processes that compute at a time; they share the threads of the machine. One computes here.
+    executor : concurrent.futures.Executor, optional
+        What computes in their place: `mpi4py.futures.MPIPoolExecutor()`, Dask's, ...
+    progress : bool
+        Print a line for each case as it ends.
+
+    Returns
+    -------
+    SweepTable
+        What failed is listed in it; the other cases go on.
+
+    Raises
+    ------
+    InputError
+        No values, a change that the case file refuses, both jobs and an executor: before anything is computed.
+    FileFormatError
+        The table is another one, or another sweep writes it.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> from pathlib import Path
+    >>> _ = Path("pulse.toml").write_text('''
+    ... lattice = { spacing = 0.25, lower = [-3.0], upper = [3.0] }
+    ... model = { type = "wave", kernel = { horizon = 0.75 } }
+    ... initial = { u = "exp(-9*x**2)" }
+    ... boundary = { all = { type = "fixed" } }
+    ... run = { until = 1.0 }
+    ... ''')
+    >>> found = fh.sweep(fh.read_case("pulse.toml"), {"model.speed": [1.0, 2.0]}, {"end": lambda run: run.time})
+    >>> print(found)
+    model.speed  end
+              1    1
+              2    1
+    """
+    if not hasattr(case, "completed"):
+        raise InputError("must be a case file", value=kinds.said(case), key="case", remedy="fh.read_case(path)")
+    if executor is not None:
+        kinds.instance(executor, "executor", Executor, "an executor of concurrent.futures")
+    say: Callable[[str], None] = print if kinds.flag(progress, "progress") else lambda _: None
+    whole = _combinations(changes)
+    kinds.integer(jobs, "jobs", least=1)
+    if executor is not None and jobs > 1:
+        raise InputError("an executor has jobs of its own", value=jobs, key="jobs", remedy="leave jobs out")
+    asked = None if quantities is None else _checked(quantities, list(whole[0]))
+    cases = [case.changed(one) for one in whole]
+    names = [_name(one, asked) for one in cases]
+    figures: list[dict[str, float]] = [{} for _ in whole]
+    failed: dict[int, str] = {}
+    with _Table.opened(table, list(whole[0])) as kept:
+        known = [i for i, name in enumerate(names) if name in kept.figures]
+        for i in known:
+            figures[i] = kept.figures[names[i]]
+        if known:
+            say(f"{len(known)} of {len(whole)} cases are in the table")
+        todo = {i: cases[i] for i in range(len(whole)) if i not in known}
+        for i, (found, why) in _outcomes(todo, asked, jobs, executor):
+            figures[i] = found
+            failed |= {i: why} if why else {}
+            kept.add(names[i], whole[i], found, why)
+            say(f"failed: {_said(whole[i])}: {why}" if why else _said(whole[i]))
+    return SweepTable(whole, figures, dict(sorted(failed.items())))
+
+
+def _combinations(changes: Any) -> list[dict[str, Any]]:
+    """The cases one by one."""
+    if isinstance(changes, Mapping):
+        values = [kinds.sequence(several, f"changes[{key!r}]", "values") for key, several in changes.items()]
+        found = [dict(zip(changes, one, strict=True)) for one in itertools.product(*values)]
+    else:
+        given = kinds.sequence(changes, "changes", "mappings of dotted keys to values")
+        found = [dict(kinds.instance(one, "changes", Mapping, "a mapping of keys to values")) for one in given]
+    if not found or not all(found):
+        raise InputError("there is nothing to change", key="changes", remedy='{"model.speed": [1.0, 2.0]}')
+    for one in found:
+        if list(one) != list(found[0]):
+            raise InputError("all cases change the same keys", value=list(one), limit=list(found[0]), key="changes")
+    return found
+
+
+def _checked(quantities: Any, keys: list[str]) -> Quantities:
+    given = kinds.instance(quantities, "quantities", Mapping, "a mapping of names to functions of the run")
+    for name, quantity in given.items():
+        if kinds.text(name, "quantities") in {*keys, _FAILED, _CASE}:
+            raise InputError("the table has another column of this name", value=name, key="quantities")
+        kinds.function(quantity, f"quantities[{name!r}]", "run")
+    return dict(given)
+
+
+def _name(case: Sweepable, asked: Quantities | None) -> str:
+    """What tells a case and its quantities from others in a table."""
+    words = [case.text, *([] if asked is None else sorted(asked))]
+    return hashlib.sha256("\0".join(words).encode()).hexdigest()[:16]
+
+
+def _outcomes(
+    cases: Mapping[int, Sweepable], asked: Quantities | None, jobs: int, executor: Executor | None
+) -> Iterator[tuple[int, Outcome]]:
+    """Numbers of the cases and what came of them, as they end."""
+    jobs = min(jobs, len(cases))
+    if executor is None and jobs <= 1:
+        yield from ((i, _outcome(case, asked)) for i, case in cases.items())
+        return
+    threads = None if executor else max(1, available_threads() // jobs)
+    # a fork of a process with threads may hang
+    pool = executor or ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"))
+    waiting = {pool.submit(_outcome, case, asked, threads): i for i, case in cases.items()}
+    try:
+        for future in as_completed(waiting):
+            error = future.exception()  # the process was killed, or what it was sent cannot be sent
+            yield waiting[future], future.result() if error is None else ({}, _told(error))
+    finally:
+        for future in waiting:
+            future.cancel()
+        if executor is None:
+            pool.shutdown()
+
+
+def _outcome(case: Sweepable, asked: Quantities | None, threads: int | None = None) -> Outcome:
+    """What came of one case, wherever it is computed."""
+    try:
+        run = case.completed(threads)
+        found = case.figures(run) if asked is None else {name: float(of(run)) for name, of in asked.items()}
+    except Exception as error:
+        return {}, _told(error)
+    return found, ""
+
+
+def _told(error: BaseException) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+def _plain(value: Any) -> Any:
+    """A value as a coordinate: a number, or a text."""
+    return value if isinstance(value, int | float | str) else json.dumps(value, default=str)
+
+
+def _word(value: Any) -> str:
+    plain = _plain(value)
+    return f"{plain:.10g}" if isinstance(plain, float) else str(plain)
+
+
+def _said(change: Mapping[str, Any]) -> str:
+    return ", ".join(f"{key} = {_word(value)}" for key, value in change.items())
+
+
+class _Table:
+    """The file of a sweep, which is whole whenever its process ends: one row a case.
+
+    Attributes
+    ----------
+    figures : dict of str to dict
+        By the names of cases, those that did not fail.
+    """
+
+    def __init__(self, path: Path | None, keys: list[str]) -> None:
+        self._path, self._keys = path, keys
+        self._rows: dict[str, dict[str, str]] = {}
+        self.figures: dict[str, dict[str, float]] = {}
+        if path is not None and path.exists():
+            self._read(path)
+
+    @classmethod
+    @contextmanager
+    def opened(cls, path: str | Path | None, keys: list[str]) -> Iterator[_Table]:
+        """That of a path, which nobody else writes meanwhile; without one it is kept nowhere."""
+        if path is None:
+            yield cls(None, keys)
+            return
+        place = kinds.path(path, "table")
+        if place.is_dir() or not place.parent.is_dir():
+            raise InputError("no file can be written there", value=place, key="table", remedy="a file in a folder")
+        with locked(place.with_name(f".{place.name}.lock")):
+            yield cls(place, keys)
+
+    def _read(self, path: Path) -> None:
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            columns = list(reader.fieldnames or ())
+            if columns[: len(self._keys)] != self._keys or columns[-2:] != [_FAILED, _CASE]:
+                raise FileFormatError(
+                    f"{path} is not the table of such a sweep",
+                    value=columns,
+                    limit=[*self._keys, "...", _FAILED, _CASE],
+                    remedy="choose another file",
+                )
+            for row in reader:
+                self._rows[row[_CASE]] = row
+                if not row[_FAILED]:
+                    numbers = columns[len(self._keys) : -2]
+                    self.figures[row[_CASE]] = {name: float(row[name]) for name in numbers if row[name]}
+
+    def add(self, name: str, change: Mapping[str, Any], figures: Mapping[str, float], why: str) -> None:
+        """A case that has ended; one of the same name is replaced."""
+        if self._path is None:
+            return
+        texts = {key: _word(value) for key, value in change.items()} | {n: repr(v) for n, v in figures.items()}
+        self._rows[name] = {**texts, _FAILED: why, _CASE: name}
+        columns = list(dict.fromkeys(column for row in self._rows.values() for column in row))
+        columns = [column for column in columns if column not in (_FAILED, _CASE)] + [_FAILED, _CASE]
+        with replacing(self._path) as fresh, fresh.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, columns, restval="")
+            writer.writeheader()
+            writer.writerows(self._rows.values())
