@@ -377,6 +377,10 @@ def test_odd_arguments_of_methods():
         "certificate": sim.certificate,
         "check": lambda v: sim.check(budget=v),
         "save": sim.save,
+        "write": sim.write,
+        "output": lambda v: sim.run(1.0, output=v),
+        "animate": lambda v: sim.animate(v, until=9.0, every=1.0),
+        "animate until": lambda v: sim.animate(until=v, every=1.0),
         "load": sim.load,
         "restore": fh.Simulation.restore,
     }

@@ -57,6 +57,40 @@ def test_a_run_draws_itself(tmp_path):
         sim.plot("u", limits=(1.0, -1.0))
 
 
+def test_a_run_draws_a_film_as_it_goes_on(tmp_path):
+    from PIL import Image
+
+    sim, seen = wave(dt=fh.WholeSteps(every=0.1)), []
+    sim.observers.append(lambda run: seen.append(run.time))
+    film = sim.animate(until=0.5, every=0.1, path=tmp_path / "u.gif")
+    assert sim.time == pytest.approx(0.5) and len(seen) == 5 and len(sim.observers) == 1
+    with Image.open(tmp_path / "u.gif") as found:
+        assert found.n_frames == film.frames == 6
+    assert (tmp_path / "u.gif").read_bytes() == film.data and "data:image/gif;base64," in film._repr_html_()
+    film.save(tmp_path / "copy.gif")
+    assert (tmp_path / "copy.gif").read_bytes() == film.data and "6 frames, gif" in repr(film)
+    for wrong, message in (
+        ({"name": "w", "until": 1.0}, "name: there is no such field; .*limit: u, v"),
+        ({"until": 0.5}, "run.until: the film ends before it begins; value: 0.5; limit: > 0.5"),
+        ({"until": 1.0, "path": tmp_path / "u.avi"}, "path: unknown format of films; value: u.avi; limit: gif, mp4"),
+        ({"until": 1.0, "path": tmp_path / "no" / "u.gif"}, "path: .*there is no directory"),
+        ({"until": 1.0, "limits": (1, 1)}, "limits: a range goes from"),
+    ):
+        with pytest.raises(fh.InputError, match=message):
+            sim.animate(**{"every": 0.1, **wrong})
+    assert sim.time == pytest.approx(0.5)
+
+
+def test_a_film_in_space_is_of_the_slice_in_the_middle():
+    from farhorizon.pictures.snapshot import Frames
+
+    axes = [np.linspace(-1, 1, n) for n in (4, 5, 7)]
+    frames, values = Frames("u", axes), np.random.default_rng(0).random((4, 5, 7))
+    for number in range(2):
+        frames.add({"u": values + number}, str(number))
+    assert np.array_equal(frames._frames[1][1][:, :, 0], values[:, :, 3] + 1) and frames.film().frames == 2
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_vectors_are_drawn_by_length_and_component(dim):
     sim = solid(dim)

@@ -38,7 +38,7 @@ from farhorizon.models.elastic import COMBINATIONS
 from farhorizon.simulation.course import MOST_STEPS, tick
 from farhorizon.simulation.described import describe
 from farhorizon.simulation.guard import refuse_explosion
-from farhorizon.simulation.overstretch import IntactMargin, intact_margin
+from farhorizon.simulation.overstretch import IntactMargin, intact_margin, look_at
 from farhorizon.simulation.resume import matching
 from farhorizon.simulation.run import Run, wanted_threads
 
@@ -847,7 +847,7 @@ class Body(Run):
                 self.probes.add(self.step_count + 1, self.dt, self._seen.swapaxes(1, 2))
             tick(self, steps)
             self._guard()
-            self._look_at(self._intact_margin, self._u.ravel())
+            look_at(self, self._intact_margin, self._u.ravel())
 
     def _advance(self, count: int, done: int) -> None:
         """Advance the state by `count` steps after `done` of them."""

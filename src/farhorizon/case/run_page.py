@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,27 +11,10 @@ from farhorizon import __version__
 from farhorizon.case.case import Case
 from farhorizon.checks.certificate import Certificate
 from farhorizon.files.html import listed, page, picture, preformatted, table
+from farhorizon.files.provenance import computed_with
 from farhorizon.files.results import Results
 from farhorizon.files.storage import replacing
 from farhorizon.simulation.run import Run
-
-
-def versions() -> list[tuple[str, str]]:
-    """What the program runs on."""
-    import h5py
-    import numba
-    import scipy
-
-    return [
-        ("farhorizon", __version__),
-        ("python", platform.python_version()),
-        *((module.__name__, module.__version__) for module in (np, scipy, numba, h5py)),
-    ]
-
-
-def computed_with() -> list[tuple[str, str]]:
-    """What a run is computed with, beside its number of threads."""
-    return [*versions(), ("machine", f"{platform.system()} {platform.machine()}")]
 
 
 def write_report(

@@ -10,9 +10,12 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from farhorizon.cli.common import GOOD, INTERRUPTED
+
+if TYPE_CHECKING:
+    from farhorizon.simulation.output import RunResults
 
 CHECKPOINT_SECONDS = 30.0
 
@@ -43,12 +46,12 @@ class RunFiles(NamedTuple):
 
 def march(
     options: argparse.Namespace, case: Any, sim: Any, files: RunFiles, until: float, last: int
-) -> tuple[Any, int]:
-    """Begin or take up the files of a run and advance it to its last step, or until a signal comes; returns the writer
-    of the results and the exit code.
+) -> tuple[RunResults, int]:
+    """Begin or take up the files of a run and advance it to its last step, or until a signal comes; returns its
+    results and the exit code.
     """
     with _stopping(sim) as came:
-        writer = _taken_up(sim, files) if options.resume else _begun(options, case, sim, files)
+        output = _taken_up(sim, files) if options.resume else _begun(options, case, sim, files)
         for note in (*sim.notes, *sim.probes.notes):
             print(f"note: {note}", file=sys.stderr)
         print(
@@ -56,14 +59,14 @@ def march(
             f"{last} steps to t = {last * sim.dt:g}; "
             f"outputs {case.schedule(sim.dt)}"
         )
-        record = _Record(writer, sim, case.fields, files.checkpoint)
+        record = _Record(output, sim, files.checkpoint)
         if options.resume:
             print(f"resumed at step {sim.step_count}, t = {sim.time:g}")
         else:
-            record.output()
+            record.append()
             record.keep()
         sim.observers.append(record.observe)
-        return writer, _advance(options, case, sim, until, record, came)
+        return output, _advance(options, case, sim, until, record, came)
 
 
 def _advance(options: argparse.Namespace, case: Any, sim: Any, until: float, record: _Record, came: list[int]) -> int:
@@ -96,93 +99,61 @@ def _to_rest(options: argparse.Namespace, case: Any) -> bool:
     return options.until is None and isinstance(case.parts.run.until, str)
 
 
-def _taken_up(sim: Any, files: RunFiles) -> Any:
+def _taken_up(sim: Any, files: RunFiles) -> RunResults:
     """The results of an interrupted run as they were at its checkpoint, from which the simulation goes on."""
     from farhorizon.files.results import ResultsWriter
+    from farhorizon.simulation.output import RunResults
 
     kept = sim.load(files.checkpoint)
     sim.probes.take()  # the start, which the file has
     outputs, rows, records = (int(kept[name]) for name in ("outputs", "rows", "records"))
-    return ResultsWriter.resume(files.result, outputs, rows, records, kept.get("recorded"))
+    return RunResults(sim, ResultsWriter.resume(files.result, outputs, rows, records, kept.get("recorded")))
 
 
-def _begun(options: argparse.Namespace, case: Any, sim: Any, files: RunFiles) -> Any:
+def _begun(options: argparse.Namespace, case: Any, sim: Any, files: RunFiles) -> RunResults:
     """Empty results, in place of what was there."""
-    from farhorizon import __version__
-    from farhorizon.case.run_page import computed_with
-    from farhorizon.files.results import ResultsWriter, check_replaceable
+    from farhorizon.files.results import check_replaceable
+    from farhorizon.simulation.output import RunResults
 
     check_replaceable(files.result)
     files.checkpoint.unlink(missing_ok=True)  # it belongs to the results that go
-    dim = case.lattice.dim
-    writer = ResultsWriter.create(
+    return RunResults.begin(
+        sim,
         files.result,
-        shape=case.lattice.shape,
-        spacing=case.lattice.spacing,
-        lower=case.lattice.lower,
-        fields=case.fields,
-        dtype=case.parts.output.dtype or sim.fields["u"].dtype,
-        probes=sim.probes.places,
-        accounts=list(sim.balance()) if case.parts.output.balance else [],
+        case.fields,
+        dtype=case.parts.output.dtype,
         case=case.text,
         units=case.unit_names,
-        provenance={"command": shlex.join(["farhorizon", *options.given]), **dict(computed_with())},
+        command={"command": shlex.join(["farhorizon", *options.given])},
         compress=case.parts.output.compress,
-        program=f"farhorizon {__version__}",
-        components={name: len(field) if field.ndim > dim else 1 for name, field in sim.fields.items()},
     )
-    for recorder in _growing(sim):
-        writer.hold(recorder.recorded)
-    return writer
-
-
-def _growing(sim: Any) -> list[Any]:
-    """Recorders that have something before the run has come to its end."""
-    return [one for one in sim.recorders if one.recorded.data or one.recorded.spectra]
 
 
 class _Record:
     """What a run leaves behind on its way: outputs, and now and then a checkpoint."""
 
-    def __init__(self, writer: Any, sim: Any, fields: Any, checkpoint: Path) -> None:
-        self._writer, self._sim, self._fields, self.checkpoint = writer, sim, fields, checkpoint
+    def __init__(self, output: RunResults, sim: Any, checkpoint: Path) -> None:
+        self._output, self._sim, self.checkpoint = output, sim, checkpoint
         self._kept = time.monotonic()
 
     def observe(self, _: Any) -> None:
         """After each output step."""
-        self.output()
+        self.append()
         if time.monotonic() - self._kept > CHECKPOINT_SECONDS:
             self.keep()
 
-    def output(self) -> None:
-        """Append the fields as they are now."""
-        sim, writer = self._sim, self._writer
-        fields = sim.fields
-        self._probes()
-        writer.append(
-            sim.step_count,
-            sim.time,
-            {name: fields[name] for name in self._fields},
-            energy=sim.energy(),
-            balance=sim.balance() if writer.accounts else None,
-            cautions=sim.cautions,
-        )
+    def append(self) -> None:
+        """Append what was recorded, and the fields as they are now."""
+        self._output.move_records()
+        self._output.append()
 
     def keep(self) -> None:
         """Write the checkpoint from which the run may go on."""
-        self._probes()
-        writer = self._writer
+        self._output.move_records()
+        writer = self._output.writer
         counts = {name: getattr(writer, name) for name in ("outputs", "rows", "records", "recorded")}
         self._sim.save(self.checkpoint, **counts)
         self._kept = time.monotonic()
-
-    def _probes(self) -> None:
-        for recorder in _growing(self._sim):
-            self._writer.append_recorded(recorder.recorded)
-            recorder.forget()
-        probes = self._sim.probes
-        if len(probes.nodes):
-            self._writer.append_probes(*probes.take())
 
 
 @contextmanager

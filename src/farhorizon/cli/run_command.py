@@ -42,14 +42,12 @@ def run_command(options: argparse.Namespace) -> int:
         for path in (files.result, files.checkpoint):
             remove_leftovers(path)
         began, before = time.perf_counter(), sim.step_count
-        writer, code = march(options, case, sim, files, until, last)
+        output, code = march(options, case, sim, files, until, last)
         if code == GOOD:
             _sum_up(case, sim, sim.step_count - before, time.perf_counter() - began)
-            for recorder in sim.recorders:
-                for records in recorder.concluded():
-                    writer.conclude(records)
+            output.conclude()
             _tell(options, case, sim, certificate, until, files)
-            writer.finish()
+            output.finish()
     return code
 
 

@@ -50,9 +50,9 @@ def schema_command(options: argparse.Namespace) -> int:
 
 
 def info_command(options: argparse.Namespace) -> int:
-    from farhorizon.case.run_page import versions
     from farhorizon.engine.engine import available_threads
     from farhorizon.files.cache import cache_folder
+    from farhorizon.files.provenance import versions
 
     for name, value in (*versions(), ("threads", available_threads()), ("compiled programs", cache_folder())):
         print(f"{name:<18}{value}")

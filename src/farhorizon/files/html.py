@@ -38,6 +38,14 @@ def picture(path: Path) -> str:
     return f'<img alt="{escape(path.stem)}" src="data:image/png;base64,{data}">'
 
 
+def film(data: bytes, kind: str) -> str:
+    """A film, GIF or MP4, as part of the page."""
+    source = base64.b64encode(data).decode("ascii")
+    if kind == "mp4":
+        return f'<video controls autoplay loop muted src="data:video/mp4;base64,{source}"></video>'
+    return f'<img alt="film" src="data:image/{kind};base64,{source}">'
+
+
 def page(title: str, sections: Iterable[tuple[str, str]]) -> str:
     """A whole page of sections (heading, HTML); those without content are left out."""
     body = "".join(f"<h2>{escape(heading)}</h2>{content}" for heading, content in sections if content)

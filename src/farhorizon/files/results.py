@@ -373,6 +373,8 @@ class ResultsWriter:
         Of each field.
     recorded : dict of str to int
         Valid rows of each recorder.
+    last_step : int or None
+        Step number of the last output; None without any.
 
     Raises
     ------
@@ -391,7 +393,7 @@ class ResultsWriter:
             width = _probe_components(group)
             self._probes = (group["probes"].shape[0], *((width,) if width > 1 else ()))
             self.accounts = _words(group, "accounts")
-            self._last_step = int(group["steps"][self.outputs - 1]) if self.outputs else None
+            self.last_step = int(group["steps"][self.outputs - 1]) if self.outputs else None
             self.recorded = {name: int(one.attrs["rows"]) for name, one in group.get("recorded", {}).items()}
 
     @classmethod
@@ -681,12 +683,12 @@ class ResultsWriter:
                 raise InputError(
                     f"{self.path}: field {name!r} has not the lattice shape", value=np.shape(values), limit=wanted
                 )
-        if self._last_step is not None and step <= self._last_step:
+        if self.last_step is not None and step <= self.last_step:
             remedy = "append each step once; ResultsWriter.resume goes back"
             raise InputError(
                 f"{self.path}: step numbers grow from output to output",
                 value=step,
-                limit=f"> {self._last_step}",
+                limit=f"> {self.last_step}",
                 remedy=remedy,
             )
         history = None
@@ -714,7 +716,7 @@ class ResultsWriter:
             _put(group["record_rows"], n, [self.records])
             _put_word(group.attrs, "cautions", json.dumps(list(cautions)))
             _set_outputs(file, n + 1)
-        self.outputs, self.rows, self._last_step = n + 1, rows, int(step)
+        self.outputs, self.rows, self.last_step = n + 1, rows, int(step)
 
     def finish(self) -> None:
         """Note that the run came to its end; `resume` takes that back."""

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
 from farhorizon.errors import InputError
+from farhorizon.files.html import film
+from farhorizon.files.storage import replacing
 from farhorizon.pictures.fields import field_panels
 
 _SECONDS = 8.0  # of a film; between the two rates
@@ -18,17 +24,46 @@ _DPI = 110
 _DECAYED = 0.2  # of the largest value of all: what is more is cut off where most frames are fainter
 
 
-def movie(
+@dataclass(frozen=True, repr=False)
+class Film:
+    """A film, which notebooks show.
+
+    Attributes
+    ----------
+    data : bytes
+        Of the file.
+    format : {"gif", "mp4"}
+    frames : int
+    """
+
+    data: bytes
+    format: str
+    frames: int
+
+    def __repr__(self) -> str:
+        return f"<film of {self.frames} frames, {self.format}, {len(self.data) / 1e6:.2g} MB>"
+
+    def _repr_html_(self) -> str:
+        return film(self.data, self.format)
+
+    def save(self, path: Path) -> Path:
+        """Write the file, in place of an older one."""
+        with replacing(path) as draft:
+            draft.write_bytes(self.data)
+        return path
+
+
+def made_film(
     frames: Sequence[tuple[str, np.ndarray]],
     axes: Sequence[np.ndarray],
-    path: Path,
+    kind: str = "gif",
     *,
     label: str = "u",
     limits: tuple[float, float] | None = None,
     cracks: Sequence[np.ndarray] = (),
     colors: str | None = None,
     plane: tuple[int, int] | None = None,
-) -> list[Path]:
+) -> Film:
     """Draw a film, each frame as `field_panels` draws it, on one scale.
 
     Unless limits are given, the scale of images reaches as far as the median of the largest values of the frames, or a
@@ -40,20 +75,16 @@ def movie(
         Fields of the lattice shape.
     axes : sequence of ndarray
         Coordinates of the nodes along each axis.
-    path : Path
-        Without an ending; those of the formats are added. Its folder is made.
+    kind : {"gif", "mp4"}
     label, limits, cracks, colors, plane
         As of `field_panels`.
-
-    Returns
-    -------
-    list of Path
-        The files: ``.gif``, and ``.mp4`` if imageio-ffmpeg is installed.
 
     Raises
     ------
     InputError
         There is one frame, or none.
+    ImportError
+        An MP4 where imageio-ffmpeg is not installed.
     """
     if len(frames) < 2:
         raise InputError(
@@ -63,17 +94,35 @@ def movie(
             key="--movie",
             remedy="a smaller output.every, or no --times",
         )
-    path.parent.mkdir(parents=True, exist_ok=True)
     limits = limits or _limits([values for _, values in frames], cut=len(axes) > 1 and colors is None)
     rate = int(np.clip(len(frames) / _SECONDS, *_RATES))
+    drawn = (
+        _pixels(title, values, axes, label=label, limits=limits, cracks=cracks, colors=colors, plane=plane)
+        for title, values in frames
+    )
+    return Film(_MAKERS[kind](drawn, rate), kind, len(frames))
 
-    def drawn() -> Iterator[np.ndarray]:
-        for title, values in frames:
-            yield _pixels(title, values, axes, label=label, limits=limits, cracks=cracks, colors=colors, plane=plane)
 
-    written = [_gif(path.with_name(f"{path.name}.gif"), drawn(), rate)]
+def movie(frames: Sequence[tuple[str, np.ndarray]], axes: Sequence[np.ndarray], path: Path, **look: Any) -> list[Path]:
+    """Draw a film as `made_film` does into files: ``.gif``, and ``.mp4`` if imageio-ffmpeg is installed.
+
+    Parameters
+    ----------
+    frames, axes, look
+        As of `made_film`.
+    path : Path
+        Without an ending; those of the formats are added. Its folder is made.
+
+    Raises
+    ------
+    InputError
+        There is one frame, or none.
+    """
+    first = made_film(frames, axes, "gif", **look)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    written = [first.save(path.with_name(f"{path.name}.gif"))]
     with suppress(ImportError):
-        written.append(_mp4(path.with_name(f"{path.name}.mp4"), drawn(), rate))
+        written.append(made_film(frames, axes, "mp4", **look).save(path.with_name(f"{path.name}.mp4")))
     return written
 
 
@@ -100,27 +149,46 @@ def _pixels(title: str, values: np.ndarray, axes: Sequence[np.ndarray], **look: 
     return np.ascontiguousarray(pixels[: pixels.shape[0] // 2 * 2, : pixels.shape[1] // 2 * 2])
 
 
-def _gif(path: Path, frames: Iterator[np.ndarray], rate: int) -> Path:
+def _gif(frames: Iterator[np.ndarray], rate: int) -> bytes:
     from PIL import Image
 
     first, *rest = [Image.fromarray(frame).convert("P", palette=Image.Palette.ADAPTIVE) for frame in frames]
-    draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    first.save(draft, format="GIF", save_all=True, append_images=rest, duration=round(1000 / rate), loop=0)
-    draft.replace(path)
-    return path
+    made = BytesIO()
+    first.save(made, format="GIF", save_all=True, append_images=rest, duration=round(1000 / rate), loop=0)
+    return made.getvalue()
 
 
-def _mp4(path: Path, frames: Iterator[np.ndarray], rate: int) -> Path:
+def _mp4(frames: Iterator[np.ndarray], rate: int) -> bytes:
     """Raises ImportError where imageio-ffmpeg is not installed."""
     from imageio_ffmpeg import write_frames
 
     first = next(frames)
-    draft = path.with_name(f".{path.stem}.{os.getpid()}.mp4")  # ffmpeg tells the format by the ending
-    film = write_frames(str(draft), first.shape[1::-1], fps=rate, macro_block_size=2, quality=8)
-    film.send(None)
-    film.send(first)
-    for frame in frames:
-        film.send(frame)
-    film.close()
-    draft.replace(path)
-    return path
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "film.mp4")  # ffmpeg wants a file, whose ending tells the format
+        film = write_frames(str(path), first.shape[1::-1], fps=rate, macro_block_size=2, quality=8)
+        film.send(None)
+        film.send(first)
+        for frame in frames:
+            film.send(frame)
+        film.close()
+        return path.read_bytes()
+
+
+_MAKERS = {"gif": _gif, "mp4": _mp4}
+
+
+def film_format(path: Path, key: str) -> str:
+    """The format of a film by the ending of its name; InputError for others, or where what makes it is missing."""
+    kind = path.suffix.lower().lstrip(".")
+    if kind not in _MAKERS:
+        raise InputError("unknown format of films", value=path.name, limit=", ".join(_MAKERS), key=key)
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no directory {path.parent}", key=key, remedy="create it first")
+    if kind == "mp4" and find_spec("imageio_ffmpeg") is None:
+        raise InputError(
+            "imageio-ffmpeg is not installed",
+            value=path.name,
+            key=key,
+            remedy="a .gif, or pip install 'farhorizon[movie]'",
+        )
+    return kind

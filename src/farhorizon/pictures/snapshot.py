@@ -1,4 +1,4 @@
-"""A picture of a run at one moment."""
+"""A run in pictures: at one moment, and a film of it."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.pictures.fields import field_panels, magnitude
+from farhorizon.pictures.movie import Film, film_format, made_film
 from farhorizon.pictures.style import DAMAGE, FORMATS
 
 
@@ -26,6 +27,24 @@ def scalars(fields: Mapping[str, np.ndarray], dim: int) -> dict[str, tuple[str, 
     return found
 
 
+def chosen(fields: Mapping[str, np.ndarray], name: str, dim: int) -> tuple[str, np.ndarray]:
+    """Label and values of one of several fields; InputError for a name that there is not."""
+    known = scalars(fields, dim)
+    if kinds.text(name, "name") not in known:
+        raise InputError("there is no such field", value=name, limit=", ".join(known), key="name")
+    return known[name]
+
+
+def scale_limits(limits: tuple[float, float] | None) -> tuple[float, float] | None:
+    """Limits of a scale, checked."""
+    if limits is None:
+        return None
+    low, high = kinds.array(limits, "limits", shape=(2,)).tolist()
+    if not low < high:
+        raise InputError("a range goes from a number to a larger one", value=limits, key="limits")
+    return low, high
+
+
 def snapshot(
     fields: Mapping[str, np.ndarray],
     name: str,
@@ -35,19 +54,57 @@ def snapshot(
     limits: tuple[float, float] | None = None,
 ) -> Any:
     """Draw one of several fields; see `Run.plot`."""
-    name = kinds.text(name, "name")
     if path is not None:
         path = kinds.path(path, "path")
         if path.suffix.lower().lstrip(".") not in FORMATS:
             raise InputError("unknown format", value=path.name, limit=", ".join(FORMATS), key="path")
-    if limits is not None:
-        low, high = kinds.array(limits, "limits", shape=(2,)).tolist()
-        if not low < high:
-            raise InputError("a range goes from a number to a larger one", value=limits, key="limits")
-        limits = low, high
-    known = scalars(fields, len(axes))
-    if name not in known:
-        raise InputError("there is no such field", value=name, limit=", ".join(known), key="name")
-    label, values = known[name]
+    limits = scale_limits(limits)
+    label, values = chosen(fields, name, len(axes))
     colors = DAMAGE if name == "damage" else None
     return field_panels([(title, values)], axes, path, label=label, colors=colors, limits=limits)
+
+
+class Frames:
+    """One of several fields at several moments, for a film; in three dimensions the slice in the middle of z.
+
+    Parameters
+    ----------
+    name : str
+        As of `snapshot`.
+    axes : sequence of ndarray
+        Coordinates of the nodes along each axis.
+    path : str or Path, optional
+        The film; its ending is the format.
+    limits : (float, float), optional
+
+    Raises
+    ------
+    InputError
+        Another format, no such directory, an empty range.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        axes: Sequence[np.ndarray],
+        path: str | Path | None = None,
+        limits: tuple[float, float] | None = None,
+    ) -> None:
+        self._name, self._axes, self._limits = name, axes, scale_limits(limits)
+        self._path = None if path is None else kinds.path(path, "path")
+        self._kind = "gif" if self._path is None else film_format(self._path, "path")
+        self._label, self._frames = "", []  # type: str, list[tuple[str, np.ndarray]]
+
+    def add(self, fields: Mapping[str, np.ndarray], title: str) -> None:
+        """Take the field as it is now; InputError for a name that there is not."""
+        self._label, values = chosen(fields, self._name, len(self._axes))
+        self._frames.append((title, values if values.ndim < 3 else values[..., values.shape[2] // 2, None].copy()))
+
+    def film(self) -> Film:
+        """The film, which is written if it has a path."""
+        axes = [axis if number < 2 else axis[[axis.size // 2]] for number, axis in enumerate(self._axes)]
+        colors = DAMAGE if self._name == "damage" else None
+        made = made_film(self._frames, axes, self._kind, label=self._label, limits=self._limits, colors=colors)
+        if self._path is not None:
+            made.save(self._path)
+        return made

@@ -5,11 +5,13 @@ crack that gets there stops.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from farhorizon.engine.bonds import steepest
 from farhorizon.geometry.lattice import Lattice
+from farhorizon.simulation.course import say_doubt
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,3 +115,15 @@ def intact_margin(
         nonlinear,
         every,
     )
+
+
+def look_at(run: Any, margin: IntactMargin | None, level: np.ndarray) -> None:
+    """See now and then whether bonds of the margin of a run, which cannot break, are stretched so far that they
+    would.
+    """
+    if margin is None or run.step_count < run.next_look:
+        return
+    run.next_look = (run.step_count // margin.every + 1) * margin.every
+    warning = margin.warning(level, run.lattice)
+    if warning is not None:
+        say_doubt(run, "crack where bonds cannot break", warning)

@@ -23,7 +23,7 @@ from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.course import checked_end, go, say_doubt
 from farhorizon.simulation.examination import Examination
 from farhorizon.simulation.kept import packed
-from farhorizon.simulation.overstretch import IntactMargin
+from farhorizon.simulation.output import RunResults, written
 from farhorizon.simulation.probes import Probes
 from farhorizon.simulation.recorder import Observer, Recorder
 from farhorizon.simulation.rest import Resting, coming_to_rest
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     import xarray
 
     from farhorizon.checks.report import Report
+    from farhorizon.pictures.movie import Film
 
 _GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
 _GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt is heard within seconds
@@ -83,6 +84,10 @@ class Run(ABC):
         What tells whether the run has come to rest.
     cautions : list of Caution
         From when on the result is doubtful, and why; each has been a `ValidityWarning` when it was found.
+    output : RunResults or None
+        The results file that `run` has begun.
+    next_look : int
+        Step of the next look at bonds that cannot break.
     given : dict
         What was given, by names of arguments, without the initial data; the time step is the one that was chosen.
     """
@@ -92,6 +97,7 @@ class Run(ABC):
     stencil: Stencil
     dt: float
     probes: Probes | None = None
+    output: RunResults | None = None
     resting: Resting
 
     def _at_start(self, observe: Sequence[Observer], nodes: int) -> None:
@@ -101,8 +107,8 @@ class Run(ABC):
         self.observers = [kinds.function(one, "observe", "run") for one in given if not isinstance(one, Recorder)]
         self.stop_requested = False
         self.cautions: list[Caution] = []
-        self._next_look = 0  # step of the next look at the margin
         self.time, self.step_count = 0.0, 0
+        self.next_look = 0
         self.peak = 0.0
         self._examination = Examination()
         self._remarks: list[str] = []
@@ -138,6 +144,7 @@ class Run(ABC):
         allow_unstable: bool = False,
         tolerance: float | None = None,
         limit: float | None = None,
+        output: str | Path | None = None,
     ) -> Self:
         """Run to a time, or until it has come to rest; observers are called every `every` time units and at the end.
 
@@ -159,12 +166,16 @@ class Run(ABC):
             Of a run to the static state: the latest end, for which layers are chosen, too; a hundred times as long as
             the slowest wave takes to cross the near field unless given. A `ValidityWarning` tells of a run that ended
             there.
+        output : str or Path, optional
+            Results file, as the command line writes it: the start, and what observers are called for. A run that goes
+            on with the file that it has begun appends; other results of that name are replaced. `open_results` reads
+            it, `farhorizon plot` draws it, ParaView opens it.
 
         Raises
         ------
         InputError
             An end that is not finite, a time between outputs that is not a whole number of steps, a run that is not
-            stable, or one to the static state whose loads change up to its latest end.
+            stable, or one to the static state whose loads change up to its latest end; a file that is not ours.
         """
         rest = coming_to_rest(self, until, tolerance, limit)
         end = checked_end(until, self.dt) if rest is None else rest.limit
@@ -172,13 +183,42 @@ class Run(ABC):
         last = self.prepare(end)
         self.examine(end, allow_unstable)
         show = sys.stderr.isatty() if progress is None else progress
-        if rest is None:
-            go(self, last, count, show)
-        elif go(self, last, count, show, lambda: rest.reached(self), rest.pace):
-            self._remarks.append(f"static at t = {self.time:.6g}, to a tolerance of {rest.tolerance:g}")
-        else:
-            say_doubt(self, "not static", f"the run, ended by its limit, is not static to {rest.tolerance:g}")
+        with written(self, output):
+            if rest is None:
+                go(self, last, count, show)
+            elif go(self, last, count, show, lambda: rest.reached(self), rest.pace):
+                self._remarks.append(f"static at t = {self.time:.6g}, to a tolerance of {rest.tolerance:g}")
+            else:
+                say_doubt(self, "not static", f"the run, ended by its limit, is not static to {rest.tolerance:g}")
         return self
+
+    def write(self, path: str | Path, fields: Sequence[str] | None = None) -> Path:
+        """Write a results file of the run as it is now, with what recorders and probes have; older results of that
+        name are replaced.
+
+        Parameters
+        ----------
+        path : str or Path
+            ParaView opens files whose names end in .h5, .hdf or .vtkhdf.
+        fields : sequence of str, optional
+            Some of `fields`; all but velocities unless given.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        InputError
+            A field that there is not, a file of another program, no such directory.
+        """
+        made = RunResults.begin(self, path, fields)
+        made.append()
+        made.copy_records()
+        made.conclude()
+        made.finish()
+        return made.writer.path
 
     def record(self, points: Any, every: float | None = None) -> Probes:
         """Record u at some nodes from now on, in place of what was recorded so far.
@@ -202,15 +242,6 @@ class Run(ABC):
         probes.add(self.step_count, self.dt, now[None])
         self.probes = probes
         return probes
-
-    def _look_at(self, margin: IntactMargin | None, level: np.ndarray) -> None:
-        """See whether bonds of the margin, which cannot break, are stretched so far that they would."""
-        if margin is None or self.step_count < self._next_look:
-            return
-        self._next_look = (self.step_count // margin.every + 1) * margin.every
-        warning = margin.warning(level, self.lattice)
-        if warning is not None:
-            say_doubt(self, "crack where bonds cannot break", warning)
 
     @abstractmethod
     def _watch(self, nodes: np.ndarray) -> None:
@@ -262,6 +293,56 @@ class Run(ABC):
         from farhorizon.pictures.style import time_text
 
         return snapshot(self.fields, name, self.lattice.axes, f"t = {time_text(self.time)}", path, limits)
+
+    def animate(
+        self,
+        name: str = "u",
+        *,
+        until: float,
+        every: float,
+        path: str | Path | None = None,
+        limits: tuple[float, float] | None = None,
+    ) -> Film:
+        """Run on to a time, and draw a film of a field on the way; in three dimensions of the slice in the middle of z.
+
+        Parameters
+        ----------
+        name : str
+            As of `plot`.
+        until, every : float
+            As of `run`: the end, and the time from one picture to the next.
+        path : str or Path, optional
+            A file to write: GIF, or MP4 with imageio-ffmpeg, by the ending of its name.
+        limits : (float, float), optional
+            Of the colours, in one dimension of the axis; chosen for all pictures together unless given.
+
+        Returns
+        -------
+        Film
+            Notebooks show it; ``film.save(path)`` writes it.
+
+        Raises
+        ------
+        InputError
+            As `run` and `plot`; an end that is not beyond the present time.
+        """
+        from farhorizon.pictures.snapshot import Frames
+        from farhorizon.pictures.style import time_text
+
+        if kinds.number(until, "run.until") <= self.time:
+            raise InputError("the film ends before it begins", value=until, limit=f"> {self.time:g}", key="run.until")
+        frames = Frames(name, self.lattice.axes, path, limits)
+
+        def draw(run: Run) -> None:
+            frames.add(run.fields, f"t = {time_text(run.time)}")
+
+        draw(self)
+        observers, self.observers = self.observers, [*self.observers, draw]
+        try:
+            self.run(until, every)
+        finally:
+            self.observers = observers
+        return frames.film()
 
     def to_xarray(self) -> xarray.Dataset:
         """The fields as they are now, with their coordinates.
@@ -326,10 +407,6 @@ class Run(ABC):
         """Facts, warnings and notes before a run to `until`."""
 
     # --- state -------------------------------------------------------------------------------------------------
-
-    @abstractmethod
-    def _fingerprint(self) -> dict[str, Any]:
-        """What a checkpoint must have in common with this set-up; JSON."""
 
     @abstractmethod
     def save(self, path: str | Path, **extra: Any) -> None:

@@ -31,6 +31,7 @@ from farhorizon.simulation.drives import foreseen, signals
 from farhorizon.simulation.flux import flux_tables, nodal_flux, plane, power_across
 from farhorizon.simulation.guard import likely_cause, refuse_explosion
 from farhorizon.simulation.march import March
+from farhorizon.simulation.overstretch import look_at
 from farhorizon.simulation.recorder import Observer
 from farhorizon.simulation.recording import Recording
 from farhorizon.simulation.remaking import remade_setup
@@ -264,7 +265,7 @@ class Simulation(Run):
             warning = None if self.parts.phases is None or self.cautions else self.parts.phases.warning()
             if warning is not None:
                 say_doubt(self, "supersaturated", warning)
-            self._look_at(march.margin, self.engine.current)
+            look_at(self, march.margin, self.engine.current)
 
     def _watch(self, nodes: np.ndarray) -> None:
         self._recording.watch(nodes)
@@ -449,20 +450,18 @@ class Simulation(Run):
 
     # --- state -------------------------------------------------------------------------------------------------
 
-    def _fingerprint(self) -> dict[str, Any]:
-        return fingerprint(self.setup, self.parts, self._march.first_cuts)
-
     def save(self, path: str | Path, **extra: Any) -> None:
         """Write the complete state, boundary memory included, under a temporary name and rename it."""
         arrays, meta = self._march.state(self.step_count)
         arrays |= self._recording.state()
-        meta |= {"fingerprint": self._fingerprint(), "cautions": self.cautions, "peak": self.peak, "extra": extra}
+        ours = fingerprint(self.setup, self.parts, self._march.first_cuts)
+        meta |= {"fingerprint": ours, "cautions": self.cautions, "peak": self.peak, "extra": extra}
         meta["setup"] = describe(self.given, arrays)
         write_checkpoint(path, arrays, meta)
 
     def load(self, path: str | Path) -> dict[str, Any]:
         self._settling.adopt(self, path)
-        arrays, meta = matching(path, self._fingerprint())
+        arrays, meta = matching(path, fingerprint(self.setup, self.parts, self._march.first_cuts))
         self.step_count = 0
         tick(self, self._march.take(arrays, meta))
         self._recording.take(arrays, self.step_count)
