@@ -120,7 +120,7 @@ def test_a_case_and_its_check(dear):
     case = Case(CASE)
     sim = case.simulation()
     sim.prepare(8.0)
-    assert kinds(sim) == {Extended} and "layers instead" in str(fh.Simulation.of(case.setup).check(8.0))
+    assert kinds(sim) == {Extended} and "layers instead" in fh.Simulation.of(case.setup).check(8.0).details
 
 
 def test_bad_input():

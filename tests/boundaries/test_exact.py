@@ -311,9 +311,9 @@ def test_what_serves_an_end_is_said():
     """Modes and error bound once they are known; a tolerance that no sum meets."""
     setup = {"lattice": line(40), "model": wave(), "initial": {"u": np.ones(40)}, "dt": 0.1}
     sim = fh.Simulation(**setup, boundary={"x-": COMPRESSED, "x+": CONVOLVED})
-    assert "when the run begins" in str(sim.check())
+    assert "when the run begins" in sim.check().details
     sim.prepare(100.0)
-    text = str(sim.check())
+    text = sim.check().details
     assert "modes, error of the force <= " in text and "past convolved, exact to rounding, to step 1024" in text
     strict = fh.Simulation(**setup, boundary=fh.Exact(compress=1e-15))
     strict.prepare(10.0)

@@ -239,7 +239,7 @@ def test_case_file(tmp_path):
 def test_check_says_what_closes_the_outline():
     """And leaves the run as it is, the memory of the condition included."""
     sim, other = disc(fh.PlaneWave()), disc(fh.PlaneWave())
-    text = str(sim.check(until=10.0))
+    text = sim.check(until=10.0).details
     assert "halo nodes from" in text and "PlaneWave()" in text and "stability" in text
     for run in (sim, other):
         run.step(50)

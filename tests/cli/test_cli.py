@@ -497,7 +497,7 @@ def test_a_killed_run_of_a_breaking_body_goes_on(tmp_path, monkeypatch, capsys):
     np.testing.assert_array_equal(whole.probe_values[-1], part.probe_values[-1])
     assert {name: v[-1] for name, v in whole.balance.items()} == {name: v[-1] for name, v in part.balance.items()}
     assert abs(whole.balance["residual"]).max() < 1e-12 * whole.balance["work"][-1]
-    assert main(["check", str(BODY)]) == 0
+    assert main(["check", str(BODY), "--details"]) == 0
     said = capsys.readouterr().out
     assert all(word in said for word in ("stable limit", "memory", "stability", "steps to t = 90"))
     assert main(["check", str(BODY), "--tune"]) == 2

@@ -76,7 +76,7 @@ def test_compare_check_and_certificate(page):
     assert errors["fixed edge"]["error_max_over_run"] > 1e-2
     line = fh.Simulation(fh.Lattice(1.0, -9, 9), model, fh.LatticePML(nodes=6))
     assert line.certificate().verdict == "certified"
-    assert "reflection" in str(fh.Simulation.of(setup).check(until=12.0, budget=5.0))
+    assert "reflection" in fh.Simulation.of(setup).check(until=12.0, budget=5.0).details
 
 
 @pytest.mark.parametrize("name", ["KleinGordon", "Decay"])

@@ -63,7 +63,7 @@ def test_check_certificate_and_compare(sponge):
     sim = simulation(sponge(nodes=20))
     found = sim.certificate()
     assert found.verdict == "certified" and "energy of the scheme cannot grow" in found.reason
-    text = str(sim.check(until=12.0))
+    text = sim.check(until=12.0).details
     assert "PowerSponge" in text and "reflection" in text
     setup = {"lattice": sim.lattice, "model": sim.model, "boundary": sponge(nodes=40), "initial": PULSE}
     errors = compare(setup, 40.0, times=[20.0, 40.0]).curves

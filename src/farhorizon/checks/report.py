@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, NotRequired
@@ -28,6 +28,7 @@ from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.signals import Signal
 from farhorizon.machine import one_blas_thread
 from farhorizon.medium.stencil import BackwardWaves
+from farhorizon.pictures.style import speed_text
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
 _FINE = tuple(np.linspace(0, 85, 35).tolist())  # angles of the picture
@@ -37,6 +38,19 @@ _SHARE, _MINIMUM = 0.4, 0.1  # of the time: until when wavelengths are predicted
 _STEEP = 60.0  # degrees: waves that come flatter are few, and layers are worst for them
 _EXACT = 1e-14  # less than this comes back: rounding
 _MUCH = 1e-3  # amplitude that a layer of given thickness may send back without a warning
+_WORTH = 1.0  # seconds saved that are worth a note
+_MORE = "farhorizon check CASE.toml --details, in Python print(report.details)"
+_SHORT = (
+    "near field",
+    "wave speeds",
+    "wavelengths",
+    "shortest wave",
+    "front",
+    "cheapest sides",
+    "time",
+    "time in all",
+    "outputs",
+)
 _LONG = 30 * 86400.0  # seconds of a run that is warned of
 
 
@@ -177,7 +191,9 @@ class Report:
     numbers : dict of str to float
         Those of the rows that a program may want: "dt", "step_limit", "seconds", "steps", "memory"; of the extended
         domain over this run "extended_nodes", "extended_cost", "extended_memory", or of layers over this run on an
-        extended domain "layer_nodes", "layer_cost", "layer_memory".
+        extended domain "layer_nodes", "layer_cost", "layer_memory"; of `farhorizon check` "seconds_in_all".
+    omitted : list of str
+        What the tables lack.
     until : float
         End of the run; infinite if it is not known.
     """
@@ -188,6 +204,7 @@ class Report:
     certificate: Certificate | None = None
     reflections: list[Reflections] = field(default_factory=list)
     numbers: dict[str, float] = field(default_factory=dict)
+    omitted: list[str] = field(default_factory=list)
     until: float = np.inf
 
     @classmethod
@@ -220,15 +237,19 @@ class Report:
     @property
     def headline(self) -> str:
         """The report in one line: whether to run it, how long that takes, what comes back, whether it is stable."""
-        count = len(self.warnings)
-        parts = ["run refuses it" if self.refused else f"{count} warning{'s' * (count > 1)}" if count else "fine"]
-        if "seconds" in self.numbers:
-            parts.append(f"about {seconds(self.numbers['seconds'])} of steps, {_mebibytes(self.numbers['memory'])}")
+        count, numbers = len(self.warnings), self.numbers
+        verdict = "run refuses it" if self.refused else f"{count} warning{'s' * (count > 1)}" if count else "fine"
+        parts = []
+        if "seconds_in_all" in numbers:
+            parts.append(f"about {seconds(numbers['seconds_in_all'])} in all")
+        elif "seconds" in numbers:
+            parts.append(f"about {seconds(numbers['seconds'])} of steps")
+        parts.append(_mebibytes(numbers["memory"]))
         if (back := self._largest_returned()) is not None:
             parts.append(f"echoes of plane waves at most {_decibels(back)} dB up to {_STEEP:g} degrees")
         if self.certificate is not None:
             parts.append(f"stability {self.certificate.verdict}")
-        return ", ".join(parts)
+        return f"{verdict}: {', '.join(parts)}"
 
     def _largest_returned(self) -> float | None:
         """Largest amplitude that absorbing sides send back of plane waves that are not grazing; None without any."""
@@ -247,7 +268,7 @@ class Report:
             found = Reflections(names, side)
             for wavelength in wavelengths:
                 if found.tables and time.monotonic() > end:
-                    self.notes.append(
+                    self.omitted.append(
                         f"no time to predict the reflection of waves of length {wavelength:.3g} by {names}"
                     )
                 else:
@@ -286,7 +307,7 @@ class Report:
         )
         if sim.model.speeds:
             of = " of the medium in the middle of all" if sim.varied else ""
-            say("wave speeds", ", ".join(f"{wave} {c:.4g}" for wave, c in sim.model.speeds.items()) + of)
+            say("wave speeds", ", ".join(f"{wave} {speed_text(c)}" for wave, c in sim.model.speeds.items()) + of)
         if waves is not None:
             say(
                 "wavelengths",
@@ -389,7 +410,7 @@ class Report:
         steps = int(np.ceil(until / sim.dt))
         mine = price(sim, self.estimate(sim, steps, until) / steps)
         if any(b.extended for b in sim.sides.values()):
-            self._compare_with_layer(sim, mine, until)
+            self._compare_with_layer(sim, mine, until, steps)
             return
         if not sim.targets:
             return
@@ -404,10 +425,9 @@ class Report:
             "extended_cost": far.seconds / mine.seconds,
             "extended_memory": far.memory / mine.memory,
         }
-        if far.seconds < mine.seconds:
-            self.notes.append('the extended domain would be faster than this run: type = "extended"')
+        self._recommend("lattice-pml", mine, "extended", far, steps)
 
-    def _compare_with_layer(self, sim: Examined, mine: Price, until: float) -> None:
+    def _compare_with_layer(self, sim: Examined, mine: Price, until: float, steps: int) -> None:
         """Time and memory of layers in place of the extended domain."""
         try:
             twin = layered(sim, until)
@@ -422,8 +442,18 @@ class Report:
             "layer_cost": other.seconds / mine.seconds,
             "layer_memory": other.memory / mine.memory,
         }
-        if other.seconds < mine.seconds:
-            self.notes.append('layers would be faster than this run: type = "lattice-pml"')
+        self._recommend("extended", mine, "lattice-pml", other, steps)
+
+    def _recommend(self, ours: str, mine: Price, theirs: str, other: Price, steps: int) -> None:
+        """Say which sides that keep the target are the cheapest."""
+        share, saved = other.seconds / mine.seconds, (mine.seconds - other.seconds) * steps
+        if share >= 1:
+            self._say("cheapest sides", f"as given; {theirs} would take {share:.2g} times the time")
+            return
+        when = "; layers pay in longer runs, and in space" if theirs == "extended" else ""
+        self._say("cheapest sides", f'type = "{theirs}", {share:.2g} of the time of the steps{when}')
+        if saved > _WORTH:
+            self.notes.append(f'type = "{theirs}" would save {seconds(saved)} of steps')
 
     def estimate(self, run: Timed, steps: int, until: float) -> float:
         """Say how long a run takes, in seconds, and warn where nobody can mean that."""
@@ -469,7 +499,7 @@ class Report:
             "facts": dict(self.rows),
             "numbers": self.numbers,
             "warnings": self.warnings,
-            "notes": self.notes,
+            "notes": [*self.notes, *self.omitted],
             "certificate": certificate,
             "reflection": rows,
         }
@@ -520,20 +550,30 @@ class Report:
                 lines.append(f"{label:>18}" + "".join(f"{_decibels(v):>9}" for v in amplitudes))
         return lines
 
+    @property
+    def details(self) -> str:
+        """The whole page, with all facts and tables."""
+        notes = [f"note: {text}" for text in (*self.notes, *self.omitted)]
+        return "\n".join([*self._head(), *_columns(self.rows), *self._reflection_lines(), *notes])
+
+    def _head(self) -> list[str]:
+        """The verdict, and what to do."""
+        return [self.headline, *([f"warning: {text}" for text in self.warnings] or ["to do: nothing, run it"])]
+
     def _repr_html_(self) -> str:
-        lines = [*(f"warning: {text}" for text in self.warnings), *(f"note: {text}" for text in self.notes)]
+        lines = [*self._head()[1:], *(f"note: {text}" for text in (*self.notes, *self.omitted))]
         return table(self.rows, self.headline) + preformatted("\n".join(self._reflection_lines())) + listed(lines)
 
     def __str__(self) -> str:
-        rows = [("in short", self.headline), *self.rows]
-        width = max(len(name) for name, _ in rows)
-        lines = [f"{name:<{width}}  {value}" for name, value in rows]
-        return "\n".join(
-            lines
-            + self._reflection_lines()
-            + [f"warning: {w}" for w in self.warnings]
-            + [f"note: {n}" for n in self.notes]
-        )
+        rows = [row for row in self.rows if row[0] in _SHORT]
+        notes = [f"note: {text}" for text in self.notes]
+        return "\n".join([*self._head(), *_columns([*rows, ("tables", _MORE)]), *notes])
+
+
+def _columns(rows: Sequence[tuple[str, str]]) -> list[str]:
+    """Names and values below each other."""
+    width = max(len(name) for name, _ in rows)
+    return [f"{name:<{width}}  {value}" for name, value in rows]
 
 
 def _reflection_facts(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import time
 import warnings
 
 from farhorizon.cli.common import BAD_INPUT, GOOD, case_of, check_folder, made_folder, write_json
@@ -10,9 +11,12 @@ from farhorizon.cli.common import BAD_INPUT, GOOD, case_of, check_folder, made_f
 
 def check_command(options: argparse.Namespace) -> int:
     from farhorizon.case.geometry_picture import draw_geometry
+    from farhorizon.case.whole_time import whole_time
+    from farhorizon.engine.rows.notice import compile_seconds
     from farhorizon.errors import ValidityWarning
-    from farhorizon.simulation.probes import Probes
+    from farhorizon.pictures.style import counted_in
 
+    begin = time.perf_counter()
     if options.out:
         check_folder(options.out)
     case = case_of(options)
@@ -21,10 +25,14 @@ def check_command(options: argparse.Namespace) -> int:
         sim = case.run()
     with case.naming():
         sim.prepare(case.end)
-    report = sim.check(case.end, options.budget)
+        probes = sim.record(case.parts.output.probes, case.parts.output.probe_every)
+    start = time.perf_counter() - begin - compile_seconds()
+    with counted_in(case.unit_names):
+        report = sim.check(case.end, options.budget)
+    whole_time(case, sim, report, start)
     report.rows.append(("outputs", case.schedule(sim.dt)))
-    report.notes = [*report.notes, *Probes(case.lattice, case.parts.output.probes).notes]
-    print(report)
+    report.notes = [*report.notes, *probes.notes]
+    print(report.details if options.details else report)
     if options.out:
         folder = made_folder(options.out)
         for picture in [*draw_geometry(case, sim, folder), *report.draw(folder, case.name, case.lattice.spacing)]:

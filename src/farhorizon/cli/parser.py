@@ -86,6 +86,7 @@ def _run(sub: argparse.ArgumentParser) -> None:
 
 def _check(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("case", help="case file (TOML)")
+    sub.add_argument("--details", action="store_true", help="print all facts and the tables of reflection, too")
     sub.add_argument(
         "--out", metavar="DIR", help="draw nodes, reflection and a growing mode into this folder (default: no pictures)"
     )

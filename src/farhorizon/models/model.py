@@ -249,7 +249,7 @@ class LatticeModel:
 
     @property
     def speeds(self) -> dict[str, float]:
-        """Of long waves by what they are called, where there are several kinds."""
+        """Of long waves by what they are called, where the model knows them."""
         return {}
 
     @property

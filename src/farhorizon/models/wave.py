@@ -70,6 +70,11 @@ class Wave(LatticeModel):
         given = {"speed": self.speed, "density": self.density}
         return {name: value for name, value in given.items() if not isinstance(value, float)}
 
+    @property
+    def speeds(self) -> dict[str, float]:
+        """That of long waves."""
+        return {"long waves": self.speed}
+
     def with_constants(self, constants: Mapping[str, Any]) -> Wave:
         """The same waves at other speeds."""
         model = copy.copy(self)

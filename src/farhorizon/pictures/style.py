@@ -99,6 +99,13 @@ def with_unit(name: str, measured: str = "length") -> str:
     return f"{name} ({unit})" if unit else name
 
 
+def speed_text(value: float) -> str:
+    """A speed with its unit."""
+    known = _UNITS.get()
+    both = known.get("length"), known.get("time")
+    return f"{value:.4g}" + (f" {both[0]}/{both[1]}" if all(both) else "")
+
+
 def number_text(value: float, scale: float) -> str:
     """Text of a coordinate, free of round-off and with a true minus sign; `scale` is the size of coordinates that
     matter.

@@ -41,10 +41,7 @@ class Examination:
         if known is None or (known.verdict == UNDECIDED and known.quiet < until and self._asked < until):
             # a run in many pieces is examined a few times only
             asked = until if known is None else max(until, 2 * self._asked)
-            steps = until / run.dt - run.step_count
-            work = steps * run.lattice.nodes * len(run.stencil.weights)
-            seconds = run.seconds_per_step() * steps if work > _LONG else 0.0
-            known = run.certificate(max(_LEAST, 0.5 * seconds), asked)
+            known = run.certificate(modes_budget(run, until), asked)
             self._known, self._asked = known, asked
         if known.grows_within(until) and not allow_unstable:
             raise InputError(
@@ -54,3 +51,10 @@ class Examination:
                 remedy="see the warnings of check; or allow_unstable=True (--allow-unstable) runs it all the same",
             )
         return known
+
+
+def modes_budget(run: Examinable, until: float) -> float:
+    """Seconds that the modes of a run to a time may be examined, where they are not known."""
+    steps = until / run.dt - run.step_count
+    work = steps * run.lattice.nodes * len(run.stencil.weights)
+    return max(_LEAST, 0.5 * run.seconds_per_step() * steps if work > _LONG else 0.0)

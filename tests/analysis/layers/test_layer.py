@@ -115,7 +115,7 @@ def test_prediction_and_run_of_a_diffusive_layer():
         predicted = found.tables[2 * np.sqrt(np.pi * until)][0, 0]  # the diffusion wave whose period is the run
         error = next(iter(compare(setup, until, [until], beside=False).curves.values()))["error_rel_current"][-1]
         assert predicted / 10 < error < predicted
-        assert "diffusion waves" in str(report)
+        assert "diffusion waves" in report.details
 
 
 @pytest.mark.parametrize("model", [VECTORS[0][1], VECTORS[3][1], fh.Wave(fh.Kernel(3.0, 1))])

@@ -33,6 +33,7 @@ class _Notice(event.Listener):
     def __init__(self) -> None:
         self._mine = threading.local()  # simulations may be made side by side
         self._begun = False
+        self.spent = 0.0
 
     def on_start(self, found: Any) -> None:
         """A function, or a pass of one, begins."""
@@ -61,6 +62,8 @@ class _Notice(event.Listener):
         mine = self._mine
         name = mine.names.pop()
         seconds = time.perf_counter() - mine.begin
+        if not mine.names and mine.busy:
+            self.spent += seconds
         if not mine.names and mine.busy and _purpose(name) and seconds > _SHORT:
             _say(f"compiled {_purpose(name)} in {seconds:.1f} s")
 
@@ -86,3 +89,8 @@ def importing(name: str) -> Iterator[None]:
         yield
     finally:
         _NOTICE.leave()
+
+
+def compile_seconds() -> float:
+    """What this process has compiled so far took so long."""
+    return _NOTICE.spent

@@ -1,0 +1,91 @@
+"""How long `farhorizon run` takes in all: the steps are often the least of it."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from farhorizon.case.case import Case
+from farhorizon.checks.certificate import UNDECIDED
+from farhorizon.checks.report import Report, seconds
+from farhorizon.simulation.examination import modes_budget
+from farhorizon.simulation.output import RunResults
+from farhorizon.simulation.run import Run
+
+_PANELS = 4  # of a picture
+
+
+def whole_time(case: Case, run: Run, report: Report, start: float) -> dict[str, float]:
+    """Seconds that each part of a run takes on this machine, and a row of the report about them.
+
+    Files and pictures are tried: two outputs, a checkpoint and a picture, in a folder that is removed.
+
+    Parameters
+    ----------
+    case : Case
+    run : Run
+        Of it, at its start, with the probes of the case.
+    report : Report
+        Of it, with the time of its steps.
+    start : float
+        Seconds from the start of the command to the first step, without compilation.
+
+    Returns
+    -------
+    dict of str to float
+        "start", "examination", "steps", "files", "pictures".
+    """
+    outputs = 1 + int(np.ceil(report.numbers["steps"] * run.dt / case.every(run.dt) - 1e-9))
+    certificate, steps = report.certificate, report.numbers["seconds"]
+    examined = certificate is not None and certificate.verdict != UNDECIDED  # and kept: `run` recalls it
+    with TemporaryDirectory() as folder:
+        files, pictures = _files(case, run, Path(folder), outputs), _pictures(case, run, Path(folder))
+    parts = {
+        "start": start,
+        "examination": 0.0 if examined else modes_budget(run, report.until),
+        "steps": steps,
+        "files": files,
+        "pictures": pictures,
+    }
+    whole = sum(parts.values())
+    told = ", ".join(f"{name} {seconds(part)}" for name, part in parts.items() if part > 0.01 * whole)
+    report.numbers["seconds_in_all"] = whole
+    report.rows.append(("time in all", f"about {seconds(whole)}: {told} ({outputs} outputs)"))
+    return parts
+
+
+def _files(case: Case, run: Run, folder: Path, outputs: int) -> float:
+    """Of so many outputs, and of two checkpoints."""
+    out = case.parts.output
+    made = RunResults.begin(run, folder / "a.h5", case.fields, dtype=out.dtype, compress=out.compress)
+    made.append()
+    begin = time.perf_counter()
+    values = {name: run.fields[name] for name in made.writer.fields}
+    made.writer.append(run.step_count + 1, run.dt, values, energy=run.energy(), balance=_balance(made, run))
+    one = time.perf_counter() - begin
+    run.save(folder / "a.ckpt")
+    return outputs * one + 2 * (time.perf_counter() - begin - one)
+
+
+def _balance(made: RunResults, run: Run) -> dict[str, float] | None:
+    return run.balance() if made.writer.accounts else None
+
+
+def _pictures(case: Case, run: Run, folder: Path) -> float:
+    """Of all pictures of a run: each takes as long as this one, the first one more."""
+    from farhorizon.pictures.fields import field_panels
+    from farhorizon.pictures.snapshot import scalars
+
+    fields = {name: values for name, values in run.fields.items() if name in case.fields}
+    drawn = scalars(fields, case.lattice.dim)
+    more = 1 + bool(case.parts.output.probes) + case.parts.output.balance + len(run.recorders)
+    _, values = drawn["u"]
+    begin = time.perf_counter()
+    field_panels([("", np.zeros((1, 1)))], [np.zeros(1)] * 2, folder / "first.png")
+    first = time.perf_counter() - begin
+    field_panels([(f"t = {k}", values) for k in range(_PANELS)], case.lattice.axes, folder / "u.png")
+    each = time.perf_counter() - begin - first
+    return first + (len(drawn) + more) * each

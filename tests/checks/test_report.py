@@ -1,0 +1,78 @@
+"""What `check` says to people: the verdict, what to do, and no table unless it is asked for."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import farhorizon as fh
+from farhorizon.checks.report import Report
+from farhorizon.cli import main
+
+CASE = """
+lattice = { spacing = 0.25, lower = [-4.0], upper = [4.0] }
+model = { type = "wave", speed = 2.0, kernel = { horizon = 0.25 } }
+initial = { u = "exp(-2*x**2)" }
+boundary = { all = { type = "lattice-pml", nodes = 12 } }
+run = { until = 2.0 }
+"""
+
+
+def told(capsys, *options):
+    assert main(["check", "a.toml", "--budget", "0.2", *options]) == 0
+    return capsys.readouterr().out.splitlines()
+
+
+def test_the_verdict_first_then_what_to_do_and_tables_when_asked_for(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("a.toml").write_text(CASE)
+    short, long = told(capsys), told(capsys, "--details")
+    for page in (short, long):
+        assert re.match(r"fine: about .* in all, .* MiB, echoes of plane waves at most -\d+ dB", page[0])
+        assert page[1] == "to do: nothing, run it"
+        assert re.match(r"wave speeds +long waves 2$", next(line for line in page if line.startswith("wave speeds")))
+        assert any(re.match(r"wavelengths .* = [\d.]+ nodes", line) for line in page)
+        assert any(re.match(r"cheapest sides ", line) for line in page)
+    assert not any("predicted reflection" in line or line.startswith("memory") for line in short)
+    assert any("predicted reflection" in line for line in long) and any(line.startswith("memory") for line in long)
+    assert any("--details" in line for line in short) and len(short) < 14 < len(long)
+
+
+def test_the_time_in_all_is_the_sum_of_its_parts_and_no_trial_file_stays(tmp_path, monkeypatch, capsys):
+    from farhorizon.case.case import Case
+    from farhorizon.case.whole_time import whole_time
+
+    monkeypatch.chdir(tmp_path)
+    case = Case(CASE + "output = { every = 0.5, probes = [[1.0]] }\n")
+    run = case.run()
+    run.prepare(case.end)
+    run.record(case.parts.output.probes)
+    report = run.check(case.end, 0.1)
+    before = run.fields["u"].copy()
+    parts = whole_time(case, run, report, 3.0)
+    assert parts["start"] == 3.0 and parts["steps"] == report.numbers["seconds"]
+    assert report.numbers["seconds_in_all"] == pytest.approx(sum(parts.values())) and min(parts.values()) >= 0
+    (row,) = (value for name, value in report.rows if name == "time in all")
+    assert "(5 outputs)" in row and list(tmp_path.iterdir()) == []
+    assert (run.fields["u"] == before).all() and run.step_count == 0 and len(run.probes.times) == 1
+
+
+def test_speeds_have_the_units_of_the_case(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("a.toml").write_text(CASE + 'units = { length = "mm", time = "us" }\n')
+    assert "long waves 2 mm/us" in "\n".join(told(capsys))
+
+
+def test_warnings_are_what_to_do():
+    report = Report(warnings=["take more nodes"], notes=["said too"], numbers={"memory": 2.0**20})
+    assert str(report).splitlines()[:2] == ["1 warning: 1 MiB", "warning: take more nodes"]
+    assert "note: said too" in str(report) and "nothing" not in str(report)
+
+
+def test_the_cheapest_sides_are_recommended():
+    """In a short run in one dimension the extended domain, in a long one the layer."""
+    line = fh.Lattice(0.25, -4, 4)
+    for until, said in ((1.0, 'type = "extended"'), (4000.0, "as given; extended would take")):
+        sim = fh.Simulation(line, fh.Wave(fh.Kernel(0.25)), fh.LatticePML(nodes=12), {"u": "exp(-2*x**2)"})
+        (row,) = (value for name, value in sim.check(until, budget=0.0).rows if name == "cheapest sides")
+        assert row.startswith(said)
