@@ -340,17 +340,23 @@ def small(tmp_path, monkeypatch):
 
 
 def test_finished_results_are_overwritten_by_force_alone(small, capsys):
-    """Unfinished ones are; --resume goes on from finished ones."""
-    assert main(["run", "small.toml", "--set", "output.dtype=float32"]) == 0
+    """Unfinished ones are; --resume goes on from finished ones whose checkpoint was kept."""
+    assert main(["run", "small.toml", "--keep-checkpoint", "--set", "output.dtype=float32"]) == 0
     said, results = capsys.readouterr().out, open_results("small.h5")
     assert f"reached, {results.steps[-1]} steps and their files in" in said
-    assert results.provenance["command"] == "farhorizon run small.toml --set output.dtype=float32"
+    assert results.provenance["command"] == "farhorizon run small.toml --keep-checkpoint --set output.dtype=float32"
     assert results.field("u", 0).dtype == np.float32 and "machine" in results.provenance
     before = Path("small.h5").read_bytes()
     assert main(["run", "small.toml"]) == 2
-    assert "--force" in capsys.readouterr().err and Path("small.h5").read_bytes() == before
-    assert main(["run", "small.toml", "--until", "3", "--resume"]) == 0
+    message = capsys.readouterr().err
+    assert "--force" in message and "--resume --until T" in message and Path("small.h5").read_bytes() == before
+    words = ["--set", "output.dtype=float32"]
+    assert main(["run", "small.toml", "--until", "3", "--resume", *words]) == 0
     assert open_results("small.h5").times[-1] >= 3 and open_results("small.h5").finished
+    assert not Path("small.ckpt").exists() and "go on with it" not in Path("small/report.html").read_text()
+    assert main(["run", "small.toml", "--until", "4", "--resume", *words]) == 2
+    assert "--keep-checkpoint" in capsys.readouterr().err
+    assert main(["run", "small.toml"]) == 2 and "--resume" not in capsys.readouterr().err
     assert main(["run", "small.toml", "--force"]) == 0
     assert open_results("small.h5").times[-1] < 3
     ResultsWriter.resume("small.h5", 1)  # as a run that was killed
@@ -379,7 +385,7 @@ def test_a_disk_that_is_full_ends_a_run_in_one_line_and_blocks_nothing(small):
     or --resume does.
     """
     Path("small.toml").write_text(SMALL.replace("until = 2.0", "until = 40.0") + "output = { every = 0.2 }\n")
-    assert main(["run", "small.toml", "--out", "whole"]) == 0
+    assert main(["run", "small.toml", "--out", "whole", "--keep-checkpoint"]) == 0
     results, checkpoint = (Path(f"whole/small.{suffix}").stat().st_size // 1024 for suffix in ("h5", "ckpt"))
     assert results > checkpoint + 20
     whole = open_results("whole/small.h5")
@@ -399,8 +405,7 @@ def test_a_disk_that_is_full_ends_a_run_in_one_line_and_blocks_nothing(small):
         )
         assert not list(small.glob(".*"))
         shutil.rmtree("small")
-        for name in ("small.h5", "small.ckpt"):
-            Path(name).unlink()
+        Path("small.h5").unlink()
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device that is always full")
@@ -544,12 +549,12 @@ def test_a_doubtful_result_is_told_to_those_who_want_quiet(tmp_path, monkeypatch
 
 def test_set_changes_the_case_and_what_the_results_keep(small, capsys):
     """And the advice of an interrupted run, so that it goes on with the same case."""
-    assert main(["run", "small.toml", "--set", "run.until=3.0", "--set", "model.speed=2", "--json", "run.json"]) == 0
+    same = ["--set", "run.until=3.0", "--set", "model.speed=2"]
+    assert main(["run", "small.toml", *same, "--keep-checkpoint", "--json", "run.json"]) == 0
     assert written("run.json", "run")["time"] >= 3
     assert "speed = 2" in open_results("small.h5").case and "until = 3.0" in open_results("small.h5").case
     assert main(["run", "small.toml", "--resume", "--until", "4"]) == 2
     assert "another set-up" in capsys.readouterr().err
-    same = ["--set", "run.until=3.0", "--set", "model.speed=2"]
     assert main(["run", "small.toml", "--resume", "--until", "4", *same]) == 0
     capsys.readouterr()
     for command in ("run", "check", "compare"):

@@ -72,7 +72,8 @@ class Damager:
 
     def prepare(self):
         for name, until in (("whole", "3"), ("half", "1.5")):
-            assert self.command("run", self.case, "--out", self.folder / name, "--until", until)[0] == 0
+            ended = "--until", until, "--keep-checkpoint"
+            assert self.command("run", self.case, "--out", self.folder / name, *ended)[0] == 0
         self.expected, self.ready = told(self.folder / "whole" / "case.h5"), True
 
     def answer(self, job):

@@ -128,7 +128,8 @@ class Killer:
         if run(arguments, period, name == PICTURED, **dying) != 137:
             return told | {"class": "not killed"}
         resumed = (out / f"{name}.ckpt").exists()
-        code = run(arguments + ["--resume"] * resumed, period, name == PICTURED)
+        again = "--resume" if resumed else "--force"  # which one needs that died behind its end
+        code = run([*arguments, again], period, name == PICTURED)
         found = told | {"class": "resumed" if resumed else "begun anew"}
         try:
             assert code == 0, f"exit code {code}"

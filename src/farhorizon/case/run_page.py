@@ -46,7 +46,7 @@ def write_report(
     threads : int
         As many as the run was allowed.
     again : str
-        The command that goes on with it.
+        The command that goes on with it; empty where there is no checkpoint.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def write_report(
     )
     kept = [
         ("results", f"{results.path}: {len(results.times)} outputs, opens in ParaView"),
-        ("go on with it", f"{again} --until T"),
+        *([("go on with it", again)] if again else []),
         (
             "check it",
             "farhorizon check tells the step limit, predicted reflection by angle, memory and time of the case",

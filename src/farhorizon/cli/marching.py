@@ -191,6 +191,7 @@ def again(options: argparse.Namespace, until: bool = True) -> str:
     return shlex.join(
         words
         + ["--allow-unstable"] * options.allow_unstable
+        + ["--keep-checkpoint"] * options.keep_checkpoint
         + ["--no-report"] * options.no_report
         + ["--quiet"] * options.quiet
     )

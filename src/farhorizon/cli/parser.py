@@ -80,6 +80,11 @@ def _run(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--resume", action="store_true", help="go on from the checkpoint NAME.ckpt of an interrupted run")
     sub.add_argument("--until", type=_time, metavar="T", help="end time instead of the case's")
     sub.add_argument("--force", action="store_true", help="overwrite the results of a finished run")
+    sub.add_argument(
+        "--keep-checkpoint",
+        action="store_true",
+        help="keep NAME.ckpt at the end of the case, too, for --resume --until T",
+    )
     sub.add_argument("--no-report", action="store_true", help="write no page about the run (NAME/report.html)")
     sub.add_argument("--allow-unstable", action="store_true", help="run although a mode grows")
 

@@ -27,7 +27,10 @@ def run_command(options: argparse.Namespace) -> int:
         raise InputError("the end of the run must be positive", value=until, key="--until")
     files = RunFiles(Path(options.out), case.name)
     if options.resume and not files.checkpoint.exists():
-        remedy = "run without --resume, or give the --out of the run"
+        remedy = (
+            "run without --resume, or give the --out of the run; a run that has come to the end of its case keeps one "
+            "with --keep-checkpoint alone"
+        )
         raise InputError(f"no checkpoint {files.checkpoint}", key="--resume", remedy=remedy)
     _refuse_finished(files.result, options)
     check_folder(str(files.pictures))
@@ -46,8 +49,11 @@ def run_command(options: argparse.Namespace) -> int:
         if code == GOOD:
             _sum_up(case, sim, sim.step_count - before, time.perf_counter() - began)
             output.conclude()
-            _tell(options, case, sim, certificate, until, files)
+            kept = options.keep_checkpoint or until < case.end
+            _tell(options, case, sim, certificate, until, files, kept)
             output.finish()
+            if not kept:
+                files.checkpoint.unlink()
     return code
 
 
@@ -63,7 +69,8 @@ def _refuse_finished(result: Path, options: argparse.Namespace) -> None:
     except FileFormatError:
         return  # no results of ours: `ResultsWriter.create` refuses it
     if finished:
-        remedy = "--force overwrites them, --resume --until T goes on from them, --out DIR puts the new ones elsewhere"
+        onward = ", --resume --until T goes on from them" * result.with_suffix(".ckpt").exists()
+        remedy = f"--force overwrites them{onward}, --out DIR puts the new ones elsewhere"
         raise InputError(f"{result} holds the results of a finished run", remedy=remedy)
 
 
@@ -75,7 +82,9 @@ def _sum_up(case: Any, sim: Any, steps: int, seconds: float) -> None:
     print(said)
 
 
-def _tell(options: argparse.Namespace, case: Any, sim: Any, certificate: Any, until: float, files: RunFiles) -> None:
+def _tell(
+    options: argparse.Namespace, case: Any, sim: Any, certificate: Any, until: float, files: RunFiles, kept: bool
+) -> None:
     """Draw the results, write the page about them and the figures, and say where they are."""
     from farhorizon.case.run_page import write_report
     from farhorizon.files.results import open_results
@@ -92,7 +101,7 @@ def _tell(options: argparse.Namespace, case: Any, sim: Any, certificate: Any, un
     if not options.no_report:
         threads = wanted_threads(case.parts.run.threads)
         page = files.pictures / "report.html"
-        onward = again(options, until=False)
+        onward = f"{again(options, until=False)} --until T" if kept else ""
         write_report(page, case, sim, certificate, results, pictures, threads=threads, again=onward)
         said += f"; report: {page}"
     print(said, file=options.output)
