@@ -35,6 +35,7 @@ _COMPILED_IN = (
     "rows/vectors",
     "rows/bond_sweeps",
     "rows/laws",
+    "rows/records",
     "rows/layer_sums",
     "rows/matrices",
 )

@@ -1,0 +1,172 @@
+"""Named tuples that stay in memory: a compiled function is given their address, and reads a field where it needs it.
+
+Numba hands a named tuple over field by field, and an array as seven numbers or more. The loop's tables come to a
+thousand of them, in the call of each function that has a use for one, and LLVM spends most of its time on them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core.imputils import lower_getattr_generic
+from numba.core.typing.templates import AttributeTemplate, infer_getattr
+from numba.extending import models, register_model, unbox
+from numba.np import arrayobj
+
+_WORD = 8
+_I64 = ir.IntType(64)
+
+
+class Record:
+    """A named tuple of arrays, numbers and named tuples, as compiled functions read it; it does not change.
+
+    Parameters
+    ----------
+    table : NamedTuple
+    last : Record, optional
+        One of the same class: what both have in common need not be looked at again.
+
+    Attributes
+    ----------
+    type : RecordType
+    parts : list
+        Of each field its type and its words: of an array the address, the shape and the strides.
+    words : ndarray
+        Of all fields, one after the other.
+    """
+
+    def __init__(self, table: Any, last: Record | None = None) -> None:
+        self.table = table  # whose arrays are to live as long
+        self.parts: list[Record | _Value]
+        if last is None:
+            self.parts = [_part(value) for value in table]
+        else:
+            before = zip(table, last.table, last.parts, strict=True)
+            self.parts = [part if value is old else _part(value, part) for value, old, part in before]
+        self.type: RecordType = _record_type(
+            type(table).__name__, table._fields, tuple(part.type for part in self.parts)
+        )
+        self.words: np.ndarray = np.concatenate([part.words for part in self.parts])
+        self.address = _address(self.words)
+
+    def __reduce__(self) -> tuple[type[Record], tuple[Any]]:
+        return Record, (self.table,)  # a copy has arrays of its own
+
+    @property
+    def _numba_type_(self) -> RecordType:
+        return self.type
+
+
+@lru_cache
+def _array_type(dtype: np.dtype, axes: int, dense: bool, writeable: bool) -> types.Array:
+    return types.Array(numba.from_dtype(dtype), axes, "C" if dense else "A", readonly=not writeable)
+
+
+def _address(array: np.ndarray) -> int:
+    return int(array.__array_interface__["data"][0])  # `array.ctypes` takes longer
+
+
+class _Value(NamedTuple):
+    """An array or a number as a part of a record."""
+
+    type: types.Type
+    words: np.ndarray
+
+
+def _part(value: Any, last: Any = None) -> Record | _Value:
+    if isinstance(value, tuple):
+        return Record(value, last)
+    if isinstance(value, np.ndarray):
+        flags = value.flags
+        kind = _array_type(value.dtype, value.ndim, flags.c_contiguous, flags.writeable)
+        return _Value(kind, np.array([_address(value), *value.shape, *value.strides], np.int64))
+    if isinstance(value, (float, np.floating)):
+        bits = np.zeros(1, np.int64)
+        bits.view(type(value))[0] = value
+        return _Value(numba.typeof(value), bits)
+    return _Value(numba.typeof(value), np.array([value], np.int64))
+
+
+class RecordType(types.Type):
+    """Type of a `Record`.
+
+    Attributes
+    ----------
+    fields : dict of str to (int, types.Type)
+        The first word of each field, and its type.
+    """
+
+    def __init__(self, name: str, fields: tuple[tuple[str, types.Type], ...]) -> None:
+        self.fields, self.size = {}, 0
+        for field, kind in fields:
+            self.fields[field] = self.size, kind
+            self.size += _length(kind)
+        mark = ", ".join(f"{field}: {kind}" for field, kind in fields)
+        super().__init__(f"Record({name}, {hashlib.sha256(mark.encode()).hexdigest()[:20]})")
+
+
+@lru_cache
+def _record_type(name: str, fields: tuple[str, ...], kinds: tuple[types.Type, ...]) -> RecordType:
+    return RecordType(name, tuple(zip(fields, kinds, strict=True)))
+
+
+def _length(kind: types.Type) -> int:
+    """Words of a field."""
+    if isinstance(kind, RecordType):
+        return kind.size
+    return 1 + 2 * kind.ndim if isinstance(kind, types.Array) else 1
+
+
+@register_model(RecordType)
+class _Address(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: RecordType) -> None:
+        super().__init__(manager, kind, _I64)
+
+
+@unbox(RecordType)
+def _unbox(kind: RecordType, record: Any, c: Any) -> Any:
+    address = c.pyapi.object_getattr_string(record, "address")
+    native = c.unbox(types.int64, address)
+    c.pyapi.decref(address)
+    return native
+
+
+@infer_getattr
+class _Fields(AttributeTemplate):
+    key = RecordType
+
+    def generic_resolve(self, kind: RecordType, name: str) -> types.Type | None:  # type: ignore[override]
+        return kind.fields[name][1] if name in kind.fields else None
+
+
+@lower_getattr_generic(RecordType)
+def _field(context: Any, builder: ir.IRBuilder, kind: RecordType, address: Any, name: str) -> Any:
+    start, wanted = kind.fields[name]
+    if isinstance(wanted, RecordType):
+        return builder.add(address, _I64(start * _WORD))
+
+    def word(number: int) -> Any:
+        place = builder.inttoptr(builder.add(address, _I64((start + number) * _WORD)), _I64.as_pointer())
+        found = builder.load(place)
+        found.set_metadata("invariant.load", builder.module.add_metadata([]))
+        return found
+
+    if isinstance(wanted, types.Array):
+        array, axes = arrayobj.make_array(wanted)(context, builder), range(wanted.ndim)
+        shape, strides = ([word(1 + axis + first) for axis in axes] for first in (0, wanted.ndim))
+        data = builder.inttoptr(word(0), array.data.type)
+        itemsize = context.get_abi_sizeof(context.get_data_type(wanted.dtype))
+        arrayobj.populate_array(array, data, shape, strides, itemsize, None)
+        return array._getvalue()
+    if isinstance(wanted, types.Boolean):
+        return builder.icmp_signed("!=", word(0), _I64(0))
+    if isinstance(wanted, types.Float):
+        bits = builder.trunc(word(0), ir.IntType(wanted.bitwidth)) if wanted.bitwidth < 64 else word(0)
+        return builder.bitcast(bits, context.get_value_type(wanted))
+    return word(0)
