@@ -722,6 +722,6 @@ def test_no_text_is_kept_where_hdf5_has_no_check_sum(tmp_path):
     )
     case += 'boundary = { all = { type = "fixed" } }\nrun = { until = 2.0 }\noutput = { probes = [[0.0]] }\n'
     (tmp_path / "a.toml").write_text(case)
-    assert main(["run", str(tmp_path / "a.toml"), "--out", str(tmp_path)]) == 0
+    assert main(["run", str(tmp_path / "a.toml"), "--out", str(tmp_path), "--keep-checkpoint"]) == 0
     for name in ("a.h5", "a.ckpt"):
         assert b"GCOL" not in (tmp_path / name).read_bytes()  # the mark of such a heap

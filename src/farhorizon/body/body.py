@@ -287,7 +287,7 @@ class Body(Run):
         in 2D.
         """
         lead = 3 - self.dim
-        depth = {side: b.nodes if (b.split or b.damped) else 0 for side, b in self.sides.items()}
+        self.beyond = depth = {side: b.nodes if (b.split or b.damped) else 0 for side, b in self.sides.items()}
         self._before = np.array([0] * lead + [depth[a, -1] for a in range(self.dim)])
         self._near = np.array([1] * lead + list(self.lattice.shape))
         self._box = self._before + self._near + np.array([0] * lead + [depth[a, 1] for a in range(self.dim)])

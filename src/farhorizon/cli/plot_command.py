@@ -20,7 +20,7 @@ def plot_command(options: argparse.Namespace) -> int:
     results = open_results(path)
     try:
         case: Case | None = Case(results.case, path)
-    except InputError:  # written from Python, or by a program with other keys: a picture without cracks
+    except InputError:  # written from Python, or by a program with other keys
         case = None
     view = View(
         times=options.times,
@@ -31,7 +31,7 @@ def plot_command(options: argparse.Namespace) -> int:
         deformed=options.deformed,
         movie=options.movie,
         format=options.format,
-        cracks=case.polylines if case else (),
+        cracks=results.outlines.get("cracks", ()),
         quantities=case.quantities if case else {},
     )
     for picture in plot_results(results, folder, view, print):

@@ -95,8 +95,9 @@ def _tell(
     for caution in results.cautions:
         print(f"warning: not valid from t = {caution.time:.6g} on: {caution.brief}", file=options.errors)
     moments = [time for time in case.parts.output.pictures or () if time <= until]
-    view = View(times=moments or None, cracks=case.polylines, quantities=case.quantities)
+    view = View(times=moments or None, cracks=results.outlines.get("cracks", ()), quantities=case.quantities)
     pictures = plot_results(results, files.pictures, view, print)
+    results.write_outlines(files.pictures / "outlines.vtp")
     said = f"results: {files.result} ({len(results.times)} outputs); pictures: {', '.join(map(str, pictures))}"
     if not options.no_report:
         threads = wanted_threads(case.parts.run.threads)

@@ -33,6 +33,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import FarhorizonError, FileFormatError, InputError
+from farhorizon.files.polylines import Lines, flattened, gathered, write_vtp
 from farhorizon.files.records import Recorded, dataset_parts
 from farhorizon.files.storage import Draft, changing, created, read
 
@@ -414,6 +415,7 @@ class ResultsWriter:
         units: Mapping[str, str] | None = None,
         provenance: Mapping[str, str] | None = None,
         compress: bool = False,
+        outlines: Lines | None = None,
     ) -> ResultsWriter:
         """Create an empty results file; an older results file of that name is replaced, any other file is refused.
 
@@ -447,6 +449,8 @@ class ResultsWriter:
             What the file comes from: command, machine, versions.
         compress : bool
             Pack the fields, without loss.
+        outlines : mapping of str to sequence of ndarray, each of shape (n, dim), optional
+            Polylines by what they show: "cracks", "near field", "layers".
 
         Returns
         -------
@@ -528,6 +532,12 @@ class ResultsWriter:
             _put_words(group, "case", [case])
             _put_words(group, "fields", fields)
             _put_fixed(group, "probes", places)
+            points, counts, names = flattened(outlines or {})
+            shown = group.create_group("outlines")
+            _put_fixed(shown, "points", points)
+            _put_fixed(shown, "counts", counts)
+            if names:
+                _put_words(shown, "names", names)
             _growing(group, "steps", "i8")
             _growing(group, "history_rows", "i8")
             _growing(group, "record_rows", "i8")
@@ -845,6 +855,9 @@ class Results:
         Command, machine and versions that it comes from, of runs of the command line.
     finished : bool
         Whether the run had come to its end when the file was opened.
+    outlines : dict of str to list of ndarray, each of shape (n, dim)
+        Lines to be shown: "cracks" as they were given, in space their rims; the edges of the "near field" and, where
+        something is computed beyond it, of the "layers".
 
     Raises
     ------
@@ -872,6 +885,11 @@ class Results:
                 dict[str, str](json.loads(_word(group.attrs, name) or "{}")) for name in ("units", "provenance")
             )
             self.finished = bool(group.attrs.get("finished", False))
+            self.outlines: dict[str, list[np.ndarray]] = {}
+            if "outlines" in group:
+                shown = group["outlines"]
+                points, counts = (_read(shown, self.path, name) for name in ("points", "counts"))
+                self.outlines = gathered(points, counts, _words(shown, "names"))
             self._accounts = _words(group, "accounts")
             self.components = _components(group)
             for name in self.field_names:
@@ -1006,6 +1024,23 @@ class Results:
         values = stored.reshape(len(stored), *self.shape[::-1], *width)
         found = values.transpose(0, *range(values.ndim - 1, 0, -1))
         return np.ascontiguousarray(found if components == 1 else found[:, :components])
+
+    def write_outlines(self, path: str | Path) -> Path:
+        """Write the `outlines` for ParaView, which shows them beside the fields.
+
+        Parameters
+        ----------
+        path : str or Path
+            A name that ends in .vtp; ``kind`` numbers what lines show, in the order of `outlines`.
+
+        Raises
+        ------
+        InputError
+            There is no such directory.
+        """
+        path = kinds.path(path, "path")
+        _directory_of(path)
+        return write_vtp(path, self.outlines)
 
     def to_xarray(self) -> xarray.Dataset:
         """Read everything into an xarray Dataset (in memory).

@@ -38,6 +38,7 @@ __all__ = [
     "segments_cross",
 ]
 
+_CORNERS = 49  # of a circle in pictures and files
 TOLERANCE = 1e-9
 """Relative to the size of a shape, or to the length of a bond."""
 
@@ -473,6 +474,12 @@ class Cut(_Described):
         """
         raise NotImplementedError
 
+    def outline(self) -> Array:
+        """Points of the line that pictures and files show, shape (n, dim): in space the rim of the surface; none
+        unless a class has them.
+        """
+        return np.zeros((0, self.dim))
+
     def _cuts(self, start: Array, end: Array) -> Mask:
         raise NotImplementedError
 
@@ -509,6 +516,9 @@ class PointCut(Cut):
 
     def bounds(self) -> tuple[Array, Array]:
         return np.array([self.x]), np.array([self.x])
+
+    def outline(self) -> Array:
+        return np.array([[self.x]])
 
     def _cuts(self, start: Array, end: Array) -> Mask:
         return _planar_cut(
@@ -568,6 +578,9 @@ class Polyline(Cut):
 
     def bounds(self) -> tuple[Array, Array]:
         return self.points.min(axis=0), self.points.max(axis=0)
+
+    def outline(self) -> Array:
+        return self.points
 
     def _cuts(self, start: Array, end: Array) -> Mask:
         cut = np.zeros(len(start), dtype=bool)
@@ -676,8 +689,12 @@ class Rectangle(Cut):
         self._normal = np.cross(self._tangents[1], self._tangents[0])
 
     def bounds(self) -> tuple[Array, Array]:
-        corners = self.corner + np.array([0 * self.edge1, self.edge1, self.edge2, self.edge1 + self.edge2])
+        corners = self.outline()
         return corners.min(axis=0), corners.max(axis=0)
+
+    def outline(self) -> Array:
+        nothing = 0 * self.edge1
+        return self.corner + np.array([nothing, self.edge1, self.edge1 + self.edge2, self.edge2, nothing])
 
     def _cuts(self, start: Array, end: Array) -> Mask:
         return _planar_cut(start, end, self.corner, self._normal, self._region)
@@ -732,6 +749,13 @@ class DiscCut(Cut):
     def bounds(self) -> tuple[Array, Array]:
         half = self.radius * np.sqrt(np.maximum(0.0, 1 - self._unit**2))
         return self.centre - half, self.centre + half
+
+    def outline(self) -> Array:
+        first = np.cross(self._unit, np.eye(3)[np.argmin(np.abs(self._unit))])
+        first /= _norm(first)
+        angles = np.linspace(0, 2 * np.pi, _CORNERS)[:, None]
+        circle = np.cos(angles) * first + np.sin(angles) * np.cross(self._unit, first)
+        return self.centre + self.radius * circle
 
     def _cuts(self, start: Array, end: Array) -> Mask:
         return _planar_cut(start, end, self.centre, self._unit, self._region)
@@ -793,6 +817,9 @@ class PolygonCut(Cut):
 
     def bounds(self) -> tuple[Array, Array]:
         return self.points.min(axis=0), self.points.max(axis=0)
+
+    def outline(self) -> Array:
+        return np.concatenate([self.points, self.points[:1]])
 
     def _cuts(self, start: Array, end: Array) -> Mask:
         return _planar_cut(start, end, self._origin, self._normal, self._region)

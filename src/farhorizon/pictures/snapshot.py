@@ -52,6 +52,7 @@ def snapshot(
     title: str,
     path: str | Path | None = None,
     limits: tuple[float, float] | None = None,
+    cracks: Sequence[np.ndarray] = (),
 ) -> Any:
     """Draw one of several fields; see `Run.plot`."""
     if path is not None:
@@ -61,7 +62,7 @@ def snapshot(
     limits = scale_limits(limits)
     label, values = chosen(fields, name, len(axes))
     colors = DAMAGE if name == "damage" else None
-    return field_panels([(title, values)], axes, path, label=label, colors=colors, limits=limits)
+    return field_panels([(title, values)], axes, path, label=label, colors=colors, limits=limits, cracks=cracks)
 
 
 class Frames:
@@ -76,6 +77,8 @@ class Frames:
     path : str or Path, optional
         The film; its ending is the format.
     limits : (float, float), optional
+    cracks : sequence of ndarray, each of shape (n, dim)
+        Polylines, drawn over the field.
 
     Raises
     ------
@@ -89,8 +92,9 @@ class Frames:
         axes: Sequence[np.ndarray],
         path: str | Path | None = None,
         limits: tuple[float, float] | None = None,
+        cracks: Sequence[np.ndarray] = (),
     ) -> None:
-        self._name, self._axes, self._limits = name, axes, scale_limits(limits)
+        self._name, self._axes, self._limits, self._cracks = name, axes, scale_limits(limits), cracks
         self._path = None if path is None else kinds.path(path, "path")
         self._kind = "gif" if self._path is None else film_format(self._path, "path")
         self._label, self._frames = "", []  # type: str, list[tuple[str, np.ndarray]]
@@ -104,7 +108,8 @@ class Frames:
         """The film, which is written if it has a path."""
         axes = [axis if number < 2 else axis[[axis.size // 2]] for number, axis in enumerate(self._axes)]
         colors = DAMAGE if self._name == "damage" else None
-        made = made_film(self._frames, axes, self._kind, label=self._label, limits=self._limits, colors=colors)
+        look = {"label": self._label, "limits": self._limits, "colors": colors, "cracks": self._cracks}
+        made = made_film(self._frames, axes, self._kind, **look)  # type: ignore[arg-type]
         if self._path is not None:
             made.save(self._path)
         return made

@@ -10,6 +10,7 @@ from typing import Any
 from farhorizon import __version__, kinds
 from farhorizon.files.provenance import computed_with
 from farhorizon.files.results import ResultsWriter
+from farhorizon.simulation.outlines import outlines_of
 from farhorizon.simulation.recorder import Recorder
 
 _FOLLOWS = ("v", "solid")  # from the others, and as large
@@ -84,6 +85,7 @@ class RunResults:
             provenance={**(command or {}), **dict(computed_with())},
             compress=compress,
             program=f"farhorizon {__version__}",
+            outlines=outlines_of(run),
             components={name: len(values) if values.ndim > lattice.dim else 1 for name, values in held.items()},
         )
         made = cls(run, writer)

@@ -23,6 +23,7 @@ from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.course import checked_end, go, say_doubt
 from farhorizon.simulation.examination import Examination
 from farhorizon.simulation.kept import packed
+from farhorizon.simulation.outlines import outlines_of
 from farhorizon.simulation.output import RunResults, written
 from farhorizon.simulation.probes import Probes
 from farhorizon.simulation.recorder import Observer, Recorder
@@ -68,6 +69,8 @@ class Run(ABC):
     ----------
     lattice : Lattice
         The near field.
+    beyond : dict of (axis, side) to int
+        Nodes that are computed beyond each side.
     dt, time : float
     step_count : int
     observers : list of callable
@@ -93,6 +96,7 @@ class Run(ABC):
     """
 
     lattice: Lattice
+    beyond: dict[tuple[int, int], int]
     given: dict[str, Any]
     stencil: Stencil
     dt: float
@@ -292,7 +296,8 @@ class Run(ABC):
         from farhorizon.pictures.snapshot import snapshot
         from farhorizon.pictures.style import time_text
 
-        return snapshot(self.fields, name, self.lattice.axes, f"t = {time_text(self.time)}", path, limits)
+        cracks = outlines_of(self).get("cracks", [])
+        return snapshot(self.fields, name, self.lattice.axes, f"t = {time_text(self.time)}", path, limits, cracks)
 
     def animate(
         self,
@@ -331,7 +336,7 @@ class Run(ABC):
 
         if kinds.number(until, "run.until") <= self.time:
             raise InputError("the film ends before it begins", value=until, limit=f"> {self.time:g}", key="run.until")
-        frames = Frames(name, self.lattice.axes, path, limits)
+        frames = Frames(name, self.lattice.axes, path, limits, outlines_of(self).get("cracks", []))
 
         def draw(run: Run) -> None:
             frames.add(run.fields, f"t = {time_text(run.time)}")

@@ -181,6 +181,8 @@ class Simulation(Run):
         self.start_u, self.start_v = parts.start.u, parts.start.v
         self.sources, self.incident = parts.drives.sources, parts.incident
         self.coefficients, self.thickness, self.extents = around.coefficients, around.thickness, around.extents
+        layers = {key: layer.columns for key, layer in around.layers.items()}
+        self.beyond = {k: layers.get(k, around.width(k, near.stencil, near.lattice.spacing)) for k in around.sides}
         sides = settled_sides(around, near.model)
         self.settled = replace(setup, boundary=sides, coefficient=near.coefficient, dt=near.dt)
         self.given = {name: value for name, value in self.settled.arguments.items() if name != "initial"}
