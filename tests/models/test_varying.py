@@ -236,6 +236,35 @@ def test_interfaces_run_into_the_layers():
         assert max(curve["error_rel_initial"]) < wanted
 
 
+@pytest.mark.slow
+def test_layers_keep_their_targets_beside_random_strata():
+    """Two media of random speeds and densities, the interface across one axis or the other and into the layers: at most
+    three targets, which is what is promised of any set-up that is not refused.
+    """
+    print(f"seed {SEED}")
+    rng, kept = np.random.default_rng(SEED), 0
+    for _ in range(10):
+        lattice = fh.Lattice(0.5, (-8.0, -7.0), (8.0, 7.0))
+        (speed, density), axis, at = np.exp(rng.uniform(-0.7, 0.7, 2)), rng.choice(["x", "y"]), rng.integers(-9, 10)
+        (x, y), width = rng.uniform(-2, 2, 2), rng.uniform(1.0, 1.6)
+        pulse, target = f"exp(-((x-{x})**2+(y-{y})**2)/{width**2})", 10.0 ** -rng.integers(3, 6)
+        varies = f"where({axis} > {at / 2 + 0.25}, {{}}, 1)".format
+        model = fh.Wave(fh.Kernel(float(rng.choice([0.5, 1.0, 1.5]))), varies(speed), density=varies(density))
+        start, until = {"u": pulse}, float(rng.uniform(15, 40)) / max(1.0, speed)
+        if rng.random() < 0.4:
+            model = fh.Elastic(fh.Kernel(1.0), varies(speed**2 * density), density=varies(density))
+            start, target = {"u": [0.0, pulse]}, max(target, 1e-4)
+        setup = fh.Setup(lattice, model, fh.LatticePML(target=target, until=until), start)
+        try:
+            found = compare(setup, until, np.linspace(until / 4, until, 4).tolist(), beside=False)
+        except fh.InputError:  # the data, or the target, are refused before the run
+            continue
+        (curve,) = found.curves.values()
+        assert max(curve["error_rel_initial"]) < 3 * target
+        kept += 1
+    assert kept >= 5
+
+
 # --- bad input -------------------------------------------------------------------------------------------------
 
 

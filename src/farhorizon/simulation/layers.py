@@ -94,6 +94,7 @@ class _Choice:
             self._data(watched),
             FORESEEN * crossing,
             self._scatterers(),
+            near.squared_speed,
         )
         for key, boundary in layers.items():
             wanted, until = boundary.wanted(model.target), lengths[key]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import fft
+from scipy.ndimage import affine_transform
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.layer import LatticeMedium
@@ -33,6 +34,7 @@ FORESEEN = 60  # crossings for which errors are predicted: the work grows with t
 _ROOM = 512  # nodes beside the near field, at most, before the data repeat themselves along the side
 # lengths of the run before images come round, if there is room: what comes later folds back into it, much fainter
 _ROUND = 2
+_HERE = 0.01  # of its largest value: a datum is where it has more
 _STAND_IN = 2.0  # width, in nodes, of the pulses that stand for data which are not known
 
 
@@ -62,6 +64,8 @@ class ReturnedWaves:
         Time up to which errors are predicted; in longer runs the formula decides where it serves.
     scatterers : ndarray of bool, or None
         Nodes where waves are scattered: the data are taken to come from the nearest of them, too.
+    squared_speed : ndarray, or None
+        That of each node over the model's: waves that come into a slower medium become shorter.
     """
 
     shape: tuple[int, ...]
@@ -75,6 +79,7 @@ class ReturnedWaves:
     data: Sequence[Datum]
     foreseen: float = np.inf
     scatterers: np.ndarray | None = None
+    squared_speed: np.ndarray | None = None
     _known: dict[tuple[object, ...], Thickness] = field(default_factory=dict)  # of sides that are alike
     _sent: dict[tuple[object, ...], tuple[list[Arrivals], float]] = field(default_factory=dict)
     _samples: dict[tuple[Stencil, float, int], Sample] = field(default_factory=dict)
@@ -163,7 +168,25 @@ class ReturnedWaves:
 
     def _turned(self, axis: int, side: int) -> list[Datum]:
         """The data as a side sees them."""
-        return [self._from_scatterers(datum.turned(axis, side), axis, side) for datum in self.data]
+        shortened = (self._shortened(datum, axis, side) for datum in self.data)
+        return [self._from_scatterers(datum.turned(axis, side), axis, side) for datum in shortened]
+
+    def _shortened(self, datum: Datum, axis: int, side: int) -> Datum:
+        """The datum, and with it one of shorter waves if the medium at the side is slower than where it is: at an
+        interface waves keep their frequency.
+        """
+        if self.squared_speed is None:
+            return datum
+        here = np.abs(datum.values) > _HERE * np.abs(datum.values).max()
+        fastest = self.coefficient * float(self.squared_speed[here].max())
+        ratio = float(np.sqrt(self.coefficients[axis, side] / fastest)) if fastest > 0 else 1.0
+        if ratio >= 1:
+            return datum
+        size = np.abs(datum.values).sum(axis=tuple(a for a in range(datum.values.ndim) if a != axis))
+        centre = float(np.average(np.arange(len(size)), weights=size))
+        scale, offset = np.ones(datum.values.ndim), np.zeros(datum.values.ndim)
+        scale[axis], offset[axis] = 1 / ratio, centre - centre / ratio
+        return replace(datum, values=datum.values + affine_transform(datum.values, scale, offset, order=1))
 
     def _facing(self, axis: int, side: int) -> Stencil:
         """The stencil of the medium at a side with an axis first; the same one for all axes where these may be
