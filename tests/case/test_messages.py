@@ -1,0 +1,164 @@
+"""The messages that users met when the program was tried as they would: the worst, which were rewritten, and the best,
+which stay. One test a message; what is said is held word by word, what was said must not come back.
+"""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.case.case import Case
+
+PLANE = fh.Lattice(0.5, (-4.0, -4.0), (4.0, 4.0))
+WAVE = """lattice = { spacing = 0.5, lower = [-4.0, -4.0], upper = [4.0, 4.0] }
+model = { type = "wave", speed = 1.0, kernel = { horizon = 1.0 } }
+initial = { u = "exp(-2*(x**2+y**2))" }
+run = { until = 2.0 }
+"""
+ELASTIC = """lattice = { spacing = 0.5, lower = [-4.0, -4.0], upper = [4.0, 4.0] }
+model = { type = "elastic", young = 1.0, kernel = { horizon = 1.0 } }
+initial = { u = ["exp(-2*(x**2+y**2))", 0.0] }
+run = { until = 2.0 }
+"""
+
+
+def case(text, old="", new="", more=""):
+    """What reads and assembles a case that was changed."""
+    assert old in text
+    return lambda: Case((text.replace(old, new) if old else text) + more).simulation()
+
+
+class OwnShape(fh.Disc):
+    """As a user wrote one, whose nodes come as separate coordinates."""
+
+    def contains(self, x, y, z):
+        return x > 0
+
+
+#: What is done, what is said, and what was said before.
+WORST = {
+    "speed by an array": (
+        lambda: fh.Simulation(PLANE, fh.Wave(fh.Kernel(1.0), speed=np.ones((3, 3)))),
+        r"model\.speed: an array must have the lattice's shape; value: \(3, 3\); limit: \(17, 17\)",
+        "truth value",
+    ),
+    "own shape": (
+        lambda: fh.Lattice(0.5, (0, 0), (1, 1), body=OwnShape(1.0)),
+        r"lattice: the function is called with points; .*remedy: a function of 1 argument",
+        "positional",
+    ),
+    "a side that the material does not have": (
+        case(
+            ELASTIC,
+            "young = 1.0, kernel = { horizon = 1.0 }",
+            'young = 1.0, poisson = 0.3, material = "finite-element"',
+            'boundary = { all = { type = "lattice-pml" }, "y+" = { type = "free" } }\n',
+        ),
+        r"boundary\.y\+: .* material has no such side; value: Free; .*remedy: .*free sides, bodies and cracks",
+        "Elastic has no such side",
+    ),
+    "layer of a body": (
+        lambda: fh.Body(PLANE, fh.Kernel(1.0), young=1.0, poisson=0.3, boundary=fh.LatticePML(nodes=8)),
+        r"boundary\.all: not a boundary that serves here; .*remedy: with LatticePML or Sponge: free sides",
+        "remedy: LatticePML",
+    ),
+    "a box of an incident wave too far out": (
+        lambda: fh.Simulation(
+            fh.Lattice(0.0002, (-0.0146, -0.0146), (0.0146, -0.0004)),
+            fh.Wave(fh.Kernel(0.0004)),
+            sources=[fh.IncidentWave((1, 0), "sin(t)", 1.0, within=fh.Box((-0.012, -0.012), (0.012, 0.0)))],
+        ),
+        r"incident\.within: the box .* along y: .*; value: -0\.012 to 0; limit: within -0\.0142 to -0\.0008; remedy",
+        "np.float64",
+    ),
+    "a source wholly outside": (
+        case(WAVE, more='[[source]]\nvalue = "exp(-2*((x-20)**2+y**2))*sin(t)"\n'),
+        r"source: lies outside the near field.*; value: 1 near \[20, 0\]; limit: \[-4, -4\] to \[4, 4\]",
+        "e-63",
+    ),
+    "a key far from all others": (
+        case(ELASTIC, "young = 1.0", "speed = 1.0"),
+        r"unknown key model\.speed; known: type, kernel, young, poisson",
+        "did you mean 'type'",
+    ),
+    "a table far from all others": (
+        case(WAVE, more="[medium]\na = 1\n"),
+        "unknown key medium; known: units, lattice, model, material",
+        "did you mean 'rim'",
+    ),
+    "one text for a displacement": (
+        case(ELASTIC, '["exp(-2*(x**2+y**2))", 0.0]', '"exp(-x**2)"'),
+        r"initial\.u: a vector field needs one entry a component; value: one for all; limit: a list of 2; remedy: \[",
+        "entries",
+    ),
+    "a flat text for the source of a vector": (
+        case(ELASTIC, more='[[source]]\nvalue = "exp(-x**2)*sin(t)"\n'),
+        "source: a vector field needs one entry a component",
+        "value: a number",
+    ),
+    "a load without a type": (
+        case(ELASTIC, more='[[load]]\nside = "y+"\nvalue = [0.0, 1.0]\n'),
+        r"load\[0\]\.type: the type is missing; limit: traction, body-force; remedy: type = \"traction\"",
+        "discriminator",
+    ),
+    "constants of a bond-based material": (
+        case(ELASTIC, "young = 1.0, ", ""),
+        "model: a bond-based material needs one modulus; value: none; limit: one of young, bulk, shear",
+        "two constants",
+    ),
+    "values that are not finite": (
+        case(WAVE, '"exp(-2*(x**2+y**2))"', '"log(x)"'),
+        r"initial\.u: values must be finite; value: nan at \[-4, -4\], and on 153 of 289 nodes in all; remedy: where",
+        "41 nan",
+    ),
+}
+BEST = {
+    "a horizon below the spacing": (
+        case(WAVE, "horizon = 1.0", "horizon = 0.2"),
+        r"kernel\.horizon: the horizon is smaller than the spacing, no node has neighbours; value: 0\.2; "
+        r"limit: >= 0\.5; remedy: horizon = 1\.5 \(three spacings\) or a finer lattice",
+    ),
+    "no whole number of spacings": (
+        case(WAVE, "upper = [4.0, 4.0]", "upper = [4.1, 4.0]"),
+        r"lattice\.upper: upper - lower is not a whole number of spacings; .*remedy: nearest upper = \[4, 4\]",
+    ),
+    "the other power": (
+        case(WAVE, "x**2+", "x^2+"),
+        r"initial\.u: the operator \^ is not allowed in an expression; .*remedy: write a power as \*\*",
+    ),
+    "memory": (
+        case(WAVE, "lower = [-4.0, -4.0], upper = [4.0, 4.0]", "lower = [-9e6, -9e6], upper = [9e6, 9e6]"),
+        "lattice: the run does not fit into memory; value: about .* GiB for 1296000072000001 nodes; "
+        "limit: .* GiB available; remedy: a coarser or smaller lattice, thinner layers, or float32",
+    ),
+    "data beyond a side": (
+        case(WAVE, "exp(-2*(", "exp(-0.05*("),
+        r"initial\.u: not zero beyond the absorbing side x-; .*an error of about 0\.36 of the largest initial value; "
+        ".*set background to its value far away",
+    ),
+    "several mistakes in one go": (
+        case(WAVE, "horizon", "horizn"),
+        r"unknown key model\.kernel\.horizn; did you mean 'horizon'\?.* \| missing key model\.kernel\.horizon",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WORST)
+def test_the_worst_messages_are_rewritten(name):
+    wrong, said, before = WORST[name]
+    with pytest.raises(fh.InputError, match=said) as error:
+        wrong()
+    assert before not in str(error.value)
+
+
+@pytest.mark.parametrize("name", BEST)
+def test_the_best_messages_stay(name):
+    wrong, said = BEST[name]
+    with pytest.raises(fh.InputError, match=said):
+        wrong()
+
+
+def test_what_grows_without_layers_is_not_put_down_to_layers():
+    from farhorizon.simulation.guard import likely_cause
+
+    sim = fh.Simulation(fh.Lattice(0.5, -4, 4), fh.Wave(fh.Kernel(1.0, 0)), fh.Fixed())
+    assert "layer" not in likely_cause(sim)
