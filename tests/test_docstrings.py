@@ -1,4 +1,6 @@
-"""The examples in the docstrings of all public names: there is one each, and it gives what it says."""
+"""The docstrings of all public names: there is one each, of what it offers, too, with an example that gives what it
+says.
+"""
 
 import doctest
 import inspect
@@ -16,3 +18,29 @@ def test_example(name, tmp_path, monkeypatch):
     assert any(example.source.startswith("import farhorizon as fh") for example in found.examples)
     said = []
     assert doctest.DocTestRunner().run(found, out=said.append).failed == 0, "".join(said)
+
+
+def undocumented(name):
+    """Public methods and properties of a public name, those it inherits from us among them, without a docstring."""
+    thing = getattr(fh, name)
+    for member, value in inspect.getmembers(thing) if inspect.isclass(thing) else ():
+        given = value.fget if isinstance(value, property) else value
+        ours = (getattr(given, "__module__", None) or "").startswith("farhorizon")
+        if not member.startswith("_") and ours and callable(given) and not _text(thing, member):
+            yield f"{name}.{member}"
+    if not (thing.__doc__ or "").strip():
+        yield name
+
+
+def _text(thing, member):
+    """What is said of a member, by the class or by one that it derives from."""
+    return any((inspect.getdoc(base.__dict__[member]) or "").strip() for base in thing.__mro__ if member in vars(base))
+
+
+def test_all_that_is_public_has_a_docstring():
+    assert [one for name in fh.__all__ for one in undocumented(name)] == []
+
+
+def test_what_has_no_docstring_is_found(monkeypatch):
+    monkeypatch.setattr(fh.Lattice.index, "__doc__", None)
+    assert list(undocumented("Lattice")) == ["Lattice.index"]

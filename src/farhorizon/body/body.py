@@ -1054,13 +1054,15 @@ class Body(Run):
         return found.get("kinetic", 0.0) + found["strain"]
 
     def kinetic(self) -> float | None:
+        """Kinetic energy of the near field; None of split fields, which keep no velocities."""
         if self.split:
-            return None  # velocities are not kept
+            return None
         density = self._reference * self._constant(engine.MASS, self._near_slices)
         total = 0.5 * (density * self._view(self._v)[(slice(None), *self._near_slices)] ** 2).sum()
         return float(total) * self.lattice.spacing**self.dim
 
     def driven(self, t: float) -> list[np.ndarray]:
+        """Factors of the loads at a time."""
         return [np.asarray(time(t), float) for time in self._times]
 
     def balance(self) -> dict[str, float]:
@@ -1139,6 +1141,7 @@ class Body(Run):
 
     @property
     def slow_crossing(self) -> float:
+        """The time in which the slowest wave crosses the near field."""
         return max(self.lattice.shape) * self.lattice.spacing / self._slowest
 
     def seconds_per_step(self) -> float:
