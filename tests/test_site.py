@@ -17,11 +17,20 @@ import jsonschema
 import pytest
 
 import farhorizon as fh
+from browser import PROGRAM, Browser, served
 from farhorizon.case.case import Case
 from farhorizon.case.schema import schema
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
+SEEN = {  # pages that a browser looks at, and words of their titles
+    "index.html": "farhorizon",
+    "tutorials/crack.html": "crack",
+    "howto/read_check.html": "check",
+    "explanation/lattice_pml.html": "lattice PML",
+    "reference/keys.html": "case file",
+    "gallery/two_notches_toml.html": "two_notches",
+}
 PROGRAMS = sorted(p for p in (DOCS / "tutorials").iterdir() if p.suffix in (".py", ".toml"))
 
 
@@ -186,6 +195,29 @@ def test_each_example_and_each_tutorial_has_its_picture(site):
         # one prints its errors alone, the other is refused
         assert path.stem in ("new_boundary", "dispersive_pulse") or "../_images/" in text, path.name
         assert "on the machine on which this page was built" in text, path.name
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(PROGRAM is None, reason="no Chromium to look at the pages")
+def test_a_browser_shows_the_site(site, tmp_path):
+    """Titles, every picture, formulas; nothing is missing; the search leads to pages."""
+    browser = Browser(tmp_path / "profile")
+    try:
+        with served(site) as address:
+            for name, words in SEEN.items():
+                browser.open(f"{address}/{name}")
+                assert browser.errors == [], name
+                assert words in browser.ask("document.title") and words in browser.ask("document.body.innerText")
+                assert browser.ask("Array.from(document.images).every(one => one.complete && one.naturalWidth > 0)"), (
+                    name
+                )
+            browser.open(f"{address}/tutorials/crack.html")
+            assert browser.ask("document.querySelectorAll('article img').length") >= 1
+            browser.open(f"{address}/search.html?q=zolotarev")
+            found = browser.wait("Array.from(document.querySelectorAll('#search-results li a'), one => one.href)")
+            assert any("layer" in link or "api" in link for link in found) and browser.errors == []
+    finally:
+        browser.close()
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from browser import PROGRAM, Browser
 from doubtful import CRACK_AT_THE_RIM
 from farhorizon.cli import main
 from farhorizon.files.html import page, picture, table
@@ -116,3 +117,22 @@ def test_everything_is_escaped(tmp_path):
     )
     found = Page(text)
     assert "script" not in found.tags and found.texts["td"] == ["</td><script>"] and found.texts["h2"] == ["<h>", "p"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(PROGRAM is None, reason="no Chromium to look at the page")
+def test_a_browser_shows_it(there, tmp_path, capsys):
+    """With its title and every picture, and without asking for anything else."""
+    assert main(["run", "a case.toml"]) == 0
+    browser = Browser(tmp_path / "profile")
+    try:
+        browser.open(Path("a case/report.html").resolve().as_uri())
+        assert browser.errors == [] and browser.ask("document.title") == "a case"
+        widths = browser.ask("Array.from(document.images, one => one.naturalWidth)")
+        assert len(widths) == 3 and min(widths) > 300
+        assert browser.ask("document.querySelector('pre').innerText").strip() == open_results("a case.h5").case.strip()
+        assert browser.ask("document.documentElement.scrollWidth <= window.innerWidth")
+        browser.open((tmp_path / "none.html").as_uri())
+        assert browser.errors  # what is missing is told
+    finally:
+        browser.close()
