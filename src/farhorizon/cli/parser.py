@@ -147,6 +147,13 @@ def _plot(sub: argparse.ArgumentParser) -> None:
         metavar="FACTOR",
         help="of elastic runs in 2D the deformed shape, displacements times a factor (default: a round one)",
     )
+    sub.add_argument(
+        "--isosurfaces",
+        type=float,
+        nargs="*",
+        metavar="VALUE",
+        help="in space the surfaces on which a field has these values (default: a fifth and a half of the largest)",
+    )
     sub.add_argument("--movie", action="store_true", help="a film of a field: GIF, and MP4 with imageio-ffmpeg")
     sub.add_argument("--format", default="png", metavar="png|pdf|svg", help="of pictures (default: png)")
 

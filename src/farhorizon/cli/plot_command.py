@@ -30,6 +30,7 @@ def plot_command(options: argparse.Namespace) -> int:
         decibels=options.db,
         deformed=options.deformed,
         movie=options.movie,
+        isosurfaces=options.isosurfaces,
         format=options.format,
         cracks=results.outlines.get("cracks", ()),
         quantities=case.quantities if case else {},

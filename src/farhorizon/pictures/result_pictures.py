@@ -14,6 +14,7 @@ from farhorizon.pictures.curves import lines
 from farhorizon.pictures.deformed import deformed_panels
 from farhorizon.pictures.fields import comparable, field_panels, magnitude
 from farhorizon.pictures.fronts import front
+from farhorizon.pictures.isosurfaces import isosurface_panels
 from farhorizon.pictures.movie import movie
 from farhorizon.pictures.polar import polar_picture
 from farhorizon.pictures.style import DAMAGE, FORMATS, counted_in, number_text, time_text, with_unit
@@ -49,6 +50,9 @@ class View:
         chooses it.
     movie : bool
         All outputs one after the other, in place of panels.
+    isosurfaces : sequence of float, optional
+        Of fields in space draw the surfaces on which they have these values in place of slices; without any values a
+        fifth and a half of the largest magnitude.
     format : {"png", "pdf", "svg"}
     cracks : sequence of ndarray, each of shape (n, dim)
         Polylines, drawn over the fields.
@@ -68,6 +72,7 @@ class View:
     decibels: bool = False
     deformed: float | None = None
     movie: bool = False
+    isosurfaces: Sequence[float] | None = None
     format: str = "png"
     cracks: Sequence[np.ndarray] = ()
     quantities: Mapping[str, str] = field(default_factory=dict)
@@ -79,6 +84,8 @@ class View:
             raise InputError("a range goes from a number to a larger one", value=self.limits, key="--range")
         if self.deformed is not None and not (np.isfinite(self.deformed) and self.deformed >= 0):
             raise InputError("the factor must be positive", value=self.deformed, key="--deformed")
+        if not np.isfinite(self.isosurfaces or ()).all():
+            raise InputError("levels are finite numbers", value=self.isosurfaces, key="--isosurfaces")
         if self.format not in FORMATS:
             raise InputError("unknown format", value=self.format, limit=", ".join(FORMATS), key="--format")
 
@@ -201,6 +208,8 @@ def _drawn(results: Results, directory: Path, view: View, say: Callable[[str], N
         path = directory / f"deformed.{view.format}"
         deformed_panels(frames, results.axes, path, factor=view.deformed)
         return [path]
+    if view.isosurfaces is not None:
+        return _surfaces(results, directory, view, chosen, parts[0])
     if view.movie:
         return _movie(results, directory, view, chosen, parts[0], plane)
     directory.mkdir(parents=True, exist_ok=True)
@@ -295,6 +304,25 @@ def _movie(
         colors=DAMAGE if broken and not view.decibels else None,
         plane=plane,
     )
+
+
+def _surfaces(results: Results, directory: Path, view: View, chosen: Sequence[int], part: _Scalar) -> list[Path]:
+    """Draw surfaces of one part of a field at the chosen times but those at which it is zero."""
+    found = {k: part.of(results.field(part.field, k)) for k in chosen}
+    fields = [(_moment(results, k), values) for k, values in found.items() if np.nan_to_num(values).any()]
+    figure = isosurface_panels(
+        fields or [(_moment(results, k), values) for k, values in found.items()],
+        results.axes,
+        None,
+        levels=view.isosurfaces or None,
+        cracks=view.cracks,
+        label=with_unit(part.label, part.field),
+        title=view.quantities.get(part.field, ""),
+    )
+    directory.mkdir(parents=True, exist_ok=True)
+    path = directory / f"{part.name}-surfaces.{view.format}"
+    figure.savefig(path, dpi=150)
+    return [path]
 
 
 def _strained(results: Results, index: int) -> tuple[np.ndarray, str, np.ndarray]:

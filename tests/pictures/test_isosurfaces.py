@@ -1,0 +1,69 @@
+"""Surfaces of fields in space, against spheres whose area and radius are known."""
+
+import numpy as np
+import pytest
+
+from farhorizon.errors import InputError
+from farhorizon.files.results import ResultsWriter, open_results
+from farhorizon.pictures import result_pictures as drawing
+from farhorizon.pictures.isosurfaces import chosen_levels, isosurface, isosurface_panels
+
+AXES = [np.linspace(-2, 2, 41), np.linspace(-3, 1, 41), np.linspace(0, 4, 41)]
+CENTRE = np.array([0.0, -1.0, 2.0])
+DISTANCE = np.sqrt(sum((x - c) ** 2 for x, c in zip(np.meshgrid(*AXES, indexing="ij"), CENTRE, strict=True)))
+
+
+@pytest.fixture(autouse=True)
+def there():
+    pytest.importorskip("skimage", reason="surfaces need what `python -m pip install '.[space]'` brings")
+
+
+def area(triangles):
+    one, other = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    return np.linalg.norm(np.cross(one, other), axis=1).sum() / 2
+
+
+def test_a_sphere_is_where_it_is():
+    """Linear interpolation of a distance: off by less than h^2 / (8 r) = 0.0013; chords take less area."""
+    found = isosurface(DISTANCE, AXES, 1.0)
+    radii = np.linalg.norm(found - CENTRE, axis=-1)
+    assert np.abs(radii - 1).max() < 0.00125 and area(found) == pytest.approx(4 * np.pi, rel=0.01)
+
+
+def test_outside_a_window_there_is_no_surface():
+    """Of the sphere the part beyond the first plane of nodes, at x = 0.1: 2 pi r (r - x)."""
+    halved = np.where(np.broadcast_to(AXES[0][:, None, None] > 0.05, DISTANCE.shape), DISTANCE, np.nan)
+    found = isosurface(halved, AXES, 1.0)
+    assert found[..., 0].min() >= 0.1 - 1e-6 and area(found) == pytest.approx(2 * np.pi * 0.9, rel=0.01)
+
+
+def test_a_value_that_there_is_not_has_no_surface():
+    assert isosurface(DISTANCE, AXES, 9.0).shape == (0, 3, 3)
+    with pytest.raises(InputError, match="--isosurfaces: the field has this value nowhere; value: 9"):
+        isosurface_panels([("", DISTANCE)], AXES, None, levels=[9.0])
+    with pytest.raises(InputError, match="--isosurfaces: only a field in space has surfaces; value: 2D"):
+        isosurface_panels([("", DISTANCE[0])], AXES[1:], None)
+
+
+def test_levels_are_shares_of_the_largest_value_on_both_sides_of_zero():
+    assert chosen_levels([DISTANCE]) == pytest.approx([0.2 * DISTANCE.max(), 0.5 * DISTANCE.max()])
+    assert chosen_levels([np.array([-1.0, 2.0])]) == pytest.approx([-1.0, -0.4, 0.4, 1.0])
+
+
+def file(path, values):
+    """A results file of one output."""
+    place = {"spacing": 0.1, "lower": [axis[0] for axis in AXES[: values.ndim]]}
+    writer = ResultsWriter.create(path, shape=values.shape, fields=("u",), dtype="float64", **place)
+    writer.append(0, 0.0, {"u": values})
+    return open_results(path)
+
+
+def test_surfaces_of_a_results_file(tmp_path):
+    results = file(tmp_path / "a.h5", DISTANCE[::8, ::8, ::8])
+    (made,) = drawing.plot_results(results, tmp_path, drawing.View(isosurfaces=(), format="pdf"))
+    assert made.name == "u-surfaces.pdf" and made.read_bytes().startswith(b"%PDF")
+    with pytest.raises(InputError, match="--isosurfaces: levels are finite numbers"):
+        drawing.View(isosurfaces=[np.nan])
+    with pytest.raises(InputError, match="--isosurfaces: only a field in space"):
+        drawing.plot_results(file(tmp_path / "b.h5", DISTANCE[0]), tmp_path / "new", drawing.View(isosurfaces=()))
+    assert not (tmp_path / "new").exists()
