@@ -37,7 +37,7 @@ from farhorizon.engine.phases import NEVER, count_solid, phases_table
 from farhorizon.engine.plain_tables import first_tables, numbers_of
 from farhorizon.engine.rows.build import load_driver
 from farhorizon.engine.rows.matrices import Signs, signs_of
-from farhorizon.engine.rows.records import Record
+from farhorizon.engine.rows.structs import Struct
 from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
 from farhorizon.engine.tables import Damping, Dependents, Flows, Inputs, Material, Stage
 from farhorizon.engine.threads import side_by_side
@@ -215,7 +215,7 @@ class Engine:
         self.watch(np.zeros(0, np.int64))
         self.watch_stride = 1
         self._room: dict[str, np.ndarray] = {}
-        self._records: tuple[Record | None, Record | None] = None, None
+        self._structs: tuple[Struct | None, Struct | None] = None, None
         self.loop: Loop | None = None
 
     @property
@@ -456,7 +456,7 @@ class Engine:
         level, one = self.current, self.dtype.type(1)
         stage = Stage(level, level, level, 0, one, one, one, one, False, self.components, self.components)
         fields = np.asarray(values, self.dtype)[None]
-        self._driver.depend(stage, Record(self.tables.dependents), fields, np.ones(1, self.dtype))
+        self._driver.depend(stage, Struct(self.tables.dependents), fields, np.ones(1, self.dtype))
 
     @property
     def varied(self) -> bool:
@@ -482,8 +482,8 @@ class Engine:
     def _compiled(self, steps: int, phase: int, levels: np.ndarray, tables: Tables, inputs: Inputs) -> None:
         """Work off the table of operations, on all threads for those of the engine's own levels."""
         run, threads = self._driver.run, self.threads if levels is self.levels else 1
-        records = self._records = Record(tables, self._records[0]), Record(inputs, self._records[1])
-        side_by_side(lambda thread: run(thread, steps, phase, levels, *records), threads)
+        structs = self._structs = Struct(tables, self._structs[0]), Struct(inputs, self._structs[1])
+        side_by_side(lambda thread: run(thread, steps, phase, levels, *structs), threads)
 
     @property
     def current(self) -> np.ndarray:

@@ -35,7 +35,7 @@ _COMPILED_IN = (
     "rows/vectors",
     "rows/bond_sweeps",
     "rows/laws",
-    "rows/records",
+    "rows/structs",
     "rows/layer_sums",
     "rows/matrices",
 )

@@ -23,43 +23,43 @@ _WORD = 8
 _I64 = ir.IntType(64)
 
 
-class Record:
+class Struct:
     """A named tuple of arrays, numbers and named tuples, as compiled functions read it; it does not change.
 
     Parameters
     ----------
     table : NamedTuple
-    last : Record, optional
+    last : Struct, optional
         One of the same class: what both have in common need not be looked at again.
 
     Attributes
     ----------
-    type : RecordType
+    type : StructType
     parts : list
         Of each field its type and its words: of an array the address, the shape and the strides.
     words : ndarray
         Of all fields, one after the other.
     """
 
-    def __init__(self, table: Any, last: Record | None = None) -> None:
+    def __init__(self, table: Any, last: Struct | None = None) -> None:
         self.table = table  # whose arrays are to live as long
-        self.parts: list[Record | _Value]
+        self.parts: list[Struct | _Value]
         if last is None:
             self.parts = [_part(value) for value in table]
         else:
             before = zip(table, last.table, last.parts, strict=True)
             self.parts = [part if value is old else _part(value, part) for value, old, part in before]
-        self.type: RecordType = _record_type(
+        self.type: StructType = _struct_type(
             type(table).__name__, table._fields, tuple(part.type for part in self.parts)
         )
         self.words: np.ndarray = np.concatenate([part.words for part in self.parts])
         self.address = _address(self.words)
 
-    def __reduce__(self) -> tuple[type[Record], tuple[Any]]:
-        return Record, (self.table,)  # a copy has arrays of its own
+    def __reduce__(self) -> tuple[type[Struct], tuple[Any]]:
+        return Struct, (self.table,)  # a copy has arrays of its own
 
     @property
-    def _numba_type_(self) -> RecordType:
+    def _numba_type_(self) -> StructType:
         return self.type
 
 
@@ -73,15 +73,15 @@ def _address(array: np.ndarray) -> int:
 
 
 class _Value(NamedTuple):
-    """An array or a number as a part of a record."""
+    """An array or a number as a part of a struct."""
 
     type: types.Type
     words: np.ndarray
 
 
-def _part(value: Any, last: Any = None) -> Record | _Value:
+def _part(value: Any, last: Any = None) -> Struct | _Value:
     if isinstance(value, tuple):
-        return Record(value, last)
+        return Struct(value, last)
     if isinstance(value, np.ndarray):
         flags = value.flags
         kind = _array_type(value.dtype, value.ndim, flags.c_contiguous, flags.writeable)
@@ -93,8 +93,8 @@ def _part(value: Any, last: Any = None) -> Record | _Value:
     return _Value(numba.typeof(value), np.array([value], np.int64))
 
 
-class RecordType(types.Type):
-    """Type of a `Record`.
+class StructType(types.Type):
+    """Type of a `Struct`.
 
     Attributes
     ----------
@@ -108,30 +108,30 @@ class RecordType(types.Type):
             self.fields[field] = self.size, kind
             self.size += _length(kind)
         mark = ", ".join(f"{field}: {kind}" for field, kind in fields)
-        super().__init__(f"Record({name}, {hashlib.sha256(mark.encode()).hexdigest()[:20]})")
+        super().__init__(f"Struct({name}, {hashlib.sha256(mark.encode()).hexdigest()[:20]})")
 
 
 @lru_cache
-def _record_type(name: str, fields: tuple[str, ...], kinds: tuple[types.Type, ...]) -> RecordType:
-    return RecordType(name, tuple(zip(fields, kinds, strict=True)))
+def _struct_type(name: str, fields: tuple[str, ...], kinds: tuple[types.Type, ...]) -> StructType:
+    return StructType(name, tuple(zip(fields, kinds, strict=True)))
 
 
 def _length(kind: types.Type) -> int:
     """Words of a field."""
-    if isinstance(kind, RecordType):
+    if isinstance(kind, StructType):
         return kind.size
     return 1 + 2 * kind.ndim if isinstance(kind, types.Array) else 1
 
 
-@register_model(RecordType)
+@register_model(StructType)
 class _Address(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: RecordType) -> None:
+    def __init__(self, manager: Any, kind: StructType) -> None:
         super().__init__(manager, kind, _I64)
 
 
-@unbox(RecordType)
-def _unbox(kind: RecordType, record: Any, c: Any) -> Any:
-    address = c.pyapi.object_getattr_string(record, "address")
+@unbox(StructType)
+def _unbox(kind: StructType, struct: Any, c: Any) -> Any:
+    address = c.pyapi.object_getattr_string(struct, "address")
     native = c.unbox(types.int64, address)
     c.pyapi.decref(address)
     return native
@@ -139,16 +139,16 @@ def _unbox(kind: RecordType, record: Any, c: Any) -> Any:
 
 @infer_getattr
 class _Fields(AttributeTemplate):
-    key = RecordType
+    key = StructType
 
-    def generic_resolve(self, kind: RecordType, name: str) -> types.Type | None:  # type: ignore[override]
+    def generic_resolve(self, kind: StructType, name: str) -> types.Type | None:  # type: ignore[override]
         return kind.fields[name][1] if name in kind.fields else None
 
 
-@lower_getattr_generic(RecordType)
-def _field(context: Any, builder: ir.IRBuilder, kind: RecordType, address: Any, name: str) -> Any:
+@lower_getattr_generic(StructType)
+def _field(context: Any, builder: ir.IRBuilder, kind: StructType, address: Any, name: str) -> Any:
     start, wanted = kind.fields[name]
-    if isinstance(wanted, RecordType):
+    if isinstance(wanted, StructType):
         return builder.add(address, _I64(start * _WORD))
 
     def word(number: int) -> Any:

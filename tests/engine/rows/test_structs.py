@@ -9,7 +9,7 @@ import numba
 import numpy as np
 import pytest
 
-from farhorizon.engine.rows.records import Record
+from farhorizon.engine.rows.structs import Struct
 
 
 class Inner(NamedTuple):
@@ -26,15 +26,15 @@ class Outer(NamedTuple):
 
 
 @numba.njit
-def weigh(record):
+def weigh(struct):
     total = 0.0
-    for i in range(record.plane.shape[0]):
-        for j in range(record.plane.shape[1]):
-            total += record.plane[i, j] * (i + 10 * j)
-    inner = record.inner
+    for i in range(struct.plane.shape[0]):
+        for j in range(struct.plane.shape[1]):
+            total += struct.plane[i, j] * (i + 10 * j)
+    inner = struct.inner
     if inner.chosen:
-        inner.values[0] += record.count
-    return total * record.factor + inner.small * inner.values[1]
+        inner.values[0] += struct.count
+    return total * struct.factor + inner.small * inner.values[1]
 
 
 def table(plane: np.ndarray, chosen: bool = True) -> Outer:
@@ -49,27 +49,27 @@ def expected(given: Outer) -> float:
 @pytest.mark.parametrize("chosen", [True, False])
 def test_fields_are_those_of_the_tuple(chosen: bool) -> None:
     given = table(np.arange(12.0).reshape(3, 4), chosen)
-    assert weigh(Record(given)) == expected(given)
+    assert weigh(Struct(given)) == expected(given)
     assert given.inner.values[0] == (8 if chosen else 1)  # arrays are shared, not copied
 
 
 def test_an_array_keeps_its_strides() -> None:
     given = table(np.arange(60.0).reshape(6, 10)[::2, 1::3])
-    assert weigh(Record(given)) == expected(given)
+    assert weigh(Struct(given)) == expected(given)
 
 
 def test_what_has_changed_since_the_last_one_is_seen() -> None:
-    first = Record(table(np.arange(12.0).reshape(3, 4)))
+    first = Struct(table(np.arange(12.0).reshape(3, 4)))
     changed = first.table._replace(inner=first.table.inner._replace(small=np.float32(2.5)), factor=-1.0)
-    second = Record(changed, first)
+    second = Struct(changed, first)
     assert second.type is first.type
     assert weigh(second) == expected(changed)
     wider = changed._replace(plane=np.arange(12, dtype=np.float32).reshape(4, 3))
-    assert weigh(Record(wider, second)) == expected(wider)
+    assert weigh(Struct(wider, second)) == expected(wider)
 
 
 def test_a_copy_reads_its_own_arrays() -> None:
     given = table(np.ones((2, 2)))
-    copied = pickle.loads(pickle.dumps(Record(given)))
+    copied = pickle.loads(pickle.dumps(Struct(given)))
     given.plane[:] = 5
-    assert weigh(copied) == expected(copied.table) != weigh(Record(given))
+    assert weigh(copied) == expected(copied.table) != weigh(Struct(given))
