@@ -84,6 +84,7 @@ def test_the_page_stands_alone(there, capsys):
     results = open_results("a case.h5")
     assert cells["1, 0"] == f"{results.probe_values[-1, 0]:.6g}" and cells["threads"] == "1"
     assert cells["energy"].endswith(f"{results.energy[-1]:.6g} at the end") and "numba" in cells
+    assert float(cells["steps and files"].removesuffix(" s")) > 0
 
 
 def test_its_command_goes_on_with_the_run(there, capsys):

@@ -168,7 +168,7 @@ def test_a_slice_is_that_of_its_plane(tmp_path, monkeypatch, normal):
     results = axes_and_fields(tmp_path / "a.h5", dim=3)
     axis = "xyz".index(normal)
     crack = np.arange(6.0).reshape(2, 3)
-    view = drawing.View(plane=(normal, 0.13), fields=["v"], times=[1.0], cracks=[crack])
+    view = drawing.View(planes=[(normal, 0.13)], fields=["v"], times=[1.0], cracks=[crack])
     drawing.plot_results(results, tmp_path, view)
     index = int(np.abs(results.axes[axis] - 0.13).argmin())
     np.testing.assert_array_equal(seen["arrays"][0], results.field("v", 2).take(index, axis))
@@ -176,12 +176,20 @@ def test_a_slice_is_that_of_its_plane(tmp_path, monkeypatch, normal):
     np.testing.assert_array_equal(seen["cracks"][0], np.delete(crack, axis, 1))
     assert [len(a) for a in seen["given"][1]] == list(seen["arrays"][0].shape)
     with pytest.raises(InputError, match=rf"outside the near field; value: {normal} = 9; limit: -1 to"):
-        drawing.plot_results(results, tmp_path, drawing.View(plane=(normal, 9.0)))
+        drawing.plot_results(results, tmp_path, drawing.View(planes=[(normal, 9.0)]))
+
+
+def test_three_slices_have_a_picture_each(tmp_path):
+    results = axes_and_fields(tmp_path / "a.h5", dim=3)
+    said, view = [], drawing.View(planes=[("x", 0.0), ("y", 0.5), ("z", 0.0)], fields=["u_x"])
+    made = drawing.plot_results(results, tmp_path, view, said.append)
+    assert [p.name for p in made] == ["u_x-x=0.png", "u_x-y=0.5.png", "u_x-z=0.png"] and len(said) == 1
+    assert all(map(is_picture, made)) and len({p.read_bytes() for p in made}) == 3
 
 
 def test_only_space_is_sliced(tmp_path):
     with pytest.raises(InputError, match="--slice: only a lattice in space"):
-        drawing.plot_results(axes_and_fields(tmp_path / "a.h5"), tmp_path, drawing.View(plane=("x", 0.0)))
+        drawing.plot_results(axes_and_fields(tmp_path / "a.h5"), tmp_path, drawing.View(planes=[("x", 0.0)]))
 
 
 def test_decibels_are_below_the_largest(tmp_path, monkeypatch):

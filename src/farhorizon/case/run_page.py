@@ -27,6 +27,7 @@ def write_report(
     *,
     threads: int,
     again: str,
+    seconds: float,
 ) -> Path:
     """Write the page about a finished run.
 
@@ -47,13 +48,15 @@ def write_report(
         As many as the run was allowed.
     again : str
         The command that goes on with it; empty where there is no checkpoint.
+    seconds : float
+        That steps and files took.
 
     Returns
     -------
     Path
         The file.
     """
-    machine = [*computed_with(), ("threads", str(threads))]
+    machine = [*computed_with(), ("threads", str(threads)), ("steps and files", f"{seconds:.3g} s")]
     cite = (
         f"The farhorizon developers: farhorizon: peridynamics in an unbounded medium, version {__version__}, "
         "BSD-3-Clause; and the papers of the methods that were used, which the docstrings of their classes name."

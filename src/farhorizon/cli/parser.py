@@ -136,7 +136,9 @@ def _plot(sub: argparse.ArgumentParser) -> None:
         "--time", "--times", dest="times", type=float, nargs="+", metavar="T", help="times (default: four even ones)"
     )
     sub.add_argument("--field", nargs="+", metavar="NAME", help="fields or components, such as u u_x (default: all)")
-    sub.add_argument("--slice", metavar="z=0.5", help="in space the plane to draw (default: the middle of z)")
+    sub.add_argument(
+        "--slice", nargs="+", default=[], metavar="z=0.5", help="in space the planes to draw (default: the middle of z)"
+    )
     sub.add_argument("--range", type=float, nargs=2, metavar=("LOW", "HIGH"), help="of the colours")
     sub.add_argument("--db", action="store_true", help="magnitudes in decibels below the largest")
     sub.add_argument(

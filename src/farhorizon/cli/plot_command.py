@@ -25,7 +25,7 @@ def plot_command(options: argparse.Namespace) -> int:
     view = View(
         times=options.times,
         fields=options.field,
-        plane=None if options.slice is None else _plane(options.slice),
+        planes=list(map(_plane, options.slice)),
         limits=None if options.range is None else tuple(options.range),
         decibels=options.db,
         deformed=options.deformed,

@@ -47,10 +47,11 @@ def run_command(options: argparse.Namespace) -> int:
         began, before = time.perf_counter(), sim.step_count
         output, code = march(options, case, sim, files, until, last)
         if code == GOOD:
-            _sum_up(case, sim, sim.step_count - before, time.perf_counter() - began)
+            taken = time.perf_counter() - began
+            _sum_up(case, sim, sim.step_count - before, taken)
             output.conclude()
             kept = options.keep_checkpoint or until < case.end
-            _tell(options, case, sim, certificate, until, files, kept)
+            _tell(options, case, sim, certificate, until, files, kept, taken)
             output.finish()
             if not kept:
                 files.checkpoint.unlink()
@@ -83,7 +84,14 @@ def _sum_up(case: Any, sim: Any, steps: int, seconds: float) -> None:
 
 
 def _tell(
-    options: argparse.Namespace, case: Any, sim: Any, certificate: Any, until: float, files: RunFiles, kept: bool
+    options: argparse.Namespace,
+    case: Any,
+    sim: Any,
+    certificate: Any,
+    until: float,
+    files: RunFiles,
+    kept: bool,
+    taken: float,
 ) -> None:
     """Draw the results, write the page about them and the figures, and say where they are."""
     from farhorizon.case.run_page import write_report
@@ -103,7 +111,7 @@ def _tell(
         threads = wanted_threads(case.parts.run.threads)
         page = files.pictures / "report.html"
         onward = f"{again(options, until=False)} --until T" if kept else ""
-        write_report(page, case, sim, certificate, results, pictures, threads=threads, again=onward)
+        write_report(page, case, sim, certificate, results, pictures, threads=threads, again=onward, seconds=taken)
         said += f"; report: {page}"
     print(said, file=options.output)
     figures: RunFacts = {

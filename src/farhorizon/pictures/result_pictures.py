@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -39,8 +40,9 @@ class View:
         The nearest outputs are drawn; up to four evenly spaced ones unless given.
     fields : sequence of str, optional
         Names of fields, of vectors of components, too ("u_x"); all fields, and the histories, unless given.
-    plane : (str, float), optional
-        Of lattices in 3D the axis that the slice is normal to, and where it lies: the nearest plane of nodes.
+    planes : sequence of (str, float)
+        Of lattices in 3D the axis that a slice is normal to, and where it lies: the nearest plane of nodes. Several
+        have pictures of their own; the middle of z unless given.
     limits : (float, float), optional
         Of the colour scale; of decibels where these are drawn.
     decibels : bool
@@ -67,7 +69,7 @@ class View:
 
     times: Sequence[float] | None = None
     fields: Sequence[str] | None = None
-    plane: tuple[str, float] | None = None
+    planes: Sequence[tuple[str, float]] = ()
     limits: tuple[float, float] | None = None
     decibels: bool = False
     deformed: float | None = None
@@ -101,28 +103,29 @@ class View:
                 say(f"t = {time:g} is not stored; drawn is t = {outputs[k]:.6g}, the nearest")
         return sorted(set(found))
 
-    def slice(self, results: Results) -> tuple[int, int] | None:
-        """Axis and index of the slice.
+    def slices(self, results: Results) -> list[_Slice]:
+        """The slices that are drawn.
 
         Raises
         ------
         InputError
-            It lies outside, or the lattice is not three-dimensional.
+            One lies outside, or the lattice is not three-dimensional.
         """
-        if self.plane is None:
-            return None
-        if results.dim != 3:
+        if self.planes and results.dim != 3:
             raise InputError("only a lattice in space is sliced", value=f"{results.dim}D", limit="3D", key="--slice")
-        name, place = self.plane
-        axis = results.axes["xyz".index(name)]
-        if not axis[0] - results.spacing / 2 <= place <= axis[-1] + results.spacing / 2:
-            raise InputError(
-                "the slice lies outside the near field",
-                value=f"{name} = {place:g}",
-                limit=f"{axis[0]:g} to {axis[-1]:g}",
-                key="--slice",
-            )
-        return "xyz".index(name), int(np.abs(axis - place).argmin())
+        found = []
+        for name, place in self.planes:
+            axis = results.axes["xyz".index(name)]
+            if not axis[0] - results.spacing / 2 <= place <= axis[-1] + results.spacing / 2:
+                raise InputError(
+                    "the slice lies outside the near field",
+                    value=f"{name} = {place:g}",
+                    limit=f"{axis[0]:g} to {axis[-1]:g}",
+                    key="--slice",
+                )
+            suffix = f"-{name}={place:g}" if len(self.planes) > 1 else ""
+            found.append(_Slice(("xyz".index(name), int(np.abs(axis - place).argmin())), suffix))
+        return found or [_Slice(None, "")]
 
     def levels(self, values: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Magnitudes in decibels below the largest of them, which is not zero."""
@@ -130,6 +133,13 @@ class View:
         low = self.limits[0] if self.limits else _FLOOR
         with np.errstate(divide="ignore"):
             return [np.maximum(20 * np.log10(np.abs(one) / top), low) for one in values]
+
+
+class _Slice(NamedTuple):
+    """Axis and index of a slice, None for all of the lattice, and what the names of its pictures end in."""
+
+    plane: tuple[int, int] | None
+    suffix: str
 
 
 @dataclass(frozen=True)
@@ -201,7 +211,7 @@ def plot_results(
 
 def _drawn(results: Results, directory: Path, view: View, say: Callable[[str], None]) -> list[Path]:
     """Draw what a view asks for."""
-    chosen, parts, plane = view.chosen(results, say), _wanted(results, view.fields), view.slice(results)
+    chosen, parts, slices = view.chosen(results, say), _wanted(results, view.fields), view.slices(results)
     if view.deformed is not None:
         frames = [(_moment(results, k), *_strained(results, k)) for k in chosen]
         directory.mkdir(parents=True, exist_ok=True)
@@ -211,12 +221,12 @@ def _drawn(results: Results, directory: Path, view: View, say: Callable[[str], N
     if view.isosurfaces is not None:
         return _surfaces(results, directory, view, chosen, parts[0])
     if view.movie:
-        return _movie(results, directory, view, chosen, parts[0], plane)
+        return [path for one in slices for path in _movie(results, directory, view, chosen, parts[0], one)]
     directory.mkdir(parents=True, exist_ok=True)
     written = []
-    for part in parts if chosen else ():
+    for part, one in product(parts if chosen else (), slices):
         if part.name == "dissolved" and results.dim > 1:
-            written.append(directory / f"front.{view.format}")
+            written.append(directory / f"front{one.suffix}.{view.format}")
             outside = np.isnan(results.field("u", 0)) if "u" in results.field_names else None
             front(
                 results.field(part.name, chosen[-1]),
@@ -224,10 +234,11 @@ def _drawn(results: Results, directory: Path, view: View, say: Callable[[str], N
                 written[-1],
                 outside=outside,
                 cracks=view.cracks,
-                plane=plane,
+                plane=one.plane,
             )
         else:
-            written += _panels(results, directory, view, chosen, part, plane, say)
+            told = say if one == slices[0] else lambda text: None
+            written += _panels(results, directory, view, chosen, part, one, told)
     return written if view.fields is not None else [*written, *_histories(results, directory, view.format)]
 
 
@@ -237,7 +248,7 @@ def _panels(
     view: View,
     chosen: Sequence[int],
     part: _Scalar,
-    plane: tuple[int, int] | None,
+    one: _Slice,
     say: Callable[[str], None],
 ) -> list[Path]:
     """Draw one part of a field at the chosen times; nothing if it is zero at all of them."""
@@ -256,7 +267,7 @@ def _panels(
             say(f"{part.label} is {what} at t = {moments}: left out")
     kept = [k for k in drawn if k not in empty + faint]
     solids = [_solid(results, k) for k in kept] if "dissolved" in results.field_names else []
-    path, shown = directory / f"{part.name}.{view.format}", [found[k] for k in kept]
+    path, shown = directory / f"{part.name}{one.suffix}.{view.format}", [found[k] for k in kept]
     limits = view.limits
     if view.decibels:
         shown, limits = view.levels(shown), limits or (_FLOOR, 0.0)
@@ -273,7 +284,7 @@ def _panels(
         label=label,
         solids=solids,
         colors=DAMAGE if broken and not view.decibels else None,
-        plane=plane,
+        plane=one.plane,
         limits=limits,
         title=view.quantities.get(part.field, ""),
     )
@@ -281,7 +292,7 @@ def _panels(
 
 
 def _movie(
-    results: Results, directory: Path, view: View, chosen: Sequence[int], part: _Scalar, plane: tuple[int, int] | None
+    results: Results, directory: Path, view: View, chosen: Sequence[int], part: _Scalar, one: _Slice
 ) -> list[Path]:
     """Draw the chosen outputs one after the other."""
     values = [part.of(results.field(part.field, k)) for k in chosen]
@@ -291,18 +302,18 @@ def _movie(
         label = f"{part.label.strip('|')} (dB below the largest)"
     title = view.quantities.get(part.field, "")
     frames = [
-        (", ".join(filter(None, (title, _moment(results, k)))), one) for k, one in zip(chosen, values, strict=True)
+        (", ".join(filter(None, (title, _moment(results, k)))), field) for k, field in zip(chosen, values, strict=True)
     ]
     broken = part.name == "damage"
     return movie(
         frames,
         results.axes,
-        directory / part.name,
+        directory / f"{part.name}{one.suffix}",
         label=label,
         limits=limits,
         cracks=() if broken else view.cracks,
         colors=DAMAGE if broken and not view.decibels else None,
-        plane=plane,
+        plane=one.plane,
     )
 
 
