@@ -3,6 +3,8 @@
 import importlib.util
 import os
 import sys
+from collections import namedtuple
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -24,13 +26,19 @@ def triple(x):
 """
 
 
-def loaded(path):
-    """The module of a file, executed anew, used, and how often it found compiled code."""
-    spec = importlib.util.spec_from_file_location("compiled_here", path)
+def executed(path):
+    """The module of a file, executed anew."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)
-    sys.modules["compiled_here"] = module
+    sys.modules[path.stem] = module
     spec.loader.exec_module(module)
-    del sys.modules["compiled_here"]
+    del sys.modules[path.stem]
+    return module
+
+
+def loaded(path):
+    """How often the module of a file, executed anew and used, found compiled code."""
+    module = executed(path)
     assert module.double(3.5) == 7.0 and module.triple.ctypes(2.0) == 6.0
     return sum(module.double.stats.cache_hits.values()) + module.triple.cache_hits
 
@@ -49,6 +57,18 @@ def test_damaged_machine_code_is_compiled_again(tmp_path):
         for data in (*flipped, whole[: len(whole) // 2], b"", None):
             file.unlink() if data is None else file.write_bytes(data)
             assert (loaded(path), loaded(path)) == (1, 2)
+
+
+def test_machine_code_of_types_that_are_no_more_is_compiled_again(tmp_path, monkeypatch):
+    """As another version of the program has left it."""
+    path = tmp_path / "compiled_before.py"
+    path.write_text(MODULE.replace("2 * x", "x[0]"))
+    before = ModuleType("types_of_before")
+    before.Pair = namedtuple("Pair", "a b", module="types_of_before")
+    monkeypatch.setitem(sys.modules, "types_of_before", before)
+    assert executed(path).double(before.Pair(3, 4)) == 3
+    monkeypatch.delitem(sys.modules, "types_of_before")
+    assert executed(path).double((5, 6)) == 5
 
 
 def test_all_compiled_functions_have_that_cache():

@@ -19,13 +19,20 @@ from farhorizon.files.cache import sealed, unsealed
 
 
 class _SealedFiles(IndexDataCacheFile):
-    """Index and machine code of one function; what is damaged is not there, and so is compiled again."""
+    """Index and machine code of one function; what is damaged, or of types that are no more, is not there, and so is
+    compiled again.
+    """
 
     def _dump(self, obj: Any) -> bytes:
         return sealed(super()._dump(obj))  # pickle looks at nothing behind its end
 
     def _load_index(self) -> Any:
-        return super()._load_index() if _whole(self._index_path, pickle.dumps(self._version, protocol=-1)) else {}
+        if not _whole(self._index_path, pickle.dumps(self._version, protocol=-1)):
+            return {}
+        try:
+            return super()._load_index()
+        except (ImportError, AttributeError):
+            return {}
 
     def _load_data(self, name: str) -> Any:
         return super()._load_data(name) if _whole(self._data_path(name)) else None

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numba
@@ -20,6 +21,7 @@ from numba.extending import models, register_model, unbox
 from numba.np import arrayobj
 
 _WORD = 8
+_LAYOUT = Path(__file__).read_text()  # machine code that reads them otherwise is of other types
 _I64 = ir.IntType(64)
 
 
@@ -107,7 +109,7 @@ class StructType(types.Type):
         for field, kind in fields:
             self.fields[field] = self.size, kind
             self.size += _length(kind)
-        mark = ", ".join(f"{field}: {kind}" for field, kind in fields)
+        mark = ", ".join([_LAYOUT, *(f"{field}: {kind}" for field, kind in fields)])
         super().__init__(f"Struct({name}, {hashlib.sha256(mark.encode()).hexdigest()[:20]})")
 
 
