@@ -432,17 +432,18 @@ class Engine:
         sets, rows, tables, count = [], [np.zeros((0, 6), np.int64)], [np.zeros(0, self.dtype)], 0
         for places, (first, second, third) in blocks:
             padded = np.pad(third, ((0, 0), (0, -third.shape[1] % lanes)))
-            middle = first.shape[1] // 2 * stride[0] + second.shape[1] // 2 * stride[1]
-            columns = [places % self.layout.size + middle, places]
+            middle = places % self.layout.size + first.shape[1] // 2 * stride[0] + second.shape[1] // 2 * stride[1]
+            order = np.argsort(middle, kind="stable")
+            columns = [middle[order], places[order]]
             for along in (first, second, padded):
-                table, which = np.unique(along.astype(self.dtype), axis=0, return_inverse=True)
-                columns.append(count + table.shape[1] * which.reshape(-1))
+                table, which = _distinct(along[order].astype(self.dtype))
+                columns.append(count + table.shape[1] * which)
                 tables.append(table.ravel())
                 count += table.size
             sets.append([len(places), first.shape[1], second.shape[1], padded.shape[1]])
-            columns.append(column + np.arange(len(places)))
+            columns.append(column + order)
             column += len(places)
-            rows.append(np.stack(columns, axis=1)[np.argsort(columns[0], kind="stable")])
+            rows.append(np.stack(columns, axis=1))
         self.replace(
             listening=self.tables.listening._replace(
                 sets=np.array(sets, np.int64).reshape(-1, 4), rows=np.concatenate(rows), weights=np.concatenate(tables)
@@ -711,3 +712,12 @@ class Engine:
 def _remembering(layers: Layers, memory: np.ndarray, start: int) -> Layers:
     """The same layers with another memory: the part of it that begins at `start`."""
     return layers._replace(memory=memory[start : start + layers.memory.size])
+
+
+def _distinct(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The different ones of some rows, in the order in which they come first, and which each row is: the loop reads
+    them one after the other.
+    """
+    _, first, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    return rows[first[order]], np.argsort(order)[which.reshape(-1)]
