@@ -27,7 +27,7 @@ def case(text, old="", new="", more=""):
     return lambda: Case((text.replace(old, new) if old else text) + more).simulation()
 
 
-class OwnShape(fh.Disc):
+class PlainDisc(fh.Disc):
     """As a user wrote one, whose nodes come as separate coordinates."""
 
     def contains(self, x, y, z):
@@ -42,7 +42,7 @@ WORST = {
         "truth value",
     ),
     "own shape": (
-        lambda: fh.Lattice(0.5, (0, 0), (1, 1), body=OwnShape(1.0)),
+        lambda: fh.Lattice(0.5, (0, 0), (1, 1), body=PlainDisc(1.0)),
         r"lattice: the function is called with points; .*remedy: a function of 1 argument",
         "positional",
     ),
