@@ -73,3 +73,12 @@ def test_what_overflowed_is_null(tmp_path):
     """JSON knows neither infinity nor nan."""
     write_json(str(tmp_path / "a.json"), {"a": {"b": [1.0, float("inf")], "c": float("nan"), "d": 3}})
     assert json.loads((tmp_path / "a.json").read_text()) == {"a": {"b": [1.0, None], "c": None, "d": 3}}
+
+
+def test_several_processes_are_refused(small, monkeypatch, capsys):
+    """Each would compute the whole case, into the same files."""
+    monkeypatch.setenv("PMI_SIZE", "2")
+    for command in (["run"], ["check"], ["compare"], ["sweep", "model.speed=1.0,2.0"]):
+        assert main([command[0], "small.toml", *command[1:]]) == 2
+        assert "each of these would compute the whole case" in capsys.readouterr().err
+    assert not Path("small.h5").exists()

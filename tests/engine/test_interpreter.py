@@ -223,7 +223,7 @@ def test_the_loop_of_a_run_has_all_kernels_that_the_run_needs(make):
             assert ("STATES" if which else KERNELS[operation]) in (kernels | {""})
         assert "RARE" in kernels or tables.bonds.places.size == tables.phases.runs.size == 0
         assert "SOME" in kernels or not tables.listening.rows.size
-    assert found and sorted(KERNELS) == [i for i in range(22) if i not in (op.LAW, op.BREAK, op.DAMAGED)]
+    assert found and sorted(KERNELS) == [i for i in range(23) if i not in (op.LAW, op.BREAK, op.DAMAGED)]
 
 
 def test_corrosion():

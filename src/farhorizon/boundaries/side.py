@@ -107,7 +107,7 @@ class Side:
     nodes: int | None = None
     profile: Any = None
 
-    def __init_subclass__(cls, **options: Any) -> None:
+    def __init_subclass__(cls, offered: bool = True, **options: Any) -> None:
         super().__init_subclass__(**options)
         for asked, answer in (("endless", "wanted"), ("stretched", "make_layer"), ("damped", "damping")):
             if getattr(cls, asked) and getattr(cls, answer) is getattr(Side, answer):
@@ -118,7 +118,8 @@ class Side:
         cls.tag = kinds.hyphened(cls.__name__)
         if "label" not in cls.__dict__:
             cls.label = cls.tag.replace("-", " ")
-        Side.known[cls.__name__] = cls
+        if offered:
+            Side.known[cls.__name__] = cls
 
     @property
     def held(self) -> float | None:

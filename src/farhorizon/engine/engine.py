@@ -17,12 +17,15 @@ from farhorizon.engine.absent import AbsentBonds
 from farhorizon.engine.bond_zone import BondZone
 from farhorizon.engine.bonds import CHUNK, RULES, Zone
 from farhorizon.engine.ends import Ends
-from farhorizon.engine.filter import without
+from farhorizon.engine.exchange import LEVEL, Exchange, Link, Messages
+from farhorizon.engine.filter import margin_across, without
 from farhorizon.engine.fringe import fringe_table
 from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import Layout, aligned, aligned_zeros
 from farhorizon.engine.nested import Layers
 from farhorizon.engine.operations import (
+    EXCHANGE,
+    SPRINGS,
     Operation,
     Tables,
     check_room,
@@ -34,7 +37,7 @@ from farhorizon.engine.operations import (
 )
 from farhorizon.engine.passes import Passes, StateSums
 from farhorizon.engine.phases import NEVER, count_solid, phases_table
-from farhorizon.engine.plain_tables import first_tables, numbers_of
+from farhorizon.engine.plain_tables import damping_of, first_tables, numbers_of
 from farhorizon.engine.rows.build import load_driver
 from farhorizon.engine.rows.matrices import Signs, signs_of
 from farhorizon.engine.rows.structs import Struct
@@ -216,6 +219,7 @@ class Engine:
         self.watch_stride = 1
         self._room: dict[str, np.ndarray] = {}
         self._structs: tuple[Struct | None, Struct | None] = None, None
+        self.exchange: Exchange | None = None
         self.loop: Loop | None = None
 
     @property
@@ -257,6 +261,36 @@ class Engine:
         self.tables = self.tables._replace(**tables)
 
     # --- parts that may be set after construction --------------------------------------------------------------
+
+    def connect(self, link: Link, neighbours: Mapping[tuple[int, int], int]) -> None:
+        """From now on other processes fill the halos, periodic ones among them.
+
+        Parameters
+        ----------
+        link : Link
+        neighbours : mapping of (axis, side) to int
+            Numbers of the processes beyond each side, below 0 for nobody; of axes that nobody shares, none.
+        """
+        passes = [] if self.passes is None else [self.tables.gather, self.tables.scatter]
+        sides = list(neighbours)
+        every = [self.layout.across, *(tables.across for tables in self._all_layers)]
+        kinds = [Messages.between(link, neighbours, {one: across(*one) for one in sides}) for across in every]
+        used = self.tables.filter.runs.size
+        apart = {one: other for one, other in neighbours.items() if one[0] not in self.layout.periodic and used}
+        damping = damping_of(self)
+        margins = {one: margin_across(self.layout, *damping, *one) for one in apart}
+        kinds.append(Messages.between(link, apart, margins))
+        states = max((tables.columns for tables in passes), default=0)
+        rows = max((tables.rows for tables in passes), default=0)
+        self.exchange = Exchange(kinds, max(self.components, states, rows), self.dtype)
+        none = np.zeros((2, 0), np.int64)
+        gather, scatter = (
+            one._replace(layers=one.layers._replace(copies=none)) for one in (self.tables.gather, self.tables.scatter)
+        )
+        layers = self.tables.layers._replace(copies=none)
+        filtered = self.tables.filter._replace(exchange=self.exchange.numbers[-1])
+        sums = {"layers": layers, "gather": gather, "scatter": scatter}
+        self.replace(exchange=self.exchange.numbers[:-1], copies=none, filter=filtered, **sums)
 
     def set_damping(self, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:
         """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate.
@@ -503,7 +537,10 @@ class Engine:
         return (nodes.ravel() + self.layout.size * np.arange(self.components)[:, None]).ravel()
 
     def complete(self, level: np.ndarray) -> None:
-        """Fill the halo of a level across periodic axes."""
+        """Fill the halo of a level across periodic axes, and where other processes do."""
+        if self.exchange is not None:
+            self._operate(level, [(EXCHANGE, LEVEL, SPRINGS)])
+            return
         self._driver.copy(level, self.tables.copies, self.components)
 
     def remind(self, level: np.ndarray) -> None:

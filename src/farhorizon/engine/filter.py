@@ -19,6 +19,7 @@ import numpy as np
 
 from farhorizon.engine.layout import SLACK, Layout
 from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.rows.exchanges import call_exchange
 from farhorizon.engine.rows.vectors import take_passed, weigh_change
 from farhorizon.engine.threads import barrier, share
 
@@ -44,6 +45,8 @@ class Filter(NamedTuple):
         Places of the box that repeat what lies across periodic axes, and those.
     whole : bool
         Whether the waves themselves are filtered, not their increments alone.
+    exchange : ndarray of int, shape (3,)
+        By what other processes fill margins of the box, as `Tables.exchange`.
     """
 
     taps: np.ndarray
@@ -53,6 +56,7 @@ class Filter(NamedTuple):
     runs: np.ndarray
     copies: np.ndarray
     whole: bool
+    exchange: np.ndarray
 
 
 def filter_tables(
@@ -79,15 +83,10 @@ def filter_tables(
     if not any(np.any(rate) for rate in rates.values()):
         none, empty = np.zeros(0, np.int64), np.zeros(0, real)
         pieces, copies = np.zeros((0, 4), np.int64), np.zeros((2, 0), np.int64)
-        return Filter(np.zeros(1, real), none, empty, empty, pieces, copies, whole)
+        return Filter(np.zeros(1, real), none, empty, empty, pieces, copies, whole, np.zeros(3, np.int64))
     nodes, axes = layout.box.nodes, [a for a in range(3) if layout.reach[a]]
-    pads = [len(taps) - 1 if a in axes else 0 for a in range(3)]
-    extent = [n + 2 * pad for n, pad in zip(nodes, pads, strict=True)]
-    step = np.array([extent[1] * extent[2], extent[2], 1])
-    along = [np.zeros(n) for n in nodes]
-    for (axis, side), values in rates.items():
-        end = slice(len(values)) if side < 0 else slice(nodes[axis] - len(values), None)
-        along[axis][end] += values[::side]
+    pads, extent, step = _extents(layout, taps)
+    along = _along(layout, rates)
     across, line = np.unique(np.add.outer(along[0], along[1]), return_inverse=True)
     rate = np.add.outer(across, along[2])
     strengths = np.sqrt(-np.expm1(-len(axes) * rate * dt) / len(axes))
@@ -103,7 +102,45 @@ def filter_tables(
         _runs(places[damped], layout.box.node_indices()[damped], entries[damped]),
         _wrapped(places[damped], layout, step, pads, extent),
         whole,
+        np.zeros(3, np.int64),
     )
+
+
+def _extents(layout: Layout, taps: np.ndarray) -> tuple[list[int], list[int], np.ndarray]:
+    """Margins of the box, its nodes with them, and the distances of neighbours, along the axes."""
+    pads = [len(taps) - 1 if reach else 0 for reach in layout.reach]
+    extent = [n + 2 * pad for n, pad in zip(layout.box.nodes, pads, strict=True)]
+    return pads, extent, np.array([extent[1] * extent[2], extent[2], 1])
+
+
+def _along(layout: Layout, rates: Mapping[tuple[int, int], np.ndarray]) -> list[np.ndarray]:
+    """Damping rates along each axis."""
+    nodes = layout.box.nodes
+    along = [np.zeros(n) for n in nodes]
+    for (axis, side), values in rates.items():
+        end = slice(len(values)) if side < 0 else slice(nodes[axis] - len(values), None)
+        along[axis][end] += values[::side]
+    return along
+
+
+def margin_across(
+    layout: Layout, rates: Mapping[tuple[int, int], np.ndarray], taps: np.ndarray, axis: int, side: int
+) -> np.ndarray:
+    """Places of the box's margin on a side, and those that it repeats if the axis is periodic, where layers along other
+    axes damp; shape (2, n).
+    """
+    pads, _, step = _extents(layout, taps)
+    along = [rate * (a != axis) for a, rate in enumerate(_along(layout, rates))]
+    n, pad = layout.box.nodes[axis], pads[axis]
+    beyond = np.arange(-pad, 0) if side < 0 else np.arange(n, n + pad)
+    found = []
+    for lines in (beyond, beyond % n):
+        at = [lines if a == axis else np.arange(len(rate)) for a, rate in enumerate(along)]
+        parts = [(pad + one) * s for pad, one, s in zip(pads, at, step, strict=True)]
+        found.append(np.add.outer(np.add.outer(parts[0], parts[1]), parts[2]))
+    rate = [np.zeros(len(beyond)) if a == axis else one for a, one in enumerate(along)]
+    damped = np.add.outer(np.add.outer(rate[0], rate[1]), rate[2]) > 0
+    return np.array([places[damped] for places in found])
 
 
 def line_damping(rates: np.ndarray, taps: np.ndarray, dt: float, across: np.ndarray) -> np.ndarray:
@@ -186,6 +223,10 @@ def _damp(thread, level, before, part, other, twice, tables):
     if copies.shape[1]:
         for i in range(thread.number, copies.shape[1], thread.threads):
             box[copies[0, i]] = box[copies[1, i]]
+        barrier(thread)
+    if tables.exchange[2] != 0:
+        if thread.number == 0:
+            call_exchange(tables.exchange[0], tables.exchange[1], np.int64(places), np.int64(1), np.int64(box.nbytes))
         barrier(thread)
     for piece in range(own[0], own[1]):
         place, node, first, count = runs[piece]

@@ -14,6 +14,7 @@ import numpy as np
 from farhorizon.engine import operations as op
 from farhorizon.engine.bonds import PHASES, factors_of, follows_law
 from farhorizon.engine.engine import Engine
+from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.tables import Inputs, Material, Stage
 
 _follows_law = np.vectorize(follows_law.py_func, excluded=[0])
@@ -43,6 +44,7 @@ class Interpreter:
         engine.loop = self.run
         self.methods: dict[int, Callable[..., None]] = {
             op.COPY: self._copy,
+            op.EXCHANGE: self._exchange,
             op.DAMP_OLD: self._damp_old,
             op.LINES: lambda: None,  # `_stretch` continues the field itself
             op.SWEEP: self._sweep,
@@ -83,7 +85,7 @@ class Interpreter:
                     if which != op.SPRINGS:
                         self._states(operation, number, which)
                     else:
-                        self.methods[operation](*[number] * (operation == op.STRETCH))
+                        self.methods[operation](*[number] * (operation in (op.STRETCH, op.EXCHANGE)))
             phase = (phase + 1) % len(tables.rotation)
         if kept is not None:
             self.memory = kept
@@ -112,6 +114,14 @@ class Interpreter:
         levels = self._split(self.stage.src)
         for to, source in self.tables.copies.T:  # later ones copy what earlier ones have copied
             levels[:, to] = levels[:, source]
+
+    def _exchange(self, kind: int, levels: np.ndarray | None = None) -> None:
+        """Where a process is its own neighbour: there are no others here. Slots are not used."""
+        assert self.engine.exchange is not None
+        levels = self._split(self.stage.src) if levels is None else levels
+        for to, source, sent, filled, _ in self.engine.exchange.messages[kind].rows if kind == LEVEL else ():
+            assert to == source == self.engine.exchange.messages[kind].link.own
+            levels[:, filled] = levels[:, sent]
 
     def _keep(self) -> None:
         if (self.inputs.before + self.step + 1) % self.inputs.stride:
@@ -236,7 +246,9 @@ class Interpreter:
         assert passes is not None
         states = law.values.reshape(len(law.intact), -1)
         levels = (self._split(self.stage.src), states, self._split(self.stage.out))
-        if self.raw and (which == op.SCATTER or operation == op.COPY):  # the loop may have done it node by node
+        if self.raw and (
+            which == op.SCATTER or operation in (op.COPY, op.EXCHANGE)
+        ):  # the loop may have done it node by node
             odd = np.einsum("sab,bs->as", law.matrices[law.numbers], states[:, law.nodes])
             if not self.tables.bonds.forces:
                 lost = self._lost_bonds()
@@ -250,6 +262,8 @@ class Interpreter:
         if operation == op.COPY:
             for to, source in self.tables.copies.T:
                 states[:, to] = states[:, source]
+        elif operation == op.EXCHANGE:
+            self._exchange(axis, states)
         elif operation == op.SWEEP:
             read, sign, nodes = levels[which - op.GATHER], (-1, 1)[which - op.GATHER], self.nodes
             total = np.zeros((len(levels[which]), nodes.size))
@@ -460,7 +474,7 @@ class Interpreter:
 
     def _passed(self, values: np.ndarray) -> np.ndarray:
         """What a filter takes of the values of one component."""
-        taps, steps, box, strengths, runs, copies, _ = self.tables.filter
+        taps, steps, box, strengths, runs, copies, *_ = self.tables.filter
         index = [(place + i, node + i, first + i) for place, node, first, count in runs for i in range(count)]
         places, nodes, entries = np.array(index).T
         weighed = np.zeros_like(box)

@@ -279,31 +279,32 @@ class LayerTables:
         items = np.array(found[1] + found[0], np.int64).reshape(-1, 5)
         return items, np.array([0, len(found[1]), len(items)], np.int64)
 
-    def _copies(self) -> np.ndarray:
-        """Places of the slots that repeat what lies across a periodic axis: (to, from)."""
+    def across(self, axis: int, side: int) -> np.ndarray:
+        """Places of the slots in the halo on a side, and those that they repeat if the axis is periodic; shape (2,
+        n)."""
         layout, found = self.layout, [np.zeros((2, 0), np.int64)]
         n, m = layout.box.nodes, layout.reach
-        for axis in (0, 1):
-            if axis not in layout.periodic:
-                continue
-            halo = np.r_[-m[axis] : 0, n[axis] : n[axis] + m[axis]]
-            pairs = []
-            for along in (halo, halo % n[axis]):
-                parts = [
-                    along if a == axis else np.arange(-m[a], n[a] + m[a]) if a < axis else np.arange(n[a])
-                    for a in (0, 1)
+        halo = np.arange(-m[axis], 0) if side < 0 else np.arange(n[axis], n[axis] + m[axis])
+        pairs = []
+        for along in (halo, halo % n[axis]) if axis < 2 else ():
+            parts = [
+                along if a == axis else np.arange(-m[a], n[a] + m[a]) if a < axis else np.arange(n[a]) for a in (0, 1)
+            ]
+            pairs.append(self.slots.first + np.add.outer(parts[0] * self.slots.grid[0], parts[1]).ravel())
+        for band in self.bands:
+            if band[COLUMNS] and pairs:
+                fields = np.arange(self.columns * self.sets[2] * layout.reach[2]) * self.slots.lines
+                whole = [
+                    np.add.outer(np.add.outer(fields, at) * band[WIDTH], np.arange(band[WIDTH])).ravel() + band[BASE]
+                    for at in pairs
                 ]
-                pairs.append(self.slots.first + np.add.outer(parts[0] * self.slots.grid[0], parts[1]).ravel())
-            for band in self.bands:
-                if band[COLUMNS]:
-                    fields = np.arange(self.columns * self.sets[2] * layout.reach[2]) * self.slots.lines
-                    whole = [
-                        np.add.outer(np.add.outer(fields, at) * band[WIDTH], np.arange(band[WIDTH])).ravel()
-                        + band[BASE]
-                        for at in pairs
-                    ]
-                    found.append(np.array(whole))
+                found.append(np.array(whole))
         return np.concatenate(found, axis=1)
+
+    def _copies(self) -> np.ndarray:
+        """Places of the slots that repeat what lies across a periodic axis: (to, from)."""
+        found = [self.across(axis, side) for axis in sorted(self.layout.periodic) for side in (-1, 1)]
+        return np.concatenate([np.zeros((2, 0), np.int64), *found], axis=1)
 
     def _sizes(self) -> np.ndarray:
         """What `Layers.sizes` holds; sets the work space of a thread."""

@@ -168,23 +168,25 @@ class Layout:
             [box.origin, *box.nodes, *box.stride[:2], *box.stride, box.origin, *box.stride[:2], *apart], np.int64
         )
 
+    def across(self, axis: int, side: int) -> np.ndarray:
+        """Places of the halo on a side, and those that it repeats if the axis is periodic; shape (2, n)."""
+        n, m = self.box.nodes[axis], self.reach[axis]
+        halo = np.arange(-m, 0) if side < 0 else np.arange(n, n + m)
+        # Later axes are filled after this one, earlier ones with their halo.
+        lines = [
+            np.arange(-r, k + r) if a < axis else np.arange(k)
+            for a, (k, r) in enumerate(zip(self.box.nodes, self.reach, strict=True))
+        ]
+        places = []
+        for along in (halo, halo % n):
+            lines[axis] = along
+            parts = [at * s for at, s in zip(lines, self.box.stride, strict=True)]
+            places.append((self.box.origin + np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])).ravel())
+        return np.array(places)
+
     def copies(self) -> np.ndarray:
         """Places of the halo that repeat what lies across a periodic axis and where that is, axis by axis: (to, from),
         shape (2, n).
         """
-        found = [np.zeros((2, 0), np.int64)]
-        for axis in sorted(self.periodic):
-            n, m = self.box.nodes[axis], self.reach[axis]
-            halo = np.r_[-m:0, n : n + m]
-            # Later axes are copied after this one, earlier ones with their halo.
-            lines = [
-                np.arange(-r, k + r) if a < axis else np.arange(k)
-                for a, (k, r) in enumerate(zip(self.box.nodes, self.reach, strict=True))
-            ]
-            places = []
-            for along in (halo, halo % n):
-                lines[axis] = along
-                parts = [at * s for at, s in zip(lines, self.box.stride, strict=True)]
-                places.append((self.box.origin + np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])).ravel())
-            found.append(np.array(places))
-        return np.concatenate(found, axis=1)
+        found = [self.across(axis, side) for axis in sorted(self.periodic) for side in (-1, 1)]
+        return np.concatenate([np.zeros((2, 0), np.int64), *found], axis=1)

@@ -15,6 +15,7 @@ import numpy as np
 
 from farhorizon.engine.bonds import Bonds
 from farhorizon.engine.ends import Ends
+from farhorizon.engine.exchange import LEVEL, SLOTS
 from farhorizon.engine.filter import Filter
 from farhorizon.engine.fringe import Fringe
 from farhorizon.engine.nested import Layers, has_layers
@@ -43,6 +44,7 @@ LAW = 18  # what nodes make of their states
 BREAK = 19  # bonds beyond their limit break
 DAMAGED = 20  # sums of nodes that have lost bonds are made anew
 INERTIA = 21  # what the forces have done to heavy nodes is less
+EXCHANGE = 22  # other processes fill the halo; its number is that of a table of messages
 
 # Passes of the operator: the springs, sums over bonds that make states, sums over states that make forces.
 SPRINGS, GATHER, SCATTER = range(3)
@@ -90,6 +92,8 @@ class Tables(NamedTuple):
     components : int
     copies : ndarray of int, shape (2, n)
         Places of the halo that repeat others, and those.
+    exchange : ndarray of int, shape (kinds, 3)
+        What other processes fill: function, table, and whether there is anything; see `engine.exchange`.
     work_space : ndarray, shape (threads, n)
     work : ndarray, shape (n,)
         Where the work of sources is added up, or empty.
@@ -107,6 +111,7 @@ class Tables(NamedTuple):
     layers: Layers
     work_space: np.ndarray
     copies: np.ndarray
+    exchange: np.ndarray
     material: Material
     cuts: Cuts
     surface: Surface
@@ -186,20 +191,32 @@ def _stage(tables: Tables, inputs: Inputs, stage: int) -> list[Operation]:
 def operator_operations(tables: Tables) -> list[Operation]:
     """The operator: its halo filled, layers included."""
     breaks = not tables.bonds.forces
-    found = _chosen((COPY, tables.copies.size)) + _chosen((BREAK, breaks), number=GATHER)
-    found += _sums(tables.cuts, tables.layers, SPRINGS)
+    found = _halo(tables, SPRINGS) + _chosen((BREAK, breaks), number=GATHER)
+    found += _sums(tables, tables.cuts, tables.layers, SPRINGS)
     if tables.gather.sweep.law.values.size:
         gather, scatter = tables.gather, tables.scatter
-        found += _sums(gather.cuts, gather.layers, GATHER)
-        found += _chosen((LAW, _later(gather)), (DAMAGED, breaks), (COPY, tables.copies.size), number=GATHER)
-        found += _sums(scatter.cuts, scatter.layers, SCATTER) + _chosen((DAMAGED, breaks), number=SCATTER)
+        found += _sums(tables, gather.cuts, gather.layers, GATHER)
+        found += _chosen((LAW, _later(gather)), (DAMAGED, breaks), number=GATHER) + _halo(tables, GATHER)
+        found += _sums(tables, scatter.cuts, scatter.layers, SCATTER) + _chosen((DAMAGED, breaks), number=SCATTER)
     return found
+
+
+def _halo(tables: Tables, number: int) -> list[Operation]:
+    """The halo filled, of the field or of its states."""
+    return _chosen((COPY, tables.copies.size), number=number) + _exchanged(tables, LEVEL, number)
+
+
+def _exchanged(tables: Tables, kind: int, number: int) -> list[Operation]:
+    """What other processes fill, by one kind of messages."""
+    return [(EXCHANGE, kind, number)] if tables.exchange[kind : kind + 1, 2].any() else []
 
 
 def sweep_operations(tables: Tables) -> list[Operation]:
     """The operator with plain shifts, whatever the halo holds."""
     return [
-        one for one in operator_operations(tables) if one[0] in (SWEEP, CUT, LAW, DAMAGED) or one[::2] == (COPY, GATHER)
+        one
+        for one in operator_operations(tables)
+        if one[0] in (SWEEP, CUT, LAW, DAMAGED) or one in ((COPY, 0, GATHER), (EXCHANGE, LEVEL, GATHER))
     ]
 
 
@@ -209,12 +226,11 @@ def _later(gather: Pass) -> bool:
     return bool((law.first > 0).any() or (law.end < nodes).any())
 
 
-def _sums(cuts: Cuts, layers: Layers, number: int) -> list[Operation]:
+def _sums(tables: Tables, cuts: Cuts, layers: Layers, number: int) -> list[Operation]:
     """Those of one pass."""
     axes = [axis for axis in (2, 1, 0) if has_layers(layers, axis)]
-    return _chosen((LINES, 2 in axes), (SWEEP, 1), (CUT, cuts.nodes.size), number=number) + [
-        (STRETCH, axis, number) for axis in axes
-    ]
+    found = _chosen((LINES, 2 in axes), (SWEEP, 1), number=number) + _exchanged(tables, SLOTS + number, number)
+    return found + _chosen((CUT, cuts.nodes.size), number=number) + [(STRETCH, axis, number) for axis in axes]
 
 
 def _chosen(*wanted: tuple[int, int], number: int = SPRINGS) -> list[Operation]:

@@ -40,6 +40,7 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
         layers=layers,
         work_space=aligned_zeros(_scratch(engine), engine.dtype, engine.threads),
         copies=engine.layout.copies(),
+        exchange=np.zeros((0, 3), np.int64),
         material=Material(np.ones(1, engine.dtype), rule, one, engine.dtype.type(np.inf)),
         cuts=cuts,
         surface=surface,
@@ -113,9 +114,14 @@ def _depth(engine: Field) -> int:
 
 def _filter(engine: Field) -> Filter:
     """What damps short waves in the layers; all layers share the longest filter, and what it is applied to."""
-    layers = engine.layers.values()
-    taps = max((layer.taps for layer in layers), key=len, default=np.zeros(1))
+    rates, taps = damping_of(engine)
+    whole = any(layer.whole for layer in engine.layers.values())
+    return filter_tables(engine.layout, rates, taps, engine.dt, engine.dtype, whole)
+
+
+def damping_of(engine: Field) -> tuple[dict[tuple[int, int], np.ndarray], np.ndarray]:
+    """Rates at which layers damp short waves, from the near field outwards, and the filter."""
     rates = {
         name: layer.damping if layer.damping.size else np.zeros(layer.columns) for name, layer in engine.layers.items()
     }
-    return filter_tables(engine.layout, rates, taps, engine.dt, engine.dtype, any(layer.whole for layer in layers))
+    return rates, max((layer.taps for layer in engine.layers.values()), key=len, default=np.zeros(1))

@@ -28,6 +28,7 @@ from farhorizon.engine.bonds import (
 )
 from farhorizon.engine.damage import break_bonds, redo_damaged
 from farhorizon.engine.ends import exact_ends
+from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.filter import damp_short_waves
 from farhorizon.engine.fringe import close_fringe
 from farhorizon.engine.nested import add_layers, continue_lines
@@ -41,6 +42,7 @@ from farhorizon.engine.operations import (
     DEPEND,
     DISSOLVE,
     ENDS,
+    EXCHANGE,
     FEED,
     FILTER,
     FLOW,
@@ -61,6 +63,7 @@ from farhorizon.engine.operations import (
 from farhorizon.engine.phases import LIQUID, SOLID, dissolve, find_runs
 from farhorizon.engine.point_law import apply_to_rows
 from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.rows.exchanges import call_exchange
 from farhorizon.engine.rows.vectors import (
     TILE,
     TILE_ROWS,
@@ -437,6 +440,13 @@ def copy(array, copies, components):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
+def fill_halo(array, components, tables, kind):
+    """Let other processes fill halos."""
+    function, table = tables.exchange[kind, 0], tables.exchange[kind, 1]
+    call_exchange(function, table, np.int64(array.ctypes.data), components, array.nbytes // components)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
 def run_start(nodes, i):
     """The first place from i on where another node begins."""
     while 0 < i < nodes.size and nodes[i] == nodes[i - 1]:
@@ -647,6 +657,15 @@ def work_off(thread, operation, axis, which, stage, tables, inputs, material, ba
         if thread.number == 0:
             copy(law.values, tables.copies, law.intact.shape[0])
         barrier(thread)
+    elif operation == EXCHANGE:
+        if thread.number == 0:
+            if axis == LEVEL:
+                fill_halo(law.values, law.intact.shape[0], tables, axis)
+            elif which == GATHER:
+                fill_halo(tables.gather.layers.slots, ONE, tables, axis)
+            else:
+                fill_halo(tables.scatter.layers.slots, ONE, tables, axis)
+        barrier(thread)
     elif which == GATHER:
         gather = tables.gather
         made = Stage(
@@ -764,6 +783,11 @@ def run(thread, steps, phase, levels, tables, inputs):
                     if thread.number == 0:
                         if operation == COPY:
                             copy(stage.src, tables.copies, tables.components)
+                        elif operation == EXCHANGE:
+                            if tables.operations[i, 1] == LEVEL:
+                                fill_halo(stage.src, tables.components, tables, LEVEL)
+                            else:
+                                fill_halo(layers.slots, ONE, tables, tables.operations[i, 1])
                         elif SOME and operation == FLOW:
                             add_flow(stage, everywhere, tables.flows)
                         elif SOME and operation == DEPEND:

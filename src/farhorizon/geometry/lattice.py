@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -36,6 +39,11 @@ class Lattice(Storable):
     body : Shape or ndarray of bool, optional
         A body that ends: nodes outside do not exist. Needs bounds. An array, of the lattice's shape, has the nodes that
         are there.
+
+    Attributes
+    ----------
+    shape, first : tuple of int
+        Nodes along the axes; of a part of a lattice the number of the first one in the `whole`.
 
     Raises
     ------
@@ -89,7 +97,9 @@ class Lattice(Storable):
         region = window if window is not None else self.body
         if region is not None or np.prod(last - first + 1) > _COUNTED:
             _check_size(last - first + 1, 3 * len(first) + 2)
+        self._whole: Lattice | None = None
         self.shape: tuple[int, ...] = tuple(int(n) for n in last - first + 1)
+        self.first = (0,) * len(self.shape)
         self.dim = len(self.shape)
         if min(self.shape) < 1:
             raise InputError(
@@ -150,7 +160,39 @@ class Lattice(Storable):
     @property
     def axes(self) -> list[np.ndarray]:
         """Coordinates of the nodes along each axis, one array (n,) an axis."""
-        return [self.lower[a] + self.spacing * np.arange(n) for a, n in enumerate(self.shape)]
+        begin = self.whole.lower
+        return [
+            begin[a] + self.spacing * np.arange(first, first + n)
+            for a, (first, n) in enumerate(zip(self.first, self.shape, strict=True))
+        ]
+
+    @property
+    def whole(self) -> Lattice:
+        """The lattice of which this is a part; itself unless `part` has made it."""
+        return self if self._whole is None else self._whole
+
+    def part(self, ranges: Sequence[tuple[int, int]]) -> Lattice:
+        """A box of the lattice, with the same coordinates to the last bit.
+
+        Parameters
+        ----------
+        ranges : sequence of (int, int)
+            Along each axis the first node and the last + 1.
+        """
+        made = copy.copy(self)
+        made._whole, made.first = self, tuple(first for first, _ in ranges)
+        made.shape = tuple(last - first for first, last in ranges)
+        made.lower = np.array([along[first] for along, (first, _) in zip(self.axes, ranges, strict=True)])
+        made.upper = np.array([along[last - 1] for along, (_, last) in zip(self.axes, ranges, strict=True)])
+        return made
+
+    def own(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which nodes of the `whole` (flat numbers) are among those of this part, and their flat numbers here."""
+        if self._whole is None:
+            return np.ones(nodes.shape, bool), nodes.ravel()
+        at = np.stack(np.unravel_index(nodes, self.whole.shape), axis=-1) - np.array(self.first)
+        inside = ((at >= 0) & (at < self.shape)).all(-1)
+        return inside, np.ravel_multi_index(tuple(at[inside].T), self.shape)
 
     def coordinates(self) -> list[np.ndarray]:
         """Coordinates of all nodes, one array of the lattice's shape an axis; InputError if they do not fit into

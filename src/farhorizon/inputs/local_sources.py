@@ -103,8 +103,9 @@ def spread(
     density = np.zeros(int(np.prod(lattice.shape)))
     for start in range(0, len(points), _AT_ONCE):
         some = slice(start, start + _AT_ONCE)
-        nodes, weights = interpolation_blocks(lattice, points[some], interpolation, derivative, key).entries()
-        np.add.at(density, nodes, weights * amounts[some, None])
+        nodes, weights = interpolation_blocks(lattice.whole, points[some], interpolation, derivative, key).entries()
+        inside, here = lattice.own(nodes)
+        np.add.at(density, here, (weights * amounts[some, None])[inside])
     return density.reshape(lattice.shape) / lattice.spacing**lattice.dim
 
 

@@ -37,6 +37,8 @@ class Beyond:
         Nodes beyond each absorbing side that are looked at: the layer's, or the stencil's reach if that is more.
     near : ndarray of bool, optional
         Nodes of a window that a condition closes along its outline: what lies around them is missed, too.
+    largest : callable
+        Of a value that each process has, where several compute the run, the largest one.
 
     Attributes
     ----------
@@ -53,8 +55,9 @@ class Beyond:
         wanted: float,
         depth: dict[tuple[int, int], int],
         near: np.ndarray | None = None,
+        largest: Callable[[float], float] = float,
     ) -> None:
-        self.lattice, self.depth, self.near = lattice, depth, near
+        self.lattice, self.depth, self.near, self._largest_of_all = lattice, depth, near, largest
         absorbing = {key: b for key, b in sides.items() if b.endless}
         self.targets = {key: b.wanted(wanted) for key, b in absorbing.items()}
         self.notes: list[str] = []
@@ -110,7 +113,7 @@ class Beyond:
         InputError
             More than a side's target of the largest value lies beyond it, or all of it.
         """
-        found = {}
+        found, peak = {}, self._largest_of_all(peak)
         for name, target, coordinates, exists in self._around():
             with np.errstate(all="ignore"):
                 beyond = np.abs(np.where(exists, np.asarray(function(*coordinates), float) - level, 0.0))
@@ -212,8 +215,6 @@ class Beyond:
         InputError
             As `check_function`.
         """
-        if not self.targets:
-            return peak
 
         def largest(*coordinates: np.ndarray) -> np.ndarray:
             zero = np.zeros(coordinates[0].shape)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from farhorizon.boundaries import Auto, Closure, ExactEnds
 from farhorizon.errors import InputError
-from farhorizon.inputs.incidence import Incidence
+from farhorizon.inputs.incidence import Incidence, Incident
 from farhorizon.inputs.outside import Beyond, gradients
 from farhorizon.medium.stencil import Stencil
+from farhorizon.medium.variation import Variation
 from farhorizon.simulation.breaking import Breaking
 from farhorizon.simulation.closing import close, exact_ends_of
 from farhorizon.simulation.cuts import CutBonds
@@ -22,10 +23,12 @@ from farhorizon.simulation.grid import Grid, choose_margins, largest_rate, make_
 from farhorizon.simulation.layers import choose_layers
 from farhorizon.simulation.near_field import NearField, near_field, node_factor, varied
 from farhorizon.simulation.setup import Key, Setup, Sides
+from farhorizon.simulation.share import Share, check_choosable, check_shareable, chooses, share_of
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
 from farhorizon.simulation.start import Start, start_of
 from farhorizon.simulation.surfaces import check_conditions, rest_and_damp
 from farhorizon.simulation.surroundings import Surroundings, by_target, check_memory
+from farhorizon.simulation.team import ALONE, Team
 from farhorizon.simulation.validation import check_model, check_stencil, check_variation
 
 
@@ -79,22 +82,32 @@ class Parts:
     driving: list[Drive]
 
 
-def assemble(setup: Setup, stiffer: float | None = None) -> Parts:
-    """The parts of a run; `setup` is looked at from the cheap to the dear.
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """What is known of a run before anything lies on a grid.
 
-    Parameters
+    Attributes
     ----------
     setup : Setup
-    stiffer : float, optional
-        Of the fastest oscillation the squared frequency over that of the medium with all its bonds; found by a first
-        assembly where it is not given and may be above 1.
-
-    Raises
-    ------
-    InputError
-        Anything that cannot be computed.
+        With a model that is uniform.
+    autos : dict of (axis, side) to Auto
+    near : NearField
+    around : Surroundings
+    waves : list of Incident
+    sources : list of (str, source)
+        Each after what it is called in messages.
     """
-    whole = setup
+
+    setup: Setup
+    autos: dict[Key, Auto]
+    near: NearField
+    around: Surroundings
+    waves: list[Incident]
+    sources: list[tuple[str, Any]]
+
+
+def survey(whole: Setup, stiffer: float | None = None) -> Survey:
+    """The medium, what drives it and the sides of a set-up; see `assemble`."""
     setup, variation = varied(whole)
     lattice, model = setup.lattice, setup.model
     autos = {key: b for key, b in setup.sides.items() if isinstance(b, Auto)}
@@ -107,18 +120,45 @@ def assemble(setup: Setup, stiffer: float | None = None) -> Parts:
     variation = variation.times(coefficient)
     check_variation(sides, variation)
     near = near_field(setup, sides, stencil, variation, coefficient, 1.0 if stiffer is None else stiffer)
-    factor = near.factor
     check_signals(setup, near)
     waves = incident_waves(setup, near, sides)
     sources = given(setup, near, sides)
     around = _choose_sides(setup, near, sides, autos, [*waves, *(source for _, source in sources)])
-    sides = around.sides
+    return Survey(setup, autos, near, around, waves, sources)
 
-    beyond = Beyond(lattice, sides, model.target, around.depth(stencil, lattice.spacing, lattice.shape), near.closed)
+
+def assemble(
+    whole: Setup, stiffer: float | None = None, team: Team = ALONE, neighbours: Mapping[Key, int] | None = None
+) -> Parts:
+    """The parts of a run; the set-up is looked at from the cheap to the dear.
+
+    Parameters
+    ----------
+    whole : Setup
+    stiffer : float, optional
+        Of the fastest oscillation the squared frequency over that of the medium with all its bonds; found by a first
+        assembly where it is not given and may be above 1.
+    team : Team
+        The processes that compute the run.
+    neighbours : mapping of (axis, side) to int, optional
+        Those that fill the halo, see `farhorizon.simulation.share`.
+
+    Raises
+    ------
+    InputError
+        Anything that cannot be computed.
+    """
+    found = survey(whole, stiffer)
+    setup, autos, near, around = found.setup, found.autos, found.near, found.around
+    waves, sources, sides, factor = found.waves, found.sources, found.around.sides, found.near.factor
+    lattice, model, stencil = setup.lattice, setup.model, near.stencil
+
+    depth = around.depth(stencil, lattice.spacing, lattice.shape)
+    beyond = Beyond(lattice, sides, model.target, depth, near.closed, team.largest)
     notes = beyond.notes
     notes += near.conditions.notes + around.notes
     if factor is not None:
-        name = "the coefficient" if factor is coefficient else "the stiffness"
+        name = "the coefficient" if factor is near.coefficient else "the stiffness"
         notes += gradients(factor, name, beyond.targets, stencil.reach)
     if near.density is not None:
         notes += gradients(near.density, "the density", beyond.targets, stencil.reach)
@@ -133,9 +173,11 @@ def assemble(setup: Setup, stiffer: float | None = None) -> Parts:
     solid = start.solid
     material = solid.astype(float) if solid.any() else factor
     states = states_of(setup, sides, near.variation.moduli is not None)
-    margins = choose_margins(near, around, (start.u, start.v), material, cuts_given, states)
+    margins = choose_margins(near, around, (start.u, start.v), material, cuts_given, states, team)
     check_conditions(near, sides, margins)
     grid = make_grid(setup, near, around, margins, states)
+    if neighbours is not None:
+        grid.engine.connect(team.link, {(grid.lead + axis, side): one for (axis, side), one in neighbours.items()})
     phases = None
     if model.dissolution is not None:
         phases = SolidAndLiquid(grid, model.dissolution, setup.background, solid)
@@ -208,3 +250,25 @@ def _acted_on(near: NearField, driving: Sequence[Drive]) -> np.ndarray:
     for space, _ in driving:
         busy |= False if space is None else space != 0
     return busy
+
+
+def shared(setup: Setup, team: Team, topology: Sequence[int] | None, observers: Sequence[Any]) -> Share:
+    """The share of this process in a run. What follows from the whole follows from it on all processes, or on the first
+    one, where layers look at all data.
+
+    Raises
+    ------
+    InputError
+        What does not run on several processes.
+    """
+    check_shareable(setup, len(observers))
+    stencil = setup.model.medium(setup.lattice.spacing, setup.lattice.dim)
+    around = by_target(setup, setup.sides, stencil)
+    check_choosable(setup, around)
+    near = near_field(replace(setup, initial={}, sources=(), loads=()), around.sides, stencil, Variation())
+    if chooses(around):
+        chosen = None
+        if team.number == 0:
+            chosen = survey(setup).around
+        around = team.first(chosen)
+    return share_of(setup, around, near.dt, team, topology)

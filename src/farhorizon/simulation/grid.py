@@ -20,6 +20,7 @@ from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.run import wanted_threads
 from farhorizon.simulation.setup import Key, Setup, Sides
 from farhorizon.simulation.surroundings import Surroundings
+from farhorizon.simulation.team import ALONE, Team
 
 _ITERATIONS, _CONVERGED, _ABOVE = 100, 1e-3, 1.1  # of the largest squared frequency
 _FAINT = 1e-11  # part of the data that may touch a layer of given thickness, which may be good to rounding
@@ -121,6 +122,7 @@ def choose_margins(
     factor: np.ndarray | None,
     cuts: Sequence[Cut],
     states: ForceStates | None,
+    team: Team = ALONE,
 ) -> dict[Key, int]:
     """Nodes of the core beyond the near field: a sponge, unstretched nodes in front of a layer, or those of the medium
     beyond a fixed side whose states count.
@@ -139,8 +141,11 @@ def choose_margins(
         Factor on bonds, or the phases of a corrosion.
     cuts : sequence of Cut
     states : ForceStates or None
+    team : Team
+        Processes that have parts of the near field: those at one side have as many nodes there.
     """
     lattice, margins = near.lattice, {}
+    peaks = [team.largest(float(np.abs(f).max())) for f in map(near.size, data)]
     for (axis, side), boundary in around.sides.items():
         margins[axis, side] = around.width((axis, side), near.stencil, lattice.spacing)
         if states is not None and boundary.held is not None:
@@ -152,13 +157,16 @@ def choose_margins(
             asked = boundary.open_ended or boundary.target is not None
             faint = 1e-3 * boundary.wanted(near.model.target) if asked else _FAINT
             busy = bool(least) and any(
-                np.abs(np.take(f, last, axis)).max() > faint * np.abs(f).max() for f in map(near.size, data)
+                np.abs(np.take(f, last, axis)).max() > faint * peak
+                for f, peak in zip(map(near.size, data), peaks, strict=True)
             )
             busy |= factor is not None and bool(np.ptp(np.take(factor, last, axis), axis=axis).any())
             edge = (lattice.lower if side < 0 else lattice.upper)[axis]
             close = [side * (edge - cut.bounds()[(side + 1) // 2][axis]) < (m + 1) * lattice.spacing for cut in cuts]
             margins[axis, side] = 1 + m if busy or any(close) else least
-    return margins
+    outer = {key: margins[key] for key, boundary in around.sides.items() if boundary.uniform}
+    every = team.gather(outer)
+    return margins | {key: max(one.get(key, 0) for one in every) for key in outer}
 
 
 def make_grid(

@@ -17,6 +17,7 @@ from farhorizon.simulation.flow_balance import FlowBalance
 from farhorizon.simulation.overstretch import IntactMargin
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.start import Motion, begun
+from farhorizon.simulation.team import ALONE, Team
 
 
 class March:
@@ -26,6 +27,8 @@ class March:
     ----------
     setup : Setup
     parts : Parts
+    team : Team
+        The processes that compute the run.
 
     Attributes
     ----------
@@ -46,8 +49,8 @@ class March:
         A start that would break bonds at once, a balance of what has none.
     """
 
-    def __init__(self, setup: Setup, parts: Parts) -> None:
-        self.setup, self.parts = setup, parts
+    def __init__(self, setup: Setup, parts: Parts, team: Team = ALONE) -> None:
+        self.setup, self.parts, self._team = setup, parts, team
         near, grid, sides, start = parts.near, parts.grid, parts.around.sides, parts.start
         self.moving = Moving(parts.drives.unsplit, parts.beyond, near.dt)
         self.flow_balance: FlowBalance | None = None
@@ -89,7 +92,8 @@ class March:
     def energies(self) -> dict[str, float]:
         """Energies of the near field by name, see `farhorizon.Simulation.energies`."""
         parts = self.parts
-        return energies(parts.near, parts.around.sides, parts.grid, parts.ends, parts.breaking, self.setup.lasting)
+        found = energies(parts.near, parts.around.sides, parts.grid, parts.ends, parts.breaking, self.setup.lasting)
+        return self._team.total(found)
 
     @property
     def slow_crossing(self) -> float:
@@ -98,7 +102,9 @@ class March:
 
     def kinetic(self) -> float | None:
         """Kinetic energy of the near field; None of what diffuses."""
-        return kinetic_energy(self.parts.near, self.parts.grid) if self.parts.near.model.order == 2 else None
+        if self.parts.near.model.order == 1:
+            return None
+        return self._team.total({"kinetic": kinetic_energy(self.parts.near, self.parts.grid)})["kinetic"]
 
     def driven(self, t: float) -> list[np.ndarray]:
         """What drives it at a time: amplitudes of what splits into space and time, values of what does not; conditions,
@@ -122,7 +128,7 @@ class March:
 
         out = {"u": shown(grid.engine.current)}
         if near.model.order == 2:
-            out["v"] = (out["u"] - shown(grid.engine.older)) / near.dt
+            out["v"] = (out["u"] - shown(grid.engine.older)) / np.float64(near.dt)
         if parts.breaking is not None:
             out["damage"] = near.visible(parts.breaking.damage)
         if parts.phases is not None:

@@ -65,6 +65,7 @@ class RunResults:
         InputError
             A field that there is not; another file is there, or no such folder.
         """
+        run.team.alone("results files")
         held, lattice = run.fields, run.lattice
         if fields is None:
             names = tuple(name for name in held if name not in _FOLLOWS)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.checks.certificate import Certificate
+from farhorizon.checks.certificate import UNDECIDED, Certificate
 from farhorizon.engine.engine import available_threads
 from farhorizon.errors import InputError, shown
 from farhorizon.files.html import table
@@ -30,6 +30,7 @@ from farhorizon.simulation.recorder import Observer, Recorder
 from farhorizon.simulation.rest import Resting, coming_to_rest
 from farhorizon.simulation.resume import stored
 from farhorizon.simulation.steps import last_step, steps_between
+from farhorizon.simulation.team import ALONE, Team
 
 if TYPE_CHECKING:
     import xarray
@@ -85,6 +86,8 @@ class Run(ABC):
         The largest kinetic energy, of diffusion the largest value, that a run to its static state has seen.
     resting : Resting
         What tells whether the run has come to rest.
+    team : Team
+        The processes that compute it.
     cautions : list of Caution
         From when on the result is doubtful, and why; each has been a `ValidityWarning` when it was found.
     output : RunResults or None
@@ -103,6 +106,7 @@ class Run(ABC):
     probes: Probes | None = None
     output: RunResults | None = None
     resting: Resting
+    team: Team = ALONE
 
     def _at_start(self, observe: Sequence[Observer], nodes: int) -> None:
         """Before the first step of a run that computes so many nodes."""
@@ -181,12 +185,14 @@ class Run(ABC):
             An end that is not finite, a time between outputs that is not a whole number of steps, a run that is not
             stable, or one to the static state whose loads change up to its latest end; a file that is not ours.
         """
+        if isinstance(until, str):
+            self.team.alone("runs to the static state")
         rest = coming_to_rest(self, until, tolerance, limit)
         end = checked_end(until, self.dt) if rest is None else rest.limit
         count = None if every is None else steps_between(every, self.dt)
         last = self.prepare(end)
         self.examine(end, allow_unstable)
-        show = sys.stderr.isatty() if progress is None else progress
+        show = (sys.stderr.isatty() if progress is None else progress) and self.team.number == 0
         with written(self, output):
             if rest is None:
                 go(self, last, count, show)
@@ -239,6 +245,7 @@ class Run(ABC):
         InputError
             A point outside the near field, a time that is not a whole number of steps.
         """
+        self.team.alone("probes")
         probes = Probes(self.lattice, points, 1 if every is None else steps_between(every, self.dt, "probes.every"))
         self._watch(probes.nodes)
         field = self.fields["u"]
@@ -403,6 +410,9 @@ class Run(ABC):
         InputError
             What grows does so tenfold or more until then.
         """
+        if self.team:
+            self._remarks = ["the stability of a run on several processes is not examined: check the case on one"]
+            return Certificate(UNDECIDED, "not examined on several processes")
         certificate = self._examination.of(self, until, allow_unstable)
         self._remarks = [remark] if (remark := certificate.remark(until)) else []
         return certificate

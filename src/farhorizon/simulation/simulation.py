@@ -23,7 +23,7 @@ from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.specimens import Specimen
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import LatticeModel
-from farhorizon.simulation.assembly import assemble
+from farhorizon.simulation.assembly import assemble, shared
 from farhorizon.simulation.checkpoint import fingerprint
 from farhorizon.simulation.course import MOST_STEPS, say_doubt, tick
 from farhorizon.simulation.described import describe
@@ -39,7 +39,9 @@ from farhorizon.simulation.resume import matching
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.settling import Settling, outlasted, settled_sides
 from farhorizon.simulation.setup import Key, Setup, side_name
+from farhorizon.simulation.share import Share, checked_topology
 from farhorizon.simulation.steps import last_step, seconds_of
+from farhorizon.simulation.team import Team
 
 
 class Simulation(Run):
@@ -60,6 +62,11 @@ class Simulation(Run):
         `Source`, array, callable of the coordinates and t, or expression; `PointSource`, `PointForce`, `MomentTensor`,
         `LineSource` and `PhasedArray`, which lie anywhere between the nodes; waves from outside: `IncidentWave`,
         `RayleighWave`, `IncidentField` and `IncidentRecord`.
+    communicator : mpi4py.MPI.Intracomm, optional
+        Processes that compute the run together, each a box of the lattice: `lattice` and `fields` are those of the box,
+        and ``team.joined(lattice, fields["u"])`` is the whole field, on the first process.
+    topology : sequence of int, optional
+        Boxes along each axis; those that exchange least unless given.
     loads : sequence of BodyForce and Traction
         Forces on an `Elastic` medium per volume, and per area on its free sides (bond-based materials).
     cracks : sequence
@@ -148,28 +155,36 @@ class Simulation(Run):
         balance: bool = False,
         specimens: Sequence[Specimen] = (),
         loads: Sequence[BodyForce | Traction] = (),
+        communicator: Any = None,
+        topology: Sequence[int] | None = None,
     ) -> None:
         what = (lattice, model, boundary, initial, sources, cracks, coefficient, background, dt, dtype, threads)
-        self._begin(Setup(*what, rule, rim, constraints, balance, specimens, loads), observe)
+        setup = Setup(*what, rule, rim, constraints, balance, specimens, loads)
+        self._begin(setup, observe, Team(communicator), checked_topology(topology))
 
     @classmethod
-    def of(cls, setup: Setup, observe: Sequence[Observer] = ()) -> Self:
+    def of(cls, setup: Setup, observe: Sequence[Observer] = (), communicator: Any = None, topology: Any = None) -> Self:
         """A run of a set-up.
 
         Parameters
         ----------
         setup : Setup
-        observe : sequence of callable
+        observe, communicator, topology
             As of the constructor.
         """
         run = cls.__new__(cls)
-        run._begin(setup, observe)
+        run._begin(setup, observe, Team(communicator), checked_topology(topology))
         return run
 
-    def _begin(self, setup: Setup, observe: Sequence[Observer]) -> None:
+    def _begin(self, setup: Setup, observe: Sequence[Observer], team: Team, topology: Sequence[int] | None) -> None:
         """Be at the start of a set-up, and show what others read of its parts."""
-        self.setup = setup
-        self.parts = parts = assemble(setup)
+        self.setup, self.team = setup, team
+        self.share: Share | None = None
+        with team.agreed():
+            if team:
+                self.share = shared(setup, team, topology, observe)
+                setup = self.share.setup
+            self.parts = parts = assemble(setup, None, team, None if self.share is None else self.share.neighbours)
         near, around = parts.near, parts.around
         self.lattice, self.model, self.background, self.dt = near.lattice, near.model, near.background, near.dt
         self.stencil, self.engine = near.stencil, parts.grid.engine
@@ -186,11 +201,11 @@ class Simulation(Run):
         sides = settled_sides(around, near.model)
         self.settled = replace(setup, boundary=sides, coefficient=near.coefficient, dt=near.dt)
         self.given = {name: value for name, value in self.settled.arguments.items() if name != "initial"}
-        self._at_start(observe, int(np.prod(self.engine.core.nodes)))
+        self._at_start(observe, int(team.largest(float(np.prod(self.engine.core.nodes)))))
         self._end = 0.0  # of the run, as far as it is known
         self._incident_notes: list[str] = []
         self._settling = Settling(parts.autos, [key for key, b in self.sides.items() if b.open_ended])
-        self.resting = self._march = March(setup, parts)
+        self.resting = self._march = March(setup, parts, team)
         self._recording = Recording(setup, parts, self.recorders)
 
     # --- running -----------------------------------------------------------------------------------------------
@@ -205,7 +220,8 @@ class Simulation(Run):
             The near field would miss more of a source than the side's target; an incident wave that is not known for so
             long.
         """
-        self._march.moving.check(until)
+        with self.team.agreed():
+            self._march.moving.check(until)
         self._incident_notes = foreseen(self.incident, until)
 
     def prepare(self, until: float) -> int:
@@ -217,6 +233,8 @@ class Simulation(Run):
         InputError
             As `check_sources`; a kernel or a domain that does not fit into memory.
         """
+        if self.share is not None:
+            self.share.check_length(until + self.dt)
         self._settling.settle(self, until)
         self.check_sources(until)
         self._end = max(self._end, until)
@@ -262,8 +280,10 @@ class Simulation(Run):
                     self.probes.add(self.step_count + 1, self.dt, self._recording.probed())
                 tick(self, made)
             origin, values = self.parts.grid.origin, self.engine.core.view(self.engine.current)
-            place = origin, self.lattice.spacing, march.feed.scale, self.step_count, self.time
-            refuse_explosion(values, *place, lambda: likely_cause(self))
+            with self.team.agreed():
+                scale = self.team.largest(march.feed.scale)
+                place = origin, self.lattice.spacing, scale, self.step_count, self.time
+                refuse_explosion(values, *place, lambda: likely_cause(self))
             warning = None if self.parts.phases is None or self.cautions else self.parts.phases.warning()
             if warning is not None:
                 say_doubt(self, "supersaturated", warning)
@@ -424,12 +444,14 @@ class Simulation(Run):
         until : float
             Length of the run: noise for as long is enough, up to ten crossing times.
         """
+        self.team.alone("certificates")
         return certify(self, budget, until)
 
     def seconds_per_step(self) -> float:
         """Time of a step on this machine now, measured for a tenth of a second without sources; the state stays as it
         is.
         """
+        self.team.alone("measured times")
         return seconds_of(self.engine)
 
     def check(self, until: float | None = None, budget: float | None = None) -> Report:
@@ -444,6 +466,7 @@ class Simulation(Run):
             Seconds for the certificate. Unless given all of it takes about as long as the run to `until`, from 2 to 30;
             30 without `until`.
         """
+        self.team.alone("reports")
         if until is not None:
             self._settling.settle(self, until)
             self.check_sources(until)
@@ -454,6 +477,7 @@ class Simulation(Run):
 
     def save(self, path: str | Path, **extra: Any) -> None:
         """Write the complete state, boundary memory included, under a temporary name and rename it."""
+        self.team.alone("checkpoints")
         arrays, meta = self._march.state(self.step_count)
         arrays |= self._recording.state()
         ours = fingerprint(self.setup, self.parts, self._march.first_cuts)
@@ -462,6 +486,7 @@ class Simulation(Run):
         write_checkpoint(path, arrays, meta)
 
     def load(self, path: str | Path) -> dict[str, Any]:
+        self.team.alone("checkpoints")
         self._settling.adopt(self, path)
         arrays, meta = matching(path, fingerprint(self.setup, self.parts, self._march.first_cuts))
         self.step_count = 0

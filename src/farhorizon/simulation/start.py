@@ -115,7 +115,7 @@ class Motion:
     def step_back(self, v: np.ndarray, resting: np.ndarray) -> None:
         """The level one step before the start; some places of a level do not move."""
         engine, dt, model = self.grid.engine, self.near.dt, self.near.model
-        change = -(dt**2) / 2 * self.acceleration(0.0)
+        change = -(dt**2) / 2 * self.acceleration(0.0).astype(float)
         rate = self.grid.view(change)
         rate += (dt * (1 + model.damping * dt) * v).reshape(rate.shape)
         change[resting] = 0
@@ -131,7 +131,7 @@ class Motion:
         engine, dt, model = self.grid.engine, self.near.dt, self.near.model
         for nodes, rate in self.near.prescribed.released(step):
             at = self.grid.indices[nodes]
-            change = dt * (1 + model.damping * dt) * rate - dt**2 / 2 * self.acceleration(step * dt)[at]
+            change = dt * (1 + model.damping * dt) * rate - dt**2 / 2 * self.acceleration(step * dt)[at].astype(float)
             engine.older[at] = engine.current[at] - change
             if engine.stages.increments:
                 engine.levels[2][at] = change

@@ -34,6 +34,7 @@ _COMPILED_IN = (
     "threads",
     "rows/vectors",
     "rows/bond_sweeps",
+    "rows/exchanges",
     "rows/laws",
     "rows/structs",
     "rows/layer_sums",
@@ -120,6 +121,11 @@ def load_parts(
         REAL=real,
     )
     return int(made.tile_parts.address)
+
+
+def load_exchange() -> int:
+    """Address of the exchange of halos with other processes (see `exchanges.exchange_halos`)."""
+    return int(_load("rows/exchange_rows").exchange.address)
 
 
 def load_law(count: int, real: str) -> int:

@@ -1,0 +1,181 @@
+"""How a lattice is shared out to processes: a box of it to each, in a grid of boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import AXES
+
+Key = tuple[int, int]  # axis and side, -1 or +1
+
+
+@dataclass(frozen=True)
+class Decomposition:
+    """Boxes of a lattice.
+
+    Attributes
+    ----------
+    cuts : tuple of tuples of int
+        Along each axis the first node of each box, and the number of nodes.
+    periodic : frozenset of int
+        Axes along which the last box is a neighbour of the first one.
+    """
+
+    cuts: tuple[tuple[int, ...], ...]
+    periodic: frozenset[int]
+
+    @property
+    def topology(self) -> tuple[int, ...]:
+        """Boxes along each axis."""
+        return tuple(len(ends) - 1 for ends in self.cuts)
+
+    def place(self, number: int) -> tuple[int, ...]:
+        """Numbers along the axes of the box of a process: the last axis goes first."""
+        return tuple(int(i) for i in np.unravel_index(number, self.topology))
+
+    def ranges(self, number: int) -> list[tuple[int, int]]:
+        """First node and last + 1 of a box along each axis."""
+        return [(ends[i], ends[i + 1]) for ends, i in zip(self.cuts, self.place(number), strict=True)]
+
+    def neighbours(self, number: int) -> dict[Key, int]:
+        """Numbers of the processes whose boxes are beside one, -1 where there is none; of the axes that are cut or
+        periodic.
+        """
+        place, found = self.place(number), {}
+        for axis, count in enumerate(self.topology):
+            if count == 1 and axis not in self.periodic:
+                continue
+            for side in (-1, 1):
+                at = list(place)
+                at[axis] += side
+                there = axis in self.periodic or 0 <= at[axis] < count
+                found[axis, side] = int(np.ravel_multi_index(tuple(at), self.topology, mode="wrap")) if there else -1
+        return found
+
+    def exchanged(self, number: int, reach: Sequence[int], more: Mapping[Key, int]) -> int:
+        """Nodes whose values a process sends to others in each step.
+
+        Parameters
+        ----------
+        number : int
+        reach : sequence of int
+            Of the stencil along each axis.
+        more : mapping of (axis, side) to int
+            Nodes beyond the outer sides.
+        """
+        place, own, total = self.place(number), number, 0
+        sizes = [
+            last - first + more.get((a, -1), 0) * (i == 0) + more.get((a, 1), 0) * (i == count - 1)
+            for a, ((first, last), i, count) in enumerate(zip(self.ranges(number), place, self.topology, strict=True))
+        ]
+        for (axis, _), other in self.neighbours(number).items():
+            if other not in (-1, own):
+                # earlier axes with their halos
+                across = [
+                    size + 2 * m * (a < axis) for a, (size, m) in enumerate(zip(sizes, reach, strict=True)) if a != axis
+                ]
+                total += reach[axis] * int(np.prod(across))
+        return total
+
+
+def decompose(
+    shape: Sequence[int],
+    processes: int,
+    reach: Sequence[int],
+    more: Mapping[Key, float],
+    periodic: frozenset[int],
+    topology: Sequence[int] | None = None,
+    least: int = 1,
+) -> Decomposition:
+    """Share a lattice out: of all grids of boxes the one whose boxes exchange least, balanced by work.
+
+    Parameters
+    ----------
+    shape : sequence of int
+    processes : int
+    reach : sequence of int
+        Of the stencil along each axis.
+    more : mapping of (axis, side) to float
+        Work beyond each side, in nodes of the lattice along the axis: that of layers.
+    periodic : frozenset of int
+    topology : sequence of int, optional
+        Boxes along each axis, in place of the best ones.
+    least : int
+        Nodes that a box has along an axis that is cut, more than twice the reach in any case.
+
+    Raises
+    ------
+    InputError
+        More processes than the lattice can be cut into, another number of boxes than of processes.
+    """
+    fewest = [max(least, 2 * m + 1) for m in reach]
+    most = [max(1, n // few) for n, few in zip(shape, fewest, strict=True)]
+    if topology is not None:
+        if len(topology) != len(shape) or int(np.prod(topology)) != processes:
+            raise InputError(
+                "the boxes along the axes do not multiply to the number of processes",
+                value=list(topology),
+                limit=f"{len(shape)} numbers whose product is {processes}",
+                key="run.topology",
+                remedy="leave it out",
+            )
+        choices = [tuple(int(count) for count in topology)]
+    else:
+        choices = list(_grids(processes, len(shape)))
+    fitting = [one for one in choices if all(count <= top for count, top in zip(one, most, strict=True))]
+    if not fitting:
+        raise InputError(
+            "the lattice cannot be cut into so many boxes, each wider than the stencil and the filter of layers",
+            value=f"{processes} processes",
+            limit=f"at most {' x '.join(map(str, most))} boxes along {', '.join(AXES[: len(shape)])}",
+            key="run.topology" if topology is not None else "processes",
+            remedy="fewer processes",
+        )
+    made = [_cut(shape, one, fewest, more, periodic) for one in fitting]
+    width = {key: int(np.ceil(nodes)) for key, nodes in more.items()}
+
+    def cost(one: Decomposition) -> tuple[int, tuple[int, ...]]:
+        most = max(one.exchanged(number, reach, width) for number in _corners(one))
+        return most, tuple(-count for count in one.topology)  # of two the one that cuts earlier axes
+
+    return min(made, key=cost)
+
+
+def _corners(one: Decomposition) -> Iterator[int]:
+    """Processes among which is the one that exchanges most: the first, the last and the middle ones along each axis."""
+    picks = [sorted({0, count // 2, count - 1}) for count in one.topology]
+    for place in np.stack(np.meshgrid(*picks, indexing="ij"), -1).reshape(-1, len(picks)):
+        yield int(np.ravel_multi_index(tuple(place), one.topology))
+
+
+def _grids(count: int, axes: int) -> Iterator[tuple[int, ...]]:
+    """All ways to write a number as a product of so many numbers."""
+    if axes == 1:
+        yield (count,)
+        return
+    for first in range(1, count + 1):
+        if count % first == 0:
+            yield from ((first, *rest) for rest in _grids(count // first, axes - 1))
+
+
+def _cut(
+    shape: Sequence[int],
+    topology: Sequence[int],
+    fewest: Sequence[int],
+    more: Mapping[Key, float],
+    periodic: frozenset[int],
+) -> Decomposition:
+    """Boxes of the same work, what lies beyond the outer ones counted, but never thinner than they may be."""
+    cuts = []
+    for axis, (n, count, least) in enumerate(zip(shape, topology, fewest, strict=True)):
+        low, high = more.get((axis, -1), 0.0), more.get((axis, 1), 0.0)
+        ends = [round(i * (low + n + high) / count - low) for i in range(count + 1)]
+        ends[0], ends[-1] = 0, n
+        for i in range(1, count):
+            ends[i] = min(max(ends[i], ends[i - 1] + least), n - (count - i) * least)
+        cuts.append(tuple(ends))
+    return Decomposition(tuple(cuts), periodic)

@@ -1,0 +1,225 @@
+"""The processes that compute one run together: what they tell each other outside the compiled loop."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from farhorizon import errors
+from farhorizon.engine.exchange import Link
+from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import Lattice
+
+
+class _Failure:
+    """What went wrong on one process, as all others are told."""
+
+    def __init__(self, error: BaseException) -> None:
+        self.kind, self.text = type(error).__name__, str(error)
+
+    def error(self) -> Any:
+        """The same error for another process."""
+        kind = getattr(errors, self.kind, None)
+        found: Any = RuntimeError(f"{self.kind}: {self.text}") if kind is None else kind(self.text)
+        found.agreed = True
+        return found
+
+
+class Team:
+    """The processes of an MPI communicator.
+
+    All of them make the same calls in the same order. One that fails tells the others by its next call, which fails on
+    all of them with the same error: none waits for ever.
+
+    Parameters
+    ----------
+    communicator : mpi4py.MPI.Intracomm or None
+        Duplicated, so that nobody else's messages are among ours; None for one process alone.
+
+    Attributes
+    ----------
+    number, size : int
+        Of this process, and how many there are.
+
+    Raises
+    ------
+    InputError
+        No communicator, one on several machines of different make, or processes with different versions.
+    """
+
+    def __init__(self, communicator: Any = None) -> None:
+        self._all = None
+        self.number, self.size = 0, 1
+        if communicator is None:
+            return
+        for name in ("Get_rank", "Get_size", "Dup", "allgather"):
+            if not hasattr(communicator, name):
+                raise InputError(
+                    "must be a communicator of mpi4py",
+                    value=type(communicator).__name__,
+                    key="communicator",
+                    remedy="from mpi4py import MPI; MPI.COMM_WORLD",
+                )
+        self.number, self.size = int(communicator.Get_rank()), int(communicator.Get_size())
+        if self.size > 1:
+            self._all = communicator.Dup()
+            self._check_versions()
+
+    def __bool__(self) -> bool:
+        """Whether there are others."""
+        return self.size > 1
+
+    def _check_versions(self) -> None:
+        import numba
+
+        from farhorizon import __version__
+
+        mine = {"farhorizon": __version__, "numpy": np.__version__, "numba": numba.__version__}
+        every = self.gather(mine)
+        for number, theirs in enumerate(every):
+            if theirs != every[0]:
+                raise self._agreed(
+                    InputError(
+                        "the processes run different versions",
+                        value=f"process {number}: {theirs}",
+                        limit=f"process 0: {every[0]}",
+                        key="communicator",
+                        remedy="one environment on all machines",
+                    )
+                )
+
+    @staticmethod
+    def _agreed(error: Exception) -> Exception:
+        """An error that all processes raise."""
+        error.agreed = True  # type: ignore[attr-defined]
+        return error
+
+    def alone(self, what: str) -> None:
+        """Refuse what several processes do not do together yet.
+
+        Raises
+        ------
+        InputError
+        """
+        if self:
+            raise InputError(f"{what} are not for several processes yet", key="communicator", remedy="one process")
+
+    # --- what they tell each other ------------------------------------------------------------------------------
+
+    def gather(self, value: Any) -> list[Any]:
+        """The values of all processes, in their order; raises what one of them has failed with."""
+        if self._all is None:
+            return [value]
+        found = list(self._all.allgather(value))
+        failed = next((one for one in found if isinstance(one, _Failure)), None)
+        if failed is not None:
+            raise failed.error()
+        return found
+
+    @contextmanager
+    def agreed(self) -> Iterator[None]:
+        """What one process fails with within it all fail with."""
+        try:
+            yield
+        except Exception as error:
+            if self._all is None or getattr(error, "agreed", False):
+                raise
+            every = self._all.allgather(_Failure(error))
+            failed = next(number for number, one in enumerate(every) if isinstance(one, _Failure))
+            if failed != self.number:
+                raise every[failed].error() from None
+            raise self._agreed(error) from None
+        self.gather(None)
+
+    def first(self, value: Any) -> Any:
+        """The value of the first process."""
+        return value if self._all is None else self.gather(value if self.number == 0 else None)[0]
+
+    def largest(self, value: float) -> float:
+        """The largest value of any process."""
+        return max(self.gather(value))
+
+    def total(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Sums over all processes, in their order."""
+        every = self.gather(dict(values))
+        return {name: sum(one[name] for one in every) for name in values}
+
+    def collected(self, value: Any) -> list[Any] | None:
+        """The values of all processes, which the first one alone is given."""
+        return [value] if self._all is None else self._all.gather(value)
+
+    def joined(self, lattice: Lattice, field: np.ndarray) -> np.ndarray | None:
+        """A field of the whole lattice from those of its parts, for the first process; None for the others.
+
+        Parameters
+        ----------
+        lattice : Lattice
+            The part of this process.
+        field : ndarray
+            Its last axes are those of the lattice.
+        """
+        every = self.collected((lattice.first, field))
+        if every is None:
+            return None
+        whole = np.zeros((*field.shape[: -lattice.dim], *lattice.whole.shape), field.dtype)
+        for first, part in every:
+            box = tuple(slice(a, a + n) for a, n in zip(first, part.shape[-lattice.dim :], strict=True))
+            place: tuple[Any, ...] = (..., *box)
+            whole[place] = part
+        return whole
+
+    def abort(self, code: int) -> None:
+        """End all processes at once."""
+        if self._all is not None:
+            self._all.Abort(code)
+
+    # --- what compiled code is told -------------------------------------------------------------------------------
+
+    @property
+    def link(self) -> Link:
+        """How compiled code reaches the others."""
+        if self._all is None:
+            return Link(0, 0, 0, False, 0)
+        from mpi4py import MPI
+
+        library = ctypes.CDLL(MPI.__file__)
+        function = ctypes.cast(library.MPI_Sendrecv, ctypes.c_void_p).value
+        assert function is not None
+        return Link(function, _handle(self._all), _handle(MPI.BYTE), _wide(), self.number)
+
+    def threads(self) -> int:
+        """Threads for each process where none are asked for: those of its machine, shared by the processes that may run
+        on the same processors.
+        """
+        from farhorizon.engine.engine import available_threads
+
+        if self._all is None:
+            return available_threads()
+        import platform
+
+        cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
+        mine = platform.node(), tuple(cores)
+        return max(1, available_threads() // self.gather(mine).count(mine))
+
+
+#: Where there is one process.
+ALONE = Team()
+
+
+def _wide() -> bool:
+    from mpi4py import MPI
+
+    return int(MPI._sizeof(MPI.Comm)) == 8
+
+
+def _handle(of: Any) -> int:
+    """The handle of a communicator or of a type as a number."""
+    from mpi4py import MPI
+
+    kind = ctypes.c_void_p if _wide() else ctypes.c_int
+    return int(kind.from_address(MPI._addressof(of)).value or 0)

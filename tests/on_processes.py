@@ -1,0 +1,167 @@
+"""What several processes compute together, beside what one computes: `mpiexec -n 2 python on_processes.py`.
+
+The first process prints a line of JSON for each case. Set-ups are tiny; `slow` as an argument adds more, some of them
+larger, and `few` leaves out all but one.
+"""
+
+import json
+import sys
+import time
+
+import numpy as np
+from mpi4py import MPI
+
+import farhorizon as fh
+
+WORLD = MPI.COMM_WORLD
+KERNEL, FOUR = fh.Kernel(0.6), fh.LatticePML(nodes=4)
+WAVE = fh.Wave(KERNEL)
+ALONG_X = {2: [[2, 1]], 4: [[4, 1]]}[WORLD.size]
+ALONG_Y = {2: [[1, 2]], 4: [[2, 2]]}[WORLD.size]
+SPACE = {2: [[2, 1, 1], [1, 2, 1], [1, 1, 2]], 4: [[2, 2, 1], [1, 2, 2]]}[WORLD.size]
+
+
+def lattice(*shape):
+    """A box around the origin."""
+    first = [-0.3 * (n // 2) for n in shape]
+    return fh.Lattice(0.3, first, [low + 0.3 * (n - 1) for low, n in zip(first, shape, strict=True)])
+
+
+def pulse(dim):
+    return f"exp(-2*({'+'.join(f'{axis}**2' for axis in 'xyz'[:dim])}))"
+
+
+def plane(model=WAVE, sides=FOUR, shape=(47, 49), **more):
+    """A set-up in the plane."""
+    given = {"initial": {"u": pulse(2)}} | more
+    return fh.Setup(lattice(*shape), model, sides, **given)
+
+
+def drawn(shape):
+    return np.random.default_rng(7).standard_normal(shape) * (np.arange(shape[0]) % 40 > 5)[:, None]
+
+
+#: Set-ups, and the grids of boxes on which they are computed.
+CASES = {
+    "wave": (plane(), ALONG_Y),
+    "single precision": (plane(dtype="float32"), ALONG_X),
+    "layers that choose themselves": (plane(sides=fh.LatticePML(target=1e-4, until=20.0)), [None]),
+    "periodic beside layers": (
+        plane(sides={"x": fh.Periodic(), "y": FOUR}, initial={"u": "exp(-2*y**2)*(1 + x)"}),
+        ALONG_Y,
+    ),
+    "sources": (
+        plane(
+            initial={},
+            sources=[
+                fh.PointSource((0.1, 0.2), time=fh.Ricker(0.3)),
+                fh.Source(pulse(2), "cos(t)"),
+                "exp(-((x - 0.1*t)**2 + y**2)*4)",
+            ],
+        ),
+        ALONG_Y,
+    ),
+    "diffusion": (plane(fh.Diffusion(KERNEL)), ALONG_Y),
+    "elastic": (
+        plane(
+            fh.Elastic(KERNEL, 1.0),
+            initial={"u": [pulse(2), 0.0]},
+            loads=[fh.BodyForce([0.0, pulse(2)], "sin(t)")],
+            shape=(79, 81),
+        ),
+        ALONG_X,
+    ),
+    "space": (fh.Setup(lattice(21, 22, 23), WAVE, fh.LatticePML(nodes=3), {"u": pulse(3)}), SPACE[:1]),
+}
+STATES = fh.Elastic(KERNEL, young=1.0, poisson=0.3, material="state-based")
+SLOW = {
+    "wave along x": (plane(), ALONG_X),
+    "single precision along y": (plane(dtype="float32"), ALONG_Y),
+    "an array, periodic": (plane(sides=fh.Periodic(), initial={"u": drawn((47, 49)), "v": 1.0}), ALONG_X + ALONG_Y),
+    "periodic beside layers, along x": (
+        plane(sides={"x": fh.Periodic(), "y": FOUR}, initial={"u": "exp(-2*y**2)*(1 + x)"}),
+        ALONG_X,
+    ),
+    "sponge, free, fixed": (plane(sides={"x": fh.Sponge(6), "y-": fh.Free(), "y+": fh.Fixed()}), ALONG_Y),
+    "reaction": (plane(fh.Wave(fh.Stencil.from_kernel(KERNEL, 0.3, 2).with_reaction(0.2))), ALONG_X),
+    "elastic along y": (plane(fh.Elastic(KERNEL, 1.0), initial={"u": [pulse(2), 0.0]}, shape=(79, 81)), ALONG_Y),
+    "space, other boxes": (fh.Setup(lattice(21, 22, 23), WAVE, fh.LatticePML(nodes=3), {"u": pulse(3)}), SPACE[1:]),
+    "elastic in space": (
+        fh.Setup(lattice(39, 40, 41), fh.Elastic(KERNEL, 1.0), FOUR, {"u": [pulse(3), 0.0, 0.0]}),
+        SPACE,
+    ),
+    "state-based in space": (fh.Setup(lattice(53, 54, 55), STATES, FOUR, {"u": [pulse(3), 0.0, 0.0]}), SPACE),
+    "state-based, periodic": (fh.Setup(lattice(21, 22, 23), STATES, fh.Periodic(), {"u": [pulse(3), 0.0, 0.0]}), SPACE),
+    "heat": (plane(fh.Heat(KERNEL)), ALONG_Y),
+    "stages": (plane(fh.Diffusion(KERNEL, integrator=fh.RungeKuttaChebyshev(5))), ALONG_Y),
+    "beam": (fh.Setup(lattice(241), fh.Beam(), fh.Fixed(), {"u": pulse(1)}), [None]),
+}
+
+
+def asleep_until_all_are_here():
+    """The first process computes alone meanwhile, and there may be fewer processors than processes."""
+    waiting = WORLD.Ibarrier()
+    while not waiting.Test():
+        time.sleep(0.001)
+
+
+def compared():
+    """Each case against one process: whether fields are the same to the last bit, and the error of the energy."""
+    cases = {"wave": CASES["wave"]} if "few" in sys.argv else CASES | (SLOW if "slow" in sys.argv else {})
+    for name, (setup, grids) in cases.items():
+        for topology in grids:
+            together = fh.Simulation.of(setup, communicator=WORLD, topology=topology)
+            together.run(4.0)
+            found = {one: together.team.joined(together.lattice, field) for one, field in together.fields.items()}
+            energy = together.energy()
+            if WORLD.rank == 0:
+                alone = fh.Simulation.of(setup)
+                alone.run(4.0)
+                same = all(np.array_equal(found[one], field) for one, field in alone.fields.items())
+                moves = float(np.abs(alone.fields["u"]).max())
+                yield {
+                    "case": name,
+                    "topology": together.share.decomposition.topology,
+                    "same": same,
+                    "moves": moves,
+                    "energy": abs(energy / alone.energy() - 1),
+                }
+            asleep_until_all_are_here()
+
+
+def refused():
+    """What is refused on all processes, with one message."""
+    crack = [[(-1.0, 0.1), (1.0, 0.1)]]
+    for what, make in {
+        "crack": lambda: plane(cracks=crack),
+        "too many": lambda: plane(shape=(7, 7)),
+        "one alone": lambda: plane(initial={"u": lambda x, y: np.where(x > 0, np.nan, 0.0) + 0 * y}),
+        "body": lambda: fh.Setup(fh.Lattice(0.3, (-3, -3), (3, 3), body=fh.Disc(2.0, (0.0, 0.0))), WAVE, fh.Fixed()),
+        "layers": lambda: plane(sides=fh.Higdon(2)),
+    }.items():
+        told = ""
+        try:
+            fh.Simulation.of(make(), communicator=WORLD, topology=[WORLD.size, 1])
+        except fh.InputError as error:
+            told = str(error)
+        yield {"refused": what, "told": WORLD.gather(told)}
+
+
+def unstable():
+    """A run that explodes on one process ends on all."""
+    run = fh.Simulation.of(plane(sides=fh.Fixed()), communicator=WORLD)
+    if WORLD.rank == WORLD.size - 1:
+        run.engine.current[run.engine.core.origin] = np.inf
+    told = ""
+    try:
+        run.step(3)
+    except fh.UnstableError as error:
+        told = str(error)
+    yield {"unstable": WORLD.gather(told)}
+
+
+if __name__ == "__main__":
+    for part in (compared, refused, unstable):
+        for line in part():
+            if WORLD.rank == 0:
+                print(json.dumps(line), flush=True)
