@@ -17,15 +17,13 @@ from farhorizon.engine.absent import AbsentBonds
 from farhorizon.engine.bond_zone import BondZone
 from farhorizon.engine.bonds import CHUNK, RULES, Zone
 from farhorizon.engine.ends import Ends
-from farhorizon.engine.exchange import LEVEL, Exchange, Link, Messages
+from farhorizon.engine.exchange import Exchange, Link, Messages
 from farhorizon.engine.filter import margin_across, without
 from farhorizon.engine.fringe import fringe_table
 from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import Layout, aligned, aligned_zeros
 from farhorizon.engine.nested import Layers
 from farhorizon.engine.operations import (
-    EXCHANGE,
-    SPRINGS,
     Operation,
     Tables,
     check_room,
@@ -539,7 +537,7 @@ class Engine:
     def complete(self, level: np.ndarray) -> None:
         """Fill the halo of a level across periodic axes, and where other processes do."""
         if self.exchange is not None:
-            self._operate(level, [(EXCHANGE, LEVEL, SPRINGS)])
+            self.exchange.fill(level, self.components)
             return
         self._driver.copy(level, self.tables.copies, self.components)
 

@@ -7,6 +7,7 @@ of earlier ones along, so that those at edges and corners come of themselves.
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -132,7 +133,7 @@ class Exchange:
     """
 
     def __init__(self, kinds: Sequence[Messages], components: int, dtype: np.dtype) -> None:
-        self.messages = list(kinds)
+        self.messages, self._size = list(kinds), dtype.itemsize
         longest = max(one.longest for one in kinds)
         self._buffers = np.zeros((2, components * longest * dtype.itemsize), np.uint8)
         self._tables = [one.table(dtype.itemsize, self._buffers) for one in kinds]
@@ -140,3 +141,14 @@ class Exchange:
         used = [bool(one.rows) for one in kinds]
         addresses = [table.ctypes.data for table in self._tables]
         self.numbers = np.array([(function, *one) for one in zip(addresses, used, strict=True)], np.int64)
+
+    def fill(self, level: np.ndarray, components: int, times: int = 1) -> None:
+        """Let other processes fill the halo of a level, as the compiled loop does; all of them call it."""
+        function, table, _ = (int(number) for number in self.numbers[LEVEL])
+        call = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * 4)(function)
+        for _ in range(times):
+            call(table, level.ctypes.data, components, level.nbytes // components)
+
+    def volume(self, components: int) -> int:
+        """Bytes of a level that this process sends to others."""
+        return self.messages[LEVEL].volume * components * self._size

@@ -1,0 +1,111 @@
+"""A run on several processes, beside threads of one: weak and strong scaling, and what is sent.
+
+Each part starts programs one after the other, round by round, and prints medians of the ratios of a round:
+
+- weak: waves of reach 3 with fixed sides, as many nodes for each thread, 2000^2 and 200^3 (with `--quick` 500^2 and
+  60^3): time of a step on one thread over that on two processes of one thread each, and over that on two threads of one
+  process. Target: processes reach 95 % of what threads reach, and the exchange takes 5 % of a step.
+- strong: waves in 100^3 nodes with layers, one thread over two processes of one. Target: 1.8.
+
+It says how many bytes a process sends in each step. Both want a quiet machine.
+
+Run: ``python benchmarks/scaling.py [weak] [strong] [--quick] [--rounds N]``; it needs mpi4py and mpiexec.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from statistics import median
+from typing import Any
+
+
+def measure(kind: str, size: int, dim: int, threads: int, parts: int) -> None:
+    """Print the time of a step on these processes, and of an exchange, in seconds."""
+    from mpi4py import MPI
+
+    import farhorizon as fh
+
+    world = MPI.COMM_WORLD
+    shape = [size * (parts if kind == "weak" else 1)] + [size] * (dim - 1)
+    lattice = fh.Lattice(1.0, [0.0] * dim, [n - 1.0 for n in shape])
+    sides = fh.Fixed() if kind == "weak" else fh.LatticePML(nodes=10)
+    grid = [world.size] + [1] * (dim - 1)
+    given: Any = {"communicator": world, "topology": grid} if world.size > 1 else {}
+    start = {"u": "exp(-" + "-".join(f"({axis}-{size // 2})**2" for axis in "xyz"[:dim]) + ")"}
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(3.0)), sides, start, threads=threads, **given)
+    engine = sim.engine
+    engine.advance_alone(3)
+    times, exchanges = [], []
+    for _ in range(7):
+        for found, work, count in ((times, engine.advance_alone, 5), (exchanges, None, 20)):
+            if work is None and engine.exchange is None:
+                continue
+            world.Barrier()
+            began = time.perf_counter()
+            if work is not None:
+                work(count)
+            else:
+                engine.exchange.fill(engine.current, engine.components, count)
+            found.append(world.allreduce((time.perf_counter() - began) / count, MPI.MAX))
+    volume = 0 if engine.exchange is None else engine.exchange.volume(engine.components)
+    if world.rank == 0:
+        facts = {"step": min(times), "exchange": min(exchanges, default=0.0), "bytes": volume}
+        print(json.dumps(facts), flush=True)
+
+
+def started(processes: int, *words: object) -> dict[str, float]:
+    """What `measure` prints on so many processes."""
+    command = ["mpiexec", "-n", str(processes), sys.executable, __file__, "--measure", *map(str, words)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return dict(json.loads(done.stdout.splitlines()[-1]))
+
+
+def weak(size: int, dim: int, rounds: int) -> None:
+    """Two times the nodes on two processes, and on two threads."""
+    ratios: dict[str, list[float]] = {"processes": [], "threads": [], "exchange": []}
+    for _ in range(rounds):
+        one, two, both = (
+            started(n, "weak", size, dim, threads, parts) for n, threads, parts in ((1, 1, 1), (2, 1, 2), (1, 2, 2))
+        )
+        ratios["processes"].append(one["step"] / two["step"])
+        ratios["threads"].append(one["step"] / both["step"])
+        ratios["exchange"].append(two["exchange"] / two["step"])
+    found = {name: median(values) for name, values in ratios.items()}
+    print(
+        f"weak, {size}^{dim} each: {found['processes']:.2f} on two processes, {found['threads']:.2f} on two threads: "
+        f"{found['processes'] / found['threads']:.2f} of it; the exchange of {two['bytes']:.0f} bytes takes "
+        f"{100 * found['exchange']:.1f} % of a step of {1e3 * two['step']:.3g} ms"
+    )
+
+
+def strong(size: int, rounds: int) -> None:
+    """The same nodes on two processes."""
+    found = [
+        started(1, "strong", size, 3, 1, 1)["step"] / started(2, "strong", size, 3, 1, 1)["step"] for _ in range(rounds)
+    ]
+    print(f"strong, {size}^3 with layers of 10: {median(found):.2f} on two processes")
+
+
+def main() -> None:
+    """The command line."""
+    if sys.argv[1:2] == ["--measure"]:
+        measure(sys.argv[2], *map(int, sys.argv[3:]))
+        return
+    parser = argparse.ArgumentParser()
+    parser.add_argument("parts", nargs="*", default=["weak", "strong"])
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--rounds", type=int, default=5)
+    options = parser.parse_args()
+    if "weak" in options.parts:
+        for size, dim in ((500, 2), (60, 3)) if options.quick else ((2000, 2), (200, 3)):
+            weak(size, dim, options.rounds)
+    if "strong" in options.parts:
+        strong(60 if options.quick else 100, options.rounds)
+
+
+if __name__ == "__main__":
+    main()
