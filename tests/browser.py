@@ -101,11 +101,16 @@ class Browser:
         if method == "Network.loadingFailed":
             self.errors.append(told["errorText"])
         if method == "Network.responseReceived" and told["response"]["status"] >= 400:
-            self.errors.append(f"{told['response']['status']} {told['response']['url']}")
+            self._miss(f"{told['response']['status']} {told['response']['url']}")
         if method == "Runtime.exceptionThrown":
             self.errors.append(told["exceptionDetails"]["text"])
         if method == "Log.entryAdded" and told["entry"]["level"] == "error":
-            self.errors.append(told["entry"]["text"])
+            self._miss(f"{told['entry']['text']} {told['entry'].get('url', '')}")
+
+    def _miss(self, what):
+        """Note what is missing but the icon of a tab, for which the browser asks by itself."""
+        if not what.endswith("/favicon.ico"):
+            self.errors.append(what)
 
 
 @contextlib.contextmanager

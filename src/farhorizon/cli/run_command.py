@@ -105,6 +105,7 @@ def _tell(
     moments = [time for time in case.parts.output.pictures or () if time <= until]
     view = View(times=moments or None, cracks=results.outlines.get("cracks", ()), quantities=case.quantities)
     pictures = plot_results(results, files.pictures, view, print)
+    made_folder(str(files.pictures))
     results.write_outlines(files.pictures / "outlines.vtp")
     said = f"results: {files.result} ({len(results.times)} outputs); pictures: {', '.join(map(str, pictures))}"
     if not options.no_report:
