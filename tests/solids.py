@@ -4,8 +4,7 @@ import itertools
 
 import numpy as np
 
-from farhorizon import Kernel, Lattice
-from farhorizon.body.body import lame_constants
+from farhorizon import Correspondence, Kernel, Lattice
 
 KERNELS = {
     "gaussian": Kernel(2.7, 0, "gaussian", 0.9, volume="full"),
@@ -15,13 +14,24 @@ KERNELS = {
 MATERIAL = {"young": 1.0, "poisson": 0.25}
 
 
+def lame_constants(young, poisson):
+    """Lame's constants in plane strain and in space, numbers or arrays."""
+    shear = young / (2 * (1 + poisson))
+    return 2 * shear * poisson / (1 - 2 * poisson), shear
+
+
+def solid(name, **options):
+    """A correspondence solid of one of the kernels."""
+    return Correspondence(**{"kernel": KERNELS[name], **MATERIAL, **options})
+
+
 def box(*nodes, lower=0.0):
     return Lattice(1.0, (lower,) * len(nodes), tuple(lower + n - 1.0 for n in nodes))
 
 
 class Dense:
-    """The same solid with one matrix entry a bond: free where `held` nodes do not surround it, which neither move nor
-    carry stress.
+    """The same solid with one matrix entry a bond: free where held nodes do not surround it, which do not move; where
+    they do, as many rows of them as two reaches have, so that those next to it have all their bonds.
 
     Weights are read off the kernel's own influence function and volumes, and scaled so that K of a complete family is
     1. `material` gives Young's modulus, Poisson's ratio and density at given coordinates, beyond the shape those at its
@@ -55,7 +65,7 @@ class Dense:
         young, poisson, self.density = (
             (1.0, 0.25, 1.0) if material is None else material(*np.clip(grid, 0, np.array(shape) - 1).T)
         )
-        lame, shear = (np.broadcast_to(value, len(grid)) for value in lame_constants(young, poisson, self.dim))
+        lame, shear = (np.broadcast_to(value, len(grid)) for value in lame_constants(young, poisson))
         self.lame, self.shear, self.pull = (
             np.array(value)[:, None, None] for value in (lame, shear, stabilisation * (lame + 2 * shear))
         )
@@ -80,8 +90,8 @@ class Dense:
 
     def step(self, count=1, load=0.0):
         for _ in range(count):
-            length = np.linalg.norm(self.xi + self.u[None] - self.u[:, None], axis=2)
-            broken = (length > (1 + self.critical) * np.linalg.norm(self.xi, axis=2)) & (self.w > 0)
+            longer = ((self.u[None] - self.u[:, None]) * self.xi).sum(2)
+            broken = (longer > self.critical * (self.xi**2).sum(2)) & (self.w > 0)
             self.w = np.where(broken, 0.0, self.w)
             if broken.any() and not self.kept:
                 self._invert(self.w)
@@ -89,17 +99,19 @@ class Dense:
             stress = self.shear * (e + np.swapaxes(e, 1, 2)) + self.lame * np.trace(e, axis1=1, axis2=2)[
                 :, None, None
             ] * np.eye(self.dim)
-            p = (stress @ self.inverse - self.pull * e) * self.inside[:, None, None]
+            p = stress @ self.inverse - self.pull * e
             a = np.einsum("ij,ijab,ijb->ia", self.w, p[:, None] + p[None], self.xi)
             a += np.einsum("ij,ija->ia", self.w * (self.pull[:, 0] + self.pull[:, 0].T), self.u[None] - self.u[:, None])
             a[:, 0] += load
             a /= self.density
-            if self.drag and self.steps:
+            if not self.steps:
+                self.v = (self.v - self.dt / 2 * a) * self.inside[:, None]
+            if self.drag:
                 bonds = self.w > 0
                 number = bonds.sum(1)[:, None]
                 mean = np.where(number, bonds @ self.v / np.maximum(number, 1), self.v)
                 self.v = self.v + self.drag * self.dt * (mean - self.v)
-            self.v = (self.v + (self.dt if self.steps else self.dt / 2) * a) * self.inside[:, None]
+            self.v = (self.v + self.dt * a) * self.inside[:, None]
             self.u = self.u + self.dt * self.v
             self.steps += 1
 

@@ -71,30 +71,21 @@ RIGHT = {
     "Auto": {"target": None, "until": None},
     "Ball": {"radius": 1.0, "centre": (0.0, 0.0, 0.0)},
     "Beam": {"stiffness": 1.0, "damping": 0.0},
-    "Body": {
-        "lattice": PLANE,
-        "operator": KERNEL,
-        "young": 1.0,
-        "poisson": 0.3,
-        "density": 1.0,
-        "plane": "strain",
-        "boundary": fh.Fixed(),
-        "initial": None,
-        "loads": (),
-        "cracks": (),
-        "critical_stretch": None,
-        "shape_tensor": "recomputed",
-        "drag": 0.0,
-        "stabilisation": 0.0,
-        "balance": False,
-        "dt": None,
-        "threads": 1,
-        "observe": (),
-    },
     "BodyForce": {"value": [1.0, 0.0], "time": None},
     "Box": {"lower": (0.0, 0.0), "upper": (1.0, 1.0)},
     "Chirp": {"first": 1.0, "last": 2.0, "duration": 10.0},
     "Convection": {"where": "x-", "transfer": 1.0, "ambient": 0.0, "within": None},
+    "Correspondence": {
+        "kernel": KERNEL,
+        "young": 1.0,
+        "poisson": 0.3,
+        "density": 1.0,
+        "plane": "strain",
+        "critical_stretch": None,
+        "shape_tensor": "recomputed",
+        "drag": 0.0,
+        "stabilisation": 0.0,
+    },
     "Corrosion": {
         "operator": KERNEL,
         "diffusivity": 1.0,
@@ -179,7 +170,6 @@ RIGHT = {
         "strength": None,
         "reflection": 1e-3,
         "plateau": 0.3,
-        "form": "displacement",
         "cross": 0.0,
         "shift": 0.0,
     },
@@ -320,10 +310,9 @@ PLACES = {
     "body force": lambda v: fh.Simulation(
         PLANE, fh.Elastic(KERNEL, 1.0), fh.Fixed(), loads=[fh.BodyForce([v, 0.0])], threads=1
     ),
-    "force on a body": lambda v: fh.Body(
-        PLANE, KERNEL, young=1.0, poisson=0.3, loads=[fh.BodyForce([v, 0.0])], threads=1
+    "start of a solid": lambda v: fh.Simulation(
+        PLANE, fh.Correspondence(KERNEL, 1.0, 0.3), fh.Fixed(), {"u": [v, 0.0]}, threads=1
     ),
-    "start of a body": lambda v: fh.Body(PLANE, KERNEL, young=1.0, poisson=0.3, initial={"u": [v, 0.0]}, threads=1),
     "constraint": lambda v: fh.Simulation(LINE, fh.Diffusion(KERNEL), fh.Free(), constraints=[v], threads=1),
     "temperature": lambda v: fh.Simulation(
         LINE, fh.Heat(KERNEL), fh.Free(), constraints=[fh.Temperature("x-", v)], threads=1
@@ -399,13 +388,6 @@ def test_values_far_beyond_everything():
         fh.Lattice(1e-15, (-1.0, -1.0), (1.0, 1.0))
     with pytest.raises(fh.InputError, match=r"boundary\.nodes: is out of range"):
         fh.LatticePML(nodes=10**20)
-
-
-def test_a_thin_body_of_a_material_that_is_given_as_a_text():
-    """Fewer nodes than a stencil reaches: there is nothing to compare along the normal."""
-    thin = fh.Lattice(0.5, (0.0, -4.0), (0.0, 4.0))
-    body = fh.Body(thin, KERNEL, young="1 + 0*x", poisson=0.3, boundary={"x": fh.Sponge(4), "y": fh.Fixed()})
-    assert body.lattice.shape == (1, 17)
 
 
 def test_dollars_are_letters():

@@ -34,7 +34,6 @@ ORDER = (
     "inputs",  # what a user puts into a medium
     "checks",  # questions about a set-up before its run
     "simulation",  # a set-up that runs
-    "body",  # correspondence with damage
     "studies",  # several runs side by side
     "public",  # every public name
     "case",  # TOML to a set-up

@@ -19,7 +19,7 @@ KINDS = {  # by what a case or script mentions
     "Corrosion": r'type = "corrosion"|fh\.Corrosion',
     "Diffusion and heat": r'type = "(diffusion|heat)"|fh\.(Diffusion|Heat)\(',
     "Cracks that grow": r"critical_stretch|fracture_energy",
-    "Elastic waves": r'type = "(elastic|correspondence)"|fh\.(Elastic|Body)\(',
+    "Elastic waves": r'type = "(elastic|correspondence)"|fh\.(Elastic|Correspondence)\(',
     "Scalar waves": "",
 }
 

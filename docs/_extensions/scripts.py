@@ -18,7 +18,7 @@ Names = dict[str, Any]
 # Each function is named like the script whose picture it draws.
 
 
-def plane(sim: fh.Simulation | fh.Body, field: np.ndarray, title: str, colours: str = "viridis") -> Figure:
+def plane(sim: fh.Simulation, field: np.ndarray, title: str, colours: str = "viridis") -> Figure:
     """A field of the plane over its coordinates."""
     figure = Figure(figsize=(6.4, 4.4), layout="constrained")
     panel = figure.add_subplot()
@@ -152,8 +152,8 @@ def penny_crack(names: Names) -> Figure:
 
 
 def indentation(names: Names) -> Figure:
-    body = names["half_space"](0.006).run(names["UNTIL"])
-    return plane(body, body.fields["damage"], f"damage at t = {body.time:.0f}", "magma_r")
+    sim = names["half_space"](0.006).run(names["UNTIL"])
+    return plane(sim, sim.fields["damage"], f"damage at t = {sim.time:.0f}", "magma_r")
 
 
 def mesh_scatterer(names: Names) -> Figure:

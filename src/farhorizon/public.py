@@ -3,7 +3,6 @@
 ``X as X`` tells type checkers and linters that a name is handed on.
 """
 
-from farhorizon.body.body import Body as Body
 from farhorizon.boundaries import Auto as Auto
 from farhorizon.boundaries import Exact as Exact
 from farhorizon.boundaries import Extended as Extended
@@ -69,6 +68,7 @@ from farhorizon.medium.integrators import RungeKuttaChebyshev as RungeKuttaCheby
 from farhorizon.medium.kernel import Kernel as Kernel
 from farhorizon.medium.stencil import Stencil as Stencil
 from farhorizon.models import Beam as Beam
+from farhorizon.models import Correspondence as Correspondence
 from farhorizon.models import Corrosion as Corrosion
 from farhorizon.models import Diffusion as Diffusion
 from farhorizon.models import Elastic as Elastic

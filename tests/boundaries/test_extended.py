@@ -258,8 +258,6 @@ def test_what_it_cannot_serve_is_refused():
         fh.Simulation(LATTICE, WAVE, {"x": fh.Extended(), "y": fh.Higdon()})
     with pytest.raises(fh.InputError, match="no such side"):
         fh.Simulation(fh.Lattice(0.25, -4, 4), fh.Beam(1.0), fh.Extended())
-    with pytest.raises(fh.InputError, match="not a boundary that serves here"):
-        fh.Body(LATTICE, fh.Kernel(0.5), young=1.0, poisson=0.25, boundary=fh.Extended())
     for wrong in ({"target": 0.5}, {"nodes": 0}, {"until": -1.0}):
         with pytest.raises(fh.InputError, match=f"boundary.{next(iter(wrong))}"):
             fh.Extended(**wrong)

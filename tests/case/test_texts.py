@@ -24,7 +24,9 @@ def elastic(**setup):
 
 
 def body(**setup):
-    return fh.Body(PLANE, fh.Kernel(1.0, 1), **{"young": 1.0, "poisson": 0.3, **setup})
+    solid = {name: setup.pop(name) for name in ("young", "density") if name in setup}
+    solid = fh.Correspondence(fh.Kernel(1.0, 1), **{"young": 1.0, "poisson": 0.3, **solid})
+    return fh.Simulation(PLANE, solid, fh.Fixed(), **setup)
 
 
 def heat(condition):

@@ -170,6 +170,24 @@ CASES = {
         {"v": 0.03 * bump((21, 22), 2)},
         balance=True,
     ),
+    "stretched derivatives": lambda: fh.Simulation(
+        lattice(13, 14),
+        fh.Correspondence(fh.Kernel(2.0), 1.0, 0.3, drag=0.4),
+        {"x-": fh.NonlocalPML(4, strength=2.0, cross=0.2), "x+": fh.NonlocalPML(3, shift=0.3), "y": fh.Free()},
+        {"u": [lambda x, y: 1e-3 * np.exp(-((x - 6.3) ** 2) / 20 - (y - 6) ** 2 / 40), lambda x, y: 0 * x]},
+        cracks=[fh.Crack([(-9.0, 6.5), (99.0, 6.5)])],
+        balance=True,
+    ),
+    "stretched derivatives as bonds break": lambda: fh.Simulation(
+        fh.Lattice(1.0, (0.0, 0.0), (20.0, 21.0)),
+        fh.Correspondence(
+            fh.Kernel(2.0), 1.0, 0.3, density="1 + (y > 9.5)", critical_stretch=0.006, shape_tensor="kept", drag=0.4
+        ),
+        {"x": fh.NonlocalPML(4), "y": fh.Free()},
+        {"v": 0.03 * bump((21, 22), 2)},
+        cracks=[fh.Crack([(8.3, 10.4), (15.0, 10.4)])],
+        balance=True,
+    ),
     "nonlinear bonds": lambda: fh.Simulation(
         lattice(13, 14),
         fh.Elastic(fh.Kernel(2.0), nonlinear=True, **ELASTIC),
@@ -199,6 +217,7 @@ def test_both_compute_the_same(make):
         for name, values in mine.data.items():
             np.testing.assert_allclose(other.data[name], values, rtol=0, atol=1e-12 * np.abs(values).max())
     assert two.work == pytest.approx(one.work, rel=1e-10, abs=1e-18)
+    assert two.dragged == pytest.approx(one.dragged, rel=1e-10, abs=1e-18)
     if one.bonds:
         assert one.bonds.broken[1] == two.bonds.broken[1]
         assert two.bonds.broken[0] == pytest.approx(one.bonds.broken[0], rel=1e-10)
@@ -207,7 +226,8 @@ def test_both_compute_the_same(make):
 RUN = Path(program.__file__).read_text().partition("def run(")[2]
 #: The kernels with which the program has an operation, by its text; none where every run has it.
 KERNELS = {
-    getattr(op, name): group for group, name in re.findall(r"if (?:(SOME|RARE) and )?operation == ([A-Z_]+)", RUN)
+    getattr(op, name): group
+    for group, name in re.findall(r"if (?:(SOME|RARE|BODIES) and )?operation == ([A-Z_]+)", RUN)
 }
 
 
@@ -221,9 +241,11 @@ def test_the_loop_of_a_run_has_all_kernels_that_the_run_needs(make):
         kernels = op.needed(tables)
         for operation, _, which in tables.operations.tolist():
             assert ("STATES" if which else KERNELS[operation]) in (kernels | {""})
+            assert "BODIES" in kernels or operation not in (op.STRETCH_STATES, op.STRETCH_FORCES)
         assert "RARE" in kernels or tables.bonds.places.size == tables.phases.runs.size == 0
         assert "SOME" in kernels or not tables.listening.rows.size
-    assert found and sorted(KERNELS) == [i for i in range(23) if i not in (op.LAW, op.BREAK, op.DAMAGED)]
+    of_states = (op.LAW, op.BREAK, op.DAMAGED, op.STRETCH_STATES, op.STRETCH_FORCES)
+    assert found and sorted(KERNELS) == [i for i in range(26) if i not in of_states]
 
 
 def test_corrosion():

@@ -11,7 +11,6 @@ import h5py
 import numpy as np
 import pytest
 
-import farhorizon as fh
 from farhorizon.cli import main
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.files.results import ResultsWriter, open_results, read_checkpoint, write_checkpoint
@@ -566,17 +565,6 @@ def test_damaged_number_in_an_array(tmp_path):
     (tmp_path / "c.h5").write_bytes(data)
     with pytest.raises(FileFormatError, match="array 'u' fails its check sum"):
         read_checkpoint(tmp_path / "c.h5")
-
-
-def test_a_checkpoint_of_another_kind_of_run_is_refused(tmp_path):
-    """A body's is no simulation's, nor the other way round."""
-    lattice = fh.Lattice(1.0, (0.0, 0.0), (8.0, 8.0))
-    fh.Body(lattice, fh.Kernel(2.0, 0, "gaussian"), young=1.0, poisson=0.25).save(tmp_path / "body.ckpt")
-    fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), fh.Fixed()).save(tmp_path / "wave.ckpt")
-    with pytest.raises(FileFormatError, match="holds no Simulation"):
-        fh.Simulation.restore(tmp_path / "body.ckpt")
-    with pytest.raises(FileFormatError, match="holds no Body"):
-        fh.Body.restore(tmp_path / "wave.ckpt")
 
 
 def test_one_count_too_many_is_not_counted(tmp_path):

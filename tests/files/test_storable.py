@@ -12,7 +12,6 @@ APART = (
     fh.LatticeModel,
     fh.Side,
     fh.Simulation,
-    fh.Body,
     fh.Setup,
     fh.Certificate,
     fh.Probes,

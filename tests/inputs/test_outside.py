@@ -202,14 +202,9 @@ def test_a_gradient_in_a_body_is_noted():
     young = np.clip(1 + 0.05 * lattice.coordinates()[0], 0.6, 1.4)
 
     def body(young):
-        return fh.Body(
-            lattice,
-            fh.Kernel(2.7, 0, "gaussian", 0.9, volume="full"),
-            young=young,
-            poisson=0.25,
-            boundary=fh.NonlocalPML(8),
-        )
+        solid = fh.Correspondence(fh.Kernel(2.7, 0, "gaussian", 0.9, volume="full"), young, 0.25)
+        return fh.Simulation(lattice, solid, fh.NonlocalPML(8))
 
     notes = [note for note in body(young).notes if "changes by" in note]
-    assert len(notes) == 2 and all(note.startswith("model.young") for note in notes)
+    assert len(notes) == 2 and all(note.startswith("the stiffness") for note in notes)
     assert not body(np.where(lattice.coordinates()[0] > 1, 2.0, 1.0)).notes

@@ -546,25 +546,19 @@ def test_one_message_says_which_material_sides_and_layers_go_together():
     """Whichever of them is asked for first, and what it proposes is accepted."""
     lattice, kernel = fh.Lattice(1.0, (-10, -10), (10, 0)), fh.Kernel(2.0, 1)
     ground = {"all": fh.LatticePML(nodes=8), "y+": fh.Free()}
+    layered = {"all": fh.NonlocalPML(8, cross=0.1), "y+": fh.Free()}
     wrong = [
         lambda: fh.Elastic(kernel, 1.0, 0.3),
         lambda: fh.Simulation(lattice, fh.Elastic(None, 1.0, 0.3, material="finite-element"), ground),
-        lambda: fh.Body(lattice, kernel, young=1.0, poisson=0.3, boundary=ground),
+        lambda: fh.Simulation(lattice, fh.Elastic(kernel, 1.0), layered),
     ]
     for make in wrong:
         with pytest.raises(fh.InputError) as error:
             make()
-        for word in (
-            "Poisson's ratio",
-            'type = "correspondence"',
-            "NonlocalPML",
-            "bond-based",
-            "1/4",
-            "LatticePML",
-            "free",
-        ):
+        for word in ("Poisson's ratio", '"correspondence"', "NonlocalPML", "bond-based", "1/4", "LatticePML", "free"):
             assert word in error.value.remedy, word
-    fh.Body(lattice, kernel, young=1.0, poisson=0.3, boundary={"all": fh.NonlocalPML(8, cross=0.1), "y+": fh.Free()})
+    for solid in (fh.Correspondence(kernel, 1.0, 0.3), fh.Elastic(kernel, 1.0, 0.3, material="correspondence")):
+        fh.Simulation(lattice, solid, layered)
     fh.Simulation(lattice, fh.Elastic(kernel, 1.0), ground)
     for material in ("state-based", "correspondence"):
         fh.Simulation(lattice, fh.Elastic(kernel, 1.0, 0.3, material=material), ground)

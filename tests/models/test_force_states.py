@@ -301,33 +301,6 @@ def test_energies_add_up_as_bonds_break(name, side):
         assert np.abs(sim.fields["v"].sum((1, 2))).max() < 1e-12 * np.abs(sim.fields["v"]).sum()
 
 
-def test_a_crack_runs_as_in_a_program_of_its_own():
-    """`Body` sums the same forces tile by tile: the same bonds break, and the same energy is spent."""
-    sim = torn_plate("stabilised")
-    model = sim.model
-    body = fh.Body(
-        sim.lattice,
-        KERNEL,
-        young=model.young,
-        poisson=model.poisson,
-        density=model.density,
-        boundary=fh.Free(),
-        loads=sim.setup.loads,
-        cracks=[crack.cut for crack in sim.setup.cracks],
-        critical_stretch=model.critical_stretch,
-        stabilisation=model.stabilisation,
-        dt=sim.dt,
-        threads=1,
-    )
-    for run in (sim, body):
-        run.step(150)
-    assert sim.broken_bonds == body.broken_bonds > 100
-    assert sim.energies()["broken"] == pytest.approx(body.energies()["broken"], rel=1e-10)
-    scale = np.abs(body.fields["u"]).max()
-    np.testing.assert_allclose(sim.fields["u"], body.fields["u"], rtol=0, atol=1e-11 * scale)
-    np.testing.assert_allclose(sim.fields["damage"], body.fields["damage"], rtol=0, atol=1e-14)
-
-
 @pytest.mark.parametrize("name", BREAKING)
 def test_threads_and_a_checkpoint_change_nothing_as_bonds_break(name, tmp_path):
     one, two = torn_plate(name, {"y-": fh.LatticePML(nodes=6)}), torn_plate(name, {"y-": fh.LatticePML(nodes=6)})

@@ -351,8 +351,6 @@ def test_what_does_not_know_it_refuses():
     stencil = fh.Stencil.finite_difference(2).with_reaction(0.5)
     with pytest.raises(fh.InputError, match=r"metal that dissolves has no reaction"):
         fh.Simulation(lattice, fh.Corrosion(stencil, saturation=0.5), fh.Fixed())
-    with pytest.raises(fh.InputError, match=r"a body has no reaction"):
-        fh.Body(lattice, stencil, young=1.0, poisson=0.25)
     for bad in (-1.0, np.nan, "heavy"):
         with pytest.raises(fh.InputError, match=r"reaction"):
             fh.Stencil([[1], [-1]], [1, 1], bad)

@@ -116,20 +116,6 @@ def test_complex_data_are_refused():
         fh.Simulation(fh.Lattice(0.25, -3, 3), fh.Wave(fh.Kernel(0.75)), fh.Fixed(), {"u": np.ones(25) * 1j})
 
 
-def test_a_body_one_node_wide():
-    """Its coefficients vary over the plane, of which it has a line."""
-    lattice = fh.Lattice(1.0, (0.0, 0.0), (8.0, 0.0))
-    body = fh.Body(
-        lattice,
-        fh.Kernel(2.0, 0, "gaussian"),
-        young=lambda x, y: 1.0 + 0 * x,
-        poisson=0.25,
-        initial={"u": [lambda x, y: 0.01 * x, 0.0]},
-    )
-    body.step(3)
-    assert np.isfinite(body.fields["u"]).all() and body.fields["u"].shape == (2, 9, 1)
-
-
 @pytest.mark.parametrize("lattice", [LINE, PLANE], ids=["line", "plane"])
 def test_a_case_without_probes(lattice):
     made = Case(case(lattice, u="0"))
@@ -154,7 +140,9 @@ def test_data_whose_energy_overflows_are_refused(value):
     lattice = fh.Lattice(1.0, (-6.0, -6.0), (6.0, 6.0))
     kernel = fh.Kernel(2.0, 0, "gaussian")
     setups = {
-        "body": lambda: fh.Body(lattice, kernel, young=1.0, poisson=0.25, initial={"u": [0.0, value]}),
+        "correspondence": lambda: fh.Simulation(
+            lattice, fh.Correspondence(kernel, 1.0, 0.25, drag=0.1), fh.Fixed(), {"u": [0.0, value]}
+        ),
         "simulation": lambda: fh.Simulation(lattice, fh.Elastic(kernel, young=1.0), initial={"v": [0.0, value]}),
     }
     for make in setups.values():
@@ -178,6 +166,6 @@ def test_a_horizon_far_beyond_the_near_field_is_refused_at_once(monkeypatch):
 def test_constants_of_a_body_that_vanish_or_overflow_are_refused(young):
     """The speed of waves was zero, and something was divided by it."""
     lattice, kernel = fh.Lattice(1.0, (-6.0, -6.0), (6.0, 6.0)), fh.Kernel(2.0, 0, "gaussian")
-    cracked = {"critical_stretch": 0.2, "cracks": [[(1.5, -1.5), (1.5, 1.5)]]}
     with pytest.raises(fh.InputError, match=r"model.young: is beyond what can be computed with.*1e-60 to 1e\+60"):
-        fh.Body(lattice, kernel, young=young, poisson=0.25, **cracked)
+        model = fh.Correspondence(kernel, young, 0.25, critical_stretch=0.2)
+        fh.Simulation(lattice, model, fh.Fixed(), cracks=[[(1.5, -1.5), (1.5, 1.5)]])

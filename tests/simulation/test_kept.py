@@ -57,8 +57,8 @@ def salt():
 def cracked():
     crack = [(-2.0, 0.1), (2.0, 0.1)]
     start = {"u": [lambda x, y: 0.01 * np.exp(-(x**2) - y**2), 0.0]}
-    options = {"young": 1.0, "poisson": 0.25, "critical_stretch": 0.02, "initial": start, "cracks": [crack]}
-    return fh.Body(fh.Lattice(0.5, (-5, -5), (5, 5)), fh.Kernel(1.0), boundary=fh.Fixed(), **options)
+    solid = fh.Correspondence(fh.Kernel(1.0), 1.0, 0.25, critical_stretch=0.02, drag=0.1)
+    return fh.Simulation(fh.Lattice(0.5, (-5, -5), (5, 5)), solid, fh.Fixed(), start, cracks=[crack])
 
 
 RUNS = {

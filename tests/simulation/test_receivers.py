@@ -382,9 +382,6 @@ def test_other_things_that_are_refused():
         fh.Receivers(POINTS, name="a/b")
     with pytest.raises(fh.InputError, match="nothing"):
         fh.Receivers(POINTS, [])
-    lattice = fh.Lattice(1.0, [-8.0, -6.0], [8.0, 6.0])
-    with pytest.raises(fh.InputError, match="probes"):
-        fh.Body(lattice, fh.Kernel(2.0), young=1.0, poisson=0.2, observe=[fh.Receivers(POINTS)])
     with pytest.raises(fh.InputError, match="no such quantity"):
         heat(fh.Receivers(POINTS, "v"))
     beam = fh.Receivers([0.0], "energy_flux")

@@ -145,37 +145,16 @@ def test_a_body_given_as_arrays_is_compared_as_one_given_by_functions():
     def setup(bump, young):
         return {
             "lattice": lattice,
-            "operator": fh.Kernel(3.0, 0, "gaussian"),
-            "young": young,
-            "poisson": 0.25,
+            "model": fh.Correspondence(fh.Kernel(3.0, 0, "gaussian"), young, 0.25, drag=0.1),
             "initial": {"u": [bump, 0.0]},
             "boundary": {"x": fh.NonlocalPML(8), "y-": fh.Free(), "y+": fh.Fixed()},
             "loads": [fh.BodyForce([bump, 0.0])],
-            "drag": 0.1,
         }
 
     one, other = (
-        compare(setup(*given), 30.0, [3.0, 30.0], kind=fh.Body).curves
-        for given in ((bump, young), (bump(x, y), young(x, y)))
+        compare(setup(*given), 30.0, [3.0, 30.0]).curves for given in ((bump, young), (bump(x, y), young(x, y)))
     )
     for name, curve in one.items():
         assert curve["error"] == pytest.approx(other[name]["error"], rel=1e-9, abs=1e-14)
     assert one["nonlocal PML"]["error"][1] < 0.1 * one["fixed edge"]["error"][1]
     assert one["fixed edge"]["error"][0] < 1e-6 * one["fixed edge"]["error"][1]
-
-
-def test_bodies_in_split_form_are_not_compared():
-    lattice = fh.Lattice(1.0, (-12.0, -12.0), (12.0, 12.0))
-    boundary = fh.NonlocalPML(8, form="split")
-    with pytest.raises(fh.InputError, match="split form is not compared"):
-        compare(
-            {
-                "lattice": lattice,
-                "operator": fh.Kernel(2.0, 0, "gaussian"),
-                "young": 1.0,
-                "poisson": 0.25,
-                "boundary": boundary,
-            },
-            5.0,
-            kind=fh.Body,
-        )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from farhorizon.boundaries.auto import Auto
@@ -44,16 +44,7 @@ __all__ = [
 ]
 
 
-def _of_simulations(kind: type[Side]) -> bool:
-    return not kind.split
-
-
-def sides(
-    boundary: Any | Mapping[str, Any],
-    dim: int,
-    serves: Callable[[type[Side]], bool] = _of_simulations,
-    remedy: str = "",
-) -> dict[tuple[int, int], Any]:
+def sides(boundary: Any | Mapping[str, Any], dim: int) -> dict[tuple[int, int], Any]:
     """One boundary for each (axis, side), side = -1 or +1.
 
     Parameters
@@ -61,10 +52,6 @@ def sides(
     boundary : Side or mapping
         One for all sides, or a mapping with keys "all", "x", "x-", "x+", "y", ...; the more specific key wins.
     dim : int
-    serves : callable
-        Whether a kind of side may stand there.
-    remedy : str
-        For what may not.
 
     Raises
     ------
@@ -77,14 +64,8 @@ def sides(
     for key, value in given.items():
         if key not in known:
             raise InputError("unknown side", value=said(key), limit=", ".join(known), key="boundary")
-        if not isinstance(value, Side) or not serves(type(value)):
-            raise InputError(
-                "not a boundary that serves here",
-                value=said(value),
-                key=f"boundary.{key}",
-                limit=names(serves),
-                remedy=remedy,
-            )
+        if not isinstance(value, Side):
+            raise InputError("not a boundary", value=said(value), key=f"boundary.{key}", limit=names(lambda kind: True))
     found: dict[tuple[int, int], Any] = {}
     for axis in range(dim):
         for side, sign in ((-1, "-"), (1, "+")):
@@ -111,7 +92,21 @@ def sides(
                 remedy=f'"{AXES[axis]}" = Periodic',
             )
     _check_closing(found)
+    _check_derivatives(found)
     return found
+
+
+def _check_derivatives(found: Mapping[tuple[int, int], Any]) -> None:
+    """Layers that stretch shifts and layers that stretch derivatives do not share a corner."""
+    for one in found.values():
+        others = [b for b in found.values() if b.stretched]
+        if one.derivatives and others:
+            raise InputError(
+                f"{type(one).__name__} and {type(others[0]).__name__} do not stand beside each other",
+                key="boundary",
+                limit="Fixed, Free, Sponge",
+                remedy="the same layer on all open sides",
+            )
 
 
 def _check_closing(found: Mapping[tuple[int, int], Any]) -> None:

@@ -3,22 +3,21 @@
 In the layer a derivative along its normal is divided by the stretch ``1 + phi/s`` (eq. 2-22), phi growing outwards. The
 derivatives are those of correspondence elasticity: the deformation gradient and the divergence of the stress (eqs 2-24
 and 2-26). A factor on a whole derivative is exact for one phi, but neighbours with another phi reflect: what comes back
-falls with the smoothness of the ramp, not with the thickness alone.
+falls with the smoothness of the ramp, not with the thickness alone. Each stretched derivative has one memory; the
+split fields and two-level update of eqs 2-30 and 2-31, which is forward Euler, are in `farhorizon.papers.wildman2012`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from farhorizon import kinds
 from farhorizon.boundaries.side import Side
-from farhorizon.errors import InputError
 
 RAMPS = {"quadratic": 2, "cubic": 3}
-FORMS = ("displacement", "split")
 _FOOT = 1e-6  # of the Gaussian ramp, relative to its top: "the minimum value in the Gaussian region is 10^-6"
 
 
@@ -43,20 +42,16 @@ class NonlocalPML(Side):
         end and back.
     plateau : float
         Part of the layer in which the Gaussian ramp is at its top.
-    form : {"displacement", "split"}
-        "displacement": velocity Verlet on displacements, one memory a stretched derivative, for damage and statics too.
-        "split": forward Euler on split fields, which is eqs 2-30 and 2-31; it grows everywhere by half of frequency^2
-        dt, and has no damage.
     cross : float
         Part of phi that acts on the derivatives along the side as well (a multiaxial PML): stable where the plain one
         is not, less accurate.
     shift : float
-        alpha (1/time) in ``1 + phi/(s + alpha)``, displacement form only.
+        alpha (1/time) in ``1 + phi/(s + alpha)``.
 
     Raises
     ------
     InputError
-        An unknown ramp or form, a number out of range, a shift in the split form.
+        An unknown ramp, a number out of range.
 
     Examples
     --------
@@ -69,13 +64,14 @@ class NonlocalPML(Side):
 
     label: ClassVar[str] = "nonlocal PML"
     endless: ClassVar[bool] = True
-    split: ClassVar[bool] = True
+    uniform: ClassVar[bool] = True
+    derivatives: ClassVar[bool] = True
+    cracks: ClassVar[Literal["end", "continue", "refuse"]] = "end"
     nodes: int = 30
     ramp: str = "cubic"
     strength: float | None = None
     reflection: float = 1e-3
     plateau: float = 1 / 3
-    form: str = "displacement"
     cross: float = 0.0
     shift: float = 0.0
 
@@ -87,18 +83,17 @@ class NonlocalPML(Side):
             strength=None if self.strength is None else kinds.number(self.strength, "boundary.strength", least=0),
             reflection=kinds.number(self.reflection, "boundary.reflection", above=0, below=1),
             plateau=kinds.number(self.plateau, "boundary.plateau", least=0, most=0.95),
-            form=kinds.one_of(self.form, "boundary.form", FORMS, "unknown form"),
             cross=kinds.number(self.cross, "boundary.cross", least=0, most=1),
             shift=kinds.number(self.shift, "boundary.shift", least=0),
         )
-        if self.shift and self.form == "split":
-            raise InputError(
-                "split fields take no shift", value=self.shift, key="boundary.shift", remedy='form = "displacement"'
-            )
 
     def wanted(self, default: float) -> float:
         """What may be missed beyond the layer, as a part of the largest value."""
         return default
+
+    def width(self, reach: int, spacing: float) -> int:
+        """Its nodes."""
+        return self.nodes
 
     def shape(self, depth: np.ndarray) -> np.ndarray:
         """phi over its largest value at depths 0 (entrance) to 1 (outer end)."""
@@ -107,6 +102,11 @@ class NonlocalPML(Side):
             return depth ** RAMPS[self.ramp]
         rise = 1 - self.plateau
         return np.exp(np.log(_FOOT) * np.maximum(0.0, 1 - depth / rise) ** 2)
+
+    def stretches(self, spacing: float, speed: float) -> tuple[np.ndarray, np.ndarray, float]:
+        """phi along the normal and along the side on the layer's nodes, and alpha."""
+        phi = self.stretch(spacing, speed)
+        return phi, self.cross * phi, self.shift
 
     def stretch(self, spacing: float, speed: float) -> np.ndarray:
         """phi (1/time) on the layer's nodes from the near field outwards, shape (nodes,).

@@ -39,8 +39,9 @@ class Side:
         Its nodes are damped by `damping`.
     extended : bool
         Its nodes are as many of the medium as the run needs.
-    split : bool
-        Its nodes carry fields of their own, which a `Body` alone has.
+    derivatives : bool
+        On its nodes derivatives are stretched, see `stretches`, and initial data go on there:
+        correspondence materials alone have them.
     exact : bool
         Nothing is left over but rounding.
     closing : bool
@@ -72,7 +73,7 @@ class Side:
     ------
     TypeError
         At the definition of an endless side without `wanted`, of a stretched one without `make_layer`, of a damped one
-        without `damping`, or of one with the name of another module's.
+        without `damping`, of one with derivatives without `stretches`, or of one with the name of another module's.
 
     Examples
     --------
@@ -91,7 +92,7 @@ class Side:
     stretched: ClassVar[bool] = False
     damped: ClassVar[bool] = False
     extended: ClassVar[bool] = False
-    split: ClassVar[bool] = False
+    derivatives: ClassVar[bool] = False
     exact: ClassVar[bool] = False
     closing: ClassVar[bool] = False
     passive: ClassVar[bool] = False
@@ -109,7 +110,12 @@ class Side:
 
     def __init_subclass__(cls, offered: bool = True, **options: Any) -> None:
         super().__init_subclass__(**options)
-        for asked, answer in (("endless", "wanted"), ("stretched", "make_layer"), ("damped", "damping")):
+        for asked, answer in (
+            ("endless", "wanted"),
+            ("stretched", "make_layer"),
+            ("damped", "damping"),
+            ("derivatives", "stretches"),
+        ):
             if getattr(cls, asked) and getattr(cls, answer) is getattr(Side, answer):
                 raise TypeError(f"{cls.__name__}.{asked} is true, so that the class needs a method {answer!r}")
         known = Side.known.get(cls.__name__)
@@ -145,6 +151,12 @@ class Side:
 
     def damping(self, order: int, coefficient: float, spacing: float) -> np.ndarray:
         """Damping on the side's nodes from the near field outwards, shape (nodes,)."""
+        raise NotImplementedError
+
+    def stretches(self, spacing: float, speed: float) -> tuple[np.ndarray, np.ndarray, float]:
+        """Rates at which derivatives along the normal, and along the side, are stretched on the side's nodes from the
+        near field outwards (1/time), shape (nodes,), and their shift, for a speed of longitudinal waves.
+        """
         raise NotImplementedError
 
     def undamped(self) -> Side:

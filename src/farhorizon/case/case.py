@@ -20,7 +20,6 @@ from farhorizon.case.problems import explain, nearest
 from farhorizon.case.schema import (
     CONDITIONS,
     BodyForcePart,
-    BodyPart,
     BoxPart,
     ConstraintPart,
     CrackPart,
@@ -50,7 +49,6 @@ from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.expressions import as_given, as_signal
 from farhorizon.simulation.recorder import Observer
 from farhorizon.simulation.rest import STATIC
-from farhorizon.simulation.run import Run
 from farhorizon.simulation.setup import keys
 from farhorizon.simulation.steps import WholeSteps, whole_steps
 
@@ -101,15 +99,9 @@ class Case:
         with self.naming():
             self._check_times()
             self.lattice = self._lattice()
-            if isinstance(self.parts.model, BodyPart):
-                self.kind: type[Run] = fh.Body
-                self.vector = True
-                self.setup: fh.Setup | dict[str, Any] = self._body_setup(self.parts.model)
-            else:
-                self.kind = fh.Simulation
-                self.model = self._model(self.parts.model)
-                self.vector = self.model.mechanical
-                self.setup = self._setup()
+            self.model = self._model(self.parts.model)
+            self.vector = self.model.mechanical
+            self.setup = self._setup()
             self._check_output()
             self._recorders()
 
@@ -133,8 +125,7 @@ class Case:
         if kernel is not None:
             changes["model.kernel.horizon"] = kernel.horizon * finer
         if self.parts.run.dt is not None:
-            waves = self.kind is not fh.Simulation or self.model.order == 2
-            changes["run.dt"] = self.parts.run.dt * finer ** (1 if waves else 2)
+            changes["run.dt"] = self.parts.run.dt * finer ** (1 if self.model.order == 2 else 2)
         return self.changed(changes)
 
     def changed(self, changes: Mapping[str, Any]) -> Case:
@@ -205,17 +196,16 @@ class Case:
 
     @property
     def _bondwise(self) -> bool:
-        return self.kind is fh.Simulation and self.model.bond_law is not None
+        return self.model.bond_law is not None
 
     @property
     def _dissolves(self) -> bool:
-        return self.kind is fh.Simulation and self.model.dissolution is not None
+        return self.model.dissolution is not None
 
     @property
     def fields(self) -> tuple[str, ...]:
         """What is written: u unless given, of a corrosion the times of dissolution too, of what breaks the damage."""
-        whole = self.kind is not fh.Simulation or self._bondwise
-        more = ["dissolved"] * self._dissolves + ["damage"] * whole
+        more = ["dissolved"] * self._dissolves + ["damage"] * self._bondwise
         default = ["u", *more]
         return tuple(default if self.parts.output.fields is None else self.parts.output.fields)
 
@@ -247,14 +237,14 @@ class Case:
         words = {"u": u, "v": "velocity v", "damage": "damage: part of the bonds that are broken", "solid": "metal"}
         return {name: text for name, text in words.items() if text}
 
-    def run(self, **changes: Any) -> Run:
-        """A new run of the case: a `Simulation` or a `Body`."""
+    def run(self, observe: Sequence[Observer] = (), **changes: Any) -> fh.Simulation:
+        """A new simulation of the case, with some arguments changed."""
         with self.naming():
-            made = self._made(**changes)
+            made = fh.Simulation.of(replace(self.setup, **changes), [*self._recorders(), *observe])
             self._asked.check(made.dt, "run.dt")
             return made
 
-    def completed(self, threads: int | None = None) -> Run:
+    def completed(self, threads: int | None = None) -> fh.Simulation:
         """A new run that has come to its end, on so many threads at most."""
         given = self.parts.run.threads
         least = min((one for one in (given, threads) if one is not None), default=None)
@@ -262,7 +252,7 @@ class Case:
         rest: dict[str, Any] = self.to_rest
         return made.run(self.parts.run.until, self.every(made.dt), progress=False, **rest)
 
-    def figures(self, run: Run) -> dict[str, float]:
+    def figures(self, run: fh.Simulation) -> dict[str, float]:
         """What a table of several cases has of a run: its step, their number, the time and the energy at the end, the
         largest magnitude of each field that is written, and what the probes show then.
         """
@@ -275,12 +265,6 @@ class Case:
             names = [f"probe_{i}"] if len(values) == 1 else [f"probe_{i}_{axis}" for axis in AXES]
             found |= dict(zip(names, map(float, values), strict=False))
         return found
-
-    def _made(self, observe: Sequence[Observer] = (), **changes: Any) -> Run:
-        observe = [*self._recorders(), *observe]
-        if isinstance(self.setup, fh.Setup):
-            return fh.Simulation.of(replace(self.setup, **changes), observe)
-        return self.kind(**{**self.setup, "observe": observe, **changes})
 
     def _recorders(self) -> list[Observer]:
         """New recorders, which belong to one run."""
@@ -307,27 +291,8 @@ class Case:
         return found
 
     def simulation(self, **changes: Any) -> fh.Simulation:
-        """A new simulation of the case.
-
-        Raises
-        ------
-        InputError
-            The case is a body.
-        """
-        self.must_be_simulation()
-        made = self.run(**changes)
-        assert isinstance(made, fh.Simulation)
-        return made
-
-    def must_be_simulation(self) -> None:
-        """Refuse a body where only a `Simulation` serves."""
-        if self.kind is not fh.Simulation:
-            raise InputError(
-                "a body is run, checked, compared and drawn, but nothing of it is tuned",
-                value=self.parts.model.type,
-                key="model.type",
-                remedy='type = "elastic", material = "correspondence"',
-            )
+        """The same as `run`."""
+        return self.run(**changes)
 
     @contextmanager
     def naming(self) -> Iterator[None]:
@@ -487,39 +452,6 @@ class Case:
             changes["signal"] = self._of_time(given["signal"], f"{key}.signal")
         return _built(part, incident_kinds(), key, **changes)
 
-    def _body_setup(self, model: BodyPart) -> dict[str, Any]:
-        parts = self.parts
-        for name in ("specimen", "source", "incident", "constraint", "coefficient", "rule", "rim", "background"):
-            if name in parts.model_fields_set:
-                raise InputError(
-                    "a body has no such key",
-                    key=name,
-                    remedy="forces on a body are [[load]]s" if name == "source" else "leave it out",
-                )
-        if parts.run.dtype != "float64":
-            raise InputError(
-                "a body computes in double precision", value=parts.run.dtype, limit="float64", key="run.dtype"
-            )
-        if any(c.factor or c.opens for c in parts.crack):
-            raise InputError(
-                "cracks of a body are there from the start and carry nothing",
-                key="crack",
-                remedy="leave factor and opens out",
-            )
-        return {
-            "lattice": self.lattice,
-            "operator": fh.Kernel(**model.kernel.model_dump()),
-            **model.model_dump(exclude={"type", "kernel"}),
-            **{name: self._constant(name, getattr(model, name)) for name in ("young", "poisson", "density")},
-            "boundary": self._boundary() or fh.Fixed(),
-            "initial": self._initial(),
-            "cracks": [self._crack(c) for c in parts.crack],
-            "loads": [self._load(load, f"load[{i}]") for i, load in enumerate(parts.load)],
-            "balance": parts.output.balance,
-            "dt": self._given_step,
-            "threads": parts.run.threads,
-        }
-
     def _constant(self, name: str, value: str | float) -> Any:
         """A constant of the material, with what regions have in its place, later ones before earlier ones."""
         given = [
@@ -639,11 +571,8 @@ class Case:
 
     def _check_output(self) -> None:
         out = self.parts.output
-        if self.kind is not fh.Simulation:
-            known = ["u", "v", "damage"]
-        else:
-            known = ["u", *["solid", "dissolved"] * self._dissolves, *["v"] * (self.model.order == 2)]
-            known += ["damage"] * self._bondwise
+        known = ["u", *["solid", "dissolved"] * self._dissolves, *["v"] * (self.model.order == 2)]
+        known += ["damage"] * self._bondwise
         for name in self.fields:
             if name not in known:
                 raise InputError(
@@ -728,8 +657,8 @@ def read_case(path: str | Path, changes: Mapping[str, Any] | None = None) -> Cas
     Returns
     -------
     Case
-        ``run()`` makes a new run of it, a `Simulation` or a `Body`, and ``simulation()`` a `Simulation`; both take
-        changes of arguments. ``setup``, ``lattice`` and ``name`` tell what it is.
+        ``simulation()`` makes a new simulation of it, and takes changes of arguments. ``setup``, ``lattice`` and
+        ``name`` tell what it is.
 
     Raises
     ------

@@ -236,31 +236,6 @@ class KernelPart(Part):
     """Rescale the weights so that long waves have exactly the given speed or diffusivity."""
 
 
-class BodyPart(Part):
-    """`fh.Body`: correspondence elasticity with damage."""
-
-    type: Literal["correspondence"]
-    """A body of correspondence elasticity with damage."""
-    young: str | Number
-    """Young's modulus, force / area; may vary in space."""
-    poisson: str | Number
-    """Poisson's ratio; may vary in space."""
-    density: str | Number = 1.0
-    """Mass / volume; may vary in space."""
-    plane: str = "strain"
-    """In 2D strain or stress."""
-    critical_stretch: Number | None = None
-    """Bonds break that have grown by more than this part of their length; none unless given."""
-    shape_tensor: str = "recomputed"
-    """Of nodes that lose bonds: recomputed or kept."""
-    drag: Number = 0.0
-    """Rate at which a velocity moves towards the mean of its neighbours, 1 / time."""
-    stabilisation: Number = 0.0
-    """Part put back of the energy of displacements that the gradient does not see, 0 to 1."""
-    kernel: KernelPart
-    """The family of a node and its weights."""
-
-
 class MaterialPart(Part):
     """Constants of the medium in a region, in place of the model's."""
 
@@ -751,7 +726,7 @@ def _case_part(
         "CasePart",
         __base__=CasePart,
         boundary=(dict[str, side], Field({}, description=words["boundary"])),
-        model=(_one_of([*map(model_part, models), BodyPart]), Field(description=words["model"])),
+        model=(_one_of([*map(model_part, models)]), Field(description=words["model"])),
         **given,
     )
 

@@ -20,7 +20,7 @@ def _compare_case(
     from farhorizon.studies.compare import compare
 
     with case.naming():
-        result = compare(case.setup, case.end, times, moment, kind=case.kind)
+        result = compare(case.setup, case.end, times, moment)
     print(result.table())
     shown = {
         name: value if value.ndim == case.lattice.dim else magnitude(value)

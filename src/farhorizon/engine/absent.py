@@ -64,6 +64,7 @@ class AbsentBonds:
         nodes, neighbours, weights = nodes[kept], neighbours[kept], weights[kept]
         self.count = len(nodes)
         bare = self._open_surface()
+        self._clear_drag(nodes, neighbours, *bare)
         swept = self.bonds.clear(nodes, neighbours) if self.bonds else np.zeros(len(nodes), bool)
         swept &= self.bonds.forces
         nodes, neighbours, weights = (
@@ -81,6 +82,17 @@ class AbsentBonds:
             cuts=Cuts(nodes, neighbours, weights.astype(engine.dtype).ravel()),
             layers=cut_layers(engine.layer_tables, nodes, neighbours, weights),
         )
+
+    def _clear_drag(self, nodes: np.ndarray, neighbours: np.ndarray, bare_nodes: np.ndarray, bare: np.ndarray) -> None:
+        """Drag does not act along bonds that are absent; where bonds may break their bits are these, too."""
+        drag = self.engine.tables.drag
+        if not drag.rate.size or self.bonds:
+            return
+        order = np.argsort(drag.distances)
+        bonds = order[np.searchsorted(drag.distances[order], neighbours - nodes)]
+        for ends, which in [(nodes, bonds), *((bare_nodes[row], np.full(row.sum(), k)) for k, row in enumerate(bare))]:
+            gone = ~(np.uint64(1) << (which & 63).astype(np.uint64))
+            np.bitwise_and.at(drag.alive, (which >> 6, ends), gone)
 
     def _open_surface(self) -> tuple[np.ndarray, np.ndarray]:
         """Tables of the nodes with bonds to places without a node (see `engine.surface`), and the nodes `outside`;

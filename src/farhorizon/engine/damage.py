@@ -23,6 +23,7 @@ from farhorizon.engine.bonds import (
     next_piece,
     sweep_tiles,
 )
+from farhorizon.engine.point_law import first_special
 from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.threads import barrier
@@ -99,8 +100,30 @@ def invert_shape(numbers, dim):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
+def kept_law(law, node, numbers, rows):
+    """What a node makes of its state whose shape tensor stays as it was, in the place of the state."""
+    state, made, odd = numbers[_STATE:_SHAPE], numbers[_SHAPE:_INVERSE], first_special(law.nodes, node)
+    special = odd < law.nodes.size and law.nodes[odd] == node
+    matrix = law.matrices[law.numbers[odd]] if special else law.intact
+    for row in range(rows):
+        made[row] = 0
+        for column in range(rows):
+            factor = matrix[row, column]
+            if law.local.size and not special:
+                factor = law.bases[0, row, column] * law.local[0, node]
+                for i in range(1, 3):
+                    factor += law.bases[i, row, column] * law.local[i, node]
+            made[row] += factor * state[column]
+    for row in range(rows):
+        state[row] = made[row]
+
+
+@njit(error_model="numpy", cache=True, counted=False)
 def law_of_node(law, node, numbers, rows):
     """What a node makes of its state, in the place of the state."""
+    if law.kept:
+        kept_law(law, node, numbers, rows)
+        return
     lame, shear, pull = law.moduli[0], law.moduli[1], law.moduli[2]
     if law.local.size:
         lame, shear, pull = law.local[0, node], law.local[1, node], law.local[2, node]

@@ -8,14 +8,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from farhorizon import kinds
 from farhorizon.engine.absent import AbsentBonds
 from farhorizon.engine.bond_zone import BondZone
-from farhorizon.engine.bonds import CHUNK, RULES, Zone
+from farhorizon.engine.bonds import CHUNK, RULES, Zone, all_bits
+from farhorizon.engine.drag import Drag
 from farhorizon.engine.ends import Ends
 from farhorizon.engine.exchange import Exchange, Link, Messages
 from farhorizon.engine.filter import margin_across, without
@@ -26,6 +27,7 @@ from farhorizon.engine.nested import Layers
 from farhorizon.engine.operations import (
     Operation,
     Tables,
+    beginning_operations,
     check_room,
     needed,
     operations_of,
@@ -40,12 +42,14 @@ from farhorizon.engine.rows.build import load_driver
 from farhorizon.engine.rows.matrices import Signs, signs_of
 from farhorizon.engine.rows.structs import Struct
 from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
+from farhorizon.engine.stretches import Stretches
 from farhorizon.engine.tables import Damping, Dependents, Flows, Inputs, Material, Stage
 from farhorizon.engine.threads import side_by_side
 from farhorizon.files.storable import Storable
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
 
+Kept = TypeVar("Kept", Layers, Stretches)
 _NO_ENDS = np.zeros((0, 0), np.int64)
 # of the field, and a quarter of the layers' memory: fewer are through before a second thread is there
 _PARALLEL_NUMBERS = 40_000
@@ -229,10 +233,15 @@ class Engine:
         """What the layers of all passes remember, one after the other."""
         every = self._all_layers
         starts = np.cumsum([0, *(aligned(tables.layers.memory.size) for tables in every)])
-        memory = aligned_zeros(int(starts[-2]) + every[-1].layers.memory.size, self.dtype)
+        stretched = 0 if self.passes is None else self.passes.stretches.memory.size
+        end = int(starts[-1]) if stretched else int(starts[-2]) + every[-1].layers.memory.size
+        memory = aligned_zeros(end + stretched, self.dtype)
         for start, tables in zip(starts[:-1], every, strict=True):
             tables.start = int(start)
             tables.layers = _remembering(tables.layers, memory, tables.start)
+        if self.passes is not None and stretched:
+            self.passes.start = end
+            self.passes.stretches = _remembering(self.passes.stretches, memory, end)
         return memory
 
     def spread(self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None) -> np.ndarray:
@@ -313,6 +322,35 @@ class Engine:
         """
         mobility = self.tables.mobility
         return np.tile(mobility, self.components) if mobility.size else np.ones(1, self.dtype)
+
+    def set_drag(self, rate: float, first: np.ndarray, end: np.ndarray) -> None:
+        """Drag towards the mean velocity of the neighbours, at a rate, of equations of second order whose older level
+        outlives a step; what it takes of the nodes of the core from `first` to `end` is added up. Bonds that are absent
+        are told later.
+        """
+        box, low = self.layout.box, np.array(self.layout.low)
+        distances = self.offsets @ np.array(box.stride)
+        full = all_bits(len(distances))
+        alive = self.tables.bonds.alive
+        if not self.bonds:
+            alive = np.zeros((len(full), self.layout.size), np.uint64)
+            alive[:, box.node_indices()] = full[:, None, None, None]
+        drag = Drag(
+            np.array([rate * self.dt], self.dtype),
+            distances.astype(np.int64),
+            alive,
+            full,
+            first.astype(np.int64) + low,
+            end.astype(np.int64) + low,
+            np.zeros(box.nodes[:2]),
+            np.zeros((self.threads, self.components, box.nodes[2]), self.dtype),
+        )
+        self.replace(drag=drag)
+
+    @property
+    def dragged(self) -> float:
+        """What drag has taken, for a unit of mass a node."""
+        return float(self.tables.drag.lost.sum()) / self.dt**2
 
     def set_phases(self, dissolved: np.ndarray, interface: float, saturation: float, limited: bool = False) -> None:
         """Two phases: bonds between solid nodes carry nothing, those between phases `interface` times their weight, and
@@ -545,6 +583,11 @@ class Engine:
         """The layers' memory goes through one step in which the field is `level`."""
         self._operate(level, operator_operations(self.tables))
 
+    def begin(self, level: np.ndarray) -> None:
+        """What stretched derivatives remember begins, at zero, in the state `level`."""
+        if self.tables.stretches.runs.size:
+            self._operate(level, beginning_operations(self.tables))
+
     def apply(self, level: np.ndarray) -> np.ndarray:
         """The operator L on a level, as a level (its nodes only are meaningful); fills the halo of `level`."""
         return self._operate(level, operator_operations(self.tables), apart=True)
@@ -583,7 +626,8 @@ class Engine:
             one._replace(layers=_remembering(one.layers, memory, start))
             for one, start in zip((tables.gather, tables.scatter), starts[1:], strict=True)
         )
-        return tables._replace(gather=gather, scatter=scatter)
+        stretches = _remembering(tables.stretches, memory, self.passes.start)
+        return tables._replace(gather=gather, scatter=scatter, stretches=stretches)
 
     def _no_inputs(self, steps: int) -> Inputs:
         """Nothing from outside for some steps; prescribed values are zero."""
@@ -682,6 +726,8 @@ class Engine:
             *tables.cuts,
             *tables.surface,
             *(law.intact, law.nodes, law.numbers, law.matrices, law.local),
+            *tables.stretches._replace(memory=np.zeros(0), room=np.zeros(0)),
+            *tables.drag._replace(lost=np.zeros(0), room=np.zeros(0)),
             tables.mobility,
             *tables.gather.surface,
             *tables.scatter.surface,
@@ -705,6 +751,7 @@ class Engine:
             self.memory,
             *(ends.states, ends.forces, ends.clock),
             tables.flows.totals,
+            tables.drag.lost,
             tables.fringe.history,
             tables.material.coefficient,
             *(phases.runs, phases.solids, phases.volumes, phases.changed, phases.dissolved, phases.total),
@@ -744,7 +791,7 @@ class Engine:
         return sum(np.asarray(a).nbytes for part in (held, *parts) for a in part)
 
 
-def _remembering(layers: Layers, memory: np.ndarray, start: int) -> Layers:
+def _remembering(layers: Kept, memory: np.ndarray, start: int) -> Kept:
     """The same layers with another memory: the part of it that begins at `start`."""
     return layers._replace(memory=memory[start : start + layers.memory.size])
 

@@ -53,6 +53,7 @@ class Interpreter:
             op.ENDS: self._exact_ends,
             op.FEED: self._feed,
             op.INERTIA: self._weigh_down,
+            op.DRAG: self._drag,
             op.DAMP_NEW: self._damp_new,
             op.FILTER: self._filter,
             op.HOLD: lambda: self._set(self.inputs.held, self.inputs.held_values[self.step]),
@@ -275,9 +276,38 @@ class Interpreter:
             levels[which][:, nodes] += total * (1 if which == op.GATHER else scale)
         elif operation == op.BREAK:
             self._break_bonds()
+        elif operation == op.STRETCH_STATES:
+            places = self.tables.stretches.places
+            states[:, places] += self._remembered(states[:, places], "states", begins=axis == 1)
+        elif operation == op.STRETCH_FORCES:
+            places = self.tables.stretches.places
+            found = self._remembered(self._parts(states, places), "forces", begins=axis == 1)
+            levels[2][:, places] += scale * found.reshape(self.components, self.components, -1).sum(1)
         elif operation == op.STRETCH:
             found = self._stretched(axis, levels[which - op.GATHER], passes.weights[which - 1], which)
             levels[which][:, self.nodes] += (1 if which == op.GATHER else scale) * found.reshape(len(found), -1)
+
+    def _remembered(self, values: np.ndarray, key: str, begins: bool) -> np.ndarray:
+        """What stretching adds to derivatives, by component and axis, shape (dim^2, nodes): the trapezoidal rule."""
+        keep, gain = (
+            np.tile(table, (self.components, 1)) for table in (self.tables.stretches.keep, self.tables.stretches.gain)
+        )
+        added, old = self.memory.get(key, np.zeros((2, *values.shape)))
+        added = 0 * values if begins else keep * added + gain * (old + values)
+        # where it begins the next step, which has the same values, adds nothing
+        self.memory[key] = np.stack([added, -values if begins else values])
+        return added
+
+    def _parts(self, states: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+        """Forces on some nodes by component and by the axis of the derivative, over the bonds that are there."""
+        assert self.engine.passes is not None
+        found = np.zeros((len(states), len(nodes)))
+        for distance, weight in zip(
+            self.engine.offsets @ self.box.stride, self.engine.passes.sums.divergence, strict=True
+        ):
+            both = self._present(nodes, nodes + distance) * (states[:, nodes + distance] + states[:, nodes])
+            found += weight.sum(0)[:, None] * both
+        return found
 
     def _lost_bonds(self) -> np.ndarray:
         """Nodes that exist and lack bonds, cut, broken or beyond an edge."""
@@ -288,13 +318,16 @@ class Interpreter:
         """Matrices by which nodes that lack bonds make something of their states."""
         passes = self.engine.passes
         assert passes is not None
-        return passes.sums.law(self._shapes(nodes), passes.moduli_at(nodes))
+        return passes.sums.law(self._shapes(nodes, passes.sums.kept), passes.moduli_at(nodes))
 
-    def _shapes(self, nodes: np.ndarray) -> np.ndarray:
-        """Their shape tensors."""
+    def _shapes(self, nodes: np.ndarray, kept: bool) -> np.ndarray:
+        """Their shape tensors; `kept`, those of a medium in which no bond has been cut or has broken."""
         assert self.engine.passes is not None
+        exists = self.engine.absent.exists
         distances, shapes = self.engine.offsets @ self.box.stride, self.engine.passes.sums.shapes
-        there = np.stack([self._present(nodes, nodes + distance) for distance in distances])
+        there = np.stack(
+            [exists[nodes + d] == exists[nodes] if kept else self._present(nodes, nodes + d) for d in distances]
+        )
         return np.einsum("ks,kab->sab", there, shapes)
 
     def _break_bonds(self) -> None:
@@ -426,6 +459,23 @@ class Interpreter:
         src, mobile = stage.src[nodes], np.tile(self.tables.mobility[self.nodes], self.components)
         free = src - stage.b * (src - stage.base[nodes])
         stage.out[nodes] = free + mobile * (stage.out[nodes] - free)
+
+    def _drag(self) -> None:
+        drag, stage = self.tables.drag, self.stage
+        nodes = self.nodes[self.engine.absent.exists[self.nodes]]
+        increments = self._split(stage.src) - self._split(stage.base)
+        total, number = np.zeros((self.components, len(nodes))), np.zeros(len(nodes))
+        for distance in drag.distances:
+            there = self._present(nodes, nodes + distance)
+            total += there * increments[:, nodes + distance]
+            number += there
+        pull = drag.rate * np.where(number, total / np.maximum(number, 1) - increments[:, nodes], 0)
+        self._add(pull, nodes)
+        at = np.array(np.unravel_index(np.searchsorted(self.nodes, nodes), self.box.nodes))
+        near = ((at >= drag.first[:, None]) & (at < drag.end[:, None])).all(0)
+        change = (self._split(stage.out) - self._split(stage.base))[:, nodes]
+        mobility = self.tables.mobility[nodes] if self.tables.mobility.size else 1.0
+        drag.lost[0, 0] -= 0.5 * (near * pull * change / mobility).sum()
 
     def _damp_new(self) -> None:
         stage, (nodes, _, after, leak) = self.stage, self.tables.damping

@@ -14,12 +14,14 @@ from typing import NamedTuple
 import numpy as np
 
 from farhorizon.engine.bonds import Bonds
+from farhorizon.engine.drag import Drag
 from farhorizon.engine.ends import Ends
 from farhorizon.engine.exchange import LEVEL, SLOTS
 from farhorizon.engine.filter import Filter
 from farhorizon.engine.fringe import Fringe
 from farhorizon.engine.nested import Layers, has_layers
 from farhorizon.engine.phases import Phases
+from farhorizon.engine.stretches import Stretches
 from farhorizon.engine.tables import Cuts, Damping, Dependents, Flows, Inputs, Listening, Material, Surface, Sweep
 
 COPY = 0  # the halo repeats what lies across periodic axes
@@ -45,6 +47,9 @@ BREAK = 19  # bonds beyond their limit break
 DAMAGED = 20  # sums of nodes that have lost bonds are made anew
 INERTIA = 21  # what the forces have done to heavy nodes is less
 EXCHANGE = 22  # other processes fill the halo; its number is that of a table of messages
+STRETCH_STATES = 23  # layers stretch the derivatives that nodes have for states; with 1 beside it their memory begins
+STRETCH_FORCES = 24  # and those of what the law has made of the states
+DRAG = 25  # velocities move towards the mean of their neighbours
 
 # Passes of the operator: the springs, sums over bonds that make states, sums over states that make forces.
 SPRINGS, GATHER, SCATTER = range(3)
@@ -128,6 +133,8 @@ class Tables(NamedTuple):
     listening: Listening
     gather: Pass
     scatter: Pass
+    stretches: Stretches
+    drag: Drag
 
 
 def needed(tables: Tables) -> frozenset[str]:
@@ -148,6 +155,7 @@ def needed(tables: Tables) -> frozenset[str]:
         ),
         "RARE": (tables.phases.runs, tables.bonds.places, tables.work, tables.ends.nodes, tables.fringe.nodes),
         "STATES": (tables.gather.sweep.law.values,),
+        "BODIES": (tables.stretches.runs, tables.drag.rate),
     }
     found = {name for name, used in kernels.items() if any(table.size for table in used)}
     return frozenset(found | {"SOME"} if found else found)
@@ -176,6 +184,7 @@ def _stage(tables: Tables, inputs: Inputs, stage: int) -> list[Operation]:
             (ENDS, len(tables.ends.nodes)),
             (FEED, fed),
             (INERTIA, tables.mobility.size),
+            (DRAG, tables.drag.rate.size),
             (DAMP_NEW, damped),
             (FILTER, tables.filter.runs.size),
             (HOLD, inputs.held.size),
@@ -194,10 +203,11 @@ def operator_operations(tables: Tables) -> list[Operation]:
     found = _halo(tables, SPRINGS) + _chosen((BREAK, breaks), number=GATHER)
     found += _sums(tables, tables.cuts, tables.layers, SPRINGS)
     if tables.gather.sweep.law.values.size:
-        gather, scatter = tables.gather, tables.scatter
-        found += _sums(tables, gather.cuts, gather.layers, GATHER)
+        gather, scatter, stretched = tables.gather, tables.scatter, tables.stretches.runs.size
+        found += _sums(tables, gather.cuts, gather.layers, GATHER) + _chosen((STRETCH_STATES, stretched), number=GATHER)
         found += _chosen((LAW, _later(gather)), (DAMAGED, breaks), number=GATHER) + _halo(tables, GATHER)
-        found += _sums(tables, scatter.cuts, scatter.layers, SCATTER) + _chosen((DAMAGED, breaks), number=SCATTER)
+        found += _sums(tables, scatter.cuts, scatter.layers, SCATTER)
+        found += _chosen((STRETCH_FORCES, stretched), (DAMAGED, breaks), number=SCATTER)
     return found
 
 
@@ -209,6 +219,12 @@ def _halo(tables: Tables, number: int) -> list[Operation]:
 def _exchanged(tables: Tables, kind: int, number: int) -> list[Operation]:
     """What other processes fill, by one kind of messages."""
     return [(EXCHANGE, kind, number)] if tables.exchange[kind : kind + 1, 2].any() else []
+
+
+def beginning_operations(tables: Tables) -> list[Operation]:
+    """The operator as the memory of stretched derivatives begins, which adds nothing to them."""
+    begins = (STRETCH_STATES, STRETCH_FORCES)
+    return [(one[0], int(one[0] in begins), one[2]) for one in operator_operations(tables) if one[0] != BREAK]
 
 
 def sweep_operations(tables: Tables) -> list[Operation]:

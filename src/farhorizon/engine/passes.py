@@ -26,8 +26,12 @@ from farhorizon.engine.point_law import CHUNK, PointLaw
 from farhorizon.engine.rows.build import load_law
 from farhorizon.engine.rows.choose import compiled_sums
 from farhorizon.engine.rows.matrices import Signs, signs_of
+from farhorizon.engine.stretches import Stretches, no_stretches, stretches_of, without_bonds
 from farhorizon.engine.surface import surface_of
 from farhorizon.engine.tables import Cuts, Surface, Sweep
+from farhorizon.errors import InputError
+
+_STRAIGHT = 1e-9  # part of a shape tensor beside its diagonal that is rounding
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,12 @@ class StateSums:
     moduli : ndarray, shape (3,), or (3, ...) with the shape of the core
     signs : tuple of (int, int, int)
         See `farhorizon.medium.force_states`.
+    kept : bool
+        Whether bonds that are cut or break leave the shape tensors of their nodes as they are.
+    phi : ndarray, shape (d, *core), optional
+        Rates at which derivatives along each axis are stretched, see `farhorizon.engine.stretches`.
+    alpha : ndarray, shape of the core, optional
+        Their shift.
     """
 
     gradient: np.ndarray
@@ -52,6 +62,9 @@ class StateSums:
     law: Callable[[np.ndarray, np.ndarray], np.ndarray]
     moduli: np.ndarray
     signs: Signs
+    kept: bool = False
+    phi: np.ndarray | None = None
+    alpha: np.ndarray | None = None
 
 
 class Passes:
@@ -78,7 +91,27 @@ class Passes:
             LayerTables(self.layout, self.offsets, weights, *signs, recursion, self.dtype, engine.remember)
             for weights, signs in zip(self.weights, self.signs, strict=True)
         )
+        self.stretches = self._stretches()
+        self.start = 0  # of what is remembered of stretched derivatives, in the engine's memory
         self.scales = [np.ones(len(engine.stages.numbers)), np.array([n[2] for n in engine.stages.numbers])]
+
+    def _stretches(self) -> Stretches:
+        """Those of nodes with all their bonds."""
+        phi, alpha, dim = self.sums.phi, self.sums.alpha, self.engine.components
+        if phi is None or alpha is None:
+            return no_stretches(self.dtype)
+        return stretches_of(
+            self.layout.box,
+            phi,
+            alpha,
+            self.engine.dt,
+            np.ascontiguousarray(self.sums.divergence[:, 0, :dim]).astype(self.dtype),
+            self.offsets @ np.array(self.layout.box.stride),
+        )
+
+    def stretch_tables(self) -> Stretches:
+        """The same with room for the threads to work in."""
+        return self.stretches._replace(room=np.zeros((self.engine.threads, CHUNK), self.dtype))
 
     def tables(self, springs: Sweep) -> tuple[Pass, Pass]:
         """Those of an operator with all bonds; parts of the box are those of the sweep of its springs."""
@@ -126,6 +159,11 @@ class Passes:
         bare : ndarray of bool, shape (K, S)
             Which bonds these are.
         exists : ndarray of bool, shape (places,)
+
+        Raises
+        ------
+        InputError
+            Where derivatives are stretched, one along an axis would see bonds along another.
         """
         distances = self.offsets @ np.array(self.layout.box.stride)
         order = np.argsort(distances)
@@ -151,7 +189,8 @@ class Passes:
                 surface=surface_of(self.layout.box, odd[there], own[there].astype(self.dtype)),
             )
         dim = self.sums.shapes.shape[1]
-        shapes = np.eye(dim) - sum(lost(self.sums.shapes))
+        bare_shapes, cut_shapes = lost(self.sums.shapes)
+        shapes = np.eye(dim) - bare_shapes - (0 if self.sums.kept else cut_shapes)
         rows = np.hstack([shapes[there].round(14).reshape(-1, dim * dim), self.moduli_at(odd[there])])
         kinds, numbers = np.unique(rows, axis=0, return_inverse=True)
         nothing = np.zeros((1, *self.sums.gradient.shape[1:2] * 2))
@@ -163,13 +202,32 @@ class Passes:
         first, end = (np.zeros(3, np.int64), np.zeros(3, np.int64)) if len(nodes) else self._whole()
         law = sweep.law._replace(nodes=odd.astype(np.int64), numbers=of_node, matrices=matrices, first=first, end=end)
         self.engine.replace(gather=passes[0]._replace(sweep=sweep._replace(law=law)), scatter=passes[1])
+        stretches = self.engine.tables.stretches
+        if stretches.runs.size:
+            of_slots, vectors = stretches.places, np.zeros((len(odd), dim))
+            vectors[:] = sum(lost(self.sums.divergence[:, 0, :dim]))
+            vectors, exist = np.vstack([vectors, np.zeros(dim)]), np.isin(of_slots, odd)
+            at = np.where(exist, np.searchsorted(odd, of_slots), len(odd))
+            _check_straight(shapes[at[exist & exists[of_slots]]])
+            self.engine.replace(stretches=without_bonds(stretches, vectors[at].T, nodes, neighbours, bonds))
 
     def _whole(self) -> tuple[np.ndarray, np.ndarray]:
         """First node, and last + 1, of the box of nodes to whose states no layer adds."""
         layout, m = self.layout, np.array(self.layout.reach)
+        if self.sums.phi is not None:
+            return self._unstretched()
         layered = [[(a, side) in self.engine.layers for a in range(3)] for side in (-1, 1)]
         first = np.where(layered[0], np.array(layout.low) + m, 0)
         return first, np.maximum(first, layout.box.nodes - np.where(layered[1], np.array(layout.high) + m, 0))
+
+    def _unstretched(self) -> tuple[np.ndarray, np.ndarray]:
+        """The same beside stretched derivatives, where there are no other layers."""
+        first, end = np.zeros(3, np.int64), np.array(self.layout.box.nodes)
+        free = ~np.any(np.asarray(self.sums.phi) > 0, axis=0)
+        for axis in range(3):
+            inside = np.flatnonzero(np.any(free, axis=tuple(a for a in range(3) if a != axis)))
+            first[axis], end[axis] = (inside[0], inside[-1] + 1) if inside.size else (0, 0)
+        return first, end
 
     def _law(self) -> PointLaw:
         """That of nodes with all bonds."""
@@ -191,6 +249,7 @@ class Passes:
             local.astype(self.dtype),
             bases.astype(self.dtype),
             self.sums.shapes.reshape(len(self.sums.shapes), -1).astype(self.dtype),
+            self.sums.kept,
             *self._whole(),
             np.zeros((self.engine.threads, 2 * count, CHUNK), self.dtype),
         )
@@ -199,6 +258,16 @@ class Passes:
         """Moduli that the law of some nodes goes by, shape (S, 3)."""
         law = self.engine.tables.gather.sweep.law
         return law.local[:, nodes].T if law.local.size else np.tile(law.moduli, (len(nodes), 1))
+
+
+def _check_straight(shapes: np.ndarray) -> None:
+    """The shape tensors of nodes whose derivatives are stretched must be diagonal."""
+    if np.abs(shapes * (1 - np.eye(shapes.shape[1]))).max(initial=0) > _STRAIGHT:
+        raise InputError(
+            "missing bonds in a layer must be those of a plane along its normal",
+            key="boundary",
+            remedy="keep cracks, corners and holes in the near field, one reach away from the layers",
+        )
 
 
 def _repeats(weights: np.ndarray, blocks: int) -> bool:
@@ -215,5 +284,5 @@ def no_law(engine: Field) -> PointLaw:
     room = np.zeros((1, 1, CHUNK), engine.dtype)
     empty, local = np.zeros(0, engine.dtype), np.zeros((3, 0), engine.dtype)
     return PointLaw(
-        empty, 0, nothing, none, none, nothing[None], nothing[0], local, nothing[None], nothing, none, none, room
+        empty, 0, nothing, none, none, nothing[None], nothing[0], local, nothing[None], nothing, False, none, none, room
     )

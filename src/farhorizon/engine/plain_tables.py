@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from farhorizon.engine.bonds import no_bonds
+from farhorizon.engine.drag import no_drag
 from farhorizon.engine.ends import ends_table
 from farhorizon.engine.field import Field
 from farhorizon.engine.filter import Filter, filter_tables
@@ -14,6 +15,7 @@ from farhorizon.engine.operations import Pass, Tables
 from farhorizon.engine.passes import no_law
 from farhorizon.engine.phases import one_phase
 from farhorizon.engine.rows.choose import compiled_rows
+from farhorizon.engine.stretches import no_stretches
 from farhorizon.engine.tables import Cuts, Damping, Dependents, Listening, Material, Surface, Sweep, no_flows
 
 _SECOND_CACHE = 600_000  # bytes of the second cache that a part of the box may take
@@ -57,6 +59,8 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
         listening=Listening(*no_sums, nothing, np.array(engine.layout.box.stride, np.int64)),
         gather=gather,
         scatter=scatter,
+        stretches=no_stretches(engine.dtype) if engine.passes is None else engine.passes.stretch_tables(),
+        drag=no_drag(engine.dtype),
     )
 
 

@@ -39,6 +39,8 @@ class PointLaw(NamedTuple):
         Matrix of all other nodes for a unit of each.
     shapes : ndarray, shape (K, d * d)
         What each bond adds to the shape tensor.
+    kept : bool
+        Whether bonds that are cut or break leave it as it is.
     first, end : ndarray of int, shape (3,)
         Box of nodes whose states are whole once they are swept: no layer adds to them, and no bond is cut.
     room : ndarray, shape (threads, 2 n, CHUNK)
@@ -55,6 +57,7 @@ class PointLaw(NamedTuple):
     local: np.ndarray
     bases: np.ndarray
     shapes: np.ndarray
+    kept: bool
     first: np.ndarray
     end: np.ndarray
     room: np.ndarray

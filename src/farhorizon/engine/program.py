@@ -6,9 +6,9 @@ whatever else `engine.operations` lists. Levels are flat arrays laid out by `eng
 components each level holds as many copies of the layout, one after the other.
 
 This text is a template: `engine.rows.build` writes it out with and without the kernels of what some runs have (`SOME`:
-filters, sponges, balances, tied nodes), of what few have (`RARE`: phases, bonds that break, exact ends, outlines) and
-of operators of two passes (`STATES`). To compile those takes longer than all others; `operations.needed` says which a
-run needs.
+filters, sponges, balances, tied nodes), of what few have (`RARE`: phases, bonds that break, exact ends, outlines), of
+operators of two passes (`STATES`), and of what few of these have (`BODIES`: stretched derivatives, drag). To compile
+those takes longer than all others; `operations.needed` says which a run needs.
 
 Several threads go through the same loop, each with its share of every part, and meet at barriers.
 """
@@ -27,6 +27,7 @@ from farhorizon.engine.bonds import (
     sweep_tiles,
 )
 from farhorizon.engine.damage import break_bonds, redo_damaged
+from farhorizon.engine.drag import drag_along
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.filter import damp_short_waves
@@ -41,6 +42,7 @@ from farhorizon.engine.operations import (
     DAMP_OLD,
     DEPEND,
     DISSOLVE,
+    DRAG,
     ENDS,
     EXCHANGE,
     FEED,
@@ -57,6 +59,8 @@ from farhorizon.engine.operations import (
     SCATTER,
     SPRINGS,
     STRETCH,
+    STRETCH_FORCES,
+    STRETCH_STATES,
     SWEEP,
     WORK,
 )
@@ -73,6 +77,7 @@ from farhorizon.engine.rows.vectors import (
     copy_values,
     sweep_phases,
 )
+from farhorizon.engine.stretches import stretch_forces, stretch_states
 from farhorizon.engine.tables import Material, Stage
 from farhorizon.engine.threads import barrier, claim, share
 
@@ -82,6 +87,7 @@ SHIFTS = 12  # column of a block's row where the distances of the components beg
 SOME = True
 RARE = True
 STATES = True
+BODIES = True
 
 # A plain number among the arguments would be a type of its own, for each of which Numba compiles a function anew.
 ZERO, ONE = np.int64(0), np.int64(1)
@@ -653,6 +659,10 @@ def work_off(thread, operation, axis, which, stage, tables, inputs, material, ba
     elif RARE and operation == DAMAGED:
         backs = which == SCATTER
         redo_damaged(thread, stage, tables.sweep, material, tables.gather, tables.scatter, tables.bonds, backs)
+    elif BODIES and operation == STRETCH_STATES:
+        stretch_states(thread, law, tables.stretches, axis == 1)
+    elif BODIES and operation == STRETCH_FORCES:
+        stretch_forces(thread, stage, law, tables.stretches, axis == 1)
     elif operation == COPY:
         if thread.number == 0:
             copy(law.values, tables.copies, law.intact.shape[0])
@@ -755,6 +765,8 @@ def run(thread, steps, phase, levels, tables, inputs):
                     damp_old(thread, stage, tables.damping)
                 elif SOME and operation == INERTIA:
                     weigh_down(thread, stage, sweep.block, tables.mobility)
+                elif BODIES and operation == DRAG:
+                    drag_along(thread, stage, sweep.block, tables.mobility, tables.drag)
                 elif SOME and operation == DAMP_NEW:
                     damp_new(thread, stage, tables.damping)
                 elif SOME and operation == FLOW_LAYERS:

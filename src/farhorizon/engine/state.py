@@ -34,6 +34,10 @@ class State:
         self._memory = np.concatenate(
             [np.zeros(0, np.int64), *(cells.ravel() for _, _, cells, _ in engine.layer_memory)]
         )
+        gain = engine.tables.stretches.gain
+        if engine.passes is not None:  # what is remembered of components and axes that are stretched
+            kept = np.flatnonzero(np.tile(gain != 0, (2 * len(gain), 1)))
+            self._memory = np.concatenate([self._memory, engine.passes.start + kept])
         poles = engine.ends.poles
         self._modes = np.nonzero(np.concatenate([poles.any(1)] * 2, axis=1))
         self.size = len(self.read())

@@ -4,6 +4,7 @@ misses them.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
@@ -61,6 +62,12 @@ class Beyond:
         absorbing = {key: b for key, b in sides.items() if b.endless}
         self.targets = {key: b.wanted(wanted) for key, b in absorbing.items()}
         self.notes: list[str] = []
+
+    def but_for(self, sides: Iterable[tuple[int, int]]) -> Beyond:
+        """The same where nothing is missed beyond some of the sides; its notes are these."""
+        others, left_out = copy.copy(self), set(sides)
+        others.targets = {key: target for key, target in self.targets.items() if key not in left_out}
+        return others
 
     def check_values(self, values: np.ndarray, key: str) -> None:
         """Note values at an absorbing edge: what an array would be beyond it cannot be known. Refuse values around a

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -222,3 +222,17 @@ def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:
     if lattice.mask is None:
         return values
     return np.where(lattice.mask if lattice.body is not None else np.isfinite(values), values, 0.0)
+
+
+def widened(
+    value: Any, lattice: Lattice, nodes: dict[tuple[int, int], int], mode: Literal["constant", "edge"] = "constant"
+) -> Any:
+    """Values on the nodes of a lattice with more nodes beyond its sides, zero there or as at the edge; functions and
+    numbers as they are.
+    """
+    if isinstance(value, list | tuple):
+        return [widened(part, lattice, nodes, mode) for part in value]
+    if callable(value) or np.ndim(value) == 0:
+        return value
+    pads = [(nodes.get((a, -1), 0), nodes.get((a, 1), 0)) for a in range(lattice.dim)]
+    return np.pad(np.asarray(value), [(0, 0)] * (np.ndim(value) - lattice.dim) + pads, mode=mode)

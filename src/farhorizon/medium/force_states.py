@@ -41,6 +41,8 @@ class ForceStates:
         Lame's constant that the law goes by, the shear modulus, and what stabilises.
     signs : tuple of tuple of int
         Of each number of a state whether it changes its sign (1) or not (0) where an axis is turned.
+    kept : bool
+        Whether bonds that are cut or break leave the shape tensors of their nodes as they are.
     """
 
     offsets: np.ndarray
@@ -51,6 +53,7 @@ class ForceStates:
     law: Callable[[np.ndarray, np.ndarray], np.ndarray]
     moduli: tuple[float, float, float]
     signs: tuple[tuple[int, ...], ...]
+    kept: bool = False
 
 
 def correspondence_states(

@@ -1,6 +1,7 @@
 """The physics, one file each."""
 
 from farhorizon.models.beam import Beam
+from farhorizon.models.correspondence import Correspondence
 from farhorizon.models.corrosion import Corrosion, speed_of_current
 from farhorizon.models.diffusion import Diffusion
 from farhorizon.models.elastic import Elastic
@@ -8,4 +9,14 @@ from farhorizon.models.heat import Heat
 from farhorizon.models.model import LatticeModel
 from farhorizon.models.wave import Wave
 
-__all__ = ["Beam", "Corrosion", "Diffusion", "Elastic", "Heat", "LatticeModel", "Wave", "speed_of_current"]
+__all__ = [
+    "Beam",
+    "Correspondence",
+    "Corrosion",
+    "Diffusion",
+    "Elastic",
+    "Heat",
+    "LatticeModel",
+    "Wave",
+    "speed_of_current",
+]

@@ -42,7 +42,7 @@ _CAUCHY = {"strain": 0.25, "stress": 1 / 3, None: 0.25}  # Poisson's ratio of ce
 COMBINATIONS = (
     'with LatticePML or Sponge: free sides, bodies and cracks of material="bond-based" (Poisson\'s ratio 1/4, in plane '
     'stress 1/3), "state-based" and "correspondence" (any ratio); "finite-element" without them. '
-    'With NonlocalPML (cross = 0.1): Body (type = "correspondence" in a case file)'
+    'With NonlocalPML (cross = 0.1): "correspondence" without stabilisation'
 )
 
 
@@ -188,6 +188,8 @@ class Elastic(LatticeModel):
         """Whether a side goes with the material; where `bonds` may not be cut, those of vector fields do that bonds
         cross.
         """
+        if side.derivatives:
+            return self.material == "correspondence" and isinstance(self.kernel, Kernel) and not self.stabilisation
         return super().serves(side) and (self.bonds or side.vectors)
 
     def _check_law(self) -> None:

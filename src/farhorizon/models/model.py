@@ -23,7 +23,6 @@ from farhorizon.medium.variation import Variation
 #: Of a material: a number, or an expression, a function of the coordinates or values at the nodes.
 Constant = float | str | Callable[..., Any] | NDArray[np.float64]
 _TAKEN = ("type", "stencil", "stages")  # keys of its table that are not the class's own
-_OTHERS = {"farhorizon.Body": "correspondence"}  # in case files beside the models of this kind
 
 
 class BondLaw(Protocol):
@@ -67,6 +66,8 @@ class LatticeModel:
         Squared speed or diffusivity.
     damping : float
         d in ``2 d u_t`` (1/time), second-order models only.
+    drag : float
+        Rate at which the velocity of a node moves towards the mean of its neighbours (1/time).
     reaction : float
         r in ``- r (u - background)`` on the right-hand side, 1/time or, of second order, 1/time^2; not below zero.
     integrator : Verlet, Euler, RungeKutta4 or RungeKuttaChebyshev
@@ -105,6 +106,7 @@ class LatticeModel:
 
     coefficient: float
     damping: float = 0.0
+    drag: float = 0.0
     reaction: float = 0.0
     integrator: Integrator
     source_factor: float = 1.0
@@ -140,7 +142,7 @@ class LatticeModel:
                 )
         cls.tag = kinds.hyphened(cls.__name__)
         mine = f"{cls.__module__}.{cls.__name__}"
-        tags = {f"{one.__module__}.{one.__name__}": one.tag for one in LatticeModel.known.values()} | _OTHERS
+        tags = {f"{one.__module__}.{one.__name__}": one.tag for one in LatticeModel.known.values()}
         for other, tag in tags.items():
             if tag == cls.tag and other != mine:
                 words = f"there is a model {tag!r} already"
@@ -267,7 +269,16 @@ class LatticeModel:
         side : type
             A `farhorizon.boundaries.Side`.
         """
-        return not side.split and (self.cuttable or side.bonded)
+        return not side.derivatives and (self.cuttable or side.bonded)
+
+    def step_limit(self, rate: float) -> float:
+        """Largest stable time step for the largest rate of the operator (1/time, or 1/time^2 of waves).
+
+        Of a wave of frequency w drag leaves a part s >= 1 - 2 drag dt of the velocity: ``(w dt)^2 < 2 (1 + s)``.
+        """
+        if not self.drag:
+            return self.integrator.step_limit(rate)
+        return 2 / (self.drag + float(np.sqrt(self.drag**2 + rate)))
 
     def crossing(self, length: float, factor: float = 1.0) -> float:
         """Time in which the fastest long wave crosses a length, or in which what diffuses spreads over half of it:

@@ -191,6 +191,9 @@ def assemble(
     breaking = None if law is None else Breaking(law, near, sides, grid, cuts)
     if setup.lasting:
         grid.engine.record_work()
+    if model.drag:
+        corner = np.array([0] * grid.lead + [margins[a, -1] for a in range(lattice.dim)])
+        grid.engine.set_drag(model.drag, corner, corner + np.array((1,) * grid.lead + lattice.shape))
     cuts.cut(setup.cracks)
     unlike = (
         grid.engine.absent.count or near.variation.moduli is not None

@@ -39,6 +39,8 @@ def fingerprint(setup: Setup, parts: Parts, cuts: int) -> dict[str, Any]:
         "conditions": len(near.conditions.nodes),
         "opens": [c.opens for c in setup.cracks],
     }
+    if model.drag:
+        found["drag"] = model.drag
     if engine.reaction:
         found["reaction"] = engine.reaction
     if near.density is not None:
@@ -66,6 +68,8 @@ def state_of(parts: Parts, balance: FlowBalance | None) -> tuple[Arrays, dict[st
         more, meta["exact"] = parts.ends.save()
         arrays |= more
     arrays |= engine.bonds.state
+    if engine.tables.drag.rate.size:
+        arrays["drag"] = engine.tables.drag.lost
     if parts.phases is not None:
         arrays["dissolved"] = np.ascontiguousarray(engine.dissolved[parts.grid.near])
     if parts.closure is not None:
@@ -85,6 +89,8 @@ def take_state(parts: Parts, arrays: Arrays, meta: dict[str, Any], step: int) ->
         parts.ends.load(arrays, meta["exact"])
     if parts.closure is not None:
         engine.fringe_history[...] = arrays["fringe"]
+    if engine.tables.drag.rate.size:
+        engine.tables.drag.lost[...] = arrays["drag"]
     engine.phase, engine.steps_done = int(meta["phase"]), step
     if parts.phases is not None:
         parts.phases.set(arrays["dissolved"])

@@ -34,7 +34,7 @@ def energies(
         total = (_shown(near, grid, engine.current).astype(float) ** 2).sum()
         return {"stored": float(0.5 * lattice.spacing**lattice.dim * total)}
     mass = lattice.spacing**lattice.dim / near.model.source_factor
-    own = {}
+    own = {"drag": mass * engine.dragged} if near.model.drag else {}
     if engine.reaction:
         squared = _shown(near, grid, engine.current).astype(float) * _shown(near, grid, engine.older)
         own["reaction"] = float(mass * 0.5 * engine.reaction * squared.sum())

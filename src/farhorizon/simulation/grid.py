@@ -110,6 +110,7 @@ def states_of(setup: Setup, sides: Sides, varies: bool) -> ForceStates | None:
     lattice = setup.lattice
     cut = varies or bool(len(setup.cracks)) or setup.model.bond_law is not None
     cut |= lattice.body is not None and setup.rim == "free"
+    cut |= setup.model.drag > 0 or any(b.derivatives for b in sides.values())
     if lattice.dim < 3 and not cut and all(b.bonded for b in sides.values()):
         return None
     return setup.model.force_states(lattice.spacing, lattice.dim)
@@ -150,7 +151,7 @@ def choose_margins(
         margins[axis, side] = around.width((axis, side), near.stencil, lattice.spacing)
         if states is not None and boundary.held is not None:
             margins[axis, side] = int(np.abs(states.offsets[:, axis]).max())
-        if boundary.uniform:
+        if boundary.uniform and not boundary.derivatives:
             m = near.stencil.reach[axis]
             last = np.arange(m + 1) if side < 0 else lattice.shape[axis] - 1 - np.arange(m + 1)
             least = int(boundary.stretched)
@@ -215,7 +216,7 @@ def make_grid(
         coefficient=grown,
         rule=setup.bond_rule if near.variation.moduli is None else "arithmetic",  # each end has forces of its own
         reaction=stencil.reaction * scale,
-        sums=None if states is None else _sums(states, scale, lead, moduli),
+        sums=None if states is None else _sums(states, scale, lead, moduli, _stretch(near, around, margins)),
     )
     walled = frozenset(key for key, b in sides.items() if b.held is not None and margins[key])
     grid = Grid(lattice, margins, engine, walled)
@@ -229,11 +230,34 @@ def make_grid(
     return grid
 
 
-def _sums(states: ForceStates, scale: float, lead: int, moduli: np.ndarray | None) -> StateSums:
+def _sums(
+    states: ForceStates, scale: float, lead: int, moduli: np.ndarray | None, stretch: tuple[np.ndarray, ...]
+) -> StateSums:
     """The passes of the engine, whose operator has the unit `scale`, with moduli over the core where they vary."""
     moduli = np.array(states.moduli) if moduli is None else moduli
     signs = tuple((sign[0] if lead == 0 else 0, sign[-2], sign[-1]) for sign in states.signs)
-    return StateSums(states.gradient, scale * states.divergence, states.shapes, states.law, moduli, signs)
+    sums = states.gradient, scale * states.divergence, states.shapes, states.law, moduli, signs
+    return StateSums(*sums, states.kept, *stretch)
+
+
+def _stretch(near: NearField, around: Surroundings, margins: dict[Key, int]) -> tuple[np.ndarray, ...]:
+    """Rates at which derivatives along each axis are stretched, over the core, and their shift; empty without."""
+    lattice, lead = near.lattice, 3 - near.lattice.dim
+    if not any(b.derivatives for b in around.sides.values()):
+        return ()
+    core = (1,) * lead + tuple(n + margins[a, -1] + margins[a, 1] for a, n in enumerate(lattice.shape))
+    phi, shift = np.zeros((lattice.dim, *core)), np.zeros(core)
+    for (axis, side), boundary in around.sides.items():
+        if boundary.derivatives:
+            speed = float(np.sqrt(around.coefficients[axis, side]))
+            normal, across, alpha = boundary.stretches(lattice.spacing, speed)
+            last = slice(None, len(normal)) if side < 0 else slice(-len(normal), None)
+            part = tuple(last if a == lead + axis else slice(None) for a in range(3))
+            for along in range(lattice.dim):
+                outwards = normal if along == axis else across
+                phi[along][part] += outwards[::side].reshape([-1 if a == lead + axis else 1 for a in range(3)])
+            shift[part] = np.maximum(shift[part], alpha)
+    return phi, shift
 
 
 def check_material(near: NearField, around: Surroundings, margins: dict[Key, int], core: np.ndarray) -> None:
@@ -241,13 +265,14 @@ def check_material(near: NearField, around: Surroundings, margins: dict[Key, int
     lead = 3 - near.lattice.dim
     for (axis, side), boundary in around.sides.items():
         if boundary.uniform:
-            n, m = core.shape[lead + axis], near.stencil.reach[axis]
-            last = np.take(core, np.arange(m + 1) if side < 0 else np.arange(n - m - 1, n), lead + axis)
+            m, ahead = near.stencil.reach[axis], margins[axis, side] if boundary.derivatives else 0
+            at = np.arange(ahead, ahead + m + 1)
+            last = np.take(core, at if side < 0 else core.shape[lead + axis] - 1 - at, lead + axis)
             if np.any(np.ptp(last, axis=lead + axis) > 0):
                 raise InputError(
                     f"the material varies along {AXES[axis]} within one reach of an absorbing side",
                     key="coefficient",
-                    limit=f"constant over the last {m + 1 - margins[axis, side]} nodes",
+                    limit=f"constant over the last {m + 1 - margins[axis, side] + ahead} nodes",
                     remedy="enlarge the near field",
                 )
 

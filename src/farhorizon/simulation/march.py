@@ -16,7 +16,7 @@ from farhorizon.simulation.feed import Feed
 from farhorizon.simulation.flow_balance import FlowBalance
 from farhorizon.simulation.overstretch import IntactMargin
 from farhorizon.simulation.setup import Setup
-from farhorizon.simulation.start import Motion, begun
+from farhorizon.simulation.start import Motion, begun, continued
 from farhorizon.simulation.team import ALONE, Team
 
 
@@ -77,15 +77,18 @@ class March:
     def _lay_start(self) -> None:
         """Give the engine the level of the start, and that one step before it."""
         near, grid, closure, start = self.parts.near, self.parts.grid, self.parts.closure, self._begun
+        beyond = {name: continued(name, self.setup, near, self.parts.around.sides, grid) for name in ("u", "v")}
         # all, for the sweep leaves out metal that nothing reaches
         for level in grid.engine.levels[: 1 if near.model.order == 2 else None]:
+            if beyond["u"] is not None:
+                grid.engine.core.view(level)[...] = beyond["u"]
             grid.view(level)[...] = start.u.reshape(grid.view(level).shape)
         self.feed.prescribe()
         self.feed.hold(0)
         if near.model.order == 2:
             # the medium beyond an outline is at rest
             outside = np.zeros(0, np.int64) if closure is None else closure.unmoved
-            self._motion.step_back(start.v, np.concatenate([self.parts.held, outside]))
+            self._motion.step_back(start.v, np.concatenate([self.parts.held, outside]), beyond["v"])
         if closure is not None:
             closure.start()
 

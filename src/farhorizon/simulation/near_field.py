@@ -65,7 +65,7 @@ class NearField:
     @property
     def step_limit(self) -> float:
         """Largest stable time step."""
-        return self.model.integrator.step_limit(self.rate_limit)
+        return self.model.step_limit(self.rate_limit)
 
     @property
     def highest_frequency(self) -> float:
@@ -243,7 +243,7 @@ def near_field(
         rate *= model.coefficient / lattice.spacing**2 * max(fastest, 1e-300)
     rate *= stiffer
     rate += stencil.reaction * model.coefficient / lattice.spacing**2 + float(_leak(model, conditions).max(initial=0))
-    dt = _choose_step(setup, sides, model.integrator.step_limit(rate))
+    dt = _choose_step(setup, sides, model.step_limit(rate))
     prescribed = tuple(c for c in setup.constraints if isinstance(c, Prescribed))
     return NearField(
         lattice,

@@ -64,7 +64,7 @@ def _tells(value: Any) -> bool:
 
 
 class Run(ABC):
-    """A run of a near field in time: `Simulation` and `Body`.
+    """A run of a near field in time, such as `Simulation`.
 
     Attributes
     ----------

@@ -143,10 +143,11 @@ constraints, balance, specimens, loads
 
     @property
     def lasting(self) -> bool:
-        """Whether the older time level outlives a step, which the energies of bonds one by one and the work of sources
-        need.
+        """Whether the older time level outlives a step, which the energies of bonds one by one, drag and the work of
+        sources need.
         """
-        return self.model.bond_law is not None or (self.model.mechanical and self.balance)
+        kept = self.model.bond_law is not None or self.model.drag > 0
+        return kept or (self.model.mechanical and self.balance)
 
     @property
     def arguments(self) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.incidence import Incidence
 from farhorizon.inputs.outside import Beyond
-from farhorizon.inputs.sources import field
+from farhorizon.inputs.sources import field, widened
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Setup, Sides
@@ -45,6 +45,7 @@ def start_of(setup: Setup, near: NearField, sides: Sides, beyond: Beyond) -> Sta
         Data that the infinite medium would have beyond the near field, too, an unknown field.
     """
     model, initial = near.model, setup.initial or {}
+    beyond = beyond.but_for(key for key, side in sides.items() if side.derivatives)  # where they go on
     u = _initial("u", setup, near, beyond)
     known = ("u", "v") if model.order == 2 else ("u",)
     moving = "v" in initial and model.order == 2
@@ -84,6 +85,23 @@ def _initial(name: str, setup: Setup, near: NearField, beyond: Beyond) -> np.nda
     return values
 
 
+def continued(name: str, setup: Setup, near: NearField, sides: Sides, grid: Grid) -> np.ndarray | None:
+    """Initial data on the core that go on beyond sides whose nodes stretch derivatives, zero in the near field; None
+    where they do not.
+    """
+    value = (setup.initial or {}).get(name)
+    beyond = {key: grid.margins[key] for key, side in sides.items() if side.derivatives}
+    if value is None or not beyond:
+        return None
+    lattice, core = near.lattice, grid.engine.core
+    wide = field(widened(value, lattice, beyond), lattice.extended(beyond), near.stencil.components, f"initial.{name}")
+    around = [tuple(grid.margins[a, side] - beyond.get((a, side), 0) for side in (-1, 1)) for a in range(lattice.dim)]
+    values = np.pad(wide, [(0, 0), *around]).reshape(-1, *core.nodes)
+    values *= grid.engine.absent.exists[core.node_indices()]
+    values[(slice(None), *grid.near)] = 0
+    return np.asarray(values)
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """What becomes of the levels of an equation of second order where a run starts and where nodes are released.
@@ -112,12 +130,17 @@ class Motion:
         part += self.force(time).reshape(part.shape)
         return acceleration * engine.mobility
 
-    def step_back(self, v: np.ndarray, resting: np.ndarray) -> None:
-        """The level one step before the start; some places of a level do not move."""
+    def step_back(self, v: np.ndarray, resting: np.ndarray, beyond: np.ndarray | None = None) -> None:
+        """The level one step before the start; some places of a level do not move, those of the core beyond the near
+        field with the velocities `beyond`.
+        """
         engine, dt, model = self.grid.engine, self.near.dt, self.near.model
+        engine.begin(engine.current)
         change = -(dt**2) / 2 * self.acceleration(0.0).astype(float)
         rate = self.grid.view(change)
         rate += (dt * (1 + model.damping * dt) * v).reshape(rate.shape)
+        if beyond is not None:
+            engine.core.view(change)[...] += dt * (1 + model.damping * dt) * beyond
         change[resting] = 0
         if engine.stages.increments:
             engine.levels[2][:] = change
@@ -125,6 +148,7 @@ class Motion:
         box.view(engine.levels[1])[...] = box.view(engine.levels[0]) - box.view(change)
         engine.memory[:] = 0  # the layers are at rest one step before the start
         engine.remind(engine.levels[1])
+        engine.begin(engine.current)
 
     def release(self, step: int) -> None:
         """Let nodes go whose constraint ends at a step: the next one is their first, as the start is of all."""

@@ -14,22 +14,17 @@ import numpy as np
 from typing_extensions import TypedDict
 
 from farhorizon.analysis.references.infinite import InfiniteLattice, undisturbed
-from farhorizon.body.body import Body
 from farhorizon.boundaries import Exact, Fixed, Free, LatticePML
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Shape
-from farhorizon.inputs.cracks import as_cut
 from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.loads import BodyForce
-from farhorizon.inputs.sources import Source
-from farhorizon.models import Elastic
+from farhorizon.inputs.sources import Source, widened
 from farhorizon.simulation.drives import ends_of
 from farhorizon.simulation.near_field import constants_of
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.simulation import Simulation
-
-Given = Setup | Mapping[str, Any]  # of a simulation, and of a body
 
 _KERNEL = 1e7  # steps times reach squared of an exact end whose kernel takes half a minute
 
@@ -153,7 +148,6 @@ def compare(
     times: Sequence[float] | None = None,
     shown: float | None = None,
     beside: bool = True,
-    kind: type[Simulation] | type[Body] = Simulation,
 ) -> Comparison:
     """Run a set-up, the same with a fixed and with a free edge, and the infinite medium, at the same time step.
 
@@ -164,7 +158,7 @@ def compare(
     Parameters
     ----------
     setup : Setup or mapping
-        A set-up, or arguments of `Simulation` or of `Body` by name.
+        A set-up, or arguments of `Simulation` by name.
     until : float
     times : sequence of float, optional
         When to compare; 40 even times unless given.
@@ -173,40 +167,31 @@ def compare(
         largest error is largest, so that the picture shows both.
     beside : bool
         Run a fixed and a free edge too, and the other absorber in one dimension.
-    kind : type
-        `Simulation` or `Body`.
 
     Raises
     ------
     InputError
-        What `Simulation` or `Body` refuses, times that are not positive, an infinite medium that does not fit into
-        memory, a body in split form.
+        What `Simulation` refuses, times that are not positive, an infinite medium that does not fit into memory.
     """
     if times is not None and not (np.size(times) and np.isfinite(times).all() and np.min(times) > 0):
         raise InputError("the times of a comparison must be positive", value=list(times), limit="> 0", key="times")
     wanted = np.linspace(0, until, 41)[1:] if times is None else np.sort(np.asarray(times, float))
-    if kind is Simulation and not isinstance(setup, Setup):
+    if not isinstance(setup, Setup):
         setup = Setup(**setup)
-    ours = Simulation.of(setup) if isinstance(setup, Setup) else kind(**setup)
+    ours = Simulation.of(setup)
     ours.prepare(until)
     steps = sorted({max(1, round(t / ours.dt)) for t in wanted})
     shown_step = None if shown is None else min(steps, key=lambda n: abs(n * ours.dt - shown))
     most = -1.0
-    runs: dict[str, Simulation | Body] = {_name(ours): ours}
+    runs: dict[str, Simulation] = {_name(ours): ours}
     if beside:
         runs |= _besides(setup, ours, steps[-1])
     how, exact_after = _infinite(setup, ours, steps[-1])
-    background = ours.background if isinstance(ours, Simulation) else 0.0
+    background = ours.background
     result = Comparison(
         how, float(np.nanmax(np.abs(ours.fields["u"] - background), initial=0.0)), [n * ours.dt for n in steps]
     )
-    if (
-        beside
-        and isinstance(ours, Simulation)
-        and _has_layers(ours)
-        and ours.lattice.dim == 1
-        and _long_kernel(ours, steps[-1])
-    ):
+    if beside and _has_layers(ours) and ours.lattice.dim == 1 and _long_kernel(ours, steps[-1]):
         result.left_out = (
             f"exact ends, whose kernel for {steps[-1]} steps would take minutes to make: compare a case "
             'of type = "exact"'
@@ -233,7 +218,7 @@ def compare(
         if step == shown_step or (shown_step is None and worth > most):
             result.fields, result.shown_time, most = now, step * ours.dt, worth
     # driven by sources or prescribed values: the largest value of the run is the scale
-    driven = isinstance(setup, Setup) and (setup.constraints or any(isinstance(s, Incident) for s in setup.sources))
+    driven = setup.constraints or any(isinstance(s, Incident) for s in setup.sources)
     if result.initial == 0 or driven:
         result.initial, result.scale = max(size), "largest value of the run"
     for name, error in errors.items():
@@ -244,23 +229,19 @@ def compare(
             "error_rel_initial": [e / max(result.initial, 1e-300) for e in error],
             "error_max_over_run": max(error),
         }
-    undamped = (
-        isinstance(ours, Simulation)
-        and ours.model.order == 2
-        and any(not layer.damping.any() for layer in ours.engine.layers.values())
-    )
+    undamped = ours.model.order == 2 and any(not layer.damping.any() for layer in ours.engine.layers.values())
     backward = ours.stencil.backward_waves() if undamped else None
-    if backward and isinstance(ours, Simulation):
+    if backward:
         result.growth_bound = backward.growth * max(float(layer.sigma.max()) for layer in ours.engine.layers.values())
         result.growth[_name(ours)] = growth_rate(result.times, errors[_name(ours)])
     return result
 
 
-def _infinite(setup: Given, ours: Simulation | Body, steps: int) -> tuple[str, Callable[[int], np.ndarray]]:
+def _infinite(setup: Setup, ours: Simulation, steps: int) -> tuple[str, Callable[[int], np.ndarray]]:
     """The infinite medium: how it is computed, and its field on the near field after a number of steps, which do not
     decrease.
     """
-    if isinstance(setup, Setup) and isinstance(ours, Simulation) and _homogeneous(setup, ours):
+    if _homogeneous(setup, ours):
         lattice = InfiniteLattice(
             ours.stencil,
             ours.model.coefficient / ours.lattice.spacing**2,
@@ -285,21 +266,17 @@ def _homogeneous(setup: Setup, ours: Simulation) -> bool:
     """Whether there is nothing but a linear medium without end and initial data."""
     changed = setup.cracks or setup.constraints or setup.specimens or setup.coefficient is not None or ours.varied
     endless = all(b.endless for b in ours.sides.values()) and ours.lattice.body is None
-    return endless and not changed and not ours.sources and ours.model.bond_law is None
+    plain = ours.model.bond_law is None and not ours.model.drag
+    return endless and plain and not changed and not ours.sources
 
 
-def _besides(setup: Given, ours: Simulation | Body, steps: int) -> dict[str, Simulation | Body]:
+def _besides(setup: Setup, ours: Simulation, steps: int) -> dict[str, Simulation]:
     """What is run beside a set-up: the other absorber, a fixed and a free edge, as far as they serve."""
-    if isinstance(ours, Body):
-        assert isinstance(setup, Mapping)
-        ends: dict[str, Any] = {"fixed edge": Fixed(), "free edge": Free()}
-        return {name: Body(**{**setup, "boundary": _with(ours, end), "dt": ours.dt}) for name, end in ends.items()}
-    assert isinstance(setup, Setup)
     served = [rim for rim, end in (("fixed", Fixed), ("free", Free)) if ours.model.serves(end)]
     return {**_other_absorber(setup, ours, steps), **{f"{rim} edge": _ended(setup, ours, rim) for rim in served}}
 
 
-def _with(ours: Simulation | Body, end: Any) -> dict[str, Any]:
+def _with(ours: Simulation, end: Any) -> dict[str, Any]:
     """The sides with another boundary in place of those that absorb."""
     return {name: end if b.endless else b for name, b in _by_name(ours).items()}
 
@@ -344,30 +321,22 @@ def _ended(setup: Setup, ours: Simulation, rim: str) -> Simulation:
     return Simulation.of(replace(setup, **changes))
 
 
-def _by_name(sim: Simulation | Body) -> dict[str, Any]:
+def _by_name(sim: Simulation) -> dict[str, Any]:
     return {"xyz"[a] + "-+"[s > 0]: b for (a, s), b in sim.sides.items()}
 
 
-def _name(sim: Simulation | Body) -> str:
+def _name(sim: Simulation) -> str:
     absorbing = {b.label for b in sim.sides.values() if b.endless}
     return " + ".join(sorted(absorbing or {b.label for b in sim.sides.values()}))
 
 
-def far_slices(far: Simulation | Body, ours: Simulation | Body) -> tuple[Any, ...]:
+def far_slices(far: Simulation, ours: Simulation) -> tuple[Any, ...]:
     """Where the near field lies in a field of the extended domain."""
     first = np.round((ours.lattice.lower - far.lattice.lower) / ours.lattice.spacing).astype(int)
     return (..., *(slice(i, i + n) for i, n in zip(first, ours.lattice.shape, strict=True)))
 
 
-def _extended(setup: Given, ours: Simulation | Body, until: float) -> Simulation | Body:
-    """The same set-up on a domain so large that nothing returns from its ends."""
-    if isinstance(setup, Setup) and isinstance(ours, Simulation):
-        return _extended_simulation(setup, ours, until)
-    assert isinstance(setup, Mapping) and isinstance(ours, Body)
-    return _extended_body(setup, ours, until)
-
-
-def _extended_simulation(setup: Setup, ours: Simulation, until: float) -> Simulation:
+def _extended(setup: Setup, ours: Simulation, until: float) -> Simulation:
     """The same set-up on a domain so large that nothing returns from its ends."""
     lattice = ours.lattice
     more = undisturbed(ours.stencil.with_reaction(0.0), ours.fastest_rate, ours.model.order, until)
@@ -378,7 +347,7 @@ def _extended_simulation(setup: Setup, ours: Simulation, until: float) -> Simula
             return value.resolved(lattice, ours.stencil.reach, ends_of(ours.sides))
         if isinstance(value, Source):
             return Source(widen(value.value), value.time)
-        return _widened(value, lattice, open_sides, mode)
+        return widened(value, lattice, open_sides, mode)
 
     changed: dict[str, Any] = {
         "lattice": lattice.extended(open_sides),
@@ -401,61 +370,9 @@ def _extended_simulation(setup: Setup, ours: Simulation, until: float) -> Simula
     return Simulation.of(replace(setup, **changed))
 
 
-def _extended_body(setup: Mapping[str, Any], ours: Body, until: float) -> Body:
-    """The same body, so large that nothing returns from its ends; the material goes on along the normals."""
-    if ours.split:
-        raise InputError(
-            "a body in split form is not compared: its infinite medium would take other steps",
-            value="split",
-            key="boundary.form",
-            remedy='form = "displacement"',
-        )
-    lattice = ours.lattice
-    medium = Elastic(
-        setup["operator"],
-        ours.fastest["young"],
-        ours.fastest["poisson"],
-        density=ours.fastest["density"],
-        material="correspondence",
-        plane=setup.get("plane", "strain") if lattice.dim == 2 else None,
-        stabilisation=setup.get("stabilisation", 0.0),
-    )
-    more = undisturbed(medium.stencil(lattice.spacing, lattice.dim), medium.coefficient / lattice.spacing**2, 2, until)
-    open_sides = {key: more for key, b in ours.sides.items() if b.endless}
-    material = {name: setup[name] for name in ("young", "poisson", "density") if name in setup}
-    changed = {
-        "lattice": lattice.extended(open_sides),
-        "boundary": _with(ours, Fixed()),
-        "dt": ours.dt,
-        "balance": False,
-        "initial": {k: _widened(v, lattice, open_sides) for k, v in (setup.get("initial") or {}).items()},
-        "loads": _widened_loads(setup.get("loads", ()), lattice, open_sides),
-        "cracks": [as_cut(c, lattice.dim) for c in setup.get("cracks", ())],
-    }
-    for name, value in material.items():
-        changed[name] = _widened(
-            value(*lattice.coordinates()) if callable(value) else value, lattice, open_sides, "edge"
-        )
-    return Body(**{**setup, **changed})
-
-
 def _widened_loads(loads: Sequence[Any], lattice: Lattice, nodes: dict[tuple[int, int], int]) -> list[Any]:
     """Loads where they are on a larger lattice."""
     return [
-        replace(one, value=_widened(one.value, lattice, nodes)) if isinstance(one, BodyForce) else one.bounded(lattice)
+        replace(one, value=widened(one.value, lattice, nodes)) if isinstance(one, BodyForce) else one.bounded(lattice)
         for one in loads
     ]
-
-
-def _widened(
-    value: Any, lattice: Lattice, nodes: dict[tuple[int, int], int], mode: Literal["constant", "edge"] = "constant"
-) -> Any:
-    """Values on the nodes of a lattice with more nodes beyond its sides, zero there or as at the edge; functions and
-    numbers as they are.
-    """
-    if isinstance(value, list | tuple):
-        return [_widened(part, lattice, nodes, mode) for part in value]
-    if callable(value) or np.ndim(value) == 0:
-        return value
-    pads = [(nodes.get((a, -1), 0), nodes.get((a, 1), 0)) for a in range(lattice.dim)]
-    return np.pad(np.asarray(value), [(0, 0)] * (np.ndim(value) - lattice.dim) + pads, mode=mode)

@@ -145,15 +145,15 @@ def plate_of_correspondence(spacing, half_length, shape_tensor):
     lattice = fh.Lattice(spacing, (-half, -half), (half, half))
     loads = [fh.Traction(side, (0.0, pull), time=fh.Step(300.0)) for side, pull in (("y+", 1e-3), ("y-", -1e-3))]
     crack = fh.Polyline([(-half_length, 0.0), (half_length, 0.0)])
-    options = {"boundary": fh.Free(), "loads": loads, "cracks": [crack], "shape_tensor": shape_tensor, "threads": 1}
-    body = fh.Body(lattice, fh.Kernel(3 * spacing, 1), young=1.0, poisson=0.3, stabilisation=0.2, **options)
-    body.run(330.0, progress=False, allow_unstable=True)
-    medium = NearTip(float(body.lame), float(body.shear))
+    solid = fh.Correspondence(fh.Kernel(3 * spacing, 1), 1.0, 0.3, stabilisation=0.2, shape_tensor=shape_tensor)
+    sim = fh.Simulation(lattice, solid, fh.Free(), loads=loads, cracks=[crack], threads=1)
+    sim.run(330.0, progress=False, allow_unstable=True)
+    medium = NearTip(solid.lame, solid.shear)
     found = []
     for radii in ((1.25, 2.25), (1.1, 1.9)):
         domain = InteractionDomain(lattice, (half_length, 0.0), (1.0, 0.0), radii, [crack], medium)
-        found.append(domain.intensities(body.u.reshape(2, -1).T[domain.nodes]))
-    return np.array(found), body.strain_energy(), medium
+        found.append(domain.intensities(sim.fields["u"].reshape(2, -1).T[domain.nodes]))
+    return np.array(found), sim.energies()["strain"], medium
 
 
 @pytest.mark.slow

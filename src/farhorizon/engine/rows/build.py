@@ -22,6 +22,7 @@ _ENGINE = Path(__file__).parents[1]
 _COMPILED_IN = (
     "bonds",
     "damage",
+    "drag",
     "ends",
     "filter",
     "fringe",
@@ -30,6 +31,7 @@ _COMPILED_IN = (
     "operations",
     "point_law",
     "phases",
+    "stretches",
     "tables",
     "threads",
     "rows/vectors",
@@ -51,7 +53,7 @@ def load_driver(kernels: frozenset[str], real: str) -> ModuleType:
     with _LOADING:
         serving = [loaded for precision, loaded in _DRIVERS if precision == real and kernels <= loaded]
         if not serving:
-            settings = {name: name in kernels for name in ("SOME", "RARE", "STATES")}
+            settings = {name: name in kernels for name in ("SOME", "RARE", "STATES", "BODIES")}
             _DRIVERS[real, kernels] = _load("program", **settings)
         return _DRIVERS[real, min(serving, key=len, default=kernels)]
 

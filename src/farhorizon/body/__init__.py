@@ -1,1 +1,0 @@
-"""Correspondence elasticity with damage, `fh.Body`."""

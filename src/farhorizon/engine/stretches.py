@@ -1,0 +1,212 @@
+"""Layers that stretch derivatives, of operators of two passes, in the compiled loop.
+
+The number ``a dim + b`` of a node's state belongs to the derivative of the component a along the axis b. In a layer
+that derivative, and what the derivative along b of what the law makes of the states adds to the force, are divided by
+``1 + phi_b / (s + alpha)``: each remembers one number, with the trapezoidal rule (Wildman and Gazonas 2012, eqs 2-22 to
+2-26, as memory variables).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from farhorizon.engine.layout import Block
+from farhorizon.engine.point_law import CHUNK
+from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.threads import barrier, share
+
+FIRST, COUNT, SLOT, LOST, LOST_END, ALONG = range(6)  # columns of `Stretches.runs`
+
+
+class Stretches(NamedTuple):
+    """Nodes whose derivatives are stretched, in runs of neighbours along the last axis.
+
+    Attributes
+    ----------
+    runs : ndarray of int, shape (R, 5 + dim)
+        Place of the first node, number of nodes, slot of the first one, first and last + 1 row of `lost`, and of each
+        axis whether anything is stretched along it.
+    keep, gain : ndarray, shape (dim, L)
+        ``m <- keep m + gain (new + old)`` is added to a derivative along each axis.
+    memory : ndarray, shape (2 dim^2 L,)
+        ``keep m + gain old`` of the derivatives, and of the parts of the force.
+    own : ndarray, shape (dim, L)
+        Sum of `vectors` over the bonds that are there.
+    lost : ndarray of int, shape (n, 3)
+        Bonds that are cut: number of the node in its run, place of the neighbour, number of the bond.
+    vectors : ndarray, shape (K, dim)
+        What the state of a neighbour counts for in the force, by the axis of the derivative.
+    distances : ndarray of int, shape (K,)
+    room : ndarray, shape (threads, CHUNK)
+    """
+
+    runs: np.ndarray
+    keep: np.ndarray
+    gain: np.ndarray
+    memory: np.ndarray
+    own: np.ndarray
+    lost: np.ndarray
+    vectors: np.ndarray
+    distances: np.ndarray
+    room: np.ndarray
+
+    @property
+    def places(self) -> np.ndarray:
+        """Places of the nodes, slot by slot."""
+        return np.concatenate(
+            [np.zeros(0, np.int64), *(np.arange(run[FIRST], run[FIRST] + run[COUNT]) for run in self.runs)]
+        )
+
+
+def no_stretches(real: np.dtype) -> Stretches:
+    """None."""
+    nothing, some = np.zeros((0, 0), real), np.zeros(0, real)
+    none = np.zeros(0, np.int64)
+    return Stretches(
+        np.zeros((0, 5), np.int64), nothing, nothing, some, nothing, np.zeros((0, 3), np.int64), nothing, none, nothing
+    )
+
+
+def stretches_of(
+    box: Block, phi: np.ndarray, alpha: np.ndarray, dt: float, vectors: np.ndarray, distances: np.ndarray
+) -> Stretches:
+    """The nodes with a stretch along some axis, of a medium with all its bonds.
+
+    Parameters
+    ----------
+    box : Block
+    phi : ndarray, shape (dim, *box)
+        Stretch along each of the last axes (1/time).
+    alpha : ndarray, shape of the box
+        Its shift.
+    dt : float
+    vectors, distances : ndarray
+        See `Stretches`.
+    """
+    real, dim = vectors.dtype, len(phi)
+    rate = phi + alpha
+    keep = np.exp(-rate * dt)
+    gain = -0.5 * np.divide(phi, rate, out=np.zeros_like(phi), where=rate > 0) * (1 - keep)
+    there: np.ndarray = np.any(phi > 0, axis=0)
+    places, runs = box.node_indices(), []
+    slot = 0
+    for i0, i1 in zip(*np.nonzero(np.any(there, axis=2)), strict=True):
+        ends = np.flatnonzero(np.diff(there[i0, i1].astype(int), prepend=0, append=0))
+        for first, last in ends.reshape(-1, 2):
+            for begin in range(first, last, CHUNK):
+                count = min(CHUNK, last - begin)
+                along = (phi[:, i0, i1, begin : begin + count] > 0).any(1)
+                runs.append([places[i0, i1, begin], count, slot, 0, 0, *along.astype(int)])
+                slot += count
+    return Stretches(
+        np.array(runs, np.int64).reshape(-1, ALONG + dim),
+        np.ascontiguousarray(keep[:, there]).astype(real),
+        np.ascontiguousarray(gain[:, there]).astype(real),
+        np.zeros(2 * dim * dim * slot, real),
+        np.zeros((dim, slot), real),
+        np.zeros((0, 3), np.int64),
+        vectors,
+        distances,
+        np.zeros((0, CHUNK), real),
+    )
+
+
+def without_bonds(
+    whole: Stretches, missing: np.ndarray, nodes: np.ndarray, neighbours: np.ndarray, bonds: np.ndarray
+) -> Stretches:
+    """The same nodes where some bonds are absent.
+
+    Parameters
+    ----------
+    whole : Stretches
+    missing : ndarray, shape (dim, L)
+        Sum of `vectors` over the bonds that are absent, slot by slot.
+    nodes, neighbours, bonds : ndarray of int, shape (n,)
+        Of those that are cut the node, the other end, and the number.
+    """
+    places, runs = whole.places, whole.runs.copy()
+    order = np.argsort(places)
+    at = np.minimum(np.searchsorted(places[order], nodes), max(len(places) - 1, 0))
+    known = places[order][at] == nodes if len(places) else np.zeros(len(nodes), bool)
+    slots = order[at[known]] if len(places) else np.zeros(0, np.int64)
+    rows = np.argsort(slots, kind="stable")
+    slots, neighbours, bonds = slots[rows], neighbours[known][rows], bonds[known][rows]
+    runs[:, LOST], runs[:, LOST_END] = (
+        np.searchsorted(slots, runs[:, SLOT]),
+        np.searchsorted(slots, runs[:, SLOT] + runs[:, COUNT]),
+    )
+    owners = np.searchsorted(runs[:, SLOT], slots, side="right") - 1
+    lost = np.stack([slots - runs[owners, SLOT], neighbours, bonds], axis=1).astype(np.int64)
+    return whole._replace(runs=runs, own=np.ascontiguousarray(-missing, whole.own.dtype), lost=lost)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def remember(value, past, keep, gain, begins, out, scale):
+    """Add to `out` what is remembered of values, and remember these; a memory that begins adds nothing to them."""
+    for i in range(value.size):
+        new = gain[i] * value[i]
+        added = value[i] * 0 if begins else past[i] + new
+        past[i] = -new if begins else keep[i] * added + new
+        out[i] += scale * added
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def stretch_states(thread, law, stretches, begins):
+    """Stretch the states of the nodes."""
+    values, runs, dim = law.values, stretches.runs, stretches.keep.shape[0]
+    size, slots, one = values.size // (dim * dim), stretches.keep.shape[1], stretches.room[0, 0] * 0 + 1
+    own = share(thread, runs.shape[0])
+    for r in range(own[0], own[1]):
+        count, slot = runs[r, COUNT], runs[r, SLOT]
+        for row in range(dim * dim):
+            along = row % dim
+            if runs[r, ALONG + along]:
+                first, past = row * size + runs[r, FIRST], row * slots + slot
+                remember(
+                    values[first : first + count],
+                    stretches.memory[past : past + count],
+                    stretches.keep[along, slot : slot + count],
+                    stretches.gain[along, slot : slot + count],
+                    begins,
+                    values[first : first + count],
+                    one,
+                )
+    barrier(thread)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def stretch_forces(thread, stage, law, stretches, begins):
+    """Add to the forces of the nodes what stretching the derivative along each axis adds to its part of them."""
+    values, runs, dim = law.values, stretches.runs, stretches.keep.shape[0]
+    vectors, distances, lost = stretches.vectors, stretches.distances, stretches.lost
+    size, slots, apart = values.size // (dim * dim), stretches.keep.shape[1], stage.out.size // dim
+    own = share(thread, runs.shape[0])
+    for r in range(own[0], own[1]):
+        place, count, slot = runs[r, FIRST], runs[r, COUNT], runs[r, SLOT]
+        total = stretches.room[thread.number, :count]
+        for row in range(dim * dim):
+            along, first = row % dim, row * size + place
+            if not runs[r, ALONG + along]:
+                continue
+            for i in range(count):
+                total[i] = stretches.own[along, slot + i] * values[first + i]
+            for k in range(distances.size):
+                weight, there = vectors[k, along], values[first + distances[k] : first + distances[k] + count]
+                if weight != 0:
+                    for i in range(count):
+                        total[i] += weight * there[i]
+            for j in range(runs[r, LOST], runs[r, LOST_END]):
+                total[lost[j, 0]] -= vectors[lost[j, 2], along] * values[row * size + lost[j, 1]]
+            past, to = (dim * dim + row) * slots + slot, row // dim * apart + place
+            remember(
+                total,
+                stretches.memory[past : past + count],
+                stretches.keep[along, slot : slot + count],
+                stretches.gain[along, slot : slot + count],
+                begins,
+                stage.out[to : to + count],
+                stage.scale,
+            )
+    barrier(thread)

@@ -1,0 +1,110 @@
+"""Correspondence elasticity with what published programs have beside it: drag, and shape tensors that bonds that break
+leave as they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.medium.force_states import ForceStates
+from farhorizon.medium.kernel import Kernel
+from farhorizon.models.elastic import Elastic
+from farhorizon.models.model import Constant
+
+SHAPE_TENSORS = ("recomputed", "kept")
+
+
+class Correspondence(Elastic):
+    r"""A correspondence solid with damage, `Elastic` with ``material="correspondence"`` and drag.
+
+    The deformation gradient and the force density of a node (Silling et al. 2007; Wildman and Gazonas 2012, eqs 2-6 to
+    2-14) are
+
+    .. math::
+
+        e_i = \left(\sum_j w\,(u_j - u_i)\,\xi\right) K_i^{-1}, \quad K_i = \sum_j w\,\xi\,\xi, \quad
+        \rho\,\ddot u_i = \sum_j w\,(\sigma_i K_i^{-1} + \sigma_j K_j^{-1})\,\xi + b_i, \quad \sigma = C : e.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        Influence function times volume; its scale does not matter.
+    young, poisson, density : float, str, ndarray or callable
+        Where the material varies, an expression or a function of the coordinates, or the values at the nodes.
+    plane : {"strain", "stress"}, optional
+        In two dimensions; "strain" unless given.
+    critical_stretch : float, optional
+        Bonds whose length has grown by more than this part break for good; none unless given.
+    shape_tensor : {"recomputed", "kept"}
+        K of a node that loses bonds: from those that are left (0 where its determinant is below a thousandth of an
+        intact one), or that of the body without cracks, which softens gradually.
+    drag : float
+        Rate D/dt (1/time) at which a velocity moves towards the mean of its neighbours (Wildman and Gazonas 2012, eq.
+        3-4). It is the rate that is a property of the body: D itself goes with the step.
+    stabilisation : float
+        0 to 1: part that is put back of the energy of displacements which the gradient does not see (Silling 2017); 1
+        makes longitudinal waves those of the bond-based operator of the same influence function. It stiffens fracture:
+        calibrate it with the critical stretch.
+
+    Raises
+    ------
+    InputError
+        As `Elastic`; a drag below zero, an unknown shape tensor.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> lattice = fh.Lattice(1.0, (-8.0, -10.0), (8.0, 0.0))
+    >>> glass = fh.Correspondence(fh.Kernel(2.0, 0, "gaussian", 1.0), young=1.0, poisson=0.25, drag=0.5)
+    >>> sides = {"all": fh.NonlocalPML(10, cross=0.1), "y+": fh.Free()}
+    >>> push = fh.Traction("y+", (0.0, -1e-3), between=[(-2.0, 2.0)])
+    >>> sim = fh.Simulation(lattice, glass, sides, loads=[push])
+    >>> sim.step(20)
+    >>> bool(sim.fields["u"][1][8, -1] < 0)  # what is pushed gives way
+    True
+    """
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        young: Constant,
+        poisson: Constant,
+        *,
+        density: Constant = 1.0,
+        plane: str | None = None,
+        critical_stretch: float | None = None,
+        shape_tensor: str = "recomputed",
+        drag: float = 0.0,
+        stabilisation: float = 0.0,
+    ) -> None:
+        super().__init__(
+            kernel,
+            young,
+            poisson,
+            density=density,
+            material="correspondence",
+            plane=plane,
+            critical_stretch=critical_stretch,
+            stabilisation=stabilisation,
+        )
+        if not isinstance(kernel, Kernel):
+            raise InputError(
+                "a correspondence solid is made of its kernel",
+                value=kinds.said(kernel),
+                key="model.kernel",
+                remedy="Kernel(horizon=3*spacing)",
+            )
+        self.drag = kinds.number(drag, "model.drag", least=0)
+        self.shape_tensor = kinds.one_of(shape_tensor, "model.shape_tensor", SHAPE_TENSORS, "unknown shape tensor")
+
+    @property
+    def title(self) -> str:
+        """Correspondence."""
+        return "Correspondence"
+
+    def force_states(self, spacing: float, dim: int) -> ForceStates | None:
+        """Gradients and stresses, by the shape tensors as they are chosen."""
+        states = super().force_states(spacing, dim)
+        return None if states is None else replace(states, kept=self.shape_tensor == "kept")
