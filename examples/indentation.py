@@ -8,7 +8,6 @@ reproduce wildman2012-fig7` has their units), with a load that rises smoothly.
 Run: ``python examples/indentation.py``. Takes some ten seconds.
 """
 
-
 import farhorizon as fh
 
 UNTIL = 90.0

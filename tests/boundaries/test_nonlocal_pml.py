@@ -143,7 +143,6 @@ def test_three_dimensions():
     [
         ({"nodes": 0}, "boundary.nodes: is out of range"),
         ({"ramp": "linear"}, "unknown ramp"),
-        ({"form": "velocity"}, "unknown form"),
         ({"strength": -1.0}, "strength"),
         ({"reflection": 1.0}, "reflection"),
         ({"plateau": 1.0}, "plateau"),

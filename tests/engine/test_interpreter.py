@@ -174,7 +174,7 @@ CASES = {
         lattice(13, 14),
         fh.Correspondence(fh.Kernel(2.0), 1.0, 0.3, drag=0.4),
         {"x-": fh.NonlocalPML(4, strength=2.0, cross=0.2), "x+": fh.NonlocalPML(3, shift=0.3), "y": fh.Free()},
-        {"u": [lambda x, y: 1e-3 * np.exp(-((x - 6.3) ** 2) / 20 - (y - 6) ** 2 / 40), lambda x, y: 0 * x]},
+        {"u": 1e-3 * bump((13, 14), 2)},
         cracks=[fh.Crack([(-9.0, 6.5), (99.0, 6.5)])],
         balance=True,
     ),

@@ -119,13 +119,13 @@ def test_threads_agree():
     fields = []
     for threads in (1, 2):
         sim = fh.Simulation(
-            box(90, 80),
+            box(180, 130),
             solid("gaussian", drag=0.1, critical_stretch=0.08),
             {"all": fh.NonlocalPML(8), "y+": fh.Free()},
-            {"u": noise((90, 80), 0.01), "v": noise((90, 80), 0.1, 2)},
+            {"u": noise((180, 130), 0.01), "v": noise((180, 130), 0.1, 2)},
             threads=threads,
         )
-        sim.step(20)
+        sim.step(8)
         fields.append([*sim.fields.values(), sim.engine.memory])
     assert sim.broken_bonds > 0 and sim.engine.threads == 2
     assert all((a == b).all() for a, b in zip(*fields, strict=True))
@@ -279,11 +279,11 @@ def test_layers_along_the_way_go_on_into_the_absorbing_layer():
     sides = {"x": fh.NonlocalPML(20, reflection=1e-3), "y": fh.Fixed()}
     near, far = (
         fh.Simulation(fh.Lattice(1.0, (-half, -40), (half, 40)), solid("gaussian", young=young), b, start, dt=0.25)
-        for half, b in ((15, sides), (60, fh.Fixed()))
+        for half, b in ((15, sides), (70, fh.Fixed()))
     )
     for sim in (near, far):
         sim.step(220)
-    assert np.abs(near.fields["u"] - far.fields["u"][:, 45:-45]).max() < 1e-3
+    assert np.abs(near.fields["u"] - far.fields["u"][:, 55:-55]).max() < 1e-3
 
 
 def breaking(strength=1.0, **options):
@@ -314,7 +314,7 @@ def test_a_saved_run_goes_on_bitwise(tmp_path):
 
 
 def test_loads_must_be_finite():
-    with pytest.raises(fh.InputError, match=r"load"):
+    with pytest.raises(fh.InputError, match="not finite"):
         breaking(strength=np.nan)[0].step(1)
 
 
