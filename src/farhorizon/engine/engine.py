@@ -787,7 +787,8 @@ class Engine:
         tables = self.tables
         parts = (tables.ends, tables.phases, tables.bonds, tables.fringe, tables.filter, tables.cuts, tables.surface)
         states = tables.gather.sweep.law.values
-        held = (self.levels, tables.layers.slots, self.memory, tables.material.coefficient, states)
+        stretched = tables.stretches.keep, tables.stretches.gain, tables.stretches.own
+        held = (self.levels, tables.layers.slots, self.memory, tables.material.coefficient, states, *stretched)
         return sum(np.asarray(a).nbytes for part in (held, *parts) for a in part)
 
 

@@ -190,7 +190,7 @@ def make_grid(
     layers = {(lead + axis, side): layer for (axis, side), layer in around.layers.items()}
     periodic = frozenset(lead + a for (a, side), b in sides.items() if side < 0 and b.periodic)
     if isinstance(model.integrator, Verlet):
-        light = near.density is None  # else the older level is read once forces are known
+        light = near.density is None and not model.drag  # else the older level is read once forces are known
         stages = model.integrator.stages(near.dt, model.damping, lattice.dim == 1 and light, setup.lasting or not light)
     else:
         stages = model.integrator.stages(near.dt, model.damping)
