@@ -97,7 +97,10 @@ def test_split_form_is_the_two_level_scheme_of_the_paper(cross):
 
 @pytest.mark.parametrize(
     ("options", "dim"),
-    [({}, 2), ({"cross": 0.2}, 2), *(pytest.param(one, 3, marks=pytest.mark.slow) for one in ({}, {"cross": 0.2}))],
+    [
+        ({"cross": 0.2}, 2),
+        *(pytest.param(one, dim, marks=pytest.mark.slow) for one, dim in (({}, 2), ({}, 3), ({"cross": 0.2}, 3))),
+    ],
 )
 def test_forms_agree(options, dim):
     """Split fields by forward Euler tend to memory variables by velocity Verlet with order 1, corners included."""

@@ -289,10 +289,11 @@ def test_layers_along_the_way_go_on_into_the_absorbing_layer():
 def test_cavity():
     """A hole: nodes outside the body neither move nor count, beside layers, too."""
     lattice = fh.Lattice(1.0, (0, 0), (24, 24), body=fh.Box((-1, -1), (25, 25)) - fh.Disc(4.0, (12, 12)))
-    sim = fh.Simulation(lattice, solid("gaussian"), fh.NonlocalPML(6), {"u": noise((25, 25), 0.01)})
+    start = noise((25, 25), 0.01)
+    sim = fh.Simulation(lattice, solid("gaussian"), fh.NonlocalPML(6), {"u": start})
     sim.step(30)
     u = sim.fields["u"]
-    assert np.isnan(u[:, ~lattice.mask]).all() and 0 < np.abs(u[:, lattice.mask]).max() < 0.02
+    assert np.isnan(u[:, ~lattice.mask]).all() and 0 < np.abs(u[:, lattice.mask]).max() < np.abs(start).max()
     assert np.isfinite(list(sim.energies().values())).all()
 
 
