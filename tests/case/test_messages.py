@@ -56,9 +56,9 @@ WORST = {
         r"boundary\.y\+: .* material has no such side; value: Free; .*remedy: .*free sides, bodies and cracks",
         "Elastic has no such side",
     ),
-    "layer of a body": (
-        lambda: fh.Body(PLANE, fh.Kernel(1.0), young=1.0, poisson=0.3, boundary=fh.LatticePML(nodes=8)),
-        r"boundary\.all: not a boundary that serves here; .*remedy: with LatticePML or Sponge: free sides",
+    "layer of another material": (
+        lambda: fh.Simulation(PLANE, fh.Elastic(fh.Kernel(1.0), 1.0), fh.NonlocalPML(8)),
+        r"boundary\.x-: Elastic of bond-based .* has no such side; .*remedy: with LatticePML or Sponge: free sides",
         "remedy: LatticePML",
     ),
     "a box of an incident wave too far out": (

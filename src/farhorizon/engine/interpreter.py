@@ -281,8 +281,8 @@ class Interpreter:
             states[:, places] += self._remembered(states[:, places], "states", begins=axis == 1)
         elif operation == op.STRETCH_FORCES:
             places = self.tables.stretches.places
-            found = self._remembered(self._parts(states, places), "forces", begins=axis == 1)
-            levels[2][:, places] += scale * found.reshape(self.components, self.components, -1).sum(1)
+            found = self._remembered(scale * self._parts(states, places), "forces", begins=axis == 1)
+            levels[2][:, places] += found.reshape(self.components, self.components, -1).sum(1)
         elif operation == op.STRETCH:
             found = self._stretched(axis, levels[which - op.GATHER], passes.weights[which - 1], which)
             levels[which][:, self.nodes] += (1 if which == op.GATHER else scale) * found.reshape(len(found), -1)

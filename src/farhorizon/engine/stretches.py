@@ -31,7 +31,7 @@ class Stretches(NamedTuple):
     keep, gain : ndarray, shape (dim, L)
         ``m <- keep m + gain (new + old)`` is added to a derivative along each axis.
     memory : ndarray, shape (2 dim^2 L,)
-        ``keep m + gain old`` of the derivatives, and of the parts of the force.
+        ``keep m + gain old`` of the derivatives, and of what the parts of the force do in a step.
     own : ndarray, shape (dim, L)
         Sum of `vectors` over the bonds that are there.
     lost : ndarray of int, shape (n, 3)
@@ -143,20 +143,20 @@ def without_bonds(
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def remember(value, past, keep, gain, begins, out, scale):
+def remember(value, past, keep, gain, begins, out):
     """Add to `out` what is remembered of values, and remember these; a memory that begins adds nothing to them."""
     for i in range(value.size):
         new = gain[i] * value[i]
         added = value[i] * 0 if begins else past[i] + new
         past[i] = -new if begins else keep[i] * added + new
-        out[i] += scale * added
+        out[i] += added
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def stretch_states(thread, law, stretches, begins):
     """Stretch the states of the nodes."""
     values, runs, dim = law.values, stretches.runs, stretches.keep.shape[0]
-    size, slots, one = values.size // (dim * dim), stretches.keep.shape[1], stretches.room[0, 0] * 0 + 1
+    size, slots = values.size // (dim * dim), stretches.keep.shape[1]
     own = share(thread, runs.shape[0])
     for r in range(own[0], own[1]):
         count, slot = runs[r, COUNT], runs[r, SLOT]
@@ -171,7 +171,6 @@ def stretch_states(thread, law, stretches, begins):
                     stretches.gain[along, slot : slot + count],
                     begins,
                     values[first : first + count],
-                    one,
                 )
     barrier(thread)
 
@@ -199,6 +198,8 @@ def stretch_forces(thread, stage, law, stretches, begins):
                         total[i] += weight * there[i]
             for j in range(runs[r, LOST], runs[r, LOST_END]):
                 total[lost[j, 0]] -= vectors[lost[j, 2], along] * values[row * size + lost[j, 1]]
+            for i in range(count):
+                total[i] *= stage.scale
             past, to = (dim * dim + row) * slots + slot, row // dim * apart + place
             remember(
                 total,
@@ -207,6 +208,5 @@ def stretch_forces(thread, stage, law, stretches, begins):
                 stretches.gain[along, slot : slot + count],
                 begins,
                 stage.out[to : to + count],
-                stage.scale,
             )
     barrier(thread)

@@ -69,11 +69,6 @@ class SplitFields:
     dt : float
     young, poisson : float
         In plane strain in two dimensions; the density is 1.
-
-    Attributes
-    ----------
-    u : ndarray
-        Displacements.
     """
 
     def __init__(
@@ -101,6 +96,7 @@ class SplitFields:
 
     @property
     def u(self) -> np.ndarray:
+        """Displacements, shape (dim, *box)."""
         return np.asarray(self.parts.sum(0))
 
     def step(self, count: int) -> None:
