@@ -352,10 +352,10 @@ def _of_units(length, time, mass):
         window = fh.Lattice(length, window=fh.Disc(16.48 * length))
         return fh.Simulation(window, fh.Wave(kernel(3), speed, damping=0.003 * rate), boundary, dt=0.2 * time)
 
-    def solid(**options):
+    def solid(across, family, **options):
         material = {"young": mass / (length * time**2), "poisson": 0.25, "density": mass / length**3}
-        model = fh.Correspondence(kernel(2, 1), **material)
-        return fh.Simulation(lattice(9, 9), model, fh.NonlocalPML(**options), threads=1)
+        model = fh.Correspondence(family, **material)
+        return fh.Simulation(lattice(across, across), model, fh.NonlocalPML(**options), threads=1)
 
     def elastic():
         material = {
@@ -383,8 +383,10 @@ def _of_units(length, time, mass):
         "LatticePML, diffusion": lambda: fh.Simulation(
             lattice(11, 9), fh.Diffusion(kernel(2), diffusivity), fh.LatticePML(nodes=8)
         ),
-        "NonlocalPML": lambda: solid(nodes=6, cross=0.3, shift=0.05 * rate),
-        "NonlocalPML, grows": lambda: solid(nodes=10, cross=0.1),
+        "NonlocalPML": lambda: solid(9, kernel(2, 1), nodes=6, cross=0.3, shift=0.05 * rate),
+        "NonlocalPML, grows": lambda: solid(
+            13, kernel(3.1, 0, volume="full"), nodes=10, ramp="quadratic", strength=1.5 * rate
+        ),
         "Sponge": lambda: fh.Simulation(
             lattice(12), fh.Wave(kernel(3), speed), {"x-": fh.Sponge(10), "x+": fh.LatticePML(nodes=10)}
         ),
