@@ -138,6 +138,10 @@ def refused():
         "one alone": lambda: plane(initial={"u": lambda x, y: np.where(x > 0, np.nan, 0.0) + 0 * y}),
         "body": lambda: fh.Setup(fh.Lattice(0.3, (-3, -3), (3, 3), body=fh.Disc(2.0, (0.0, 0.0))), WAVE, fh.Fixed()),
         "layers": lambda: plane(sides=fh.Higdon(2)),
+        "drag": lambda: fh.Setup(fh.Lattice(0.3, (-3, -3), (3, 3)), fh.Correspondence(KERNEL, 1.0, 0.3, drag=0.1)),
+        "derivatives": lambda: fh.Setup(
+            fh.Lattice(0.3, (-3, -3), (3, 3)), fh.Correspondence(KERNEL, 1.0, 0.3), fh.NonlocalPML(6)
+        ),
     }.items():
         told = ""
         try:

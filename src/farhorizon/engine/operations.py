@@ -224,7 +224,9 @@ def _exchanged(tables: Tables, kind: int, number: int) -> list[Operation]:
 def beginning_operations(tables: Tables) -> list[Operation]:
     """The operator as the memory of stretched derivatives begins, which adds nothing to them."""
     begins = (STRETCH_STATES, STRETCH_FORCES)
-    return [(one[0], int(one[0] in begins), one[2]) for one in operator_operations(tables) if one[0] != BREAK]
+    return [
+        (one[0], 1 if one[0] in begins else one[1], one[2]) for one in operator_operations(tables) if one[0] != BREAK
+    ]
 
 
 def sweep_operations(tables: Tables) -> list[Operation]:

@@ -154,6 +154,7 @@ def check_shareable(setup: Setup, observers: int) -> None:
         ("recorders and observers", "observe", observers > 0),
         ("bonds that are nonlinear or break", "model", model.bond_law is not None),
         ("corrosion and its specimens", "model", model.dissolution is not None),
+        ("drag", "model.drag", bool(model.drag)),
         ("constants that vary from node to node", "model", bool(model.varying)),
         ("cracks", "crack", len(setup.cracks) > 0),
         ("coefficients of bonds", "coefficient", setup.coefficient is not None),
@@ -167,7 +168,7 @@ def check_shareable(setup: Setup, observers: int) -> None:
         if given:
             raise _missing(what, key)
     for at, side in setup.sides.items():
-        if side.exact or side.closing or side.extended or isinstance(side, Auto):
+        if side.exact or side.closing or side.extended or side.derivatives or isinstance(side, Auto):
             raise InputError(
                 f"sides of the kind {side.label} are not computed on several processes yet",
                 key=f"boundary.{side_name(*at)}",
