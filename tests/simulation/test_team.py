@@ -41,7 +41,7 @@ def test_fields_are_those_of_one_process(processes, arguments):
     found = lines(processes, *arguments)
     check_all(found, 1 if arguments else 8)
     for line in (line for line in found if "refused" in line):
-        words = {"crack": "cracks", "too many": "so many boxes", "one alone": "finite", "body": "bodies", "drag": "drag"}
+        words = {"crack": "cracks", "too many": "so many", "one alone": "finite", "body": "bodies", "drag": "drag"}
         assert len(set(line["told"])) == 1, line  # the same on all
         assert words.get(line["refused"], "LatticePML") in line["told"][0], line
     (line,) = (line for line in found if "unstable" in line)
