@@ -236,7 +236,7 @@ def test_check_compares_it_with_layers():
     medium are.
     """
     ours = fh.Simulation.of(Case(CASE).setup).check(8.0)
-    page = str(ours)
+    page = ours.details
     assert ours.certificate.verdict == "certified" and "layers instead" in page and "extended x-" in page
     assert ours.numbers["layer_nodes"] >= 2 and ours.numbers["layer_cost"] > 0 and ours.numbers["layer_memory"] > 0
     layers = Case(CASE).simulation(boundary=fh.LatticePML(target=1e-4, until=8.0)).check(8.0)
