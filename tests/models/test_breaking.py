@@ -406,7 +406,7 @@ def test_certificate_and_report_are_of_the_linear_form():
     assert certificate.verdict == "certified" and certificate.reason.endswith(
         "that of the linear form, in which no bond breaks"
     )
-    assert "nonlinear, break at a stretch of 0.02" in str(sim.check(1.0))
+    assert "nonlinear, break at a stretch of 0.02" in sim.check(1.0).details
 
 
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)

@@ -204,6 +204,7 @@ class LatticeModel:
                 key=f"model.{name}",
                 remedy="where there is no medium, leave it out of the lattice: body=...",
             )
+        kinds.check_magnitude(values, f"model.{name}")
 
     def on_nodes(self, values: Mapping[str, np.ndarray]) -> tuple[Self, Variation]:
         """A uniform model, and how the medium varies beside it.
