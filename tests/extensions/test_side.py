@@ -119,7 +119,7 @@ def test_what_it_must_answer_is_asked_where_it_is_defined():
 
 
 def test_something_else_is_refused():
-    with pytest.raises(fh.InputError, match=r"not a boundary that serves here.*limit: Auto, Exact, Extended"):
+    with pytest.raises(fh.InputError, match=r"not a boundary;.*limit: Auto, Exact, Extended"):
         simulation("sponge")
 
 

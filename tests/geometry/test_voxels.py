@@ -5,6 +5,7 @@ import pytest
 from PIL import Image
 
 import farhorizon as fh
+from farhorizon.simulation.near_field import constants_of
 
 
 def labels(*shape):
@@ -96,5 +97,5 @@ until = 0.1
 def test_labels_have_materials_in_a_case(tmp_path):
     np.save(tmp_path / "grains.npy", np.array([[1, 2], [3, 3]]))
     (tmp_path / "case.toml").write_text(CASE)
-    young = fh.read_case(tmp_path / "case.toml").setup["young"]
+    young = constants_of(fh.read_case(tmp_path / "case.toml").setup)["young"]
     assert (young[9:] == 5.0).all() and (young[:8] == 1.0).all()

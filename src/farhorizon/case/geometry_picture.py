@@ -10,8 +10,8 @@ import numpy as np
 from farhorizon.case.case import Case
 from farhorizon.pictures.fields import field_panels
 from farhorizon.pictures.style import counted_in
+from farhorizon.simulation.near_field import constants_of
 from farhorizon.simulation.run import Run
-from farhorizon.simulation.setup import Setup
 
 
 def draw_geometry(case: Case, run: Run, folder: Path) -> list[Path]:
@@ -49,11 +49,8 @@ def _uneven(case: Case, run: Run) -> Iterator[tuple[str, np.ndarray]]:
     mask, setup = case.lattice.mask, case.setup
     if mask is not None:
         yield "nodes", mask.astype(float)
-    if isinstance(setup, Setup):
-        metal = run.fields["solid"] if "solid" in run.fields else None
-        told = {"coefficient": setup.coefficient, "metal": metal}
-    else:
-        told = {name: setup[name] for name in ("young", "poisson", "density")}
+    metal = run.fields["solid"] if "solid" in run.fields else None
+    told = {"coefficient": setup.coefficient, "metal": metal, **constants_of(setup)}
     for name, values in told.items():
         if isinstance(values, np.ndarray) and values.ndim:
             there = np.ones(case.lattice.shape, bool) if mask is None else mask
