@@ -243,7 +243,7 @@ def test_backward_waves_grow_and_the_program_says_so():
     assert 0 < rate < sim.stencil.backward_waves().growth * sigma
 
 
-@pytest.mark.parametrize("dim, n", [(1, 5000), (2, 400), (3, 40)])
+@pytest.mark.parametrize("dim, n", [(1, 20_000), (2, 400), (3, 40)])
 def test_the_memory_estimate_is_that_of_the_set_up(dim, n):
     """What is refused for memory is what would not fit: the peak is traced, tables of a small layout and Python's own
     aside.
