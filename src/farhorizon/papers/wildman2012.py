@@ -473,13 +473,19 @@ def late_growth(times: np.ndarray, values: np.ndarray) -> float:
 
 
 _QUADRATIC: dict[str, Any] = {"nodes": 10, "ramp": "quadratic", "strength": 150.0}
+_CLAMPED_FACE = published(strength=0.0, nodes=1)  # of a fixed face, which carries stress, the nodes are held, too
 #: Set-ups whose growth is measured: kernel, and what closes the near field.
 LONG: dict[str, tuple[str, Any]] = {
     "Gaussian, as published, 10 nodes": ("Gaussian", published(nodes=10)),
     "Gaussian, quadratic": ("Gaussian", NonlocalPML(**_QUADRATIC)),
     "Gaussian, quadratic, shift 2": ("Gaussian", NonlocalPML(**_QUADRATIC, shift=2.0)),
     "Gaussian, quadratic, cross 0.1": ("Gaussian", NonlocalPML(**_QUADRATIC, cross=0.1)),
+    "Gaussian, between clamped faces": ("Gaussian", {"x": NonlocalPML(**_QUADRATIC), "y": _CLAMPED_FACE}),
     "Gaussian, between fixed faces": ("Gaussian", {"x": NonlocalPML(**_QUADRATIC), "y": Fixed()}),
+    "Gaussian, between fixed faces, cross 0.1": (
+        "Gaussian",
+        {"x": NonlocalPML(**_QUADRATIC, cross=0.1), "y": Fixed()},
+    ),
     "Gaussian, between free faces": ("Gaussian", {"x": NonlocalPML(**_QUADRATIC), "y": Free()}),
     "Gaussian, between free faces, cross 0.2": ("Gaussian", {"x": NonlocalPML(**_QUADRATIC, cross=0.2), "y": Free()}),
     "Gaussian, half-space": ("Gaussian", {"all": NonlocalPML(**_QUADRATIC), "y+": Free()}),
