@@ -1,14 +1,9 @@
 """The compiled loop against the plain numpy program that works off the same table of operations."""
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.engine import operations as op
-from farhorizon.engine import program
 from farhorizon.engine.interpreter import Interpreter
 
 SEED = 20261122
@@ -221,31 +216,6 @@ def test_both_compute_the_same(make):
     if one.bonds:
         assert one.bonds.broken[1] == two.bonds.broken[1]
         assert two.bonds.broken[0] == pytest.approx(one.bonds.broken[0], rel=1e-10)
-
-
-RUN = Path(program.__file__).read_text().partition("def run(")[2]
-#: The kernels with which the program has an operation, by its text; none where every run has it.
-KERNELS = {
-    getattr(op, name): group
-    for group, name in re.findall(r"if (?:(SOME|RARE|BODIES) and )?operation == ([A-Z_]+)", RUN)
-}
-
-
-@pytest.mark.parametrize("make", CASES.values(), ids=CASES)
-def test_the_loop_of_a_run_has_all_kernels_that_the_run_needs(make):
-    """It is compiled without those of rarer runs, and would pass over their operations."""
-    sim, found = make(), []
-    sim.engine.loop = lambda steps, phase, levels, tables, inputs: found.append(tables)
-    sim.step(1)
-    for tables in found:
-        kernels = op.needed(tables)
-        for operation, _, which in tables.operations.tolist():
-            assert ("STATES" if which else KERNELS[operation]) in (kernels | {""})
-            assert "BODIES" in kernels or operation not in (op.STRETCH_STATES, op.STRETCH_FORCES)
-        assert "RARE" in kernels or tables.bonds.places.size == tables.phases.runs.size == 0
-        assert "SOME" in kernels or not tables.listening.rows.size
-    of_states = (op.LAW, op.BREAK, op.DAMAGED, op.STRETCH_STATES, op.STRETCH_FORCES)
-    assert found and sorted(KERNELS) == [i for i in range(26) if i not in of_states]
 
 
 def test_corrosion():

@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from types import ModuleType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -23,13 +22,13 @@ from farhorizon.engine.filter import margin_across, without
 from farhorizon.engine.fringe import fringe_table
 from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import Layout, aligned, aligned_zeros
+from farhorizon.engine.loop import CompiledLoop
 from farhorizon.engine.nested import Layers
 from farhorizon.engine.operations import (
     Operation,
     Tables,
     beginning_operations,
     check_room,
-    needed,
     operations_of,
     operator_operations,
     sweep_operations,
@@ -38,13 +37,12 @@ from farhorizon.engine.operations import (
 from farhorizon.engine.passes import Passes, StateSums
 from farhorizon.engine.phases import NEVER, count_solid, phases_table
 from farhorizon.engine.plain_tables import damping_of, first_tables, numbers_of
-from farhorizon.engine.rows.build import load_driver
+from farhorizon.engine.rows.build import load_program
 from farhorizon.engine.rows.matrices import Signs, signs_of
 from farhorizon.engine.rows.structs import Struct
 from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
 from farhorizon.engine.stretches import Stretches
 from farhorizon.engine.tables import Damping, Dependents, Flows, Inputs, Material, Stage
-from farhorizon.engine.threads import side_by_side
 from farhorizon.files.storable import Storable
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
@@ -220,7 +218,7 @@ class Engine:
         self.watch(np.zeros(0, np.int64))
         self.watch_stride = 1
         self._room: dict[str, np.ndarray] = {}
-        self._structs: tuple[Struct | None, Struct | None] = None, None
+        self._own_loop = CompiledLoop()
         self.exchange: Exchange | None = None
         self.loop: Loop | None = None
 
@@ -527,7 +525,7 @@ class Engine:
         level, one = self.current, self.dtype.type(1)
         stage = Stage(level, level, level, 0, one, one, one, one, False, self.components, self.components)
         fields = np.asarray(values, self.dtype)[None]
-        self._driver.depend(stage, Struct(self.tables.dependents), fields, np.ones(1, self.dtype))
+        load_program().depend(Struct(stage), Struct(self.tables.dependents), fields, np.ones(1, self.dtype))
 
     @property
     def varied(self) -> bool:
@@ -545,16 +543,12 @@ class Engine:
         """Work of the sources, for a unit of mass a node."""
         return float(self.tables.work.sum())
 
-    @property
-    def _driver(self) -> ModuleType:
-        """The compiled loop that has what this run needs."""
-        return load_driver(needed(self.tables), self.dtype.name)
-
     def _compiled(self, steps: int, phase: int, levels: np.ndarray, tables: Tables, inputs: Inputs) -> None:
         """Work off the table of operations, on all threads for those of the engine's own levels."""
-        run, threads = self._driver.run, self.threads if levels is self.levels else 1
-        structs = self._structs = Struct(tables, self._structs[0]), Struct(inputs, self._structs[1])
-        side_by_side(lambda thread: run(thread, steps, phase, levels, *structs), threads)
+        if levels is self.levels:
+            self._own_loop(steps, phase, levels, tables, inputs, self.threads)
+        else:
+            CompiledLoop()(steps, phase, levels, tables, inputs, 1)
 
     @property
     def current(self) -> np.ndarray:
@@ -577,7 +571,7 @@ class Engine:
         if self.exchange is not None:
             self.exchange.fill(level, self.components)
             return
-        self._driver.copy(level, self.tables.copies, self.components)
+        load_program().copy(level, self.tables.copies, self.components)
 
     def remind(self, level: np.ndarray) -> None:
         """The layers' memory goes through one step in which the field is `level`."""
@@ -669,7 +663,7 @@ class Engine:
         dependent_fields: np.ndarray | None = None,
         dependent_times: np.ndarray | None = None,
     ) -> None:
-        """Run steps without returning to Python; sources, held and dependent values as in `program.run`.
+        """Run steps without returning to Python; sources, held and dependent values as `Inputs` has them.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""A plain numpy program that works off the same table of operations as the compiled loop (`farhorizon.engine.program`):
+"""A plain numpy program that works off the same table of operations as the compiled loop (`farhorizon.engine.loop`):
 the reference in tests, and a pattern for other machines.
 
 It goes by the definitions: each bond one after the other, each stretched shift written out with a memory of its own for
@@ -67,7 +67,7 @@ class Interpreter:
         }
 
     def run(self, steps: int, phase: int, levels: np.ndarray, tables: op.Tables, inputs: Inputs) -> None:
-        """As `program.run`; with another memory than that of the engine, the layers' own is left as it is."""
+        """As `loop.run`; with another memory than that of the engine, the layers' own is left as it is."""
         kept = (
             None
             if np.shares_memory(tables.layers.memory, self.engine.memory)

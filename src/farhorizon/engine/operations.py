@@ -137,30 +137,6 @@ class Tables(NamedTuple):
     drag: Drag
 
 
-def needed(tables: Tables) -> frozenset[str]:
-    """Which kernels the loop needs beside those of every run, by their names in `engine.program`.
-
-    Operations on such tables that do without them find them in one program with the others.
-    """
-    flows = tables.flows
-    kernels = {
-        "SOME": (
-            tables.damping.nodes,
-            tables.mobility,
-            tables.filter.runs,
-            flows.inflow,
-            flows.accounts,
-            tables.dependents.nodes,
-            tables.listening.rows,
-        ),
-        "RARE": (tables.phases.runs, tables.bonds.places, tables.work, tables.ends.nodes, tables.fringe.nodes),
-        "STATES": (tables.gather.sweep.law.values,),
-        "BODIES": (tables.stretches.runs, tables.drag.rate),
-    }
-    found = {name for name, used in kernels.items() if any(table.size for table in used)}
-    return frozenset(found | {"SOME"} if found else found)
-
-
 def operations_of(tables: Tables, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
     """What there is to do in a step: the `operations` and `starts` of tables that lack them."""
     lists = [_stage(tables, inputs, stage) for stage in range(len(tables.numbers))]

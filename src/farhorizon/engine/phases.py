@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.rows.structs import Struct
 from farhorizon.engine.rows.vectors import TILE, TILE_ROWS, any_below
 from farhorizon.engine.threads import ALONE, add, share
 
@@ -36,8 +37,8 @@ class Phases(NamedTuple):
         Rows whose counts have changed since their runs were found.
     dissolved : ndarray of int
         Step at which each place became liquid.
-    total : ndarray of int, shape (1,)
-        How many nodes have become liquid.
+    total : ndarray of int, shape (2,)
+        How many nodes have become liquid, now and when the runs were found last.
     saturation : float
         Below it a solid node dissolves.
     period : ndarray of int, shape (3,)
@@ -60,10 +61,10 @@ def phases_table(
     """What the loop knows, from the counts of tiles; the arrays are kept."""
     runs, changed = np.zeros((*solids.shape, 2), np.int32), np.ones(len(solids), bool)
     phases = Phases(
-        runs, solids, volumes, changed, dissolved, np.zeros(1, np.int64), float(saturation), period.astype(np.int64)
+        runs, solids, volumes, changed, dissolved, np.zeros(2, np.int64), float(saturation), period.astype(np.int64)
     )
     if len(solids):
-        find_runs(ALONE, phases)
+        find_runs(ALONE, Struct(phases))
     return phases
 
 

@@ -1,17 +1,20 @@
-"""The compiled time loop.
+"""The operations of the compiled time loop.
 
-`run` goes through many steps without returning to Python. A step is one or more *stages*; a stage sweeps the box of all
-nodes (``out = a*in + b*base + weights * neighbours``), adds what the layers contribute (see `engine.nested`), and does
-whatever else `engine.operations` lists. Levels are flat arrays laid out by `engine.layout`. Of a field of several
-components each level holds as many copies of the layout, one after the other.
+A step is one or more *stages*; a stage sweeps the box of all nodes (``out = a*in + b*base + weights * neighbours``),
+adds what the layers contribute (see `engine.nested`), and does whatever else `engine.operations` lists. Levels are flat
+arrays laid out by `engine.layout`. Of a field of several components each level holds as many copies of the layout, one
+after the other.
 
-This text is a template: `engine.rows.build` writes it out with and without the kernels of what some runs have (`SOME`:
-filters, sponges, balances, tied nodes), of what few have (`RARE`: phases, bonds that break, exact ends, outlines), of
-operators of two passes (`STATES`), and of what few of these have (`BODIES`: stretched derivatives, drag). To compile
-those takes longer than all others; `operations.needed` says which a run needs.
+The loop (`engine.loop`) calls each operation by its address, so that an operation is compiled when a run first has it,
+and the loop once for all. All take the same: which thread this is, the `Stage` and the `Sums` that they work with, all
+tables, what comes from outside, the number of the step among those of this call, and one more number, which means what
+the operation says. `engine.rows.build` writes this text out with the machine code of what is used.
 
-Several threads go through the same loop, each with its share of every part, and meet at barriers.
+Several threads go through the same operations, each with its share of every part, and meet at barriers.
 """
+
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +35,6 @@ from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.filter import damp_short_waves
 from farhorizon.engine.fringe import close_fringe
-from farhorizon.engine.nested import add_layers, continue_lines
 from farhorizon.engine.operations import (
     BREAK,
     COPY,
@@ -48,17 +50,11 @@ from farhorizon.engine.operations import (
     FEED,
     FILTER,
     FLOW,
-    FLOW_LAYERS,
     FRINGE,
-    GATHER,
     HOLD,
     INERTIA,
     KEEP,
     LAW,
-    LINES,
-    SCATTER,
-    SPRINGS,
-    STRETCH,
     STRETCH_FORCES,
     STRETCH_STATES,
     SWEEP,
@@ -66,6 +62,7 @@ from farhorizon.engine.operations import (
 )
 from farhorizon.engine.phases import LIQUID, SOLID, dissolve, find_runs
 from farhorizon.engine.point_law import apply_to_rows
+from farhorizon.engine.rows.calls import call_operation, call_with
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.exchanges import call_exchange
 from farhorizon.engine.rows.vectors import (
@@ -78,24 +75,32 @@ from farhorizon.engine.rows.vectors import (
     sweep_phases,
 )
 from farhorizon.engine.stretches import stretch_forces, stretch_states
-from farhorizon.engine.tables import Material, Stage
+from farhorizon.engine.tables import GENERAL
 from farhorizon.engine.threads import barrier, claim, share
 
 CHUNK = 64
 SHIFTS = 12  # column of a block's row where the distances of the components begin
 
-SOME = True
-RARE = True
-STATES = True
-BODIES = True
-
 # A plain number among the arguments would be a type of its own, for each of which Numba compiles a function anew.
 ZERO, ONE = np.int64(0), np.int64(1)
 
+#: What does each operation: compiled by `engine.loop`.
+OPERATIONS: dict[int, Callable[..., Any]] = {}
 
-@njit(error_model="numpy", cache=True, entry=False)
-def sweep_general(stage, sweep, material, start, to, count):
-    """One row of any stencil with run-time offsets; the sum runs over differences."""
+
+def operation(number: int) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """The function does an operation."""
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        OPERATIONS[number] = function
+        return function
+
+    return decorate
+
+
+def general_rows(stage, sums, start, to, count):
+    """One row of any stencil with run-time offsets, called by its address; the sum runs over differences."""
+    sweep, material = sums.sweep, sums.material
     src, base, out, offsets, weights = stage.src, stage.base, stage.out, sweep.offsets, sweep.general[stage.part]
     a, b, coefficient = stage.a_difference, stage.b, material.coefficient
     acc = np.empty(CHUNK, src.dtype)
@@ -125,9 +130,9 @@ def sweep_general(stage, sweep, material, start, to, count):
                 out[node + i] = a * here[i] + b * base[node + i] + acc[i]
 
 
-@njit(error_model="numpy", cache=True, entry=False)
-def sweep_general_matrix(stage, sweep, material, start, to, count):
-    """One row of any stencil of matrices, given row by row, for a field of several components."""
+def general_matrix_rows(stage, sums, start, to, count):
+    """One row of a stencil of matrices, given row by row, for a field of several components; called by its address."""
+    sweep, material = sums.sweep, sums.material
     src, base, out, offsets, weights = stage.src, stage.base, stage.out, sweep.offsets, sweep.general[stage.part]
     a, b, coefficient, components, rows = (
         stage.a_difference,
@@ -180,9 +185,10 @@ def rows_of(sweep, number):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def sweep_rows(stage, sweep, material, i0, i1, end, first, last):
+def sweep_rows(stage, sums, i0, i1, end, first, last):
     """Nodes `first` to `last` of the rows i1 to `end` of a plane."""
-    block, src = sweep.block, stage.src
+    sweep, src = sums.sweep, stage.src
+    block = sweep.block
     start, to = block[0] + i0 * block[4] + i1 * block[5] + first, block[9] + i0 * block[10] + i1 * block[11] + first
     if sweep.function != 0:
         size = src.itemsize
@@ -200,28 +206,25 @@ def sweep_rows(stage, sweep, material, i0, i1, end, first, last):
                 (block[5], block[11]),
                 block.ctypes.data + 8 * SHIFTS,
             )
-    elif stage.components == stage.rows == 1:
-        for row in range(end - i1):
-            sweep_general(stage, sweep, material, start + row * block[5], to + row * block[11], last - first)
     else:
         for row in range(end - i1):
-            sweep_general_matrix(stage, sweep, material, start + row * block[5], to + row * block[11], last - first)
+            numbers = start + row * block[5], to + row * block[11], last - first
+            call_with(sums.called[GENERAL], stage, sums, numbers)
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def sweep_part(stage, sweep, material, number):
+def stencil_part(thread, stage, sums, tables, inputs, step, number):
     """The rows of one part of the box: bundles one after the other along the slowest axis share most of what they
     read.
     """
-    i0, first, last = rows_of(sweep, number)
-    sweep_rows(stage, sweep, material, i0, first, last, ZERO, sweep.block[3])
+    i0, first, last = rows_of(sums.sweep, number)
+    sweep_rows(stage, sums, i0, first, last, ZERO, sums.sweep.block[3])
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def sweep_bonds(stage, sweep, material, bonds, number):
+def bonds_part(thread, stage, sums, tables, inputs, step, number):
     """A part of the box with a zone of bonds that follow a law of their own: there tile by tile, around it, and where
     nothing can break, by the stencil.
     """
+    sweep, material, bonds = sums.sweep, sums.material, tables.bonds
     zone, nodes = bonds.zone, sweep.block[3]
     i0, first, last = rows_of(sweep, number)
     low, high = max(first, zone[FIRST + 1]), min(last, zone[END + 1])
@@ -234,7 +237,7 @@ def sweep_bonds(stage, sweep, material, bonds, number):
         (low, high, zone[END + 2], nodes),
     ):
         if i1 < end and start < stop:
-            sweep_rows(stage, sweep, material, i0, i1, end, start, stop)
+            sweep_rows(stage, sums, i0, i1, end, start, stop)
     for row in range(low // PIECE_ROWS, (high + PIECE_ROWS - 1) // PIECE_ROWS if low < high else 0):
         i1, end = max(row * PIECE_ROWS, low), min((row + 1) * PIECE_ROWS, high)
         stop = zone[FIRST + 2]
@@ -242,27 +245,28 @@ def sweep_bonds(stage, sweep, material, bonds, number):
             start = stop
             stop, whole = next_piece(stage, sweep, material, bonds, i0, i1, end, start)
             if whole:
-                sweep_rows(stage, sweep, material, i0, i1, end, start, stop)
+                sweep_rows(stage, sums, i0, i1, end, start, stop)
             else:
                 sweep_tiles(stage, sweep, material, bonds, i0, i1, end, start, stop)
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def sweep_two_phases(stage, sweep, material, runs, number):
+def phases_part(thread, stage, sums, tables, inputs, step, number):
     """A part of the box in two phases: runs of liquid tiles by the compiled rows, of mixed ones bond by bond, of solid
     ones not at all.
 
     Between runs there are addresses only: Numba counts the references to an array that it passes on, which takes longer
     than a tile.
     """
-    block, src = sweep.block, stage.src
+    sweep, material, runs, src = sums.sweep, sums.material, tables.phases.runs, stage.src
+    block = sweep.block
     i0, first, last = rows_of(sweep, number)
+    upper, lower = first, last
     first, last = first // TILE_ROWS, (last + TILE_ROWS - 1) // TILE_ROWS
     metal = False
     for row in range(first, last):
         metal |= runs[row * block[1] + i0, 0, 0] != LIQUID or runs[row * block[1] + i0, 0, 1] * TILE < block[3]
     if not metal:
-        sweep_part(stage, sweep, material, number)
+        sweep_rows(stage, sums, i0, upper, lower, ZERO, block[3])
         return
     size = src.itemsize
     places = src.ctypes.data, material.coefficient.ctypes.data, stage.base.ctypes.data, stage.out.ctypes.data
@@ -301,13 +305,13 @@ def sweep_two_phases(stage, sweep, material, runs, number):
                 )
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def release(stage, sweep, material, surface, number):
+def release_part(thread, stage, sums, tables, inputs, step, number):
     """Take back the bonds to places without a node, of the nodes of one part of the box.
 
     There all is zero, so the sweep has taken the bonds' weights times the node's own value (see `engine.surface`).
     """
-    src, base, out, block, scale = stage.src, stage.base, stage.out, sweep.block, stage.scale
+    sweep, material, surface, scale = sums.sweep, sums.material, sums.surface, stage.scale
+    src, base, out, block = stage.src, stage.base, stage.out, sweep.block
     ranges, stretches, weights, coefficient = surface.ranges, surface.stretches, surface.weights, material.coefficient
     rule, components = material.rule, stage.components
     size, count = src.itemsize, weights.shape[1]
@@ -381,15 +385,21 @@ def listen(level, listening, low, high, heard):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def keep_part(level, sweep, listening, inputs, step, number):
+def keep_in(level, sweep, listening, inputs, step, number):
     """What is watched and heard after a step in one part of the box."""
     block = sweep.block
     i0, first, last = rows_of(sweep, number)
     plane = block[0] + i0 * block[4]
     low, high = plane + first * block[5], plane + last * block[5]
     watch(level, inputs.watched, low, high, inputs.seen[step])
-    if SOME and listening.sets.shape[0]:
+    if listening.sets.shape[0]:
         listen(level, listening, low, high, inputs.heard[step])
+
+
+def keep_part(thread, stage, sums, tables, inputs, step, number):
+    """What recorders want of the field after the step before this one, which is read here and in the cache now."""
+    if step > 0 and stage.part == 0 and (inputs.before + step) % inputs.stride == 0:
+        keep_in(stage.src, sums.sweep, tables.listening, inputs, step - 1, number)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -399,18 +409,21 @@ def state_law(thread, sweep, number, whole):
     apply_to_rows(thread, sweep.law, sweep.block, i0, first, last, whole)
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def sweep_box(thread, stage, sweep, material, surface, tables, inputs, step, backward):
-    """All parts of the box; in every other stage the last first: it meets what the last stage left in the cache.
+def law_part(thread, stage, sums, tables, inputs, step, number):
+    """The law of the nodes whose states are whole once they are swept."""
+    state_law(thread, sums.sweep, number, True)
 
-    Unless `step` is below 0 what recorders want of the field after that step, which is read here, is kept part by part,
-    as long as it is in the cache.
+
+@operation(SWEEP)
+def sweep_box(thread, stage, sums, tables, inputs, step, number):
+    """All parts of the box, each with all that is to be done with it (`Sums.each`); in every other stage the last
+    first: it meets what the last stage left in the cache.
 
     Each thread has a share of its own, the same in all steps, for the threads' caches may lie far apart. It claims some
     parts as it goes, and when it is through some of the others', so that one whose processor is busy otherwise does
     less.
     """
-    count, phases, bonds = count_parts(sweep), tables.phases, tables.bonds
+    count, each = count_parts(sums.sweep), sums.each
     for shift in range(thread.threads):
         owner = (thread.number + shift) % thread.threads
         first = owner * count // thread.threads
@@ -419,19 +432,9 @@ def sweep_box(thread, stage, sweep, material, surface, tables, inputs, step, bac
         claimed = claim(thread, owner) if thread.threads > 1 else 0
         while claimed * size < own:
             for i in range(claimed * size, min(own, (claimed + 1) * size)):
-                number = first + (own - 1 - i if backward else i)
-                if RARE and phases.runs.size:
-                    sweep_two_phases(stage, sweep, material, phases.runs, number)
-                elif RARE and bonds.places.shape[0] and bonds.forces:
-                    sweep_bonds(stage, sweep, material, bonds, number)
-                else:
-                    sweep_part(stage, sweep, material, number)
-                if surface.stretches.size:
-                    release(stage, sweep, material, surface, number)
-                if step >= 0:
-                    keep_part(stage.src, sweep, tables.listening, inputs, step, number)
-                if STATES and sweep.law.values.size:
-                    state_law(thread, sweep, number, True)
+                part = first + (own - 1 - i if stage.backward else i)
+                for k in range(each.size):
+                    call_operation(each[k], thread, stage, sums, tables, inputs, step, part)
             claimed = claim(thread, owner) if thread.threads > 1 else 1
     barrier(thread)
 
@@ -445,11 +448,22 @@ def copy(array, copies, components):
             array[c * size + copies[0, i]] = array[c * size + copies[1, i]]
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def fill_halo(array, components, tables, kind):
-    """Let other processes fill halos."""
-    function, table = tables.exchange[kind, 0], tables.exchange[kind, 1]
-    call_exchange(function, table, np.int64(array.ctypes.data), components, array.nbytes // components)
+@operation(COPY)
+def copy_across(thread, stage, sums, tables, inputs, step, number):
+    """The halo repeats what lies across periodic axes."""
+    if thread.number == 0:
+        copy(stage.src, tables.copies, stage.components)
+    barrier(thread)
+
+
+@operation(EXCHANGE)
+def exchange_halo(thread, stage, sums, tables, inputs, step, number):
+    """Other processes fill the halo of a level, or that of the layers' slots, by a table of messages."""
+    if thread.number == 0:
+        array, components = (stage.src, stage.components) if number == LEVEL else (sums.layers.slots, ONE)
+        function, table = tables.exchange[number, 0], tables.exchange[number, 1]
+        call_exchange(function, table, np.int64(array.ctypes.data), components, array.nbytes // components)
+    barrier(thread)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -460,9 +474,10 @@ def run_start(nodes, i):
     return i
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def cut(thread, stage, material, cuts):
+@operation(CUT)
+def cut(thread, stage, sums, tables, inputs, step, number):
     """Take back the absent bonds; all those of a node belong to one thread."""
+    material, cuts = sums.material, sums.cuts
     src, base, out, components, rule = stage.src, stage.base, stage.out, stage.components, material.rule
     nodes, neighbours, weights, coefficient = cuts.nodes, cuts.neighbours, cuts.weights, material.coefficient
     own = share(thread, nodes.size)
@@ -483,10 +498,10 @@ def cut(thread, stage, material, cuts):
     barrier(thread)
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def damp_old(thread, stage, damping):
+@operation(DAMP_OLD)
+def damp_old(thread, stage, sums, tables, inputs, step, number):
     """What an absorbing zone does to the increment of the last step."""
-    src, base = stage.src, stage.base
+    src, base, damping = stage.src, stage.base, tables.damping
     for i in range(thread.number, damping.nodes.size, thread.threads):
         node = damping.nodes[i]
         if stage.increments:
@@ -496,10 +511,10 @@ def damp_old(thread, stage, damping):
     barrier(thread)
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def damp_new(thread, stage, damping):
+@operation(DAMP_NEW)
+def damp_new(thread, stage, sums, tables, inputs, step, number):
     """What an absorbing zone does to the increment of this step."""
-    src, out = stage.src, stage.out
+    src, out, damping = stage.src, stage.out, tables.damping
     for i in range(thread.number, damping.nodes.size, thread.threads):
         node = damping.nodes[i]
         change, loss = (out[node] - src[node]) * damping.after[i], stage.scale * damping.leak[i] * src[node]
@@ -509,11 +524,12 @@ def damp_new(thread, stage, damping):
     barrier(thread)
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def weigh_down(thread, stage, block, mobility):
+@operation(INERTIA)
+def weigh_down(thread, stage, sums, tables, inputs, step, number):
     """Of what forces have done in this step to each node, leave what they do to one of its mass; the older level is as
     it was before the step.
     """
+    block, mobility = sums.sweep.block, tables.mobility
     apart, keep = stage.out.size // stage.components, -stage.b
     own = share(thread, block[1] * block[2])
     for row in range(own[0], own[1]):
@@ -528,10 +544,10 @@ def weigh_down(thread, stage, block, mobility):
     barrier(thread)
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def feed(thread, stage, inputs, scale, step):
+@operation(FEED)
+def feed(thread, stage, sums, tables, inputs, step, number):
     """Add what sources give."""
-    nodes, fields = inputs.source_nodes, inputs.source_fields
+    nodes, fields, scale = inputs.source_nodes, inputs.source_fields, tables.numbers[stage.part, 4]
     for j in range(fields.shape[0]):
         amplitude = scale * inputs.source_times[step, stage.part, j]
         if amplitude != 0:
@@ -543,8 +559,8 @@ def feed(thread, stage, inputs, scale, step):
     barrier(thread)
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def hold(thread, stage, inputs, step):
+@operation(HOLD)
+def hold(thread, stage, sums, tables, inputs, step, number):
     """Give nodes the values that they have after a step."""
     for i in range(thread.number, inputs.held.size, thread.threads):
         node = inputs.held[i]
@@ -569,6 +585,14 @@ def depend(stage, dependents, fields, times):
             stage.base[nodes[i]] = total - stage.src[nodes[i]]
 
 
+@operation(DEPEND)
+def depend_on_others(thread, stage, sums, tables, inputs, step, number):
+    """The work of one thread: each may depend on the one before."""
+    if thread.number == 0:
+        depend(stage, tables.dependents, inputs.dependent_fields, inputs.dependent_times[step, stage.part])
+    barrier(thread)
+
+
 @njit(error_model="numpy", cache=True, counted=False)
 def add_to(totals, account, gain):
     """Add to totals[0, account]; totals[1] holds the rounding of the sums (Neumaier)."""
@@ -581,9 +605,17 @@ def add_to(totals, account, gain):
     totals[0, account] = total
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def add_flow(stage, material, flows):
+@operation(FLOW)
+def add_flow(thread, stage, sums, tables, inputs, step, number):
     """Add what flows along bonds into their nodes, account by account; a neighbour below 0 is at zero."""
+    if thread.number == 0:
+        add_flow_along_bonds(stage, sums.material, tables.flows)
+    barrier(thread)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def add_flow_along_bonds(stage, material, flows):
+    """The work of one thread."""
     nodes, neighbours, weights = flows.nodes, flows.neighbours, flows.weights
     src, rule, coefficient, effect = stage.src, material.rule, material.coefficient, flows.effects[stage.part]
     for i in range(flows.accounts.size):
@@ -599,215 +631,119 @@ def add_flow(stage, material, flows):
         add_to(flows.totals, flows.accounts[i], gain)
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def add_flow_of_layers(thread, stage, layers, work, material, flows):
-    """Add what layers without memory bring to the nodes of the near field next to them; their slots are those of the
-    stage's state.
+def clear_inflow(thread, stage, sums, tables, inputs, step, number):
+    """The level for what layers bring begins at zero."""
+    if thread.number == 0:
+        tables.flows.inflow[:] = 0
+    barrier(thread)
+
+
+def add_inflow(thread, stage, sums, tables, inputs, step, number):
+    """Add what the layers along an axis, the number, have brought to the nodes of the near field next to them."""
+    if thread.number == 0:
+        flows = tables.flows
+        sides, effect = flows.sides, flows.effects[stage.part]
+        for i in range(sides.shape[0]):
+            if sides[i, 0] == number:
+                for k in range(sides[i, 2], sides[i, 3]):
+                    add_to(flows.totals, sides[i, 1], effect * np.float64(flows.inflow[flows.beside[k]]))
+    barrier(thread)
+
+
+@operation(ENDS)
+def close_ends(thread, stage, sums, tables, inputs, step, number):
+    """Add the forces of all chains beyond, and to the flows what they bring to their drivers, whose accounts are below
+    0 where there are none.
     """
-    inflow, totals, sides, effect = flows.inflow, flows.totals, flows.sides, flows.effects[stage.part]
-    one = inflow.dtype.type(1)
-    alone = Stage(stage.src, inflow, inflow, stage.part, one, one, one, one, False, stage.components, stage.components)
-    for axis in range(3):
-        if thread.number == 0:
-            inflow[:] = 0
+    if thread.number == 0:
+        ends, flows = tables.ends, tables.flows
+        exact_ends(stage, ends)
+        effect = flows.effects[stage.part]
+        for end in range(flows.ends.shape[0]):
+            for m in range(flows.ends.shape[1]):
+                if flows.ends[end, m] >= 0:
+                    add_to(flows.totals, flows.ends[end, m], effect * ends.forces[end, m])
+    barrier(thread)
+
+
+@operation(FILTER)
+def filter_layers(thread, stage, sums, tables, inputs, step, number):
+    """Layers damp short waves."""
+    damp_short_waves(thread, stage, tables.filter)
+
+
+@operation(DRAG)
+def drag_nodes(thread, stage, sums, tables, inputs, step, number):
+    """Velocities move towards the mean of their neighbours."""
+    drag_along(thread, stage, sums.sweep.block, tables.mobility, tables.drag)
+
+
+@operation(WORK)
+def sum_work(thread, stage, sums, tables, inputs, step, number):
+    """The work of the sources is added up."""
+    add_work(thread, stage, tables.work, inputs, inputs.source_times[step, stage.part])
+
+
+@operation(FRINGE)
+def close_outline(thread, stage, sums, tables, inputs, step, number):
+    """The halo along an outline."""
+    close_fringe(thread, stage, tables.fringe)
+
+
+@operation(DISSOLVE)
+def dissolve_nodes(thread, stage, sums, tables, inputs, step, number):
+    """Solid nodes become liquid; where some have, the runs of tiles are found anew."""
+    phases, coefficient = tables.phases, sums.material.coefficient
+    dissolve(thread, stage.out, coefficient, sums.sweep, phases, inputs.before + step + 1)
+    barrier(thread)
+    if phases.total[0] != phases.total[1]:
+        find_runs(thread, phases)
         barrier(thread)
-        add_layers(thread, axis, alone, layers, work, material)
         if thread.number == 0:
-            for i in range(sides.shape[0]):
-                if sides[i, 0] == axis:
-                    for k in range(sides[i, 2], sides[i, 3]):
-                        add_to(totals, sides[i, 1], effect * np.float64(inflow[flows.beside[k]]))
+            phases.total[1] = phases.total[0]
+            copy(coefficient, tables.copies, ONE)
         barrier(thread)
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def add_flow_of_ends(stage, ends, flows):
-    """Add what exact ends bring to their drivers, whose accounts are below 0 where there are none."""
-    effect = flows.effects[stage.part]
-    for end in range(flows.ends.shape[0]):
-        for m in range(flows.ends.shape[1]):
-            if flows.ends[end, m] >= 0:
-                add_to(flows.totals, flows.ends[end, m], effect * ends.forces[end, m])
-
-
-@njit(error_model="numpy", cache=True, counted=False)
-def sum_states(thread, operation, axis, stage, one, tables, inputs, material, backward):
-    """An operation of one pass."""
-    if operation == SWEEP:
-        sweep_box(thread, stage, one.sweep, material, one.surface, tables, inputs, -ONE, backward)
-    elif operation == CUT:
-        cut(thread, stage, material, one.cuts)
-    elif operation == LINES:
-        continue_lines(thread, stage, one.layers, tables.work_space[thread.number])
-    else:
-        add_layers(thread, axis, stage, one.layers, tables.work_space[thread.number], material)
-
-
-@njit(error_model="numpy", cache=True, counted=False)
-def work_off(thread, operation, axis, which, stage, tables, inputs, material, backward):
-    """An operation of the passes over the states of nodes."""
-    sweep, none, one = tables.gather.sweep, stage.src[0] * 0, stage.src.dtype.type(1)
-    law = sweep.law
-    plain = Material(material.coefficient[:1], material.rule, material.interface, material.ceiling)  # all but springs
-    if operation == LAW:
+@operation(KEEP)
+def keep_last(thread, stage, sums, tables, inputs, step, number):
+    """What is kept of the last step of a call; of the others it is kept as the next step reads the field."""
+    steps, sweep = inputs.seen.shape[0], sums.sweep
+    if step == steps - 1 and (inputs.before + steps) % inputs.stride == 0:
         own = share(thread, count_parts(sweep))
-        for number in range(own[0], own[1]):
-            state_law(thread, sweep, number, False)
-        barrier(thread)
-    elif RARE and operation == BREAK:
-        break_bonds(thread, stage, tables.sweep, material, tables.bonds)
-    elif RARE and operation == DAMAGED:
-        backs = which == SCATTER
-        redo_damaged(thread, stage, tables.sweep, material, tables.gather, tables.scatter, tables.bonds, backs)
-    elif BODIES and operation == STRETCH_STATES:
-        stretch_states(thread, law, tables.stretches, axis == 1)
-    elif BODIES and operation == STRETCH_FORCES:
-        stretch_forces(thread, stage, law, tables.stretches, axis == 1)
-    elif operation == COPY:
-        if thread.number == 0:
-            copy(law.values, tables.copies, law.intact.shape[0])
-        barrier(thread)
-    elif operation == EXCHANGE:
-        if thread.number == 0:
-            if axis == LEVEL:
-                fill_halo(law.values, law.intact.shape[0], tables, axis)
-            elif which == GATHER:
-                fill_halo(tables.gather.layers.slots, ONE, tables, axis)
-            else:
-                fill_halo(tables.scatter.layers.slots, ONE, tables, axis)
-        barrier(thread)
-    elif which == GATHER:
-        gather = tables.gather
-        made = Stage(
-            stage.src, law.values, law.values, stage.part, none, none, none, one, False, gather.columns, gather.rows
-        )
-        sum_states(thread, operation, axis, made, gather, tables, inputs, plain, backward)
-    else:
-        scatter = tables.scatter
-        made = Stage(
-            law.values,
-            stage.out,
-            stage.out,
-            stage.part,
-            none,
-            none,
-            one,
-            stage.scale,
-            False,
-            scatter.columns,
-            scatter.rows,
-        )
-        sum_states(thread, operation, axis, made, scatter, tables, inputs, plain, not backward)
+        for part in range(own[0], own[1]):
+            keep_in(stage.out, sweep, tables.listening, inputs, step, part)
 
 
-@njit(error_model="numpy", nogil=True, cache=True, counted=False, entry=True)
-def run(thread, steps, phase, levels, tables, inputs):
-    """One thread's share of `steps` steps from the rotation `phase`.
+@operation(LAW)
+def apply_law_after(thread, stage, sums, tables, inputs, step, number):
+    """The law of the nodes whose states are whole once all sums have been made."""
+    own = share(thread, count_parts(sums.sweep))
+    for part in range(own[0], own[1]):
+        state_law(thread, sums.sweep, part, False)
+    barrier(thread)
 
-    After them the level ``tables.rotation[(phase + steps) % rotations, 0, 0]`` holds the state.
 
-    Parameters
-    ----------
-    thread : Thread
-    steps, phase : int
-    levels : ndarray, shape (levels, places)
-    tables : Tables
-    inputs : Inputs
-    """
-    rotation, numbers, sweep, phases = tables.rotation, tables.numbers, tables.sweep, tables.phases
-    layers, work, everywhere = tables.layers, tables.work_space[thread.number], tables.material
-    material = Material(  # in and beside layers, where all is liquid
-        everywhere.coefficient if everywhere.rule != PHASES else everywhere.coefficient[:1],
-        everywhere.rule,
-        everywhere.interface,
-        everywhere.ceiling,
-    )
-    known = phases.total[0]
-    for step in range(steps):
-        for part in range(rotation.shape[1]):
-            stage = Stage(
-                levels[rotation[phase, part, 0]],
-                levels[rotation[phase, part, 1]],
-                levels[rotation[phase, part, 2]],
-                part,
-                numbers[part, 0],
-                numbers[part, 1],
-                numbers[part, 2],
-                numbers[part, 3],
-                tables.increments,
-                tables.components,
-                tables.components,
-            )
-            for i in range(tables.starts[part], tables.starts[part + 1]):
-                operation, which = tables.operations[i, 0], tables.operations[i, 2]
-                if STATES and which != SPRINGS:
-                    backward = (phase + part) % 2 == 1
-                    axis = tables.operations[i, 1]
-                    work_off(thread, operation, axis, which, stage, tables, inputs, material, backward)
-                elif operation == SWEEP:
-                    backward = (phase + part) % 2 == 1
-                    wanted = part == 0 and (inputs.before + step) % inputs.stride == 0
-                    seen = step - 1 if wanted else -ONE
-                    sweep_box(thread, stage, sweep, everywhere, tables.surface, tables, inputs, seen, backward)
-                elif operation == STRETCH:
-                    add_layers(thread, tables.operations[i, 1], stage, layers, work, material)
-                elif operation == LINES:
-                    continue_lines(thread, stage, layers, work)
-                elif SOME and operation == FILTER:
-                    damp_short_waves(thread, stage, tables.filter)
-                elif operation == CUT:
-                    cut(thread, stage, everywhere, tables.cuts)
-                elif operation == FEED:
-                    feed(thread, stage, inputs, numbers[part, 4], step)
-                elif operation == HOLD:
-                    hold(thread, stage, inputs, step)
-                elif SOME and operation == DAMP_OLD:
-                    damp_old(thread, stage, tables.damping)
-                elif SOME and operation == INERTIA:
-                    weigh_down(thread, stage, sweep.block, tables.mobility)
-                elif BODIES and operation == DRAG:
-                    drag_along(thread, stage, sweep.block, tables.mobility, tables.drag)
-                elif SOME and operation == DAMP_NEW:
-                    damp_new(thread, stage, tables.damping)
-                elif SOME and operation == FLOW_LAYERS:
-                    add_flow_of_layers(thread, stage, layers, work, material, tables.flows)
-                elif RARE and operation == WORK:
-                    add_work(thread, stage, tables.work, inputs, inputs.source_times[step, part])
-                elif RARE and operation == FRINGE:
-                    close_fringe(thread, stage, tables.fringe)
-                elif RARE and operation == DISSOLVE:
-                    dissolve(thread, stage.out, everywhere.coefficient, sweep, phases, inputs.before + step + 1)
-                    barrier(thread)
-                    if phases.total[0] != known:
-                        known = phases.total[0]
-                        find_runs(thread, phases)
-                        barrier(thread)
-                        if tables.copies.shape[1]:
-                            if thread.number == 0:
-                                copy(everywhere.coefficient, tables.copies, ONE)
-                            barrier(thread)
-                elif operation == KEEP:  # other steps are kept as the next one reads the field
-                    if step == steps - 1 and (inputs.before + steps) % inputs.stride == 0:
-                        own = share(thread, count_parts(sweep))
-                        for number in range(own[0], own[1]):
-                            keep_part(stage.out, sweep, tables.listening, inputs, step, number)
-                else:  # the work of one thread
-                    if thread.number == 0:
-                        if operation == COPY:
-                            copy(stage.src, tables.copies, tables.components)
-                        elif operation == EXCHANGE:
-                            if tables.operations[i, 1] == LEVEL:
-                                fill_halo(stage.src, tables.components, tables, LEVEL)
-                            else:
-                                fill_halo(layers.slots, ONE, tables, tables.operations[i, 1])
-                        elif SOME and operation == FLOW:
-                            add_flow(stage, everywhere, tables.flows)
-                        elif SOME and operation == DEPEND:
-                            depend(
-                                stage, tables.dependents, inputs.dependent_fields, inputs.dependent_times[step, part]
-                            )
-                        elif RARE and operation == ENDS:
-                            exact_ends(stage, tables.ends)
-                            add_flow_of_ends(stage, tables.ends, tables.flows)
-                    barrier(thread)
-        phase = (phase + 1) % rotation.shape[0]
+@operation(BREAK)
+def break_beyond(thread, stage, sums, tables, inputs, step, number):
+    """Bonds beyond their limit break."""
+    break_bonds(thread, stage, sums.sweep, sums.liquid, tables.bonds)
+
+
+@operation(DAMAGED)
+def redo_nodes(thread, stage, sums, tables, inputs, step, number):
+    """States of nodes that have lost bonds are made anew, or, with 1 for the number, their forces."""
+    gather, scatter = tables.gather, tables.scatter
+    redo_damaged(thread, stage, sums.sweep, sums.liquid, gather, scatter, tables.bonds, number != 0)
+
+
+@operation(STRETCH_STATES)
+def stretch_all_states(thread, stage, sums, tables, inputs, step, number):
+    """Layers stretch the derivatives that nodes have for states; with 1 for the number their memory begins."""
+    stretch_states(thread, tables.gather.sweep.law, tables.stretches, number != 0)
+
+
+@operation(STRETCH_FORCES)
+def stretch_all_forces(thread, stage, sums, tables, inputs, step, number):
+    """Layers stretch the derivatives of what the law has made of the states."""
+    stretch_forces(thread, stage, tables.gather.sweep.law, tables.stretches, number != 0)

@@ -26,6 +26,8 @@ class Stage(NamedTuple):
         Whether `base` holds the increment ``out - src``, which the stage renews.
     components, rows : int
         Of `src`, and of `base` and `out`.
+    backward : bool
+        Whether the last part of the box is swept first.
     """
 
     src: np.ndarray
@@ -39,6 +41,7 @@ class Stage(NamedTuple):
     increments: bool
     components: int
     rows: int
+    backward: bool = False
 
 
 class Sweep(NamedTuple):
@@ -118,6 +121,37 @@ class Surface(NamedTuple):
     ranges: np.ndarray
     stretches: np.ndarray
     weights: np.ndarray
+
+
+GENERAL, FACE, EDGE, WEIGHED, ABSENT = range(5)  # of what is called by operations
+
+
+class Sums(NamedTuple):
+    """Sums over bonds as the operations of the loop take them: those of a pass (`operations.Pass`), and what they need.
+
+    Attributes
+    ----------
+    material, liquid : Material
+        Of all nodes, and of those in and beside layers, where all is liquid.
+    work_space : ndarray, shape (threads, n)
+    called : ndarray of int, shape (5,)
+        Addresses of what operations call with a stage, these sums and numbers: rows of a stencil that has no compiled
+        ones, and of layers an item of a face, an edge, sums over bonds with coefficients, and absent bonds.
+    each : ndarray of int
+        Addresses of what is done with each part of the box, one after the other.
+    """
+
+    sweep: Sweep
+    layers: Any
+    cuts: Cuts
+    surface: Surface
+    columns: int
+    rows: int
+    material: Material
+    liquid: Material
+    work_space: np.ndarray
+    called: np.ndarray
+    each: np.ndarray
 
 
 class Damping(NamedTuple):

@@ -19,6 +19,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.rows.structs import Struct
 
 _LINE = 16  # elements from one shared word to the next: each has cache lines of its own
 _ARRIVED, _ROUND, _CLAIMED = range(0, 3 * _LINE, _LINE)  # the last one for thread 0, those of the others follow
@@ -43,7 +44,7 @@ class Thread(NamedTuple):
 
 
 #: The only one.
-ALONE = Thread(0, 1, np.zeros(1, np.int64))
+ALONE = Struct(Thread(0, 1, np.zeros(1, np.int64)))
 
 
 @intrinsic
@@ -102,14 +103,16 @@ def share(thread, count):
     return thread.number * count // thread.threads, (thread.number + 1) * count // thread.threads
 
 
-def side_by_side(work: Callable[[Thread], None], count: int) -> None:
-    """Call `work`, which must release the interpreter's lock, for every thread at the same time."""
+def side_by_side(work: Callable[[Struct], None], count: int) -> None:
+    """Call `work`, which must release the interpreter's lock, with every `Thread` at the same time."""
+    if count == 1:
+        work(ALONE)
+        return
     shared = np.zeros(_CLAIMED + count * _LINE, np.int64)
-    others = [
-        threading.Thread(target=work, args=(Thread(number, count, shared),), daemon=True) for number in range(1, count)
-    ]
+    threads = [Struct(Thread(number, count, shared)) for number in range(count)]
+    others = [threading.Thread(target=work, args=(thread,), daemon=True) for thread in threads[1:]]
     for thread in others:
         thread.start()
-    work(Thread(0, count, shared))
+    work(threads[0])
     for thread in others:
         thread.join()

@@ -482,10 +482,7 @@ LONG: dict[str, tuple[str, Any]] = {
     "Gaussian, quadratic, cross 0.1": ("Gaussian", NonlocalPML(**_QUADRATIC, cross=0.1)),
     "Gaussian, between clamped faces": ("Gaussian", {"x": NonlocalPML(**_QUADRATIC), "y": _CLAMPED_FACE}),
     "Gaussian, between fixed faces": ("Gaussian", {"x": NonlocalPML(**_QUADRATIC), "y": Fixed()}),
-    "Gaussian, between fixed faces, cross 0.1": (
-        "Gaussian",
-        {"x": NonlocalPML(**_QUADRATIC, cross=0.1), "y": Fixed()},
-    ),
+    "Gaussian, between fixed faces, cross 0.1": ("Gaussian", {"x": NonlocalPML(**_QUADRATIC, cross=0.1), "y": Fixed()}),
     "Gaussian, between free faces": ("Gaussian", {"x": NonlocalPML(**_QUADRATIC), "y": Free()}),
     "Gaussian, between free faces, cross 0.2": ("Gaussian", {"x": NonlocalPML(**_QUADRATIC, cross=0.2), "y": Free()}),
     "Gaussian, half-space": ("Gaussian", {"all": NonlocalPML(**_QUADRATIC), "y+": Free()}),

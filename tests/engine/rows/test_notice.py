@@ -9,9 +9,7 @@ from pathlib import Path
 
 import pytest
 
-import farhorizon as fh
-from farhorizon.engine.rows import build, notice
-from helpers import lattice_of
+from farhorizon.engine.rows import notice
 
 MODULE = """
 from numba import cfunc, njit, types
@@ -68,30 +66,6 @@ def test_functions_of_others_are_compiled_in_silence(tmp_path, capfd, fresh):
     assert capfd.readouterr().err == ""
 
 
-def test_kernels_of_what_few_runs_have_are_left_out(monkeypatch):
-    """A wave takes the loop without them, a sponge that of some runs, metal that dissolves one with more, and so do two
-    passes; what has been loaded serves all that need no more.
-    """
-    lattice = lattice_of((12, 12))
-    plain, some, rare = frozenset(), frozenset({"SOME"}), frozenset({"SOME", "RARE"})
-    runs = {
-        plain: (fh.Wave(fh.Kernel(2.0)), fh.Free()),
-        some: (fh.Wave(fh.Kernel(2.0)), fh.Sponge(3)),
-        rare: (fh.Corrosion(fh.Kernel(2.0), saturation=0.5), fh.Free()),
-        some | {"STATES"}: (fh.Elastic(fh.Kernel(1.0), 1.0, 0.3, material="state-based"), fh.Free()),
-    }
-
-    def loaded(order):
-        monkeypatch.setattr(build, "_DRIVERS", {})
-        for kernels in order:
-            fh.Simulation(lattice, *runs[kernels]).step(1)
-        return [found for _, found in build._DRIVERS]
-
-    assert loaded(runs) == list(runs)
-    assert loaded(reversed(runs)) == [some | {"STATES"}, rare]
-    assert loaded([some, plain, some]) == [some]
-
-
 @pytest.mark.slow
 def test_a_cold_start_says_what_it_does(tmp_path):
     """The first check with empty caches says on stderr what is compiled; stdout is that of the second, which says
@@ -104,4 +78,4 @@ def test_a_cold_start_says_what_it_does(tmp_path):
     )
     assert "compiling for this machine" in first.stderr and "compiled the time loop in" in first.stderr
     assert "compil" not in second.stderr + first.stdout + second.stdout
-    assert list(tmp_path.rglob("*stretch_face*")) and not list(tmp_path.rglob("*sweep_two_phases*"))
+    assert list(tmp_path.rglob("*stretch_face*")) and not list(tmp_path.rglob("*phases_part*"))

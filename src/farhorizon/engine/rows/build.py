@@ -34,6 +34,7 @@ _COMPILED_IN = (
     "stretches",
     "tables",
     "threads",
+    "rows/calls",
     "rows/vectors",
     "rows/bond_sweeps",
     "rows/exchanges",
@@ -42,20 +43,17 @@ _COMPILED_IN = (
     "rows/layer_sums",
     "rows/matrices",
 )
-_DRIVERS: dict[tuple[str, frozenset[str]], ModuleType] = {}
 _LOADING = threading.RLock()  # simulations may be made side by side
 
 
-def load_driver(kernels: frozenset[str], real: str) -> ModuleType:
-    """The compiled time loop with some kernels (`operations.needed`); the smallest one that has served this precision
-    and has more of them serves, too: each is compiled for each precision anew.
-    """
-    with _LOADING:
-        serving = [loaded for precision, loaded in _DRIVERS if precision == real and kernels <= loaded]
-        if not serving:
-            settings = {name: name in kernels for name in ("SOME", "RARE", "STATES", "BODIES")}
-            _DRIVERS[real, kernels] = _load("program", **settings)
-        return _DRIVERS[real, min(serving, key=len, default=kernels)]
+def load_program() -> ModuleType:
+    """The operations of the time loop."""
+    return _load("program")
+
+
+def load_layer_program() -> ModuleType:
+    """Those on layers."""
+    return _load("layer_program")
 
 
 def load_rows(

@@ -88,11 +88,12 @@ class _Inner(CPUDispatcher):
         raise TypeError(f"{self.py_func.__name__} is called by compiled functions alone")
 
 
-def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:
-    """`numba.cfunc` for a signature, with sealed files for what it compiles."""
+def cfunc(signature: Any, *, counted: bool = True) -> Callable[[Callable[..., Any]], Any]:
+    """`numba.cfunc` for a signature, with sealed files for what it compiles; see `njit`."""
 
     def decorate(function: Callable[..., Any]) -> Any:
-        made: Any = CFunc(function, sigutils.normalize_signature(signature), locals={}, options={})
+        options = {"error_model": "numpy", "_nrt": counted}
+        made: Any = CFunc(function, sigutils.normalize_signature(signature), locals={}, options=options)
         made._cache = _SealedCache(function)
         made.compile()
         return made

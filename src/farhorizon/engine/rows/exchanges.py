@@ -14,8 +14,8 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
+from farhorizon.engine.rows.calls import call_of
 from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.vectors import call_of
 
 _I32, _I64, _POINTER = ir.IntType(32), ir.IntType(64), ir.IntType(8).as_pointer()
 _EXCHANGE = (types.int64,) * 4

@@ -9,7 +9,8 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
-from farhorizon.engine.rows.vectors import Vectors, call_of
+from farhorizon.engine.rows.calls import call_of
+from farhorizon.engine.rows.vectors import Vectors
 
 _LAW = (types.int64,) * 4
 LAW_SIGNATURE = types.void(*_LAW)

@@ -13,8 +13,9 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
+from farhorizon.engine.rows.calls import call_of
 from farhorizon.engine.rows.matrices import Octant, Pattern, Signs, mirror_sums, parity
-from farhorizon.engine.rows.vectors import I64, Vectors, call_of, flat, int64s
+from farhorizon.engine.rows.vectors import I64, Vectors, flat, int64s
 
 _IN_FLIGHT = 6  # sums that a vector is added up in, at least: each waits for itself
 _MIRRORED = int64s(4), int64s(2), int64s(4), types.int64, types.int64

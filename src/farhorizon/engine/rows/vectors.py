@@ -1,4 +1,4 @@
-"""Explicit SIMD: Numba intrinsics that emit vector instructions, and one that calls a function by its address.
+"""Explicit SIMD: Numba intrinsics that emit vector instructions.
 
 Numba's vectoriser loses most of the speed on loops of this kind, so the vector instructions are emitted here. Products
 carry the ``contract`` flag only: a fixed order of summation keeps results deterministic and the registers few.
@@ -14,6 +14,8 @@ from typing import Any
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
+
+from farhorizon.engine.rows.calls import call_of
 
 #: (outer offset 0, outer offset 1, inner offset >= 0); every inner offset stands for both signs.
 Shape = tuple[tuple[int, int, int], ...]
@@ -126,19 +128,6 @@ def flat(builder: ir.IRBuilder, args: Sequence[Any]) -> tuple[Any, ...]:
     """Values one by one, where some come in groups."""
     grouped = [cgutils.unpack_tuple(builder, arg) if isinstance(arg.type, ir.ArrayType) else [arg] for arg in args]
     return tuple(value for group in grouped for value in group)
-
-
-def call_of(kinds: Sequence[Any]) -> tuple[Any, Callable[..., Any]]:
-    """Signature and code of an intrinsic that takes the address of a compiled function without a result, and what it
-    passes on.
-    """
-
-    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-        kind = ir.FunctionType(ir.VoidType(), [arg.type for arg in args[1:]])
-        builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
-        return context.get_dummy_value()
-
-    return types.void(types.int64, *kinds), codegen
 
 
 def line_sweep(shape: Shape, classes: tuple[int, ...], real: str) -> Any:

@@ -1,0 +1,488 @@
+"""The operations of the time loop on layers, see `engine.nested`.
+
+Like those of `engine.program` they are compiled when a run first has them; so is what they call by its address
+(`tables.Sums`), which not all runs need: edges, bonds with coefficients, bonds that are absent.
+
+Where a function is called for every column there are addresses only: Numba counts the references to arrays that it
+passes on, which takes longer than the work. A thread's work space has rows of `LINES` values: parts of a face, parts of
+an edge, what is found, what an edge adds.
+"""
+
+import numpy as np
+
+from farhorizon.engine.bonds import bond_factor
+from farhorizon.engine.nested import (
+    AXIS,
+    BAND_MEMORY,
+    BASE,
+    COLUMNS,
+    CUTS,
+    EDGE_CELLS,
+    EDGE_FACE,
+    EDGE_KINDS,
+    EDGE_MEMORY,
+    EDGE_OTHER,
+    EDGE_SUMS,
+    INWARDS,
+    KIND_CELLS,
+    KIND_FIRST,
+    KIND_INWARDS,
+    KIND_OUTWARDS,
+    KIND_PARTS,
+    KIND_REACH,
+    LINE,
+    LINES,
+    MEMORY,
+    ORIGIN,
+    OUTWARDS,
+    PARTS,
+    PLANE,
+    PROFILE,
+    REACH,
+    ROW,
+    ROW_STEP,
+    ROWS,
+    SETS,
+    SLOT,
+    SLOT_ROW,
+    SLOT_STEP,
+    STEP,
+    SUMS,
+    TILE_BAND,
+    TILE_COLUMN,
+    TILE_COUNT,
+    TILE_FIRST,
+    TILE_PLACE,
+    TILE_VECTORS,
+    WIDTH,
+)
+from farhorizon.engine.rows.calls import call_with
+from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.rows.layer_sums import call_mirrored
+from farhorizon.engine.rows.vectors import TURNED, add_lines, call_parts, call_shifts, clear, fetch, turn
+from farhorizon.engine.tables import ABSENT, EDGE, FACE, WEIGHED
+from farhorizon.engine.threads import barrier, share
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def address(array):
+    """Byte address of an array."""
+    return np.int64(array.ctypes.data)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def stretch_of(layers, profile):
+    """Addresses of the tables of the edges of a layer."""
+    return address(layers.r[profile]), address(layers.e[profile]), address(layers.f[profile])
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def weigh(tables, function, number, node, slot, band, to, step, vectors, least):
+    """The sums `number` from k = `least` on, for a tile whose first node is at `node` in the level, and at `slot` where
+    it lies in a band.
+
+    All are addresses; tables: of `Layers.ends`, of its rows their length, of the places, the weights and theirs.
+    """
+    ends, row, places, weights, weight_step = tables
+    call_parts(function, to, step, node, ends + 3 * number * row, places, weights, weight_step, vectors, least, 0)
+    if band >= 0:
+        call_parts(
+            function,
+            to,
+            step,
+            slot,
+            ends + (3 * number + 1 + band) * row,
+            places,
+            weights,
+            weight_step,
+            vectors,
+            least,
+            1,
+        )
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def tables_of(layers):
+    """What `weigh` takes."""
+    rows, size = layers.ends.shape[1] * 8, layers.weights.itemsize
+    return address(layers.ends), rows, address(layers.places), address(layers.weights), layers.weights.shape[1] * size
+
+
+def weigh_bonds(stage, sums, worker, number, many, node, slot, band, to, count):
+    """The same as `weigh`, of so many sums, where bonds have coefficients; places in arrays, `to` a row of a thread's
+    work space.
+    """
+    layers, material, src, work = sums.layers, sums.liquid, stage.src, sums.work_space[worker]
+    coefficient, rule, slots = material.coefficient, material.rule, layers.slots
+    work[to * LINES : (to + many) * LINES] = 0
+    for part in range(1 if band < 0 else 2):
+        ends = layers.ends[3 * number + (0 if part == 0 else 1 + band)]
+        source, at = (src, node) if part == 0 else (slots, slot)
+        for term in range(ends[0], ends[many]):
+            other, there = node + layers.materials[term], at + layers.places[term] // src.itemsize
+            for k in range(many):
+                row, w = work[(to + k) * LINES : (to + k + 1) * LINES], layers.weights[term, k]
+                if w != 0:
+                    for i in range(count):
+                        row[i] += (
+                            w * bond_factor(rule, coefficient[node + i], coefficient[other + i]) * source[there + i]
+                        )
+
+
+def continue_band(thread, stage, sums, tables, inputs, step, number):
+    """Fill the slots of a band, the number, from a level whose halo is complete: continue the field of all its lines,
+    side by side, and advance the memory.
+    """
+    layers, work = sums.layers, sums.work_space[thread.number]
+    src, components, slots, memory = stage.src, stage.components, layers.slots, layers.memory
+    band, sizes = layers.bands[number], layers.sizes
+    columns, m, sets, ahead, width = band[COLUMNS], band[REACH], band[SETS], band[STEP], band[WIDTH]
+    group, size, like = sizes[7], src.itemsize, work[0]
+    each = (sizes[1] + group - 1) // group
+    groups, vectors, row, sign = sizes[0] * each, group * size // 64, LINES * size, 1 if ahead > 0 else -1
+    start = address(work)
+    # Columns in their order in memory: those of the field from `first`, of the slots from the same one or the next of
+    # them on.
+    first, zero = (band[ORIGIN] - m, start + m * row) if ahead > 0 else (band[ORIGIN] - columns, start + columns * row)
+    middle = (m - 1 if ahead > 0 else columns) * m * row
+    found, far = start + sizes[5] * row, (sets - 1) * (sizes[5] // 2) * row
+    stretch = stretch_of(layers, band[PROFILE])
+    apart, cells, cell = src.size // components, (2 * columns + 1) * m, layers.cell * group
+    clear(found + (columns + m) * m * row, (width - columns - m) * m * LINES, like)
+    if sets == 2:
+        clear(found + far, width * m * LINES, like)
+    own = share(thread, components * groups)
+    for item in range(own[0], own[1]):
+        c, x, y = item // groups, item % groups // each, item % each * group
+        count = min(group, sizes[1] - y)
+        at = address(src) + (c * apart + first + x * band[PLANE] + y * band[ROW]) * size
+        for i in range(group, 2 * group):  # the next lines: they lie too far apart for the hardware to notice
+            for column in range(0, columns + m + 1, 64 // size):
+                fetch(at + (i * band[ROW] + column) * size)
+        for i in range(0, count, TURNED):
+            for column in range(0, columns + m + 1, TURNED):
+                turn(
+                    at + (i * band[ROW] + column) * size,
+                    band[ROW] * size,
+                    min(count - i, TURNED) - 1,
+                    start + column * row + i * size,
+                    row,
+                    TURNED - 1,
+                    like,
+                )
+        if sets == 2:
+            clear(found + far, (columns + m) * m * LINES, like)
+        memo = address(memory) + layers.cell * (band[BAND_MEMORY] + item * group * cells)
+        line, inwards = (zero, sign * row, 0), memo + (columns + 1) * m * cell
+        on, back = (found + middle, sign * m * row, row), (found + far + middle, sign * m * row, row)
+        call_shifts(band[OUTWARDS], line, on, (memo, cell), stretch, columns, vectors)
+        call_shifts(band[INWARDS], line, back, (inwards, cell), stretch, columns, vectors)
+        for k in range(m * sets):
+            here = band[BASE] + ((c * sets * m + k) * sizes[2] + sizes[3] + x * band[LINE] + y) * width
+            source = found + (k // m) * far + k % m * row
+            for i in range(0, count, TURNED):
+                for column in range(0, width, TURNED):
+                    turn(
+                        source + column * m * row + i * size,
+                        m * row,
+                        TURNED - 1,
+                        address(slots) + (here + i * width + column) * size,
+                        width * size,
+                        min(count - i, TURNED) - 1,
+                        like,
+                    )
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def slot_steps(layers, number, size):
+    """Of a band's slots, in bytes: the distances of fields and of components, and how far those lie that serve
+    neighbours ahead and behind.
+    """
+    if number < 0:
+        return 0, 0, 0, 0
+    band = layers.bands[number]
+    step = layers.sizes[2] * band[WIDTH] * size
+    far = (band[SETS] - 1) * band[REACH] * step
+    return step, step * band[REACH] * band[SETS], 0 if band[STEP] > 0 else far, far if band[STEP] > 0 else 0
+
+
+def add_bands(thread, stage, sums, tables, inputs, step, number):
+    """Add what the layers along the last axis contribute to all nodes in their bands, to ``out``, and to ``base`` where
+    that holds increments; their slots are filled.
+
+    Threads write the same nodes along different axes, so they meet after each.
+    """
+    layers, work = sums.layers, sums.work_space[thread.number]
+    src, base, out, slots = stage.src, stage.base, stage.out, layers.slots
+    scale, varied = stage.scale * layers.unit, sums.liquid.coefficient.size > 1
+    sizes, size = layers.sizes, src.itemsize
+    apart, to = src.size // stage.components, address(work)
+    lists = tables_of(layers)
+    olds, news, extra = address(base), address(out), address(slots)
+    function, weights = layers.mirrored[2, 1, 0], address(layers.mirrored_weights) + layers.mirrored[2, 1, 1] * size
+    mirrored = not varied and function != 0
+    for t in range(layers.tiles.shape[0]):
+        tile = layers.tiles[t]
+        side, count = tile[TILE_BAND], tile[TILE_COUNT]
+        if side < 0:
+            continue
+        band = layers.bands[side]
+        apiece, shift, ahead, behind = slot_steps(layers, side, size)
+        width = band[WIDTH]
+        # Narrow bands, whose lines are neighbours, go through several lines at a time: the same ones with any number of
+        # threads, as sums depend on it.
+        several = LINES // width if width <= LINES and not varied else 1
+        each = (sizes[1] + several - 1) // several
+        own = share(thread, sizes[0] * each)
+        for group in range(own[0], own[1]):
+            x, y = group // each, group % each * several
+            together = min(several, sizes[1] - y)
+            node = sizes[8] + x * band[PLANE] + y * band[ROW] + tile[TILE_FIRST]
+            slot = band[BASE] + (sizes[3] + x * band[LINE] + y) * width + tile[TILE_COLUMN]
+            vectors = together * width * size // 64 if several > 1 else tile[TILE_VECTORS]
+            for i in range(several, 2 * several):
+                fetch(news + (node + i * band[ROW]) * size)
+                fetch(news + (node + i * band[ROW] + count - 1) * size)
+            if mirrored:
+                here = extra + slot * size
+                call_mirrored(
+                    function,
+                    (to, to, LINES * size, LINES * size),
+                    (here + ahead, here + behind),
+                    (band[LINE] * width * size, width * size, shift, apiece),
+                    weights,
+                    vectors,
+                )
+            for c in range(stage.rows):
+                here = to + (c * LINES * size if mirrored else 0)
+                if varied:
+                    numbers = thread.number, sizes[4] + c, 1, node, slot, side, 0, count
+                    call_with(sums.called[WEIGHED], stage, sums, numbers)
+                elif not mirrored:
+                    ends = lists[0] + (3 * (sizes[4] + c) + 1 + side) * lists[1]
+                    call_parts(
+                        band[PARTS], to, 0, extra + slot * size, ends, lists[2], lists[3], lists[4], vectors, 1, 0
+                    )
+                for i in range(together):
+                    place = (node + c * apart + i * band[ROW]) * size
+                    add_lines(here + i * width * size, news + place, scale, count)
+                    if stage.increments:
+                        add_lines(here + i * width * size, olds + place, scale, count)
+    barrier(thread)
+
+
+def stretch_edge(stage, sums, worker, number, c, t):
+    """What the second axis' layer adds to the parts of the first one's, for the rows of an edge and one tile; into the
+    last rows of the work space.
+
+    Row ((set * reach + k - 1) * columns + column of the first axis) * columns + column of the second, both counted from
+    -reach.
+    """
+    layers, work, varied = sums.layers, sums.work_space[worker], sums.liquid.coefficient.size > 1
+    src, slots, memory = stage.src, layers.slots, layers.memory
+    edge, tile, sizes = layers.edges[number], layers.tiles[t], layers.sizes
+    face, other = layers.faces[edge[EDGE_FACE]], layers.faces[edge[EDGE_OTHER]]
+    band, count, vectors = tile[TILE_BAND], tile[TILE_COUNT], tile[TILE_VECTORS]
+    m, n = face[REACH], other[REACH]
+    size, like = src.itemsize, work[0]
+    row, start = LINES * size, address(work)
+    parts, half = stage.rows * sizes[5], sizes[5] // 2
+    target = (stage.rows + 2) * sizes[5] + c * sizes[9]
+    wide, high = face[COLUMNS] + m + 1, other[COLUMNS] + n + 1
+    stretch = stretch_of(layers, other[PROFILE])
+    lists = tables_of(layers)
+    field, extra = address(src), address(slots)
+    lanes = vectors * 64 // size
+    first_cell = edge[EDGE_MEMORY] + (c * sizes[6] + tile[TILE_PLACE]) * edge[EDGE_CELLS]
+    cell = layers.cell * lanes
+    corner = face[ORIGIN] + (other[ORIGIN] - sizes[8]) + tile[TILE_FIRST]  # column 0 of both
+    width = layers.bands[max(band, 0), WIDTH]
+    line = layers.bands[max(band, 0), BASE] + (face[SLOT] + other[SLOT] - sizes[3]) * width + tile[TILE_COLUMN]
+    for own in range(face[SETS]):
+        for a in range(m):
+            kind = layers.kinds[edge[EDGE_KINDS] + own * m + a]
+            most = kind[KIND_REACH]
+            past = first_cell + kind[KIND_CELLS] * lanes
+            for p in range(kind[KIND_FIRST], face[COLUMNS] + 1):
+                to = target + ((own * m + a) * wide + p + m) * high + n
+                if most == 0:
+                    clear(start + (to + 1 - n) * row, (high - 1) * LINES, like)
+                    continue
+                for inward in range(other[SETS]):
+                    first = edge[EDGE_SUMS] + ((c * face[SETS] + own) * m + a) * other[SETS] + inward
+                    for q in range(0 if inward < other[SETS] - 1 else -most, other[COLUMNS] + 1):
+                        node = corner + p * face[STEP] + q * other[STEP]
+                        slot = line + (p * face[SLOT_STEP] + q * other[SLOT_STEP]) * width
+                        place = parts + inward * half + (q + n) * n
+                        if varied:
+                            numbers = worker, first, most, node, slot, band, place, count
+                            call_with(sums.called[WEIGHED], stage, sums, numbers)
+                        else:
+                            weigh(
+                                lists,
+                                kind[KIND_PARTS],
+                                first,
+                                field + node * size,
+                                extra + slot * size,
+                                band,
+                                start + place * row,
+                                row,
+                                vectors,
+                                max(1, -q),
+                            )
+                memo = address(memory) + layers.cell * past
+                zero, there = start + (parts + n * n) * row, start + to * row
+                outer, inner = (zero, n * row, row), (zero + (other[SETS] - 1) * half * row, n * row, row)
+                total, inwards = (there, row, row), memo + (other[COLUMNS] + 1) * most * cell
+                call_shifts(kind[KIND_OUTWARDS], outer, total, (memo, cell), stretch, other[COLUMNS], vectors)
+                call_shifts(kind[KIND_INWARDS], inner, total, (inwards, cell), stretch, other[COLUMNS], vectors)
+                clear(start + (to + 1 - n) * row, (n - most) * LINES, like)
+                past += (2 * other[COLUMNS] + 1) * most * lanes
+
+
+def stretch_face(stage, sums, worker, number):
+    """Add what a face's layer contributes to some rows of one tile, on its columns and on those of the core next to it;
+    advances its memory.
+    """
+    src, base, out, rows = stage.src, stage.base, stage.out, stage.rows
+    layers, work, varied = sums.layers, sums.work_space[worker], sums.liquid.coefficient.size > 1
+    scale, slots, memory, item = stage.scale * layers.unit, layers.slots, layers.memory, layers.items[number]
+    face, tile, sizes = layers.faces[item[0]], layers.tiles[item[3]], layers.sizes
+    columns, m, sets = face[COLUMNS], face[REACH], face[SETS]
+    band, count, vectors = tile[TILE_BAND], tile[TILE_COUNT], tile[TILE_VECTORS]
+    size = src.itemsize
+    wide, start = LINES * size, address(work)
+    half, found, added = sizes[5] // 2, (rows + 1) * sizes[5], (rows + 2) * sizes[5]
+    stretch = stretch_of(layers, face[PROFILE])
+    lists = tables_of(layers)
+    field, extra, olds, news = address(src), address(slots), address(base), address(out)
+    lanes, apart, cells = vectors * 64 // size, src.size // stage.components, (2 * columns + 1) * m
+    cell = layers.cell * lanes
+    edge = item[4]
+    other = layers.faces[layers.edges[max(edge, 0), EDGE_OTHER]] if edge >= 0 else face
+    high = other[COLUMNS] + other[REACH] + 1
+    corner, side = (other[ORIGIN] - sizes[8]) // abs(other[STEP]), 1 if other[STEP] > 0 else -1
+    width = layers.bands[max(band, 0), WIDTH]
+    line = layers.bands[max(band, 0), BASE] + face[SLOT] * width + tile[TILE_COLUMN]
+    function, band_function = layers.mirrored[face[AXIS], 0, 0], layers.mirrored[face[AXIS], 1, 0] if band >= 0 else 0
+    weights = address(layers.mirrored_weights) + layers.mirrored[face[AXIS], 0, 1] * size
+    band_weights = address(layers.mirrored_weights) + layers.mirrored[face[AXIS], 1, 1] * size
+    mirrored = not varied and function != 0
+    step, shift, ahead, behind = slot_steps(layers, band, size)
+    on, back = (0, (sets - 1) * half * wide) if face[STEP] > 0 else ((sets - 1) * half * wide, 0)
+    across, slots_across = face[ROW_STEP] * size, face[SLOT_ROW] * width * size
+    for c in range(rows if edge >= 0 else 0):
+        call_with(sums.called[EDGE], stage, sums, (worker, edge, c, item[3]))
+    for row in range(item[1], item[2]):
+        first = face[ORIGIN] + row * face[ROW_STEP] + tile[TILE_FIRST]
+        for p in range(-m, columns + 1):
+            node, slot, to = (
+                first + p * face[STEP],
+                line + (p * face[SLOT_STEP] + row * face[SLOT_ROW]) * width,
+                (p + m) * m,
+            )
+            if mirrored:
+                plus, minus, here = start + to * wide + on, start + to * wide + back, extra + slot * size
+                sides = (plus, minus, wide, sizes[5] * wide)
+                strides = (across, across, apart * size, 0)
+                call_mirrored(function, sides, (field + node * size, 0), strides, weights, vectors)
+                if band_function != 0:
+                    strides = (slots_across, slots_across, shift, step)
+                    call_mirrored(band_function, sides, (here + ahead, here + behind), strides, band_weights, vectors)
+            for part in range(0 if mirrored and edge < 0 and layers.cuts.shape[0] == 0 else rows * sets):
+                c, own = part // sets, part % sets
+                if p < 0 and own < sets - 1:
+                    continue
+                here, sum_number = c * sizes[5] + own * half + to, face[SUMS] + c * sets + own
+                if varied:
+                    numbers = worker, sum_number, m, node, slot, band, here, count
+                    call_with(sums.called[WEIGHED], stage, sums, numbers)
+                elif not mirrored:
+                    weigh(
+                        lists,
+                        face[PARTS],
+                        sum_number,
+                        field + node * size,
+                        extra + slot * size,
+                        band,
+                        start + here * wide,
+                        wide,
+                        vectors,
+                        max(1, -p),
+                    )
+                for k in range(max(0, -p - 1), m if edge >= 0 else 0):
+                    far = (
+                        c * sizes[9]
+                        + ((own * m + k) * (columns + m + 1) + p + m) * high
+                        + (row - corner) * side
+                        + other[REACH]
+                    )
+                    add_lines(start + (added + far) * wide, start + (here + k) * wide, work.dtype.type(1), LINES)
+                if layers.cuts.shape[0]:
+                    cuts = face[CUTS] + (c * face[ROWS] + row) * layers.tiles.shape[0] + item[3]
+                    numbers = worker, cuts, own, p, node, slot, band, here
+                    call_with(sums.called[ABSENT], stage, sums, numbers)
+        for c in range(rows):
+            first_cell = face[MEMORY] + ((c * face[ROWS] + row) * sizes[6] + tile[TILE_PLACE]) * cells
+            memo = address(memory) + layers.cell * first_cell
+            zero, there = start + (c * sizes[5] + m * m) * wide, start + (found + m) * wide
+            outer, inner = (zero, m * wide, wide), (zero + (sets - 1) * half * wide, m * wide, wide)
+            total, inwards = (there, wide, wide), memo + (columns + 1) * m * cell
+            call_shifts(face[OUTWARDS], outer, total, (memo, cell), stretch, columns, vectors)
+            call_shifts(face[INWARDS], inner, total, (inwards, cell), stretch, columns, vectors)
+            for p in range(1 - m, columns + 1):
+                place = (first + p * face[STEP] + c * apart) * size
+                add_lines(there + p * wide, news + place, scale, count)
+                if stage.increments:
+                    add_lines(there + p * wide, olds + place, scale, count)
+
+
+def take_cuts(stage, sums, worker, cuts, own, p, node, slot, band, parts):
+    """Take the absent bonds of a row of a face from the parts on one column."""
+    layers, material, src, work = sums.layers, sums.liquid, stage.src, sums.work_space[worker]
+    coefficient = material.coefficient
+    for i in range(layers.cut_ranges[cuts], layers.cut_ranges[cuts + 1]):
+        place, which, k, near, far, there = layers.cuts[i]
+        if which != own or k < -p - 1:
+            continue
+        value = src[node + place + near]
+        if band >= 0 and far >= 0:
+            value += layers.slots[slot + place + far]
+        w = layers.cut_weights[i]
+        if coefficient.size > 1:
+            w *= bond_factor(material.rule, coefficient[node + place], coefficient[node + place + there])
+        work[(parts + k) * LINES + place] -= w * value
+
+
+def take_band_cuts(thread, stage, sums, tables, inputs, step, number):
+    """Take the absent bonds of the lines of bands from what these have added: the work of one thread."""
+    if thread.number == 0:
+        layers, material = sums.layers, sums.liquid
+        coefficient, slots, scale = material.coefficient, layers.slots, stage.scale * layers.unit
+        for i in range(layers.band_cuts.shape[0]):
+            side, node, slot, here, there = layers.band_cuts[i]
+            w = scale * layers.band_cut_weights[i]
+            if coefficient.size > 1:
+                w *= bond_factor(material.rule, coefficient[here], coefficient[there])
+            for p in range(layers.bands[side, COLUMNS] + layers.bands[side, REACH]):
+                stage.out[node + p] -= w * slots[slot + p]
+                if stage.increments:
+                    stage.base[node + p] -= w * slots[slot + p]
+    barrier(thread)
+
+
+def copy_slots(thread, stage, sums, tables, inputs, step, number):
+    """Slots of bands that repeat others, once all are filled; the sweep that follows ends with a barrier."""
+    barrier(thread)
+    if thread.number == 0:
+        layers = sums.layers
+        for i in range(layers.copies.shape[1]):
+            layers.slots[layers.copies[0, i]] = layers.slots[layers.copies[1, i]]
+
+
+def stretch_faces(thread, stage, sums, tables, inputs, step, number):
+    """Add what the layers along an axis, the number, contribute; see `add_bands`."""
+    ranges = sums.layers.item_ranges
+    for i in range(ranges[1 - number] + thread.number, ranges[2 - number], thread.threads):
+        call_with(sums.called[FACE], stage, sums, (thread.number, i))
+    barrier(thread)

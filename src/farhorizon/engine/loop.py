@@ -1,0 +1,264 @@
+"""The compiled time loop: it works off tables of operations, and calls each by its address.
+
+What it takes is numbers and addresses, so that it is compiled once, whatever the run. An operation is compiled for the
+types of the tables that it reads when a run first has it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from farhorizon.engine.bonds import PHASES
+from farhorizon.engine.exchange import LEVEL
+from farhorizon.engine.nested import COLUMNS, Layers, has_layers
+from farhorizon.engine.operations import (
+    BREAK,
+    COPY,
+    DAMAGED,
+    EXCHANGE,
+    FLOW_LAYERS,
+    GATHER,
+    LINES,
+    SCATTER,
+    SPRINGS,
+    STRETCH,
+    STRETCH_FORCES,
+    STRETCH_STATES,
+    Pass,
+    Tables,
+)
+from farhorizon.engine.rows.build import load_layer_program, load_program
+from farhorizon.engine.rows.calls import call_operation
+from farhorizon.engine.rows.compiled import cfunc, njit
+from farhorizon.engine.rows.notice import importing
+from farhorizon.engine.rows.structs import Struct
+from farhorizon.engine.tables import ABSENT, EDGE, FACE, GENERAL, WEIGHED, Inputs, Stage, Sums
+from farhorizon.engine.threads import ALONE, side_by_side
+
+_FLOWS = 3  # of the stages the one whose sums go into a level of their own, beside those of the passes
+_OF_THE_FIELD = (BREAK, DAMAGED, STRETCH_STATES, STRETCH_FORCES)  # of all operations on states these change the field
+_COUNTED = ("general_rows", "general_matrix_rows")  # they make arrays
+
+Function = Callable[..., Any]
+
+_FUNCTIONS: dict[tuple[str, tuple[types.Type, ...]], Any] = {}
+_COMPILING = threading.RLock()  # simulations may be run side by side
+
+
+@njit(nogil=True, cache=True, counted=False, entry=True)
+def run(thread, steps, phase, calls, tables, inputs):  # type: ignore[no-untyped-def]
+    """One thread's share of `steps` steps from the rotation `phase`.
+
+    After them the level ``tables.rotation[(phase + steps) % rotations, 0, 0]`` holds the state.
+
+    Parameters
+    ----------
+    thread : int
+        Address of a `Thread`.
+    steps, phase : int
+    calls : ndarray of int, shape (rotations, n, 4)
+        What there is to do in a step: addresses of functions, stages and sums, and a number.
+    tables, inputs : int
+        Addresses of `Tables` and `Inputs`.
+    """
+    for step in range(steps):
+        for i in range(calls.shape[1]):
+            function, stage, sums, number = calls[phase, i]
+            call_operation(function, thread, stage, sums, tables, inputs, step, number)
+        phase = (phase + 1) % calls.shape[0]
+
+
+class CompiledLoop:
+    """Works off tables of operations in machine code. It keeps what it has made of the last ones, for most calls have
+    the same.
+    """
+
+    def __init__(self) -> None:
+        self._levels: np.ndarray | None = None
+        self._tables: Struct | None = None
+        self._inputs: Struct | None = None
+        self._calls = np.zeros((1, 0, 4), np.int64)
+        self._kept: list[Struct] = []  # what the calls have the addresses of
+
+    def __reduce__(self) -> tuple[type[CompiledLoop], tuple[()]]:
+        return CompiledLoop, ()  # a copy has arrays of its own
+
+    def __call__(
+        self, steps: int, phase: int, levels: np.ndarray, tables: Tables, inputs: Inputs, threads: int
+    ) -> None:
+        """Work off `steps` steps of the tables on some threads."""
+        table, outside = Struct(tables, self._tables), Struct(inputs, self._inputs)
+        if not self._serves(levels, table, outside):
+            self._kept, self._calls = _calls(levels, table, outside)
+        self._levels, self._tables, self._inputs = levels, table, outside
+        given = self._calls, table.address, outside.address
+        side_by_side(lambda thread: run(thread.address, steps, phase, *given), threads)
+
+    def _serves(self, levels: np.ndarray, tables: Struct, inputs: Struct) -> bool:
+        """Whether the calls are those of the last time."""
+        if levels is not self._levels or self._tables is None or self._inputs is None:
+            return False
+        before, listed = self._tables.table, ("operations", "starts")
+        alike = (a is b or name in listed for name, a, b in zip(Tables._fields, tables.table, before, strict=True))
+        return (
+            inputs.type is self._inputs.type
+            and all(alike)
+            and all(np.array_equal(getattr(tables.table, name), getattr(before, name)) for name in listed)
+            and _keeps(tables.table, inputs.table) == _keeps(before, self._inputs.table)
+        )
+
+
+def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Struct], np.ndarray]:
+    """The calls of a step in each rotation of the levels, and the structs that they have the addresses of."""
+    table: Tables = tables.table
+    program, size = load_program(), types.int64
+    lists = [table.operations[a:b].tolist() for a, b in zip(table.starts[:-1], table.starts[1:], strict=True)]
+    used = sorted({which for operations in lists for _, _, which in operations} | {SPRINGS})
+    parts = {which: _on_parts(program, table, inputs.table, which) for which in used}
+    sums = {which: _sums(table, which, len(parts[which])) for which in used}
+
+    def address(function: Function, stage: Struct, one: Struct) -> int:
+        return _address(function, (ALONE.type, stage.type, one.type, tables.type, inputs.type, size, size))
+
+    kept, rows = list(sums.values()), []
+    with _COMPILING, importing(program.__name__):
+        for phase, rotation in enumerate(table.rotation):
+            rows.append(row := list[tuple[int, ...]]())
+            for part, operations in enumerate(lists):
+                stages = _stages([levels[i] for i in rotation[part]], table, part, (phase + part) % 2 == 1)
+                kept.extend(stages)
+                for which, one in sums.items() if not row else ():
+                    one.table.each[:] = [address(function, stages[which], one) for function in parts[which]]
+                    _set_called(program, stages[which], one)
+                for function, stage, which, number in itertools.chain(*(_does(table, *one) for one in operations)):
+                    given = stages[stage], sums[which]
+                    row.append((address(function, *given), *(one.address for one in given), number))
+    return kept, np.array(rows, np.int64).reshape(len(rows), -1, 4)
+
+
+def _does(tables: Tables, operation: int, number: int, which: int) -> list[tuple[Function, int, int, int]]:
+    """What does an operation, one function after the other: the function, the stage and the sums that it takes, by
+    their pass, and a number.
+    """
+    layers, on_layers = _pass(tables, which).layers, load_layer_program()
+    if operation == LINES:
+        bands = [band for band in range(2) if layers.bands[band, COLUMNS]]
+        found = [(on_layers.continue_band, which, which, band) for band in bands]
+        return found + [(on_layers.copy_slots, which, which, 0)] * bool(layers.copies.shape[1])
+    if operation == STRETCH:
+        return [(function, which, which, number) for function in _on_axis(layers, number)]
+    program = load_program()
+    if operation == FLOW_LAYERS:
+        return [
+            (function, stage, SPRINGS, axis)
+            for axis in range(3)
+            if has_layers(layers, axis)
+            for function, stage in (
+                (program.clear_inflow, _FLOWS),
+                *((function, _FLOWS) for function in _on_axis(layers, axis)),
+                (program.add_inflow, SPRINGS),
+            )
+        ]
+    stage = which
+    if operation in (COPY, EXCHANGE) and which == GATHER and number == LEVEL:
+        stage = SCATTER  # the states are what that one reads
+    if operation in _OF_THE_FIELD:
+        stage, which, number = SPRINGS, SPRINGS, int(which == SCATTER) if operation == DAMAGED else number
+    return [(program.OPERATIONS[operation], stage, which, number)]
+
+
+def _on_axis(layers: Layers, axis: int) -> list[Function]:
+    """What adds the sums of the layers along an axis."""
+    program = load_layer_program()
+    if axis < 2:
+        return [program.stretch_faces]
+    return [program.add_bands] + [program.take_band_cuts] * bool(layers.band_cuts.shape[0])
+
+
+def _on_parts(program: ModuleType, tables: Tables, inputs: Inputs, which: int) -> list[Function]:
+    """What is done with each part of the box as a pass sweeps it."""
+    one, bonds = _pass(tables, which), tables.bonds
+    if tables.phases.runs.size:
+        sweep = program.phases_part
+    else:
+        sweep = program.bonds_part if bonds.places.shape[0] and bonds.forces else program.stencil_part
+    found = [
+        (program.release_part, one.surface.stretches.size),
+        (program.keep_part, which == SPRINGS and _keeps(tables, inputs)),
+        (program.law_part, one.sweep.law.values.size),
+    ]
+    return [sweep, *(function for function, there in found if there)]
+
+
+def _set_called(program: ModuleType, stage: Struct, sums: Struct) -> None:
+    """The addresses of what operations call."""
+    table: Sums = sums.table
+    layers, on_layers = table.layers, load_layer_program()
+    single = table.columns == table.rows == 1
+    for number, function, there in (
+        (GENERAL, program.general_rows if single else program.general_matrix_rows, table.sweep.function == 0),
+        (FACE, on_layers.stretch_face, len(layers.items)),
+        (EDGE, on_layers.stretch_edge, len(layers.edges)),
+        (WEIGHED, on_layers.weigh_bonds, table.liquid.coefficient.size > 1 and len(layers.tiles)),
+        (ABSENT, on_layers.take_cuts, len(layers.cuts)),
+    ):
+        if there:
+            numbers = function.__code__.co_argcount - 2
+            table.called[number] = _address(function, (stage.type, sums.type, *[types.int64] * numbers))
+
+
+def _keeps(tables: Tables, inputs: Inputs) -> bool:
+    """Whether anything is watched or heard."""
+    return bool(inputs.watched.size or tables.listening.rows.size)
+
+
+def _pass(tables: Tables, which: int) -> Pass:
+    if which == SPRINGS:
+        n = tables.components
+        return Pass(tables.sweep, tables.layers, tables.cuts, tables.surface, n, n)
+    return tables.gather if which == GATHER else tables.scatter
+
+
+def _sums(tables: Tables, which: int, parts: int) -> Struct:
+    """What the operations of a pass take, with room for addresses."""
+    everywhere = tables.material
+    alike = everywhere._replace(coefficient=everywhere.coefficient[:1])
+    material = everywhere if which == SPRINGS else alike  # coefficients are those of springs alone
+    liquid = alike if everywhere.rule == PHASES else material
+    room = np.zeros(5, np.int64), np.zeros(parts, np.int64)
+    return Struct(Sums(*_pass(tables, which), material, liquid, tables.work_space, *room))
+
+
+def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool) -> list[Struct]:
+    """A stage of the field, and those of the passes: of sums that make states, that make forces of them, and that go
+    into a level of their own.
+    """
+    src, base, out = levels
+    a, a_difference, b, scale, _ = tables.numbers[part]
+    none, one = tables.numbers.dtype.type(0), tables.numbers.dtype.type(1)
+    states, inflow, n = tables.gather.sweep.law.values, tables.flows.inflow, tables.components
+    read, made = (tables.gather.columns, tables.gather.rows), (tables.scatter.columns, tables.scatter.rows)
+    return [
+        Struct(stage)
+        for stage in (
+            Stage(src, base, out, part, a, a_difference, b, scale, tables.increments, n, n, backward),
+            Stage(src, states, states, part, none, none, none, one, False, *read, backward),
+            Stage(states, out, out, part, none, none, one, scale, False, *made, not backward),
+            Stage(src, inflow, inflow, part, one, one, one, one, False, n, n, backward),
+        )
+    ]
+
+
+def _address(function: Function, kinds: tuple[types.Type, ...]) -> int:
+    """Address of a function, compiled for arguments of some types."""
+    name = function.__name__, kinds
+    if name not in _FUNCTIONS:
+        _FUNCTIONS[name] = cfunc(types.void(*kinds), counted=function.__name__ in _COUNTED)(function)
+    return int(_FUNCTIONS[name].address)

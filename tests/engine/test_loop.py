@@ -1,0 +1,58 @@
+"""The compiled loop calls each operation by its address, compiled when a run first has it."""
+
+import copy
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.engine import loop
+from farhorizon.engine import operations as op
+from farhorizon.engine.rows.build import load_program
+from helpers import lattice_of
+
+WAVE = fh.Wave(fh.Kernel(2.0))
+LAYERS = {"continue_band", "add_bands", "stretch_faces", "stretch_face"}
+#: Beside the sweep of a box, what these runs compile.
+RUNS = {
+    "wave": ((12, 12), WAVE, fh.Fixed(), {"stencil_part"}),
+    "layers": ((12, 12), WAVE, fh.LatticePML(nodes=4), {"stencil_part", *LAYERS}),
+    "space": ((12, 12, 12), WAVE, fh.LatticePML(nodes=4), {"stencil_part", *LAYERS, "stretch_edge", "filter_layers"}),
+    "sponge": ((12, 12), WAVE, fh.Sponge(3), {"stencil_part", "damp_old", "damp_new"}),
+    "metal": ((12, 12), fh.Corrosion(fh.Kernel(2.0), saturation=0.5), fh.Fixed(), {"phases_part", "dissolve_nodes"}),
+}
+
+
+def test_every_operation_has_a_function():
+    """Those on layers may have several."""
+    assert set(load_program().OPERATIONS) | {op.LINES, op.STRETCH, op.FLOW_LAYERS} == set(range(op.DRAG + 1))
+
+
+@pytest.mark.parametrize(("shape", "model", "side", "found"), RUNS.values(), ids=RUNS)
+def test_a_run_compiles_what_it_has(shape, model, side, found, monkeypatch):
+    monkeypatch.setattr(loop, "_FUNCTIONS", {})
+    fh.Simulation(lattice_of(shape), model, side, initial={"u": 0.0}).step(2)
+    assert {name for name, _ in loop._FUNCTIONS} - {"general_rows"} == {"sweep_box", *found}
+
+
+def test_types_are_those_of_the_precision(monkeypatch):
+    """Whatever the run: what is compiled once serves all others."""
+    monkeypatch.setattr(loop, "_FUNCTIONS", {})
+    for shape in ((12,), (12, 12), (12, 12, 12)):
+        fh.Simulation(lattice_of(shape), WAVE, fh.LatticePML(nodes=4), initial={"u": 0.0}).step(2)
+    solid = fh.Elastic(fh.Kernel(2.0), 1.0, 0.3, material="state-based")
+    fh.Simulation(lattice_of((12, 12)), solid, fh.LatticePML(nodes=4)).step(2)
+    names = [name for name, _ in loop._FUNCTIONS]
+    assert sorted(names) == sorted(set(names))
+
+
+def test_a_copy_has_calls_of_its_own():
+    """The calls have addresses of arrays: a copy that had them would write into the original."""
+    sim = fh.Simulation(lattice_of((20, 20)), WAVE, fh.LatticePML(nodes=4), {"u": "exp(-((x-10)**2 + (y-10)**2)/8)"})
+    sim.step(5)
+    other = copy.deepcopy(sim)
+    kept = sim.fields["u"].copy()
+    other.step(7)
+    np.testing.assert_array_equal(sim.fields["u"], kept)
+    sim.step(7)
+    np.testing.assert_array_equal(sim.fields["u"], other.fields["u"])
