@@ -5,9 +5,11 @@ from __future__ import annotations
 import ctypes
 import os
 import re
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 _SET = (
     "openblas_set_num_threads",
@@ -61,3 +63,23 @@ def available_memory() -> int:
     except OSError:
         pass
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 1 << 62
+
+
+def progress(total: float | None = None, unit: str = "step", show: bool | None = None, **look: Any) -> Any:
+    """A bar on stderr that says how far something is, and goes when it is done.
+
+    Parameters
+    ----------
+    total : float, optional
+        Of so many.
+    unit : str
+    show : bool, optional
+        Unless told it is shown where stderr is a terminal.
+    **look
+        As of `tqdm`.
+    """
+    from tqdm import tqdm
+
+    return tqdm(
+        total=total, unit=unit, leave=False, disable=not (sys.stderr.isatty() if show is None else show), **look
+    )

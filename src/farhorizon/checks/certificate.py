@@ -37,7 +37,7 @@ from farhorizon.errors import InputError
 from farhorizon.files.cache import cache_folder, keep, kept
 from farhorizon.files.html import table
 from farhorizon.geometry.lattice import AXES
-from farhorizon.machine import one_blas_thread
+from farhorizon.machine import one_blas_thread, progress
 
 Verdict = Literal["certified", "not certified", "undecided"]
 CERTIFIED: Verdict = "certified"
@@ -278,20 +278,33 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf) -> Cer
     known = _recall(path)
     if known is not None:
         return known
+    with progress(bar_format="stability: {desc}") as bar:
+        found, whole = _examined(sim, budget, until, begin, bar.set_description_str)
+    if whole:
+        _keep(path, found)
+    return found
+
+
+def _examined(
+    sim: Examined, budget: float, until: float, begin: float, tell: Callable[[str], None]
+) -> tuple[Certificate, bool]:
+    """What has been found, told what is examined, and whether nothing was left out."""
     parts: list[ExaminedPart] = []
     slow: list[ExaminedPart] = []
     skipped: list[str] = []
+    tell("a run from white noise")
     grown, quiet = _noise_part(sim, budget / 3 if np.isinf(until) else PATIENCE, until)
     if grown is not None and np.isfinite(until):
-        return judge([grown], [], sim.crossing, time.monotonic() - begin)
+        return judge([grown], [], sim.crossing, time.monotonic() - begin), False
     if until <= quiet:
-        return judge([], ["modes, for the run is no longer"], sim.crossing, time.monotonic() - begin, quiet)
+        return judge([], ["modes, for the run is no longer"], sim.crossing, time.monotonic() - begin, quiet), False
     try:
         for name, examine in _examinations(sim):
             left = budget - (time.monotonic() - begin)
             if left <= 0:
                 skipped.append(f"{name} (no time left of {budget:.3g} s)")
                 continue
+            tell(f"{name}, at most {left:.0f} s")
             try:
                 part, left_out = examine(left)
             except TimeoutError:
@@ -316,10 +329,7 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf) -> Cer
     examined = found.verdict == CERTIFIED and bool(slow)  # the whole, of which a copy tells less
     if grown is not None and found.verdict != NOT_CERTIFIED and not examined:
         found = judge([*parts, grown], skipped, sim.crossing, time.monotonic() - begin)
-    found = _short_lived(sim, found)
-    if not skipped:
-        _keep(path, found)
-    return found
+    return _short_lived(sim, found), not skipped
 
 
 def told(rate: float, crossing: float) -> str:

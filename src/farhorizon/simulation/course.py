@@ -10,6 +10,7 @@ from typing import Any, Protocol
 from farhorizon import kinds
 from farhorizon.errors import InputError, ValidityWarning
 from farhorizon.files.results import Caution
+from farhorizon.machine import progress
 
 MOST_STEPS = 2**53  # their numbers are exact in double precision
 
@@ -68,7 +69,7 @@ def go(
     run: Advancing,
     last: int,
     count: int | None,
-    show: bool,
+    show: bool | None,
     ended: Callable[[], bool] | None = None,
     pace: int | None = None,
 ) -> bool:
@@ -80,9 +81,7 @@ def go(
     KeyboardInterrupt
         `stop_requested` was set; the run stands between two steps.
     """
-    from tqdm import tqdm
-
-    with tqdm(total=max(last - run.step_count, 0), disable=not show, unit="step", leave=False) as bar:
+    with progress(max(last - run.step_count, 0), show=show) as bar:
         while run.step_count < last:
             due = [(run.step_count // every + 1) * every for every in (count, pace) if every is not None]
             stop = min([last, *due])

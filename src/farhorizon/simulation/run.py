@@ -4,7 +4,6 @@ check before it.
 
 from __future__ import annotations
 
-import sys
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
@@ -192,7 +191,7 @@ class Run(ABC):
         count = None if every is None else steps_between(every, self.dt)
         last = self.prepare(end)
         self.examine(end, allow_unstable)
-        show = (sys.stderr.isatty() if progress is None else progress) and self.team.number == 0
+        show = progress if self.team.number == 0 else False
         with written(self, output):
             if rest is None:
                 go(self, last, count, show)

@@ -21,6 +21,7 @@ from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.loads import BodyForce
 from farhorizon.inputs.sources import Source, widened
+from farhorizon.machine import progress
 from farhorizon.simulation.drives import ends_of
 from farhorizon.simulation.near_field import constants_of
 from farhorizon.simulation.setup import Setup
@@ -204,19 +205,21 @@ def compare(
         )
     errors: dict[str, list[float]] = {name: [] for name in runs}
     size: list[float] = []
-    for step in steps:
-        exact = exact_after(step)
-        if ours.lattice.mask is not None:
-            exact = np.where(ours.lattice.mask, exact, np.nan)
-        size.append(float(np.nanmax(np.abs(exact - background))))
-        now = {"infinite medium": exact}
-        for name, sim in runs.items():
-            sim.step(step - sim.step_count)
-            now[name] = sim.fields["u"]
-            errors[name].append(float(np.nanmax(np.abs(now[name] - exact))))
-        worth = min(size[-1], max(error[-1] for error in errors.values()))
-        if step == shown_step or (shown_step is None and worth > most):
-            result.fields, result.shown_time, most = now, step * ours.dt, worth
+    with progress(steps[-1]) as bar:
+        for step in steps:
+            exact = exact_after(step)
+            if ours.lattice.mask is not None:
+                exact = np.where(ours.lattice.mask, exact, np.nan)
+            size.append(float(np.nanmax(np.abs(exact - background))))
+            now = {"infinite medium": exact}
+            for name, sim in runs.items():
+                sim.step(step - sim.step_count)
+                now[name] = sim.fields["u"]
+                errors[name].append(float(np.nanmax(np.abs(now[name] - exact))))
+            worth = min(size[-1], max(error[-1] for error in errors.values()))
+            if step == shown_step or (shown_step is None and worth > most):
+                result.fields, result.shown_time, most = now, step * ours.dt, worth
+            bar.update(step - bar.n)
     # driven by sources or prescribed values: the largest value of the run is the scale
     driven = setup.constraints or any(isinstance(s, Incident) for s in setup.sources)
     if result.initial == 0 or driven:
