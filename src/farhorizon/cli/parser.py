@@ -135,7 +135,12 @@ def _plot(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--time", "--times", dest="times", type=float, nargs="+", metavar="T", help="times (default: four even ones)"
     )
-    sub.add_argument("--field", nargs="+", metavar="NAME", help="fields or components, such as u u_x (default: all)")
+    sub.add_argument(
+        "--field",
+        nargs="+",
+        metavar="NAME",
+        help="fields, components, or what follows from displacements: u u_x u_divergence u_curl (default: all fields)",
+    )
     sub.add_argument(
         "--slice", nargs="+", default=[], metavar="z=0.5", help="in space the planes to draw (default: the middle of z)"
     )

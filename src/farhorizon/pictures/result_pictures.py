@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import product
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -39,7 +41,8 @@ class View:
     times : sequence of float, optional
         The nearest outputs are drawn; up to four evenly spaced ones unless given.
     fields : sequence of str, optional
-        Names of fields, of vectors of components, too ("u_x"); all fields, and the histories, unless given.
+        Names of fields, of vectors of components, too ("u_x"), and of displacements their divergence and curl
+        ("u_divergence", "u_curl"); all fields, and the histories, unless given.
     planes : sequence of (str, float)
         Of lattices in 3D the axis that a slice is normal to, and where it lies: the nearest plane of nodes. Several
         have pictures of their own; the middle of z unless given.
@@ -144,12 +147,18 @@ class _Slice(NamedTuple):
 
 @dataclass(frozen=True)
 class _Scalar:
-    """A scalar that is drawn: a field, the length of a vector field, or a component of it."""
+    """A scalar that is drawn: a field, the length of a vector field, a component of it, or what follows from it."""
 
     name: str
     label: str
     field: str
     of: Callable[[np.ndarray], np.ndarray]
+    pure: bool = False  # a number without a unit, and nothing that the case has a word for
+
+    @property
+    def quantity(self) -> str:
+        """What it is measured as."""
+        return "" if self.pure else "time" if self.field == "dissolved" else self.field
 
 
 def _parts(results: Results) -> Iterator[_Scalar]:
@@ -160,15 +169,41 @@ def _parts(results: Results) -> Iterator[_Scalar]:
             continue
         yield _Scalar(name, f"|{name}|", name, magnitude)
         for i, axis in enumerate("xyz"[:count]):
-            yield _Scalar(f"{name}_{axis}", f"{name}_{axis}", name, lambda values, i=i: values[i])  # type: ignore[misc]
+            yield _Scalar(f"{name}_{axis}", f"{name}_{axis}", name, itemgetter(i))
+
+
+def _derived(results: Results) -> Iterator[_Scalar]:
+    """What is drawn of displacements in the plane and in space when it is asked for: of waves the P and the S part."""
+    for name in results.field_names:
+        if results.components[name] == results.dim > 1:
+            yield _Scalar(f"{name}_divergence", f"div {name}", name, partial(_divergence, results.spacing), True)
+            yield _Scalar(f"{name}_curl", f"curl {name}", name, partial(_curl, results.spacing), True)
+
+
+def _slopes(spacing: float, values: np.ndarray) -> np.ndarray:
+    """Derivatives of a vector field along the axes by central differences, shape (dim, dim, ...)."""
+    dim = len(values)
+    return np.stack([np.stack(np.gradient(one, spacing, axis=tuple(range(dim)))) for one in values])
+
+
+def _divergence(spacing: float, values: np.ndarray) -> np.ndarray:
+    return np.asarray(np.trace(_slopes(spacing, values)))
+
+
+def _curl(spacing: float, values: np.ndarray) -> np.ndarray:
+    """In the plane the component across it, in space the length."""
+    slopes = _slopes(spacing, values)
+    parts = [slopes[i, j] - slopes[j, i] for i, j in ((1, 0), (2, 1), (0, 2))[: 1 if len(values) == 2 else 3]]
+    return parts[0] if len(parts) == 1 else magnitude(np.stack(parts))
 
 
 def _wanted(results: Results, names: Sequence[str] | None) -> list[_Scalar]:
-    parts = {part.name: part for part in _parts(results)}
+    plain = {part.name: part for part in _parts(results)}
+    parts = plain | {part.name: part for part in _derived(results)}
     for name in names or ():
         if name not in parts:
             raise InputError("the file has no such field", value=name, limit=", ".join(parts), key="--field")
-    return [parts[name] for name in (parts if names is None else dict.fromkeys(names))]
+    return [parts[name] for name in (plain if names is None else dict.fromkeys(names))]
 
 
 def plot_results(
@@ -273,7 +308,7 @@ def _panels(
         shown, limits = view.levels(shown), limits or (_FLOOR, 0.0)
         label = f"{part.label.strip('|')} (dB below the largest)"
     else:
-        label = with_unit(part.label, "time" if part.field == "dissolved" else part.field)
+        label = with_unit(part.label, part.quantity)
     broken = part.name == "damage"  # shows the cracks, those cut in advance among them
     field_panels(
         [(_moment(results, k), values) for k, values in zip(kept, shown, strict=True)],
@@ -286,7 +321,7 @@ def _panels(
         colors=DAMAGE if broken and not view.decibels else None,
         plane=one.plane,
         limits=limits,
-        title=view.quantities.get(part.field, ""),
+        title=view.quantities.get(part.quantity, ""),
     )
     return [path]
 
@@ -296,7 +331,7 @@ def _movie(
 ) -> list[Path]:
     """Draw the chosen outputs one after the other."""
     values = [part.of(results.field(part.field, k)) for k in chosen]
-    label, limits = with_unit(part.label, part.field), view.limits
+    label, limits = with_unit(part.label, part.quantity), view.limits
     if view.decibels and any(np.nan_to_num(one).any() for one in values):
         values, limits = view.levels(values), limits or (_FLOOR, 0.0)
         label = f"{part.label.strip('|')} (dB below the largest)"
@@ -328,7 +363,7 @@ def _surfaces(results: Results, directory: Path, view: View, chosen: Sequence[in
         levels=view.isosurfaces or None,
         cracks=view.cracks,
         label=with_unit(part.label, part.field),
-        title=view.quantities.get(part.field, ""),
+        title=view.quantities.get(part.quantity, ""),
     )
     directory.mkdir(parents=True, exist_ok=True)
     path = directory / f"{part.name}-surfaces.{view.format}"
