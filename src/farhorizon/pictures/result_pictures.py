@@ -181,9 +181,9 @@ def _derived(results: Results) -> Iterator[_Scalar]:
 
 
 def _slopes(spacing: float, values: np.ndarray) -> np.ndarray:
-    """Derivatives of a vector field along the axes by central differences, shape (dim, dim, ...)."""
-    dim = len(values)
-    return np.stack([np.stack(np.gradient(one, spacing, axis=tuple(range(dim)))) for one in values])
+    """Derivatives of a vector field along the axes by differences of second order, shape (dim, dim, ...)."""
+    axes, order = tuple(range(len(values))), 2 if min(values.shape[1:]) > 2 else 1
+    return np.stack([np.stack(np.gradient(one, spacing, axis=axes, edge_order=order)) for one in values])
 
 
 def _divergence(spacing: float, values: np.ndarray) -> np.ndarray:
