@@ -66,6 +66,8 @@ from farhorizon.inputs.sources import Source as Source
 from farhorizon.inputs.specimens import Specimen as Specimen
 from farhorizon.medium.integrators import RungeKuttaChebyshev as RungeKuttaChebyshev
 from farhorizon.medium.kernel import Kernel as Kernel
+from farhorizon.medium.materials import materials as materials
+from farhorizon.medium.scatter import Weibull as Weibull
 from farhorizon.medium.stencil import Stencil as Stencil
 from farhorizon.models import Beam as Beam
 from farhorizon.models import Correspondence as Correspondence

@@ -16,7 +16,7 @@ class PairByPair:
     Bonds of nodes within one reach of a fixed side are linear and do not break, either.
     """
 
-    def __init__(self, sim, held=False, coefficient=None, rule="both"):
+    def __init__(self, sim, held=False, coefficient=None, rule="both", strength=None):
         model, lattice = sim.model, sim.lattice
         reach = sim.stencil.reach[0] if held else 0
         shape = np.array(lattice.shape) + 2 * reach
@@ -50,6 +50,9 @@ class PairByPair:
             model.critical_stretch_on(lattice.spacing, lattice.dim),
             sim.dt,
         )
+        if strength is not None:
+            stretch = np.pad(strength, reach, mode="edge").ravel()
+            self.limit = np.minimum(stretch[self.i], stretch[self.j])
         self.shape, self.dim = lattice.shape, lattice.dim
         u, v = (self._spread(x) for x in (sim.start_u, sim.start_v))
         self.old, self.u = u - self.dt * v + self.dt**2 / 2 * self.acceleration(u), u
@@ -85,11 +88,11 @@ class PairByPair:
         return np.bincount(self.i, self.alive, len(self.inner))[self.inner].reshape(self.shape)
 
 
-def shaken(shape, nonlinear, sides=None, reach=2, speed=0.03, **options):
+def shaken(shape, nonlinear, sides=None, reach=2, speed=0.03, strength=0.04, **options):
     """A box whose nodes start at random velocities, so that bonds break here and there."""
     dim = len(shape)
     v = speed * np.random.default_rng(5).standard_normal((dim, *shape))
-    model = Elastic(Kernel(0.5 * reach, 1), 1.0, nonlinear=nonlinear, critical_stretch=0.04)
+    model = Elastic(Kernel(0.5 * reach, 1), 1.0, nonlinear=nonlinear, critical_stretch=strength)
     return Simulation(lattice_of(shape, 0.5), model, sides or Free(), {"v": v}, **options)
 
 
@@ -125,6 +128,22 @@ def test_bonds_of_coefficients_that_vary(shape, held, rule, nonlinear):
     np.testing.assert_allclose(sim.fields["u"], plain.field, rtol=0, atol=1e-12 * np.abs(plain.field).max())
     np.testing.assert_array_equal(sim.parts.breaking.left(), plain.bonds_left)
     assert sim.broken_bonds == (~plain.alive).sum() // 2 > 20
+
+
+@pytest.mark.parametrize(("shape", "held", "nonlinear"), [((13, 19), False, False), ((9, 7, 8), True, True)])
+def test_bonds_of_strengths_that_vary(shape, held, nonlinear):
+    """The same where each node has a strength of its own, and the weaker one of a bond counts."""
+    strength = np.random.default_rng(9).uniform(0.02, 0.08, shape)
+    reach = 1 if held and len(shape) == 3 else 2
+    sim = shaken(shape, nonlinear, Fixed() if held else None, reach, strength=strength)
+    plain = PairByPair(sim, held, strength=strength)
+    for _ in range(40):
+        plain.step()
+    sim.step(40)
+    np.testing.assert_allclose(sim.fields["u"], plain.field, rtol=0, atol=1e-12 * np.abs(plain.field).max())
+    np.testing.assert_array_equal(sim.parts.breaking.left(), plain.bonds_left)
+    assert sim.broken_bonds == (~plain.alive).sum() // 2 > 20
+    assert sim.broken_bonds != shaken(shape, nonlinear, Fixed() if held else None, reach).run(sim.time).broken_bonds
 
 
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)

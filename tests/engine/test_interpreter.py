@@ -115,6 +115,13 @@ CASES = {
         sources=[fh.Source(1e-3 * bump((13, 14), 2), "sin(t)")],
         balance=True,
     ),
+    "breaking bonds of many strengths": lambda: fh.Simulation(
+        lattice(13, 14),
+        fh.Elastic(fh.Kernel(2.0), 1.0, critical_stretch=fh.Weibull(0.02, 5, 1.0)),
+        {"x": SLOW, "y": fh.Free()},
+        {"v": 0.03 * bump((13, 14), 2)},
+        balance=True,
+    ),
     "stresses of a body with a crack": lambda: fh.Simulation(
         fh.Lattice(1.0, (0.0, 0.0), (16.0, 15.0), body=fh.Box((-1.0, -1.0), (17.0, 16.0)) - fh.Disc(2.2, (12.0, 4.0))),
         fh.Elastic(fh.Kernel(2.0), young=1.0, poisson=0.3, material="correspondence", stabilisation=0.3),
@@ -145,7 +152,7 @@ CASES = {
             density="1 + (y > 9.5)",
             material="correspondence",
             stabilisation=0.4,
-            critical_stretch=0.006,
+            critical_stretch="0.006 + 0.004*(y > 9.5)",
         ),
         {"x-": SLOW, "x+": fh.Free(), "y": fh.Free()},
         {"v": 0.03 * bump((21, 22), 2)},

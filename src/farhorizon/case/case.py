@@ -33,6 +33,7 @@ from farhorizon.case.schema import (
     SpectraPart,
     TractionPart,
     UnitsPart,
+    WeibullPart,
     case_part,
     incident_kinds,
     model_kinds,
@@ -309,9 +310,10 @@ class Case:
         return fh.Lattice(part.spacing, part.lower, part.upper, window=window, body=body)
 
     def _model(self, part: Any) -> fh.LatticeModel:
-        values = part.model_dump(exclude={"type", "kernel", "stencil", "stages"})
+        values = part.model_dump(exclude={"type", "kernel", "stencil", "stages", "of"})
         kind = model_kinds()[part.type]
         takes = signature(kind).parameters
+        values |= {name: self._steady(one, f"model.{name}") for name, one in part if isinstance(one, WeibullPart)}
         if "operator" in takes:
             values["operator"] = self._operator(part)
         elif "kernel" in takes:
@@ -325,7 +327,7 @@ class Case:
                     key="model.stages",
                 )
             values["integrator"] = fh.RungeKuttaChebyshev(part.stages)
-        named = {name for part in self.parts.material for name in part.model_fields_set - {"region"}}
+        named = {name for part in self.parts.material for name in part.model_fields_set - {"region", "of"}}
         for name in sorted(named):
             if values.get(name) is None:
                 known = sorted(
@@ -452,7 +454,7 @@ class Case:
             changes["signal"] = self._of_time(given["signal"], f"{key}.signal")
         return _built(part, incident_kinds(), key, **changes)
 
-    def _constant(self, name: str, value: str | float) -> Any:
+    def _constant(self, name: str, value: Any) -> Any:
         """A constant of the material, with what regions have in its place, later ones before earlier ones."""
         given = [
             (part, f"material[{i}].") for i, part in enumerate(self.parts.material) if getattr(part, name) is not None
@@ -470,8 +472,13 @@ class Case:
             values[there] = inside(*(x[there] for x in at)) if callable(inside) else inside
         return values
 
-    def _steady(self, value: str | float, key: str) -> Any:
-        """An expression of the coordinates alone, or a number."""
+    def _steady(self, value: str | float | WeibullPart, key: str) -> Any:
+        """An expression of the coordinates alone, a number, or what scatters."""
+        if isinstance(value, WeibullPart):
+            try:
+                return fh.Weibull(**value.model_dump(exclude={"type"}))
+            except InputError as error:
+                raise error.at(under(key, error.key)) from None
         entry = self._entry(value, key)
         if isinstance(entry, fh.Expression) and entry.uses_time:
             raise InputError("a material cannot depend on t", value=value, key=key)

@@ -30,13 +30,15 @@ from pydantic.fields import FieldInfo
 from farhorizon import __version__, kinds
 from farhorizon import public as fh
 from farhorizon.boundaries import Side
-from farhorizon.case.units import QUANTITY, measured, without_units
+from farhorizon.case.units import QUANTITY, Units, measured, without_units
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.conditions import Constraint
 from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.local_sources import LocalSource
 from farhorizon.inputs.signals import Signal
+from farhorizon.medium.materials import Fluid
+from farhorizon.medium.materials import named as named_materials
 from farhorizon.models import LatticeModel
 
 
@@ -49,15 +51,40 @@ class Part(BaseModel):
     @classmethod
     def _in_units_of_the_case(cls, data: Any, info: ValidationInfo) -> Any:
         context = info.context or {}
-        known = isinstance(data, dict) and "units" in context
-        return without_units(cls.__name__, data, context["units"]) if known else data
+        if not isinstance(data, dict) or "units" not in context:
+            return data
+        if "of" in cls.model_fields and isinstance(data.get("of"), str):
+            data = _named_constants(data, context["units"]) | data
+        return without_units(cls.__name__, data, context["units"])
 
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Value = str | Number | list[str | Number]  # an expression or a number, of vectors one a component
 _OF_TIME = "a function of t"
+Named = Literal[*named_materials()]  # type: ignore[valid-type]
 _PLAIN = "expression"
 Factor = Annotated[str | Number, _OF_TIME]  # or a table with a signal
+
+
+def _named_constants(data: Mapping[str, Any], units: Units | None) -> dict[str, float]:
+    """Constants of the material that a table names, in the units of the case."""
+    material = named_materials().get(data["of"])
+    if material is None:
+        return {}  # the table refuses the name
+    if units is None:
+        raise InputError(
+            "the constants of a named material need a case that says what units it counts in",
+            value=data["of"],
+            key="of",
+            remedy='[units] with length = "m", time = "s", mass = "kg"',
+        )
+    si = {"young": "Pa", "poisson": "", "speed": "m/s", "density": "kg/m^3"}
+    if isinstance(material, Fluid):
+        si["density"] = "1/Pa"  # the compressibility
+    return {
+        name: units.number(value, si[name], si[name], "of") if si[name] else value
+        for name, value in material.constants.items()
+    }
 
 
 def _beside_the_case(name: str, info: ValidationInfo) -> str:
@@ -236,23 +263,44 @@ class KernelPart(Part):
     """Rescale the weights so that long waves have exactly the given speed or diffusivity."""
 
 
+class WeibullPart(Part):
+    """A constant that scatters from cell to cell."""
+
+    type: Literal["weibull"]
+    """A Weibull distribution."""
+    scale: Number
+    """The value that a share 1/e, 37 %, exceeds."""
+    modulus: Number
+    """The larger, the less it scatters."""
+    cell: Number
+    """Edge of the cells that have one value each, such as the size of grains; the spacing: each node has its own."""
+    seed: int = 0
+    """Another one, another sample."""
+
+
 class MaterialPart(Part):
     """Constants of the medium in a region, in place of the model's."""
 
     region: RegionPart
     """Where; later regions go before earlier ones."""
-    young: str | Number | None = None
+    of: Named | None = None
+    """A named material, whose constants it has: those of `fh.materials`; what is given beside it goes before."""
+    young: str | Number | WeibullPart | None = None
     """Young's modulus there."""
-    poisson: str | Number | None = None
+    poisson: str | Number | WeibullPart | None = None
     """Poisson's ratio there."""
-    bulk: str | Number | None = None
+    bulk: str | Number | WeibullPart | None = None
     """Bulk modulus there."""
-    shear: str | Number | None = None
+    shear: str | Number | WeibullPart | None = None
     """Shear modulus there."""
-    speed: str | Number | None = None
+    speed: str | Number | WeibullPart | None = None
     """Speed of waves there."""
-    density: str | Number | None = None
+    density: str | Number | WeibullPart | None = None
     """Density there."""
+    critical_stretch: str | Number | WeibullPart | None = None
+    """Critical stretch of its bonds; one between two regions breaks as the weaker end does."""
+    fracture_energy: str | Number | WeibullPart | None = None
+    """Fracture energy there."""
 
 
 class CrackPart(Part):
@@ -693,7 +741,8 @@ def _of_toml(hint: Any) -> Any:
     if isinstance(origin, type) and issubclass(origin, Mapping):
         values = reduce(or_, map(_of_toml, get_args(inner[1]) or inner[1:]))
         return dict[str, values]  # type: ignore[valid-type]
-    return {float: Number, int: int, bool: bool, str: str, np.ndarray: list[Number], Path: FilePath}.get(hint)
+    plain = {float: Number, int: int, bool: bool, str: str, np.ndarray: list[Number], Path: FilePath}
+    return (plain | {fh.Weibull: WeibullPart}).get(hint)
 
 
 def case_part() -> type[CasePart]:

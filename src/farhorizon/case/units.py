@@ -32,6 +32,8 @@ KEYS = {
     **dict.fromkeys(("v", "PrescribedPart.rate"), RATE),
     **dict.fromkeys(("concentration", "saturation", "force", "moment", "strength", "ConstraintPart.value"), ANY),
     "SourcePart.value": ANY,
+    "WeibullPart.scale": ANY,
+    "cell": "m",
     "BodyForcePart.value": "N/m^3",
     "speed": "m/s",
     "density": "kg/m^3",

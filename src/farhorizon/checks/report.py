@@ -372,10 +372,11 @@ class Report:
         )
         say("absent bonds", str(engine.absent.count))
         if (law := sim.model.bond_law) is not None:
-            stretch = law.critical_stretch_on(lattice.spacing, lattice.dim)
+            least, largest = (f"{stretch:.4g}" for stretch in engine.bonds.critical_stretches)
+            stretch = least if least == largest else f"{least} to {largest}"
             breaking = (
-                f"break at a stretch of {stretch:.4g}, except within one reach of sides that are not free"
-                if np.isfinite(stretch)
+                f"break at a stretch of {stretch}, except within one reach of sides that are not free"
+                if np.isfinite(engine.bonds.limit)
                 else "none breaks"
             )
             say(

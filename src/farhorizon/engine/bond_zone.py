@@ -34,7 +34,15 @@ class BondZone:
         """What the compiled loop knows of the bonds."""
         return self.engine.tables.bonds
 
-    def set(self, stiffness: np.ndarray, spacing: float, zone: Zone, nonlinear: bool, limit: float) -> None:
+    def set(
+        self,
+        stiffness: np.ndarray,
+        spacing: float,
+        zone: Zone,
+        nonlinear: bool,
+        limit: float,
+        strength: np.ndarray | None = None,
+    ) -> None:
         """Lay the zone out: bonds follow a law of their own stretch and may break where both ends lie in it.
 
         Parameters
@@ -49,6 +57,9 @@ class BondZone:
         limit : float
             Largest ``|xi + eta|^2 / |xi|^2 - 1`` of a bond (linearised: ``2 xi . eta / |xi|^2``) that does not break;
             may be infinite.
+        strength : ndarray, shape of the core, optional
+            The same of the bonds of each node over that of the weakest, which `limit` then is; a bond breaks as the
+            weaker of its ends does.
         """
         engine = self.engine
         block, components, high = engine.layout.box, engine.components, ROWS[engine.components]
@@ -64,14 +75,16 @@ class BondZone:
         rows = block.nodes[0], -(-block.nodes[1] // high)
         kinds = np.zeros((*rows, -(-(zone.end[2] - zone.first[2]) // LANES)), np.uint8)
         rule = RULES[self.engine.tables.material.rule] if self.engine.tables.material.coefficient.size > 1 else None
-        functions = np.array(load_bonds(components, nonlinear, self.engine.dtype.name, rule), np.int64)
+        strong = strength is not None
+        functions = np.array(load_bonds(components, nonlinear, engine.dtype.name, rule, strong), np.int64)
+        strengths = np.ones(1, engine.dtype) if strength is None else engine.spread(strength)
         limits = np.array([limit, (limit / 2 * spacing) ** 2], self.engine.dtype)
         at = zone.table(self.engine.layout.reach)
         broken = np.zeros((*rows, 2))
         forces = engine.passes is None
         before = np.zeros((0, 0), np.uint64) if forces else alive.copy()
         changed, full = np.zeros_like(kinds), all_bits(len(places))
-        damage = forces, changed, before, full
+        damage = forces, changed, before, full, strengths
         engine.replace(bonds=Bonds(functions, table, places, alive, kinds, at, limits, nonlinear, broken, *damage))
         engine.sweep_in_pieces(laws.PIECE_ROWS)
         self._find_kinds()
@@ -199,7 +212,9 @@ class BondZone:
         return float(total) / self.engine.stages.numbers[0][2]
 
     def largest_strain(self) -> float:
-        """Largest ``|xi + eta|^2 / |xi|^2 - 1`` (linearised: ``2 xi . eta / |xi|^2``) of the bonds that may break."""
+        """Largest ``|xi + eta|^2 / |xi|^2 - 1`` (linearised: ``2 xi . eta / |xi|^2``) of the bonds that may break; where
+        strengths vary, over how much stronger the bond is than the weakest.
+        """
         self.engine.complete(self.engine.current)
         return float(
             laws.largest_strain(self.engine.current, self.engine.tables.sweep.block, self.engine.components, self.table)
@@ -217,6 +232,15 @@ class BondZone:
         return bits
 
     @property
+    def critical_stretches(self) -> tuple[float, float]:
+        """The least and the largest stretch at which bonds break."""
+        strength = self.table.strength
+        least, largest = (self.limit * float(factor) for factor in (strength.min(), strength.max()))
+        if not self.nonlinear:
+            return least / 2, largest / 2
+        return float(np.sqrt(1 + least) - 1), float(np.sqrt(1 + largest) - 1)
+
+    @property
     def limit(self) -> float:
-        """Largest e of a bond that does not break, see `set`."""
+        """Largest e of a bond that does not break, of the weakest ones; see `set`."""
         return float(self.table.limit[0])

@@ -71,6 +71,9 @@ class Bonds(NamedTuple):
         Bits for which the lost energy is known.
     full : ndarray of uint64, shape (words,)
         Bits of a node with all its bonds.
+    strength : ndarray
+        Of each place of a level the limit of the strain e of its bonds over `limit`, which is the least one: a bond
+        breaks as the weaker of its ends does. Of one number where all are alike.
     """
 
     functions: np.ndarray
@@ -86,6 +89,7 @@ class Bonds(NamedTuple):
     changed: np.ndarray
     before: np.ndarray
     full: np.ndarray
+    strength: np.ndarray
 
 
 def no_bonds(dtype: np.dtype) -> Bonds:
@@ -105,6 +109,7 @@ def no_bonds(dtype: np.dtype) -> Bonds:
         kinds,
         bits,
         np.zeros(0, np.uint64),
+        np.ones(1, dtype),
     )
 
 
@@ -312,6 +317,7 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
                 np.int64(stage.out.ctypes.data + node * size),
                 np.int64(material.coefficient.ctypes.data + node * size),
                 np.int64(alive.ctypes.data + 8 * node),
+                np.int64(bonds.strength.ctypes.data + node * size),
                 np.int64(bonds.table.ctypes.data),
                 np.int64(bonds.places.ctypes.data),
                 np.int64(zone.ctypes.data),
@@ -437,9 +443,15 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, material,
     return total
 
 
+@njit(error_model="numpy", inline="always")
+def weaker(strength, node, other):
+    """Limit of a bond over the least one, from the strengths of its ends."""
+    return min(strength[node], strength[other]) if strength.size > 1 else strength[0]
+
+
 @njit(error_model="numpy", cache=True)
 def largest_strain(u, block, components, bonds):
-    """Largest e of a bond that may break."""
+    """Largest e of a bond that may break; where strengths vary, over how much stronger it is than the weakest."""
     table, places, alive, zone, nonlinear = bonds.table, bonds.places, bonds.alive, bonds.zone, bonds.nonlinear
     found = np.empty(max(zone[END + 2] - zone[FIRST + 2], 0))
     largest = -1.0
@@ -453,13 +465,15 @@ def largest_strain(u, block, components, bonds):
                     strains(found[: stop - start], u, node + start, places[bond, 0], table[bond], components, nonlinear)
                     there = alive[bond >> 6, node + start :]
                     for i in range(stop - start):
-                        largest = max(largest, found[i] if there[i] & mask != 0 else -1.0)
+                        strength = weaker(bonds.strength, node + start + i, node + start + i + places[bond, 0])
+                        largest = max(largest, found[i] / strength if there[i] & mask != 0 else -1.0)
     return largest
 
 
 @njit(error_model="numpy", cache=True)
-def steepest(level, nodes, bits, distances, xi, nonlinear):
-    """Which of the nodes has the bond with the largest e, and that e; -1 without bonds."""
+def steepest(level, nodes, bits, distances, xi, nonlinear, strength):
+    """Which of the nodes has the bond that is nearest to its limit, and its e as in `largest_strain`; -1 without
+    bonds."""
     components, apart = xi.shape[1], level.size // xi.shape[1]
     worst, largest = -1, -1.0
     for i in range(nodes.size):
@@ -472,6 +486,7 @@ def steepest(level, nodes, bits, distances, xi, nonlinear):
                     )
                     total += eta * (2 * xi[k, c] + (eta if nonlinear else 0.0))
                     length += xi[k, c] * xi[k, c]
+                length *= weaker(strength, nodes[i], nodes[i] + distances[k])
                 if total > largest * length:
                     worst, largest = i, total / length
     return worst, largest

@@ -202,6 +202,12 @@ class Interpreter:
             alive = bonds.alive[bond >> 6, nodes] & np.uint64(1) << np.uint64(bond & 63) != 0
             yield bond, nodes, alive, curved, xi + bent, (eta * (2 * xi + bent)).sum(0) * inverse
 
+    def _limits(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """Largest strain e of bonds that do not break."""
+        bonds = self.tables.bonds
+        strength = np.broadcast_to(bonds.strength, self.engine.layout.size)
+        return np.asarray(bonds.limit[0] * np.minimum(strength[nodes], strength[others]))
+
     def _clear(self, bond: int, nodes: np.ndarray) -> None:
         """A bond breaks at some nodes."""
         self.tables.bonds.alive[bond >> 6, nodes] &= ~(np.uint64(1) << np.uint64(bond & 63))
@@ -213,7 +219,7 @@ class Interpreter:
         total[:, inside] = 0
         for bond, nodes, alive, curved, ahead, e in self._stretches():
             place, xi, stiffness = bonds.places[bond, 0], bonds.table[bond, :d, None], bonds.table[bond, d + 1]
-            gone = alive & curved & (e > bonds.limit[0])
+            gone = alive & curved & (e > self._limits(nodes, nodes + place))
             self._clear(bond, nodes[gone])
             c = stiffness * self._factors(nodes, nodes + place)
             self._count_broken(nodes[gone], place, xi, c[gone])
@@ -334,7 +340,8 @@ class Interpreter:
         """Bonds beyond their limit break; what the energy of their nodes loses is added up."""
         bonds, before = self.tables.bonds, self.tables.bonds.alive.copy()
         gone = [
-            (b, nodes[alive & curved & (e > bonds.limit[0])]) for b, nodes, alive, curved, _, e in self._stretches()
+            (b, nodes[alive & curved & (e > self._limits(nodes, nodes + bonds.places[b, 0]))])
+            for b, nodes, alive, curved, _, e in self._stretches()
         ]
         nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(nodes for _, nodes in gone)]))
         stored = self._energies(nodes)

@@ -97,7 +97,7 @@ def _check_ratio(nu: float, fixed: float | None, plane: str | None, combinations
             value=nu,
             limit=fixed,
             key="model.poisson",
-            remedy=combinations,
+            remedy=f"leave it out, or give {fixed:.6g}, which keeps the modulus that is given. {combinations}",
         )
 
 

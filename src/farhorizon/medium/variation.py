@@ -28,6 +28,8 @@ class Variation:
         Factor on the bonds beside these states.
     lame : ndarray, shape (2, ...), or None
         Lame's constants of such a medium.
+    strength : ndarray or None
+        Critical stretch, or fracture energy, over that of the model.
     """
 
     stiffness: np.ndarray | None = None
@@ -35,6 +37,7 @@ class Variation:
     moduli: np.ndarray | None = None
     springs: np.ndarray | None = None
     lame: np.ndarray | None = None
+    strength: np.ndarray | None = None
 
     @property
     def of_bonds(self) -> np.ndarray | None:

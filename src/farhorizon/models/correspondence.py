@@ -35,8 +35,9 @@ class Correspondence(Elastic):
         Where the material varies, an expression or a function of the coordinates, or the values at the nodes.
     plane : {"strain", "stress"}, optional
         In two dimensions; "strain" unless given.
-    critical_stretch : float, optional
-        Bonds whose length has grown by more than this part break for good; none unless given.
+    critical_stretch : float, str, ndarray or callable, optional
+        Bonds whose length has grown by more than this part break for good; none unless given. Where it varies, as
+        `young`: a bond breaks as the weaker of its ends does.
     shape_tensor : {"recomputed", "kept"}
         K of a node that loses bonds: from those that are left (0 where its determinant is below a thousandth of an
         intact one), or that of the body without cracks, which softens gradually.
@@ -74,7 +75,7 @@ class Correspondence(Elastic):
         *,
         density: Constant = 1.0,
         plane: str | None = None,
-        critical_stretch: float | None = None,
+        critical_stretch: Constant | None = None,
         shape_tensor: str = "recomputed",
         drag: float = 0.0,
         stabilisation: float = 0.0,

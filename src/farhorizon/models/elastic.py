@@ -72,9 +72,10 @@ class Elastic(LatticeModel):
     nonlinear : bool
         Bond-based: the force ``c (|xi + eta| - |xi|)`` along the deformed bond (the prototype microelastic material),
         not linearised in eta.
-    critical_stretch : float, optional
-        Bonds whose length has grown by more than this part break for good; not of finite elements.
-    fracture_energy : float, optional
+    critical_stretch : float, str, ndarray or callable, optional
+        Bonds whose length has grown by more than this part break for good; not of finite elements. Where it varies, as
+        `young`: a bond breaks as the weaker of its ends does.
+    fracture_energy : float, str, ndarray or callable, optional
         Bond-based: instead of the critical stretch the energy that a new crack takes per area; see
         `critical_stretch_on`.
 
@@ -98,7 +99,9 @@ class Elastic(LatticeModel):
     Silling, Epton, Weckner, Xu and Askari (2007), eq 104, linearised: its dilatation acts with lam - mu.
     Correspondence: the same, section 18, with the gradient of Wildman and Gazonas (2012), eqs 2-8 to 2-13; the
     stabilisation is that of Silling (2017), eq 21. Forces of state-based and correspondence materials follow from
-    states of the nodes (`farhorizon.medium.force_states`): their bonds may be cut and break, but not be weakened.
+    states of the nodes (`farhorizon.medium.force_states`): their bonds may be cut and break, but not be weakened. A bond
+    between nodes of different strengths breaks at the smaller of their critical stretches, as in Parks, Lehoucq,
+    Plimpton and Silling (2008), Computer Physics Communications 179.
 
     Examples
     --------
@@ -106,6 +109,7 @@ class Elastic(LatticeModel):
     >>> rock = fh.Elastic(fh.Kernel(2.0), young=50.0, density=2.0)  # bond-based: Poisson's ratio is 1/4
     >>> round(rock.p_speed / rock.s_speed, 6)  # sqrt(3)
     1.732051
+    >>> seam = fh.Elastic(fh.Kernel(2.0), young=50.0, critical_stretch="where(abs(y) < 1, 0.001, 0.01)")
     """
 
     young: Any
@@ -130,8 +134,8 @@ class Elastic(LatticeModel):
         damping: float = 0.0,
         stabilisation: float = 0.0,
         nonlinear: bool = False,
-        critical_stretch: float | None = None,
-        fracture_energy: float | None = None,
+        critical_stretch: Constant | None = None,
+        fracture_energy: Constant | None = None,
     ) -> None:
         kinds.one_of(material, "model.material", MATERIALS, "unknown material")
         if plane is not None:
@@ -171,11 +175,11 @@ class Elastic(LatticeModel):
             if value is not None
         }
         self.density = material_constant(density, "model.density")
-        uneven = sorted(set(self.varying) - {"density"})
+        uneven = sorted(set(self.uneven) - {"density"})
         if uneven and not self.cuttable:
             raise InputError(
                 f"the moduli of {self.title} are the same everywhere",
-                value=kinds.said(self.varying[uneven[0]]),
+                value=kinds.said(self.uneven[uneven[0]]),
                 limit="a number",
                 key=f"model.{uneven[0]}",
                 remedy='material = "bond-based", "state-based" or "correspondence" with a kernel; the density may vary',
@@ -201,10 +205,9 @@ class Elastic(LatticeModel):
                 key="model.fracture_energy",
                 remedy="give one of them",
             )
-        for name in ("critical_stretch", "fracture_energy"):
-            if getattr(self, name) is not None:
-                setattr(self, name, kinds.number(getattr(self, name), f"model.{name}", above=0))
-        given = [name for name in ("nonlinear", "fracture_energy", "critical_stretch") if getattr(self, name)]
+        for name, value in self._strength.items():
+            setattr(self, name, material_constant(value, f"model.{name}"))
+        given = ["nonlinear"] * self.nonlinear + sorted(self._strength, reverse=True)
         served = ("bond-based",) if given != ["critical_stretch"] else _BREAKABLE
         if given and (self.material not in served or not isinstance(self.kernel, Kernel)):
             raise InputError(
@@ -223,9 +226,15 @@ class Elastic(LatticeModel):
         return f"Elastic of {self.material} material"
 
     @property
+    def _strength(self) -> dict[str, Any]:
+        """What it takes to break bonds, as it is given."""
+        given = {name: getattr(self, name) for name in ("critical_stretch", "fracture_energy")}
+        return {name: value for name, value in given.items() if value is not None}
+
+    @property
     def bondwise(self) -> bool:
         """Whether bonds follow a law of their own stretch one by one: nonlinear, or breaking, or both."""
-        return self.nonlinear or self.critical_stretch is not None or self.fracture_energy is not None
+        return self.nonlinear or bool(self._strength)
 
     @property
     def bond_law(self) -> Elastic | None:
@@ -248,25 +257,39 @@ class Elastic(LatticeModel):
         """Force density over elongation of each bond of the material's stencil."""
         return np.asarray(np.trace(stencil.weights, axis1=1, axis2=2) * self.p_modulus / spacing**2)
 
-    def critical_stretch_on(self, spacing: float, dim: int) -> float:
+    def critical_stretch_on(self, spacing: float, dim: int, strength: Any = 1.0, stiffness: Any = 1.0) -> Any:
         """The stretch at which bonds break: the one given, or from the fracture energy and the bonds of the lattice;
         infinite without.
 
         The bonds' energy across a plane, averaged over its directions (`medium.fracture.fracture_energy`), is the
         fracture energy. That of a crack along an axis of the lattice differs by what the lattice is not a continuum.
+
+        Parameters
+        ----------
+        spacing : float
+        dim : int
+        strength : float or ndarray
+            Critical stretch, or fracture energy, over that of the material.
+        stiffness : float or ndarray
+            Of the bonds over those of the material: the stiffer they are, the less they stretch for the same energy.
+
+        Returns
+        -------
+        float or ndarray
         """
         if self.critical_stretch is not None:
-            return self.critical_stretch
+            return self.critical_stretch * strength
         if self.fracture_energy is None:
             return np.inf
         stencil = self.stencil(spacing, dim)
         of_one = energy_of_fracture(spacing * stencil.offsets, self.bond_stiffness(stencil, spacing), 1.0)
-        return float(np.sqrt(self.fracture_energy / of_one))
+        with np.errstate(divide="ignore"):  # where there are no bonds none breaks
+            return np.sqrt(self.fracture_energy * strength / (of_one * np.asarray(stiffness, float)))
 
     def _settle(self) -> None:
         """Set all constants from those that are given."""
         given = self._given_moduli
-        if self.varying:
+        if self.uneven:
             self.young, self.poisson, self.bulk, self.shear = (
                 given.get(name) for name in ("young", "poisson", "bulk", "shear")
             )
@@ -280,16 +303,23 @@ class Elastic(LatticeModel):
         return moduli_of(given, fixed, self.plane, self.material, COMBINATIONS)
 
     @property
-    def varying(self) -> dict[str, Any]:
+    def uneven(self) -> dict[str, Any]:
         """Those of the moduli and the density that vary."""
         given = self._given_moduli | {"density": self.density}
         return {name: value for name, value in given.items() if not isinstance(value, float)}
+
+    @property
+    def varying(self) -> dict[str, Any]:
+        """These, and what it takes to break bonds where that varies."""
+        return self.uneven | {name: value for name, value in self._strength.items() if not isinstance(value, float)}
 
     def with_constants(self, constants: Mapping[str, Any]) -> Elastic:
         """The same material with other constants."""
         model = copy.copy(self)
         model._given_moduli = {name: constants.get(name, value) for name, value in self._given_moduli.items()}
         model.density = constants.get("density", self.density)
+        for name, value in self._strength.items():
+            setattr(model, name, constants.get(name, value))
         model._settle()
         return model
 
@@ -299,7 +329,18 @@ class Elastic(LatticeModel):
             super().check_constant(name, values)
 
     def on_nodes(self, values: Mapping[str, np.ndarray]) -> tuple[Elastic, Variation]:
-        """The medium in the middle of all speeds of P waves, and the others beside it."""
+        """The medium in the middle of all speeds of P waves, in strength the middle of all strengths, and the others
+        beside it.
+        """
+        broken = {name: values[name] for name in self._strength if name in values}
+        of_strength = {name: float(value.flat[middle_node(value)]) for name, value in broken.items()}
+        model, found = self.with_constants(of_strength)._on_nodes({k: v for k, v in values.items() if k not in broken})
+        return model, replace(found, strength=next((broken[k] / of_strength[k] for k in broken), None))
+
+    def _on_nodes(self, values: Mapping[str, np.ndarray]) -> tuple[Elastic, Variation]:
+        """The same by moduli and density."""
+        if not values:
+            return self, Variation()
         given = {name: values.get(name, value) for name, value in self._given_moduli.items()}
         solids = self._moduli_of(given)
         modulus, density = np.broadcast_arrays(solids.lame + 2 * solids.shear, values.get("density", self.density))

@@ -17,12 +17,13 @@ from farhorizon.files.html import table
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.integrators import Euler, Integrator, RungeKutta4, RungeKuttaChebyshev, Verlet
 from farhorizon.medium.kernel import Kernel
+from farhorizon.medium.scatter import Weibull
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
 
 #: Of a material: a number, or an expression, a function of the coordinates or values at the nodes.
-Constant = float | str | Callable[..., Any] | NDArray[np.float64]
-_TAKEN = ("type", "stencil", "stages")  # keys of its table that are not the class's own
+Constant = float | str | Weibull | Callable[..., Any] | NDArray[np.float64]
+_TAKEN = ("type", "stencil", "stages", "of")  # keys of its table that are not the class's own
 
 
 class BondLaw(Protocol):
@@ -35,8 +36,10 @@ class BondLaw(Protocol):
     def p_modulus(self) -> float:
         """Modulus of longitudinal waves."""
 
-    def critical_stretch_on(self, spacing: float, dim: int) -> float:
-        """The stretch at which bonds break; infinite where none does."""
+    def critical_stretch_on(self, spacing: float, dim: int, strength: Any = 1.0, stiffness: Any = 1.0) -> Any:
+        """The stretch at which bonds break; infinite where none does. Where the medium varies, that at the nodes, from
+        the strengths and the factors on bonds over those of the model.
+        """
 
     def bond_stiffness(self, stencil: Stencil, spacing: float) -> np.ndarray:
         """Force density over elongation of each bond of the stencil."""
@@ -167,7 +170,7 @@ class LatticeModel:
         InputError
             It names what is missing.
         """
-        asked = ["integrator", *([] if self.varying else ["coefficient"]), *inspect.signature(type(self)).parameters]
+        asked = ["integrator", *([] if self.uneven else ["coefficient"]), *inspect.signature(type(self)).parameters]
         missing = [name for name in asked if not hasattr(self, name)]
         if missing:
             raise InputError(
@@ -176,7 +179,7 @@ class LatticeModel:
                 key="model",
                 remedy=f"self.{missing[0]} = ... in __init__",
             )
-        if not self.varying:
+        if not self.uneven:
             kinds.number(self.coefficient, "model.coefficient", above=0)
         kinds.instance(self.integrator, "model.integrator", get_args(Integrator), "a time integrator")
 
@@ -184,6 +187,11 @@ class LatticeModel:
     def varying(self) -> dict[str, Any]:
         """Constants of the material that vary from node to node, by name, as they are given."""
         return {}
+
+    @property
+    def uneven(self) -> dict[str, Any]:
+        """Those of them that its waves feel."""
+        return self.varying
 
     def with_constants(self, constants: Mapping[str, Any]) -> Self:
         """The same model with others of its constants `varying`."""

@@ -55,20 +55,35 @@ class Breaking:
             end[lead + axis] = margins[axis, -1] + n - apart[1]
         return Zone((first[0], first[1], first[2]), (end[0], end[1], end[2]), (around[0], around[1], around[2]))
 
+    @cached_property
+    def critical_stretches(self) -> np.ndarray:
+        """At the nodes of this lattice, or of one number; a bond breaks at the smaller one of its ends."""
+        lattice, strength, factor = self.near.lattice, self.near.variation.strength, self.near.factor
+        given = 1.0 if strength is None else strength, 1.0 if factor is None else factor
+        return np.asarray(self.law.critical_stretch_on(lattice.spacing, lattice.dim, *given))
+
     @property
     def critical_stretch(self) -> float:
-        """Of bonds on this lattice."""
-        return float(self.law.critical_stretch_on(self.near.lattice.spacing, self.near.lattice.dim))
+        """Of the weakest bonds on this lattice."""
+        return float(self.critical_stretches.min())
+
+    def _limits(self) -> tuple[float, np.ndarray | None]:
+        """Largest strain e of the weakest bonds, and of those of each node over it, None where all are alike."""
+        stretches = self.critical_stretches
+        limits = stretches * (2 + stretches) if self.law.nonlinear else 2 * stretches
+        least = float(limits.min())
+        alike = np.ptp(limits) == 0 if np.isfinite(limits).all() else not np.isfinite(least)
+        return least, None if alike else self.grid.grown(limits / least)
 
     def begin(self) -> None:
         """Give the engine the law of the bonds, whole and uncut."""
-        law, spacing, stretch = self.law, self.near.lattice.spacing, self.critical_stretch
-        limit = stretch * (2 + stretch) if law.nonlinear else 2 * stretch
+        law, spacing = self.law, self.near.lattice.spacing
+        limit, strength = self._limits()
         engine = self.grid.engine
         count = len(engine.offsets)
         states = engine.passes is not None  # whose forces are not along their bonds
         stiffness = np.zeros(count) if states else law.bond_stiffness(self.near.stencil, spacing) / law.density
-        engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit)
+        engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit, strength)
         self.cuts.cut(())
 
     def left(self) -> np.ndarray:
@@ -121,6 +136,7 @@ class Breaking:
             lattice.spacing * engine.offsets[:, self.grid.lead :],
             engine.bonds.limit,
             law.nonlinear,
+            engine.bonds.table.strength,
             max(1, int(crossing / near.dt)),
         )
 

@@ -33,6 +33,8 @@ class IntactMargin:
     limit : float
         Largest ``|xi + eta|^2 / |xi|^2 - 1`` of a bond that would not break (linearised: ``2 xi . eta / |xi|^2``).
     nonlinear : bool
+    strength : ndarray
+        Of each place of a level the limit over that one, or of one number.
     every : int
         Steps between two looks: a wave takes longer through the margin.
     """
@@ -44,13 +46,15 @@ class IntactMargin:
     bonds: np.ndarray
     limit: float
     nonlinear: bool
+    strength: np.ndarray
     every: int
 
     def overstretched(self, level: np.ndarray) -> np.ndarray | None:
-        """Index in the lattice of the node with the bond that is stretched most, if that is beyond the limit; `level`
-        as the engine has it.
+        """Index in the lattice of the node with the bond that is nearest to its limit, or farthest beyond, if that is
+        beyond it; `level` as the engine has it.
         """
-        node, strain = steepest(level, self.nodes, self.bits, self.distances, self.bonds, self.nonlinear)
+        given = self.nodes, self.bits, self.distances, self.bonds, self.nonlinear, self.strength
+        node, strain = steepest(level, *given)
         return self.corners[node] if strain > self.limit else None
 
     def warning(self, level: np.ndarray, lattice: Lattice) -> str | None:
@@ -76,6 +80,7 @@ def intact_margin(
     bonds: np.ndarray,
     limit: float,
     nonlinear: bool,
+    strength: np.ndarray,
     every: int,
 ) -> IntactMargin | None:
     """The margin of a near field, None if there is none.
@@ -113,6 +118,7 @@ def intact_margin(
         np.ascontiguousarray(bonds, float),
         limit,
         nonlinear,
+        strength,
         every,
     )
 

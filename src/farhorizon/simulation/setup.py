@@ -139,7 +139,7 @@ constraints, balance, specimens, loads
     @property
     def bond_rule(self) -> str:
         """How the coefficients of a bond's ends combine."""
-        return self.rule or ("harmonic" if self.model.varying else "both")
+        return self.rule or ("harmonic" if self.model.uneven else "both")
 
     @property
     def lasting(self) -> bool:

@@ -9,9 +9,10 @@ COMPONENTS = 2
 NONLINEAR = True
 REAL = "float64"
 RULE = None
+STRONG = False
 
-intact_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, False)
-damaged_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, True)
+intact_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, STRONG, False)
+damaged_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, STRONG, True)
 measure = steepness(COMPONENTS, REAL)
 
 

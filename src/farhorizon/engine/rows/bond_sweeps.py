@@ -3,7 +3,7 @@
 The force of a bond ``xi`` whose ends have moved apart by ``eta`` is ``c e h(e) (xi + eta)`` with ``e = |xi + eta|^2 /
 |xi|^2 - 1``, computed from ``eta`` without cancellation, and ``h(e) = 1 / (1 + e + sqrt(1 + e))``: the prototype
 microelastic law ``c (|y| - |xi|) y / |y|``. Linearised it is ``c e/2 xi`` with ``e = 2 xi . eta / |xi|^2``. A bond
-breaks where e exceeds a limit. What decides on that is rounded alike at both ends of a bond, for all factors turn their
+breaks where e exceeds a limit, which may be that of the weaker of its ends. What decides on that is rounded alike at both ends of a bond, for all factors turn their
 sign there, and the order of the sums is fixed: so each end finds it out by itself. Where the material varies c has a
 factor that follows from the coefficients of both ends, whichever comes first.
 """
@@ -34,8 +34,8 @@ class TileAddresses(NamedTuple):
 
     Attributes
     ----------
-    src, base, out, coefficient, alive : int
-        The first node in the levels, among the coefficients and among the bits of the bonds.
+    src, base, out, coefficient, alive, strength : int
+        The first node in the levels, among the coefficients, among the bits of the bonds and among the strengths.
     table, places : int
         The tables of reals and of integers; that of reals has, bond by bond, xi, 1 / |xi|^2 and c, without
         coefficients.
@@ -48,6 +48,7 @@ class TileAddresses(NamedTuple):
     out: int
     coefficient: int
     alive: int
+    strength: int
     table: int
     places: int
     zone: int
@@ -84,8 +85,9 @@ class TileShape(NamedTuple):
 _ADDRESSES = types.NamedUniTuple(types.int64, len(TileAddresses._fields), TileAddresses)
 _SHAPE = types.NamedUniTuple(types.int64, len(TileShape._fields), TileShape)
 
-#: Components of the field, whether the law is nonlinear, the number type, and the rule of coefficients or None.
-Law = tuple[int, bool, str, str | None]
+#: Components of the field, whether the law is nonlinear, the number type, the rule of coefficients or None, and whether
+#: nodes have strengths of their own.
+Law = tuple[int, bool, str, str | None, bool]
 #: Addresses, places, and the reals a, b and limit, as values of the code that is emitted.
 TileArguments = tuple[TileAddresses, TileShape, Any, Any, Any]
 
@@ -98,10 +100,10 @@ class _Tile:
     """
 
     def __init__(self, builder: ir.IRBuilder, args: TileArguments, law: Law, first: Any) -> None:
-        components, nonlinear, real, self.rule = law
+        components, nonlinear, real, self.rule, self.strong = law
         self.builder, self.components, self.nonlinear = builder, components, nonlinear
         at, shape, self.a, self.b, limit = args
-        self.src, self.base, self.out, coefficient, self.alive, self.table, self.places, self.zone = at
+        self.src, self.base, self.out, coefficient, self.alive, strength, self.table, self.places, self.zone = at
         self.count, self.words, n, rows, self.step, self.apart, *self.node = shape
         self.vectors = Vectors(builder, ir.DoubleType() if real == "float64" else ir.FloatType(), LANES)
         self.src, self.base, self.out = (
@@ -118,6 +120,8 @@ class _Tile:
         self.coefficients = [
             self.vectors.load(self.place(self.coefficient, row, 0)) for row in self.rows if self.rule is not None
         ]
+        self.strength = self.vectors.shifted(strength, (1, first))
+        self.strengths = [self.vectors.load(self.place(self.strength, row, 0)) for row in self.rows if self.strong]
 
     def constant(self, value: float) -> Any:
         return ir.Constant(self.vectors.type, [value] * LANES)
@@ -174,14 +178,30 @@ class _Tile:
             total = self.call("fma", d, s, total)
         return builder.fmul(total, inverse), direction
 
+    def beyond(self, bond: Any, row: int, start: Any) -> Any:
+        """What the other end of a bond has of what nodes have from `start` on."""
+        return self.vectors.load(self.vectors.shifted(self.place(start, self.rows[row], 0), (1, self.offset(bond, 0))))
+
+    @property
+    def bound(self) -> Any:
+        """Where `measured` is above it a bond breaks."""
+        return self.constant(0.0) if self.strong else self.limit
+
+    def measured(self, e: Any, bond: Any, row: int) -> Any:
+        """What tells whether a bond breaks: e, or how far it is beyond the limit of the weaker end."""
+        if not self.strong:
+            return e
+        builder, here = self.builder, self.strengths[row]
+        there = self.beyond(bond, row, self.strength)
+        weaker = builder.select(builder.fcmp_ordered("<", here, there), here, there)
+        return builder.fsub(e, builder.fmul(self.limit, weaker))
+
     def stiffness(self, uniform: Any, bond: Any, row: int) -> Any:
         """c of one bond from that without coefficients, as `engine.bonds.bond_factor` has it."""
         if self.rule is None:
             return uniform
         builder, here = self.builder, self.coefficients[row]
-        there = self.vectors.load(
-            self.vectors.shifted(self.place(self.coefficient, self.rows[row], 0), (1, self.offset(bond, 0)))
-        )
+        there = self.beyond(bond, row, self.coefficient)
         if self.rule == "both":
             return builder.fmul(uniform, builder.select(builder.fcmp_ordered("<", here, there), here, there))
         total = builder.fadd(here, there)
@@ -268,14 +288,15 @@ def _sweep_intact(tile: _Tile, n: Any) -> Any:
 
     def force(bond: Any, row: int, xi: list[Any], inverse: Any, stiffness: Any, top: Any) -> tuple[Any, list[Any], Any]:
         e, direction = tile.stretch(xi, inverse, tile.differences(bond, row))
+        measured = tile.measured(e, bond, row)
         return (
             tile.pull(e, tile.stiffness(stiffness, bond, row)),
             direction,
-            builder.select(builder.fcmp_ordered(">", e, top), e, top),
+            builder.select(builder.fcmp_ordered(">", measured, top), measured, top),
         )
 
     sums, top = tile.over_bonds(tile.constant(-1.0), force)
-    breaks = tile.any(builder.and_(builder.fcmp_ordered(">", top, tile.limit), tile.wanted))
+    breaks = tile.any(builder.and_(builder.fcmp_ordered(">", top, tile.bound), tile.wanted))
     with builder.if_then(builder.not_(breaks)):
         tile.update(sums, n)
     return breaks
@@ -310,7 +331,8 @@ def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
         alive = builder.icmp_unsigned("!=", builder.and_(bits, one), ir.Constant(_INTEGERS, [0] * LANES))
         e, direction = tile.stretch(xi, inverse, tile.differences(bond, row), curved)
         over = builder.and_(
-            builder.and_(builder.fcmp_ordered(">", e, tile.limit), curved), builder.and_(alive, tile.wanted)
+            builder.and_(builder.fcmp_ordered(">", tile.measured(e, bond, row), tile.bound), curved),
+            builder.and_(alive, tile.wanted),
         )
         pull = tile.pull(e, tile.stiffness(stiffness, bond, row), curved)
         factor = builder.select(builder.and_(alive, builder.not_(over)), pull, tile.constant(0.0))
@@ -324,7 +346,7 @@ def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
     return changed
 
 
-def bond_sweep(components: int, nonlinear: bool, real: str, rule: str | None, damaged: bool) -> Any:
+def bond_sweep(components: int, nonlinear: bool, real: str, rule: str | None, strong: bool, damaged: bool) -> Any:
     """Make the intrinsic that writes ``out = a*src + b*base + sum over the bonds`` on tiles.
 
     On a damaged one it returns whether a bond breaks, on intact ones, of which there may be many in a row, how many of
@@ -338,6 +360,8 @@ def bond_sweep(components: int, nonlinear: bool, real: str, rule: str | None, da
     real : {"float64", "float32"}
     rule : {"both", "arithmetic", "harmonic"} or None
         How the coefficients of a bond's ends combine; None where there are none.
+    strong : bool
+        Whether nodes have strengths of their own.
     damaged : bool
         Look at the bits of the bonds and at the ends of the zone, and clear the bits of what breaks.
 
@@ -353,7 +377,7 @@ def bond_sweep(components: int, nonlinear: bool, real: str, rule: str | None, da
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
             at, shape, *reals = args
             given = TileAddresses(*_unpacked(builder, at)), TileShape(*_unpacked(builder, shape)), *reals
-            return (_damaged if damaged else _intact)(builder, given, (components, nonlinear, real, rule))
+            return (_damaged if damaged else _intact)(builder, given, (components, nonlinear, real, rule, strong))
 
         return bond_signature(real), codegen
 

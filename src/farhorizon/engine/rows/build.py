@@ -133,11 +133,13 @@ def load_law(count: int, real: str) -> int:
     return int(_load("rows/law_rows", COUNT=count, REAL=real).law.address)
 
 
-def load_bonds(components: int, nonlinear: bool, real: str, rule: str | None) -> tuple[int, int, int]:
+def load_bonds(
+    components: int, nonlinear: bool, real: str, rule: str | None, strong: bool = False
+) -> tuple[int, int, int]:
     """Addresses of the sweeps of plain tiles and of a damaged one for a law of bonds, and of the bound of their stretch
     (see `bond_sweeps`).
     """
-    made = _load("rows/bond_rows", COMPONENTS=components, NONLINEAR=nonlinear, REAL=real, RULE=rule)
+    made = _load("rows/bond_rows", COMPONENTS=components, NONLINEAR=nonlinear, REAL=real, RULE=rule, STRONG=strong)
     return int(made.intact.address), int(made.damaged.address), int(made.steep.address)
 
 

@@ -1,0 +1,171 @@
+"""Named materials: their constants in SI units, each with its source."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+
+@dataclass(frozen=True)
+class Solid:
+    """Constants of an isotropic solid.
+
+    Attributes
+    ----------
+    young : float
+        Young's modulus (Pa).
+    poisson : float
+        Poisson's ratio.
+    density : float
+        Mass per volume (kg/m^3).
+    sources : mapping of str to str
+        Where each of them is from.
+    """
+
+    young: float
+    poisson: float
+    density: float
+    sources: Mapping[str, str]
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """What elastic models are given."""
+        return {"young": self.young, "poisson": self.poisson, "density": self.density}
+
+
+@dataclass(frozen=True)
+class Fluid:
+    """Constants of a fluid at rest.
+
+    Attributes
+    ----------
+    speed : float
+        Of sound (m/s).
+    density : float
+        Mass per volume (kg/m^3).
+    sources : mapping of str to str
+        Where each of them is from.
+    """
+
+    speed: float
+    density: float
+    sources: Mapping[str, str]
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """What `Wave` is given for the pressure: the speed, and as density the compressibility ``1 / (density
+        speed^2)`` (1/Pa), with which pressures are reflected where fluids meet as the impedances say.
+        """
+        return {"speed": self.speed, "density": 1 / (self.density * self.speed**2)}
+
+
+def _of(**sources: str) -> Mapping[str, str]:
+    return MappingProxyType(sources)
+
+
+class materials:
+    """Named materials, in SI units, each number with its source.
+
+    ``constants`` of one are what a model is given. Solids have Young's modulus, Poisson's ratio and density. A
+    bond-based material, which has one Poisson's ratio, refuses another one: give it ``young`` and ``density`` alone,
+    which keeps Young's modulus and changes the other moduli. Fluids have the speed of sound and, as the density of
+    `Wave`, the compressibility: the field is then the pressure. In case files ``of = "steel"`` in ``[model]`` and
+    ``[[material]]`` means the same, in the units of the case.
+
+    Strengths and fracture energies are not among them: they are properties of a specimen, its surface and the rate.
+
+    Attributes
+    ----------
+    steel : Solid
+        Structural steel.
+    aluminium : Solid
+        Structural alloys.
+    glass : Solid
+        Soda-lime glass.
+    concrete : Solid
+        C30/37, uncracked, without reinforcement.
+    homalite : Solid
+        Homalite-100, for waves and running cracks.
+    water : Fluid
+        At 20 degrees Celsius.
+    air : Fluid
+        Dry, at 15 degrees Celsius and 101 325 Pa.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> steel = fh.materials.steel
+    >>> plate = fh.Elastic(fh.Kernel(0.01), **steel.constants, material="state-based")
+    >>> round(plate.p_speed), round(plate.s_speed)
+    (6001, 3208)
+    >>> steel.sources["density"]
+    'EN 1991-1-1:2002, table A.4'
+    >>> bonds = fh.Elastic(fh.Kernel(0.01), young=steel.young, density=steel.density)  # Poisson's ratio is 1/4
+    """
+
+    steel = Solid(
+        young=210e9,
+        poisson=0.3,
+        density=7850.0,
+        sources=_of(
+            young="EN 1993-1-1:2005, 3.2.6",
+            poisson="EN 1993-1-1:2005, 3.2.6",
+            density="EN 1991-1-1:2002, table A.4",
+        ),
+    )
+    aluminium = Solid(
+        young=70e9,
+        poisson=0.3,
+        density=2700.0,
+        sources=_of(
+            young="EN 1999-1-1:2007, 3.2.5", poisson="EN 1999-1-1:2007, 3.2.5", density="EN 1999-1-1:2007, 3.2.5"
+        ),
+    )
+    glass = Solid(
+        young=70e9,
+        poisson=0.2,
+        density=2500.0,
+        sources=_of(young="EN 572-1:2012", poisson="EN 572-1:2012", density="EN 572-1:2012"),
+    )
+    concrete = Solid(
+        young=33e9,
+        poisson=0.2,
+        density=2400.0,
+        sources=_of(
+            young="EN 1992-1-1:2004, table 3.1 (E_cm of C30/37)",
+            poisson="EN 1992-1-1:2004, 3.1.3",
+            density="EN 1991-1-1:2002, table A.1",
+        ),
+    )
+    homalite = Solid(
+        young=5.2e9,
+        poisson=0.34,
+        density=1230.0,
+        sources=_of(
+            young="Samudrala and Rosakis (2003), dynamic",
+            poisson="Samudrala and Rosakis (2003), dynamic",
+            density="Samudrala and Rosakis (2003)",
+        ),
+    )
+    water = Fluid(
+        speed=1482.3,
+        density=998.2,
+        sources=_of(
+            speed="Del Grosso and Mader (1972)",
+            density="Tanaka, Girard, Davis, Peuto and Bignell (2001), Metrologia 38",
+        ),
+    )
+    air = Fluid(
+        speed=340.29,
+        density=1.225,
+        sources=_of(
+            speed="ISO 2533:1975, standard atmosphere at sea level",
+            density="ISO 2533:1975, standard atmosphere at sea level",
+        ),
+    )
+
+
+def named() -> dict[str, Solid | Fluid]:
+    """All of them by name."""
+    return {name: one for name, one in vars(materials).items() if isinstance(one, Solid | Fluid)}

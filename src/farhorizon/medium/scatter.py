@@ -1,0 +1,83 @@
+"""Constants that scatter from place to place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.files.storable import Storable
+
+_BESIDE = 1e-6  # of a cell, by which its edges lie beside nodes half a cell from its middle
+
+
+@dataclass(frozen=True)
+class Weibull(Storable):
+    """A constant that scatters: in each cell of a grid another value, ``P(value > s) = exp(-(s/scale)^modulus)``.
+
+    It is a function of place alone: the same on every lattice, for any order of nodes and number of threads, and for
+    finer lattices, on which a cell has more nodes. With a cell of one spacing each node has a value of its own.
+
+    Parameters
+    ----------
+    scale : float
+        The value that a share 1/e, 37 %, exceeds.
+    modulus : float
+        Weibull modulus m: the larger, the less scatter (standard deviation about 1.2/m of the mean).
+    cell : float
+        Edge of the cells, such as the size of grains; the origin lies in the middle of one.
+    seed : int
+        Another one, another sample.
+
+    Raises
+    ------
+    InputError
+        Scale, modulus or cell not positive.
+
+    Notes
+    -----
+    Weibull (1951), Journal of Applied Mechanics 18. A bond breaks as the weaker of its ends does, so that the
+    strength of a body lies below `scale`, and the more so the more cells there are. Numbers are those of the
+    generator of Steele, Lea and Flood (2014), OOPSLA, of the numbers of the cell and the seed.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> strength = fh.Weibull(scale=0.01, modulus=8, cell=0.5)
+    >>> stone = fh.Elastic(fh.Kernel(1.5, 1), young=50.0, critical_stretch=strength)
+    >>> strength(0.0, 0.1) == strength(0.2, -0.1), strength(0.0, 0.1) == strength(1.0, 0.1)
+    (True, False)
+    >>> x = 0.5 * np.arange(100_000)
+    >>> round(float((strength(x, 0.0) > 0.01).mean()), 2)
+    0.37
+    """
+
+    scale: float
+    modulus: float
+    cell: float
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        positive = {name: kinds.number(getattr(self, name), name, above=0) for name in ("scale", "modulus", "cell")}
+        kinds.settle(self, **positive, seed=kinds.integer(self.seed, "seed", least=0))
+
+    def __call__(self, *at: Any) -> Any:
+        """The values at coordinates, of their common shape."""
+        found = np.asarray(self.seed, np.uint64)
+        for x in np.broadcast_arrays(*at):
+            cell = np.floor(np.asarray(x, float) / self.cell + 0.5 + _BESIDE).astype(np.int64)
+            found = _mixed(found ^ cell.view(np.uint64))
+        share = ((found >> np.uint64(11)).astype(float) + 0.5) * 2.0**-53  # between 0 and 1, without either
+        return self.scale * (-np.log(share)) ** (1 / self.modulus)
+
+
+def _mixed(bits: np.ndarray) -> np.ndarray:
+    """A step of SplitMix64."""
+    with np.errstate(over="ignore"):  # it counts modulo 2^64
+        bits = bits + np.uint64(0x9E3779B97F4A7C15)
+        bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return np.asarray(bits ^ (bits >> np.uint64(31)))
