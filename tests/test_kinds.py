@@ -211,7 +211,7 @@ RIGHT = {
     "Polygon": {"points": [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]},
     "PolygonCut": {"points": [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]},
     "Polyline": {"points": [(0.0, 0.0), (1.0, 0.0)]},
-    "Prescribed": {"where": [0.0], "value": 0.0, "until": None, "rate": None},
+    "Prescribed": {"where": [0.0], "value": 0.0, "until": None, "rate": None, "velocity": None},
     "RayleighWave": {"direction": (1.0, 0.0), "signal": "sin(t)", "duration": 1.0, "within": None},
     "Receivers": {"points": [[0.0]], "record": "u", "every": 1, "interpolation": "sinc", "name": "a"},
     "Spectra": {
@@ -244,6 +244,7 @@ RIGHT = {
     "Traction": {"side": "y+", "value": (1.0, 0.0), "between": None, "time": None},
     "Voxels": {"voxels": np.ones((2, 2), int), "size": 1.0, "lower": (0.0, 0.0), "labels": None},
     "Wave": {"operator": KERNEL, "speed": 1.0, "damping": 0.0, "density": 1.0},
+    "Weibull": {"scale": 1.0, "modulus": 5.0, "cell": 1.0, "seed": 0},
     "WholeSteps": {"every": 0.25, "until": 1.0},
     "open_results": {"path": "no such file"},
     "read_case": {"path": "no such file", "changes": ()},
@@ -260,8 +261,8 @@ RIGHT = {
     },
     "tuned": {"sim": None, "angle": 60.0, "band": None, "budget": 1.0},
 }
-# a result, which nobody makes by hand, and what boundaries, models and signals derive from
-NOT_MADE = {"Certificate", "LatticeModel", "Side", "Signal"}
+# a result, which nobody makes by hand, names of materials, and what boundaries, models and signals derive from
+NOT_MADE = {"Certificate", "materials", "LatticeModel", "Side", "Signal"}
 
 
 def _or_input_error(call):
@@ -323,6 +324,16 @@ PLACES = {
     "prescribed": lambda v: fh.Simulation(
         LINE, fh.Wave(KERNEL), fh.Free(), constraints=[fh.Prescribed([0.0], v)], threads=1
     ).step(2),
+    "prescribed velocity of a solid": lambda v: fh.Simulation(
+        PLANE,
+        fh.Elastic(KERNEL, 1.0),
+        fh.Free(),
+        constraints=[fh.Prescribed([[0.0, 0.0]], velocity=[v, None])],
+        threads=1,
+    ).step(2),
+    "strength of a solid": lambda v: fh.Simulation(
+        PLANE, fh.Elastic(KERNEL, 1.0, critical_stretch=v), fh.Free(), threads=1
+    ),
     "where prescribed": lambda v: fh.Simulation(
         LINE, fh.Wave(KERNEL), fh.Free(), constraints=[fh.Prescribed(v, 0.0)], threads=1
     ),

@@ -138,6 +138,7 @@ def test_each_number_has_a_unit_or_none():
         "coefficient",
         "poisson",
         "critical_stretch",
+        "modulus",
         "stabilisation",
         "factor",
         "normal",

@@ -1,10 +1,13 @@
 """Prescribed values: held, released, in one and more dimensions."""
 
+import math
+
 import numpy as np
 import pytest
 
 import farhorizon as fh
 from farhorizon.case.case import Case
+from helpers import fitted_rate, roll_apply
 
 KERNEL = fh.Kernel(0.75)
 LINE = fh.Lattice(0.25, -4, 4)
@@ -172,3 +175,164 @@ def test_bad_input():
         fh.Prescribed([0.0], 1.0, until=-1.0)
     with pytest.raises(fh.InputError, match="not finite"):
         simulation(fh.Prescribed([0.0], lambda t: 1.0 if t < 0.05 else np.nan)).step(20)
+
+
+# --- displacements ---------------------------------------------------------------------------------------------
+
+SOLIDS = {
+    "bonds": {},
+    "state-based": {"material": "state-based", "poisson": 0.1},
+    "correspondence": {"material": "correspondence", "poisson": 0.3, "stabilisation": 0.4},
+    "finite elements": {"kernel": None, "material": "finite-element", "poisson": 0.3},
+}
+
+
+def solid(**options):
+    return fh.Elastic(**{"kernel": fh.Kernel(2.0), "young": 1.0, **options})
+
+
+@pytest.mark.parametrize("options", SOLIDS.values(), ids=SOLIDS)
+def test_displacements_are_those_of_a_plain_program(options):
+    """On a torus: some nodes follow both components, some one, some a velocity from where they started, some are
+    released.
+    """
+    lattice = fh.Lattice(1.0, (0.0, 0.0), (12.0, 11.0))
+    u, v = 0.01 * np.random.default_rng(3).standard_normal((2, 2, *lattice.shape))
+    masks = np.zeros((3, *lattice.shape), bool)
+    masks[0, 2:4, 3], masks[1, 6, 5:9], masks[2, 9:11, 9] = True, True, True
+    held = [
+        fh.Prescribed(masks[0], ["0.1*sin(t)", 0.02]),
+        fh.Prescribed(masks[1], velocity=[None, "0.03*t**2"]),  # of which Simpson's rule is exact
+        fh.Prescribed(masks[2], [np.cos, None], until=1.0, rate=[0.25, None]),
+    ]
+    model = solid(**options)
+    sim = fh.Simulation(lattice, model, fh.Periodic(), {"u": u, "v": v}, constraints=held, dt=0.05)
+    rate = model.coefficient
+
+    def acceleration(u):
+        return rate * roll_apply(u, sim.stencil.offsets, sim.stencil.weights)
+
+    u = u.copy()
+    u[0, masks[0]], u[1, masks[0]], u[0, masks[2]] = 0.0, 0.02, 1.0
+    first = u[1, masks[1]].copy()
+    old = u - sim.dt * v + sim.dt**2 / 2 * acceleration(u)
+    for n in range(1, 41):
+        u, old, t = 2 * u - old + sim.dt**2 * acceleration(u), u, n * sim.dt
+        u[0, masks[0]], u[1, masks[0]] = 0.1 * np.sin(t), 0.02
+        u[1, masks[1]] = first + 0.01 * t**3
+        if n <= 20:
+            u[0, masks[2]] = np.cos(t)
+        if n == 20:
+            old[0, masks[2]] = (u - sim.dt * 0.25 + sim.dt**2 / 2 * acceleration(u))[0, masks[2]]
+    sim.step(40)
+    np.testing.assert_allclose(sim.fields["u"], u, rtol=0, atol=1e-12)
+
+
+def test_a_plane_that_is_moved_sends_waves_to_both_sides():
+    """``u = U(t - |x|/c)``, by its velocity, in a medium that is open: to second order in the spacing where nodes feel
+    their neighbours alone, so that none sees across the plane.
+    """
+    errors, spacings = [], (0.5, 0.25)
+    for h in spacings:
+        lattice = fh.Lattice(h, (-18.0, 0.0), (18.0, 4 * h))
+        model = solid(kernel=None, material="finite-element", poisson=0.3)
+        plane = fh.Prescribed(fh.Box((-h / 4, -1.0), (h / 4, 9.0)), velocity=["0.01*exp(-((t-9)/2.5)**2)", 0.0])
+        sides = {"x": fh.LatticePML(nodes=10), "y": fh.Periodic()}
+        sim = fh.Simulation(lattice, model, sides, constraints=[plane]).run(16.0)
+        x, late = lattice.coordinates()[0], sim.time - np.abs(lattice.coordinates()[0]) / model.p_speed
+        exact = 0.01 * 2.5 * np.sqrt(np.pi) / 2 * (1 + np.vectorize(math.erf)((late - 9) / 2.5))
+        errors.append(np.abs(sim.fields["u"][0] - exact).max() / exact.max())
+        assert np.abs(sim.fields["u"][1]).max() < 1e-12 and x.size
+    assert errors[-1] < 0.02 and fitted_rate(spacings, errors) > 1.7
+
+
+@pytest.mark.parametrize("saved", [10, 20, 30])
+def test_restored_bodies_that_are_pulled_are_bitwise_the_same(saved, tmp_path):
+    """Bonds break meanwhile; before, at and after the release."""
+    lattice = fh.Lattice(0.5, (-4.0, -4.0), (4.0, 4.0))
+    model = fh.Elastic(fh.Kernel(1.0, 1), 1.0, nonlinear=True, critical_stretch=0.02)
+    pull = [
+        fh.Prescribed(fh.Box((-4.0, 3.4), (4.0, 4.0)), velocity=[None, fh.Expression("0.3*t", 0)], until=2.0),
+        fh.Prescribed(fh.Box((-4.0, -4.0), (4.0, -3.4)), [0.0, 0.0]),
+    ]
+    whole = fh.Simulation(lattice, model, fh.Free(), constraints=pull, dt=0.1, cracks=[[(-9.0, 0.2), (0.0, 0.2)]])
+    whole.step(saved)
+    whole.save(tmp_path / "c")
+    parts = fh.Simulation.restore(tmp_path / "c")
+    for sim in (whole, parts):
+        sim.step(40)
+    np.testing.assert_array_equal(whole.fields["u"], parts.fields["u"])
+    assert whole.broken_bonds == parts.broken_bonds > 10
+    assert not whole.fields["u"][:, :, 0].any()
+
+
+ELASTIC_CASE = """
+[units]
+length = "mm"
+time = "us"
+pressure = "GPa"
+[lattice]
+spacing = 0.5
+lower = [-4.0, -4.0]
+upper = [4.0, 4.0]
+[model]
+type = "elastic"
+young = 1.0
+kernel = { horizon = 1.0 }
+[boundary]
+all = { type = "free" }
+[[constraint]]
+type = "prescribed"
+region = { box = { lower = [-4.0, 3.5], upper = [4.0, 4.0] } }
+velocity = [false, { type = "step", rise = 1.0 }]
+[[constraint]]
+type = "prescribed"
+points = [[0.0, -4.0]]
+value = ["1 um", "0.1*t"]
+until = 1.0
+rate = [0.0, "2 m/s"]
+[run]
+until = 2.0
+dt = 0.1
+"""
+
+
+def test_case_of_displacements():
+    sim = Case(ELASTIC_CASE).simulation().run(2.0)
+    held = [
+        fh.Prescribed(fh.Box((-4.0, 3.5), (4.0, 4.0)), velocity=[None, fh.Step(1.0)]),
+        fh.Prescribed([[0.0, -4.0]], [1e-3, "0.1*t"], 1.0, [0.0, 2e-3]),
+    ]
+    lattice = fh.Lattice(0.5, (-4.0, -4.0), (4.0, 4.0))
+    other = fh.Simulation(lattice, fh.Elastic(fh.Kernel(1.0), 1.0), fh.Free(), constraints=held, dt=0.1).run(2.0)
+    np.testing.assert_array_equal(sim.fields["u"], other.fields["u"])
+    assert np.ptp(sim.fields["u"][1][:, -1]) == 0 < sim.fields["u"][1][0, -1] and np.ptp(sim.fields["u"][0][:, -1]) > 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('["1 um", "0.1*t"]', '"0.1*t"', "constraint.value.*needs one entry a component"),
+        ('["1 um", "0.1*t"]', '[0.0, 0.0, "0.1*t"]', "needs one entry a component"),
+        ('["1 um", "0.1*t"]', "[false, false]", "holds no component"),
+        ('["1 um", "0.1*t"]', '["x", 0.0]', "function of t only"),
+        ('["1 um", "0.1*t"]', '["1 s", 0.0]', "measures something else"),
+        ("until = 1.0\nrate", "until = 1.0\nvelocity = [0, 0]\nrate", "either a value or a velocity"),
+        ('value = ["1 um", "0.1*t"]\n', "", "either a value or a velocity"),
+        ("points = [[0.0, -4.0]]", "points = [[0.0, 4.0]]", "the same node"),
+        ("points = [[0.0, -4.0]]", "points = [[0.0, -5.0]]", "outside the near field"),
+        ('rate = [0.0, "2 m/s"]', "rate = 0.0", "constraint.rate.*needs one entry a component"),
+        ('velocity = [false, { type = "step", rise = 1.0 }]', "velocity = [0, 0]\nrate = [0, 0]", "released with it"),
+    ],
+)
+def test_bad_cases_of_displacements(old, new, message):
+    assert old in ELASTIC_CASE
+    with pytest.raises(fh.InputError, match=message):
+        Case(ELASTIC_CASE.replace(old, new)).simulation()
+
+
+def test_lists_and_conditions_of_heat_are_refused_where_they_do_not_fit():
+    with pytest.raises(fh.InputError, match="a scalar field has one value"):
+        fh.Simulation(LINE, fh.Wave(KERNEL), constraints=[fh.Prescribed([0.0], [1.0])])
+    with pytest.raises(fh.InputError, match="conditions of heat"):
+        fh.Simulation(PLANE, solid(), fh.Free(), constraints=[fh.Insulated("x-")])

@@ -32,9 +32,9 @@ def test_the_page_has_the_numbers(name):
     assert all(re.sub(r"[,:].*| \(.*", "", source) in cells[3] for source in one.sources.values())
 
 
-#: Speeds of long waves: steel's rounded in most tables (5 900 to 6 100, 3 200); Homalite's S wave of 1 200 m/s and, in plane
-#: stress, its P wave of 2 119 m/s: Xia, Rosakis and Kanamori (2004), Science 303, to 5 %.
-SPEEDS = [("steel", None, 6000, 3200), ("aluminium", None, 5910, 3160), ("homalite", "stress", 2119, 1200)]
+#: Speeds of long waves, to 5 %: metals as most tables have them; Homalite's S wave of 1 200 m/s, its P wave of
+#: 2 498 m/s: Xia, Rosakis and Kanamori (2004), Science 303.
+SPEEDS = [("steel", None, 6000, 3200), ("aluminium", None, 5910, 3160), ("homalite", None, 2498, 1200)]
 
 
 @pytest.mark.parametrize(("name", "plane", "fast", "slow"), SPEEDS)
@@ -61,7 +61,7 @@ def test_pressures_are_reflected_as_the_impedances_say():
     given = {name: np.where(x > 0, water.constants[name], air.constants[name]) for name in air.constants}
     pulse = {"u": "exp(-((x+1.5)/0.2)**2)", "v": f"2*{air.speed}*(x+1.5)/0.04*exp(-((x+1.5)/0.2)**2)"}
     sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(0.02), **given), fh.LatticePML(nodes=12), pulse)
-    sim.run(1.5 / air.speed)
+    sim.run(1.6 / air.speed)  # its middle has come 0.1 of air beyond the wall
     assert sim.fields["u"][x > 0.1].max() == pytest.approx(2.0, rel=0.02)
 
 
@@ -101,7 +101,12 @@ def test_case_of_named_materials():
 
 
 def test_case_of_a_fluid():
-    text = re.sub(r"\[model\].*\[initial\]\nu = .*?\n", '[model]\ntype = "wave"\nof = "water"\nkernel = { horizon = 2 }\n', CASE, flags=re.DOTALL)
+    text = re.sub(
+        r"\[model\].*\[initial\]\nu = .*?\n",
+        '[model]\ntype = "wave"\nof = "water"\nkernel = { horizon = 2 }\n',
+        CASE,
+        flags=re.DOTALL,
+    )
     model = Case(text).model
     assert model.speed == pytest.approx(1.4823, rel=1e-14)  # mm/us
     assert model.density == pytest.approx(1 / (998.2 * 1482.3**2) * 1e9, rel=1e-14)  # 1/GPa

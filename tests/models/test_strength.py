@@ -1,5 +1,7 @@
 """Bonds whose strength varies from node to node: which of them break, what that takes, and what is refused."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -16,45 +18,52 @@ def material(**options):
 
 
 def bonds_of(lattice, sim):
-    """Both ends of each bond, by number, and its vector."""
+    """Both ends of each bond, by number, and its vector, where the last axis closes on itself."""
     index = np.indices(lattice.shape).reshape(lattice.dim, -1).T
-    ends = [
-        (i, index[i] + offset, offset)
-        for offset in sim.stencil.offsets
-        for i in np.flatnonzero(((index + offset >= 0) & (index + offset < lattice.shape)).all(1))
-    ]
-    i, j, xi = (np.array([one[k] for one in ends]) for k in range(3))
+    found = []
+    for offset in sim.stencil.offsets:
+        other = index + offset
+        other[:, -1] %= lattice.shape[-1]
+        found += [(i, j, offset) for i, j in enumerate(other) if 0 <= j[0] < lattice.shape[0]]
+    i, j, xi = (np.array([one[k] for one in found]) for k in range(3))
     return i, np.ravel_multi_index(tuple(j.T), lattice.shape), SPACING * xi
 
 
 # --- which bonds break -----------------------------------------------------------------------------------------
 
 
-def test_a_bar_in_tension_breaks_at_its_weakest_bond():
+def test_a_bar_in_tension_breaks_at_its_weakest_bonds():
     """Pulled apart at a constant rate of strain, by which all bonds of one direction have the same stretch: the first
-    to break is the one with the least strength over its share of the strain, known before the run.
+    to break are those with the least strength over their share of the strain, known before the run.
     """
-    rate = 1e-4
+    rate = 1e-3
     lattice = fh.Lattice(SPACING, (-20.0, -2.0), (20.0, 2.0))
     strength = fh.Weibull(scale=0.01, modulus=6, cell=SPACING, seed=4)
     stronger_ends = lambda x, y: strength(x, y) + (np.abs(x) > 12)  # noqa: E731 (which slow down)
     sides = {"x": fh.Free(), "y": fh.Periodic()}
-    sim = fh.Simulation(lattice, material(critical_stretch=stronger_ends), sides, {"v": lambda x, y: [rate * x, 0 * y]})
+    start = {"v": lambda x, y: [rate * x, 0 * y]}
+    sim = fh.Simulation(lattice, material(critical_stretch=stronger_ends), sides, start, dt=0.02)
     i, j, xi = bonds_of(lattice, sim)
     at_nodes = stronger_ends(*lattice.coordinates()).ravel()
     along = xi[:, 0] ** 2 / (xi**2).sum(1)
     strains = np.minimum(at_nodes[i], at_nodes[j]) / np.maximum(along, 1e-9)
-    weakest = np.argmin(strains)
-    sim.step(int(np.floor(strains[weakest] / rate / sim.dt)))
+    weakest = strains < strains.min() * (1 + 1e-12)
+    assert weakest.sum() == 8 and np.sort(strains)[8] > 1.01 * strains.min()  # those along the bar of one node
+    sim.step(int(np.floor(strains.min() / rate / sim.dt)))
     assert sim.broken_bonds == 0
     sim.step(2)
-    assert sim.broken_bonds == 1
-    assert set(np.flatnonzero(sim.fields["damage"].ravel())) == {i[weakest], j[weakest]}
+    assert sim.broken_bonds == 4
+    assert set(np.flatnonzero(sim.fields["damage"].ravel())) == {*i[weakest], *j[weakest]}
 
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"nonlinear": True}, {"material": "state-based", "poisson": 0.3}, {"material": "correspondence", "poisson": 0.3}],
+    [
+        {},
+        {"nonlinear": True},
+        {"material": "state-based", "poisson": 0.3},
+        {"material": "correspondence", "poisson": 0.3},
+    ],
     ids=["linear", "nonlinear", "state-based", "correspondence"],
 )
 def test_the_crack_runs_in_the_weaker_half(options):
@@ -72,16 +81,15 @@ def test_the_crack_runs_in_the_weaker_half(options):
     assert more[x < -3].sum() > 4 and not more[x > 0.5].any()
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_stresses_of_many_strengths_break_as_in_a_dense_program(dim):
-    shape = (11, 9) if dim == 2 else (7, 6, 5)
+def test_stresses_of_many_strengths_break_as_in_a_dense_program():
+    shape = (11, 10)
     strength = np.random.default_rng(3).uniform(0.06, 0.2, shape)
     kernel = fh.Kernel(2.7, 0, "gaussian", 0.9, volume="full")
     pairs = np.minimum.outer(strength.ravel(), strength.ravel())
     dense = Dense(shape, kernel, critical=pairs, stabilisation=0.4)
     model = fh.Correspondence(kernel, 1.0, 0.25, critical_stretch=strength, stabilisation=0.4)
-    lattice = fh.Lattice(1.0, (0.0,) * dim, tuple(n - 1.0 for n in shape))
-    v = noise(shape, 0.05)
+    lattice = fh.Lattice(1.0, (0.0, 0.0), tuple(n - 1.0 for n in shape))
+    v = noise(shape, 0.15)
     sim = fh.Simulation(lattice, model, fh.Free(), {"v": v}, dt=dense.dt)
     dense.start(0 * v, v)
     dense.step(25)
@@ -154,12 +162,12 @@ def test_threads_checkpoints_and_the_order_of_nodes_change_nothing(tmp_path):
         np.testing.assert_array_equal(sim.fields["u"], one.fields["u"])
         assert sim.broken_bonds == one.broken_bonds > 50
     part = fh.Lattice(SPACING, (-3.0, -1.5), (3.0, 5.0))
-    at = tuple(slice(int(round((a - b) / SPACING)), None) for a, b in zip(part.lower, lattice.lower, strict=True))
+    at = tuple(slice(round((a - b) / SPACING), None) for a, b in zip(part.lower, lattice.lower, strict=True))
     whole = fh.Weibull(0.02, 5, SPACING)(*lattice.coordinates())[at]
     ours = fh.Weibull(0.02, 5, SPACING)(*part.coordinates())
     np.testing.assert_array_equal(whole[: ours.shape[0], : ours.shape[1]], ours)
     other = fh.Simulation(lattice, material(critical_stretch=0.02), fh.Free(), start, dt=one.dt)
-    with pytest.raises(fh.FarhorizonError, match="strength|bonds"):
+    with pytest.raises(fh.FarhorizonError, match=r"strength|bonds"):
         other.load(tmp_path / "a.ckpt")
 
 
@@ -167,21 +175,18 @@ def test_threads_checkpoints_and_the_order_of_nodes_change_nothing(tmp_path):
 
 
 def test_the_rim_warns_of_the_strengths_there():
-    """Within one reach of a side that is not free bonds cannot break; that is said where they would, not where they are
-    stronger than what pulls.
+    """Within one reach of a side that is not free bonds cannot break: that is said where they would, not where they are
+    stronger than what pulls, whatever others are.
     """
-    lattice = fh.Lattice(SPACING, (-4.0, -4.0), (4.0, 4.0))
-    for strong, warned in (("x", False), ("-x", True)):
-        model = material(critical_stretch=f"where({strong} > 2.2, 0.05, 0.005)*(1 + 9*(abs(x) < 2.2))")
-        pull = {"v": ["0.1*exp(-4*(x-3.2)**2)", 0.0]}
+    lattice = fh.Lattice(SPACING, (-4.0, -2.0), (4.0, 2.0))
+    for rim, inside, warned in ((0.5, 0.005, False), (0.005, 0.5, True)):
+        model = material(critical_stretch=f"where(abs(x) > 1.9, {rim}, {inside})")
         sides = {"x": fh.LatticePML(nodes=4), "y": fh.Periodic()}
-        sim = fh.Simulation(lattice, model, sides, pull)
-        if warned:
-            with pytest.warns(fh.ValidityWarning, match="where they cannot break"):
-                sim.run(2.0)
-        else:
-            sim.run(2.0)
-            assert not sim.cautions
+        sim = fh.Simulation(lattice, model, sides, {"v": ["0.1*exp(-4*x**2)", 0.0]})
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("always")
+            sim.run(6.0)
+        assert bool(sim.cautions) == any("where they cannot break" in str(one.message) for one in seen) == warned
 
 
 # --- cases and bad input ---------------------------------------------------------------------------------------
@@ -220,7 +225,7 @@ def test_case_of_regions_with_strengths():
         ("lower = [-4.0, -1.0], upper = [4.0, 0.0]", "lower = [5.0, 5.0], upper = [6.0, 6.0]", "has no node"),
         ('"0.01 + 0.001*x"', '"0.01*x"', "model.critical_stretch: the critical_stretch must be positive"),
         ('"0.01 + 0.001*x"', '"0.01 + t"', "depend on t"),
-        ('critical_stretch = "0.01 + 0.001*x"', 'fracture_energy = 1e-4', "constants that the model has, too"),
+        ('critical_stretch = "0.01 + 0.001*x"', "fracture_energy = 1e-4", "constants that the model has, too"),
         ("scale = 0.05", "scale = 0.0", r"model.critical_stretch.scale: must be finite and positive"),
         ("cell = 0.5", "cells = 0.5", "did you mean 'cell'"),
         ("modulus = 6", "modulus = -6", "modulus"),

@@ -367,6 +367,14 @@ class Case:
         """A function of t alone."""
         return _built(value, signal_kinds(), key) if isinstance(value, Part) else as_signal(value, key)
 
+    def _of_times(self, value: Any, key: str) -> Any:
+        """Functions of t alone, one a component, and None where there is none."""
+        if value is None or value is False:
+            return None
+        if isinstance(value, list):
+            return [self._of_times(one, f"{key}[{i}]") for i, one in enumerate(value)]
+        return self._of_time(value, key) if isinstance(value, Part) else self._entry(value, key)
+
     def _entry(self, value: str | float, key: str) -> Any:
         return as_given(value, self.lattice.dim, key)
 
@@ -494,12 +502,11 @@ class Case:
         if (part.points is None) == (part.region is None):
             raise InputError("give either points or region", key=key)
         where = part.points if part.region is None else part.region.build(f"{key}.region")
-        rate = None if part.rate is None else self._expression(part.rate, f"{key}.rate")
-        value = part.value
-        value = (
-            self._of_time(value, f"{key}.value") if isinstance(value, Part) else self._expression(value, f"{key}.value")
-        )
-        return fh.Prescribed(where, value, part.until, rate)
+        given = {name: self._of_times(getattr(part, name), f"{key}.{name}") for name in ("value", "velocity", "rate")}
+        try:
+            return fh.Prescribed(where, until=part.until, **given)
+        except InputError as error:
+            raise error.at(under(key, error.key)) from None
 
     def _crack(self, part: CrackPart) -> Any:
         given = [p for p in (part.points, part.rectangle, part.disc) if p is not None]

@@ -11,7 +11,7 @@ from inspect import isabstract, signature
 from operator import or_
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from pydantic import (
@@ -61,9 +61,11 @@ class Part(BaseModel):
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Value = str | Number | list[str | Number]  # an expression or a number, of vectors one a component
 _OF_TIME = "a function of t"
-Named = Literal[*named_materials()]  # type: ignore[valid-type]
+Named: TypeAlias = Literal[*named_materials()]  # type: ignore[valid-type]
 _PLAIN = "expression"
+_OF_TIMES = "functions of t, one a component, false where one is free"
 Factor = Annotated[str | Number, _OF_TIME]  # or a table with a signal
+Factors = Annotated[Any, _OF_TIMES]  # a `Factor`, or a list of them and of false
 
 
 def _named_constants(data: Mapping[str, Any], units: Units | None) -> dict[str, float]:
@@ -284,7 +286,7 @@ class MaterialPart(Part):
     region: RegionPart
     """Where; later regions go before earlier ones."""
     of: Named | None = None
-    """A named material, whose constants it has: those of `fh.materials`; what is given beside it goes before."""
+    """A named material, whose constants it has (`fh.materials`); what is given beside it goes before."""
     young: str | Number | WeibullPart | None = None
     """Young's modulus there."""
     poisson: str | Number | WeibullPart | None = None
@@ -394,11 +396,14 @@ class PrescribedPart(Part):
     """Each stands for the node nearest to it; or give a region."""
     region: RegionPart | None = None
     """The nodes in it; or give points."""
-    value: Factor
-    """Value as a function of t: an expression, or a table with a signal."""
+    value: Factors = None
+    """Value as a function of t: an expression, or a table with a signal; of displacements a list, one entry an axis,
+    false for a component that is free."""
+    velocity: Factors = None
+    """Instead of a value, as that: from the initial values on the nodes move with it."""
     until: Number | None = None
     """The nodes are released after it; never unless given."""
-    rate: str | Number | None = None
+    rate: str | Number | list[str | Number | Literal[False]] | None = None
     """Of waves: velocity with which they are released; the derivative of value unless given."""
 
 
@@ -679,6 +684,9 @@ def model_part(kind: Any) -> type[Part]:
             keys["stencil"] = (given, Field(None, description=words))
         if name == "integrator":
             keys["stages"] = (int | None, Field(None, description="Of an integrator that has a choice; chosen for it."))
+    if "density" in keys and {"young", "speed"} & keys.keys():
+        words = "A named material, whose constants it has (`fh.materials`); what is given beside it goes before."
+        keys["of"] = (Named | None, Field(None, description=words))
     return _table(kind, keys)
 
 
@@ -811,6 +819,8 @@ def _timed(part: type[Part], factor: Any, *names: str) -> type[Part]:
         for name, one in part.model_fields.items()
         if name in names or _OF_TIME in one.metadata
     }
+    lists = factor | list[factor | Literal[False]] | None
+    given |= {name: (lists, one) for name, one in part.model_fields.items() if _OF_TIMES in one.metadata}
     return create_model(part.__name__, __base__=part, __doc__=part.__doc__, **given)  # type: ignore[call-overload]
 
 

@@ -29,7 +29,7 @@ KEYS = {
     **dict.fromkeys(("wavenumber", "smallest"), "1/m"),
     **dict.fromkeys(("young", "bulk", "shear", "TractionPart.value"), "Pa"),
     **dict.fromkeys(("u", "background", "FixedPart.value", "PrescribedPart.value"), FIELD),
-    **dict.fromkeys(("v", "PrescribedPart.rate"), RATE),
+    **dict.fromkeys(("v", "PrescribedPart.rate", "PrescribedPart.velocity"), RATE),
     **dict.fromkeys(("concentration", "saturation", "force", "moment", "strength", "ConstraintPart.value"), ANY),
     "SourcePart.value": ANY,
     "WeibullPart.scale": ANY,

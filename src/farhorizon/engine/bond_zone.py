@@ -212,8 +212,8 @@ class BondZone:
         return float(total) / self.engine.stages.numbers[0][2]
 
     def largest_strain(self) -> float:
-        """Largest ``|xi + eta|^2 / |xi|^2 - 1`` (linearised: ``2 xi . eta / |xi|^2``) of the bonds that may break; where
-        strengths vary, over how much stronger the bond is than the weakest.
+        """Largest ``|xi + eta|^2 / |xi|^2 - 1`` (linearised: ``2 xi . eta / |xi|^2``) of the bonds that may break;
+        where strengths vary, over how much stronger the bond is than the weakest.
         """
         self.engine.complete(self.engine.current)
         return float(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.errors import InputError
+from farhorizon.errors import InputError, shown
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Shape
@@ -18,24 +19,31 @@ from farhorizon.medium.integrators import Integrator, RungeKutta4
 
 @dataclass(frozen=True)
 class Prescribed(Storable):
-    """A prescribed value of the field on some nodes, from the start on.
+    """A prescribed value of the field on some nodes, or its velocity, from the start on.
 
     Parameters
     ----------
     where : array_like or Shape
         Points, each of which stands for the node nearest to it (shape (n, dim), or (n,) in 1D), a shape, or a mask of
         the lattice's shape.
-    value : float, callable, str or Expression
-        Value as a function of t.
+    value : float, callable, str or Expression, or a list of one a component, optional
+        Value as a function of t. Of displacements a list with one entry an axis, None for a component that is free.
     until : float, optional
         The nodes are released after this time; never unless given.
-    rate : float, callable, str or Expression, optional
+    rate : float, callable, str or Expression, or a list of one a component, optional
         Velocity with which they are released (waves); the derivative of `value` there unless given.
+    velocity : float, callable, str or Expression, or a list of one a component, optional
+        Instead of `value`: the nodes move on from their initial values with this velocity, a function of t.
 
     Raises
     ------
     InputError
-        What is no function of t, an end before the start.
+        What is no function of t, an end before the start, a value and a velocity or neither, no component at all.
+
+    Notes
+    -----
+    Displacements by a velocity are its integrals over the steps by Simpson's rule. What holds the nodes does work,
+    which the balance of energies does not tell from what is "lost".
 
     Examples
     --------
@@ -46,33 +54,44 @@ class Prescribed(Storable):
     >>> _ = sim.run(until=2.0)
     >>> bool(abs(sim.fields["u"][9] - np.sin(sim.time)) < 1e-12)
     True
+    >>> plate = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
+    >>> grip = fh.Prescribed(fh.Box((-9.0, 8.0), (9.0, 9.0)), velocity=[None, 1e-3])  # free to slide along x
+    >>> rest = fh.Prescribed(fh.Box((-9.0, -9.0), (9.0, -8.0)), [0.0, 0.0])
+    >>> sim = fh.Simulation(plate, fh.Elastic(fh.Kernel(2.0), 1.0), fh.Free(), constraints=[grip, rest])
+    >>> _ = sim.run(until=5.0)
+    >>> bool(abs(sim.fields["u"][1][4, 18] - 1e-3 * sim.time) < 1e-15)
+    True
     """
 
     where: Any
-    value: Any
+    value: Any = None
     until: float | None = None
     rate: Any = None
+    velocity: Any = None
 
     def __post_init__(self) -> None:
-        for name in ("value", "rate"):
-            given = getattr(self, name)
-            if isinstance(given, Expression) and given.uses_space:
-                raise InputError(
-                    "a prescribed value is a function of t only", value=given.text, key=f"constraint.{name}"
-                )
+        if (self.value is None) == (self.velocity is None):
+            raise InputError("give either a value or a velocity", key="constraint.value")
+        if self.velocity is not None and self.rate is not None:
+            raise InputError(
+                "nodes with a velocity are released with it",
+                value=shown(self.rate),
+                key="constraint.rate",
+                remedy="leave it out",
+            )
         kinds.settle(
             self,
-            value=as_signal(self.value, "constraint.value"),
-            rate=None if self.rate is None else as_signal(self.rate, "constraint.rate"),
+            **{
+                name: _by_component(getattr(self, name), f"constraint.{name}") for name in ("value", "rate", "velocity")
+            },
             until=None if self.until is None else kinds.number(self.until, "constraint.until", least=0),
         )
 
-    def at(self, t: float) -> float:
-        """The value at a time; InputError if it is not finite."""
-        found = float(kinds.array(self.value(t), "constraint.value", shape=(), finite=False))
-        if not np.isfinite(found):
-            raise InputError("a prescribed value is not finite", value=f"{found} at t = {t:g}", key="constraint.value")
-        return found
+    @property
+    def course(self) -> list[Any]:
+        """Values, or velocities, as functions of t by component; None where one is free."""
+        given = self.velocity if self.value is None else self.value
+        return given if isinstance(given, list) else [given]
 
     def nodes(self, lattice: Lattice) -> np.ndarray:
         """Flat indices of the nodes in the lattice; InputError if there are none, or a point lies outside."""
@@ -108,13 +127,80 @@ class Prescribed(Storable):
         """Number of the last step that is prescribed."""
         return np.inf if self.until is None else np.floor(self.until / dt + 1e-9)
 
-    def release_rate(self, t: float, dt: float) -> float:
-        """Velocity at the release at time t."""
-        if self.rate is not None:
-            return float(self.rate(t))
+    def release_rate(self, component: int, t: float, dt: float) -> float:
+        """Velocity of a component at the release at time t."""
+        rate = self.velocity if self.value is None else self.rate
+        if isinstance(rate, list):
+            rate = rate[component]
+        if rate is not None:
+            return _at(rate, t)
         # Backward difference of fourth order: the value need not be defined later.
-        h = min(dt, t / 4 if t > 0 else dt) / 16
-        return float(np.dot([25 / 12, -4, 3, -4 / 3, 1 / 4], [self.at(t - k * h) for k in range(5)]) / h)
+        h, value = min(dt, t / 4 if t > 0 else dt) / 16, self.course[component]
+        return float(np.dot([25 / 12, -4, 3, -4 / 3, 1 / 4], [_at(value, t - k * h) for k in range(5)]) / h)
+
+
+def _by_component(given: Any, key: str) -> Any:
+    """A function of t, or a list of them and of None."""
+    if not isinstance(given, list | tuple):
+        return _of_time(given, key)
+    found = [_of_time(one, f"{key}[{i}]") for i, one in enumerate(given)]
+    if all(one is None for one in found):
+        raise InputError("a constraint holds no component", value=list(given), key=key, remedy="leave it out")
+    return found
+
+
+def _of_time(given: Any, key: str) -> Any:
+    """A function of t; None stays what it is."""
+    if given is None:
+        return None
+    if isinstance(given, Expression) and given.uses_space:
+        raise InputError("a prescribed value is a function of t only", value=given.text, key=key)
+    return as_signal(given, key)
+
+
+def _at(course: Callable[[float], Any], t: float) -> float:
+    """What a function of t is at a time; InputError if it is not finite."""
+    found = float(kinds.array(course(t), "constraint.value", shape=(), finite=False))
+    if not np.isfinite(found):
+        raise InputError("a prescribed value is not finite", value=f"{found} at t = {t:g}", key="constraint.value")
+    return found
+
+
+@dataclass
+class _Course:
+    """One component of the nodes of a constraint.
+
+    Attributes
+    ----------
+    constraint : Prescribed
+    component : int
+    places : ndarray of int
+        In the field, components first.
+    last : float
+        Number of the last step that is prescribed.
+    first : ndarray, shape (places,)
+        Their values at the start.
+    way : list of float
+        Of a velocity, how far the nodes have come after each step from the start on, as far as it has been asked for.
+    """
+
+    constraint: Prescribed
+    component: int
+    places: np.ndarray
+    last: float
+    first: np.ndarray
+    way: list[float]
+
+    def values(self, step: int, count: int, dt: float) -> np.ndarray:
+        """Values after each of `count` steps from one on, shape (count, places) or (count, 1)."""
+        course, steps = self.constraint.course[self.component], range(step + 1, step + count + 1)
+        if self.constraint.value is not None:
+            return np.array([_at(course, dt * n) for n in steps], float)[:, None]
+        while len(self.way) <= step + count:  # in the order of the steps, wherever a run begins
+            t = dt * (len(self.way) - 1)
+            mean = (_at(course, t) + 4 * _at(course, t + dt / 2) + _at(course, t + dt)) / 6
+            self.way.append(self.way[-1] + dt * mean)
+        return np.array([self.way[n] for n in steps])[:, None] + self.first
 
 
 class PrescribedNodes:
@@ -124,20 +210,29 @@ class PrescribedNodes:
     ----------
     constraints : sequence of Prescribed
     lattice : Lattice
+    components : int
+        Of the field.
     integrator : Verlet, Euler or RungeKutta4
     dt : float
     background : float
 
+    Attributes
+    ----------
+    nodes : list of ndarray of int
+        Those of each constraint in the lattice.
+
     Raises
     ------
     InputError
-        Runge-Kutta, two constraints on one node, or what `Prescribed.nodes` refuses.
+        Runge-Kutta, two constraints on one node, as many entries as the field does not have components, or what
+        `Prescribed.nodes` refuses.
     """
 
     def __init__(
         self,
         constraints: tuple[Prescribed, ...],
         lattice: Lattice,
+        components: int,
         integrator: Integrator,
         dt: float,
         background: float,
@@ -145,6 +240,7 @@ class PrescribedNodes:
         for constraint in constraints:
             if not isinstance(constraint, Prescribed):
                 raise InputError("not a constraint", value=repr(constraint), limit="Prescribed", key="constraint")
+            _check_components(constraint, components)
         if constraints and isinstance(integrator, RungeKutta4):
             raise InputError(
                 "a prescribed value needs a scheme of one stage",
@@ -154,49 +250,81 @@ class PrescribedNodes:
             )
         self.constraints, self.dt, self.background = constraints, dt, background
         self.nodes = [c.nodes(lattice) for c in constraints]
-        self.last = [c.last_step(dt) for c in constraints]
-        everywhere = np.concatenate([np.zeros(0, np.int64), *self.nodes])
+        size = int(np.prod(lattice.shape))
+        self._held = [
+            _Course(one, number, nodes + number * size, one.last_step(dt), np.zeros(len(nodes)), [0.0])
+            for one, nodes in zip(constraints, self.nodes, strict=True)
+            for number, course in enumerate(one.course)
+            if course is not None
+        ]
+        everywhere = np.concatenate([np.zeros(0, np.int64), *(held.places for held in self._held)])
         if len(np.unique(everywhere)) < len(everywhere):
             raise InputError("two constraints hold the same node", key="constraint", remedy="separate them")
 
     def start(self, u: np.ndarray) -> np.ndarray:
-        """Initial values with those that are prescribed at t = 0."""
+        """Initial values less the background, with those that are prescribed at t = 0."""
         if not self.constraints:
             return u
         started = u.copy()
-        for constraint, nodes in zip(self.constraints, self.nodes, strict=True):
-            started.flat[nodes] = constraint.at(0.0) - self.background
+        for held in self._held:
+            if held.constraint.value is not None:
+                started.flat[held.places] = _at(held.constraint.course[held.component], 0.0) - self.background
+            held.first[:] = started.flat[held.places] + self.background
         return started
 
-    def active(self, step: int) -> list[int]:
-        """Numbers of the constraints that hold after the step `step`, too."""
-        return [i for i, last in enumerate(self.last) if step < last]
+    def now(self, t: float) -> list[np.ndarray]:
+        """What holds at a time: the value or velocity of each component that is held, and whether it is."""
+        return [
+            np.array([_at(held.constraint.course[held.component], t), 1.0])
+            if t <= (np.inf if held.constraint.until is None else held.constraint.until)
+            else np.zeros(2)
+            for held in self._held
+        ]
+
+    def _active(self, step: int) -> list[_Course]:
+        """What holds after the step `step`, too."""
+        return [held for held in self._held if step < held.last]
 
     def held(self, step: int) -> np.ndarray:
-        """Flat indices of the nodes that are held beyond a step."""
-        return np.concatenate([np.zeros(0, np.int64), *(self.nodes[i] for i in self.active(step))])
+        """Places in the field that are held beyond a step."""
+        return np.concatenate([np.zeros(0, np.int64), *(held.places for held in self._active(step))])
 
     def table(self, step: int, count: int) -> np.ndarray:
-        """Values of the held nodes after each of `count` steps from `step` on, less the background; shape (count,
-        nodes).
+        """Values of the held places after each of `count` steps from `step` on, less the background; shape (count,
+        places).
         """
-        active = self.active(step)
         values = [
-            [self.constraints[i].at(self.dt * (step + n)) - self.background for i in active]
-            for n in range(1, count + 1)
+            np.broadcast_to(held.values(step, count, self.dt), (count, len(held.places))) for held in self._active(step)
         ]
-        return np.repeat(
-            np.array(values, float).reshape(count, len(active)), [len(self.nodes[i]) for i in active], axis=1
-        )
+        return np.concatenate([np.zeros((count, 0)), *values], axis=1) - self.background
 
     def allow(self, step: int, wanted: int) -> int:
         """How many of the `wanted` steps may be run before nodes are released."""
-        return int(min([wanted, *(self.last[i] - step for i in self.active(step))]))
+        return int(min([wanted, *(held.last - step for held in self._active(step))]))
 
     def released(self, step: int) -> list[tuple[np.ndarray, float]]:
-        """Nodes that are released at a step, and their velocities."""
+        """Places in the field that are released at a step, and their velocities."""
         return [
-            (nodes, c.release_rate(step * self.dt, self.dt))
-            for c, nodes, last in zip(self.constraints, self.nodes, self.last, strict=True)
-            if last == step
+            (held.places, held.constraint.release_rate(held.component, step * self.dt, self.dt))
+            for held in self._held
+            if held.last == step
         ]
+
+
+def _check_components(constraint: Prescribed, components: int) -> None:
+    """Refuse a constraint without one entry a component of the field."""
+    for name in ("value", "velocity", "rate"):
+        given = getattr(constraint, name)
+        if given is None:
+            continue
+        entries = len(given) if isinstance(given, list) else None
+        if (entries or 1) != components or (entries is None) != (components == 1):
+            raise InputError(
+                "a constraint of a vector field needs one entry a component"
+                if components > 1
+                else "a constraint of a scalar field has one value",
+                value="one for all" if entries is None else f"{entries} entries",
+                limit=f"a list of {components}" if components > 1 else "no list",
+                key=f"constraint.{name}",
+                remedy="None (in a case false) for a component that is free" if components > 1 else "",
+            )

@@ -109,9 +109,7 @@ class materials:
         poisson=0.3,
         density=7850.0,
         sources=_of(
-            young="EN 1993-1-1:2005, 3.2.6",
-            poisson="EN 1993-1-1:2005, 3.2.6",
-            density="EN 1991-1-1:2002, table A.4",
+            young="EN 1993-1-1:2005, 3.2.6", poisson="EN 1993-1-1:2005, 3.2.6", density="EN 1991-1-1:2002, table A.4"
         ),
     )
     aluminium = Solid(

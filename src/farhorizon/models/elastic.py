@@ -99,8 +99,8 @@ class Elastic(LatticeModel):
     Silling, Epton, Weckner, Xu and Askari (2007), eq 104, linearised: its dilatation acts with lam - mu.
     Correspondence: the same, section 18, with the gradient of Wildman and Gazonas (2012), eqs 2-8 to 2-13; the
     stabilisation is that of Silling (2017), eq 21. Forces of state-based and correspondence materials follow from
-    states of the nodes (`farhorizon.medium.force_states`): their bonds may be cut and break, but not be weakened. A bond
-    between nodes of different strengths breaks at the smaller of their critical stretches, as in Parks, Lehoucq,
+    states of the nodes (`farhorizon.medium.force_states`): their bonds may be cut and break, but not be weakened. A
+    bond between nodes of different strengths breaks at the smaller of their critical stretches, as in Parks, Lehoucq,
     Plimpton and Silling (2008), Computer Physics Communications 179.
 
     Examples

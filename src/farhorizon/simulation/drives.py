@@ -103,12 +103,18 @@ def signals(setup: Setup) -> list[tuple[str, Signal]]:
     waves = [source for source in setup.sources if isinstance(source, Incident)]
     named = [("source", _plain(setup)), ("incident", waves), ("load", setup.loads), ("constraint", setup.constraints)]
     timed = [
-        (f"{key}.{name}", getattr(one, name, None))
+        (f"{key}.{name}", part)
         for kind, given in named
         for key, one in zip(keys(kind, given), given, strict=True)
-        for name in ("time", "signal", "value")
+        for name in ("time", "signal", "value", "velocity")
+        for part in _entries(getattr(one, name, None))
     ]
     return [(key, time) for key, time in timed if isinstance(time, Signal)]
+
+
+def _entries(given: Any) -> list[Any]:
+    """The entries of a list of several components, or what is given alone."""
+    return given if isinstance(given, list) else [given]
 
 
 def check_signals(setup: Setup, near: NearField) -> None:

@@ -115,12 +115,8 @@ class March:
         """
         near = self.parts.near
         drives = [*self.feed.drives, *near.conditions.drives]
-        followed = [
-            np.array([one.at(t), 1.0] if t <= (np.inf if one.until is None else one.until) else [0.0, 0.0])
-            for one in near.prescribed.constraints
-        ]
         opened = np.array([crack.opens <= t for crack in self.setup.cracks], float)
-        return [*(np.asarray(time(t), float) for _, time in drives), *followed, opened]
+        return [*(np.asarray(time(t), float) for _, time in drives), *near.prescribed.now(t), opened]
 
     def fields(self) -> dict[str, np.ndarray]:
         """Copies of the near field by name, see `farhorizon.Simulation`."""

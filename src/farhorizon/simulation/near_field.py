@@ -256,7 +256,7 @@ def near_field(
         conditions,
         rate,
         dt,
-        PrescribedNodes(prescribed, lattice, model.integrator, dt, setup.background),
+        PrescribedNodes(prescribed, lattice, stencil.components, model.integrator, dt, setup.background),
     )
 
 

@@ -8,6 +8,7 @@ from farhorizon.boundaries import names
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.incidence import Incident
+from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.integrators import Euler, Verlet
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
@@ -123,8 +124,15 @@ def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
 def _check_vector(setup: Setup, sides: Sides) -> None:
     """What fields of several components do not have."""
     name = type(setup.model).__name__
-    if len(setup.constraints):
-        raise InputError(f"constraints are for scalar fields, not for {name}", key="constraints", remedy="a body force")
+    for i, one in enumerate(setup.constraints):
+        if not isinstance(one, Prescribed):
+            raise InputError(
+                f"conditions of heat are for scalar fields, not for {name}",
+                value=type(one).__name__,
+                limit="Prescribed",
+                key=f"constraint[{i}]",
+                remedy="prescribe displacements or velocities, or load a free side",
+            )
     if setup.background != 0:
         raise InputError(
             "the background of a vector field is zero", value=setup.background, key="background", remedy="leave it out"

@@ -3,9 +3,10 @@
 The force of a bond ``xi`` whose ends have moved apart by ``eta`` is ``c e h(e) (xi + eta)`` with ``e = |xi + eta|^2 /
 |xi|^2 - 1``, computed from ``eta`` without cancellation, and ``h(e) = 1 / (1 + e + sqrt(1 + e))``: the prototype
 microelastic law ``c (|y| - |xi|) y / |y|``. Linearised it is ``c e/2 xi`` with ``e = 2 xi . eta / |xi|^2``. A bond
-breaks where e exceeds a limit, which may be that of the weaker of its ends. What decides on that is rounded alike at both ends of a bond, for all factors turn their
-sign there, and the order of the sums is fixed: so each end finds it out by itself. Where the material varies c has a
-factor that follows from the coefficients of both ends, whichever comes first.
+breaks where e exceeds a limit, which may be that of the weaker of its ends. What decides on that is rounded alike at
+both ends of a bond, for all factors turn their sign there, and the order of the sums is fixed: so each end finds it out
+by itself. Where the material varies c has a factor that follows from the coefficients of both ends, whichever comes
+first.
 """
 
 from __future__ import annotations
