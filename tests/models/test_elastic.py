@@ -485,7 +485,8 @@ SIMULATIONS = {
     "background": ({"background": 1.0}, "background of a vector field"),
     "fixed value": ({"boundary": fh.Fixed(2.0)}, "has no such side"),
     "published condition": ({"boundary": fh.Higdon()}, "has no such side"),
-    "constraint": ({"constraints": [fh.Prescribed([[0.0, 0.0]], 1.0)]}, "for scalar fields"),
+    "constraint": ({"constraints": [fh.Prescribed([[0.0, 0.0]], 1.0)]}, "needs one entry a component"),
+    "condition of heat": ({"constraints": [fh.Insulated("x-")]}, "for scalar fields"),
     "free sides of elements": (
         {"model": elastic(poisson=0.3, material="finite-element"), "boundary": fh.Free()},
         "Elastic of finite-element material has no such side; .* remedy: with LatticePML or Sponge: free .*bond-b",
