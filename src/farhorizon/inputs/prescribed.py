@@ -93,6 +93,11 @@ class Prescribed(Storable):
         given = self.velocity if self.value is None else self.value
         return given if isinstance(given, list) else [given]
 
+    def at(self, t: float) -> Any:
+        """The value, or the velocity, at a time; of a list each entry. InputError if one is not finite."""
+        found = [None if one is None else _at(one, t) for one in self.course]
+        return found if isinstance(self.velocity if self.value is None else self.value, list) else found[0]
+
     def nodes(self, lattice: Lattice) -> np.ndarray:
         """Flat indices of the nodes in the lattice; InputError if there are none, or a point lies outside."""
         if isinstance(self.where, Shape):
