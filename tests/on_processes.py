@@ -1,19 +1,23 @@
-"""What several processes compute together, beside what one computes: `mpiexec -n 2 python on_processes.py`.
+"""What several processes compute together, beside what one computes: `mpiexec -n 2 python on_processes.py FOLDER`.
 
-The first process prints a line of JSON for each case. Set-ups are tiny; `slow` as an argument adds more, some of them
-larger, and `few` leaves out all but one.
+The first process prints a line of JSON for each case; files go into the folder. Set-ups are tiny; `slow` as an argument
+adds more, some of them larger, and `few` leaves out all but one.
 """
 
+import io
 import json
 import sys
 import time
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
 import farhorizon as fh
+from farhorizon.cli import main
 
-WORLD = MPI.COMM_WORLD
+WORLD, FOLDER = MPI.COMM_WORLD, Path(sys.argv[1])
 KERNEL, FOUR = fh.Kernel(0.6), fh.LatticePML(nodes=4)
 WAVE = fh.Wave(KERNEL)
 ALONG_X = {2: [[2, 1]], 4: [[4, 1]]}[WORLD.size]
@@ -129,11 +133,67 @@ def compared():
             asleep_until_all_are_here()
 
 
+#: Points between the nodes, on both sides of all cuts, one of them on a node.
+POINTS = [(0.0, 0.0), (0.1, 0.13), (-2.2, 1.9), (2.15, -2.0)]
+
+
+def files():
+    """Results files, receivers and probes of runs on all processes, and of the same on one."""
+    kinds = {"waves": (plane(dt=0.1), POINTS), "solid": (SMALL_SOLID, [(*point, 0.1) for point in POINTS[:2]])}
+    for name, (setup, points) in list(kinds.items())[: 1 if "few" in sys.argv else None]:
+        heard = []
+        for together in (True, False) if WORLD.rank == 0 else (True,):
+            receivers = fh.Receivers(points, record=["u", "v", "gradient"], interpolation="linear")
+            run = fh.Simulation.of(setup, [receivers], communicator=WORLD if together else None)
+            run.record(points)
+            path = FOLDER / f"{name}-{'together' if together else 'alone'}.h5"
+            for until in (0.5, 1.0):  # the file goes on
+                run.run(until, every=0.5, output=path)
+            run.write(path.with_suffix(".now.h5"), ["v"])
+            heard.append({"probes": run.probes.values, **receivers.data})
+        if WORLD.rank == 0:
+            apart = [float(np.abs(one - heard[1][key]).max() / np.abs(one).max()) for key, one in heard[0].items()]
+            yield {"files": name, "probes": apart[0], "receivers": max(apart[1:])}
+        asleep_until_all_are_here()
+
+
+SMALL_SOLID = fh.Setup(
+    lattice(13, 22, 14), fh.Elastic(fh.Kernel(0.3), 1.0), fh.Fixed(), {"u": [pulse(3), 0.0, 0.0]}, dt=0.1
+)
+
+
+def commands():
+    """What the command line prints and returns on each process."""
+    for words in (
+        ["run", "case.toml", "--out", "together", "--json", "together.json"],
+        ["run", "case.toml", "--out", "together"],
+        ["run", "crack.toml"],
+        ["run", "nowhere.toml"],
+        ["run", "case.toml", "--out", "blocked"],
+        ["run", "case.toml", "--set", "run.topology=[3, 5]", "--force"],
+        ["run", "case.toml", "--resume"],
+        ["run", "case.toml", "--set", "run.until=static", "--set", "run.limit=9.0"],
+        ["check", "case.toml"],
+    ):
+        paths = [word for word in words if word in PLACES or word.endswith((".toml", ".json"))]
+        given = [str(FOLDER / word) if word in paths else word for word in words]
+        out, errors = io.StringIO(), io.StringIO()
+        with redirect_stdout(out), redirect_stderr(errors):
+            code = main(given)
+        every = WORLD.gather((code, out.getvalue(), errors.getvalue()))
+        if WORLD.rank == 0:
+            yield {"command": " ".join(words), "told": every}
+
+
+PLACES = ("together", "blocked")
+
+
 def refused():
     """What is refused on all processes, with one message."""
     crack = [[(-1.0, 0.1), (1.0, 0.1)]]
     for what, make in {
         "crack": lambda: plane(cracks=crack),
+        "spectra": plane,
         "too many": lambda: plane(shape=(7, 7)),
         "one alone": lambda: plane(initial={"u": lambda x, y: np.where(x > 0, np.nan, 0.0) + 0 * y}),
         "body": lambda: fh.Setup(fh.Lattice(0.3, (-3, -3), (3, 3), body=fh.Disc(2.0, (0.0, 0.0))), WAVE, fh.Fixed()),
@@ -144,8 +204,9 @@ def refused():
         ),
     }.items():
         told = ""
+        observe = [fh.Spectra([(0.0, 0.0)], [0.1])] if what == "spectra" else []
         try:
-            fh.Simulation.of(make(), communicator=WORLD, topology=[WORLD.size, 1])
+            fh.Simulation.of(make(), observe, communicator=WORLD, topology=[WORLD.size, 1])
         except fh.InputError as error:
             told = str(error)
         yield {"refused": what, "told": WORLD.gather(told)}
@@ -165,7 +226,7 @@ def unstable():
 
 
 if __name__ == "__main__":
-    for part in (compared, refused, unstable):
+    for part in (compared, refused, unstable, files, commands):
         for line in part():
             if WORLD.rank == 0:
                 print(json.dumps(line), flush=True)

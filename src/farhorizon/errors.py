@@ -24,6 +24,9 @@ class FarhorizonError(Exception):
     InputError
     """
 
+    agreed = False
+    """Whether all processes of a run have raised it."""
+
 
 class InputError(FarhorizonError, ValueError):
     """Input that cannot be computed, refused before any work.

@@ -150,3 +150,21 @@ def test_points_of_a_line():
     assert as_points([1.0, 2.0], 1).shape == (2, 1)
     assert as_points(3.0, 1).shape == (1, 1)
     assert as_points((1.0, 2.0), 2).shape == (1, 2)
+
+
+@pytest.mark.parametrize("method", ["sinc", "linear"])
+def test_boxes_have_parts_of_the_sums(method):
+    """Together they are the sums over the whole lattice, also where a box is narrower than a block."""
+    lattice = Lattice(1.0, (0.0, 0.0), (39.0, 30.0))
+    points = np.array([[12.3, 10.0], [15.0, 14.6], [20.0, 15.0], [9.1, 21.7]])
+    whole = interpolation_blocks(lattice, points, method, 0)
+    field = np.random.default_rng(3).standard_normal(lattice.shape)
+    total, count = np.zeros(len(points)), np.zeros(len(points), int)
+    for (left, right), (low, high) in itertools.product([(0, 11), (11, 17), (17, 40)], [(0, 15), (15, 31)]):
+        blocks, which = whole.within((left, low), (right - left, high - low))
+        nodes, weights = blocks.entries()
+        total[which] += (field[left:right, low:high].ravel()[nodes] * weights).sum(1)
+        count[which] += 1
+    nodes, weights = whole.entries()
+    np.testing.assert_allclose(total, (field.ravel()[nodes] * weights).sum(1), rtol=0, atol=1e-14)
+    assert count.max() > 1

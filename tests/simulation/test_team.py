@@ -4,11 +4,28 @@ import json
 import shutil
 import subprocess
 import sys
+from functools import lru_cache
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 
+import farhorizon as fh
+from farhorizon.cli import main
+from outputs import written
+
 PROGRAM = Path(__file__).parents[1] / "on_processes.py"
+CASE = """
+lattice = { spacing = 0.3, lower = [-7.2, -7.2], upper = [7.2, 7.2] }
+model = { type = "wave", kernel = { horizon = 0.6 } }
+initial = { u = "exp(-2*(x**2 + y**2))" }
+boundary = { all = { type = "lattice-pml", nodes = 4 } }
+run = { until = 1.0 }
+output = { every = 0.5, fields = ["u", "v"], probes = [[0.0, 0.0], [3.1, -2.0]], probe_every = 0.25 }
+receivers = [{ points = [[0.1, 0.13], [3.0, 3.0]], record = ["u", "v"] }]
+"""
+CRACK = CASE.replace("receivers", "crack = [{ points = [[-1.0, 0.1], [1.0, 0.1]] }]\nreceivers")
 
 
 @pytest.fixture(autouse=True)
@@ -18,12 +35,23 @@ def mpi():
         pytest.skip("there is no mpiexec: python -m pip install mpich")
 
 
-def lines(processes, *arguments):
-    """What the program prints, which all processes must come through."""
-    command = ["mpiexec", "-n", str(processes), sys.executable, str(PROGRAM), *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=1500)
-    assert done.returncode == 0, done.stderr[-2000:]
-    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """What the program prints on so many processes, which all must come through, and the folder of its files."""
+
+    @lru_cache
+    def lines(processes, *arguments):
+        folder = tmp_path_factory.mktemp("processes")
+        (folder / "case.toml").write_text(CASE)
+        (folder / "crack.toml").write_text(CRACK)
+        (folder / "blocked" / "case.h5.parts").mkdir(parents=True)
+        (folder / "blocked" / "case.h5.parts" / "0001.h5").write_text("mine")
+        command = ["mpiexec", "-n", str(processes), sys.executable, str(PROGRAM), str(folder), *arguments]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=1500)
+        assert done.returncode == 0, done.stderr[-2000:]
+        return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")], folder
+
+    return lines
 
 
 def check_all(found, least):
@@ -35,20 +63,108 @@ def check_all(found, least):
         assert line["energy"] < 1e-13 or line["case"] == "single precision", line
 
 
-@pytest.mark.parametrize(("processes", "arguments"), [(2, ()), (4, ("few",))])
-def test_fields_are_those_of_one_process(processes, arguments):
+STARTS = [(2, ()), (4, ("few",))]
+
+
+@pytest.mark.parametrize(("processes", "arguments"), STARTS)
+def test_fields_are_those_of_one_process(told, processes, arguments):
     """To the last bit: layers cut across, chosen, of either precision; periodic sides, sources, several dimensions."""
-    found = lines(processes, *arguments)
+    found, _ = told(processes, *arguments)
     check_all(found, 1 if arguments else 8)
     for line in (line for line in found if "refused" in line):
         words = {"crack": "cracks", "too many": "so many", "one alone": "finite", "body": "bodies", "drag": "drag"}
+        words |= {"spectra": "Spectra"}
         assert len(set(line["told"])) == 1, line  # the same on all
         assert words.get(line["refused"], "LatticePML") in line["told"][0], line
     (line,) = (line for line in found if "unstable" in line)
     assert len(set(line["unstable"])) == 1 and "unstable at step 3" in line["unstable"][0], line
 
 
+@pytest.mark.parametrize(("processes", "arguments"), STARTS)
+def test_files_are_those_of_one_process(told, tmp_path, processes, arguments):
+    """Fields and probes to the last bit; what receivers hear of nodes of several boxes is a sum in another order."""
+    found, folder = told(processes, *arguments)
+    files = [line for line in found if "files" in line]
+    assert len(files) == (1 if arguments else 2)
+    for line in files:
+        assert line["probes"] == 0 and line["receivers"] < 1e-14, line
+        for ending in (".h5", ".now.h5"):
+            one, other = (folder / f"{line['files']}-{name}{ending}" for name in ("together", "alone"))
+            assert len(list(Path(f"{one}.parts").iterdir())) == processes
+            assert_same_results(one, other)
+            fh.open_results(one).merge(tmp_path / "flat.h5")
+            assert_same_files(tmp_path / "flat.h5", other)
+
+
+def assert_same_results(one, other):
+    ours, theirs = fh.open_results(one), fh.open_results(other)
+    assert ours.finished and ours.shape == theirs.shape and len(ours.times) == len(theirs.times)
+    for name in theirs.field_names:
+        for index in range(len(theirs.times)):
+            np.testing.assert_array_equal(ours.field(name, index), theirs.field(name, index))
+
+
+def assert_same_files(one, other):
+    """Dataset by dataset; but for the provenance, and for energies and sums over nodes in another order."""
+    ours, theirs = datasets(one), datasets(other)
+    assert ours.keys() == theirs.keys()
+    for name, values in theirs.items():
+        if name.startswith("farhorizon/recorded") or name == "farhorizon/history/energy":
+            np.testing.assert_allclose(ours[name], values, rtol=1e-13, atol=1e-13 * np.abs(values).max(initial=0))
+        else:
+            np.testing.assert_array_equal(ours[name], values, name)
+
+
+def datasets(path):
+    """All of a file, and its attributes but the provenance."""
+    found = {}
+
+    def look(name, item):
+        found.update({f"{name} {key}": np.asarray(value) for key, value in item.attrs.items() if key != "provenance"})
+        if isinstance(item, h5py.Dataset):
+            found[name] = item[()]
+
+    with h5py.File(path) as file:
+        file.visititems(look)
+    return found
+
+
+@pytest.mark.parametrize(("processes", "arguments"), STARTS)
+def test_the_command_line_runs_a_case_on_all_processes(told, monkeypatch, processes, arguments):
+    """The first process prints, all return the same; the files are those of one process."""
+    found, folder = told(processes, *arguments)
+    lines = {line["command"]: line["told"] for line in found if "command" in line}
+    for every in lines.values():
+        codes, outs, errors = zip(*every, strict=True)
+        assert len(set(codes)) == 1 and not any(outs[1:]) and not any(errors[1:]), every
+    good = lines["run case.toml --out together --json together.json"][0]
+    assert good[0] == 0 and f"on {processes} processes in " in good[1] and "2 steps" not in good[2], good
+    monkeypatch.chdir(folder)
+    written("together.json", "run")
+    assert main(["run", "case.toml", "--out", "alone", "--quiet"]) == 0
+    assert_same_results("together/case.h5", "alone/case.h5")
+    one, other = fh.open_results("together/case.h5"), fh.open_results("alone/case.h5")
+    np.testing.assert_array_equal(one.probe_values, other.probe_values)
+    for what in ("u", "v"):
+        ours, theirs = (results.recorded["receivers"].data[what] for results in (one, other))
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-13 * np.abs(theirs).max())
+    names = sorted(path.name for path in Path("alone/case").iterdir())
+    assert sorted(path.name for path in Path("together/case").iterdir()) == names
+    for command, word in {
+        "run case.toml --out together": "holds the results of a finished run",
+        "run crack.toml": "cracks are not computed on several processes yet",
+        "run nowhere.toml": "cannot read the case file",
+        "run case.toml --out blocked": "is not overwritten",
+        "run case.toml --set run.topology=[3, 5] --force": "do not multiply to the number of processes",
+        "run case.toml --resume": "not for several processes yet",
+        "run case.toml --set run.until=static --set run.limit=9.0": "runs to the static state are not for several",
+        "check case.toml": "this command computes on one process",
+    }.items():
+        code, _, error = lines[command][0]
+        assert code == 2 and word in error and error.count("farhorizon:") == 1, lines[command]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("processes", [2, 4])
-def test_more_models(processes):
-    check_all(lines(processes, "slow"), 25)
+def test_more_models(told, processes):
+    check_all(told(processes, "slow")[0], 25)

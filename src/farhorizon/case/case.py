@@ -51,6 +51,7 @@ from farhorizon.inputs.expressions import as_given, as_signal
 from farhorizon.simulation.recorder import Observer
 from farhorizon.simulation.rest import STATIC
 from farhorizon.simulation.setup import keys
+from farhorizon.simulation.share import checked_topology
 from farhorizon.simulation.steps import WholeSteps, whole_steps
 
 _RECORDED = {"record", "every", "interpolation", "frequencies", "radii", "most"}  # what recorders are told by name
@@ -238,10 +239,11 @@ class Case:
         words = {"u": u, "v": "velocity v", "damage": "damage: part of the bonds that are broken", "solid": "metal"}
         return {name: text for name, text in words.items() if text}
 
-    def run(self, observe: Sequence[Observer] = (), **changes: Any) -> fh.Simulation:
-        """A new simulation of the case, with some arguments changed."""
+    def run(self, observe: Sequence[Observer] = (), communicator: Any = None, **changes: Any) -> fh.Simulation:
+        """A new simulation of the case, with some arguments changed; on the processes of a communicator, if any."""
         with self.naming():
-            made = fh.Simulation.of(replace(self.setup, **changes), [*self._recorders(), *observe])
+            setup, recorders = replace(self.setup, **changes), [*self._recorders(), *observe]
+            made = fh.Simulation.of(setup, recorders, communicator, self.parts.run.topology)
             self._asked.check(made.dt, "run.dt")
             return made
 
@@ -301,7 +303,9 @@ class Case:
         try:
             yield
         except InputError as error:
-            raise type(error)(f"{self.path}: {error}") from None
+            named = type(error)(f"{self.path}: {error}")
+            named.agreed = error.agreed
+            raise named from None
 
     def _lattice(self) -> fh.Lattice:
         part = self.parts.lattice
@@ -556,6 +560,7 @@ class Case:
 
     def _check_times(self) -> None:
         out, run = self.parts.output, self.parts.run
+        checked_topology(run.topology)
         if run.until == STATIC and run.limit is None:
             raise InputError(
                 "a run to the static state has a latest end, for which its layers are chosen",

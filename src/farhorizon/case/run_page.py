@@ -90,9 +90,10 @@ def write_report(
 
 def _summary(case: Case, run: Run, results: Results) -> list[tuple[str, str]]:
     """What was computed, in a few rows."""
-    nodes = " x ".join(map(str, run.lattice.shape))
+    nodes = " x ".join(map(str, run.lattice.whole.shape))
+    shared = f", on {run.team.size} processes" if run.team else ""
     rows = [
-        ("near field", f"{nodes} nodes, spacing {run.lattice.spacing:g}"),
+        ("near field", f"{nodes} nodes, spacing {run.lattice.spacing:g}{shared}"),
         ("time", f"t = {run.time:g}: {run.step_count} steps of {run.dt:.6g}; outputs {case.schedule(run.dt)}"),
     ]
     for name in results.field_names if results.times.size else ():

@@ -546,6 +546,10 @@ class RunPart(Part):
     """float64, or float32 for half the memory."""
     threads: int | None = None
     """Threads of the time loop; all that there are unless given."""
+    topology: list[int] | None = None
+    """Of a run on several processes (mpiexec): boxes of the lattice along each axis, as many as processes; those that
+    exchange least unless given. One process does without.
+    """
 
 
 class OutputPart(Part):

@@ -63,15 +63,15 @@ def _files(case: Case, run: Run, folder: Path, outputs: int) -> float:
     made = RunResults.begin(run, folder / "a.h5", case.fields, dtype=out.dtype, compress=out.compress)
     made.append()
     begin = time.perf_counter()
-    values = {name: run.fields[name] for name in made.writer.fields}
-    made.writer.append(run.step_count + 1, run.dt, values, energy=run.energy(), balance=_balance(made, run))
+    values = {name: run.fields[name] for name in made.own.fields}
+    made.own.append(run.step_count + 1, run.dt, values, energy=run.energy(), balance=_balance(made, run))
     one = time.perf_counter() - begin
     run.save(folder / "a.ckpt")
     return outputs * one + 2 * (time.perf_counter() - begin - one)
 
 
 def _balance(made: RunResults, run: Run) -> dict[str, float] | None:
-    return run.balance() if made.writer.accounts else None
+    return run.balance() if made.own.accounts else None
 
 
 def _pictures(case: Case, run: Run, folder: Path) -> float:

@@ -1,4 +1,5 @@
-"""The command line: new, keys, run, check, compare, sweep, plot, reproduce, validate, demo, schema, info.
+"""The command line: new, keys, run, check, compare, sweep, plot, merge, reproduce, validate,
+demo, schema, info.
 
 A command is a function of the parsed options in a module of its name, which imports what it needs when it is called;
 `parser` says what each may be given. Here is how a process begins and how it ends.
@@ -9,12 +10,14 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout, suppress
+from collections.abc import Sequence
+from contextlib import nullcontext, suppress
+from functools import partial
 from typing import Any, NoReturn
 
 from farhorizon.cli.common import BAD_INPUT, FAILED, GOOD, INTERRUPTED, check_json, said_plainly
 from farhorizon.cli.parser import command_parser
+from farhorizon.cli.processes import end_all, said_by_first, silence
 
 
 def process() -> NoReturn:
@@ -37,6 +40,12 @@ def _leave(number: int, frame: Any) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command line, by default that of the process; returns the exit code."""
+    with said_by_first():
+        return _main(arguments)
+
+
+def _main(arguments: Sequence[str] | None) -> int:
+    options = None
     try:
         options = command_parser().parse_args(arguments)
         options.output, options.errors = sys.stdout, sys.stderr
@@ -44,24 +53,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         import farhorizon.case.case  # noqa: F401
 
         check_json(getattr(options, "json", None))
-        with _silence() if getattr(options, "quiet", False) else nullcontext(), said_plainly():
+        # but for what goes to `options.output` and `options.errors`: the result and errors
+        with silence() if getattr(options, "quiet", False) else nullcontext(), said_plainly():
             code = int(options.command(options) or GOOD)
         sys.stdout.flush()  # here a full disk can still be told
         return code
-    except KeyboardInterrupt:  # first: it comes while the names of other errors are imported, too
-        print("farhorizon: interrupted", file=sys.stderr)
-        return INTERRUPTED
+    except KeyboardInterrupt as error:  # first: it comes while the names of other errors are imported, too
+        end_all(options, error, _interrupted)
+        return _interrupted()
     except Exception as error:
+        end_all(options, error, partial(_tell, error))
         return _tell(error)
 
 
-@contextmanager
-def _silence() -> Iterator[None]:
-    """Within it nobody hears what is printed, but for what goes to `options.output` and `options.errors`: the result
-    and errors.
-    """
-    with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
-        yield
+def _interrupted() -> int:
+    print("farhorizon: interrupted", file=sys.stderr)
+    return INTERRUPTED
 
 
 def _tell(error: Exception) -> int:

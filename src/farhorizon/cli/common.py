@@ -13,6 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from farhorizon.cli.processes import refuse_processes
+
 GOOD, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
@@ -72,30 +74,13 @@ def made_folder(name: str) -> Path:
     return folder
 
 
-#: What starters of MPI processes tell each of them of their number.
-_PROCESSES = "PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "MPI_LOCALNRANKS", "PMIX_SIZE"
-
-
-def refuse_processes() -> None:
-    """Refuse to be one of several processes: each would compute the whole, into the same files."""
-    from farhorizon.errors import InputError
-
-    count = max((int(os.environ[name]) for name in _PROCESSES if os.environ.get(name, "").isdecimal()), default=1)
-    if count > 1:
-        raise InputError(
-            "the command line computes on one process: each of these would compute the whole case",
-            value=f"{count} processes",
-            key="mpiexec",
-            remedy="without mpiexec, or in Python fh.Simulation(..., communicator=MPI.COMM_WORLD)",
-        )
-
-
-def case_of(options: argparse.Namespace) -> Any:
-    """The case file with the changes of the command line."""
+def case_of(options: argparse.Namespace, together: bool = False) -> Any:
+    """The case file with the changes of the command line, for one process unless several compute it `together`."""
     from farhorizon.case.case import Case
     from farhorizon.case.changes import parsed
 
-    refuse_processes()
+    if not together:
+        refuse_processes()
     return Case.read(options.case, dict(map(parsed, options.set)) | thread_change(options))
 
 

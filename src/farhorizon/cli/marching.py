@@ -54,8 +54,9 @@ def march(
         output = _taken_up(sim, files) if options.resume else _begun(options, case, sim, files)
         for note in (*sim.notes, *sim.probes.notes):
             print(f"note: {note}", file=sys.stderr)
+        boxes = "" if sim.share is None else f" on {sim.team.size} processes in {sim.share.words} boxes"
         print(
-            f"{case.name}: {case.lattice.nodes} nodes, dt = {sim.dt:.6g}, {'at most ' * _to_rest(options, case)}"
+            f"{case.name}: {case.lattice.nodes} nodes{boxes}, dt = {sim.dt:.6g}, {'at most ' * _to_rest(options, case)}"
             f"{last} steps to t = {last * sim.dt:g}; "
             f"outputs {case.schedule(sim.dt)}"
         )
@@ -76,17 +77,22 @@ def _advance(options: argparse.Namespace, case: Any, sim: Any, until: float, rec
     try:
         end = (case.parts.run.until, case.to_rest) if _to_rest(options, case) else (until, {})
         sim.run(end[0], case.every(sim.dt), allow_unstable=options.allow_unstable, **end[1])
-    except KeyboardInterrupt:
-        if len(came) == 1:  # it ended between two steps
+    except KeyboardInterrupt as stopped:
+        if not sim.team.knows(stopped):
+            raise
+        if len(came) == 1 or sim.team:  # it ended between two steps
             record.keep()
-        print(f"\ninterrupted at t = {sim.time:g}; go on with: {again(options)}", file=options.errors)
-        return 128 + came[0] if came else INTERRUPTED
+        onward = "" if sim.team else f"; go on with: {again(options)}"
+        print(f"\ninterrupted at t = {sim.time:g}{onward}", file=options.errors)
+        return int(sim.team.largest(128 + came[0] if came else INTERRUPTED))
     except FarhorizonError:
-        print(f"the last good checkpoint is {record.checkpoint}", file=options.errors)
+        if not sim.team:
+            print(f"the last good checkpoint is {record.checkpoint}", file=options.errors)
         raise
     except OSError:
-        onward = f"when files can be written again go on with: {again(options)}"
-        print(f"the last good checkpoint is {record.checkpoint}; {onward}", file=options.errors)
+        if not sim.team:
+            onward = f"when files can be written again go on with: {again(options)}"
+            print(f"the last good checkpoint is {record.checkpoint}; {onward}", file=options.errors)
         raise
     record.keep()
     if _to_rest(options, case):
@@ -101,13 +107,12 @@ def _to_rest(options: argparse.Namespace, case: Any) -> bool:
 
 def _taken_up(sim: Any, files: RunFiles) -> RunResults:
     """The results of an interrupted run as they were at its checkpoint, from which the simulation goes on."""
-    from farhorizon.files.results import ResultsWriter
     from farhorizon.simulation.output import RunResults
 
     kept = sim.load(files.checkpoint)
     sim.probes.take()  # the start, which the file has
     outputs, rows, records = (int(kept[name]) for name in ("outputs", "rows", "records"))
-    return RunResults(sim, ResultsWriter.resume(files.result, outputs, rows, records, kept.get("recorded")))
+    return RunResults.resume(sim, files.result, outputs, rows, records, kept.get("recorded"))
 
 
 def _begun(options: argparse.Namespace, case: Any, sim: Any, files: RunFiles) -> RunResults:
@@ -115,8 +120,11 @@ def _begun(options: argparse.Namespace, case: Any, sim: Any, files: RunFiles) ->
     from farhorizon.files.results import check_replaceable
     from farhorizon.simulation.output import RunResults
 
-    check_replaceable(files.result)
-    files.checkpoint.unlink(missing_ok=True)  # it belongs to the results that go
+    def make_room() -> None:
+        check_replaceable(files.result)
+        files.checkpoint.unlink(missing_ok=True)  # it belongs to the results that go
+
+    sim.team.by_first(make_room)
     return RunResults.begin(
         sim,
         files.result,
@@ -130,7 +138,7 @@ def _begun(options: argparse.Namespace, case: Any, sim: Any, files: RunFiles) ->
 
 
 class _Record:
-    """What a run leaves behind on its way: outputs, and now and then a checkpoint."""
+    """What a run leaves behind on its way: outputs, and on one process now and then a checkpoint."""
 
     def __init__(self, output: RunResults, sim: Any, checkpoint: Path) -> None:
         self._output, self._sim, self.checkpoint = output, sim, checkpoint
@@ -139,7 +147,7 @@ class _Record:
     def observe(self, _: Any) -> None:
         """After each output step."""
         self.append()
-        if time.monotonic() - self._kept > CHECKPOINT_SECONDS:
+        if self._sim.team.first(time.monotonic() - self._kept > CHECKPOINT_SECONDS):
             self.keep()
 
     def append(self) -> None:
@@ -150,6 +158,8 @@ class _Record:
     def keep(self) -> None:
         """Write the checkpoint from which the run may go on."""
         self._output.move_records()
+        if self._sim.team:
+            return
         writer = self._output.writer
         counts = {name: getattr(writer, name) for name in ("outputs", "rows", "records", "recorded")}
         self._sim.save(self.checkpoint, **counts)

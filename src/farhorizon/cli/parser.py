@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 from farhorizon.cli.check_command import check_command
 from farhorizon.cli.collection_commands import reproduce_command, validate_command
 from farhorizon.cli.compare_command import compare_command, demo_command
+from farhorizon.cli.merge_command import merge_command
 from farhorizon.cli.plot_command import plot_command
 from farhorizon.cli.run_command import run_command
 from farhorizon.cli.sweep_command import sweep_command
@@ -165,6 +166,11 @@ def _plot(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--format", default="png", metavar="png|pdf|svg", help="of pictures (default: png)")
 
 
+def _merge(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("result", help="results file (NAME.h5) of a run on several processes")
+    sub.add_argument("-o", "--out", metavar="FILE", help="the file (default: NAME-merged.h5 beside it)")
+
+
 def _entry(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("name", nargs="?", help="name in the list")
     sub.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
@@ -239,6 +245,7 @@ _COMMANDS: dict[str, tuple[Callable[..., int], tuple[Callable[[argparse.Argument
         "run a case with many values of some keys: one table of what came out, which is gone on with",
     ),
     "plot": (plot_command, (_plot,), "draw pictures of a results file"),
+    "merge": (merge_command, (_merge,), "write the results of several processes as one file"),
     "reproduce": (
         reproduce_command,
         (_entry, _full, _computing),

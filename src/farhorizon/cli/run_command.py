@@ -4,28 +4,82 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from farhorizon.cli.common import GOOD, case_of, check_folder, made_folder, write_json
 from farhorizon.cli.marching import RunFiles, again, march
+from farhorizon.cli.processes import communicator
 
 if TYPE_CHECKING:
     from farhorizon.cli.outputs import RunFacts
+    from farhorizon.simulation.team import Team
+
+
+_DRAWN = 64  # bytes a node that drawing may take, of what several processes have computed
 
 
 def run_command(options: argparse.Namespace) -> int:
-    """Run a case to its end, or until a signal comes, then draw and tell."""
+    """Run a case, on all processes that were started together: the first one alone prints, draws and looks at what is
+    there.
+    """
     import numpy as np
 
     from farhorizon.errors import InputError
-    from farhorizon.files.storage import locked, remove_leftovers
+    from farhorizon.simulation.team import Team
 
-    case = case_of(options)
-    until = case.end if options.until is None else options.until  # of a run to its static state the latest
-    if not (np.isfinite(until) and until > 0):
-        raise InputError("the end of the run must be positive", value=until, key="--until")
-    files = RunFiles(Path(options.out), case.name)
+    options.team = team = Team(communicator())
+    with team.agreed():
+        case = case_of(options, together=True)
+        _refuse_kept(options, team, case)
+        until = case.end if options.until is None else options.until  # of a run to its static state the latest
+        if not (np.isfinite(until) and until > 0):
+            raise InputError("the end of the run must be positive", value=until, key="--until")
+        files = RunFiles(Path(options.out), case.name)
+    team.by_first(lambda: _look(options, files))
+    with team.agreed():
+        sim = case.run(communicator=team)
+    with team.agreed(), case.naming():
+        last = sim.prepare(until)
+        sim.record(case.parts.output.probes, case.parts.output.probe_every)
+    certificate = sim.examine(until, options.allow_unstable)
+    with ExitStack() as held:
+        team.by_first(lambda: held.enter_context(_lock(options, files)))
+        began, before = time.perf_counter(), sim.step_count
+        output, code = march(options, case, sim, files, until, last)
+        if code == GOOD:
+            taken, energy = time.perf_counter() - began, sim.energy()
+            output.conclude()
+            kept = options.keep_checkpoint or until < case.end
+
+            def tell() -> None:
+                _sum_up(case, sim, sim.step_count - before, taken)
+                _tell(options, case, sim, certificate, until, files, kept, taken, energy)
+
+            team.by_first(tell)
+            output.finish()
+            if not (kept or team):
+                files.checkpoint.unlink()
+    return code
+
+
+def _refuse_kept(options: argparse.Namespace, team: Team, case: Any) -> None:
+    """Refuse what several processes do not do yet, before any work."""
+    for key, asked, what in (
+        ("--resume", options.resume, "checkpoints"),
+        ("--keep-checkpoint", options.keep_checkpoint, "checkpoints"),
+        ("run.until", options.until is None and isinstance(case.parts.run.until, str), "runs to the static state"),
+    ):
+        if asked:
+            team.alone(what, key)
+
+
+def _look(options: argparse.Namespace, files: RunFiles) -> None:
+    """Refuse what is there and what is not."""
+    from farhorizon.errors import InputError
+
     if options.resume and not files.checkpoint.exists():
         remedy = (
             "run without --resume, or give the --out of the run; a run that has come to the end of its case keeps one "
@@ -34,28 +88,19 @@ def run_command(options: argparse.Namespace) -> int:
         raise InputError(f"no checkpoint {files.checkpoint}", key="--resume", remedy=remedy)
     _refuse_finished(files.result, options)
     check_folder(str(files.pictures))
-    sim = case.run()
-    with case.naming():
-        last = sim.prepare(until)
-        sim.record(case.parts.output.probes, case.parts.output.probe_every)
-    certificate = sim.examine(until, options.allow_unstable)
+
+
+@contextmanager
+def _lock(options: argparse.Namespace, files: RunFiles) -> Iterator[None]:
+    """Within it the files of the run are its own."""
+    from farhorizon.files.storage import locked, remove_leftovers
+
     made_folder(options.out)
     with locked(files.lock):
         _refuse_finished(files.result, options)
         for path in (files.result, files.checkpoint):
             remove_leftovers(path)
-        began, before = time.perf_counter(), sim.step_count
-        output, code = march(options, case, sim, files, until, last)
-        if code == GOOD:
-            taken = time.perf_counter() - began
-            _sum_up(case, sim, sim.step_count - before, taken)
-            output.conclude()
-            kept = options.keep_checkpoint or until < case.end
-            _tell(options, case, sim, certificate, until, files, kept, taken)
-            output.finish()
-            if not kept:
-                files.checkpoint.unlink()
-    return code
+        yield
 
 
 def _refuse_finished(result: Path, options: argparse.Namespace) -> None:
@@ -92,10 +137,12 @@ def _tell(
     files: RunFiles,
     kept: bool,
     taken: float,
+    energy: float,
 ) -> None:
     """Draw the results, write the page about them and the figures, and say where they are."""
     from farhorizon.case.run_page import write_report
     from farhorizon.files.results import open_results
+    from farhorizon.machine import available_memory
     from farhorizon.pictures.result_pictures import View, plot_results
     from farhorizon.simulation.run import wanted_threads
 
@@ -104,11 +151,13 @@ def _tell(
         print(f"warning: not valid from t = {caution.time:.6g} on: {caution.brief}", file=options.errors)
     moments = [time for time in case.parts.output.pictures or () if time <= until]
     view = View(times=moments or None, cracks=results.outlines.get("cracks", ()), quantities=case.quantities)
-    pictures = plot_results(results, files.pictures, view, print)
+    fits = not sim.team or _DRAWN * case.lattice.nodes < available_memory()
+    pictures = plot_results(results, files.pictures, view, print) if fits else []
     made_folder(str(files.pictures))
     results.write_outlines(files.pictures / "outlines.vtp")
-    said = f"results: {files.result} ({len(results.times)} outputs); pictures: {', '.join(map(str, pictures))}"
-    if not options.no_report:
+    shown = ", ".join(map(str, pictures)) if fits else "none, one process cannot hold the fields"
+    said = f"results: {files.result} ({len(results.times)} outputs); pictures: {shown}"
+    if fits and not options.no_report:
         threads = wanted_threads(case.parts.run.threads)
         page = files.pictures / "report.html"
         onward = f"{again(options, until=False)} --until T" if kept else ""
@@ -120,7 +169,7 @@ def _tell(
         "steps": sim.step_count,
         "time": sim.time,
         "dt": sim.dt,
-        "energy": sim.energy(),
+        "energy": energy,
         "results": str(files.result),
         "pictures": [str(p) for p in pictures],
         "certificate": certificate.as_json(),

@@ -11,7 +11,7 @@ A checkpoint is its own HDF5 file: an index (JSON, with the SHA-256 of every arr
 written last.
 
 Both are written by `farhorizon.files.storage`: a process that is killed, or a disk that is full, leaves the file as it
-was before.
+was before. Several processes write a file in parts, see `farhorizon.files.parts`.
 
 References
 ----------
@@ -24,7 +24,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -33,6 +33,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import FarhorizonError, FileFormatError, InputError
+from farhorizon.files.parts import Box, folder_of, is_own, lay_out, part_path, parts_of
 from farhorizon.files.polylines import Lines, flattened, gathered, write_vtp
 from farhorizon.files.records import Recorded, dataset_parts
 from farhorizon.files.storage import Draft, changing, created, read
@@ -108,14 +109,18 @@ def _refuse_other_files(group: Any, path: Path, depth: int = 0) -> None:
     """
     for name in group:
         item = group[name] if isinstance(group.get(name, getlink=True), h5py.HardLink) and depth < _DEPTH else None
-        if item is None or (isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)):
+        if item is None or (isinstance(item, h5py.Dataset) and _lies_elsewhere(item, path)):
             raise FileFormatError(
                 f"{path}: {group.name.rstrip('/')}/{name} refers to another place or file, as nothing that we write "
                 "does",
-                remedy="use a file of a known origin",
+                remedy="use a file of a known origin; one in parts keeps its name, that of its folder",
             )
         if isinstance(item, h5py.Group):
             _refuse_other_files(item, path, depth + 1)
+
+
+def _lies_elsewhere(item: Any, path: Path) -> bool:
+    return bool(item.external) or (item.is_virtual and not is_own(item, path))
 
 
 def _read_indices(group: Any) -> None:
@@ -203,13 +208,8 @@ def _counts(file: Any, path: Path) -> Counts:
         return min(counted, len(shortest))
 
     outputs = int(group.attrs["outputs"])
-    per_output = (
-        vtk["Steps/Values"],
-        group["steps"],
-        group["history_rows"],
-        group["record_rows"],
-        *vtk["PointData"].values(),
-    )
+    fields = () if "parts" in group else vtk["PointData"].values()  # of parts each knows its own
+    per_output = vtk["Steps/Values"], group["steps"], group["history_rows"], group["record_rows"], *fields
     outputs = held(outputs, max(outputs - 1, 0), per_output)
     rows, records = (
         held(
@@ -220,8 +220,8 @@ def _counts(file: Any, path: Path) -> Counts:
     return Counts(outputs, rows, records)
 
 
-def _set_outputs(file: Any, outputs: int) -> None:
-    """Make the first `outputs` outputs the valid ones.
+def _set_outputs(file: Any, path: Path, outputs: int) -> None:
+    """Make the first `outputs` outputs the valid ones, in a file in parts those that are shown.
 
     A single output is listed twice among VTK's steps: vtkHDFReader takes a file of one step for a file without time,
     and fails.
@@ -233,6 +233,14 @@ def _set_outputs(file: Any, outputs: int) -> None:
             dataset[1] = dataset[0]
     steps.attrs.modify("NSteps", listed)
     file["farhorizon"].attrs.modify("outputs", outputs)
+    if (boxes := _boxes(file["farhorizon"], path)).size:
+        for name, components in _components(file["farhorizon"]).items():
+            lay_out(file["VTKHDF/PointData"], name, path, boxes, outputs, components > 1)
+
+
+def _boxes(group: Any, path: Path) -> np.ndarray:
+    """The boxes of the parts of a results file, shape (parts, dim, 2); of none where it has no parts."""
+    return _read(group, path, "parts") if "parts" in group else np.zeros((0, 0, 2), np.int64)
 
 
 def _cut_recorded(file: Any, path: Path, outputs: int, wanted: Mapping[str, int]) -> None:
@@ -328,15 +336,52 @@ def _put(dataset: Any, start: int, values: Any) -> None:
     dataset[start:stop] = values
 
 
+def _grow_fields(data: Any, name: str, stored: tuple[int, ...], dtype: np.dtype, compress: bool) -> Any:
+    """Make an empty dataset of a field whose outputs have this shape."""
+    packed = {"compression": "gzip", "compression_opts": 4, "shuffle": True} if compress else {}
+    chunk = _chunk(stored, dtype.itemsize)
+    return data.create_dataset(
+        name, (0, *stored), dtype, maxshape=(None, *stored), chunks=chunk, fletcher32=True, **packed
+    )
+
+
+def _make_room(path: Path, parts: int) -> None:
+    """Make the folder for so many parts of a new results file, and remove parts of the one whose place it takes; none
+    is left without any.
+    """
+    if parts:
+        folder_of(path).mkdir(exist_ok=True)
+    for one in parts_of(path):
+        if int(one.stem) >= parts:
+            one.unlink()
+    if not parts and folder_of(path).is_dir() and not any(folder_of(path).iterdir()):
+        folder_of(path).rmdir()
+
+
+def _copy_all_but(source: Any, target: Any, left_out: set[str]) -> None:
+    """Copy what is in a group, with all that HDF5 notes of it, but for some places."""
+    for name in source.attrs:
+        target.attrs.create(name, source.attrs[name], dtype=source.attrs.get_id(name).dtype)
+    for name, item in source.items():
+        if item.name in left_out:
+            continue
+        if any(place.startswith(f"{item.name}/") for place in left_out):
+            _copy_all_but(item, target.create_group(name), left_out)
+        else:
+            source.copy(item, target, name)
+
+
 def check_replaceable(path: Path) -> None:
     """Refuse to put new results where something else is than results of ours, or nothing.
 
     Raises
     ------
     InputError
-        Another file, or one that may not be written; no such folder.
+        Another file, or one that may not be written, also among its parts; no such folder.
     """
     _directory_of(path)
+    for one in parts_of(path):
+        check_replaceable(one)
     if not path.exists():
         return
     if not os.access(path, os.W_OK):
@@ -374,6 +419,8 @@ class ResultsWriter:
         Of each field.
     recorded : dict of str to int
         Valid rows of each recorder.
+    whole : bool
+        Whether the fields stand in the file itself, and not in parts.
     last_step : int or None
         Step number of the last output; None without any.
 
@@ -396,6 +443,7 @@ class ResultsWriter:
             self.accounts = _words(group, "accounts")
             self.last_step = int(group["steps"][self.outputs - 1]) if self.outputs else None
             self.recorded = {name: int(one.attrs["rows"]) for name, one in group.get("recorded", {}).items()}
+            self.whole = "parts" not in group
 
     @classmethod
     def create(
@@ -416,8 +464,10 @@ class ResultsWriter:
         provenance: Mapping[str, str] | None = None,
         compress: bool = False,
         outlines: Lines | None = None,
+        boxes: Sequence[Box] = (),
     ) -> ResultsWriter:
-        """Create an empty results file; an older results file of that name is replaced, any other file is refused.
+        """Create an empty results file; an older results file of that name is replaced, with its parts, any other file
+        is refused.
 
         Parameters
         ----------
@@ -451,6 +501,9 @@ class ResultsWriter:
             Pack the fields, without loss.
         outlines : mapping of str to sequence of ndarray, each of shape (n, dim), optional
             Polylines by what they show: "cracks", "near field", "layers".
+        boxes : sequence of Box
+            Of a file in parts, whose files (`farhorizon.files.parts.part_path`) others create and append to; a folder
+            for them is made.
 
         Returns
         -------
@@ -505,13 +558,12 @@ class ResultsWriter:
             steps.attrs["NSteps"] = 0
             _growing(steps, "Values", "f8")
             offsets = steps.create_group("PointDataOffsets")
-            packed = {"compression": "gzip", "compression_opts": 4, "shuffle": True} if compress else {}
             for name in fields:
                 stored = _vtk_shape(shape, width[name])
-                chunk = _chunk(stored, dtype.itemsize)
-                data.create_dataset(
-                    name, (0, *stored), dtype, maxshape=(None, *stored), chunks=chunk, fletcher32=True, **packed
-                )
+                if len(boxes):
+                    data.create_dataset(name, (0, *stored), dtype)
+                else:
+                    _grow_fields(data, name, stored, dtype, compress)
                 _growing(offsets, name, "i8")
                 kind = "Scalars" if width[name] == 1 else "Vectors"
                 if kind not in data.attrs:
@@ -529,6 +581,8 @@ class ResultsWriter:
             )
             group.attrs["components"], group.attrs["probe_components"] = [width[name] for name in fields], probed_width
             group.attrs["outputs"] = 0
+            if len(boxes):
+                _put_fixed(group, "parts", np.array(boxes, np.int64))
             _put_words(group, "case", [case])
             _put_words(group, "fields", fields)
             _put_fixed(group, "probes", places)
@@ -568,6 +622,7 @@ class ResultsWriter:
                     chunks=(_CHUNK_ROWS, len(accounts)),
                     fletcher32=True,
                 )
+        _make_room(path, len(boxes))
         return cls(path)
 
     @classmethod
@@ -631,16 +686,12 @@ class ResultsWriter:
                         remedy="use the results file that belongs to the checkpoint, or start the run anew",
                     )
             _cut_recorded(file, path, outputs, recorded or {})
-            _set_outputs(file, outputs)
+            _set_outputs(file, path, outputs)
             group["history"].attrs.modify("rows", rows)
             group["records"].attrs.modify("rows", records)
             group.attrs["finished"] = False
-            for dataset in (
-                group["steps"],
-                group["history_rows"],
-                group["record_rows"],
-                *file["VTKHDF/PointData"].values(),
-            ):
+            fields = () if "parts" in group else file["VTKHDF/PointData"].values()
+            for dataset in (group["steps"], group["history_rows"], group["record_rows"], *fields):
                 dataset.resize(outputs, axis=0)
             for dataset in group["history"].values():
                 dataset.resize(rows, axis=0)
@@ -667,7 +718,7 @@ class ResultsWriter:
             Step number, larger than that of the output before.
         time : float
         fields : mapping of str to ndarray, each of the lattice shape, of vectors with the components first
-            Every field that the file was created with; nan (outside a window) stays nan.
+            Every field that the file was created with, none of a file in parts; nan (outside a window) stays nan.
         energy : float, optional
         balance : mapping of str to float, optional
             Every entry that the file was created with; others are left out.
@@ -681,11 +732,12 @@ class ResultsWriter:
         FileFormatError
             The file has been damaged since the last call.
         """
-        if set(fields) != set(self.fields):
+        held = self.fields if self.whole else ()
+        if set(fields) != set(held):
             raise InputError(
                 f"{self.path}: an output has every field of the file, no other",
                 value=sorted(fields),
-                limit=sorted(self.fields),
+                limit=sorted(held),
             )
         for name, values in fields.items():
             wanted = self.shape if self.components[name] == 1 else (self.components[name], *self.shape)
@@ -713,19 +765,20 @@ class ResultsWriter:
                     _put(dataset, self.rows, history[name])
                 file["farhorizon/history"].attrs.modify("rows", rows)
             vtk, group = file["VTKHDF"], file["farhorizon"]
-            for name in self.fields:
+            for name in held:
                 dataset = vtk["PointData"][name]
                 values = np.asarray(fields[name]).T.astype(dataset.dtype, order="C", copy=False)
                 if self.components[name] > 1:
                     values = np.pad(values, [(0, 0)] * len(self.shape) + [(0, 3 - self.components[name])])
                 _put(dataset, n, values.reshape(1, *dataset.shape[1:]))
-                _put(vtk["Steps/PointDataOffsets"][name], n, [n])
+            for offsets in vtk["Steps/PointDataOffsets"].values():
+                _put(offsets, n, [n])
             _put(vtk["Steps/Values"], n, [time])
             _put(group["steps"], n, [step])
             _put(group["history_rows"], n, [rows])
             _put(group["record_rows"], n, [self.records])
             _put_word(group.attrs, "cautions", json.dumps(list(cautions)))
-            _set_outputs(file, n + 1)
+            _set_outputs(file, self.path, n + 1)
         self.outputs, self.rows, self.last_step = n + 1, rows, int(step)
 
     def finish(self) -> None:
@@ -891,6 +944,7 @@ class Results:
                 points, counts = (_read(shown, self.path, name) for name in ("points", "counts"))
                 self.outlines = gathered(points, counts, _words(shown, "names"))
             self._accounts = _words(group, "accounts")
+            self._boxes, self._parts = _boxes(group, self.path), dict[int, Results]()
             self.components = _components(group)
             for name in self.field_names:
                 stored = file["VTKHDF/PointData"][name].shape[1:]
@@ -1013,8 +1067,56 @@ class Results:
             outputs = _counts(file, self.path).outputs
             if not -outputs <= index < outputs:
                 raise InputError(f"{self.path} has no output {index}", value=index, limit=f"{outputs} outputs")
-            stored = _read(file, self.path, f"VTKHDF/PointData/{name}", index % outputs)
-        return self._lattice_first(name, stored[np.newaxis])[0]
+        return self._values(name, slice(index % outputs, index % outputs + 1))[0]
+
+    def _values(self, name: str, rows: slice) -> np.ndarray:
+        """Outputs of a field, (outputs[, components], nx[, ny[, nz]]), from all parts where there are any."""
+        if not len(self._boxes):
+            with _opened(self.path, "r", "results file") as file:
+                return self._lattice_first(name, _read(file, self.path, f"VTKHDF/PointData/{name}", rows))
+        whole = np.zeros(0)
+        for number, box in enumerate(self._boxes):
+            values = self._part(number, box)._values(name, rows)
+            if not number:
+                whole = np.zeros((*values.shape[: -self.dim], *self.shape), values.dtype)
+            self._check_rows(number, len(values), len(whole))
+            place: tuple[Any, ...] = (..., *(slice(first, last) for first, last in box))
+            whole[place] = values
+        return whole
+
+    def _part(self, number: int, box: np.ndarray) -> Results:
+        """The results of a part.
+
+        Raises
+        ------
+        FileFormatError
+            It is missing, or that of another run.
+        """
+        if number in self._parts:
+            return self._parts[number]
+        path = part_path(self.path, number)
+        if not path.is_file():
+            raise FileFormatError(
+                f"{self.path} lacks its part {path}",
+                remedy=f"keep the folder {folder_of(self.path).name} beside the file",
+            )
+        found = Results(path)
+        alike = found.shape == tuple(box[:, 1] - box[:, 0]) and found.field_names == self.field_names
+        if not (alike and found.components == self.components and found.spacing == self.spacing):
+            raise FileFormatError(
+                f"{path} is no part of {self.path}", remedy="use the folder that the run has written beside the file"
+            )
+        self._parts[number] = found
+        return found
+
+    def _check_rows(self, number: int, held: int, wanted: int) -> None:
+        if held != wanted:
+            raise FileFormatError(
+                f"{part_path(self.path, number)} has other outputs than the other parts",
+                value=held,
+                limit=wanted,
+                remedy="compute it again, or resume the run from a checkpoint before it",
+            )
 
     def _lattice_first(self, name: str, stored: np.ndarray) -> np.ndarray:
         """Outputs in our order of axes, of vectors without what only VTK has: (outputs[, components], nx[, ny[,
@@ -1024,6 +1126,71 @@ class Results:
         values = stored.reshape(len(stored), *self.shape[::-1], *width)
         found = values.transpose(0, *range(values.ndim - 1, 0, -1))
         return np.ascontiguousarray(found if components == 1 else found[:, :components])
+
+    def merge(self, path: str | Path) -> Path:
+        """Write the results of several processes as one file, as one process would have written it; a copy of what is
+        one file.
+
+        It is made piece by piece: no field is held whole.
+
+        Parameters
+        ----------
+        path : str or Path
+            Older results of that name are replaced.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        InputError
+            It is this file, another program's, or there is no such directory.
+        FileFormatError
+            A part is missing or damaged.
+        """
+        path = kinds.path(path, "path")
+        check_replaceable(path)
+        if path.exists() and path.samefile(self.path):
+            raise InputError("the file cannot take its own place", value=path, key="path", remedy="another name")
+        with _opened(self.path, "r", "results file") as file, created(path) as draft, _hdf5(draft, "w") as made:
+            counts = _counts(file, self.path)
+            _copy_all_but(file, made, {"/VTKHDF/PointData", "/farhorizon/parts"})
+            source, data = file["VTKHDF/PointData"], made.create_group("VTKHDF/PointData")
+            for name, value in source.attrs.items():
+                data.attrs.create(name, value, dtype=source.attrs.get_id(name).dtype)
+            for name in self.field_names:
+                self._copy_field(source[name], data, counts.outputs)
+        _make_room(path, 0)
+        return path
+
+    def _copy_field(self, source: Any, data: Any, outputs: int) -> None:
+        """Copy the outputs of a field into a group, chunk by chunk."""
+        name = source.name.rpartition("/")[2]
+        dim = source.ndim - 1 - (self.components[name] > 1)  # those that are stored
+        with ExitStack() as stack:
+            parts = [
+                (box[:dim][::-1], stack.enter_context(_opened(self._part(i, box).path, "r", "results file")))
+                for i, box in enumerate(self._boxes)
+            ]
+            own = source if not parts else parts[0][1][source.name]
+            made = _grow_fields(data, name, source.shape[1:], source.dtype, own.compression is not None)
+            made.resize(outputs, axis=0)
+            for chunk in made.iter_chunks() if outputs else ():
+                values = np.zeros([one.stop - one.start for one in chunk], source.dtype)
+                if not parts:
+                    values[...] = source[chunk]
+                for box, file in parts:
+                    common = [
+                        (max(one.start, int(first)), min(one.stop, int(last)), one.start, int(first))
+                        for one, (first, last) in zip(chunk[1 : dim + 1], box, strict=True)
+                    ]
+                    if all(first < last for first, last, _, _ in common):
+                        here = tuple(slice(first - begin, last - begin) for first, last, begin, _ in common)
+                        there = tuple(slice(first - begin, last - begin) for first, last, _, begin in common)
+                        values[(slice(None), *here)] = _read(file, Path(file.filename), source.name, (chunk[0], *there))
+                made[chunk] = values
 
     def write_outlines(self, path: str | Path) -> Path:
         """Write the `outlines` for ParaView, which shows them beside the fields.
@@ -1068,9 +1235,7 @@ class Results:
         times, rows, probe_times = self.times, self.history_times.size, self.probe_times
         data: dict[str, Any] = {}
         for name in self.field_names:
-            with _opened(self.path, "r", "results file") as file:
-                stored = _read(file, self.path, f"VTKHDF/PointData/{name}", slice(times.size))
-            data[name] = (("time", *component[name], *names), self._lattice_first(name, stored))
+            data[name] = (("time", *component[name], *names), self._values(name, slice(times.size)))
         data["energy"] = ("history_time", self.energy[:rows])
         data["probe_values"] = (("probe_time", "probe", *probed), self.probe_values[: probe_times.size])
         balance = self.balance

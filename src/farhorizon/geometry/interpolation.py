@@ -14,7 +14,7 @@ nodes: what is then received at one point from another is the same both ways.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,9 +54,34 @@ class Blocks(NamedTuple):
         nodes, weights = np.zeros((count, 1), np.int64), np.ones((count, 1))
         for axis, along in enumerate(self.weights):
             place = self.first[:, axis, None] + np.arange(along.shape[1])
-            nodes = (nodes[:, :, None] * self.shape[axis] + place[:, None]).reshape(count, -1)
-            weights = (weights[:, :, None] * along[:, None]).reshape(count, -1)
+            size = nodes.shape[1] * along.shape[1]
+            nodes = (nodes[:, :, None] * self.shape[axis] + place[:, None]).reshape(count, size)
+            weights = (weights[:, :, None] * along[:, None]).reshape(count, size)
         return nodes, weights
+
+    def within(self, begin: Sequence[int], shape: Sequence[int]) -> tuple[Blocks, np.ndarray]:
+        """The part of each block that lies in a box of the lattice, and the numbers of those that have one.
+
+        Parameters
+        ----------
+        begin : sequence of int
+            The box's first node along each axis.
+        shape : sequence of int
+            Its nodes along each axis.
+        """
+        firsts, tables, there = [], [], np.ones(len(self.first), bool)
+        for axis, (start, count) in enumerate(zip(begin, shape, strict=True)):
+            along, here = self.weights[axis], self.first[:, axis] - start
+            width = min(along.shape[1], count)
+            first = np.clip(here, 0, count - width)
+            place = (first - here)[:, None] + np.arange(width)  # in the block
+            inside = (place >= 0) & (place < along.shape[1])
+            taken = np.take_along_axis(along, np.where(inside, place, 0), 1)
+            firsts.append(first)
+            tables.append(np.where(inside, taken, 0.0))
+            there &= tables[-1].any(axis=1)
+        blocks = Blocks(np.stack(firsts, axis=1)[there], tuple(one[there] for one in tables), tuple(shape))
+        return blocks, np.flatnonzero(there)
 
 
 def interpolation_blocks(

@@ -264,7 +264,7 @@ def shared(setup: Setup, team: Team, topology: Sequence[int] | None, observers: 
     InputError
         What does not run on several processes.
     """
-    check_shareable(setup, len(observers))
+    check_shareable(setup, observers)
     stencil = setup.model.medium(setup.lattice.spacing, setup.lattice.dim)
     around = by_target(setup, setup.sides, stencil)
     check_choosable(setup, around)

@@ -11,6 +11,7 @@ from farhorizon import kinds
 from farhorizon.errors import InputError, ValidityWarning
 from farhorizon.files.results import Caution
 from farhorizon.machine import progress
+from farhorizon.simulation.team import Team, agreed
 
 MOST_STEPS = 2**53  # their numbers are exact in double precision
 
@@ -25,6 +26,7 @@ class Advancing(Protocol):
     observers: list[Callable[[Any], None]]
     cautions: list[Caution]
     guard_steps: int
+    team: Team
 
     def step(self, count: int = 1) -> None:
         """Advance by `count` steps."""
@@ -79,7 +81,7 @@ def go(
     Raises
     ------
     KeyboardInterrupt
-        `stop_requested` was set; the run stands between two steps.
+        `stop_requested` was set, of several processes on any; the run stands between two steps.
     """
     with progress(max(last - run.step_count, 0), show=show) as bar:
         while run.step_count < last:
@@ -89,14 +91,14 @@ def go(
                 before = run.step_count
                 run.step(min(run.guard_steps, stop - run.step_count))
                 bar.update(run.step_count - before)
-                if run.stop_requested and run.step_count < stop:
-                    raise KeyboardInterrupt
+                if run.step_count < stop and run.team.any(run.stop_requested):
+                    raise agreed(KeyboardInterrupt())
             over = ended is not None and pace is not None and not run.step_count % pace and ended()
             if over or run.step_count == last or (count is not None and not run.step_count % count):
                 for observer in run.observers:
                     observer(run)
             if over:
                 return True
-            if run.stop_requested and run.step_count < last:
-                raise KeyboardInterrupt
+            if run.step_count < last and run.team.any(run.stop_requested):
+                raise agreed(KeyboardInterrupt())
     return False

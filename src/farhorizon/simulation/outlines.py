@@ -11,7 +11,7 @@ from farhorizon.inputs.cracks import as_crack
 
 
 def outlines_of(run: Any) -> dict[str, list[np.ndarray]]:
-    """Polylines of a run by what they show, each of shape (n, dim).
+    """Polylines of a run by what they show, each of shape (n, dim); of a run on several processes those of the whole.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def outlines_of(run: Any) -> dict[str, list[np.ndarray]]:
         "cracks" as they were given, in space their rims, on a line points; "near field"; "layers", all that is computed
         beyond it, where there is something.
     """
-    lattice = run.lattice
+    lattice = run.lattice.whole
     lower, upper = np.array(lattice.lower), np.array(lattice.upper)
     cuts = [as_crack(crack, lattice.dim).cut for crack in run.given["cracks"]]
     found = {"cracks": [line for cut in cuts if len(line := cut.outline())], "near field": edges(lower, upper)}

@@ -1,13 +1,18 @@
-"""What a run writes into a results file: its fields now and then, its history, what recorders and probes have."""
+"""What a run writes into a results file: its fields now and then, its history, what recorders and probes have.
+
+Several processes write a file in parts, each its own; the first one writes the file of the whole.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from farhorizon import __version__, kinds
+from farhorizon.errors import InputError
+from farhorizon.files.parts import part_path
 from farhorizon.files.provenance import computed_with
 from farhorizon.files.results import ResultsWriter
 from farhorizon.simulation.outlines import outlines_of
@@ -22,15 +27,24 @@ class RunResults:
     Parameters
     ----------
     run : Run
-    writer : ResultsWriter
+    path : Path
+    writer : ResultsWriter or None
+        That of the file; of several processes the first one has it.
+    part : ResultsWriter or None
+        That of the part of one of several processes.
 
     Attributes
     ----------
-    writer : ResultsWriter
+    path, writer
+        As given.
+    own : ResultsWriter
+        That of the fields of this process.
     """
 
-    def __init__(self, run: Any, writer: ResultsWriter) -> None:
-        self._run, self.writer = run, writer
+    def __init__(self, run: Any, path: Path, writer: ResultsWriter | None, part: ResultsWriter | None = None) -> None:
+        own = writer if part is None else part
+        assert own is not None
+        self._run, self.path, self.writer, self.own = run, path, writer, own
 
     @classmethod
     def begin(
@@ -65,34 +79,73 @@ class RunResults:
         InputError
             A field that there is not; another file is there, or no such folder.
         """
-        run.team.alone("results files")
-        held, lattice = run.fields, run.lattice
+        held, team, lattice, path = run.fields, run.team, run.lattice, kinds.path(path, "path")
         if fields is None:
             names = tuple(name for name in held if name not in _FOLLOWS)
         else:
             given = kinds.sequence(fields, "fields", "names of fields")
             names = tuple(kinds.one_of(name, "fields", held, "the run has no such field") for name in given)
-        writer = ResultsWriter.create(
-            kinds.path(path, "path"),
-            shape=lattice.shape,
-            spacing=lattice.spacing,
-            lower=lattice.lower,
-            fields=names,
-            dtype=dtype or held["u"].dtype,
-            probes=None if run.probes is None else run.probes.places,
-            accounts=list(run.balance()) if run.given.get("balance") else [],
-            case=case,
-            units=units,
-            provenance={**(command or {}), **dict(computed_with())},
-            compress=compress,
-            program=f"farhorizon {__version__}",
-            outlines=outlines_of(run),
-            components={name: len(values) if values.ndim > lattice.dim else 1 for name, values in held.items()},
+        alike: dict[str, Any] = {
+            "spacing": lattice.spacing,
+            "fields": names,
+            "dtype": dtype or held["u"].dtype,
+            "compress": compress,
+            "program": f"farhorizon {__version__}",
+            "components": {name: len(values) if values.ndim > lattice.dim else 1 for name, values in held.items()},
+        }
+        accounts = list(run.balance()) if run.given.get("balance") else []
+        boxes = team.gather([(first, first + n) for first, n in zip(lattice.first, lattice.shape, strict=True)])
+        writer = team.by_first(
+            lambda: ResultsWriter.create(
+                path,
+                shape=lattice.whole.shape,
+                lower=lattice.whole.lower,
+                probes=None if run.probes is None else run.probes.places,
+                accounts=accounts,
+                case=case,
+                units=units,
+                provenance={**(command or {}), **dict(computed_with())},
+                outlines=outlines_of(run),
+                boxes=boxes if team else (),
+                **alike,
+            )
         )
-        made = cls(run, writer)
+        part = None
+        with team.agreed():
+            if team:
+                _check_seen(path)
+                part = ResultsWriter.create(
+                    part_path(path, team.number), shape=lattice.shape, lower=lattice.lower, **alike
+                )
+        made = cls(run, path, writer, part)
         for recorder in made.growing:
-            writer.hold(recorder.recorded)
+            made._write(ResultsWriter.hold, recorder.recorded)
         return made
+
+    @classmethod
+    def resume(cls, run: Any, path: Path, outputs: int, *kept: Any) -> RunResults:
+        """A file that goes on after so many outputs.
+
+        Parameters
+        ----------
+        run : Run
+        path : Path
+        outputs : int
+        *kept
+            What else is kept, as of `ResultsWriter.resume`.
+        """
+        team, part = run.team, None
+        writer = team.by_first(lambda: ResultsWriter.resume(path, outputs, *kept))
+        with team.agreed():
+            if team:
+                part = ResultsWriter.resume(part_path(path, team.number), outputs)
+        return cls(run, path, writer, part)
+
+    def _write(self, change: Callable[..., None], *given: Any) -> None:
+        """Change the file of the whole, which one process does; what it fails with all fail with."""
+        with self._run.team.agreed():
+            if self.writer is not None:
+                change(self.writer, *given)
 
     @property
     def growing(self) -> list[Recorder]:
@@ -101,45 +154,45 @@ class RunResults:
 
     def append(self) -> None:
         """Append the fields as they are now; not twice the same step."""
-        run, writer = self._run, self.writer
-        if writer.last_step == run.step_count:
+        run, own = self._run, self.own
+        if own.last_step == run.step_count:
             return
-        fields = run.fields
-        writer.append(
-            run.step_count,
-            run.time,
-            {name: fields[name] for name in writer.fields},
-            energy=run.energy(),
-            balance=run.balance() if writer.accounts else None,
-            cautions=run.cautions,
-        )
+        fields, energy = run.fields, run.energy()
+        held = {name: fields[name] for name in own.fields}
+        if run.team:
+            with run.team.agreed():
+                own.append(run.step_count, run.time, held)
+            held = {}
+        balance = run.balance() if run.given.get("balance") else None
+        self._write(ResultsWriter.append, run.step_count, run.time, held, energy, balance, run.cautions)
 
     def move_records(self) -> None:
         """Append what recorders and probes have recorded; they forget it."""
         for recorder in self.growing:
-            self.writer.append_recorded(recorder.recorded)
+            self._write(ResultsWriter.append_recorded, recorder.recorded)
             recorder.forget()
         probes = self._run.probes
         if probes is not None and len(probes.nodes):
-            self.writer.append_probes(*probes.take())
+            self._write(ResultsWriter.append_probes, *probes.take())
 
     def copy_records(self) -> None:
         """Put what recorders and probes have, which keep it, in place of what the file has of them."""
         for recorder in self.growing:
-            self.writer.conclude(recorder.recorded)
+            self._write(ResultsWriter.conclude, recorder.recorded)
         probes = self._run.probes
         if probes is not None and len(probes.nodes):
-            self.writer.append_probes(probes.times[self.writer.records :], probes.values[self.writer.records :])
+            held = 0 if self.writer is None else self.writer.records
+            self._write(ResultsWriter.append_probes, probes.times[held:], probes.values[held:])
 
     def conclude(self) -> None:
         """Append what follows from all that was recorded, once the run has come to its end."""
         for recorder in self._run.recorders:
             for records in recorder.concluded():
-                self.writer.conclude(records)
+                self._write(ResultsWriter.conclude, records)
 
     def finish(self) -> None:
         """Note that the run has come to its end."""
-        self.writer.finish()
+        self._write(ResultsWriter.finish)
 
 
 @contextmanager
@@ -158,8 +211,8 @@ def written(run: Any, output: Any) -> Iterator[RunResults | None]:
         return
     path = kinds.path(output, "run.output")
     made = run.output
-    if made is not None and made.writer.path == path:
-        made = RunResults(run, ResultsWriter.resume(path, made.writer.outputs))
+    if made is not None and made.path == path:
+        made = RunResults.resume(run, path, made.own.outputs)
     else:
         made = RunResults.begin(run, path)
     run.output = made
@@ -168,8 +221,23 @@ def written(run: Any, output: Any) -> Iterator[RunResults | None]:
     run.observers = [*observers, lambda _: made.append()]
     try:
         yield made
+    except BaseException as error:
+        if run.team.knows(error):  # else the others do something else
+            made.copy_records()
+        raise
     finally:
         run.observers = observers
-        made.copy_records()
+    made.copy_records()
     made.conclude()
     made.finish()
+
+
+def _check_seen(path: Path) -> None:
+    """Refuse a folder that not all processes see."""
+    if not part_path(path, 0).parent.is_dir():
+        raise InputError(
+            "the folder of the results is not the same on all processes",
+            value=path,
+            key="run.output",
+            remedy="a folder of a file system that all machines share",
+        )

@@ -58,6 +58,8 @@ class Receivers(Recorder):
         of displacements have the component first.
     doubts : list of str
         Which waves are recorded falsely where not every step is; a `ValidityWarning` when a run is made.
+    shared : bool
+        They record runs on several processes, too, the same on each: sums over nodes of several boxes to rounding.
 
     Raises
     ------
@@ -80,6 +82,8 @@ class Receivers(Recorder):
     >>> line.data["u"].shape == (sim.step_count + 1, 6)
     True
     """
+
+    shared = True
 
     def __init__(
         self,
@@ -161,7 +165,7 @@ class Receivers(Recorder):
 
     def begin(self, setup: Setup, parts: Parts) -> Wanted:
         near = parts.near
-        lattice = near.lattice
+        lattice = near.lattice.whole
         self._check_model(near)
         self.points = as_points(self.points, lattice.dim, "receivers.points")
         derived = any(QUANTITIES[name].derived for name in self.record)

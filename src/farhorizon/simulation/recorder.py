@@ -23,9 +23,9 @@ class Wanted(NamedTuple):
     Attributes
     ----------
     nodes : ndarray of int, shape (N,)
-        Flat indices of nodes in the lattice.
+        Flat indices of nodes in the lattice, of several processes in the whole of it.
     blocks : tuple of Blocks
-        Sums over blocks of nodes, computed in the loop.
+        Sums over blocks of nodes of this lattice, computed in the loop.
     every : int
         Only steps that are multiples of it need be there; rows of others may hold anything.
     stop : bool
@@ -65,11 +65,15 @@ class Recorder(ABC):
         What is allowed, but to be known.
     doubts : sequence of str
         Why what is recorded may be false: each is a `ValidityWarning` when a run is made.
+    shared : bool
+        Whether it records runs on several processes: all that it asks for and is told is of the whole lattice then, the
+        same on all of them.
     """
 
     name: str
     notes: list[str]
     doubts: Sequence[str] = ()
+    shared = False
 
     @property
     @abstractmethod

@@ -1,20 +1,36 @@
-"""What the compiled loop keeps after every step for the recorders of a run and its probes."""
+"""What the compiled loop keeps after every step for the recorders of a run and its probes.
+
+Of several processes each keeps what its own nodes have of it; the recorders of all are given the sums.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from farhorizon.errors import FileFormatError, InputError
+from farhorizon.geometry.interpolation import Blocks
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.course import warn
 from farhorizon.simulation.fourier_sums import BLOCK
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted
 from farhorizon.simulation.setup import Setup
+from farhorizon.simulation.team import ALONE, Team
 
 _ROOM = 2**24  # numbers that are kept of the steps between two looks: fewer than memory has
+
+
+class _Own(NamedTuple):
+    """What the box of this process has of what is wanted of the lattice: nodes of it, sums over nodes of it, and which
+    of the wanted ones they are.
+    """
+
+    nodes: np.ndarray
+    which: np.ndarray
+    blocks: list[tuple[Blocks, np.ndarray]]
 
 
 class Recording:
@@ -25,6 +41,8 @@ class Recording:
     setup : Setup
     parts : Parts
     recorders : sequence of Recorder
+    team : Team
+        The processes that compute the run.
 
     Raises
     ------
@@ -32,8 +50,8 @@ class Recording:
         What a recorder wants and the run cannot give, two recorders of one name.
     """
 
-    def __init__(self, setup: Setup, parts: Parts, recorders: Sequence[Recorder] = ()) -> None:
-        self._near, self._grid, self.recorders = parts.near, parts.grid, list(recorders)
+    def __init__(self, setup: Setup, parts: Parts, recorders: Sequence[Recorder] = (), team: Team = ALONE) -> None:
+        self._near, self._grid, self.recorders, self._team = parts.near, parts.grid, list(recorders), team
         names = [name for one in self.recorders for name in one.names]
         for name in names:
             if names.count(name) > 1:
@@ -45,10 +63,11 @@ class Recording:
         for text in self.doubts:
             if text not in known:  # the recorders of a run that is made anew have told it
                 warn(text)
-        self._probed = np.zeros(0, np.int64)
+        self._own = [self._part_of(wanted) for wanted in self._wanted]
+        self._probed, self._own_probed = np.zeros(0, np.int64), (np.zeros(0, np.int64), np.zeros(0, np.int64))
         self._lay()
-        for one, wanted in zip(self.recorders, self._wanted, strict=True):
-            one.start(0, self._now(wanted))
+        for one, wanted, own in zip(self.recorders, self._wanted, self._own, strict=True):
+            one.start(0, self._now(wanted, own))
 
     def _lay(self) -> None:
         """Tell the engine what to keep: all components of nodes, one after the other, and the rows of blocks."""
@@ -57,16 +76,32 @@ class Recording:
         watched = [engine.all_components(places[nodes]) for nodes in self._all_nodes()]
         engine.watch(np.concatenate(watched))
         found: list[tuple[np.ndarray, list[np.ndarray]]] = []
-        for blocks in (one for wanted in self._wanted for one in wanted.blocks):
+        for blocks in (one for own in self._own for one, which in own.blocks if len(which)):
             first = places[np.ravel_multi_index(tuple(blocks.first.T), blocks.shape)]
             along = [np.ones((len(first), 1))] * lead + list(blocks.weights)
             found += [(first + component * engine.layout.size, along) for component in range(engine.components)]
         engine.listen(found)
-        self._kept = sum(map(len, watched)) + sum(len(first) for first, _ in found)  # numbers a step
+        asked = [
+            self._probed,
+            *(one for wanted in self._wanted for one in (wanted.nodes, *(b.first for b in wanted.blocks))),
+        ]
+        self._kept = engine.components * sum(map(len, asked))  # numbers a step, of all processes
         engine.watch_stride = math.gcd(*(wanted.every for wanted in self._wanted), int(self._probed.size > 0)) or 1
 
+    def _part_of(self, wanted: Wanted) -> _Own:
+        lattice = self._near.lattice
+        nodes, which = self._nodes_of(wanted.nodes)
+        if not self._team:
+            return _Own(nodes, which, [(one, np.arange(len(one.first))) for one in wanted.blocks])
+        return _Own(nodes, which, [one.within(lattice.first, lattice.shape) for one in wanted.blocks])
+
+    def _nodes_of(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Those of some nodes of the lattice that are in this part of it, and which they are."""
+        inside, own = self._near.lattice.own(nodes)
+        return own, np.flatnonzero(inside)
+
     def _all_nodes(self) -> list[np.ndarray]:
-        return [self._probed, *(wanted.nodes for wanted in self._wanted)]
+        return [self._own_probed[0], *(own.nodes for own in self._own)]
 
     def _width(self, nodes: np.ndarray) -> int:
         """Numbers that the loop keeps of some nodes in a step."""
@@ -74,10 +109,10 @@ class Recording:
 
     def watch(self, nodes: np.ndarray) -> None:
         """Look at some nodes of the near field for probes, in place of those before."""
-        self._probed = nodes
+        self._probed, self._own_probed = nodes, self._nodes_of(nodes)
         self._lay()
 
-    def _now(self, wanted: Wanted) -> Heard:
+    def _now(self, wanted: Wanted, own: _Own) -> Heard:
         """What a recorder would be given of the state as it is, after what it was a step before."""
         engine, grid = self._grid.engine, self._grid
         order = self._near.model.order
@@ -85,10 +120,19 @@ class Recording:
         flat = [np.array(grid.view(level), float).reshape(engine.components, -1).T for level in levels]
         values = np.stack(flat)  # (2, nodes, components)
         blocks = []
-        for one in wanted.blocks:
+        for one, _ in own.blocks:
             nodes, weights = one.entries()
             blocks.append(np.einsum("rnkc,nk->rnc", values[:, nodes], weights))
-        return Heard(values[:, wanted.nodes], tuple(blocks))
+        return self._of_all(wanted, own, values[:, own.nodes], blocks)
+
+    def _of_all(self, wanted: Wanted, own: _Own, nodes: np.ndarray, blocks: Sequence[np.ndarray]) -> Heard:
+        """What all processes have heard together."""
+        completed = self._team.completed
+        sums = [
+            completed(values, which, len(asked.first), 1)
+            for values, (_, which), asked in zip(blocks, own.blocks, wanted.blocks, strict=True)
+        ]
+        return Heard(completed(nodes, own.which, len(wanted.nodes), 1), tuple(sums))
 
     def foresee(self, until: float, steps: int) -> None:
         """Let the recorders look at a run to a time, of so many steps in all."""
@@ -108,24 +152,25 @@ class Recording:
     def add(self, step: int) -> None:
         """Give the recorders what the loop has kept of its last steps, which begin with number `step`."""
         engine, row = self._grid.engine, 0
-        start = self._width(self._probed)
-        for one, wanted in zip(self.recorders, self._wanted, strict=True):
-            end = start + self._width(wanted.nodes)
+        start = self._width(self._own_probed[0])
+        for one, wanted, own in zip(self.recorders, self._wanted, self._own, strict=True):
+            end = start + self._width(own.nodes)
             nodes, start = _by_component(engine.seen[:, start:end], engine.components), end
             blocks = []
-            for block in wanted.blocks:
+            for block, _ in own.blocks:
                 last = row + engine.components * len(block.first)
                 blocks.append(_by_component(engine.heard[:, row:last], engine.components))
                 row = last
-            one.add(step, Heard(nodes, tuple(blocks)))
+            one.add(step, self._of_all(wanted, own, nodes, blocks))
 
     def probed(self) -> np.ndarray:
         """What the nodes of the probes had after each of the last steps; shape (steps, nodes), of vectors (steps,
         nodes, components).
         """
         near, engine = self._near, self._grid.engine
-        values = engine.seen[:, : self._width(self._probed)] + near.background
-        found = _by_component(values, engine.components)
+        own, which = self._own_probed
+        values = engine.seen[:, : self._width(own)] + near.background
+        found = self._team.completed(_by_component(values, engine.components), which, len(self._probed), 1)
         if near.hidden is not None:
             found[:, near.hidden.ravel()[self._probed]] = np.nan
         return np.asarray(found[..., 0] if engine.components == 1 else found)
@@ -152,11 +197,11 @@ class Recording:
         FileFormatError
             What was recorded under a name does not fit.
         """
-        for one, wanted in zip(self.recorders, self._wanted, strict=True):
+        for one, wanted, own in zip(self.recorders, self._wanted, self._own, strict=True):
             head = f"recorder/{one.name}/"
             theirs = {name.removeprefix(head): array for name, array in arrays.items() if name.startswith(head)}
             if not theirs:
-                one.start(step, self._now(wanted))
+                one.start(step, self._now(wanted, own))
                 continue
             mine = one.state()
             alike = mine.keys() == theirs.keys() and all(mine[n].shape[1:] == a.shape[1:] for n, a in theirs.items())

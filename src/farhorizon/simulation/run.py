@@ -227,10 +227,10 @@ class Run(ABC):
         made.copy_records()
         made.conclude()
         made.finish()
-        return made.writer.path
+        return made.path
 
     def record(self, points: Any, every: float | None = None) -> Probes:
-        """Record u at some nodes from now on, in place of what was recorded so far.
+        """Record u at some nodes from now on, in place of what was recorded so far; each of several processes has all.
 
         Parameters
         ----------
@@ -244,11 +244,13 @@ class Run(ABC):
         InputError
             A point outside the near field, a time that is not a whole number of steps.
         """
-        self.team.alone("probes")
-        probes = Probes(self.lattice, points, 1 if every is None else steps_between(every, self.dt, "probes.every"))
+        probes = Probes(
+            self.lattice.whole, points, 1 if every is None else steps_between(every, self.dt, "probes.every")
+        )
         self._watch(probes.nodes)
-        field = self.fields["u"]
-        now = field.reshape(*field.shape[: field.ndim - self.lattice.dim], -1)[..., probes.nodes].T
+        field, (inside, own) = self.fields["u"], self.lattice.own(probes.nodes)
+        now = field.reshape(*field.shape[: field.ndim - self.lattice.dim], -1)[..., own].T
+        now = self.team.completed(now, np.flatnonzero(inside), len(probes.nodes), 0)
         probes.add(self.step_count, self.dt, now[None])
         self.probes = probes
         return probes

@@ -19,6 +19,7 @@ from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.loads import Traction
 from farhorizon.inputs.sources import Source
 from farhorizon.medium.stencil import Stencil
+from farhorizon.simulation.recorder import Observer, Recorder
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.surroundings import Surroundings
 from farhorizon.simulation.team import Team
@@ -48,6 +49,11 @@ class Share:
     decomposition: Decomposition
     neighbours: dict[Key, int]
     good_for: float
+
+    @property
+    def words(self) -> str:
+        """Numbers of boxes along the axes, as they are written: "2 x 2"."""
+        return " x ".join(map(str, self.decomposition.topology))
 
     def check_length(self, until: float) -> None:
         """Refuse a run that is longer than its layers were chosen for."""
@@ -142,16 +148,17 @@ def _missing(what: str, key: str) -> InputError:
     return InputError(f"{what} are not computed on several processes yet", key=key, remedy="one process")
 
 
-def check_shareable(setup: Setup, observers: int) -> None:
-    """Refuse what does not run on several processes, before any work; so many observers among it.
+def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
+    """Refuse what does not run on several processes, before any work, recorders among it.
 
     Raises
     ------
     InputError
     """
     model, lattice = setup.model, setup.lattice
+    recorders = [one for one in observers if isinstance(one, Recorder) and not one.shared]
     refused = [
-        ("recorders and observers", "observe", observers > 0),
+        (f"recorders of the kind {type(recorders[0]).__name__}" if recorders else "", "observe", bool(recorders)),
         ("bonds that are nonlinear or break", "model", model.bond_law is not None),
         ("corrosion and its specimens", "model", model.dissolution is not None),
         ("drag", "model.drag", bool(model.drag)),
@@ -206,4 +213,4 @@ def checked_topology(topology: Any) -> list[int] | None:
     """Boxes along each axis; InputError for what is none."""
     if topology is None:
         return None
-    return [kinds.integer(n, "topology", least=1) for n in kinds.sequence(topology, "topology", "numbers")]
+    return [kinds.integer(n, "run.topology", least=1) for n in kinds.sequence(topology, "run.topology", "numbers")]

@@ -160,7 +160,7 @@ class Simulation(Run):
     ) -> None:
         what = (lattice, model, boundary, initial, sources, cracks, coefficient, background, dt, dtype, threads)
         setup = Setup(*what, rule, rim, constraints, balance, specimens, loads)
-        self._begin(setup, observe, Team(communicator), checked_topology(topology))
+        self._begin(setup, observe, Team.of(communicator), checked_topology(topology))
 
     @classmethod
     def of(cls, setup: Setup, observe: Sequence[Observer] = (), communicator: Any = None, topology: Any = None) -> Self:
@@ -173,7 +173,7 @@ class Simulation(Run):
             As of the constructor.
         """
         run = cls.__new__(cls)
-        run._begin(setup, observe, Team(communicator), checked_topology(topology))
+        run._begin(setup, observe, Team.of(communicator), checked_topology(topology))
         return run
 
     def _begin(self, setup: Setup, observe: Sequence[Observer], team: Team, topology: Sequence[int] | None) -> None:
@@ -197,7 +197,9 @@ class Simulation(Run):
         self.sources, self.incident = parts.drives.sources, parts.incident
         self.coefficients, self.thickness, self.extents = around.coefficients, around.thickness, around.extents
         layers = {key: layer.columns for key, layer in around.layers.items()}
-        self.beyond = {k: layers.get(k, around.width(k, near.stencil, near.lattice.spacing)) for k in around.sides}
+        own = {k: layers.get(k, around.width(k, near.stencil, near.lattice.spacing)) for k in around.sides}
+        every = team.gather(own)  # beyond a process beside this one there is nothing
+        self.beyond = {key: max(one[key] for one in every) for key in own}
         sides = settled_sides(around, near.model)
         self.settled = replace(setup, boundary=sides, coefficient=near.coefficient, dt=near.dt)
         self.given = {name: value for name, value in self.settled.arguments.items() if name != "initial"}
@@ -206,7 +208,7 @@ class Simulation(Run):
         self._incident_notes: list[str] = []
         self._settling = Settling(parts.autos, [key for key, b in self.sides.items() if b.open_ended])
         self.resting = self._march = March(setup, parts, team)
-        self._recording = Recording(setup, parts, self.recorders)
+        self._recording = Recording(setup, parts, self.recorders, team)
 
     # --- running -----------------------------------------------------------------------------------------------
 
@@ -256,7 +258,7 @@ class Simulation(Run):
         other = self.of(replace(self.settled, boundary=named))
         kept = ("setup", "observers", "recorders", "stop_requested", "probes", "_settling")
         self.__dict__ = other.__dict__ | {name: getattr(self, name) for name in kept}
-        self._recording = Recording(self.setup, self.parts, self.recorders)
+        self._recording = Recording(self.setup, self.parts, self.recorders, self.team)
         if self.probes is not None:
             self._watch(self.probes.nodes)
 

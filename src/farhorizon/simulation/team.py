@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import ctypes
 import os
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -15,19 +16,31 @@ from farhorizon.engine.exchange import Link
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 
+T = TypeVar("T")
+E = TypeVar("E", bound=BaseException)
+_LOOKS = 2000  # at whether all have come, before a process that waits for them sleeps between two
+_NAP = 5e-4  # seconds
+
 
 class _Failure:
     """What went wrong on one process, as all others are told."""
 
     def __init__(self, error: BaseException) -> None:
         self.kind, self.text = type(error).__name__, str(error)
+        self.system = (error.errno, error.strerror, error.filename) if isinstance(error, OSError) else None
 
-    def error(self) -> Any:
+    def error(self) -> BaseException:
         """The same error for another process."""
+        if self.system is not None:
+            return agreed(OSError(*self.system))
         kind = getattr(errors, self.kind, None)
-        found: Any = RuntimeError(f"{self.kind}: {self.text}") if kind is None else kind(self.text)
-        found.agreed = True
-        return found
+        return agreed(RuntimeError(f"{self.kind}: {self.text}") if kind is None else kind(self.text))
+
+
+def agreed(error: E) -> E:
+    """An error as one that all processes of a run raise."""
+    error.agreed = True  # type: ignore[attr-defined]
+    return error
 
 
 class Team:
@@ -70,6 +83,11 @@ class Team:
             self._all = communicator.Dup()
             self._check_versions()
 
+    @classmethod
+    def of(cls, communicator: Any) -> Team:
+        """The processes of a communicator, or a team that there is."""
+        return communicator if isinstance(communicator, Team) else cls(communicator)
+
     def __bool__(self) -> bool:
         """Whether there are others."""
         return self.size > 1
@@ -83,7 +101,7 @@ class Team:
         every = self.gather(mine)
         for number, theirs in enumerate(every):
             if theirs != every[0]:
-                raise self._agreed(
+                raise agreed(
                     InputError(
                         "the processes run different versions",
                         value=f"process {number}: {theirs}",
@@ -93,13 +111,7 @@ class Team:
                     )
                 )
 
-    @staticmethod
-    def _agreed(error: Exception) -> Exception:
-        """An error that all processes raise."""
-        error.agreed = True  # type: ignore[attr-defined]
-        return error
-
-    def alone(self, what: str) -> None:
+    def alone(self, what: str, key: str = "communicator") -> None:
         """Refuse what several processes do not do together yet.
 
         Raises
@@ -107,7 +119,7 @@ class Team:
         InputError
         """
         if self:
-            raise InputError(f"{what} are not for several processes yet", key="communicator", remedy="one process")
+            raise InputError(f"{what} are not for several processes yet", key=key, remedy="one process")
 
     # --- what they tell each other ------------------------------------------------------------------------------
 
@@ -115,11 +127,21 @@ class Team:
         """The values of all processes, in their order; raises what one of them has failed with."""
         if self._all is None:
             return [value]
-        found = list(self._all.allgather(value))
+        found = self._exchanged(value)
         failed = next((one for one in found if isinstance(one, _Failure)), None)
         if failed is not None:
             raise failed.error()
         return found
+
+    def _exchanged(self, value: Any) -> list[Any]:
+        """The values of all processes; while one is long at work the others leave it the processor."""
+        assert self._all is not None
+        waiting, looks = self._all.Ibarrier(), 0
+        while not waiting.Test():
+            looks += 1
+            if looks > _LOOKS:
+                time.sleep(_NAP)
+        return list(self._all.allgather(value))
 
     @contextmanager
     def agreed(self) -> Iterator[None]:
@@ -127,18 +149,34 @@ class Team:
         try:
             yield
         except Exception as error:
-            if self._all is None or getattr(error, "agreed", False):
+            if self.knows(error):
                 raise
-            every = self._all.allgather(_Failure(error))
+            every = self._exchanged(_Failure(error))
             failed = next(number for number, one in enumerate(every) if isinstance(one, _Failure))
             if failed != self.number:
                 raise every[failed].error() from None
-            raise self._agreed(error) from None
+            raise agreed(error) from None
         self.gather(None)
+
+    def knows(self, error: BaseException) -> bool:
+        """Whether there is no process that has not met an error."""
+        return self._all is None or getattr(error, "agreed", False)
+
+    def by_first(self, work: Callable[[], T]) -> T | None:
+        """What the first process does while the others wait, None for them; what it fails with all fail with."""
+        done: T | None = None
+        with self.agreed():
+            if self.number == 0:
+                done = work()
+        return done
 
     def first(self, value: Any) -> Any:
         """The value of the first process."""
         return value if self._all is None else self.gather(value if self.number == 0 else None)[0]
+
+    def any(self, wanted: bool) -> bool:
+        """Whether it holds on any process."""
+        return any(self.gather(wanted))
 
     def largest(self, value: float) -> float:
         """The largest value of any process."""
@@ -148,6 +186,23 @@ class Team:
         """Sums over all processes, in their order."""
         every = self.gather(dict(values))
         return {name: sum(one[name] for one in every) for name in values}
+
+    def summed(self, values: np.ndarray) -> np.ndarray:
+        """The sum over all processes of arrays that are alike, on all of them."""
+        if self._all is None:
+            return values
+        self.gather(None)  # of one that has failed nothing else comes
+        found = np.empty_like(values)
+        self._all.Allreduce(np.ascontiguousarray(values), found)
+        return found
+
+    def completed(self, values: np.ndarray, which: np.ndarray, count: int, axis: int) -> np.ndarray:
+        """Sums at so many places along an axis, on all processes; this one has values at those of some numbers."""
+        if self._all is None:
+            return values
+        whole = np.zeros((*values.shape[:axis], count, *values.shape[axis + 1 :]))
+        np.moveaxis(whole, axis, 0)[which] = np.moveaxis(values, axis, 0)
+        return self.summed(whole) if count else whole
 
     def collected(self, value: Any) -> list[Any] | None:
         """The values of all processes, which the first one alone is given."""

@@ -1,0 +1,109 @@
+"""What the command line does where several processes were started together, by mpiexec or srun."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from farhorizon.simulation.team import Team
+
+#: What those that start processes tell each of them: how many there are, and its number.
+_COUNTS = "PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "MPI_LOCALNRANKS", "PMIX_SIZE", "SLURM_STEP_NUM_TASKS"
+_NUMBERS = "PMI_RANK", "OMPI_COMM_WORLD_RANK", "PMIX_RANK", "SLURM_PROCID"
+
+
+def started() -> int:
+    """Processes that were started together."""
+    return max((_told(name) for name in _COUNTS), default=1)
+
+
+def _told(name: str) -> int:
+    text = os.environ.get(name, "")
+    return int(text) if text.isdecimal() else 0
+
+
+@contextmanager
+def silence() -> Iterator[None]:
+    """Within it nobody hears what is printed."""
+    with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
+        yield
+
+
+def said_by_first() -> Any:
+    """Within it the first process alone is heard."""
+    return silence() if started() > 1 and any(map(_told, _NUMBERS)) else nullcontext()
+
+
+def refuse_processes() -> None:
+    """Refuse to be one of several processes: each would compute the whole, into the same files.
+
+    Raises
+    ------
+    InputError
+    """
+    from farhorizon.errors import InputError
+
+    if started() > 1:
+        raise InputError(
+            "this command computes on one process: each of these would compute the whole",
+            value=f"{started()} processes",
+            key="mpiexec",
+            remedy="without mpiexec; 'farhorizon run' computes on all of them together",
+        )
+
+
+def communicator() -> Any:
+    """That of all processes that were started together; None for one alone.
+
+    Raises
+    ------
+    InputError
+        mpi4py is missing, or does not know the others.
+    """
+    from farhorizon.errors import InputError
+
+    count = started()
+    if count <= 1:
+        return None
+    try:
+        from mpi4py import MPI
+    except (ImportError, RuntimeError) as error:  # it finds no library of MPI
+        raise InputError(
+            f"mpi4py is missing, without which each process would compute the whole case ({error})",
+            value=f"{count} processes",
+            key="mpiexec",
+            remedy="python -m pip install 'farhorizon[mpi]', or without mpiexec",
+        ) from None
+    if MPI.COMM_WORLD.Get_size() == 1:
+        raise InputError(
+            "mpi4py works with another MPI than that which has started the processes: each would compute the whole",
+            value=f"{count} processes, of which mpi4py knows one",
+            limit=MPI.Get_library_version().splitlines()[0].strip("\0 "),
+            key="mpiexec",
+            remedy="the mpiexec of this MPI, or MPI4PY_LIBMPI=PATH of the library of that mpiexec",
+        )
+    return MPI.COMM_WORLD
+
+
+def end_all(options: argparse.Namespace | None, error: BaseException, tell: Callable[[], int]) -> None:
+    """Where this process of several has failed alone, say so, and end them all: they would wait for it for ever."""
+    team: Team | None = getattr(options, "team", None)
+    if team is None or team.knows(error):
+        return
+    if team.number:
+        time.sleep(1.0)  # what all have met at a time the first one says
+    code = 1
+    with redirect_stderr(sys.__stderr__):
+        try:
+            code = tell()
+        except Exception:
+            traceback.print_exc()
+        sys.stderr.flush()
+    team.abort(code)
