@@ -165,7 +165,7 @@ SMALL_SOLID = fh.Setup(
 def commands():
     """What the command line prints and returns on each process."""
     for words in (
-        ["run", "case.toml", "--out", "together", "--json", "together.json"],
+        ["run", "case.toml", "--out", "together", "--no-report", "--json", "together.json"],
         ["run", "case.toml", "--out", "together"],
         ["run", "crack.toml"],
         ["run", "nowhere.toml"],

@@ -2,6 +2,7 @@
 
 import copy
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -76,9 +77,17 @@ def test_what_overflowed_is_null(tmp_path):
 
 
 def test_several_processes_are_refused(small, monkeypatch, capsys):
-    """Each would compute the whole case, into the same files."""
+    """Each would compute the whole case, into the same files; `run` does without mpi4py."""
     monkeypatch.setenv("PMI_SIZE", "2")
-    for command in (["run"], ["check"], ["compare"], ["sweep", "model.speed=1.0,2.0"]):
-        assert main([command[0], "small.toml", *command[1:]]) == 2
-        assert "each of these would compute the whole case" in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, "mpi4py", None)
+    for command, word in {
+        "run": "mpi4py is missing",
+        "check": "this command computes on one process",
+        "compare": "this command computes on one process",
+        "sweep": "this command computes on one process",
+    }.items():
+        for number in ("0", "1"):  # the first one alone says it
+            monkeypatch.setenv("PMI_RANK", number)
+            assert main([command, "small.toml", *["model.speed=1.0,2.0"] * (command == "sweep")]) == 2
+            assert (word in capsys.readouterr().err) == (number == "0")
     assert not Path("small.h5").exists()
