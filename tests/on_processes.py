@@ -16,6 +16,7 @@ from mpi4py import MPI
 
 import farhorizon as fh
 from farhorizon.cli import main
+from farhorizon.simulation.sent import numbers_sent, sent_by
 
 WORLD, FOLDER = MPI.COMM_WORLD, Path(sys.argv[1])
 KERNEL, FOUR = fh.Kernel(0.6), fh.LatticePML(nodes=4)
@@ -109,6 +110,13 @@ def asleep_until_all_are_here():
         time.sleep(0.001)
 
 
+def really_sent(engine):
+    """Bytes that the messages of a step have, without those of the filter of layers."""
+    numbers, values = numbers_sent(engine), [messages.volume for messages in engine.exchange.messages]
+    stages = len(engine.stages.numbers)
+    return engine.dtype.itemsize * (values[0] * sum(numbers) + sum(values[1:-1]) * stages)
+
+
 def compared():
     """Each case against one process: whether fields are the same to the last bit, and the error of the energy."""
     cases = {"wave": CASES["wave"]} if "few" in sys.argv else CASES | (SLOW if "slow" in sys.argv else {})
@@ -117,14 +125,16 @@ def compared():
             together = fh.Simulation.of(setup, communicator=WORLD, topology=topology)
             together.run(4.0)
             found = {one: together.team.joined(together.lattice, field) for one, field in together.fields.items()}
-            energy = together.energy()
+            energy, sent = together.energy(), WORLD.gather(really_sent(together.engine))
             if WORLD.rank == 0:
                 alone = fh.Simulation.of(setup)
                 alone.run(4.0)
                 same = all(np.array_equal(found[one], field) for one, field in alone.fields.items())
                 moves = float(np.abs(alone.fields["u"]).max())
+                boxes = together.share.decomposition
                 yield {
                     "case": name,
+                    "bytes": [sum(sent), sum(sent_by(boxes, number, alone) for number in range(WORLD.size))],
                     "topology": together.share.decomposition.topology,
                     "same": same,
                     "moves": moves,

@@ -60,6 +60,8 @@ def check_all(found, least):
         # sums of energies are taken in another order
         assert line["same"] and line["moves"] > 1e-3 and line["energy"] < 1e-6, line
         assert line["energy"] < 1e-13 or line["case"] == "single precision", line
+        foreseen, sent = line["bytes"]  # what a check says before
+        assert foreseen == sent > 0, line
 
 
 STARTS = [(2, ()), (4, ("few",))]

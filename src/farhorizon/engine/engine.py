@@ -222,6 +222,12 @@ class Engine:
         self.exchange: Exchange | None = None
         self.loop: Loop | None = None
 
+    def in_a_line(self, side: int) -> int:
+        """Numbers that layers at a side of the last axis have beside each of its lines: what processes exchange of
+        them.
+        """
+        return sum(tables.in_a_line(side) for tables in self._all_layers)
+
     @property
     def _all_layers(self) -> list[LayerTables]:
         """Those of all passes."""

@@ -279,6 +279,11 @@ class LayerTables:
         items = np.array(found[1] + found[0], np.int64).reshape(-1, 5)
         return items, np.array([0, len(found[1]), len(items)], np.int64)
 
+    def in_a_line(self, side: int) -> int:
+        """Numbers of the slots beside a line along the last axis, of the layer at a side of it."""
+        fields = self.columns * self.sets[2] * self.layout.reach[2]
+        return sum(fields * int(band[WIDTH]) for band in self.bands if band[COLUMNS] and band[STEP] == side)
+
     def across(self, axis: int, side: int) -> np.ndarray:
         """Places of the slots in the halo on a side, and those that they repeat if the axis is periodic; shape (2,
         n)."""

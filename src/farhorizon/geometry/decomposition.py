@@ -56,8 +56,17 @@ class Decomposition:
                 found[axis, side] = int(np.ravel_multi_index(tuple(at), self.topology, mode="wrap")) if there else -1
         return found
 
-    def exchanged(self, number: int, reach: Sequence[int], more: Mapping[Key, int]) -> int:
-        """Nodes whose values a process sends to others in each step.
+    def size(self, number: int, more: Mapping[Key, int]) -> list[int]:
+        """Nodes of a process along each axis, with those beyond the outer sides."""
+        return [
+            last - first + more.get((a, -1), 0) * (i == 0) + more.get((a, 1), 0) * (i == count - 1)
+            for a, ((first, last), i, count) in enumerate(
+                zip(self.ranges(number), self.place(number), self.topology, strict=True)
+            )
+        ]
+
+    def exchanged(self, number: int, reach: Sequence[int], more: Mapping[Key, int]) -> list[int]:
+        """Nodes whose values a process sends to others each time, along each axis.
 
         Parameters
         ----------
@@ -67,19 +76,23 @@ class Decomposition:
         more : mapping of (axis, side) to int
             Nodes beyond the outer sides.
         """
-        place, own, total = self.place(number), number, 0
-        sizes = [
-            last - first + more.get((a, -1), 0) * (i == 0) + more.get((a, 1), 0) * (i == count - 1)
-            for a, ((first, last), i, count) in enumerate(zip(self.ranges(number), place, self.topology, strict=True))
-        ]
+        sizes, found = self.size(number, more), [0] * len(reach)
         for (axis, _), other in self.neighbours(number).items():
-            if other not in (-1, own):
+            if other not in (-1, number):
                 # earlier axes with their halos
                 across = [
                     size + 2 * m * (a < axis) for a, (size, m) in enumerate(zip(sizes, reach, strict=True)) if a != axis
                 ]
-                total += reach[axis] * int(np.prod(across))
-        return total
+                found[axis] += reach[axis] * int(np.prod(across))
+        return found
+
+    def corners(self) -> Iterator[int]:
+        """Processes among which is the one that exchanges most: the first, the last and the middle ones along each
+        axis.
+        """
+        picks = [sorted({0, count // 2, count - 1}) for count in self.topology]
+        for place in np.stack(np.meshgrid(*picks, indexing="ij"), -1).reshape(-1, len(picks)):
+            yield int(np.ravel_multi_index(tuple(place), self.topology))
 
 
 def decompose(
@@ -139,17 +152,10 @@ def decompose(
     width = {key: int(np.ceil(nodes)) for key, nodes in more.items()}
 
     def cost(one: Decomposition) -> tuple[int, tuple[int, ...]]:
-        most = max(one.exchanged(number, reach, width) for number in _corners(one))
+        most = max(sum(one.exchanged(number, reach, width)) for number in one.corners())
         return most, tuple(-count for count in one.topology)  # of two the one that cuts earlier axes
 
     return min(made, key=cost)
-
-
-def _corners(one: Decomposition) -> Iterator[int]:
-    """Processes among which is the one that exchanges most: the first, the last and the middle ones along each axis."""
-    picks = [sorted({0, count // 2, count - 1}) for count in one.topology]
-    for place in np.stack(np.meshgrid(*picks, indexing="ij"), -1).reshape(-1, len(picks)):
-        yield int(np.ravel_multi_index(tuple(place), one.topology))
 
 
 def _grids(count: int, axes: int) -> Iterator[tuple[int, ...]]:

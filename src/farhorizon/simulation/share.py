@@ -86,10 +86,7 @@ def share_of(setup: Setup, around: Surroundings, dt: float, team: Team, topology
     InputError
         As `farhorizon.geometry.decomposition.decompose`.
     """
-    lattice, stencil = setup.lattice, setup.model.medium(setup.lattice.spacing, setup.lattice.dim)
-    filtered = max((len(layer.taps) - 1 for layer in around.layers.values() if layer.damping.any()), default=1)
-    beyond, wraps = work_beyond(around, stencil, lattice), wrapping(around.sides)
-    boxes = decompose(lattice.shape, team.size, stencil.reach, beyond, wraps, topology, filtered)
+    lattice, boxes = setup.lattice, boxes_of(setup, around, team.size, topology)
     ranges, place = boxes.ranges(team.number), boxes.place(team.number)
     sides: dict[str, Side] = {}
     for (axis, side), boundary in around.sides.items():
@@ -118,6 +115,16 @@ def share_of(setup: Setup, around: Surroundings, dt: float, team: Team, topology
     )
     good_for = min((found.until for found in around.thickness.values()), default=np.inf)
     return Share(mine, boxes, boxes.neighbours(team.number), good_for)
+
+
+def boxes_of(
+    setup: Setup, around: Surroundings, processes: int, topology: Sequence[int] | None = None
+) -> Decomposition:
+    """The boxes of so many processes; see `share_of`."""
+    lattice, stencil = setup.lattice, setup.model.medium(setup.lattice.spacing, setup.lattice.dim)
+    filtered = max((len(layer.taps) - 1 for layer in around.layers.values() if layer.damping.any()), default=1)
+    beyond, wraps = work_beyond(around, stencil, lattice), wrapping(around.sides)
+    return decompose(lattice.shape, processes, stencil.reach, beyond, wraps, topology, filtered)
 
 
 def wrapping(sides: Sides) -> frozenset[int]:

@@ -37,6 +37,7 @@ from farhorizon.simulation.recording import Recording
 from farhorizon.simulation.remaking import remade_setup
 from farhorizon.simulation.resume import matching
 from farhorizon.simulation.run import Run
+from farhorizon.simulation.sent import rows_on_processes
 from farhorizon.simulation.settling import Settling, outlasted, settled_sides
 from farhorizon.simulation.setup import Key, Setup, side_name
 from farhorizon.simulation.share import Share, checked_topology
@@ -178,7 +179,7 @@ class Simulation(Run):
 
     def _begin(self, setup: Setup, observe: Sequence[Observer], team: Team, topology: Sequence[int] | None) -> None:
         """Be at the start of a set-up, and show what others read of its parts."""
-        self.setup, self.team = setup, team
+        self.setup, self.team, self.topology = setup, team, topology
         self.share: Share | None = None
         with team.agreed():
             if team:
@@ -458,7 +459,7 @@ class Simulation(Run):
 
     def check(self, until: float | None = None, budget: float | None = None) -> Report:
         """Step limit, stability certificate, predicted reflection, layer, memory, time, warnings and notes, before
-        running.
+        running; and what several processes would send each other.
 
         Parameters
         ----------
@@ -473,7 +474,9 @@ class Simulation(Run):
             self._settling.settle(self, until)
             self.check_sources(until)
             self._recording.foresee(until, last_step(until, self.dt))
-        return Report.of(self, until, budget)
+        report = Report.of(self, until, budget)
+        report.rows += rows_on_processes(self, self.topology)
+        return report
 
     # --- state -------------------------------------------------------------------------------------------------
 

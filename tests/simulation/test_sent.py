@@ -1,0 +1,39 @@
+"""What a check says of a run on several processes; `test_team` compares it with what they send."""
+
+import pytest
+
+import farhorizon as fh
+from farhorizon.simulation.sent import rows_on_processes
+
+
+def square(**more):
+    given = {"initial": {"u": "exp(-x**2 - y**2)"}} | more
+    lattice, model = fh.Lattice(0.5, (-10, -10), (10, 10)), fh.Wave(fh.Kernel(0.5))
+    return fh.Simulation(lattice, model, fh.Fixed(), **given)
+
+
+def test_what_is_sent_by_hand():
+    """A square of 41 nodes with reach 1, cut in the middle: 41 values are sent, of 41 times 20 or 21."""
+    rows = dict(rows_on_processes(square()))
+    assert rows["1 process"] == "nothing is sent"
+    words = f"2 x 1 boxes; each sends at most {41 * 8 / 1024:.3g} KiB a step"
+    assert rows["2 processes"].startswith(words) and rows["2 processes"].endswith("of the values that it computes")
+    assert rows["8 processes"].startswith("4 x 2 boxes") and rows["64 processes"].startswith("8 x 8 boxes")
+    # boxes of three nodes at least
+    assert rows["512 processes"] == "cannot be cut into so many boxes" or "at most 13 x 13" in rows["512 processes"]
+
+
+def test_boxes_that_are_asked_for():
+    rows = rows_on_processes(square(), [1, 3])
+    assert rows[-1][0] == "3 processes" and rows[-1][1].startswith("1 x 3 boxes")
+
+
+def test_what_runs_on_one_process_alone_is_said():
+    ((name, why),) = rows_on_processes(square(cracks=[[(-1.0, 0.1), (1.0, 0.1)]]))
+    assert name == "several processes" and "cracks are not computed on several processes yet" in why
+
+
+@pytest.mark.parametrize("budget", [0.05])
+def test_it_stands_in_the_details(budget):
+    report = square().check(until=1.0, budget=budget)
+    assert "2 processes" in report.details and "2 processes" not in str(report)
