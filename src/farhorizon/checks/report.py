@@ -208,8 +208,14 @@ class Report:
     until: float = np.inf
 
     @classmethod
-    def of(cls, sim: Examined, until: float | None = None, budget: float | None = None) -> Report:
-        """Examine a simulation; see `Simulation.check`."""
+    def of(
+        cls,
+        sim: Examined,
+        until: float | None = None,
+        budget: float | None = None,
+        more: Sequence[tuple[str, str]] = (),
+    ) -> Report:
+        """Examine a simulation, see `Simulation.check`; more rows are added."""
         begin = time.monotonic()
         report = cls(until=np.inf if until is None else until)
         waves = content(sim, until)
@@ -224,6 +230,7 @@ class Report:
         report._certify(sim, backward, left if budget is None else budget)
         if any(b.held is not None for b in sim.sides.values()) and sim.engine.layers:
             report.warnings.append("a Fixed side reflects")
+        report.rows += more
         report.notes = [*report.notes, *sim.notes]
         report.warnings += [text for one in sim.recorders for text in one.doubts]
         report.warnings += [text for one in sim.incident for text in one.passage.doubts]

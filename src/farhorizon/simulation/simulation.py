@@ -197,10 +197,8 @@ class Simulation(Run):
         self.start_u, self.start_v = parts.start.u, parts.start.v
         self.sources, self.incident = parts.drives.sources, parts.incident
         self.coefficients, self.thickness, self.extents = around.coefficients, around.thickness, around.extents
-        layers = {key: layer.columns for key, layer in around.layers.items()}
-        own = {k: layers.get(k, around.width(k, near.stencil, near.lattice.spacing)) for k in around.sides}
-        every = team.gather(own)  # beyond a process beside this one there is nothing
-        self.beyond = {key: max(one[key] for one in every) for key in own}
+        every = team.gather(around.beyond(near.stencil, near.lattice.spacing))  # beyond a neighbour there is nothing
+        self.beyond = {key: max(one[key] for one in every) for key in around.sides}
         sides = settled_sides(around, near.model)
         self.settled = replace(setup, boundary=sides, coefficient=near.coefficient, dt=near.dt)
         self.given = {name: value for name, value in self.settled.arguments.items() if name != "initial"}
@@ -474,9 +472,7 @@ class Simulation(Run):
             self._settling.settle(self, until)
             self.check_sources(until)
             self._recording.foresee(until, last_step(until, self.dt))
-        report = Report.of(self, until, budget)
-        report.rows += rows_on_processes(self, self.topology)
-        return report
+        return Report.of(self, until, budget, rows_on_processes(self, self.topology))
 
     # --- state -------------------------------------------------------------------------------------------------
 

@@ -49,6 +49,11 @@ class Surroundings:
             return self.extents[key].nodes
         return self.sides[key].width(stencil.reach[key[0]], spacing)
 
+    def beyond(self, stencil: Stencil, spacing: float) -> dict[Key, int]:
+        """Nodes that are computed beyond each side: of its layer, or those of `width`."""
+        layers = {key: layer.columns for key, layer in self.layers.items()}
+        return {key: layers.get(key, self.width(key, stencil, spacing)) for key in self.sides}
+
     def depth(self, stencil: Stencil, spacing: float, shape: tuple[int, ...]) -> dict[Key, int]:
         """Nodes beyond each absorbing side at which data and sources are looked at: its layer or sponge, or one reach
         if that is more.
