@@ -8,7 +8,7 @@ from functools import partial
 from itertools import product
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -182,7 +182,8 @@ def _derived(results: Results) -> Iterator[_Scalar]:
 
 def _slopes(spacing: float, values: np.ndarray) -> np.ndarray:
     """Derivatives of a vector field along the axes by differences of second order, shape (dim, dim, ...)."""
-    axes, order = tuple(range(len(values))), 2 if min(values.shape[1:]) > 2 else 1
+    axes = tuple(range(len(values)))
+    order: Literal[1, 2] = 2 if min(values.shape[1:]) > 2 else 1
     return np.stack([np.stack(np.gradient(one, spacing, axis=axes, edge_order=order)) for one in values])
 
 
