@@ -89,6 +89,17 @@ def test_what_is_received_is_the_field_between_the_nodes(make, method):
     np.testing.assert_array_equal(run.fields["u"], plain.fields["u"])
 
 
+def test_in_single_precision_receivers_follow_the_fields():
+    """As sums over the fields to the rounding of float32; a point on a node is that node."""
+    receivers = fh.Receivers([*POINTS, (0.5, 0.25)], interpolation="sinc")
+    run = waves(receivers, dtype="float32")
+    run.step(7)
+    u = run.fields["u"].astype(float)
+    assert np.abs(u).max() > 0.1
+    np.testing.assert_allclose(receivers.data["u"][-1], between(run, receivers.points, u), rtol=0, atol=1e-6)
+    assert receivers.data["u"][-1, -1] == u[run.lattice.index((0.5, 0.25))]
+
+
 def test_velocity_is_that_of_the_fields():
     """Half a step late, at the start too."""
     receivers = fh.Receivers(POINTS, "v")

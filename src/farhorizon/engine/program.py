@@ -367,7 +367,8 @@ def watch(level, runs, low, high, seen):
 def listen(level, listening, low, high, heard):
     """Sums over blocks of nodes whose keys are from `low` to `high`."""
     sets, rows, weights, stride = listening.sets, listening.rows, listening.weights, listening.stride
-    source, factors, size, none = level.ctypes.data, weights.ctypes.data, level.itemsize, level[0] * 0
+    source, factors, size = level.ctypes.data, weights.ctypes.data, level.itemsize
+    none = level.dtype.type(0)  # 0 times a float32 is a float64 here
     end = ZERO
     for s in range(sets.shape[0]):
         start, end = end, end + sets[s, 0]
