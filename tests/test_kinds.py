@@ -112,6 +112,7 @@ RIGHT = {
         "nonlinear": False,
         "critical_stretch": None,
         "fracture_energy": None,
+        "contact": False,
     },
     "Exact": {"compress": 1e-12},
     "Expression": {"text": "x", "dim": 1},

@@ -45,8 +45,9 @@ class PairByPair:
         self.length = np.linalg.norm(self.xi, axis=1)
         self.law, self.inner = free[self.i] & free[self.j], inner
         self.alive = np.ones(len(pairs), bool)
-        self.nonlinear, self.limit, self.dt = (
+        self.nonlinear, self.contact, self.limit, self.dt = (
             model.nonlinear,
+            model.contact,
             model.critical_stretch_on(lattice.spacing, lattice.dim),
             sim.dt,
         )
@@ -72,8 +73,9 @@ class PairByPair:
             stretch = np.where(self.law, size - self.length, stretch)
             direction = np.where(self.law[:, None], y / size[:, None], n)
         self.alive &= ~(self.law & (stretch > self.limit * self.length))
+        acts = self.alive | self.law & self.contact & (stretch < 0)
         out = np.zeros_like(u)
-        np.add.at(out, self.i, (self.alive * self.c * stretch)[:, None] * direction)
+        np.add.at(out, self.i, (acts * self.c * stretch)[:, None] * direction)
         return out * self.inner[:, None]
 
     def step(self):
@@ -88,11 +90,12 @@ class PairByPair:
         return np.bincount(self.i, self.alive, len(self.inner))[self.inner].reshape(self.shape)
 
 
-def shaken(shape, nonlinear, sides=None, reach=2, speed=0.03, strength=0.04, **options):
+def shaken(shape, nonlinear, sides=None, reach=2, speed=0.03, strength=0.04, contact=False, **options):
     """A box whose nodes start at random velocities, so that bonds break here and there."""
     dim = len(shape)
     v = speed * np.random.default_rng(5).standard_normal((dim, *shape))
-    model = Elastic(Kernel(0.5 * reach, 1), 1.0, nonlinear=nonlinear, critical_stretch=strength)
+    law = {"nonlinear": nonlinear, "critical_stretch": strength, "contact": contact}
+    model = Elastic(Kernel(0.5 * reach, 1), 1.0, **law)
     return Simulation(lattice_of(shape, 0.5), model, sides or Free(), {"v": v}, **options)
 
 
@@ -144,6 +147,23 @@ def test_bonds_of_strengths_that_vary(shape, held, nonlinear):
     np.testing.assert_array_equal(sim.parts.breaking.left(), plain.bonds_left)
     assert sim.broken_bonds == (~plain.alive).sum() // 2 > 20
     assert sim.broken_bonds != shaken(shape, nonlinear, Fixed() if held else None, reach).run(sim.time).broken_bonds
+
+
+@pytest.mark.parametrize(("shape", "held", "nonlinear"), [((13, 19), True, False), ((9, 7, 8), False, True)])
+def test_broken_bonds_that_carry_compression(shape, held, nonlinear):
+    """The same where they do, and where they do not: with the linear law they do if it is said."""
+    runs = []
+    for contact in (True, False):
+        sim = shaken(shape, nonlinear, Fixed() if held else None, contact=contact)
+        plain = PairByPair(sim, held)
+        for _ in range(40):
+            plain.step()
+        sim.step(40)
+        np.testing.assert_allclose(sim.fields["u"], plain.field, rtol=0, atol=1e-12 * np.abs(plain.field).max())
+        np.testing.assert_array_equal(sim.parts.breaking.left(), plain.bonds_left)
+        assert sim.broken_bonds == (~plain.alive).sum() // 2 > 20
+        runs.append(sim.fields["u"])
+    assert np.abs(runs[0] - runs[1]).max() > 1e-6
 
 
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)

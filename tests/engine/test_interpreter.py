@@ -115,6 +115,13 @@ CASES = {
         sources=[fh.Source(1e-3 * bump((13, 14), 2), "sin(t)")],
         balance=True,
     ),
+    "broken bonds that carry compression": lambda: fh.Simulation(
+        lattice(13, 14),
+        fh.Elastic(fh.Kernel(2.0), 1.0, critical_stretch=0.02, contact=True),
+        fh.Free(),
+        {"v": 0.05 * bump((13, 14), 2)},
+        balance=True,
+    ),
     "breaking bonds of many strengths": lambda: fh.Simulation(
         lattice(13, 14),
         fh.Elastic(fh.Kernel(2.0), 1.0, critical_stretch=fh.Weibull(0.02, 5, 1.0)),

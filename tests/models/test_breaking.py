@@ -2,6 +2,8 @@
 checkpoints, bad input.
 """
 
+import math
+
 import numpy as np
 import pytest
 
@@ -170,6 +172,43 @@ def test_a_straight_crack_spends_its_fracture_energy(nonlinear):
     assert fracture_energy(xi, c, 0.01) == pytest.approx(energy_across(sim), rel=0.03)
     touched = (sim.fields["damage"][(lattice.axes[0] > -9) & (lattice.axes[0] < -2)] > 0).any(0)
     assert touched.sum() == 2 * sim.stencil.reach[1]  # one reach on either side of the plane
+
+
+# --- cracks that close -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
+@pytest.mark.parametrize("sign", [-1, 1], ids=["compression", "tension"])
+def test_a_pulse_crosses_a_closed_crack_in_compression_alone(sign, nonlinear):
+    """A plane P pulse meets a crack across the whole body. In the middle, which does not know of the free faces yet:
+    compression goes through as if there were no crack, but for the tension in the tail that a lattice's dispersion
+    makes; tension comes back whole.
+    """
+    lattice = fh.Lattice(0.25, (-16.0, -18.0), (16.0, 18.0))
+    model = material(0.25, nonlinear=nonlinear, contact=True)
+    x, y = lattice.coordinates()
+    place, width, size = (x + 7) / 2, 2.0, sign * 1e-4
+    u = size * width * np.sqrt(np.pi) / 2 * (np.vectorize(math.erf)(place) - 1)  # its strain is a bell
+    start = {"u": np.stack([u, 0 * u]), "v": np.stack([-model.p_speed * size * np.exp(-(place**2)), 0 * u])}
+    beyond = (x > 0.2) & (np.abs(y) < 1)
+    found = []
+    for cracks in ([], [[(0.125, -99.0), (0.125, 99.0)]]):
+        sim = fh.Simulation(lattice, model, fh.Free(), start, cracks=cracks, balance=True).run(14.0 / model.p_speed)
+        found.append(sim.fields["v"][0][beyond])
+    bell, tail = np.abs(found[0]).max(), (sign * found[0]).max()
+    assert bell > 0.9e-4 * model.p_speed and tail < 0.02 * bell
+    missing = found[0] - found[1]
+    if sign < 0:
+        assert np.abs(missing).max() < 2 * tail
+    else:
+        assert np.abs(found[1]).max() < 2 * tail
+
+
+def test_what_is_refused_of_cracks_that_close():
+    with pytest.raises(fh.InputError, match="bonds of this material have no contact"):
+        fh.Elastic(fh.Kernel(1.0), 1.0, 0.3, material="state-based", contact=True)
+    with pytest.raises(fh.InputError, match=r"model\.contact"):
+        material(contact="yes")
 
 
 # --- energies --------------------------------------------------------------------------------------------------

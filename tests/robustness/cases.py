@@ -308,6 +308,8 @@ class Draw:
             model["kernel"] = kernel
             if self.chance(0.3):
                 model["critical_stretch"] = self.one(0.3, 0.06)
+                if material == "bond-based":
+                    model["contact"] = self.chance(0.5)
         if material == "correspondence":
             model["stabilisation"] = self.number(0.1, 0.9)
         closed = [{"type": "fixed"}] + [{"type": "free"}] * (material != "finite-element")

@@ -388,7 +388,8 @@ class Report:
             )
             say(
                 "bonds",
-                f"{'nonlinear' if law.nonlinear else 'linear'}, {breaking}; what is predicted is the linear "
+                f"{'nonlinear' if law.nonlinear else 'linear'}, {breaking}"
+                f"{', absent ones carry compression' if law.contact else ''}; what is predicted is the linear "
                 "form, whole",
             )
         self.numbers |= {"dt": sim.dt, "step_limit": sim.step_limit, "memory": float(engine.nbytes)}

@@ -42,6 +42,7 @@ class BondZone:
         nonlinear: bool,
         limit: float,
         strength: np.ndarray | None = None,
+        contact: bool = False,
     ) -> None:
         """Lay the zone out: bonds follow a law of their own stretch and may break where both ends lie in it.
 
@@ -60,6 +61,8 @@ class BondZone:
         strength : ndarray, shape of the core, optional
             The same of the bonds of each node over that of the weakest, which `limit` then is; a bond breaks as the
             weaker of its ends does.
+        contact : bool
+            Whether bonds that are cut or broken carry compression.
         """
         engine = self.engine
         block, components, high = engine.layout.box, engine.components, ROWS[engine.components]
@@ -76,7 +79,7 @@ class BondZone:
         kinds = np.zeros((*rows, -(-(zone.end[2] - zone.first[2]) // LANES)), np.uint8)
         rule = RULES[self.engine.tables.material.rule] if self.engine.tables.material.coefficient.size > 1 else None
         strong = strength is not None
-        functions = np.array(load_bonds(components, nonlinear, engine.dtype.name, rule, strong), np.int64)
+        functions = np.array(load_bonds(components, nonlinear, engine.dtype.name, rule, strong, contact), np.int64)
         strengths = np.ones(1, engine.dtype) if strength is None else engine.spread(strength)
         limits = np.array([limit, (limit / 2 * spacing) ** 2], self.engine.dtype)
         at = zone.table(self.engine.layout.reach)
@@ -84,7 +87,8 @@ class BondZone:
         forces = engine.passes is None
         before = np.zeros((0, 0), np.uint64) if forces else alive.copy()
         changed, full = np.zeros_like(kinds), all_bits(len(places))
-        damage = forces, changed, before, full, strengths
+        closing = alive.copy() if contact else np.zeros((0, 0), np.uint64)
+        damage = forces, changed, before, full, strengths, closing
         engine.replace(bonds=Bonds(functions, table, places, alive, kinds, at, limits, nonlinear, broken, *damage))
         engine.sweep_in_pieces(laws.PIECE_ROWS)
         self._find_kinds()
@@ -121,9 +125,12 @@ class BondZone:
         return swept
 
     def clear_bits(self, nodes: np.ndarray, gone: np.ndarray) -> None:
-        """Clear the bits of the bonds of nodes of the core that are `gone`, shape (K, nodes)."""
-        for bond, which in enumerate(gone):
-            self.table.alive[bond >> 6, nodes[which]] &= ~(np.uint64(1) << np.uint64(bond & 63))
+        """Clear the bits of the bonds of nodes of the core that are `gone`, shape (K, nodes), for they have no other
+        end.
+        """
+        for bits in (self.table.alive, self.table.closing):
+            for bond, which in enumerate(gone if bits.size else ()):
+                bits[bond >> 6, nodes[which]] &= ~(np.uint64(1) << np.uint64(bond & 63))
         self._remember()
 
     def _remember(self) -> None:

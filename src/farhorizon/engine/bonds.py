@@ -74,6 +74,8 @@ class Bonds(NamedTuple):
     strength : ndarray
         Of each place of a level the limit of the strain e of its bonds over `limit`, which is the least one: a bond
         breaks as the weaker of its ends does. Of one number where all are alike.
+    closing : ndarray of uint64, shape of `alive`, or empty
+        Bits of the bonds that carry compression, cut or broken or not.
     """
 
     functions: np.ndarray
@@ -90,6 +92,7 @@ class Bonds(NamedTuple):
     before: np.ndarray
     full: np.ndarray
     strength: np.ndarray
+    closing: np.ndarray
 
 
 def no_bonds(dtype: np.dtype) -> Bonds:
@@ -110,6 +113,7 @@ def no_bonds(dtype: np.dtype) -> Bonds:
         bits,
         np.zeros(0, np.uint64),
         np.ones(1, dtype),
+        bits,
     )
 
 
@@ -318,6 +322,7 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
                 np.int64(material.coefficient.ctypes.data + node * size),
                 np.int64(alive.ctypes.data + 8 * node),
                 np.int64(bonds.strength.ctypes.data + node * size),
+                np.int64(bonds.closing.ctypes.data + 8 * node),
                 np.int64(bonds.table.ctypes.data),
                 np.int64(bonds.places.ctypes.data),
                 np.int64(zone.ctypes.data),
@@ -406,13 +411,10 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, material,
                 )
                 mask = np.uint64(1) << np.uint64(bond & 63)
                 start, stop = curved_part(zone, i0, i1, offset, first[2], end[2])
-                for begin, last, curved in (
-                    (first[2], start, False),
-                    (start, stop, bonds.nonlinear),
-                    (stop, end[2], False),
-                ):
+                for begin, last, law in ((first[2], start, False), (start, stop, True), (stop, end[2], False)):
                     if begin >= last:
                         continue
+                    curved, closes = bonds.nonlinear and law, law and bonds.closing.size > 0
                     part = slice(begin - first[2], last - first[2])
                     length = strains(now[part], u, node + begin, offset[0], xi, components, curved)
                     strains(before[part], old, node + begin, offset[0], xi, components, curved)
@@ -424,7 +426,11 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, material,
                             gain *= bond_factor(
                                 rule, coefficient[node + begin + i], coefficient[node + begin + i + offset[0]]
                             )
-                        sums[i] += gain if there[i] & mask != 0 else 0.0
+                        acts = there[i] & mask != 0
+                        if closes and not acts:
+                            lasts = bonds.closing[bond >> 6, node + begin + i] & mask != 0
+                            acts = lasts and one[i] < 0 and two[i] < 0
+                        sums[i] += gain if acts else 0.0
                 if (whole[2, 0] or whole[2, 1]) and not outside:  # bonds that leave along the row
                     for i2 in range(first[2], end[2]):
                         leaves = (i2 + offset[3] < first[2] and whole[2, 0]) or (

@@ -224,7 +224,9 @@ class Interpreter:
             c = stiffness * self._factors(nodes, nodes + place)
             self._count_broken(nodes[gone], place, xi, c[gone])
             pull = np.where(curved & bonds.nonlinear, 1 / (1 + e + np.sqrt(np.maximum(1 + e, 0))), 0.5)
-            total[:, inside] += (alive & ~gone) * c * e * pull * ahead
+            closing = bonds.closing[bond >> 6, nodes] if bonds.closing.size else np.zeros(len(nodes), np.uint64)
+            pushes = (closing & np.uint64(1) << np.uint64(bond & 63) != 0) & curved & (e < 0)
+            total[:, inside] += (alive & ~gone | pushes) * c * e * pull * ahead
 
     def _count_broken(self, nodes: np.ndarray, place: int, xi: np.ndarray, stiffness: np.ndarray) -> None:
         """Half the energy of bonds that break, from their elongations now and a step ago, and half their number."""

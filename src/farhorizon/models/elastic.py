@@ -78,6 +78,9 @@ class Elastic(LatticeModel):
     fracture_energy : float, str, ndarray or callable, optional
         Bond-based: instead of the critical stretch the energy that a new crack takes per area; see
         `critical_stretch_on`.
+    contact : bool
+        Bond-based: bonds that are cut or broken carry compression, where they are shorter than in the beginning, so
+        that faces of a crack which closes do not pass through each other.
 
     Attributes
     ----------
@@ -136,6 +139,7 @@ class Elastic(LatticeModel):
         nonlinear: bool = False,
         critical_stretch: Constant | None = None,
         fracture_energy: Constant | None = None,
+        contact: bool = False,
     ) -> None:
         kinds.one_of(material, "model.material", MATERIALS, "unknown material")
         if plane is not None:
@@ -165,6 +169,7 @@ class Elastic(LatticeModel):
             critical_stretch,
             fracture_energy,
         )
+        self.contact = kinds.flag(contact, "model.contact")
         self._check_law()
         self.damping = kinds.number(damping, "model.damping", least=0)
         self.integrator = Verlet()
@@ -207,7 +212,7 @@ class Elastic(LatticeModel):
             )
         for name, value in self._strength.items():
             setattr(self, name, material_constant(value, f"model.{name}"))
-        given = ["nonlinear"] * self.nonlinear + sorted(self._strength, reverse=True)
+        given = ["nonlinear"] * self.nonlinear + sorted(self._strength, reverse=True) + ["contact"] * self.contact
         served = ("bond-based",) if given != ["critical_stretch"] else _BREAKABLE
         if given and (self.material not in served or not isinstance(self.kernel, Kernel)):
             raise InputError(
@@ -234,7 +239,7 @@ class Elastic(LatticeModel):
     @property
     def bondwise(self) -> bool:
         """Whether bonds follow a law of their own stretch one by one: nonlinear, or breaking, or both."""
-        return self.nonlinear or bool(self._strength)
+        return self.nonlinear or self.contact or bool(self._strength)
 
     @property
     def bond_law(self) -> Elastic | None:
@@ -250,7 +255,7 @@ class Elastic(LatticeModel):
     def linearised(self) -> Elastic:
         """The same material, linear and unbreakable."""
         model = copy.copy(self)
-        model.nonlinear, model.critical_stretch, model.fracture_energy = False, None, None
+        model.nonlinear, model.contact, model.critical_stretch, model.fracture_energy = False, False, None, None
         return model
 
     def bond_stiffness(self, stencil: Stencil, spacing: float) -> np.ndarray:

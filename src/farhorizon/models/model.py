@@ -30,6 +30,7 @@ class BondLaw(Protocol):
     """Bonds that follow a law of their own stretch one by one."""
 
     nonlinear: bool
+    contact: bool
     density: float
 
     @property

@@ -83,7 +83,7 @@ class Breaking:
         count = len(engine.offsets)
         states = engine.passes is not None  # whose forces are not along their bonds
         stiffness = np.zeros(count) if states else law.bond_stiffness(self.near.stencil, spacing) / law.density
-        engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit, strength)
+        engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit, strength, law.contact)
         self.cuts.cut(())
 
     def left(self) -> np.ndarray:

@@ -51,6 +51,8 @@ def fingerprint(setup: Setup, parts: Parts, cuts: int) -> dict[str, Any]:
         found |= {"fringe": list(engine.fringe_history.shape), "update": parts.closure.mark()}
     if law is not None:
         found["bonds"] = [law.nonlinear, law.critical_stretch_on(lattice.spacing, lattice.dim)]
+    if law is not None and law.contact:
+        found["contact"] = True
     if near.variation.strength is not None:
         found["strength"] = float(near.variation.strength.sum())
     if near.prescribed.constraints:

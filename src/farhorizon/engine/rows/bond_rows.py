@@ -10,9 +10,10 @@ NONLINEAR = True
 REAL = "float64"
 RULE = None
 STRONG = False
+CONTACT = False
 
-intact_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, STRONG, False)
-damaged_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, STRONG, True)
+intact_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, STRONG, CONTACT, False)
+damaged_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, STRONG, CONTACT, True)
 measure = steepness(COMPONENTS, REAL)
 
 

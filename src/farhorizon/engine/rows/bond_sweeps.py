@@ -5,8 +5,8 @@ The force of a bond ``xi`` whose ends have moved apart by ``eta`` is ``c e h(e) 
 microelastic law ``c (|y| - |xi|) y / |y|``. Linearised it is ``c e/2 xi`` with ``e = 2 xi . eta / |xi|^2``. A bond
 breaks where e exceeds a limit, which may be that of the weaker of its ends. What decides on that is rounded alike at
 both ends of a bond, for all factors turn their sign there, and the order of the sums is fixed: so each end finds it out
-by itself. Where the material varies c has a factor that follows from the coefficients of both ends, whichever comes
-first.
+by itself. Those that are absent may carry compression, where e is below zero. Where the material varies c has a factor
+that follows from the coefficients of both ends, whichever comes first.
 """
 
 from __future__ import annotations
@@ -35,8 +35,9 @@ class TileAddresses(NamedTuple):
 
     Attributes
     ----------
-    src, base, out, coefficient, alive, strength : int
-        The first node in the levels, among the coefficients, among the bits of the bonds and among the strengths.
+    src, base, out, coefficient, alive, strength, closing : int
+        The first node in the levels, among the coefficients, among the bits of the bonds, among the strengths, and
+        among the bits of bonds that carry compression in any case.
     table, places : int
         The tables of reals and of integers; that of reals has, bond by bond, xi, 1 / |xi|^2 and c, without
         coefficients.
@@ -50,6 +51,7 @@ class TileAddresses(NamedTuple):
     coefficient: int
     alive: int
     strength: int
+    closing: int
     table: int
     places: int
     zone: int
@@ -86,9 +88,9 @@ class TileShape(NamedTuple):
 _ADDRESSES = types.NamedUniTuple(types.int64, len(TileAddresses._fields), TileAddresses)
 _SHAPE = types.NamedUniTuple(types.int64, len(TileShape._fields), TileShape)
 
-#: Components of the field, whether the law is nonlinear, the number type, the rule of coefficients or None, and whether
-#: nodes have strengths of their own.
-Law = tuple[int, bool, str, str | None, bool]
+#: Components of the field, whether the law is nonlinear, the number type, the rule of coefficients or None, whether
+#: nodes have strengths of their own, and whether absent bonds carry compression.
+Law = tuple[int, bool, str, str | None, bool, bool]
 #: Addresses, places, and the reals a, b and limit, as values of the code that is emitted.
 TileArguments = tuple[TileAddresses, TileShape, Any, Any, Any]
 
@@ -101,10 +103,11 @@ class _Tile:
     """
 
     def __init__(self, builder: ir.IRBuilder, args: TileArguments, law: Law, first: Any) -> None:
-        components, nonlinear, real, self.rule, self.strong = law
+        components, nonlinear, real, self.rule, self.strong, self.contact = law
         self.builder, self.components, self.nonlinear = builder, components, nonlinear
         at, shape, self.a, self.b, limit = args
-        self.src, self.base, self.out, coefficient, self.alive, strength, self.table, self.places, self.zone = at
+        self.src, self.base, self.out, coefficient, self.alive, strength, self.closing, *tables = at
+        self.table, self.places, self.zone = tables
         self.count, self.words, n, rows, self.step, self.apart, *self.node = shape
         self.vectors = Vectors(builder, ir.DoubleType() if real == "float64" else ir.FloatType(), LANES)
         self.src, self.base, self.out = (
@@ -182,6 +185,14 @@ class _Tile:
     def beyond(self, bond: Any, row: int, start: Any) -> Any:
         """What the other end of a bond has of what nodes have from `start` on."""
         return self.vectors.load(self.vectors.shifted(self.place(start, self.rows[row], 0), (1, self.offset(bond, 0))))
+
+    def bits(self, start: Any, bond: Any, row: int) -> tuple[Any, Any]:
+        """Where the words with the bits of a bond are, of those from `start` on, and these words."""
+        builder = self.builder
+        word = builder.mul(builder.lshr(bond, I64(6)), self.words)
+        place = builder.add(start, builder.mul(builder.add(builder.mul(self.rows[row], self.step), word), I64(8)))
+        pointer = self.vectors.pointer(place, _INTEGERS)
+        return pointer, builder.load(pointer, align=8)
 
     @property
     def bound(self) -> Any:
@@ -324,19 +335,22 @@ def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
         )
         lanes = tile.below(builder.sub(builder.add(i2, o2), tile.integer(tile.zone, 2)), tile.integer(tile.zone, 5))
         curved = builder.select(outer, lanes, none)
-        word = builder.mul(builder.lshr(bond, I64(6)), tile.words)
-        place = builder.add(tile.alive, builder.mul(builder.add(builder.mul(tile.rows[row], tile.step), word), I64(8)))
-        pointer = vectors.pointer(place, _INTEGERS)
-        bits = builder.load(pointer, align=8)
+        pointer, bits = tile.bits(tile.alive, bond, row)
         one = vectors.splat(builder.shl(I64(1), builder.and_(bond, I64(63))))
-        alive = builder.icmp_unsigned("!=", builder.and_(bits, one), ir.Constant(_INTEGERS, [0] * LANES))
+        unset = ir.Constant(_INTEGERS, [0] * LANES)
+        alive = builder.icmp_unsigned("!=", builder.and_(bits, one), unset)
         e, direction = tile.stretch(xi, inverse, tile.differences(bond, row), curved)
         over = builder.and_(
             builder.and_(builder.fcmp_ordered(">", tile.measured(e, bond, row), tile.bound), curved),
             builder.and_(alive, tile.wanted),
         )
         pull = tile.pull(e, tile.stiffness(stiffness, bond, row), curved)
-        factor = builder.select(builder.and_(alive, builder.not_(over)), pull, tile.constant(0.0))
+        acts = builder.and_(alive, builder.not_(over))
+        if tile.contact:
+            lasts = builder.icmp_unsigned("!=", builder.and_(tile.bits(tile.closing, bond, row)[1], one), unset)
+            shorter = builder.and_(builder.fcmp_ordered("<", e, tile.constant(0.0)), curved)
+            acts = builder.or_(acts, builder.and_(lasts, shorter))
+        factor = builder.select(acts, pull, tile.constant(0.0))
         breaks = tile.any(over)
         with builder.if_then(breaks):
             builder.store(builder.select(over, builder.and_(bits, builder.not_(one)), bits), pointer, align=8)
@@ -347,7 +361,9 @@ def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
     return changed
 
 
-def bond_sweep(components: int, nonlinear: bool, real: str, rule: str | None, strong: bool, damaged: bool) -> Any:
+def bond_sweep(
+    components: int, nonlinear: bool, real: str, rule: str | None, strong: bool, contact: bool, damaged: bool
+) -> Any:
     """Make the intrinsic that writes ``out = a*src + b*base + sum over the bonds`` on tiles.
 
     On a damaged one it returns whether a bond breaks, on intact ones, of which there may be many in a row, how many of
@@ -363,6 +379,8 @@ def bond_sweep(components: int, nonlinear: bool, real: str, rule: str | None, st
         How the coefficients of a bond's ends combine; None where there are none.
     strong : bool
         Whether nodes have strengths of their own.
+    contact : bool
+        Whether absent bonds carry compression.
     damaged : bool
         Look at the bits of the bonds and at the ends of the zone, and clear the bits of what breaks.
 
@@ -378,7 +396,9 @@ def bond_sweep(components: int, nonlinear: bool, real: str, rule: str | None, st
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
             at, shape, *reals = args
             given = TileAddresses(*_unpacked(builder, at)), TileShape(*_unpacked(builder, shape)), *reals
-            return (_damaged if damaged else _intact)(builder, given, (components, nonlinear, real, rule, strong))
+            return (_damaged if damaged else _intact)(
+                builder, given, (components, nonlinear, real, rule, strong, contact)
+            )
 
         return bond_signature(real), codegen
 

@@ -134,12 +134,13 @@ def load_law(count: int, real: str) -> int:
 
 
 def load_bonds(
-    components: int, nonlinear: bool, real: str, rule: str | None, strong: bool = False
+    components: int, nonlinear: bool, real: str, rule: str | None, strong: bool = False, contact: bool = False
 ) -> tuple[int, int, int]:
     """Addresses of the sweeps of plain tiles and of a damaged one for a law of bonds, and of the bound of their stretch
     (see `bond_sweeps`).
     """
-    made = _load("rows/bond_rows", COMPONENTS=components, NONLINEAR=nonlinear, REAL=real, RULE=rule, STRONG=strong)
+    law = {"COMPONENTS": components, "NONLINEAR": nonlinear, "REAL": real, "RULE": rule}
+    made = _load("rows/bond_rows", **law, STRONG=strong, CONTACT=contact)
     return int(made.intact.address), int(made.damaged.address), int(made.steep.address)
 
 
