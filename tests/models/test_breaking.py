@@ -204,6 +204,21 @@ def test_a_pulse_crosses_a_closed_crack_in_compression_alone(sign, nonlinear):
         assert np.abs(found[1]).max() < 2 * tail
 
 
+@pytest.mark.slow
+def test_energies_of_pieces_that_collide_add_up_to_the_square_of_the_step():
+    """A blast shatters a block, whose broken bonds carry compression."""
+    lattice = fh.Lattice(0.5, (-4.0,) * 3, (4.0,) * 3)
+    x = np.stack(lattice.coordinates())
+    blast = fh.Source(0.15 * x * np.exp(-(x**2).sum(0)), lambda t: np.exp(-((t - 4) ** 2)))
+    model, lost, factors = material(critical_stretch=0.02, contact=True), [], np.array([1.0, 0.5, 0.25])
+    for factor in factors:
+        step = lambda default, factor=factor: factor * default  # noqa: E731
+        sim = fh.Simulation(lattice, model, fh.Free(), sources=[blast], balance=True, dt=step).run(16.0)
+        assert sim.broken_bonds > 500
+        lost.append(abs(sim.balance()["lost"]) / sim.balance()["work"])
+    assert lost[0] < 0.05 and fitted_rate(factors, lost) > 1.5
+
+
 def test_what_is_refused_of_cracks_that_close():
     with pytest.raises(fh.InputError, match="bonds of this material have no contact"):
         fh.Elastic(fh.Kernel(1.0), 1.0, 0.3, material="state-based", contact=True)
