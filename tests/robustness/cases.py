@@ -310,6 +310,9 @@ class Draw:
                 model["critical_stretch"] = self.one(0.3, 0.06)
                 if material == "bond-based":
                     model["contact"] = self.chance(0.5)
+                if self.chance(0.3):
+                    varies = {"type": "weibull", "scale": 1.0, "modulus": 8.0, "cell": 3 * self.spacing, "seed": 1}
+                    model["critical_stretch"] = self.one("1 + cos(x)**2", varies)
         if material == "correspondence":
             model["stabilisation"] = self.number(0.1, 0.9)
         closed = [{"type": "fixed"}] + [{"type": "free"}] * (material != "finite-element")
