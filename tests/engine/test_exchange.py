@@ -6,6 +6,7 @@ import pytest
 import farhorizon as fh
 from farhorizon.engine.exchange import Link, Messages
 from farhorizon.engine.interpreter import Interpreter
+from farhorizon.engine.settings import connect
 
 ITSELF = Link(0, 0, 0, False, 0)
 
@@ -24,7 +25,7 @@ def periodic(dim=2, **more):
 def connected(sim):
     """The same with messages to itself in place of copies."""
     neighbours = {(axis, side): 0 for axis in sim.engine.layout.periodic for side in (-1, 1)}
-    sim.engine.connect(ITSELF, neighbours)
+    connect(sim.engine, ITSELF, neighbours)
     return sim
 
 

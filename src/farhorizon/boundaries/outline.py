@@ -19,6 +19,7 @@ from scipy import ndimage, sparse
 from farhorizon.analysis import modes
 from farhorizon.boundaries.side import Side
 from farhorizon.engine.engine import Engine
+from farhorizon.engine.settings import set_fringe
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Ball, Box, Disc, Shape
 
@@ -348,7 +349,8 @@ class Closure:
         """Give the engine the sparse update; `indices` are the places of the grid's nodes in a level."""
         self.engine, self.nodes = engine, indices[tuple(self.fringe.index.T)]
         self.unmoved = np.concatenate([indices[self.halo], indices[self.outside]])
-        engine.set_fringe(
+        set_fringe(
+            engine,
             self.nodes,
             self.levels,
             self._fronts,

@@ -427,7 +427,7 @@ _PROGRAM = b"".join(
 
 def _cache_file(sim: Examined) -> Path:
     """File of the certificate of this very map, made by this very program."""
-    mark = hashlib.sha256(sim.engine.digest().encode())
+    mark = hashlib.sha256(state.digest(sim.engine).encode())
     mark.update(repr((sim.lattice.shape, sim.crossing, [type(b).__name__ for b in sim.sides.values()])).encode())
     mark.update(_PROGRAM)
     return cache_folder() / f"certificate_{mark.hexdigest()[:24]}.npz"

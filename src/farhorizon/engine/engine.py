@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
@@ -14,12 +13,9 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.engine.absent import AbsentBonds
 from farhorizon.engine.bond_zone import BondZone
-from farhorizon.engine.bonds import CHUNK, RULES, Zone, all_bits
-from farhorizon.engine.drag import Drag
+from farhorizon.engine.bonds import CHUNK, RULES, Zone
 from farhorizon.engine.ends import Ends
-from farhorizon.engine.exchange import Exchange, Link, Messages
-from farhorizon.engine.filter import margin_across, without
-from farhorizon.engine.fringe import fringe_table
+from farhorizon.engine.exchange import Exchange
 from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import Layout, aligned, aligned_zeros
 from farhorizon.engine.loop import CompiledLoop
@@ -35,14 +31,13 @@ from farhorizon.engine.operations import (
     table_of,
 )
 from farhorizon.engine.passes import Passes, StateSums
-from farhorizon.engine.phases import NEVER, count_solid, phases_table
-from farhorizon.engine.plain_tables import damping_of, first_tables, numbers_of
+from farhorizon.engine.phases import NEVER
+from farhorizon.engine.plain_tables import first_tables, numbers_of
 from farhorizon.engine.rows.build import load_program
 from farhorizon.engine.rows.matrices import Signs, signs_of
 from farhorizon.engine.rows.structs import Struct
-from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
 from farhorizon.engine.stretches import Stretches
-from farhorizon.engine.tables import Damping, Dependents, Flows, Inputs, Material, Stage
+from farhorizon.engine.tables import Inputs, Stage
 from farhorizon.files.storable import Storable
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
@@ -226,16 +221,16 @@ class Engine:
         """Numbers that layers at a side of the last axis have beside each of its lines: what processes exchange of
         them.
         """
-        return sum(tables.in_a_line(side) for tables in self._all_layers)
+        return sum(tables.in_a_line(side) for tables in self.all_layers)
 
     @property
-    def _all_layers(self) -> list[LayerTables]:
+    def all_layers(self) -> list[LayerTables]:
         """Those of all passes."""
         return [self.layer_tables, *(() if self.passes is None else self.passes.layer_tables)]
 
     def _one_memory(self) -> np.ndarray:
         """What the layers of all passes remember, one after the other."""
-        every = self._all_layers
+        every = self.all_layers
         starts = np.cumsum([0, *(aligned(tables.layers.memory.size) for tables in every)])
         stretched = 0 if self.passes is None else self.passes.stretches.memory.size
         end = int(starts[-1]) if stretched else int(starts[-2]) + every[-1].layers.memory.size
@@ -273,52 +268,6 @@ class Engine:
 
     # --- parts that may be set after construction --------------------------------------------------------------
 
-    def connect(self, link: Link, neighbours: Mapping[tuple[int, int], int]) -> None:
-        """From now on other processes fill the halos, periodic ones among them.
-
-        Parameters
-        ----------
-        link : Link
-        neighbours : mapping of (axis, side) to int
-            Numbers of the processes beyond each side, below 0 for nobody; of axes that nobody shares, none.
-        """
-        passes = [] if self.passes is None else [self.tables.gather, self.tables.scatter]
-        sides = list(neighbours)
-        every = [self.layout.across, *(tables.across for tables in self._all_layers)]
-        kinds = [Messages.between(link, neighbours, {one: across(*one) for one in sides}) for across in every]
-        used = self.tables.filter.runs.size
-        apart = {one: other for one, other in neighbours.items() if one[0] not in self.layout.periodic and used}
-        damping = damping_of(self)
-        margins = {one: margin_across(self.layout, *damping, *one) for one in apart}
-        kinds.append(Messages.between(link, apart, margins))
-        states = max((tables.columns for tables in passes), default=0)
-        rows = max((tables.rows for tables in passes), default=0)
-        self.exchange = Exchange(kinds, max(self.components, states, rows), self.dtype)
-        none = np.zeros((2, 0), np.int64)
-        gather, scatter = (
-            one._replace(layers=one.layers._replace(copies=none)) for one in (self.tables.gather, self.tables.scatter)
-        )
-        layers = self.tables.layers._replace(copies=none)
-        filtered = self.tables.filter._replace(exchange=self.exchange.numbers[-1])
-        sums = {"layers": layers, "gather": gather, "scatter": scatter}
-        self.replace(exchange=self.exchange.numbers[:-1], copies=none, filter=filtered, **sums)
-
-    def set_damping(self, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:
-        """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate.
-
-        Nodes whose new increment is taken whole stay where they are.
-        """
-        if nodes.size:
-            self.replace(filter=without(self.tables.filter, lambda damped: np.isin(damped, nodes[after == 0])))
-        factors = (factor.astype(self.dtype) for factor in (before, after, leak))
-        self.replace(damping=Damping(nodes.astype(np.int64), *factors))
-
-    def set_density(self, density: np.ndarray) -> None:
-        """Mass of each node of the core over that of a node of the medium: what forces do to it is less by so much. It
-        goes on beyond the core as at its edge. The older level must outlive a step.
-        """
-        self.replace(mobility=self.spread(1 / np.asarray(density, float)))
-
     @property
     def mobility(self) -> np.ndarray:
         """What forces do to each place of a level over what they do to a node of the medium; one number without
@@ -327,59 +276,10 @@ class Engine:
         mobility = self.tables.mobility
         return np.tile(mobility, self.components) if mobility.size else np.ones(1, self.dtype)
 
-    def set_drag(self, rate: float, first: np.ndarray, end: np.ndarray) -> None:
-        """Drag towards the mean velocity of the neighbours, at a rate, of equations of second order whose older level
-        outlives a step; what it takes of the nodes of the core from `first` to `end` is added up. Bonds that are absent
-        are told later.
-        """
-        box, low = self.layout.box, np.array(self.layout.low)
-        distances = self.offsets @ np.array(box.stride)
-        full = all_bits(len(distances))
-        alive = self.tables.bonds.alive
-        if not self.bonds:
-            alive = np.zeros((len(full), self.layout.size), np.uint64)
-            alive[:, box.node_indices()] = full[:, None, None, None]
-        drag = Drag(
-            np.array([rate * self.dt], self.dtype),
-            distances.astype(np.int64),
-            alive,
-            full,
-            first.astype(np.int64) + low,
-            end.astype(np.int64) + low,
-            np.zeros(box.nodes[:2]),
-            np.zeros((self.threads, self.components, box.nodes[2]), self.dtype),
-        )
-        self.replace(drag=drag)
-
     @property
     def dragged(self) -> float:
         """What drag has taken, for a unit of mass a node."""
         return float(self.tables.drag.lost.sum()) / self.dt**2
-
-    def set_phases(self, dissolved: np.ndarray, interface: float, saturation: float, limited: bool = False) -> None:
-        """Two phases: bonds between solid nodes carry nothing, those between phases `interface` times their weight, and
-        a solid node becomes liquid once its value is below `saturation`. All beyond the core is liquid, beyond a
-        periodic side what it repeats.
-
-        Parameters
-        ----------
-        dissolved : ndarray of int, shape of the core
-            Steps (of `steps_done`) at which the nodes became liquid, `NEVER` for the solid ones.
-        limited : bool
-            Whether between the phases no value counts for more than the saturation.
-        """
-        solid = dissolved == NEVER
-        beyond = {(axis, side): 1.0 for axis in range(3) for side in (-1, 1) if axis not in self.layout.periodic}
-        steps = np.zeros(self.layout.size, np.int64)
-        self.core.view(steps)[...] = dissolved
-        factors = (self.dtype.type(v) for v in (interface, saturation if limited else np.inf))
-        coefficient = self.spread(np.where(solid, -interface, 1.0), beyond)
-        self.replace(material=Material(coefficient, RULES.index("phases"), *factors))
-        self.sweep_in_pieces(TILE_ROWS)
-        solid = self.layout.box.all(coefficient) < 0
-        solids, volumes = count_solid(solid, self.layout.reach, (1, TILE_ROWS, TILE))
-        period = np.array([n if a in self.layout.periodic else 0 for a, n in enumerate(self.layout.box.nodes)])
-        self.replace(phases=phases_table(solids, volumes, steps, saturation, period))
 
     @property
     def dissolved(self) -> np.ndarray:
@@ -414,72 +314,10 @@ class Engine:
             history = np.concatenate([ends.history, np.zeros((count, more, reach))], axis=1)
             self.replace(ends=ends._replace(history=history))
 
-    def set_dependents(self, nodes: np.ndarray, starts: np.ndarray, sources: np.ndarray, weights: np.ndarray) -> None:
-        """Nodes with prescribed values: node i is the sum of weights[k] times node sources[k], k from starts[i] to
-        starts[i + 1], plus what `advance` is told. They are set in this order after each stage."""
-        nodes, starts, sources = (a.astype(np.int64) for a in (nodes, starts, sources))
-        self.replace(dependents=Dependents(nodes, starts, sources, weights.astype(self.dtype)))
-
-    def set_fringe(
-        self,
-        nodes: np.ndarray,
-        levels: int,
-        fronts: np.ndarray,
-        rows: np.ndarray,
-        starts: np.ndarray,
-        columns: np.ndarray,
-        weights: np.ndarray,
-        outside: np.ndarray,
-    ) -> None:
-        """Halo nodes along an outline that are sums over a fringe of `nodes`, as `fringe.split_sums` has it; `rows`:
-        places of the halo nodes there.
-
-        A step forgets the last row of `fringe_history`.
-        """
-        self.replace(fringe=fringe_table(nodes, levels, fronts, rows, starts, columns, weights, outside))
-
     @property
     def fringe_history(self) -> np.ndarray:
         """Values of the fringe's nodes one step ago, two and so on, shape (levels - 1, S); shares memory."""
         return self.tables.fringe.history.T
-
-    def record_flows(
-        self,
-        accounts: np.ndarray,
-        nodes: np.ndarray,
-        neighbours: np.ndarray,
-        weights: np.ndarray,
-        effects: np.ndarray,
-        count: int,
-        ends: np.ndarray = _NO_ENDS,
-        sides: Mapping[tuple[int, int], tuple[int, np.ndarray]] | None = None,
-    ) -> None:
-        """Bonds whose flow into their node is summed over time, in `count` accounts, and what each stage's flow adds
-        to a step's.
-
-        Places in a level, weights without coefficients; a neighbour below 0 is at zero. `ends`, shape (ends, K): the
-        accounts of the drivers of exact ends, -1 for none. `sides`: the account of a layer (axis, side), and the nodes
-        next to it into which what it adds to these flows is counted. First-order equations only.
-        """
-        near, rows = [np.zeros(0, np.int64)], []
-        for (axis, _), (number, at) in (sides or {}).items():
-            first = sum(map(len, near))
-            rows.append((axis, number, first, first + len(at)))
-            near.append(at)
-        self.replace(
-            flows=Flows(
-                accounts.astype(np.int64),
-                nodes.astype(np.int64),
-                neighbours.astype(np.int64),
-                weights.astype(float),
-                effects.astype(float),
-                ends,
-                np.array(rows, np.int64).reshape(-1, 4),
-                np.concatenate(near),
-                np.zeros(self.layout.size if rows else 0, self.dtype),
-                np.zeros((2, count)),
-            )
-        )
 
     @property
     def flows(self) -> np.ndarray:
@@ -491,38 +329,6 @@ class Engine:
         first = np.flatnonzero(np.diff(places, prepend=-2) != 1)  # where no neighbour of the one before follows
         runs = places[first] % self.layout.size, places[first], first, np.diff(first, append=len(places))
         self._watched = np.stack(runs, axis=-1)[np.argsort(runs[0], kind="stable")]
-
-    def listen(self, blocks: Sequence[tuple[np.ndarray, Sequence[np.ndarray]]]) -> None:
-        """Keep sums over blocks of nodes after every step from now on, in `heard`.
-
-        Parameters
-        ----------
-        blocks : sequence of (places, weights)
-            Places of the blocks' first nodes in a level, shape (n,), and their weights along each of the three axes,
-            three arrays of shape (n, width).
-        """
-        lanes = 64 // self.dtype.itemsize
-        stride, column = self.tables.listening.stride, 0
-        sets, rows, tables, count = [], [np.zeros((0, 6), np.int64)], [np.zeros(0, self.dtype)], 0
-        for places, (first, second, third) in blocks:
-            padded = np.pad(third, ((0, 0), (0, -third.shape[1] % lanes)))
-            middle = places % self.layout.size + first.shape[1] // 2 * stride[0] + second.shape[1] // 2 * stride[1]
-            order = np.argsort(middle, kind="stable")
-            columns = [middle[order], places[order]]
-            for along in (first, second, padded):
-                table, which = _distinct(along[order].astype(self.dtype))
-                columns.append(count + table.shape[1] * which)
-                tables.append(table.ravel())
-                count += table.size
-            sets.append([len(places), first.shape[1], second.shape[1], padded.shape[1]])
-            columns.append(column + order)
-            column += len(places)
-            rows.append(np.stack(columns, axis=1))
-        self.replace(
-            listening=self.tables.listening._replace(
-                sets=np.array(sets, np.int64).reshape(-1, 4), rows=np.concatenate(rows), weights=np.concatenate(tables)
-            )
-        )
 
     def set_dependent_values(self, values: np.ndarray) -> None:
         """Set the prescribed nodes of the current level; `values` has what is added to the combinations, one a
@@ -618,7 +424,7 @@ class Engine:
 
     def _with_memory(self, tables: Tables, memory: np.ndarray) -> Tables:
         """Tables whose layers have another memory."""
-        starts = [one.start for one in self._all_layers]
+        starts = [one.start for one in self.all_layers]
         tables = tables._replace(layers=_remembering(tables.layers, memory, starts[0]))
         if self.passes is None:
             return tables
@@ -693,78 +499,6 @@ class Engine:
         self.phase = (self.phase + steps) % len(tables.rotation)
         self.steps_done += steps
 
-    def digest(self) -> str:
-        """Hash of all that decides the map of a step: engines of one digest have one map."""
-        rule = self.tables.material.rule
-        mark = hashlib.sha256(
-            repr(
-                (
-                    self.dt,
-                    self.stages,
-                    self.reaction,
-                    self.core.nodes,
-                    sorted(self.layout.periodic),
-                    rule,
-                    self.dtype.name,
-                )
-            ).encode()
-        )
-        layers = [
-            a
-            for _, layer in sorted(self.layers.items())
-            for a in (layer.kappa, layer.sigma, layer.alpha, layer.damping, layer.taps)
-        ]
-        mark.update(repr([(name, layer.columns, layer.whole) for name, layer in sorted(self.layers.items())]).encode())
-        tables = self.tables
-        law = tables.gather.sweep.law
-        ends, fringe = tables.ends, tables.fringe._replace(history=np.zeros(0))
-        for array in (
-            self.offsets,
-            self.weights,
-            *layers,
-            tables.material.coefficient,
-            *tables.cuts,
-            *tables.surface,
-            *(law.intact, law.nodes, law.numbers, law.matrices, law.local),
-            *tables.stretches._replace(memory=np.zeros(0), room=np.zeros(0)),
-            *tables.drag._replace(lost=np.zeros(0), room=np.zeros(0)),
-            tables.mobility,
-            *tables.gather.surface,
-            *tables.scatter.surface,
-            *tables.scatter.cuts,
-            *tables.damping,
-            *tables.dependents,
-            self.held,
-            *(ends.nodes, ends.poles, ends.inputs, ends.outputs),
-            *fringe,
-        ):
-            mark.update(np.ascontiguousarray(array).tobytes())
-        return mark.hexdigest()
-
-    @contextmanager
-    def as_before(self) -> Iterator[None]:
-        """Whatever runs inside leaves no trace."""
-        tables = self.tables
-        ends, phases = tables.ends, tables.phases
-        arrays = [
-            self.levels,
-            self.memory,
-            *(ends.states, ends.forces, ends.clock),
-            tables.flows.totals,
-            tables.drag.lost,
-            tables.fringe.history,
-            tables.material.coefficient,
-            *(phases.runs, phases.solids, phases.volumes, phases.changed, phases.dissolved, phases.total),
-            *self.bonds.state.values(),
-        ]
-        kept, phase, steps = [a.copy() for a in arrays], self.phase, self.steps_done
-        try:
-            yield
-        finally:
-            for array, values in zip(arrays, kept, strict=True):
-                array[...] = values
-            self.phase, self.steps_done = phase, steps
-
     def advance_alone(self, steps: int) -> None:
         """Run steps with nothing from outside: no sources, and prescribed values that are zero."""
         inputs = self._no_inputs(steps)
@@ -777,7 +511,7 @@ class Engine:
         """
         return [
             (number, key, tables.start + cells, signs)
-            for number, tables in enumerate(self._all_layers if self.remember else ())
+            for number, tables in enumerate(self.all_layers if self.remember else ())
             for key, cells, signs in tables.cells(tables.layers.f != 0)
         ]
 
@@ -795,12 +529,3 @@ class Engine:
 def _remembering(layers: Kept, memory: np.ndarray, start: int) -> Kept:
     """The same layers with another memory: the part of it that begins at `start`."""
     return layers._replace(memory=memory[start : start + layers.memory.size])
-
-
-def _distinct(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The different ones of some rows, in the order in which they come first, and which each row is: the loop reads
-    them one after the other.
-    """
-    _, first, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    return rows[first[order]], np.argsort(order)[which.reshape(-1)]

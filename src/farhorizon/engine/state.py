@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -165,3 +167,77 @@ class Rows:
     signs: np.ndarray
     near: np.ndarray
     layers: Mapping[int, np.ndarray]
+
+
+def digest(engine: Engine) -> str:
+    """Hash of all that decides the map of a step: engines of one digest have one map."""
+    rule = engine.tables.material.rule
+    mark = hashlib.sha256(
+        repr(
+            (
+                engine.dt,
+                engine.stages,
+                engine.reaction,
+                engine.core.nodes,
+                sorted(engine.layout.periodic),
+                rule,
+                engine.dtype.name,
+            )
+        ).encode()
+    )
+    layers = [
+        a
+        for _, layer in sorted(engine.layers.items())
+        for a in (layer.kappa, layer.sigma, layer.alpha, layer.damping, layer.taps)
+    ]
+    mark.update(repr([(name, layer.columns, layer.whole) for name, layer in sorted(engine.layers.items())]).encode())
+    tables = engine.tables
+    law = tables.gather.sweep.law
+    ends, fringe = tables.ends, tables.fringe._replace(history=np.zeros(0))
+    for array in (
+        engine.offsets,
+        engine.weights,
+        *layers,
+        tables.material.coefficient,
+        *tables.cuts,
+        *tables.surface,
+        *(law.intact, law.nodes, law.numbers, law.matrices, law.local),
+        *tables.stretches._replace(memory=np.zeros(0), room=np.zeros(0)),
+        *tables.drag._replace(lost=np.zeros(0), room=np.zeros(0)),
+        tables.mobility,
+        *tables.gather.surface,
+        *tables.scatter.surface,
+        *tables.scatter.cuts,
+        *tables.damping,
+        *tables.dependents,
+        engine.held,
+        *(ends.nodes, ends.poles, ends.inputs, ends.outputs),
+        *fringe,
+    ):
+        mark.update(np.ascontiguousarray(array).tobytes())
+    return mark.hexdigest()
+
+
+@contextmanager
+def as_before(engine: Engine) -> Iterator[None]:
+    """Whatever runs inside leaves no trace."""
+    tables = engine.tables
+    ends, phases = tables.ends, tables.phases
+    arrays = [
+        engine.levels,
+        engine.memory,
+        *(ends.states, ends.forces, ends.clock),
+        tables.flows.totals,
+        tables.drag.lost,
+        tables.fringe.history,
+        tables.material.coefficient,
+        *(phases.runs, phases.solids, phases.volumes, phases.changed, phases.dissolved, phases.total),
+        *engine.bonds.state.values(),
+    ]
+    kept, phase, steps = [a.copy() for a in arrays], engine.phase, engine.steps_done
+    try:
+        yield
+    finally:
+        for array, values in zip(arrays, kept, strict=True):
+            array[...] = values
+        engine.phase, engine.steps_done = phase, steps

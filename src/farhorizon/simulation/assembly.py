@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon.boundaries import Auto, Closure, ExactEnds
+from farhorizon.engine.settings import connect, set_drag
 from farhorizon.errors import InputError
 from farhorizon.inputs.incidence import Incidence, Incident
 from farhorizon.inputs.outside import Beyond, gradients
@@ -177,7 +178,7 @@ def assemble(
     check_conditions(near, sides, margins)
     grid = make_grid(setup, near, around, margins, states)
     if neighbours is not None:
-        grid.engine.connect(team.link, {(grid.lead + axis, side): one for (axis, side), one in neighbours.items()})
+        connect(grid.engine, team.link, {(grid.lead + axis, side): one for (axis, side), one in neighbours.items()})
     phases = None
     if model.dissolution is not None:
         phases = SolidAndLiquid(grid, model.dissolution, setup.background, solid)
@@ -193,7 +194,7 @@ def assemble(
         grid.engine.record_work()
     if model.drag:
         corner = np.array([0] * grid.lead + [margins[a, -1] for a in range(lattice.dim)])
-        grid.engine.set_drag(model.drag, corner, corner + np.array((1,) * grid.lead + lattice.shape))
+        set_drag(grid.engine, model.drag, corner, corner + np.array((1,) * grid.lead + lattice.shape))
     cuts.cut(setup.cracks)
     unlike = (
         grid.engine.absent.count or near.variation.moduli is not None

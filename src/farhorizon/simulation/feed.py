@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from farhorizon.engine.settings import set_dependents
 from farhorizon.errors import InputError
 from farhorizon.inputs.sources import steady
 from farhorizon.simulation.drives import Drive
@@ -66,7 +67,7 @@ class Feed:
     def prescribe(self) -> None:
         """Give the engine the nodes that conditions prescribe, with their values at the start."""
         engine, table, near = self.grid.engine, self.near.conditions, self.grid.indices
-        engine.set_dependents(near[table.nodes], table.starts, near[table.references], table.weights)
+        set_dependents(engine, near[table.nodes], table.starts, near[table.references], table.weights)
         if table.nodes.size:
             fields = _rows(self._fields(table.drives, table.nodes.shape, 0, (0.0,)), np.arange(table.nodes.size))
             amplitudes = self._amplitudes(table.drives, 0, (0.0,), np.ones((1, 1)), 1)

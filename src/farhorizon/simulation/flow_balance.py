@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from farhorizon.boundaries import ExactEnds
+from farhorizon.engine.settings import record_flows
 from farhorizon.errors import InputError
 from farhorizon.medium.integrators import stage_effects
 from farhorizon.simulation.feed import Batch, Feed
@@ -143,8 +144,8 @@ class FlowBalance:
             numbers = np.array([[self.names.index(name)] for name in self.ends.names])
             ends = np.where(where[self.ends.nodes] == 0, numbers, -1)
         effects = stage_effects(engine.stages) * np.array([n[2] for n in engine.stages.numbers])
-        engine.record_flows(
-            accounts[kept], nodes[kept], neighbours[kept], weights[kept], effects, len(self.names), ends, layers
+        record_flows(
+            engine, accounts[kept], nodes[kept], neighbours[kept], weights[kept], effects, len(self.names), ends, layers
         )
 
     def _amounts(self) -> dict[str, float]:

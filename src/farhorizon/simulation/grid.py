@@ -11,6 +11,7 @@ import numpy as np
 
 from farhorizon.engine.engine import Engine
 from farhorizon.engine.passes import StateSums
+from farhorizon.engine.settings import set_density
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Cut
@@ -223,7 +224,7 @@ def make_grid(
     if near.density is not None:
         density = _over_core(near.density, margins)
         check_material(near, around, margins, density)
-        engine.set_density(density)
+        set_density(engine, density)
     for (axis, side), boundary in sides.items():
         if boundary.held is not None and boundary.held != near.background:
             _hold_beyond(grid, near, around, (axis, side), boundary.held)

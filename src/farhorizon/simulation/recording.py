@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.settings import listen
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.geometry.interpolation import Blocks
 from farhorizon.simulation.assembly import Parts
@@ -80,7 +81,7 @@ class Recording:
             first = places[np.ravel_multi_index(tuple(blocks.first.T), blocks.shape)]
             along = [np.ones((len(first), 1))] * lead + list(blocks.weights)
             found += [(first + component * engine.layout.size, along) for component in range(engine.components)]
-        engine.listen(found)
+        listen(engine, found)
         asked = [
             self._probed,
             *(one for wanted in self._wanted for one in (wanted.nodes, *(b.first for b in wanted.blocks))),

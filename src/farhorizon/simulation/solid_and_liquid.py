@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from farhorizon.engine.engine import NEVER
+from farhorizon.engine.settings import set_phases
 from farhorizon.errors import InputError
 from farhorizon.inputs.specimens import place
 from farhorizon.models.model import Dissolution
@@ -55,7 +56,7 @@ class SolidAndLiquid:
         core = np.zeros(self.grid.engine.core.nodes, np.int64)
         core[self.grid.near] = dissolved.reshape(core[self.grid.near].shape)
         law = self.dissolution
-        self.grid.engine.set_phases(core, law.interface, law.saturation - self.background, law.limited)
+        set_phases(self.grid.engine, core, law.interface, law.saturation - self.background, law.limited)
 
     def start(self) -> None:
         """Give the engine the phases of the start."""

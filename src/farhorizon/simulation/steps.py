@@ -8,6 +8,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.engine.engine import Engine
+from farhorizon.engine.state import as_before
 from farhorizon.errors import InputError
 
 #: An interval is a whole number of steps if no more than this part of a step is missing: what is left of one that was
@@ -164,7 +165,7 @@ def seconds_of(engine: Engine) -> float:
     """Time of a step on this machine now, measured for a tenth of a second without sources; the state stays as it
     is.
     """
-    with engine.as_before():
+    with as_before(engine):
         engine.advance_alone(1)  # the first one loads compiled programs
         count, spent = 1, 0.0
         while spent < 0.05 and count < 10_000:

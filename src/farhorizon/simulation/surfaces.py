@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from farhorizon.engine.settings import set_damping
 from farhorizon.errors import InputError
 from farhorizon.simulation.cuts import CutBonds
 from farhorizon.simulation.grid import Grid
@@ -96,7 +97,7 @@ def rest_and_damp(near: NearField, around: Surroundings, cuts: CutBonds, fixed_r
     rows = [np.ones(once.size), np.ones(once.size), np.zeros(once.size)]
     for row, put, values in zip(rows, (np.multiply, np.multiply, np.add), (before, after, losses), strict=True):
         put.at(row, at, values)
-    engine.set_damping(once, *rows)
+    set_damping(engine, once, *rows)
     return places
 
 

@@ -1,0 +1,231 @@
+"""What may be set once an engine is there: each function puts tables in the place of those of a plain medium."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from farhorizon.engine.bonds import RULES, all_bits
+from farhorizon.engine.drag import Drag
+from farhorizon.engine.engine import NEVER, Engine
+from farhorizon.engine.exchange import Exchange, Link, Messages
+from farhorizon.engine.filter import margin_across, without
+from farhorizon.engine.fringe import fringe_table
+from farhorizon.engine.phases import count_solid, phases_table
+from farhorizon.engine.plain_tables import damping_of
+from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
+from farhorizon.engine.tables import Damping, Dependents, Flows, Material
+
+_NO_ENDS = np.zeros((0, 0), np.int64)
+
+
+def connect(engine: Engine, link: Link, neighbours: Mapping[tuple[int, int], int]) -> None:
+    """From now on other processes fill the halos, periodic ones among them.
+
+    Parameters
+    ----------
+    link : Link
+    neighbours : mapping of (axis, side) to int
+        Numbers of the processes beyond each side, below 0 for nobody; of axes that nobody shares, none.
+    """
+    passes = [] if engine.passes is None else [engine.tables.gather, engine.tables.scatter]
+    sides = list(neighbours)
+    every = [engine.layout.across, *(tables.across for tables in engine.all_layers)]
+    kinds = [Messages.between(link, neighbours, {one: across(*one) for one in sides}) for across in every]
+    used = engine.tables.filter.runs.size
+    apart = {one: other for one, other in neighbours.items() if one[0] not in engine.layout.periodic and used}
+    damping = damping_of(engine)
+    margins = {one: margin_across(engine.layout, *damping, *one) for one in apart}
+    kinds.append(Messages.between(link, apart, margins))
+    states = max((tables.columns for tables in passes), default=0)
+    rows = max((tables.rows for tables in passes), default=0)
+    engine.exchange = Exchange(kinds, max(engine.components, states, rows), engine.dtype)
+    none = np.zeros((2, 0), np.int64)
+    gather, scatter = (
+        one._replace(layers=one.layers._replace(copies=none)) for one in (engine.tables.gather, engine.tables.scatter)
+    )
+    layers = engine.tables.layers._replace(copies=none)
+    filtered = engine.tables.filter._replace(exchange=engine.exchange.numbers[-1])
+    sums = {"layers": layers, "gather": gather, "scatter": scatter}
+    engine.replace(exchange=engine.exchange.numbers[:-1], copies=none, filter=filtered, **sums)
+
+
+def set_damping(engine: Engine, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:
+    """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate.
+
+    Nodes whose new increment is taken whole stay where they are.
+    """
+    if nodes.size:
+        engine.replace(filter=without(engine.tables.filter, lambda damped: np.isin(damped, nodes[after == 0])))
+    factors = (factor.astype(engine.dtype) for factor in (before, after, leak))
+    engine.replace(damping=Damping(nodes.astype(np.int64), *factors))
+
+
+def set_density(engine: Engine, density: np.ndarray) -> None:
+    """Mass of each node of the core over that of a node of the medium: what forces do to it is less by so much. It
+    goes on beyond the core as at its edge. The older level must outlive a step.
+    """
+    engine.replace(mobility=engine.spread(1 / np.asarray(density, float)))
+
+
+def set_drag(engine: Engine, rate: float, first: np.ndarray, end: np.ndarray) -> None:
+    """Drag towards the mean velocity of the neighbours, at a rate, of equations of second order whose older level
+    outlives a step; what it takes of the nodes of the core from `first` to `end` is added up. Bonds that are absent
+    are told later.
+    """
+    box, low = engine.layout.box, np.array(engine.layout.low)
+    distances = engine.offsets @ np.array(box.stride)
+    full = all_bits(len(distances))
+    alive = engine.tables.bonds.alive
+    if not engine.bonds:
+        alive = np.zeros((len(full), engine.layout.size), np.uint64)
+        alive[:, box.node_indices()] = full[:, None, None, None]
+    drag = Drag(
+        np.array([rate * engine.dt], engine.dtype),
+        distances.astype(np.int64),
+        alive,
+        full,
+        first.astype(np.int64) + low,
+        end.astype(np.int64) + low,
+        np.zeros(box.nodes[:2]),
+        np.zeros((engine.threads, engine.components, box.nodes[2]), engine.dtype),
+    )
+    engine.replace(drag=drag)
+
+
+def set_phases(
+    engine: Engine, dissolved: np.ndarray, interface: float, saturation: float, limited: bool = False
+) -> None:
+    """Two phases: bonds between solid nodes carry nothing, those between phases `interface` times their weight, and
+    a solid node becomes liquid once its value is below `saturation`. All beyond the core is liquid, beyond a
+    periodic side what it repeats.
+
+    Parameters
+    ----------
+    dissolved : ndarray of int, shape of the core
+        Steps (of `steps_done`) at which the nodes became liquid, `NEVER` for the solid ones.
+    limited : bool
+        Whether between the phases no value counts for more than the saturation.
+    """
+    solid = dissolved == NEVER
+    beyond = {(axis, side): 1.0 for axis in range(3) for side in (-1, 1) if axis not in engine.layout.periodic}
+    steps = np.zeros(engine.layout.size, np.int64)
+    engine.core.view(steps)[...] = dissolved
+    factors = (engine.dtype.type(v) for v in (interface, saturation if limited else np.inf))
+    coefficient = engine.spread(np.where(solid, -interface, 1.0), beyond)
+    engine.replace(material=Material(coefficient, RULES.index("phases"), *factors))
+    engine.sweep_in_pieces(TILE_ROWS)
+    solid = engine.layout.box.all(coefficient) < 0
+    solids, volumes = count_solid(solid, engine.layout.reach, (1, TILE_ROWS, TILE))
+    period = np.array([n if a in engine.layout.periodic else 0 for a, n in enumerate(engine.layout.box.nodes)])
+    engine.replace(phases=phases_table(solids, volumes, steps, saturation, period))
+
+
+def set_dependents(
+    engine: Engine, nodes: np.ndarray, starts: np.ndarray, sources: np.ndarray, weights: np.ndarray
+) -> None:
+    """Nodes with prescribed values: node i is the sum of weights[k] times node sources[k], k from starts[i] to
+    starts[i + 1], plus what `advance` is told. They are set in this order after each stage."""
+    nodes, starts, sources = (a.astype(np.int64) for a in (nodes, starts, sources))
+    engine.replace(dependents=Dependents(nodes, starts, sources, weights.astype(engine.dtype)))
+
+
+def set_fringe(
+    engine: Engine,
+    nodes: np.ndarray,
+    levels: int,
+    fronts: np.ndarray,
+    rows: np.ndarray,
+    starts: np.ndarray,
+    columns: np.ndarray,
+    weights: np.ndarray,
+    outside: np.ndarray,
+) -> None:
+    """Halo nodes along an outline that are sums over a fringe of `nodes`, as `fringe.split_sums` has it; `rows`:
+    places of the halo nodes there.
+
+    A step forgets the last row of `fringe_history`.
+    """
+    engine.replace(fringe=fringe_table(nodes, levels, fronts, rows, starts, columns, weights, outside))
+
+
+def record_flows(
+    engine: Engine,
+    accounts: np.ndarray,
+    nodes: np.ndarray,
+    neighbours: np.ndarray,
+    weights: np.ndarray,
+    effects: np.ndarray,
+    count: int,
+    ends: np.ndarray = _NO_ENDS,
+    sides: Mapping[tuple[int, int], tuple[int, np.ndarray]] | None = None,
+) -> None:
+    """Bonds whose flow into their node is summed over time, in `count` accounts, and what each stage's flow adds
+    to a step's.
+
+    Places in a level, weights without coefficients; a neighbour below 0 is at zero. `ends`, shape (ends, K): the
+    accounts of the drivers of exact ends, -1 for none. `sides`: the account of a layer (axis, side), and the nodes
+    next to it into which what it adds to these flows is counted. First-order equations only.
+    """
+    near, rows = [np.zeros(0, np.int64)], []
+    for (axis, _), (number, at) in (sides or {}).items():
+        first = sum(map(len, near))
+        rows.append((axis, number, first, first + len(at)))
+        near.append(at)
+    engine.replace(
+        flows=Flows(
+            accounts.astype(np.int64),
+            nodes.astype(np.int64),
+            neighbours.astype(np.int64),
+            weights.astype(float),
+            effects.astype(float),
+            ends,
+            np.array(rows, np.int64).reshape(-1, 4),
+            np.concatenate(near),
+            np.zeros(engine.layout.size if rows else 0, engine.dtype),
+            np.zeros((2, count)),
+        )
+    )
+
+
+def listen(engine: Engine, blocks: Sequence[tuple[np.ndarray, Sequence[np.ndarray]]]) -> None:
+    """Keep sums over blocks of nodes after every step from now on, in `heard`.
+
+    Parameters
+    ----------
+    blocks : sequence of (places, weights)
+        Places of the blocks' first nodes in a level, shape (n,), and their weights along each of the three axes,
+        three arrays of shape (n, width).
+    """
+    lanes = 64 // engine.dtype.itemsize
+    stride, column = engine.tables.listening.stride, 0
+    sets, rows, tables, count = [], [np.zeros((0, 6), np.int64)], [np.zeros(0, engine.dtype)], 0
+    for places, (first, second, third) in blocks:
+        padded = np.pad(third, ((0, 0), (0, -third.shape[1] % lanes)))
+        middle = places % engine.layout.size + first.shape[1] // 2 * stride[0] + second.shape[1] // 2 * stride[1]
+        order = np.argsort(middle, kind="stable")
+        columns = [middle[order], places[order]]
+        for along in (first, second, padded):
+            table, which = _distinct(along[order].astype(engine.dtype))
+            columns.append(count + table.shape[1] * which)
+            tables.append(table.ravel())
+            count += table.size
+        sets.append([len(places), first.shape[1], second.shape[1], padded.shape[1]])
+        columns.append(column + order)
+        column += len(places)
+        rows.append(np.stack(columns, axis=1))
+    engine.replace(
+        listening=engine.tables.listening._replace(
+            sets=np.array(sets, np.int64).reshape(-1, 4), rows=np.concatenate(rows), weights=np.concatenate(tables)
+        )
+    )
+
+
+def _distinct(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The different ones of some rows, in the order in which they come first, and which each row is: the loop reads
+    them one after the other.
+    """
+    _, first, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    return rows[first[order]], np.argsort(order)[which.reshape(-1)]
