@@ -364,7 +364,7 @@ def watch(level, runs, low, high, seen):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def listen(level, listening, low, high, heard):
+def sum_blocks(level, listening, low, high, heard):
     """Sums over blocks of nodes whose keys are from `low` to `high`."""
     sets, rows, weights, stride = listening.sets, listening.rows, listening.weights, listening.stride
     source, factors, size = level.ctypes.data, weights.ctypes.data, level.itemsize
@@ -394,7 +394,7 @@ def keep_in(level, sweep, listening, inputs, step, number):
     low, high = plane + first * block[5], plane + last * block[5]
     watch(level, inputs.watched, low, high, inputs.seen[step])
     if listening.sets.shape[0]:
-        listen(level, listening, low, high, inputs.heard[step])
+        sum_blocks(level, listening, low, high, inputs.heard[step])
 
 
 def keep_part(thread, stage, sums, tables, inputs, step, number):
