@@ -127,6 +127,23 @@ def test_xarray_has_them_with_their_coordinates(tmp_path):
     np.testing.assert_array_equal(dataset["line_y"], POINTS[:, 1])
 
 
+def test_xarray_names_the_units_of_records(tmp_path):
+    """Those of places, times, frequencies and what was recorded; directions have none."""
+    told = {"length": "mm", "time": "us", "frequency": "1/us", "stress": "GPa"}
+    more = {"shape": (4, 3), "spacing": 1.0, "lower": (0.0, 0.0), "fields": ("u",), "dtype": "float64"}
+    pattern = Recorded(
+        "pattern", np.eye(2), np.zeros(0), {}, np.array([0.1]), {"P": np.ones((1, 2), complex)}, directions=True
+    )
+    writer = ResultsWriter.create(tmp_path / "a.h5", **more, units=told)
+    writer.hold(records(0))
+    writer.append_recorded(records(3))
+    writer.conclude(pattern)
+    dataset = open_results(tmp_path / "a.h5").to_xarray()
+    found = {str(name): one.attrs.get("units") for name, one in dataset.variables.items()}
+    assert found["line_x"] == "mm" and found["line_time"] == "us" and found["line_stress"] == "GPa"
+    assert found["pattern_frequency"] == "1/us" and found["pattern_x"] is None
+
+
 CASE = """
 [lattice]
 spacing = 0.25

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from drawn import is_picture
-from farhorizon.pictures.traces import positions, trace_picture
+from farhorizon.pictures.style import counted_in
+from farhorizon.pictures.traces import positions, spectrum_picture, trace_picture
 
 TIMES = np.linspace(0.0, 20.0, 201)
 
@@ -37,6 +38,18 @@ def test_zeros_and_a_single_row(tmp_path):
     trace_picture(points, TIMES, np.zeros((201, 9)), tmp_path / "zero.png", label="u")
     trace_picture(points[:1], TIMES[:1], np.ones((1, 1)), tmp_path / "one.png", label="u")
     assert is_picture(tmp_path / "zero.png") and is_picture(tmp_path / "one.png")
+
+
+def test_spectra_of_one_frequency_and_energies_with_signs():
+    """One frequency is a mark, not a line of no length; what flows back is negative; the unit is named."""
+    with counted_in({"frequency": "1/us"}):
+        figure = spectrum_picture(np.zeros((1, 2)), np.array([0.2]), np.array([[-3.0]]), None, label="energy")
+    (line,) = figure.axes[0].get_lines()
+    assert line.get_marker() == "o" and line.get_ydata() == [-3.0]
+    assert figure.axes[0].get_xlabel() == "frequency (1/us)" and figure.axes[0].get_ylabel() == "energy per frequency"
+    sums = np.array([[-3.0 + 4.0j], [1.0 + 0.0j]])
+    (line,) = spectrum_picture(np.zeros((1, 2)), np.array([0.2, 0.3]), sums, None, label="u").axes[0].get_lines()
+    np.testing.assert_array_equal(line.get_ydata(), [5.0, 1.0])
 
 
 def test_positions_along_a_line():

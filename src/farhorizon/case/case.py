@@ -220,10 +220,14 @@ class Case:
 
     @property
     def unit_names(self) -> dict[str, str]:
-        """The units of length, time, u and v in pictures and files; nothing of those that the case does not say."""
+        """The units of length, time, frequency and what is recorded in pictures and files; nothing of those that the
+        case does not say.
+        """
         if (units := self.units) is None:
             return {}
-        named = {"length": "m", "time": "s", "u": FIELD, "v": RATE}
+        named = {"length": "m", "time": "s", "frequency": "1/s", "u": FIELD, "v": RATE}
+        if self.vector:
+            named |= {"stress": "Pa", "pressure": "Pa", "energy_flux": "W/m^2"}
         return {what: name for what, si in named.items() if (name := units.name(si))}
 
     @property

@@ -185,6 +185,16 @@ def _writable(path: str | Path) -> Path:
     return found
 
 
+def measured_in(records: Mapping[str, Recorded]) -> dict[str, str]:
+    """What variables and coordinates of `dataset_parts` measure: a length, a time, a frequency or what was recorded."""
+    found: dict[str, str] = {}
+    for name, one in records.items():
+        places = {} if one.directions else {f"{name}_{letter}": "length" for letter in _AXES[: one.dim]}
+        found |= {f"{name}_time": "time", f"{name}_frequency": "frequency", **places}
+        found |= {f"{name}_{quantity}": quantity for quantity in one.data}
+    return found
+
+
 def dataset_parts(records: Mapping[str, Recorded]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Variables and coordinates of an xarray Dataset: those of NAME begin with it."""
     data: dict[str, Any] = {}

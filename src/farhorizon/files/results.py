@@ -35,7 +35,7 @@ from farhorizon import kinds
 from farhorizon.errors import FarhorizonError, FileFormatError, InputError
 from farhorizon.files.parts import Box, folder_of, is_own, lay_out, part_path, parts_of
 from farhorizon.files.polylines import Lines, flattened, gathered, write_vtp
-from farhorizon.files.records import Recorded, dataset_parts
+from farhorizon.files.records import Recorded, dataset_parts, measured_in
 from farhorizon.files.storage import Draft, changing, created, read
 
 if TYPE_CHECKING:
@@ -1269,7 +1269,9 @@ class Results:
             "cautions": [caution.text for caution in self.cautions],
         }
         whole = xarray.Dataset(data, coords, attributes)
-        measured = {**dict.fromkeys(names, "length"), "time": "time", "probe_time": "time", "probe_values": "u"}
+        lengths = [*names, *(f"probe_{name}" for name in names)]
+        measured = {**dict.fromkeys(lengths, "length"), "probe_values": "u", **measured_in(self.recorded)}
+        measured |= dict.fromkeys(("time", "probe_time", "history_time"), "time")
         for name in whole.variables.keys() & (measured.keys() | self.units.keys()):
             if unit := self.units.get(measured.get(str(name), str(name))):
                 whole[name].attrs["units"] = unit

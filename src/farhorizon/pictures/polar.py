@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.pictures.style import figure_at, number_text
+from farhorizon.pictures.style import figure_at, number_text, with_unit
 
 _MOST = 4  # frequencies that are drawn
 _FLAT = 1e-9
@@ -57,7 +57,9 @@ def polar_picture(
                 panel.tick_params(labelsize="x-small")
                 panel.set_rlabel_position(100)
                 there = "" if directions.shape[1] == 2 else f", {'xyz'[plane[0]]}{'xyz'[plane[1]]} plane"
-                panel.set_title(f"f = {number_text(float(frequencies[number]), float(frequencies.max()))}{there}")
+                cycles = number_text(float(frequencies[number]), float(frequencies.max()))
+                per = with_unit("", "frequency").strip(" ()").removeprefix("1")
+                panel.set_title(f"f = {cycles}{per}{there}")
         if len(levels) > 1:
             figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside right upper")
         figure.supxlabel(label, fontsize="medium")

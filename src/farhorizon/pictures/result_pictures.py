@@ -413,7 +413,8 @@ def _histories(results: Results, directory: Path, ending: str) -> list[Path]:
         for quantity in one.spectra:
             for column, sums in one.columns(quantity).items():
                 written.append(directory / f"{name}_{column}.{ending}")
-                spectrum_picture(one.points, one.frequencies, sums, written[-1], label=column)
+                shown = sums.real if quantity == "energy" else sums  # which has a sign, and no phase
+                spectrum_picture(one.points, one.frequencies, shown, written[-1], label=column)
     history, energy = results.history_times, results.energy
     if np.isfinite(energy).any():
         moments, energies = _recorded(history, energy)

@@ -68,7 +68,7 @@ def spectrum_picture(
     points : ndarray, shape (n, dim)
     frequencies : ndarray, shape (F,)
     values : ndarray, shape (F, n)
-        Complex.
+        Complex; real ones are drawn with their signs, as what flows through surfaces.
     path : str or Path, optional
         The file; without one nothing is written.
     label : str
@@ -82,18 +82,20 @@ def spectrum_picture(
     name, places = positions(points)
     with figure_at(path, (6.4, 3.6)) as figure:
         axes = figure.add_subplot()
-        axes.set_ylabel(f"amplitude of the spectrum of {label}")
+        flows = np.isrealobj(values)
+        axes.set_ylabel(f"{label} per frequency" if flows else f"amplitude of the spectrum of {label}")
+        values = values if flows else np.abs(values)
         if len(points) < _LEAST_IN_SECTION:
-            _curves(axes, points, frequencies, np.abs(values))
-            axes.set_xlabel("frequency (cycles per unit of time)")
+            _curves(axes, points, frequencies, values)
+            axes.set_xlabel(_frequency_label())
             return figure
         some = np.unique(np.linspace(0, len(frequencies) - 1, min(len(frequencies), _MOST_CURVES)).round().astype(int))
         for number in some:
-            axes.plot(places, np.abs(values[number]), label=f"{frequencies[number]:.4g}")
+            axes.plot(places, values[number], label=f"{frequencies[number]:.4g}")
         axes.set_xlabel(name)
         axes.margins(x=0.01)
         axes.grid(True)
-        axes.legend(title="frequency", fontsize="x-small")
+        axes.legend(title=with_unit("frequency", "frequency"), fontsize="x-small")
     return figure
 
 
@@ -159,17 +161,22 @@ def _edges(middles: np.ndarray) -> np.ndarray:
 
 
 def _spectra(axes: Any, points: np.ndarray, times: np.ndarray, values: np.ndarray) -> None:
-    """Amplitudes over frequency, to where the largest of all has fallen to a thousandth for good."""
+    """Amplitudes over frequency, to where the largest of all has fallen to a hundredth for good."""
     if len(times) < 2:
         axes.set_axis_off()
         return
     dt = float(times[-1] - times[0]) / (len(times) - 1)
     amplitudes = dt * np.abs(np.fft.rfft(np.nan_to_num(values), axis=0))
     frequencies = np.fft.rfftfreq(len(times), dt)
-    strong = np.flatnonzero(amplitudes.max(1) > 1e-3 * amplitudes.max())
+    strong = np.flatnonzero(amplitudes.max(1) > 1e-2 * amplitudes.max())
     shown = slice(0, min(len(frequencies), int(strong[-1]) + 2) if strong.size else None)
     _curves(axes, points, frequencies[shown], amplitudes[shown])
-    axes.set(xlabel="frequency (cycles per unit of time)", ylabel="amplitude of the spectrum")
+    axes.set(xlabel=_frequency_label(), ylabel="amplitude of the spectrum")
+
+
+def _frequency_label() -> str:
+    label = with_unit("frequency", "frequency")
+    return f"{label} (cycles per unit of time)" if label == "frequency" else label
 
 
 def _curves(axes: Any, points: np.ndarray, x: np.ndarray, values: np.ndarray) -> None:
@@ -177,8 +184,8 @@ def _curves(axes: Any, points: np.ndarray, x: np.ndarray, values: np.ndarray) ->
     some = np.unique(np.linspace(0, len(points) - 1, min(len(points), _MOST_CURVES)).round().astype(int))
     size = float(np.abs(points).max()) or 1.0
     for number in some:
-        place = ", ".join(number_text(coordinate, size) for coordinate in points[number])
-        axes.plot(x, values[:, number], label=f"({place})")
+        place = ", ".join(number_text(float(f"{coordinate:.4g}"), size) for coordinate in points[number])
+        axes.plot(x, values[:, number], label=f"({place})", marker="o" if len(x) == 1 else None)
     axes.margins(x=0.01)
     axes.grid(True)
     axes.legend(fontsize="x-small")
