@@ -170,8 +170,14 @@ points = [[0.13, 1.0]]
 every = 2
 interpolation = "linear"
 [[spectra]]
+name = "spectra"
 region = { box = { lower = [-0.5, -0.5], upper = [0.5, 0.5] } }
 frequencies = [0.1, 0.3]
+[[spectra]]
+name = "across"
+axis = "y"
+position = 1.0
+frequencies = [0.2]
 [[power]]
 region = { disc = { radius = 1.5 } }
 [[power]]
@@ -192,7 +198,7 @@ def test_recorders_of_a_case(tmp_path, monkeypatch, capsys):
     whole, part = (open_results(f"{name}/a.h5").recorded for name in ("whole", "part"))
     sim = fh.read_case("a.toml").simulation()
     sim.run(2.0)
-    names = {"receivers_0", "well", "spectra", "power_0", "right"}
+    names = {"receivers_0", "well", "spectra", "across", "power_0", "right"}
     assert set(whole) == names == {one.name for one in sim.recorders}
     for mine in (one.recorded for one in sim.recorders):
         for found in (whole[mine.name], part[mine.name]):

@@ -135,3 +135,17 @@ def test_refused(where, frequencies, options, message):
         frequencies = [1.01 * run.parts.near.highest_frequency]
     with pytest.raises(fh.InputError, match=message):
         elastic(fh.Spectra(where, frequencies, **options))
+
+
+def test_a_plane_is_its_layer_of_nodes():
+    """The nodes nearest to it, as a thin region has them; in a case file by axis and position."""
+    lattice, model = fh.Lattice(0.5, (-4.0, -3.0), (4.0, 3.0)), fh.Wave(fh.Kernel(1.0))
+    plane = fh.Spectra(("y", 1.1), [0.1], name="plane")
+    thin = fh.Spectra(fh.Box((-4.0, 0.9), (4.0, 1.1)), [0.1], name="thin")
+    sim = fh.Simulation(lattice, model, fh.Fixed(), {"u": "exp(-x**2 - y**2)"}, observe=[plane, thin])
+    sim.step(9)
+    np.testing.assert_array_equal(plane.points, [(x, 1.0) for x in np.linspace(-4, 4, 17)])
+    np.testing.assert_array_equal(plane.data["u"], thin.data["u"])
+    for where, words in ((("y", 9.0), "no node .* limit: .* remedy"), (("z", 0.0), "no such axis")):
+        with pytest.raises(fh.InputError, match=words):
+            fh.Simulation(lattice, model, observe=[fh.Spectra(where, [0.1])])

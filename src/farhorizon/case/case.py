@@ -656,11 +656,13 @@ def _box(part: BoxPart | None) -> fh.Box | None:
 
 def _where(part: ReceiversPart | SpectraPart, key: str) -> Any:
     """The points, or the region, of a recorder."""
-    region = part.region if isinstance(part, SpectraPart) else None
-    given = {"points": part.points, "line": part.line, "grid": part.grid, "region": region}
-    if sum(place is not None for place in given.values()) != 1:
-        known = [name for name in given if name in type(part).model_fields]
-        raise InputError(f"give exactly one of {', '.join(known)}", key=key)
+    region, plane = (part.region, (part.axis, part.position)) if isinstance(part, SpectraPart) else (None, (None, None))
+    given = {"points": part.points, "line": part.line, "grid": part.grid, "region": region, "axis": plane[0]}
+    if sum(place is not None for place in given.values()) != 1 or (plane[0] is None) != (plane[1] is None):
+        known = [name if name != "axis" else "axis and position" for name in given if name in type(part).model_fields]
+        raise InputError(f"give exactly one of {', '.join(known)}", key=key, remedy="leave the others out")
+    if plane[0] is not None:
+        return plane
     if part.line is not None:
         return points_on_line(**part.line.model_dump())
     if part.grid is not None:

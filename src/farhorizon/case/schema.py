@@ -452,13 +452,17 @@ class SpectraPart(Part):
     """Where the spectrum of the field is summed up while the run goes on."""
 
     points: list[list[Number]] | None = None
-    """Places; or give a line, a grid or a region."""
+    """Places; or give a line, a grid, a region, or a plane by axis and position."""
     line: LinePart | None = None
     """Places along a line."""
     grid: GridPart | None = None
     """Places on a grid."""
     region: RegionPart | None = None
     """All nodes in it."""
+    axis: str | None = None
+    """Normal of a plane, x, y or z: all nodes of the layer of nodes nearest to it."""
+    position: Number | None = None
+    """Of the plane."""
     frequencies: list[Number]
     """In cycles per unit of time."""
     record: list[str] = ["u"]

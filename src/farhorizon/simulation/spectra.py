@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.errors import InputError
+from farhorizon.errors import InputError, shown
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.interpolation import INTERPOLATIONS, as_points, interpolation_blocks
-from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Shape
 from farhorizon.machine import available_memory
 from farhorizon.simulation.assembly import Parts
@@ -33,8 +33,9 @@ class Spectra(Recorder):
 
     Parameters
     ----------
-    where : Shape or array_like, shape (n, dim), or (n,) in 1D
-        A region, all nodes of the near field in it, or points as of `Receivers`.
+    where : Shape, (str, float), or array_like, shape (n, dim), or (n,) in 1D
+        A region, all nodes of the near field in it; a plane, ``("z", 2.5)``, all nodes of the layer of nodes nearest to
+        it; or points as of `Receivers`.
     frequencies : array_like, shape (F,)
         In cycles per unit of time.
     record : str or sequence of str
@@ -87,7 +88,8 @@ class Spectra(Recorder):
         interpolation: str = "sinc",
         name: str = "spectra",
     ) -> None:
-        self.where = where if isinstance(where, Shape) else kinds.array(where, "spectra.where")
+        self._plane = isinstance(where, list | tuple) and len(where) == 2 and isinstance(where[0], str)
+        self.where: Any = where if self._plane or isinstance(where, Shape) else kinds.array(where, "spectra.where")
         self.frequencies = as_frequencies(frequencies, "spectra.frequencies")
         if not self.frequencies.size:
             raise InputError("frequencies are one or more numbers from 0 on", value="none", key="spectra.frequencies")
@@ -134,7 +136,10 @@ class Spectra(Recorder):
             )
         check_frequencies(self.frequencies, near)
         self._check_stride(near)
-        nodes = _nodes_in(self.where, lattice) if isinstance(self.where, Shape) else None
+        nodes = None
+        if self._plane or isinstance(self.where, Shape):
+            inside = _on_plane(self.where, lattice) if self._plane else _in_region(self.where, lattice)
+            nodes = _nodes(inside, self.where, lattice)
         if nodes is None:
             self.points = as_points(self.where, lattice.dim, "spectra.where")
         else:
@@ -229,11 +234,29 @@ def check_frequencies(frequencies: np.ndarray, near: NearField, key: str = "spec
         )
 
 
-def _nodes_in(region: Shape, lattice: Lattice) -> np.ndarray:
-    """Flat indices of the nodes of the near field in a region; InputError if there is none."""
-    inside = region.contains(np.stack(lattice.coordinates(), axis=-1)).ravel()
+def _in_region(region: Shape, lattice: Lattice) -> np.ndarray:
+    """Which nodes lie in a region, of the lattice's shape."""
+    return np.asarray(region.contains(np.stack(lattice.coordinates(), axis=-1)))
+
+
+def _on_plane(plane: tuple[str, float], lattice: Lattice) -> np.ndarray:
+    """Which nodes belong to the layer of nodes nearest to a plane, of the lattice's shape."""
+    axis, position = plane
+    number = AXES.index(kinds.one_of(axis, "spectra.where", AXES[: lattice.dim], "the lattice has no such axis"))
+    place = (kinds.number(position, "spectra.where") - lattice.lower[number]) / lattice.spacing
+    return np.asarray(np.indices(lattice.shape)[number] == np.round(place))
+
+
+def _nodes(inside: np.ndarray, where: Any, lattice: Lattice) -> np.ndarray:
+    """Flat indices of the nodes of the near field among some; InputError if there is none."""
     if lattice.mask is not None:
-        inside = inside & lattice.mask.ravel()
+        inside = inside & lattice.mask
     if not inside.any():
-        raise InputError("no node of the near field lies in the region", value=repr(region), key="spectra.where")
+        raise InputError(
+            "no node of the near field lies in the region, or on the plane",
+            value=repr(where),
+            limit=f"{shown(lattice.lower)} to {shown(lattice.upper)}",
+            key="spectra.where",
+            remedy="move it inside or enlarge the lattice",
+        )
     return np.flatnonzero(inside)
