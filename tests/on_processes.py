@@ -167,6 +167,50 @@ def files():
         asleep_until_all_are_here()
 
 
+def heard(setup, communicator=None, topology=None):
+    """A run with a receiver in the middle."""
+    return fh.Simulation.of(setup, [fh.Receivers(np.zeros((1, setup.lattice.dim)))], communicator, topology)
+
+
+def kept():
+    """Runs that go on from checkpoints on other boxes, and on one process, beside those that were not interrupted."""
+    names = ["wave"] if "few" in sys.argv else [*KEPT, *["state-based in space"] * ("slow" in sys.argv)]
+    for name in names:
+        setup, path = (CASES | SLOW)[name][0], FOLDER / f"{name}.ckpt"
+        first, other = OTHER_BOXES[WORLD.size, setup.lattice.dim]
+        start = heard(setup, WORLD, first).run(2.0)
+        start.save(path, answer=42)
+        runs = {"as it was": start.run(4.0), "other boxes": heard(setup, WORLD, other)}
+        if WORLD.rank == 0:
+            runs["one process"] = heard(setup)
+        found, steps, answers = {}, set(), set()
+        for how, run in runs.items():
+            if how != "as it was":
+                answers.add(run.load(path)["answer"])
+                run.run(4.0)
+            steps.add(run.step_count)
+            found[how] = run.team.joined(run.lattice, run.fields["u"]), run.recorders[0].data["u"]
+        if WORLD.rank == 0:
+            whole = found.pop("as it was")
+            same = {how: all(map(np.array_equal, values, whole)) for how, values in found.items()}
+            yield {"kept": name, "same": same, "answers": list(answers), "steps": list(steps)}
+        asleep_until_all_are_here()
+    other, told = fh.Simulation.of(plane(dt=0.01), [], WORLD), ""
+    try:
+        other.load(FOLDER / "wave.ckpt")
+    except fh.InputError as error:
+        told = str(error)
+    yield {"unlike": WORLD.gather(told)}
+
+
+#: Of so many processes, in so many dimensions: boxes from which a run goes on on others.
+OTHER_BOXES = {
+    (2, 2): ([2, 1], [1, 2]),
+    (4, 2): ([2, 2], [4, 1]),
+    (2, 3): ([1, 2, 1], [1, 1, 2]),
+    (4, 3): ([2, 2, 1], [1, 2, 2]),
+}
+KEPT = "wave", "single precision", "diffusion", "space"
 SMALL_SOLID = fh.Setup(
     lattice(13, 22, 14), fh.Elastic(fh.Kernel(0.3), 1.0), fh.Fixed(), {"u": [pulse(3), 0.0, 0.0]}, dt=0.1
 )
@@ -182,6 +226,8 @@ def commands():
         ["run", "case.toml", "--out", "blocked"],
         ["run", "case.toml", "--set", "run.topology=[3, 5]", "--force"],
         ["run", "case.toml", "--resume"],
+        ["run", "case.toml", "--until", "0.5", "--force", "--out", "goes_on", "--no-report"],
+        ["run", "case.toml", "--resume", "--out", "goes_on", "--no-report"],
         ["run", "case.toml", "--set", "run.until=static", "--set", "run.limit=9.0"],
         ["check", "case.toml"],
     ):
@@ -195,7 +241,7 @@ def commands():
             yield {"command": " ".join(words), "told": every}
 
 
-PLACES = ("together", "blocked")
+PLACES = ("together", "blocked", "goes_on")
 
 
 def refused():
@@ -236,7 +282,7 @@ def unstable():
 
 
 if __name__ == "__main__":
-    for part in (compared, refused, unstable, files, commands):
+    for part in (compared, refused, unstable, files, kept, commands):
         for line in part():
             if WORLD.rank == 0:
                 print(json.dumps(line), flush=True)

@@ -97,6 +97,19 @@ def test_files_are_those_of_one_process(told, tmp_path, processes, arguments):
             assert_same_files(tmp_path / "flat.h5", other)
 
 
+@pytest.mark.parametrize(("processes", "arguments"), STARTS)
+def test_runs_go_on_on_other_boxes_and_on_one_process(told, processes, arguments):
+    """As if nothing had happened, what layers remember included."""
+    found, _ = told(processes, *arguments)
+    kept = [line for line in found if "kept" in line]
+    assert len(kept) == (1 if arguments else 4)
+    for line in kept:
+        assert line["same"] == {"other boxes": True, "one process": True}, line
+        assert line["answers"] == [42] and len(line["steps"]) == 1, line
+    (line,) = (line for line in found if "unlike" in line)
+    assert len(set(line["unlike"])) == 1 and "the checkpoint belongs to another set-up" in line["unlike"][0]
+
+
 def assert_same_results(one, other):
     ours, theirs = fh.open_results(one), fh.open_results(other)
     assert ours.finished and ours.shape == theirs.shape and len(ours.times) == len(theirs.times)
@@ -155,13 +168,16 @@ def test_the_command_line_runs_a_case_on_all_processes(told, alone, monkeypatch,
     one, other = fh.open_results("together/case.h5"), fh.open_results(alone / "case.h5")
     np.testing.assert_array_equal(one.probe_values, other.probe_values)
     assert {path.name for path in Path("together/case").iterdir()} == {path.name for path in (alone / "case").iterdir()}
+    assert_same_results("goes_on/case.h5", alone / "case.h5")
+    assert not list(Path("goes_on").glob("*.ckpt*"))
+    np.testing.assert_array_equal(fh.open_results("goes_on/case.h5").probe_values, other.probe_values)
     for command, word in {
         "run case.toml --out together": "holds the results of a finished run",
         "run crack.toml": "cracks are not computed on several processes yet",
         "run nowhere.toml": "cannot read the case file",
         "run case.toml --out blocked": "is not overwritten",
         "run case.toml --set run.topology=[3, 5] --force": "do not multiply to the number of processes",
-        "run case.toml --resume": "not for several processes yet",
+        "run case.toml --resume": "no checkpoint case.ckpt",
         "run case.toml --set run.until=static --set run.limit=9.0": "runs to the static state are not for several",
         "check case.toml": "this command computes on one process",
     }.items():

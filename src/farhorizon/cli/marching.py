@@ -82,17 +82,14 @@ def _advance(options: argparse.Namespace, case: Any, sim: Any, until: float, rec
             raise
         if len(came) == 1 or sim.team:  # it ended between two steps
             record.keep()
-        onward = "" if sim.team else f"; go on with: {again(options)}"
-        print(f"\ninterrupted at t = {sim.time:g}{onward}", file=options.errors)
+        print(f"\ninterrupted at t = {sim.time:g}; go on with: {again(options)}", file=options.errors)
         return int(sim.team.largest(128 + came[0] if came else INTERRUPTED))
     except FarhorizonError:
-        if not sim.team:
-            print(f"the last good checkpoint is {record.checkpoint}", file=options.errors)
+        print(f"the last good checkpoint is {record.checkpoint}", file=options.errors)
         raise
     except OSError:
-        if not sim.team:
-            onward = f"when files can be written again go on with: {again(options)}"
-            print(f"the last good checkpoint is {record.checkpoint}; {onward}", file=options.errors)
+        onward = f"when files can be written again go on with: {again(options)}"
+        print(f"the last good checkpoint is {record.checkpoint}; {onward}", file=options.errors)
         raise
     record.keep()
     if _to_rest(options, case):
@@ -118,11 +115,12 @@ def _taken_up(sim: Any, files: RunFiles) -> RunResults:
 def _begun(options: argparse.Namespace, case: Any, sim: Any, files: RunFiles) -> RunResults:
     """Empty results, in place of what was there."""
     from farhorizon.files.results import check_replaceable
+    from farhorizon.simulation.checkpoint_files import remove_checkpoint
     from farhorizon.simulation.output import RunResults
 
     def make_room() -> None:
         check_replaceable(files.result)
-        files.checkpoint.unlink(missing_ok=True)  # it belongs to the results that go
+        remove_checkpoint(files.checkpoint)  # it belongs to the results that go
 
     sim.team.by_first(make_room)
     return RunResults.begin(
@@ -138,7 +136,7 @@ def _begun(options: argparse.Namespace, case: Any, sim: Any, files: RunFiles) ->
 
 
 class _Record:
-    """What a run leaves behind on its way: outputs, and on one process now and then a checkpoint."""
+    """What a run leaves behind on its way: outputs, and now and then a checkpoint."""
 
     def __init__(self, output: RunResults, sim: Any, checkpoint: Path) -> None:
         self._output, self._sim, self.checkpoint = output, sim, checkpoint
@@ -158,10 +156,9 @@ class _Record:
     def keep(self) -> None:
         """Write the checkpoint from which the run may go on."""
         self._output.move_records()
-        if self._sim.team:
-            return
-        writer = self._output.writer
-        counts = {name: getattr(writer, name) for name in ("outputs", "rows", "records", "recorded")}
+        writer = self._output.writer  # of several processes that of the first, which writes what is the same for all
+        names = () if writer is None else ("outputs", "rows", "records", "recorded")
+        counts = {name: getattr(writer, name) for name in names}
         self._sim.save(self.checkpoint, **counts)
         self._kept = time.monotonic()
 
@@ -189,7 +186,8 @@ def _stopping(sim: Any) -> Iterator[list[int]]:
 
 def again(options: argparse.Namespace, until: bool = True) -> str:
     """The command that goes on with a run, with every option that it was given, or all but its end."""
-    words = ["farhorizon", "run", options.case, "--resume"]
+    together = ["mpiexec", "-n", str(options.team.size)] if options.team else []
+    words = [*together, "farhorizon", "run", options.case, "--resume"]
     for name, value, default in (
         ("--out", options.out, "."),
         ("--until", options.until if until else None, None),

@@ -28,12 +28,13 @@ def run_command(options: argparse.Namespace) -> int:
     import numpy as np
 
     from farhorizon.errors import InputError
+    from farhorizon.simulation.checkpoint_files import remove_checkpoint
     from farhorizon.simulation.team import Team
 
     options.team = team = Team(communicator())
     with team.agreed():
         case = case_of(options, together=True)
-        _refuse_kept(options, team, case)
+        _refuse_static(options, team, case)
         until = case.end if options.until is None else options.until  # of a run to its static state the latest
         if not (np.isfinite(until) and until > 0):
             raise InputError("the end of the run must be positive", value=until, key="--until")
@@ -60,20 +61,15 @@ def run_command(options: argparse.Namespace) -> int:
 
             team.by_first(tell)
             output.finish()
-            if not (kept or team):
-                files.checkpoint.unlink()
+            if not kept:
+                team.by_first(lambda: remove_checkpoint(files.checkpoint))
     return code
 
 
-def _refuse_kept(options: argparse.Namespace, team: Team, case: Any) -> None:
+def _refuse_static(options: argparse.Namespace, team: Team, case: Any) -> None:
     """Refuse what several processes do not do yet, before any work."""
-    for key, asked, what in (
-        ("--resume", options.resume, "checkpoints"),
-        ("--keep-checkpoint", options.keep_checkpoint, "checkpoints"),
-        ("run.until", options.until is None and isinstance(case.parts.run.until, str), "runs to the static state"),
-    ):
-        if asked:
-            team.alone(what, key)
+    if options.until is None and isinstance(case.parts.run.until, str):
+        team.alone("runs to the static state", "run.until")
 
 
 def _look(options: argparse.Namespace, files: RunFiles) -> None:

@@ -504,6 +504,12 @@ class Engine:
         inputs = self._no_inputs(steps)
         self.advance(steps, inputs.source_nodes, inputs.source_fields, inputs.source_times)
 
+    def remembered(self) -> Iterator[tuple[str, np.ndarray, tuple[int, ...]]]:
+        """Places of the memory by name, and the axes of the box that their last axes are; see `LayerTables.lines`."""
+        for number, tables in enumerate(self._all_layers if self.remember else ()):
+            for name, places, axes in tables.lines():
+                yield f"memory/{number}/{name}", tables.start + places, axes
+
     @property
     def layer_memory(self) -> list[tuple[int, tuple[int, int], np.ndarray, Signs]]:
         """Places of the memory that is ever used: pass, (axis, side) of a layer, an array by component, number, and

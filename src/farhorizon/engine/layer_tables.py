@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -429,6 +429,21 @@ class LayerTables:
                 ((1, int(np.sign(other[STEP]))), np.array([at + of_all[:, None] * size for at in first]), self.signs[1])
             )
         return found
+
+    def lines(self) -> Iterator[tuple[str, np.ndarray, tuple[int, ...]]]:
+        """Places of the memory of each layer and of each edge by name, by component, number of the application, and
+        nodes along some axes of the box, those of its lines; and these axes.
+        """
+
+        def name(layer: np.ndarray) -> str:
+            return f"{int(layer[AXIS])}{'-+'[int(layer[STEP]) > 0]}"
+
+        kinds: list[tuple[str, tuple[int, ...]]] = [(name(one), (0, 1)) for one in self.bands if one[COLUMNS]]
+        kinds += [(name(one), (1 - int(one[AXIS]), 2)) for one in self.faces]
+        kinds += [(name(self.faces[one[EDGE_FACE]]) + name(self.faces[one[EDGE_OTHER]]), (2,)) for one in self.edges]
+        every = self.cells(np.ones(self.layers.f.shape, bool))
+        for (called, axes), (_, places, _) in zip(kinds, every, strict=True):
+            yield called, places.reshape(*places.shape[:2], *(self.layout.box.nodes[a] for a in axes)), axes
 
     @staticmethod
     def _used(layer: np.ndarray, driven: np.ndarray, most: int | None = None) -> np.ndarray:

@@ -32,6 +32,7 @@ class March:
 
     Attributes
     ----------
+    team : Team
     feed : Feed
     moving : Moving
     flow_balance : FlowBalance or None
@@ -50,7 +51,7 @@ class March:
     """
 
     def __init__(self, setup: Setup, parts: Parts, team: Team = ALONE) -> None:
-        self.setup, self.parts, self._team = setup, parts, team
+        self.setup, self.parts, self.team = setup, parts, team
         near, grid, sides, start = parts.near, parts.grid, parts.around.sides, parts.start
         self.moving = Moving(parts.drives.unsplit, parts.beyond, near.dt)
         self.flow_balance: FlowBalance | None = None
@@ -96,7 +97,7 @@ class March:
         """Energies of the near field by name, see `farhorizon.Simulation.energies`."""
         parts = self.parts
         found = energies(parts.near, parts.around.sides, parts.grid, parts.ends, parts.breaking, self.setup.lasting)
-        return self._team.total(found)
+        return self.team.total(found)
 
     @property
     def slow_crossing(self) -> float:
@@ -107,7 +108,7 @@ class March:
         """Kinetic energy of the near field; None of what diffuses."""
         if self.parts.near.model.order == 1:
             return None
-        return self._team.total({"kinetic": kinetic_energy(self.parts.near, self.parts.grid)})["kinetic"]
+        return self.team.total({"kinetic": kinetic_energy(self.parts.near, self.parts.grid)})["kinetic"]
 
     def driven(self, t: float) -> list[np.ndarray]:
         """What drives it at a time: amplitudes of what splits into space and time, values of what does not; conditions,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Container
+from collections.abc import Container, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,12 @@ def stored(path: str | Path, kind: str, left_out: Container[str]) -> dict[str, A
         A damaged or foreign file.
     """
     arrays, meta = read_checkpoint(path)
+    if "boxes" in meta:
+        raise FileFormatError(
+            "a checkpoint of several processes does not hold what was given for the run",
+            value=str(path),
+            remedy=f"make the same {kind} and load(path)",
+        )
     if "setup" not in meta or meta.get("fingerprint", {}).get("run", "Simulation") != kind:
         raise FileFormatError(
             f"the file holds no {kind}", value=str(path), remedy=f"a checkpoint written by {kind}.save"
@@ -44,15 +50,13 @@ def stored(path: str | Path, kind: str, left_out: Container[str]) -> dict[str, A
     return found
 
 
-def matching(path: str | Path, fingerprint: dict[str, Any]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Arrays and facts of a checkpoint of a set-up with such a fingerprint.
+def check_alike(path: str | Path, meta: Mapping[str, Any], fingerprint: dict[str, Any]) -> None:
+    """Refuse a checkpoint with such facts that is not that of a set-up with such a fingerprint.
 
     Raises
     ------
     FileFormatError
-        A damaged file, or the checkpoint of another set-up.
     """
-    arrays, meta = read_checkpoint(path)
     mine, theirs = json.loads(json.dumps(fingerprint)), meta.get("fingerprint", {})
     different = sorted(k for k in {*mine, *theirs} if mine.get(k) != theirs.get(k))
     if different:
@@ -62,4 +66,3 @@ def matching(path: str | Path, fingerprint: dict[str, Any]) -> tuple[dict[str, n
             limit=f"same {', '.join(different)}",
             remedy="resume with the case that wrote it",
         )
-    return arrays, meta

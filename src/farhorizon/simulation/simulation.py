@@ -15,7 +15,7 @@ from farhorizon.boundaries import ExactEnds, Side
 from farhorizon.checks.certificate import BUDGET, Certificate, certify
 from farhorizon.checks.report import Report
 from farhorizon.errors import InputError
-from farhorizon.files.results import Caution, write_checkpoint
+from farhorizon.files.results import Caution
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.conditions import Constraint
 from farhorizon.inputs.loads import BodyForce, Traction
@@ -24,9 +24,8 @@ from farhorizon.inputs.specimens import Specimen
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.assembly import assemble, shared
-from farhorizon.simulation.checkpoint import fingerprint
+from farhorizon.simulation.checkpoint_files import read_state, write_state
 from farhorizon.simulation.course import MOST_STEPS, say_doubt, tick
-from farhorizon.simulation.described import describe
 from farhorizon.simulation.drives import foreseen, signals
 from farhorizon.simulation.flux import flux_tables, nodal_flux, plane, power_across
 from farhorizon.simulation.guard import likely_cause, refuse_explosion
@@ -35,7 +34,6 @@ from farhorizon.simulation.overstretch import look_at
 from farhorizon.simulation.recorder import Observer
 from farhorizon.simulation.recording import Recording
 from farhorizon.simulation.remaking import remade_setup
-from farhorizon.simulation.resume import matching
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.sent import rows_on_processes
 from farhorizon.simulation.settling import Settling, outlasted, settled_sides
@@ -478,20 +476,15 @@ class Simulation(Run):
 
     def save(self, path: str | Path, **extra: Any) -> None:
         """Write the complete state, boundary memory included, under a temporary name and rename it."""
-        self.team.alone("checkpoints")
-        arrays, meta = self._march.state(self.step_count)
-        arrays |= self._recording.state()
-        ours = fingerprint(self.setup, self.parts, self._march.first_cuts)
-        meta |= {"fingerprint": ours, "cautions": self.cautions, "peak": self.peak, "extra": extra}
-        meta["setup"] = describe(self.given, arrays)
-        write_checkpoint(path, arrays, meta)
+        kept = {"cautions": self.cautions, "peak": self.peak, "extra": extra}
+        path = kinds.path(path, "path")
+        write_state(path, self._march, self.step_count, self._recording.state(), kept, self.given)
 
     def load(self, path: str | Path) -> dict[str, Any]:
-        self.team.alone("checkpoints")
         self._settling.adopt(self, path)
-        arrays, meta = matching(path, fingerprint(self.setup, self.parts, self._march.first_cuts))
+        step, arrays, meta = read_state(kinds.path(path, "path"), self._march)
         self.step_count = 0
-        tick(self, self._march.take(arrays, meta))
+        tick(self, step)
         self._recording.take(arrays, self.step_count)
         self.cautions = [Caution(*entry) for entry in meta["cautions"]]
         self.peak = float(meta.get("peak", 0.0))

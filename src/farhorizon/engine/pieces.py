@@ -1,0 +1,93 @@
+"""The state of an engine by the nodes of its box: values of levels, and what layers remember beside each line.
+
+Nothing of it depends on how memory is laid out, so that the state of a box is put together from those of other boxes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from farhorizon.engine.engine import Engine
+
+Box = Sequence[tuple[int, int]]  # along the three axes the first node and the last + 1
+
+
+class Piece(NamedTuple):
+    """Some values of a state.
+
+    Attributes
+    ----------
+    held : ndarray
+        The level or the memory that they stand in.
+    places : ndarray of int
+        Of each in it; the last axes are some of the box's.
+    axes : tuple of int
+        Which.
+    """
+
+    held: np.ndarray
+    places: np.ndarray
+    axes: tuple[int, ...]
+
+
+def pieces_of(engine: Engine) -> dict[str, Piece]:
+    """All of a state by name: that of a level, or of a pass and a layer."""
+    every = np.stack([engine.layout.box.node_indices() + c * engine.layout.size for c in range(engine.components)])
+    found = {f"level/{k}": Piece(level, every, (0, 1, 2)) for k, level in enumerate(engine.levels)}
+    for name, places, axes in engine.remembered():
+        found[name] = Piece(engine.memory, places, axes)
+    return found
+
+
+def common(one: Box, other: Box, axes: Sequence[int]) -> tuple[tuple[slice, ...], tuple[slice, ...]] | None:
+    """What two boxes have in common along some axes, counted in each of them; None for nothing."""
+    pairs = [(max(one[a][0], other[a][0]), min(one[a][1], other[a][1]), a) for a in axes]
+    if any(first >= last for first, last, _ in pairs):
+        return None
+    here, there = (tuple(slice(f - box[a][0], e - box[a][0]) for f, e, a in pairs) for box in (one, other))
+    return here, there
+
+
+class Assembly:
+    """Puts the state of an engine together from those of boxes that cover its own.
+
+    Parameters
+    ----------
+    engine : Engine
+    box : Box
+        Where its own lies.
+    """
+
+    def __init__(self, engine: Engine, box: Box) -> None:
+        self._pieces, self._box = pieces_of(engine), box
+        self._values = {name: piece.held[piece.places] for name, piece in self._pieces.items()}
+        self._lacks = {
+            name: np.ones(piece.places.shape[-len(piece.axes) :], bool) for name, piece in self._pieces.items()
+        }
+
+    def add(self, box: Box, arrays: Mapping[str, np.ndarray]) -> bool:
+        """Take what a box has of it; returns whether its layers are like these."""
+        for name, piece in self._pieces.items():
+            shared = common(self._box, box, piece.axes)
+            if name not in arrays or shared is None:
+                continue
+            (here, there), values = shared, arrays[name]
+            front = values.ndim - len(piece.axes)
+            if values.shape[:front] != piece.places.shape[: -len(piece.axes)]:
+                return False
+            to: tuple[Any, ...] = (..., *here)
+            of: tuple[Any, ...] = (..., *there)
+            self._values[name][to] = values[of]
+            self._lacks[name][here] = False
+        return True
+
+    def put(self) -> bool:
+        """Give it to the engine, if nothing lacks; returns whether."""
+        if any(one.any() for one in self._lacks.values()):
+            return False
+        for name, piece in self._pieces.items():
+            piece.held[piece.places] = self._values[name]
+        return True
