@@ -228,6 +228,9 @@ def commands():
         ["run", "case.toml", "--resume"],
         ["run", "case.toml", "--until", "0.5", "--force", "--out", "goes_on", "--no-report"],
         ["run", "case.toml", "--resume", "--out", "goes_on", "--no-report"],
+        ["run", "case.toml", "--until", "0.5", "--out", "cut", "--no-report"],
+        ["run", "case.toml", "--resume", "--out", "cut", "--set", f"run.topology=[1, {WORLD.size}]", "--no-report"],
+        ["run", "case.toml", "--until", "0.5", "--out", "one", "--no-report"],
         ["run", "case.toml", "--set", "run.until=static", "--set", "run.limit=9.0"],
         ["check", "case.toml"],
     ):
@@ -241,7 +244,7 @@ def commands():
             yield {"command": " ".join(words), "told": every}
 
 
-PLACES = ("together", "blocked", "goes_on")
+PLACES = ("together", "blocked", "goes_on", "cut", "one")
 
 
 def refused():

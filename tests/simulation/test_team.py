@@ -168,9 +168,12 @@ def test_the_command_line_runs_a_case_on_all_processes(told, alone, monkeypatch,
     one, other = fh.open_results("together/case.h5"), fh.open_results(alone / "case.h5")
     np.testing.assert_array_equal(one.probe_values, other.probe_values)
     assert {path.name for path in Path("together/case").iterdir()} == {path.name for path in (alone / "case").iterdir()}
-    assert_same_results("goes_on/case.h5", alone / "case.h5")
-    assert not list(Path("goes_on").glob("*.ckpt*"))
-    np.testing.assert_array_equal(fh.open_results("goes_on/case.h5").probe_values, other.probe_values)
+    assert main(["run", "case.toml", "--resume", "--out", "one", "--quiet", "--no-report"]) == 0
+    for place in ("goes_on", "cut", "one"):  # on the same boxes, on others, on one process
+        assert_same_results(f"{place}/case.h5", alone / "case.h5")
+        assert not [path.name for path in Path(place).iterdir() if "ckpt" in path.name or path.name.startswith(".")]
+        np.testing.assert_array_equal(fh.open_results(f"{place}/case.h5").probe_values, other.probe_values)
+    assert not Path("one/case.h5.parts").exists() and len(fh.open_results("cut/case.h5").boxes) == processes
     for command, word in {
         "run case.toml --out together": "holds the results of a finished run",
         "run crack.toml": "cracks are not computed on several processes yet",

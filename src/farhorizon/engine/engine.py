@@ -506,7 +506,7 @@ class Engine:
 
     def remembered(self) -> Iterator[tuple[str, np.ndarray, tuple[int, ...]]]:
         """Places of the memory by name, and the axes of the box that their last axes are; see `LayerTables.lines`."""
-        for number, tables in enumerate(self._all_layers if self.remember else ()):
+        for number, tables in enumerate(self.all_layers if self.remember else ()):
             for name, places, axes in tables.lines():
                 yield f"memory/{number}/{name}", tables.start + places, axes
 

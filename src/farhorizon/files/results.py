@@ -23,6 +23,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -358,10 +359,21 @@ def _make_room(path: Path, parts: int) -> None:
         folder_of(path).rmdir()
 
 
+def _copy_attributes(source: Any, target: Any) -> None:
+    for name, value in source.attrs.items():
+        target.attrs.create(name, value, dtype=source.attrs.get_id(name).dtype)
+
+
+def _copied_group(source: Any, file: Any) -> Any:
+    """An empty group with the name and the attributes of one of another file."""
+    made = file.create_group(source.name)
+    _copy_attributes(source, made)
+    return made
+
+
 def _copy_all_but(source: Any, target: Any, left_out: set[str]) -> None:
     """Copy what is in a group, with all that HDF5 notes of it, but for some places."""
-    for name in source.attrs:
-        target.attrs.create(name, source.attrs[name], dtype=source.attrs.get_id(name).dtype)
+    _copy_attributes(source, target)
     for name, item in source.items():
         if item.name in left_out:
             continue
@@ -960,6 +972,11 @@ class Results:
             f"Results({str(self.path)!r}: {len(self.times)} outputs of {', '.join(self.field_names)} on {self.shape})"
         )
 
+    @property
+    def boxes(self) -> list[list[tuple[int, int]]]:
+        """The boxes of the parts: along each axis the first node and the last + 1; empty where the file has none."""
+        return [[(int(first), int(last)) for first, last in box] for box in self._boxes]
+
     def _output_rows(self, name: str) -> np.ndarray:
         with _opened(self.path, "r", "results file") as file:
             return _read(file, self.path, name, slice(_counts(file, self.path).outputs))
@@ -1069,19 +1086,28 @@ class Results:
                 raise InputError(f"{self.path} has no output {index}", value=index, limit=f"{outputs} outputs")
         return self._values(name, slice(index % outputs, index % outputs + 1))[0]
 
-    def _values(self, name: str, rows: slice) -> np.ndarray:
-        """Outputs of a field, (outputs[, components], nx[, ny[, nz]]), from all parts where there are any."""
+    def _values(self, name: str, rows: slice, within: Box | None = None) -> np.ndarray:
+        """Outputs of a field, in a box if one is given, (outputs[, components], nx[, ny[, nz]]), from the parts where
+        there are any.
+        """
+        asked = np.array([(0, n) for n in self.shape] if within is None else within)
         if not len(self._boxes):
             with _opened(self.path, "r", "results file") as file:
-                return self._lattice_first(name, _read(file, self.path, f"VTKHDF/PointData/{name}", rows))
-        whole = np.zeros(0)
+                values = self._lattice_first(name, _read(file, self.path, f"VTKHDF/PointData/{name}", rows))
+            inside: tuple[Any, ...] = (..., *(slice(first, last) for first, last in asked))
+            return values[inside]
+        whole, size = np.zeros(0), asked[:, 1] - asked[:, 0]
         for number, box in enumerate(self._boxes):
+            first, last = np.maximum(box[:, 0], asked[:, 0]), np.minimum(box[:, 1], asked[:, 1])
+            if (first >= last).any():
+                continue
             values = self._part(number, box)._values(name, rows)
-            if not number:
-                whole = np.zeros((*values.shape[: -self.dim], *self.shape), values.dtype)
+            if not whole.size:
+                whole = np.zeros((*values.shape[: -self.dim], *size), values.dtype)
             self._check_rows(number, len(values), len(whole))
-            place: tuple[Any, ...] = (..., *(slice(first, last) for first, last in box))
-            whole[place] = values
+            to: tuple[Any, ...] = (..., *map(slice, first - asked[:, 0], last - asked[:, 0]))
+            of: tuple[Any, ...] = (..., *map(slice, first - box[:, 0], last - box[:, 0]))
+            whole[to] = values[of]
         return whole
 
     def _part(self, number: int, box: np.ndarray) -> Results:
@@ -1157,13 +1183,50 @@ class Results:
         with _opened(self.path, "r", "results file") as file, created(path) as draft, _hdf5(draft, "w") as made:
             counts = _counts(file, self.path)
             _copy_all_but(file, made, {"/VTKHDF/PointData", "/farhorizon/parts"})
-            source, data = file["VTKHDF/PointData"], made.create_group("VTKHDF/PointData")
-            for name, value in source.attrs.items():
-                data.attrs.create(name, value, dtype=source.attrs.get_id(name).dtype)
+            source, data = file["VTKHDF/PointData"], _copied_group(file["VTKHDF/PointData"], made)
             for name in self.field_names:
                 self._copy_field(source[name], data, counts.outputs)
         _make_room(path, 0)
         return path
+
+    def cut(self, path: Path, box: Box, outputs: int) -> None:
+        """Write a part of the first outputs: a results file of a box, of their fields alone.
+
+        Raises
+        ------
+        FileFormatError
+            A part is missing or damaged.
+        """
+        dtype = self._part(0, self._boxes[0]).field(self.field_names[0], 0).dtype if outputs else np.dtype(float)
+        writer = ResultsWriter.create(
+            path,
+            shape=[last - first for first, last in box],
+            spacing=self.spacing,
+            lower=[low + self.spacing * first for low, (first, _) in zip(self.lower, box, strict=True)],
+            fields=self.field_names,
+            dtype=dtype,
+            components=self.components,
+            program=self.program,
+        )
+        for index, (step, time) in enumerate(zip(self.steps[:outputs], self.times[:outputs], strict=True)):
+            rows = slice(index, index + 1)
+            writer.append(int(step), float(time), {n: self._values(n, rows, box)[0] for n in self.field_names})
+
+    def take_parts(self, boxes: Sequence[Box], folder: Path) -> None:
+        """Put parts of other boxes, which `cut` has written into a folder, in the place of those that there are.
+
+        What is stopped in the middle of it leaves either parts in their folders.
+        """
+        with _opened(self.path, "r", "results file") as file, created(self.path) as draft, _hdf5(draft, "w") as made:
+            _copy_all_but(file, made, {"/VTKHDF/PointData", "/farhorizon/parts"})
+            source, data = file["VTKHDF/PointData"], _copied_group(file["VTKHDF/PointData"], made)
+            for name in self.field_names:
+                data.create_dataset(name, (0, *source[name].shape[1:]), source[name].dtype)
+            _put_fixed(made["farhorizon"], "parts", np.array(boxes, np.int64))
+        old = folder.with_name(f"{folder.name}.old")
+        folder_of(self.path).rename(old)
+        folder.rename(folder_of(self.path))
+        shutil.rmtree(old)
 
     def _copy_field(self, source: Any, data: Any, outputs: int) -> None:
         """Copy the outputs of a field into a group, chunk by chunk."""

@@ -5,6 +5,8 @@ Several processes write a file in parts, each its own; the first one writes the 
 
 from __future__ import annotations
 
+import os
+import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,9 +14,9 @@ from typing import Any
 
 from farhorizon import __version__, kinds
 from farhorizon.errors import InputError
-from farhorizon.files.parts import part_path
+from farhorizon.files.parts import folder_of, part_path
 from farhorizon.files.provenance import computed_with
-from farhorizon.files.results import ResultsWriter
+from farhorizon.files.results import ResultsWriter, open_results
 from farhorizon.simulation.outlines import outlines_of
 from farhorizon.simulation.recorder import Recorder
 
@@ -94,7 +96,7 @@ class RunResults:
             "components": {name: len(values) if values.ndim > lattice.dim else 1 for name, values in held.items()},
         }
         accounts = list(run.balance()) if run.given.get("balance") else []
-        boxes = team.gather([(first, first + n) for first, n in zip(lattice.first, lattice.shape, strict=True)])
+        boxes = team.gather(_box_of(run))
         writer = team.by_first(
             lambda: ResultsWriter.create(
                 path,
@@ -124,7 +126,7 @@ class RunResults:
 
     @classmethod
     def resume(cls, run: Any, path: Path, outputs: int, *kept: Any) -> RunResults:
-        """A file that goes on after so many outputs.
+        """A file that goes on after so many outputs; one whose parts are of other boxes is cut anew.
 
         Parameters
         ----------
@@ -135,6 +137,7 @@ class RunResults:
             What else is kept, as of `ResultsWriter.resume`.
         """
         team, part = run.team, None
+        _cut_anew(run, path, outputs)
         writer = team.by_first(lambda: ResultsWriter.resume(path, outputs, *kept))
         with team.agreed():
             if team:
@@ -230,6 +233,30 @@ def written(run: Any, output: Any) -> Iterator[RunResults | None]:
     made.copy_records()
     made.conclude()
     made.finish()
+
+
+def _box_of(run: Any) -> list[tuple[int, int]]:
+    """The nodes of this process along each axis: the first one and the last + 1."""
+    return [(first, first + n) for first, n in zip(run.lattice.first, run.lattice.shape, strict=True)]
+
+
+def _cut_anew(run: Any, path: Path, outputs: int) -> None:
+    """Let the parts of a results file be those of the processes that go on with it."""
+    team, own = run.team, _box_of(run)
+    with team.agreed():
+        held = open_results(path)
+    boxes = team.gather(own) if team else []
+    if held.boxes == boxes:
+        return
+    if not team:
+        os.replace(held.merge(path.with_name(f".{path.name}.cut")), path)
+        shutil.rmtree(folder_of(path))
+        return
+    folder = path.with_name(f".{path.name}.cut")
+    team.by_first(lambda: folder.mkdir(exist_ok=True))
+    with team.agreed():
+        held.cut(folder / part_path(path, team.number).name, own, outputs)
+    team.by_first(lambda: held.take_parts(boxes, folder))
 
 
 def _check_seen(path: Path) -> None:
