@@ -54,17 +54,15 @@ def double_couple(names: Names) -> Figure:
     middle = sim.lattice.shape[2] // 2
     x, y, u, v = (part[:, :, middle] for part in (*sim.lattice.coordinates()[:2], *earlier.fields["v"][:2]))
     x_out, y_out = x - names["AT"][0], y - names["AT"][1]
-    ways = {"P: radial": u * x_out + v * y_out, "S: along circles": v * x_out - u * y_out}
+    ways = {"P waves: radial velocity": u * x_out + v * y_out, "S waves: velocity along circles": v * x_out - u * y_out}
     ring = np.append(names["ANGLES"], names["ANGLES"][:1])
     figure = Figure(figsize=(9.0, 8.0), layout="constrained")
     for number, (title, field) in enumerate(ways.items()):
         panel = figure.add_subplot(2, 2, number + 1)
         largest = np.abs(field[np.hypot(x_out, y_out) > 1.5]).max()
-        panel.pcolormesh(x, y, field, cmap="RdBu_r", vmin=-largest, vmax=largest, shading="nearest")
+        panel.pcolormesh(x, y, field, cmap="RdBu_r", vmin=-largest, vmax=largest, shading="gouraud", rasterized=True)
         panel.plot(*(names["AT"][:2, None] + names["RADIUS"] * np.array([np.cos(ring), np.sin(ring)])), "k:", lw=0.8)
-        panel.set(
-            aspect="equal", title=f"{title} velocity times distance, t = {earlier.time:.0f}", xlabel="x", ylabel="y"
-        )
+        panel.set(aspect="equal", title=f"{title}\ntimes distance, t = {earlier.time:.0f}", xlabel="x", ylabel="y")
         panel = figure.add_subplot(2, 2, number + 3, projection="polar")
         ours, known = (np.abs(names["lobes"](one)[number]) for one in (circle.data["u"], names["exact"](circle.times)))
         panel.plot(ring, np.append(known, known[:1]), "k-", lw=0.8, label="Aki and Richards")
@@ -79,19 +77,25 @@ def shot_record(names: Names) -> Figure:
     """The ground with gun and streamer, and the record, louder the later."""
     sim, streamer = names["shot"]()
     x, y = sim.lattice.coordinates()
-    figure = Figure(figsize=(9.0, 4.8), layout="constrained")
-    model, record = figure.subplots(1, 2)
-    drawn = model.pcolormesh(x, y, names["ground"](sim.lattice), cmap="viridis", shading="nearest")
-    model.plot(*streamer.points.T, "C1-", lw=2, label="streamer")
-    model.plot(*names["GUN"], "r*", label="air gun")
-    model.set(aspect="equal", xlabel="m", ylabel="m", title="speed of sound in m/s")
+    figure = Figure(figsize=(10.0, 4.8), layout="constrained")
+    model, record = figure.subplots(1, 2, width_ratios=(1.3, 1))
+    drawn = model.pcolormesh(x, -y, names["ground"](sim.lattice), cmap="viridis", shading="nearest", rasterized=True)
+    (away, level), (gun, depth) = streamer.points.T, names["GUN"]
+    model.plot(away, -level, "C1-", lw=3, label="streamer", clip_on=False)
+    model.plot(gun, -depth, "r*", ms=10, label="air gun", clip_on=False)
+    model.set(xlabel="x in m", ylabel="depth in m", ylim=(-y.min(), 0), title="speed of sound in m/s")
     model.legend(loc="lower left", fontsize="small")
-    figure.colorbar(drawn, ax=model, shrink=0.6)
+    figure.colorbar(drawn, ax=model, location="bottom", shrink=0.8)
     louder = streamer.data["u"] * streamer.times[:, None] ** 2
-    largest = np.abs(louder).max() / 4
+    largest = np.quantile(np.abs(louder), 0.99)
     record.pcolormesh(
         names["OFFSETS"], streamer.times, louder, cmap="gray", vmin=-largest, vmax=largest, shading="nearest"
     )
+    # the peak of the pulse by the straight way and by that to the sea floor and back
+    for depth, label in ((0.0, "direct wave"), (names["FLOOR"] - names["DEPTH"], "sea floor")):
+        arrives = names["PULSE"].delay + np.hypot(names["OFFSETS"], 2 * depth) / names["WATER"]
+        record.plot(names["OFFSETS"], arrives, "--", color="C3" if depth else "C0", lw=0.8, label=label)
+    record.legend(loc="upper right", fontsize="small", title="by rays", title_fontsize="small")
     record.set(xlabel="offset in m", ylabel="time in s", ylim=(names["UNTIL"], 0), title="shot record, times t squared")
     return figure
 
@@ -107,13 +111,14 @@ def side_drilled_hole(names: Names) -> Figure:
     speed = np.hypot(*earlier.fields["v"])
     waves.pcolormesh(x, y, speed, cmap="inferno", vmax=np.nanmax(speed) / 2, shading="nearest")
     waves.plot(*(names["ARRAY"].centres.T / mm), "s", color="C0", ms=4, clip_on=False)
-    waves.set(aspect="equal", xlabel="mm", ylabel="mm", title=f"speed of the steel at {earlier.time / us:.1f} us")
+    waves.set(aspect="equal", xlabel="x in mm", ylabel="y in mm")
+    waves.set_title(f"speed of the steel at {earlier.time / us:.1f} µs")
     late = probe.times > 5 * us
     normal = probe.data["v"][late, :, 1]
     largest = np.abs(normal).max() / 2
     ticks = np.arange(1, normal.shape[1] + 1)
     section.pcolormesh(ticks, probe.times[late] / us, normal, cmap="gray", vmin=-largest, vmax=largest)
-    section.set(xlabel="element", ylabel="us", ylim=(11, 5), title="received")
+    section.set(xlabel="element", ylabel="time in µs", ylim=(11, 5), title="B-scan: normal velocity")
     total = names["a_scan"](probe)[late]
     scan.plot(total / np.abs(total).max(), probe.times[late] / us, lw=0.8)
     scan.axhline(
