@@ -45,7 +45,7 @@ def test_the_sum_of_its_elements():
 
 def test_its_elements_have_signals():
     """With the spectrum of the delayed signal; functions of t are zero before their delay."""
-    for time in (BURST, lambda t: np.cos(t)):
+    for time in (BURST, lambda t: np.sin(t)):
         array = fh.PhasedArray((0.0, 0.0), (4.0, 0.0), 3, 1.0, time, speed=0.5, angle=30.0)
         sources = array.placed(fh.Lattice(0.5, (-6.0, -6.0), (10.0, 6.0)), 1, "source")
         for source, delay in zip(sources, array.delays, strict=True):
@@ -86,6 +86,7 @@ def test_it_focuses():
         ({"elements": 1}, r"source\.elements: .*limit: 2 to"),
         ({"last": (0.0, 0.0)}, r"source\.first: the first and the last element differ"),
         ({"focus": (0.0, 0.0, 1.0), "speed": 1.0}, "one coordinate an axis"),
+        ({"time": "cos(t)", "angle": 10.0, "speed": 1.0}, r"source\.time: .* begin at rest.*value: 1 at t = 0.*remedy"),
         ({"strength": [[1.0]]}, r"source\.strength: must be a number"),
     ],
 )

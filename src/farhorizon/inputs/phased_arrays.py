@@ -13,7 +13,7 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.interpolation import as_points
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.local_sources import LocalSource, amount_of, directed, patch, place_of, settle_source, spread
-from farhorizon.inputs.signals import Delayed, Signal
+from farhorizon.inputs.signals import SMALL, Delayed, Signal
 from farhorizon.inputs.sources import Source, steady
 
 
@@ -51,7 +51,8 @@ class PhasedArray(LocalSource):
     Raises
     ------
     InputError
-        As `PointSource`; a focus and an angle together, either without a speed, elements that overlap.
+        As `PointSource`; a focus and an angle together, either without a speed, elements that overlap; with delays a
+        signal that does not begin at rest.
 
     Examples
     --------
@@ -95,6 +96,15 @@ class PhasedArray(LocalSource):
                 kinds.settle(self, **{name: kinds.number(value, f"source.{name}", **range_)})  # type: ignore[arg-type]
         if self.width is not None and self.width > pitch * (1 + 1e-9):
             raise InputError("the elements overlap", value=self.width, limit=f"{pitch:.6g}", key="source.width")
+        begins = 0.0 if self.time is None else abs(float(kinds.array(self.time(0.0), "source.time", shape=())))
+        if self.speed is not None and begins > SMALL:
+            raise InputError(
+                "the signal of an array's elements does not begin at rest: each would begin with a jump",
+                value=f"{begins:.3g} at t = 0",
+                limit=f"{SMALL:g}",
+                key="source.time",
+                remedy="a ToneBurst or another signal, or an expression that is 0 at t = 0",
+            )
         if self.focus is not None and self.angle is not None:
             raise InputError("either a focus or an angle", value=self.angle, key="source.angle", remedy="leave one out")
         if (self.focus is not None or self.angle is not None) and self.speed is None:
