@@ -121,8 +121,8 @@ def positions(points: np.ndarray) -> tuple[str, np.ndarray]:
 
 
 def _wiggles(axes: Any, places: np.ndarray, times: np.ndarray, values: np.ndarray, name: str) -> None:
-    """Traces beside their receivers, all on one scale: the largest is as wide as two receivers are apart."""
-    some = np.unique(np.linspace(0, len(places) - 1, min(len(places), _MOST_WIGGLES)).round().astype(int))
+    """Traces beside their receivers, all or every n-th, on one scale: the largest is as wide as two are apart."""
+    some = np.arange(0, len(places), -(-len(places) // _MOST_WIGGLES))
     gap = np.abs(np.diff(places[some])).min() if len(some) > 1 else 1.0
     largest = float(np.abs(values[np.isfinite(values)]).max(initial=0.0)) or 1.0
     for number in some:
