@@ -7,7 +7,7 @@ import farhorizon as fh
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.shapes import Shape
 
-#: What is no part of a set-up, or is kept in other ways: runs, models and sides (which know themselves), errors.
+#: What is no part of a set-up, or is kept in other ways: runs, models and sides (which know themselves), constants, errors.
 APART = (
     fh.LatticeModel,
     fh.Side,
@@ -23,6 +23,7 @@ APART = (
     fh.StressIntensity,
     fh.CrackTips,
     fh.WholeSteps,
+    fh.materials,
 )
 
 
