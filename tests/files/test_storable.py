@@ -7,7 +7,8 @@ import farhorizon as fh
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.shapes import Shape
 
-#: What is no part of a set-up, or is kept in other ways: runs, models and sides (which know themselves), constants, errors.
+#: What is no part of a set-up, or is kept in other ways: runs, models and sides (which know themselves), constants,
+#: errors.
 APART = (
     fh.LatticeModel,
     fh.Side,
