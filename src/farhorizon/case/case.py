@@ -523,8 +523,9 @@ class Case:
         cut: Any = part.points
         try:
             if part.points is None:
-                given_as, cls = (part.disc, fh.DiscCut) if part.rectangle is None else (part.rectangle, fh.Rectangle)
-                cut = cls(**given_as)  # type: ignore[arg-type]
+                given_as: Any = given[0]
+                cls: Any = fh.DiscCut if part.rectangle is None else fh.Rectangle
+                cut = cls(**given_as)
         except TypeError:
             raise InputError(
                 "a rectangle needs corner, edge1 and edge2; a disc needs centre, normal and radius", key="crack"

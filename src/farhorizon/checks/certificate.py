@@ -9,6 +9,7 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -597,7 +598,7 @@ def _examinations(sim: Examined) -> Iterator[tuple[str, Callable[[float], tuple[
     layered = [axis for axis in range(sim.lattice.dim) if any(sim.sides[axis, s].stretched for s in (-1, 1))]
     for axis in layered:
         if not any(_same_sides(sim, axis, other) for other in layered[: layered.index(axis)]):
-            yield f"sides {AXES[axis]}", lambda left, axis=axis: _side_part(sim, axis, left)  # type: ignore[misc]
+            yield f"sides {AXES[axis]}", partial(_side_part, sim, axis)
     others = [b for (axis, _), b in sim.sides.items() if axis not in layered[:1]]
     if layered and all(b.periodic for b in others) and not sim.conditions.nodes.size:
         return

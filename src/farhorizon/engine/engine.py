@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -164,21 +164,21 @@ class Engine:
         Of both only the rows of steps that are multiples of it are filled.
     """
 
-    def __init__(  # type: ignore[no-untyped-def]
+    def __init__(
         self,
-        core,
-        offsets,
-        weights,
-        stages,
-        dt,
+        core: tuple[int, int, int],
+        offsets: np.ndarray,
+        weights: np.ndarray,
+        stages: Any,
+        dt: float,
         *,
         layers: Mapping[tuple[int, int], Layer],
-        periodic=frozenset(),
-        real="float64",
-        threads=1,
-        coefficient=None,
-        rule="both",
-        reaction=0.0,
+        periodic: Set[int] = frozenset(),
+        real: str = "float64",
+        threads: int = 1,
+        coefficient: np.ndarray | None = None,
+        rule: str = "both",
+        reaction: float = 0.0,
         sums: StateSums | None = None,
     ) -> None:
         self.dtype = np.dtype(real)
@@ -187,7 +187,7 @@ class Engine:
         self.components = 1 if self.weights.ndim == 1 else self.weights.shape[1]
         self.layers = dict(layers)
         columns = {name: layer.columns for name, layer in self.layers.items()}
-        self.layout = Layout(tuple(core), self.offsets, columns, frozenset(periodic), self.components)
+        self.layout = Layout(core, self.offsets, columns, frozenset(periodic), self.components)
         self.core = self.layout.near
         self.remember = any(np.any(layer.sigma) for layer in self.layers.values())
         recursion = {name: layer.recursion(dt) for name, layer in self.layers.items()}
@@ -250,10 +250,10 @@ class Engine:
         """
         layout, padded = self.layout, np.asarray(core, float)
         for axis, m in enumerate(layout.reach):
-            mode = "wrap" if axis in layout.periodic else "edge"
+            mode: Literal["wrap", "edge"] = "wrap" if axis in layout.periodic else "edge"
             widths = layout.low[axis] + m, layout.high[axis] + m
             margins = [widths if a == axis else (0, 0) for a in range(3)]
-            padded = np.pad(padded, margins, mode=mode)  # type: ignore[call-overload]
+            padded = np.pad(padded, margins, mode=mode)
             for side, width in zip((-1, 1), widths, strict=True):
                 if beyond is not None and (axis, side) in beyond:
                     strip = slice(0, width) if side < 0 else slice(padded.shape[axis] - width, None)

@@ -6,7 +6,6 @@ types of the tables that it reads when a run first has it.
 
 from __future__ import annotations
 
-import itertools
 import threading
 from collections.abc import Callable
 from types import ModuleType
@@ -53,7 +52,7 @@ _COMPILING = threading.RLock()  # simulations may be run side by side
 
 
 @njit(nogil=True, cache=True, counted=False, entry=True)
-def run(thread, steps, phase, calls, tables, inputs):  # type: ignore[no-untyped-def]
+def run(thread: int, steps: int, phase: int, calls: np.ndarray, tables: int, inputs: int) -> None:
     """One thread's share of `steps` steps from the rotation `phase`.
 
     After them the level ``tables.rotation[(phase + steps) % rotations, 0, 0]`` holds the state.
@@ -127,19 +126,25 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
     def address(function: Function, stage: Struct, one: Struct) -> int:
         return _address(function, (ALONE.type, stage.type, one.type, tables.type, inputs.type, size, size))
 
-    kept, rows = list(sums.values()), []
+    stages = [
+        [_stages([levels[i] for i in places], table, part, (phase + part) % 2 == 1) for part, places in enumerate(turn)]
+        for phase, turn in enumerate(table.rotation)
+    ]
     with _COMPILING, importing(program.__name__):
-        for phase, rotation in enumerate(table.rotation):
-            rows.append(row := list[tuple[int, ...]]())
-            for part, operations in enumerate(lists):
-                stages = _stages([levels[i] for i in rotation[part]], table, part, (phase + part) % 2 == 1)
-                kept.extend(stages)
-                for which, one in sums.items() if not row else ():
-                    one.table.each[:] = [address(function, stages[which], one) for function in parts[which]]
-                    _set_called(program, stages[which], one)
-                for function, stage, which, number in itertools.chain(*(_does(table, *one) for one in operations)):
-                    given = stages[stage], sums[which]
-                    row.append((address(function, *given), *(one.address for one in given), number))
+        for which, one in sums.items():
+            first = stages[0][0][which]
+            one.table.each[:] = [address(function, first, one) for function in parts[which]]
+            _set_called(program, first, one)
+        does = [[one for operation in operations for one in _does(table, *operation)] for operations in lists]
+        rows = [
+            [
+                (address(function, stage[kind], sums[which]), stage[kind].address, sums[which].address, number)
+                for stage, found in zip(turn, does, strict=True)
+                for function, kind, which, number in found
+            ]
+            for turn in stages
+        ]
+    kept = [*sums.values(), *(one for turn in stages for stage in turn for one in stage)]
     return kept, np.array(rows, np.int64).reshape(len(rows), -1, 4)
 
 

@@ -137,11 +137,11 @@ def _limits(values: Sequence[np.ndarray], cut: bool) -> tuple[float, float]:
     return (low, high) if 0 < 0.5 * high < low < high else (0.0, top)
 
 
-def _pixels(title: str, values: np.ndarray, axes: Sequence[np.ndarray], **look: object) -> np.ndarray:
+def _pixels(title: str, values: np.ndarray, axes: Sequence[np.ndarray], **look: Any) -> np.ndarray:
     """One frame, shape (height, width, 3), both even, as films want it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    figure = field_panels([(title, values)], axes, None, **look)  # type: ignore[arg-type]
+    figure = field_panels([(title, values)], axes, None, **look)
     figure.set_dpi(_DPI)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()

@@ -108,8 +108,8 @@ class Frames:
         """The film, which is written if it has a path."""
         axes = [axis if number < 2 else axis[[axis.size // 2]] for number, axis in enumerate(self._axes)]
         colors = DAMAGE if self._name == "damage" else None
-        look = {"label": self._label, "limits": self._limits, "colors": colors, "cracks": self._cracks}
-        made = made_film(self._frames, axes, self._kind, **look)  # type: ignore[arg-type]
+        look: dict[str, Any] = {"label": self._label, "limits": self._limits, "colors": colors, "cracks": self._cracks}
+        made = made_film(self._frames, axes, self._kind, **look)
         if self._path is not None:
             made.save(self._path)
         return made

@@ -183,7 +183,7 @@ def make_grid(
     """
     lattice, model, stencil, sides = near.lattice, near.model, near.stencil, around.sides
     lead = 3 - lattice.dim
-    core = (1,) * lead + tuple(n + margins[a, -1] + margins[a, 1] for a, n in enumerate(lattice.shape))
+    x, y, z = (1,) * lead + tuple(n + margins[a, -1] + margins[a, 1] for a, n in enumerate(lattice.shape))
     scale = model.coefficient / lattice.spacing**2
     bonds = (stencil.offsets, stencil.weights) if states is None else (states.offsets, states.bonds)
     offsets = np.zeros((len(bonds[0]), 3), int)
@@ -205,7 +205,7 @@ def make_grid(
         for one in moduli:
             check_material(near, around, margins, one)
     engine = Engine(
-        core,
+        (x, y, z),
         offsets,
         bonds[1] * scale,
         stages,

@@ -24,10 +24,12 @@ def call_of(kinds: Sequence[Any]) -> tuple[Any, Callable[..., Any]]:
     return types.void(types.int64, *kinds), codegen
 
 
-@intrinsic
-def call_operation(typingctx, function, thread, stage, sums, tables, inputs, step, number):
+def _call_operation(typingctx, function, thread, stage, sums, tables, inputs, step, number):
     """Call an operation of `engine.program`, with structs or their addresses."""
     return call_of((thread, stage, sums, tables, inputs, types.int64, types.int64))
+
+
+call_operation: Any = intrinsic(_call_operation)  # compiled code leaves the first argument out
 
 
 @intrinsic
