@@ -10,7 +10,7 @@ import numpy as np
 from farhorizon.case.case import Case
 from farhorizon.pictures.fields import field_panels
 from farhorizon.pictures.style import counted_in
-from farhorizon.simulation.near_field import constants_of
+from farhorizon.simulation.regions import uneven
 from farhorizon.simulation.run import Run
 
 
@@ -46,12 +46,9 @@ def draw_geometry(case: Case, run: Run, folder: Path) -> list[Path]:
 
 def _uneven(case: Case, run: Run) -> Iterator[tuple[str, np.ndarray]]:
     """Names and values of what differs from node to node."""
-    mask, setup = case.lattice.mask, case.setup
+    mask = case.lattice.mask
     if mask is not None:
         yield "nodes", mask.astype(float)
-    metal = run.fields["solid"] if "solid" in run.fields else None
-    told = {"coefficient": setup.coefficient, "metal": metal, **constants_of(setup)}
-    for name, values in told.items():
-        if isinstance(values, np.ndarray) and values.ndim:
-            there = np.ones(case.lattice.shape, bool) if mask is None else mask
-            yield name, np.where(there, values, np.nan)
+    for name, values in uneven(run).items():
+        there = np.ones(case.lattice.shape, bool) if mask is None else mask
+        yield name, np.where(there, values, np.nan)

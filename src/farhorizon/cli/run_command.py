@@ -140,7 +140,7 @@ def _tell(
     from farhorizon.files.results import open_results
     from farhorizon.machine import available_memory
     from farhorizon.pictures.result_pictures import View, plot_results
-    from farhorizon.simulation.run import wanted_threads
+    from farhorizon.simulation.setup import wanted_threads
 
     results = open_results(files.result)
     for caution in results.cautions:

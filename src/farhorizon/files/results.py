@@ -37,6 +37,7 @@ from farhorizon.errors import FarhorizonError, FileFormatError, InputError
 from farhorizon.files.parts import Box, folder_of, is_own, lay_out, part_path, parts_of
 from farhorizon.files.polylines import Lines, flattened, gathered, write_vtp
 from farhorizon.files.records import Recorded, dataset_parts, measured_in
+from farhorizon.files.region_numbers import FIELD, OUTSIDE, Regions
 from farhorizon.files.storage import Draft, changing, created, read
 
 if TYPE_CHECKING:
@@ -51,6 +52,7 @@ RESERVED = frozenset(
     {
         "time",
         "step",
+        FIELD,
         "x",
         "y",
         "z",
@@ -209,7 +211,7 @@ def _counts(file: Any, path: Path) -> Counts:
         return min(counted, len(shortest))
 
     outputs = int(group.attrs["outputs"])
-    fields = () if "parts" in group else vtk["PointData"].values()  # of parts each knows its own
+    fields = () if "parts" in group else _changing(file)  # of parts each knows its own
     per_output = vtk["Steps/Values"], group["steps"], group["history_rows"], group["record_rows"], *fields
     outputs = held(outputs, max(outputs - 1, 0), per_output)
     rows, records = (
@@ -237,6 +239,21 @@ def _set_outputs(file: Any, path: Path, outputs: int) -> None:
     if (boxes := _boxes(file["farhorizon"], path)).size:
         for name, components in _components(file["farhorizon"]).items():
             lay_out(file["VTKHDF/PointData"], name, path, boxes, outputs, components > 1)
+
+
+def _changing(file: Any) -> list[Any]:
+    """The datasets of the fields, which grow by a row an output; those of regions do not."""
+    return [dataset for name, dataset in file["VTKHDF/PointData"].items() if name != FIELD]
+
+
+def _put_regions(vtk: Any, group: Any, regions: Regions, shape: tuple[int, ...]) -> None:
+    """Keep the regions as the point data of every output: a single row, at which all outputs point."""
+    stored = _vtk_shape(shape, 1)
+    values = np.asarray(regions.numbers, np.int32).T.reshape(1, *stored)
+    options = {"chunks": _chunk(stored, 4), "fletcher32": True, "compression": "gzip", "shuffle": True}
+    vtk["PointData"].create_dataset(FIELD, data=values, **options)
+    _growing(vtk["Steps/PointDataOffsets"], FIELD, "i8")
+    _put_words(group, "regions", regions.names)
 
 
 def _boxes(group: Any, path: Path) -> np.ndarray:
@@ -364,10 +381,12 @@ def _copy_attributes(source: Any, target: Any) -> None:
         target.attrs.create(name, value, dtype=source.attrs.get_id(name).dtype)
 
 
-def _copied_group(source: Any, file: Any) -> Any:
-    """An empty group with the name and the attributes of one of another file."""
+def _copied_data(source: Any, file: Any) -> Any:
+    """The point data of another file without its fields."""
     made = file.create_group(source.name)
     _copy_attributes(source, made)
+    if FIELD in source:
+        source.copy(FIELD, made)
     return made
 
 
@@ -476,6 +495,7 @@ class ResultsWriter:
         provenance: Mapping[str, str] | None = None,
         compress: bool = False,
         outlines: Lines | None = None,
+        regions: Regions | None = None,
         boxes: Sequence[Box] = (),
     ) -> ResultsWriter:
         """Create an empty results file; an older results file of that name is replaced, with its parts, any other file
@@ -513,6 +533,8 @@ class ResultsWriter:
             Pack the fields, without loss.
         outlines : mapping of str to sequence of ndarray, each of shape (n, dim), optional
             Polylines by what they show: "cracks", "near field", "layers".
+        regions : Regions, optional
+            Of what the nodes are made; nothing where one medium fills the lattice.
         boxes : sequence of Box
             Of a file in parts, whose files (`farhorizon.files.parts.part_path`) others create and append to; a folder
             for them is made.
@@ -604,6 +626,8 @@ class ResultsWriter:
             _put_fixed(shown, "counts", counts)
             if names:
                 _put_words(shown, "names", names)
+            if regions is not None:
+                _put_regions(vtk, group, regions, shape)
             _growing(group, "steps", "i8")
             _growing(group, "history_rows", "i8")
             _growing(group, "record_rows", "i8")
@@ -702,7 +726,7 @@ class ResultsWriter:
             group["history"].attrs.modify("rows", rows)
             group["records"].attrs.modify("rows", records)
             group.attrs["finished"] = False
-            fields = () if "parts" in group else file["VTKHDF/PointData"].values()
+            fields = () if "parts" in group else _changing(file)
             for dataset in (group["steps"], group["history_rows"], group["record_rows"], *fields):
                 dataset.resize(outputs, axis=0)
             for dataset in group["history"].values():
@@ -783,8 +807,8 @@ class ResultsWriter:
                 if self.components[name] > 1:
                     values = np.pad(values, [(0, 0)] * len(self.shape) + [(0, 3 - self.components[name])])
                 _put(dataset, n, values.reshape(1, *dataset.shape[1:]))
-            for offsets in vtk["Steps/PointDataOffsets"].values():
-                _put(offsets, n, [n])
+            for name, offsets in vtk["Steps/PointDataOffsets"].items():
+                _put(offsets, n, [0 if name == FIELD else n])
             _put(vtk["Steps/Values"], n, [time])
             _put(group["steps"], n, [step])
             _put(group["history_rows"], n, [rows])
@@ -923,6 +947,8 @@ class Results:
     outlines : dict of str to list of ndarray, each of shape (n, dim)
         Lines to be shown: "cracks" as they were given, in space their rims; the edges of the "near field" and, where
         something is computed beyond it, of the "layers".
+    region_names : tuple of str
+        Of what the nodes of each of the `regions` are made; empty where one medium fills the lattice.
 
     Raises
     ------
@@ -955,6 +981,7 @@ class Results:
                 shown = group["outlines"]
                 points, counts = (_read(shown, self.path, name) for name in ("points", "counts"))
                 self.outlines = gathered(points, counts, _words(shown, "names"))
+            self.region_names = _words(group, "regions")
             self._accounts = _words(group, "accounts")
             self._boxes, self._parts = _boxes(group, self.path), dict[int, Results]()
             self.components = _components(group)
@@ -1046,6 +1073,17 @@ class Results:
                     float(group.attrs.get("medium", 0.0)),
                 )
         return found
+
+    @property
+    def regions(self) -> np.ndarray:
+        """The number of each node's region, of the lattice's shape, which `region_names` explains: 0 has most nodes; -1
+        where there is no node.
+        """
+        if not self.region_names:
+            return np.zeros(self.shape, np.int32)
+        with _opened(self.path, "r", "results file") as file:
+            stored = _read(file, self.path, f"VTKHDF/PointData/{FIELD}", 0)
+        return np.ascontiguousarray(stored.reshape(self.shape[::-1]).T)
 
     @property
     def energy(self) -> np.ndarray:
@@ -1183,7 +1221,7 @@ class Results:
         with _opened(self.path, "r", "results file") as file, created(path) as draft, _hdf5(draft, "w") as made:
             counts = _counts(file, self.path)
             _copy_all_but(file, made, {"/VTKHDF/PointData", "/farhorizon/parts"})
-            source, data = file["VTKHDF/PointData"], _copied_group(file["VTKHDF/PointData"], made)
+            source, data = file["VTKHDF/PointData"], _copied_data(file["VTKHDF/PointData"], made)
             for name in self.field_names:
                 self._copy_field(source[name], data, counts.outputs)
         _make_room(path, 0)
@@ -1219,7 +1257,7 @@ class Results:
         """
         with _opened(self.path, "r", "results file") as file, created(self.path) as draft, _hdf5(draft, "w") as made:
             _copy_all_but(file, made, {"/VTKHDF/PointData", "/farhorizon/parts"})
-            source, data = file["VTKHDF/PointData"], _copied_group(file["VTKHDF/PointData"], made)
+            source, data = file["VTKHDF/PointData"], _copied_data(file["VTKHDF/PointData"], made)
             for name in self.field_names:
                 data.create_dataset(name, (0, *source[name].shape[1:]), source[name].dtype)
             _put_fixed(made["farhorizon"], "parts", np.array(boxes, np.int64))
@@ -1302,6 +1340,9 @@ class Results:
         data["energy"] = ("history_time", self.energy[:rows])
         data["probe_values"] = (("probe_time", "probe", *probed), self.probe_values[: probe_times.size])
         balance = self.balance
+        if self.region_names:
+            meanings = {"names": list(self.region_names), "outside": OUTSIDE}
+            data[FIELD] = (names, self.regions, meanings)
         if balance:
             data["balance"] = (
                 ("history_time", "account"),

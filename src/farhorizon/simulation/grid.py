@@ -18,8 +18,7 @@ from farhorizon.geometry.shapes import Cut
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.run import wanted_threads
-from farhorizon.simulation.setup import Key, Setup, Sides
+from farhorizon.simulation.setup import Key, Setup, Sides, wanted_threads
 from farhorizon.simulation.surroundings import Surroundings
 from farhorizon.simulation.team import ALONE, Team
 

@@ -19,6 +19,7 @@ from farhorizon.files.provenance import computed_with
 from farhorizon.files.results import ResultsWriter, open_results
 from farhorizon.simulation.outlines import outlines_of
 from farhorizon.simulation.recorder import Recorder
+from farhorizon.simulation.regions import regions_of
 
 _FOLLOWS = ("v", "solid")  # from the others, and as large
 
@@ -108,6 +109,7 @@ class RunResults:
                 units=units,
                 provenance={**(command or {}), **dict(computed_with())},
                 outlines=outlines_of(run),
+                regions=regions_of(run),
                 boxes=boxes if team else (),
                 **alike,
             )

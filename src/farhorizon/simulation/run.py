@@ -13,7 +13,6 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.checks.certificate import UNDECIDED, Certificate
-from farhorizon.engine.engine import available_threads
 from farhorizon.errors import InputError, shown
 from farhorizon.files.html import table
 from farhorizon.files.results import Caution, dataset
@@ -39,22 +38,6 @@ if TYPE_CHECKING:
 
 _GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
 _GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt is heard within seconds
-
-
-def wanted_threads(threads: int | None) -> int:
-    """A number of threads that there are, all unless given; InputError for others."""
-    if threads is None:
-        return available_threads()
-    try:
-        return kinds.integer(threads, "threads", least=1, most=available_threads())
-    except InputError as error:
-        raise InputError(
-            "there are fewer threads",
-            value=error.value,
-            limit=error.limit,
-            key="threads",
-            remedy="leave it out, or set NUMBA_NUM_THREADS before the program starts",
-        ) from None
 
 
 def _tells(value: Any) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 
 from farhorizon import kinds
 from farhorizon.boundaries import LatticePML, Side, sides
+from farhorizon.engine.engine import available_threads
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.inputs.conditions import Constraint
@@ -20,7 +21,6 @@ from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.sources import as_source
 from farhorizon.inputs.specimens import Specimen
 from farhorizon.models import LatticeModel
-from farhorizon.simulation.run import wanted_threads
 
 Key = tuple[int, int]  # axis and side, -1 or +1
 Sides = dict[Key, Any]  # what stands there
@@ -34,6 +34,22 @@ def keys(name: str, values: Sequence[Any]) -> list[str]:
 def side_name(axis: int, side: int) -> str:
     """ "x-", "x+", .. of an axis and a side of -1 or +1."""
     return AXES[axis] + "-+"[side > 0]
+
+
+def wanted_threads(threads: int | None) -> int:
+    """A number of threads that there are, all unless given; InputError for others."""
+    if threads is None:
+        return available_threads()
+    try:
+        return kinds.integer(threads, "threads", least=1, most=available_threads())
+    except InputError as error:
+        raise InputError(
+            "there are fewer threads",
+            value=error.value,
+            limit=error.limit,
+            key="threads",
+            remedy="leave it out, or set NUMBA_NUM_THREADS before the program starts",
+        ) from None
 
 
 def _settled_source(source: Any, dim: int, key: str) -> Any:
