@@ -9,6 +9,7 @@ from farhorizon.medium.stencil import Stencil
 from helpers import kernel_stencil
 
 _BONDS = {dim: fh.Elastic(fh.Kernel(2.0, 1, "linear"), 1.0).stencil(1.0, dim) for dim in (2, 3)}
+_TOUCHING = fh.Elastic(fh.Kernel(1.5, 1, "linear"), 1.0).stencil(1.0, 3)
 _FINITE = fh.Elastic(young=1.0, poisson=0.3, material="finite-element").stencil(1.0, 2)
 
 
@@ -133,12 +134,21 @@ def test_energy_travels_along_the_direction(stencil):
 
 
 def test_along_is_the_wave_whose_phase_travels_so():
-    for direction in _directions(2):
-        found = along(_FINITE, 0.3, direction)
-        for number in range(2):
-            vector = found.wave_vectors[number, 0].real
-            np.testing.assert_allclose(vector / np.linalg.norm(vector), direction, atol=1e-14)
-            assert _FINITE.branches(*vector)[1 - number] == pytest.approx(0.3, abs=1e-12)
+    directions = _directions(2)
+    found = along(_FINITE, 0.3, directions)
+    for number, vectors in enumerate(found.wave_vectors):
+        lengths = np.linalg.norm(vectors, axis=1)
+        np.testing.assert_allclose(vectors, lengths[:, None] * directions, atol=1e-14)
+        np.testing.assert_allclose(_FINITE.branches(*vectors.T)[:, 1 - number], 0.3, atol=1e-12)
+
+
+def test_s_waves_along_a_plane_of_symmetry_are_at_right_angles():
+    """In the planes of its axes both S waves of this lattice are one: they are any two, but not one of them twice."""
+    turns = 2 * np.pi * np.arange(12) / 12
+    directions = np.stack([np.cos(turns), np.sin(turns), np.zeros(12)], -1)
+    shapes = along(_TOUCHING, 0.2, directions).polarisations
+    dots = np.abs((shapes[1].conj() * shapes[2]).sum(-1))
+    np.testing.assert_allclose(dots, 0, atol=1e-12)
 
 
 def test_s_waves_that_touch_are_one():

@@ -14,8 +14,12 @@ from farhorizon.errors import InputError
 
 #: Waves by the number of components of the field, the fastest first.
 WAVES = {1: ("wave",), 2: ("P", "S"), 3: ("P", "S1", "S2")}
+#: The same, with S waves together.
+KINDS = {1: ("wave",), 2: ("P", "S"), 3: ("P", "S")}
 _BLOCK = 1 << 22  # complex numbers that are worked on at a time
 _NEAREST = 1e-6  # part of the band that is left out at its ends, where nothing moves
+_SUMMED = 1e-9  # part of a sum over all directions by which it may differ from one over fewer of them
+_MOST = 512  # rings of directions at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +186,63 @@ def transform(nodes: np.ndarray, forces: np.ndarray, wave_vectors: np.ndarray) -
     return np.concatenate(parts).reshape(*wave_vectors.shape[:-1], len(forces))
 
 
+def powers_sent(scheme: Scheme, squared: float, nodes: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    r"""Twice the mean power that forces send out with each wave, over mass and frequency, for unit spacing.
+
+    With the Green function as an integral over wave vectors, :math:`\mathrm{Im} \sum f^* G f` is
+
+    .. math:: \frac{\pi}{(2\pi)^\text{dim}} \oint \frac{|e^H F(k)|^2}{|\nabla \lambda|}\,dS
+
+    over the wave surfaces :math:`\lambda(k) = \Omega^2`, F the transform of the forces: an integral over directions of
+    k, exact on the lattice, whether or not waves of a kind go in one direction by several ways.
+
+    Parameters
+    ----------
+    scheme, squared, nodes, forces
+        As of `waves_sent`, without damping.
+
+    Returns
+    -------
+    ndarray, shape (waves,)
+        Of `KINDS`: in space both S waves together, as each alone has edges where they touch.
+    """
+    rings = int(np.linalg.norm(np.ptp(nodes, axis=0)) * np.sqrt(squared)) + 12
+    before = _over_surfaces(scheme, squared, nodes, forces, rings)
+    while scheme.stencil.dim > 1:
+        rings += rings // 2
+        found = _over_surfaces(scheme, squared, nodes, forces, rings)
+        if np.abs(found - before).max() <= _SUMMED * found.sum() or rings > _MOST:
+            return found
+        before = found
+    return before
+
+
+def _over_surfaces(scheme: Scheme, squared: float, nodes: np.ndarray, forces: np.ndarray, rings: int) -> np.ndarray:
+    dim = scheme.stencil.dim
+    rays, weights = all_around(dim, rings)
+    found = along(scheme.stencil, squared, rays)
+    sums = np.abs((found.projections * transform(nodes, forces, found.wave_vectors)).sum(-1)) ** 2
+    sizes = np.linalg.norm(found.wave_vectors, axis=-1) ** (dim - 1) / (found.gradients * rays).sum(-1)
+    each = np.pi / (2 * np.pi) ** dim / scheme.rate * (weights * sizes * sums).sum(-1)
+    return np.append(each[:1], each[1:].sum()) if len(each) > 1 else np.asarray(each)
+
+
+def all_around(dim: int, rings: int) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (D, dim) and their weights (D,), with which sums are integrals over all directions: of waves on a line
+    both, in the plane even angles, in space the nodes of Gauss and Legendre along z on even turns.
+    """
+    turns = np.pi * np.arange(2 * rings) / rings
+    circle, even = np.stack([np.cos(turns), np.sin(turns)], -1), np.full(2 * rings, np.pi / rings)
+    if dim == 1:
+        return np.array([[1.0], [-1.0]]), np.ones(2)
+    if dim == 2:
+        return circle, even
+    heights, weights = np.polynomial.legendre.leggauss(rings)
+    around = np.sqrt(1 - heights**2)[:, None, None] * circle
+    rays = np.concatenate([around, np.broadcast_to(heights[:, None, None], (*around.shape[:2], 1))], -1)
+    return rays.reshape(-1, 3), np.outer(weights, even).ravel()
+
+
 @dataclass(frozen=True, eq=False)
 class ArrivingPlane:
     """The spectrum of a plane wave at one frequency, for unit spacing: a sum of the branches that it is made of.
@@ -223,14 +284,14 @@ class ArrivingPlane:
         amplitude : complex
         place : float
         """
-        found = along(scheme.stencil, squared.real, direction)
-        count = len(found.slopes)
+        found = along(scheme.stencil, squared.real, direction[None])
         # as `PlanePulse` chooses them: the fastest branch, or those at right angles to it
-        used = slice(0, 1) if vector is None or abs(vector @ direction) > 0.5 else slice(1, count)
+        used = slice(0, 1) if vector is None or abs(vector @ direction) > 0.5 else slice(1, None)
         vectors, shapes = found.wave_vectors[used, 0], found.polarisations[used, 0]
         shares = np.ones(1) if vector is None else shapes.conj() @ vector
         phases = np.exp(-1j * (vectors @ direction) * place)
-        return cls(amplitude * shares * phases, vectors, shapes, scheme.rate * found.slopes[used, 0].real)
+        slopes = scheme.rate * np.linalg.norm(found.gradients[used, 0], axis=-1)
+        return cls(amplitude * shares * phases, vectors, shapes, slopes)
 
     def field(self, nodes: np.ndarray) -> np.ndarray:
         """The wave at places (W, dim), shape (components, W)."""

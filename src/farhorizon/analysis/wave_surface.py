@@ -86,7 +86,7 @@ def outgoing(stencil: Stencil, squared: complex, directions: np.ndarray) -> Outg
             mean = _branch(stencil, squared, directions[one], start[number, one], number, _NEARLY)
             for all_of, part in zip((settled, vectors, slopes, curvatures, shapes, rows), mean, strict=True):
                 all_of[number, one] = part
-        _set_apart(vectors, shapes, rows)
+        _set_apart(stencil, vectors, shapes, rows)
     if not settled.all():
         raise InputError(
             "no wave of this frequency is found for some direction",
@@ -114,42 +114,61 @@ def _turn(shapes: np.ndarray, rows: np.ndarray, directions: np.ndarray) -> None:
     rows *= phase
 
 
-def _set_apart(vectors: np.ndarray, shapes: np.ndarray, rows: np.ndarray) -> None:
-    """Choose two S waves at right angles where both are one, so that each of them was any of them."""
+def _set_apart(stencil: Stencil, vectors: np.ndarray, shapes: np.ndarray, rows: np.ndarray) -> None:
+    """Take both S waves from one decomposition where they are one: of two, each of them was any."""
     (one,) = np.nonzero(np.abs(vectors[1] - vectors[2]).max(1) < 1e-9 * np.abs(vectors[1]).max(1))
-    across = np.cross(rows[0, one], shapes[1, one].conj())
-    shapes[2, one] = across / np.linalg.norm(across, axis=1)[:, None]
-    rows[1:, one] = np.moveaxis(np.linalg.inv(np.moveaxis(shapes[:, one], 0, -1)), 1, 0)[1:]
+    for number in (1, 2) if one.size else ():
+        *_, shapes[number, one], rows[number, one] = _expansion(stencil, vectors[1, one].astype(complex), number)
 
 
-def along(stencil: Stencil, squared: float, direction: np.ndarray) -> Outgoing:
-    """The waves of one frequency whose phase travels along a direction; D is 1, and `slopes` are the lengths of the
-    eigenvalues' gradients.
+@dataclass(frozen=True)
+class Along:
+    """Waves of one frequency whose phases travel along given directions.
+
+    Attributes
+    ----------
+    wave_vectors : ndarray, shape (B, D, dim)
+        Times spacing. Branches come with the largest eigenvalue, the fastest wave, first.
+    gradients : ndarray, shape (B, D, dim)
+        Of the symbol's eigenvalue: energy travels along them.
+    polarisations, projections : ndarray of complex, shape (B, D, components)
+        As of `Outgoing`.
+    """
+
+    wave_vectors: np.ndarray
+    gradients: np.ndarray
+    polarisations: np.ndarray
+    projections: np.ndarray
+
+
+def along(stencil: Stencil, squared: float, directions: np.ndarray) -> Along:
+    """The waves of one frequency whose phases travel along directions.
 
     Parameters
     ----------
     stencil : Stencil
     squared : float
         As of `outgoing`, without damping.
-    direction : ndarray, shape (dim,)
-        Unit vector.
+    directions : ndarray, shape (D, dim)
+        Unit vectors.
     """
-    lengths = np.pi / np.abs(direction).max() * np.linspace(0, 1, _RADII)
-    roots = np.sqrt(np.maximum(stencil.branches(*np.outer(direction, lengths)), 0.0)).T[::-1]
+    lengths, roots = _radial(stencil, directions)
     found = []
     for number, branch in enumerate(roots):
-        last = int(np.argmax(branch > np.sqrt(squared)))
-        length = np.interp(np.sqrt(squared), branch[last - 1 : last + 1], lengths[last - 1 : last + 1])
+        length = _crossing(lengths, branch, squared)
         for _ in range(_NEWTON):
-            value, gradient, *_ = _expansion(stencil, length * direction[None] + 0j, number)
-            change = (value[0].real - squared) / (gradient[0] @ direction).real
-            length -= change
-            if abs(change) < _SETTLED * length:
+            value, gradient, *_ = _expansion(stencil, length[:, None] * directions + 0j, number, 0.0)
+            change = (value.real - squared) / (gradient * directions).sum(1).real
+            length = length - change
+            if (np.abs(change) < _SETTLED * length).all():
                 break
-        gradient, _, *vectors = _expansion(stencil, length * direction[None] + 0j, number)[1:]
-        slope = np.linalg.norm(gradient, axis=1)
-        found.append((length * direction[None] + 0j, slope, np.ones(1), *vectors))
-    return Outgoing(*(np.stack(parts) for parts in zip(*found, strict=True)))
+        vectors = length[:, None] * directions
+        gradient, _, *shapes = _expansion(stencil, vectors + 0j, number, 0.0)[1:]
+        found.append((vectors, gradient.real, *shapes))
+    vectors, gradients, polarisations, rows = (np.stack(parts) for parts in zip(*found, strict=True))
+    if stencil.components == 3:
+        _set_apart(stencil, vectors, polarisations, rows)
+    return Along(vectors, gradients, polarisations, rows)
 
 
 def carried(stencil: Stencil) -> tuple[float, float]:
@@ -179,9 +198,22 @@ def _rays(stencil: Stencil) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         height, turn = 1 - (2 * np.arange(count) + 1) / count, np.pi * (1 + np.sqrt(5)) * np.arange(count)
         across = np.sqrt(1 - height**2)
         rays = np.stack([across * np.cos(turn), across * np.sin(turn), height], -1)
+    return rays, *_radial(stencil, rays)
+
+
+def _radial(stencil: Stencil, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Wavenumbers along rays up to the edge of the zone (R, n), and square roots of the branches there (B, R, n)."""
     lengths = np.pi / np.abs(rays).max(1)[:, None] * np.linspace(0, 1, _RADII)
     values = stencil.branches(*np.moveaxis(rays[:, None] * lengths[..., None], -1, 0))
-    return rays, lengths, np.moveaxis(np.sqrt(np.maximum(values, 0.0)), -1, 0)[::-1]
+    return lengths, np.moveaxis(np.sqrt(np.maximum(values, 0.0)), -1, 0)[::-1]
+
+
+def _crossing(lengths: np.ndarray, branch: np.ndarray, squared: float) -> np.ndarray:
+    """Wavenumbers at which a branch comes to a squared frequency, between those looked at; shape (R,)."""
+    rows, first = np.arange(len(lengths)), np.argmax(branch > np.sqrt(squared), axis=1)
+    below, above = branch[rows, first - 1], branch[rows, first]
+    share = (np.sqrt(squared) - below) / (above - below)
+    return np.asarray(lengths[rows, first - 1] + share * (lengths[rows, first] - lengths[rows, first - 1]))
 
 
 def _start(stencil: Stencil, squared: float, directions: np.ndarray) -> np.ndarray:
@@ -195,11 +227,7 @@ def _start(stencil: Stencil, squared: float, directions: np.ndarray) -> np.ndarr
     rays, lengths, roots = _rays(stencil)
     found: list[np.ndarray] = []
     for branch in roots:
-        first = np.argmax(branch > np.sqrt(squared), axis=1)
-        rows = np.arange(len(rays))
-        below, above = branch[rows, first - 1], branch[rows, first]
-        share = (np.sqrt(squared) - below) / (above - below)
-        angles = rays * (lengths[rows, first - 1] + share * (lengths[rows, first] - lengths[rows, first - 1]))[:, None]
+        angles = rays * _crossing(lengths, branch, squared)[:, None]
         number = len(found)
         # of S waves in space the mean: where they touch each has corners, of no consequence if they are nearly one
         _, slopes, bends, *_ = _expansion(stencil, angles.astype(complex), number, _NEARLY)

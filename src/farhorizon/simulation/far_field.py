@@ -9,11 +9,13 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.analysis.radiation import (
+    KINDS,
     WAVES,
     ArrivingPlane,
     Pattern,
     as_directions,
     checked_frequencies,
+    powers_sent,
     squared_frequency,
     waves_sent,
 )
@@ -388,6 +390,32 @@ class FarField(Recorder):
         self._must_have_spectra(undamped=True)
         mass = self._density * self._lattice.spacing**self._lattice.dim
         return 2 * mass * self._rates * self._outflow()
+
+    def energies(self) -> dict[str, np.ndarray]:
+        """Energy of the pattern in all directions, by wave and frequency: how `energy` is shared by P and S waves.
+
+        It is an integral over the wave surfaces of the lattice, over all directions of wave vectors; that of
+        `Pattern.intensities`, over directions in which energy travels, is the same, but for S waves in space, some of
+        which come to one place by several ways.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (F,)
+            "wave" of a scalar, "P" and "S" of a solid, in space both S waves together.
+
+        Raises
+        ------
+        InputError
+            As of `energy`.
+        """
+        self._must_have_spectra(undamped=True)
+        mass = self._density * self._lattice.spacing**self._lattice.dim
+        powers = [
+            powers_sent(self._scheme, squared.real, self._shell.nodes, force)
+            for squared, force in zip(self._squares, self._spectral_forces, strict=True)
+        ]
+        energies = 2 * mass * self._rates * np.transpose(powers)
+        return dict(zip(KINDS[self._scheme.stencil.components], energies, strict=True))
 
     def cross_sections(self) -> CrossSections:
         """Scattering and total cross section of what is in the box, for the incident wave of the run.
