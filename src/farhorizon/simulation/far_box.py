@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.analysis.references.driven import Scheme
 from farhorizon.errors import InputError, shown
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.cracks import cut_ends
 from farhorizon.inputs.incidence import Incident
+from farhorizon.medium.shell import Shell
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.drives import scheme_of
 from farhorizon.simulation.near_field import NearField
@@ -142,6 +145,45 @@ def check_outside(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> li
     values += [("source", space) for space, _ in parts.drives.sources if space is not None]
     outside = ~_core(parts, box, reach)
     return [note for key, one in values for note in _missed(parts, np.abs(one), outside, key)]
+
+
+def receiver_nodes(points: Any, lattice: Lattice, shell: Shell, box: Box) -> tuple[np.ndarray, list[str]]:
+    """Indices of the nodes nearest to points, beyond the lattice, too, and notes of which were taken.
+
+    Raises
+    ------
+    InputError
+        Points in the box, or so far away that their nodes cannot be counted.
+    """
+    given = kinds.array(points, "far_field.points")
+    if given.ndim < 2 and lattice.dim == 1:
+        given = given.reshape(-1, 1)
+    given = kinds.array(np.atleast_2d(given), "far_field.points", shape=(None, lattice.dim))
+    place = (given - lattice.lower) / lattice.spacing
+    if not len(given) or np.abs(place).max() > kinds.MOST_WHOLE:
+        raise InputError(
+            "receivers are one or more points at distances that can be computed",
+            value=given,
+            limit=f"{kinds.MOST_WHOLE} nodes away",
+            key="far_field.points",
+            remedy="the pattern, for what is so far away",
+        )
+    nodes = np.round(place).astype(int)
+    inside = shell.contains(nodes)
+    if inside.any():
+        raise InputError(
+            "a receiver of the far field lies inside the box",
+            value=given[int(np.argmax(inside))],
+            limit=f"outside {shown(box.lower)} to {shown(box.upper)}",
+            key="far_field.points",
+            remedy="Receivers there, or a smaller box",
+        )
+    apart = np.abs(place - nodes).max(1) > 1e-6
+    found = lattice.lower + lattice.spacing * nodes
+    return nodes, [
+        f"the far field at {shown(point)} is that of the nearest node, {shown(node)}"
+        for point, node in zip(given[apart].tolist(), found[apart].round(12).tolist(), strict=True)
+    ]
 
 
 def check_moving(parts: Parts, box: Box, reach: np.ndarray, until: float) -> list[str]:

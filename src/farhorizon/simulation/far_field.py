@@ -20,7 +20,7 @@ from farhorizon.analysis.radiation import (
     waves_sent,
 )
 from farhorizon.analysis.references.driven import DrivenLattice
-from farhorizon.errors import InputError, shown
+from farhorizon.errors import InputError
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.incidence import Region
@@ -35,6 +35,7 @@ from farhorizon.simulation.far_box import (
     corner_nodes,
     is_around,
     medium_outside,
+    receiver_nodes,
     spectral_notes,
     steps_between_samples,
 )
@@ -302,34 +303,8 @@ class FarField(Recorder):
 
     def _receivers(self, points: Any) -> np.ndarray:
         """Indices of the nodes nearest to points, beyond the lattice, too."""
-        lattice = self._lattice
-        given = kinds.array(points, "far_field.points")
-        if given.ndim < 2 and lattice.dim == 1:
-            given = given.reshape(-1, 1)
-        given = kinds.array(np.atleast_2d(given), "far_field.points", shape=(None, lattice.dim))
-        place = (given - lattice.lower) / lattice.spacing
-        if not len(given) or np.abs(place).max() > kinds.MOST_WHOLE:
-            raise InputError(
-                "receivers are one or more points at distances that can be computed",
-                value=given,
-                limit=f"{kinds.MOST_WHOLE} nodes away",
-                key="far_field.points",
-            )
-        nodes = np.round(place).astype(int)
-        inside = self._shell.contains(nodes)
-        if inside.any():
-            raise InputError(
-                "a receiver of the far field lies inside the box",
-                value=given[int(np.argmax(inside))],
-                limit=f"outside {shown(self._faces.lower)} to {shown(self._faces.upper)}",
-                key="far_field.points",
-                remedy="Simulation.record, or a smaller box",
-            )
-        apart = np.abs(place - nodes).max(1) > 1e-6
-        found = lattice.lower + lattice.spacing * nodes
-        for point, node in zip(given[apart].tolist(), found[apart].round(12).tolist(), strict=True):
-            note = f"the far field at {shown(point)} is that of the nearest node, {shown(node)}"
-            self.notes += [note] if note not in self.notes else []
+        nodes, notes = receiver_nodes(points, self._lattice, self._shell, self._faces)
+        self.notes += [note for note in notes if note not in self.notes]
         return nodes
 
     # --- by frequency ------------------------------------------------------------------------------------------
