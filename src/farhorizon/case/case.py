@@ -48,6 +48,8 @@ from farhorizon.errors import FileFormatError, InputError
 from farhorizon.geometry.interpolation import points_on_grid, points_on_line
 from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.expressions import as_given, as_signal
+from farhorizon.simulation.nodal_stress import fields_of
+from farhorizon.simulation.quantities import QUANTITIES
 from farhorizon.simulation.recorder import Observer
 from farhorizon.simulation.rest import STATIC
 from farhorizon.simulation.setup import keys
@@ -263,12 +265,13 @@ class Case:
         """What a table of several cases has of a run: its step, their number, the time and the energy at the end, the
         largest magnitude of each field that is written, and what the probes show then.
         """
-        fields = run.fields
+        fields = fields_of(run, self.fields)
         found = {"dt": run.dt, "steps": run.step_count, "time": run.time, "energy": run.energy()}
-        found |= {f"max_{name}": float(np.nanmax(np.abs(fields[name]), initial=0.0)) for name in self.fields}
+        found |= {f"max_{name}": float(np.nanmax(np.abs(values), initial=0.0)) for name, values in fields.items()}
+        u = run.fields["u"]
         for i, point in enumerate(self.parts.output.probes):
             place: tuple[Any, ...] = (..., *self.lattice.index(point))
-            values = np.atleast_1d(fields["u"][place])
+            values = np.atleast_1d(u[place])
             names = [f"probe_{i}"] if len(values) == 1 else [f"probe_{i}_{axis}" for axis in AXES]
             found |= dict(zip(names, map(float, values), strict=False))
         return found
@@ -596,7 +599,7 @@ class Case:
     def _check_output(self) -> None:
         out = self.parts.output
         known = ["u", *["solid", "dissolved"] * self._dissolves, *["v"] * (self.model.order == 2)]
-        known += ["damage"] * self._bondwise
+        known += ["damage"] * self._bondwise + ["stress"] * QUANTITIES["stress"].has(self.model)
         for name in self.fields:
             if name not in known:
                 raise InputError(

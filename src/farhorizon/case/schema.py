@@ -557,8 +557,9 @@ class RunPart(Part):
 
 
 class OutputPart(Part):
-    fields: list[Literal["u", "v", "damage", "solid", "dissolved"]] | None = None
-    """Fields in the results file; u, and what breaks or dissolves, unless given."""
+    fields: list[Literal["u", "v", "damage", "solid", "dissolved", "stress"]] | None = None
+    """Fields in the results file; u, and what breaks or dissolves, unless given. "stress" of elastic media stands for
+    its components and von Mises' stress."""
     every: Number | None = None
     """Time between two outputs; a fortieth of the run unless given."""
     probes: list[list[Number]] = []

@@ -12,6 +12,7 @@ from farhorizon.case.case import Case
 from farhorizon.checks.certificate import UNDECIDED
 from farhorizon.checks.report import Report, seconds
 from farhorizon.simulation.examination import modes_budget
+from farhorizon.simulation.nodal_stress import fields_of
 from farhorizon.simulation.output import RunResults
 from farhorizon.simulation.run import Run
 
@@ -63,7 +64,7 @@ def _files(case: Case, run: Run, folder: Path, outputs: int) -> float:
     made = RunResults.begin(run, folder / "a.h5", case.fields, dtype=out.dtype, compress=out.compress)
     made.append()
     begin = time.perf_counter()
-    values = {name: run.fields[name] for name in made.own.fields}
+    values = fields_of(run, made.own.fields)
     made.own.append(run.step_count + 1, run.dt, values, energy=run.energy(), balance=_balance(made, run))
     one = time.perf_counter() - begin
     run.save(folder / "a.ckpt")
@@ -79,7 +80,7 @@ def _pictures(case: Case, run: Run, folder: Path) -> float:
     from farhorizon.pictures.fields import field_panels
     from farhorizon.pictures.snapshot import scalars
 
-    fields = {name: values for name, values in run.fields.items() if name in case.fields}
+    fields = fields_of(run, case.fields)
     drawn = scalars(fields, case.lattice.dim)
     more = 1 + bool(case.parts.output.probes) + case.parts.output.balance + len(run.recorders)
     _, values = drawn["u"]

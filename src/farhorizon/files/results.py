@@ -1376,6 +1376,7 @@ class Results:
         lengths = [*names, *(f"probe_{name}" for name in names)]
         measured = {**dict.fromkeys(lengths, "length"), "probe_values": "u", **measured_in(self.recorded)}
         measured |= dict.fromkeys(("time", "probe_time", "history_time"), "time")
+        measured |= {name: "stress" for name in self.field_names if name.startswith("stress_")}
         for name in whole.variables.keys() & (measured.keys() | self.units.keys()):
             if unit := self.units.get(measured.get(str(name), str(name))):
                 whole[name].attrs["units"] = unit

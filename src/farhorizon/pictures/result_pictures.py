@@ -42,7 +42,8 @@ class View:
         The nearest outputs are drawn; up to four evenly spaced ones unless given.
     fields : sequence of str, optional
         Names of fields, of vectors of components, too ("u_x"), and of displacements their divergence and curl
-        ("u_divergence", "u_curl"); all fields, and the histories, unless given.
+        ("u_divergence", "u_curl"), and "stress" for all its components that there are; all fields, and the histories,
+        unless given.
     planes : sequence of (str, float)
         Of lattices in 3D the axis that a slice is normal to, and where it lies: the nearest plane of nodes. Several
         have pictures of their own; the middle of z unless given.
@@ -158,6 +159,8 @@ class _Scalar:
     @property
     def quantity(self) -> str:
         """What it is measured as."""
+        if self.field.startswith("stress_"):
+            return "stress"
         return "" if self.pure else "time" if self.field == "dissolved" else self.field
 
 
@@ -201,6 +204,9 @@ def _curl(spacing: float, values: np.ndarray) -> np.ndarray:
 def _wanted(results: Results, names: Sequence[str] | None) -> list[_Scalar]:
     plain = {part.name: part for part in _parts(results)}
     parts = plain | {part.name: part for part in _derived(results)}
+    stresses = [name for name in plain if name.startswith("stress_")]
+    if names is not None and stresses:
+        names = [part for name in names for part in (stresses if name == "stress" else [name])]
     for name in names or ():
         if name not in parts:
             raise InputError("the file has no such field", value=name, limit=", ".join(parts), key="--field")

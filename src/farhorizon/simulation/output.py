@@ -17,6 +17,7 @@ from farhorizon.errors import InputError
 from farhorizon.files.parts import folder_of, part_path
 from farhorizon.files.provenance import computed_with
 from farhorizon.files.results import ResultsWriter, open_results
+from farhorizon.simulation.nodal_stress import fields_of
 from farhorizon.simulation.outlines import outlines_of
 from farhorizon.simulation.recorder import Recorder
 from farhorizon.simulation.regions import regions_of
@@ -69,7 +70,8 @@ class RunResults:
         run : Run
         path : str or Path
         fields : sequence of str, optional
-            All but velocities, and the metal that the times of dissolution tell, unless given.
+            All but velocities, and the metal that the times of dissolution tell, unless given; "stress" of elastic
+            media stands for its components and von Mises' stress.
         dtype : {"float32", "float64"}, optional
             That of the run unless given.
         case, units, compress
@@ -82,16 +84,16 @@ class RunResults:
         InputError
             A field that there is not; another file is there, or no such folder.
         """
-        held, team, lattice, path = run.fields, run.team, run.lattice, kinds.path(path, "path")
+        team, lattice, path = run.team, run.lattice, kinds.path(path, "path")
         if fields is None:
-            names = tuple(name for name in held if name not in _FOLLOWS)
+            held = {name: values for name, values in run.fields.items() if name not in _FOLLOWS}
         else:
-            given = kinds.sequence(fields, "fields", "names of fields")
-            names = tuple(kinds.one_of(name, "fields", held, "the run has no such field") for name in given)
+            wanted = kinds.sequence(fields, "fields", "names of fields")
+            held = fields_of(run, [kinds.text(name, "fields") for name in wanted])
         alike: dict[str, Any] = {
             "spacing": lattice.spacing,
-            "fields": names,
-            "dtype": dtype or held["u"].dtype,
+            "fields": tuple(held),
+            "dtype": dtype or run.fields["u"].dtype,
             "compress": compress,
             "program": f"farhorizon {__version__}",
             "components": {name: len(values) if values.ndim > lattice.dim else 1 for name, values in held.items()},
@@ -162,8 +164,7 @@ class RunResults:
         run, own = self._run, self.own
         if own.last_step == run.step_count:
             return
-        fields, energy = run.fields, run.energy()
-        held = {name: fields[name] for name in own.fields}
+        held, energy = fields_of(run, own.fields), run.energy()
         if run.team:
             with run.team.agreed():
                 own.append(run.step_count, run.time, held)

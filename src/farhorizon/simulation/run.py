@@ -21,6 +21,7 @@ from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.course import checked_end, go, say_doubt
 from farhorizon.simulation.examination import Examination
 from farhorizon.simulation.kept import packed
+from farhorizon.simulation.nodal_stress import shown_fields
 from farhorizon.simulation.outlines import outlines_of
 from farhorizon.simulation.output import RunResults, written
 from farhorizon.simulation.probes import Probes
@@ -268,7 +269,8 @@ class Run(ABC):
         Parameters
         ----------
         name : str
-            One of `fields`; of vectors, whose length is drawn, also a component: "u_x".
+            One of `fields`; of vectors, whose length is drawn, also a component: "u_x"; of elastic media "stress_xx"
+            and so on, and "stress_von_mises".
         path : str or Path, optional
             A file to write, PNG, PDF or SVG by the ending of its name.
         limits : (float, float), optional
@@ -288,7 +290,9 @@ class Run(ABC):
         from farhorizon.pictures.style import time_text
 
         cracks = outlines_of(self).get("cracks", [])
-        return snapshot(self.fields, name, self.lattice.axes, f"t = {time_text(self.time)}", path, limits, cracks)
+        return snapshot(
+            shown_fields(self, name), name, self.lattice.axes, f"t = {time_text(self.time)}", path, limits, cracks
+        )
 
     def animate(
         self,
@@ -330,7 +334,7 @@ class Run(ABC):
         frames = Frames(name, self.lattice.axes, path, limits, outlines_of(self).get("cracks", []))
 
         def draw(run: Run) -> None:
-            frames.add(run.fields, f"t = {time_text(run.time)}")
+            frames.add(shown_fields(run, name), f"t = {time_text(run.time)}")
 
         draw(self)
         observers, self.observers = self.observers, [*self.observers, draw]

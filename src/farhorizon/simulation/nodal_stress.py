@@ -1,0 +1,118 @@
+"""The stress on the nodes of a run, as receivers record it at points: central differences of u, the moduli of each
+node, and the formula of `farhorizon.simulation.quantities`.
+
+Differences are one-sided at edges and holes, and beside open cracks; where bonds have broken there are none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import combinations_with_replacement
+from typing import Any
+
+import numpy as np
+
+from farhorizon.errors import InputError
+from farhorizon.simulation.quantities import QUANTITIES, LocalModuli, Reading
+
+NAME = "stress"
+"""What is asked for where all of its components are wanted."""
+_MISES = "stress_von_mises"
+
+
+def stress_names(dim: int) -> list[str]:
+    """Names of the components in so many dimensions, from two on with von Mises' stress."""
+    parts = [f"{NAME}_{a}{b}" for a, b in combinations_with_replacement("xyz"[:dim], 2)]
+    return parts if dim == 1 else [*parts, _MISES]
+
+
+def fields_of(run: Any, names: Iterable[str]) -> dict[str, np.ndarray]:
+    """Some fields of a run as they are now, stress among them, which is computed where it is asked for.
+
+    Raises
+    ------
+    InputError
+        No field of this name; a stress on several processes.
+    """
+    wanted = list(names)
+    held = shown_fields(run, next((name for name in wanted if name.startswith(NAME)), ""))
+    if NAME in wanted and QUANTITIES[NAME].has(run.model):
+        wanted = [part for name in wanted for part in (stress_names(run.lattice.dim) if name == NAME else [name])]
+    for name in wanted:
+        if name not in held:
+            more = [NAME] * (NAME not in held and QUANTITIES[NAME].has(run.model))
+            raise InputError("the run has no such field", value=name, key="fields", limit=", ".join([*held, *more]))
+    return {name: held[name] for name in wanted}
+
+
+def shown_fields(run: Any, name: str) -> dict[str, np.ndarray]:
+    """The fields of a run, and its stress if that is asked for."""
+    asked = isinstance(name, str) and name.startswith(NAME) and QUANTITIES[NAME].has(run.model)
+    return run.fields | (nodal_stress(run) if asked else {})
+
+
+def nodal_stress(run: Any) -> dict[str, np.ndarray]:
+    """Components of the stress at the nodes, and von Mises' stress, by name; nan where there is none.
+
+    In two dimensions the components are those in the plane; von Mises' stress has the normal one across it, too.
+
+    Raises
+    ------
+    InputError
+        On several processes, none of which has all neighbours.
+    """
+    if run.team:
+        raise InputError("the stress is not computed on several processes yet", key="fields", remedy="one process")
+    near, lattice = run.parts.near, run.lattice
+    dim = lattice.dim
+    u = run.fields["u"].reshape(dim, *lattice.shape)
+    if "damage" in run.fields:
+        u = np.where(run.fields["damage"] > 0, np.nan, u)
+    cuts = [crack.cut for crack in run.setup.cracks if crack.opens <= run.time]
+    slopes = [_slope(u, axis, lattice, cuts) for axis in range(dim)]
+    now = np.stack([u, *slopes], axis=-1).reshape(dim, -1, 1 + dim).swapaxes(0, 1)[None]
+    lame, shear = near.lame.reshape(2, -1)
+    (tensor,) = Reading(now, now, run.dt, 0.0, LocalModuli(lame, shear)).of([NAME])[NAME]
+    found = {f"{NAME}_{'xyz'[a]}{'xyz'[b]}": tensor[:, a, b] for a, b in combinations_with_replacement(range(dim), 2)}
+    if dim > 1:
+        across = 0.0 if getattr(run.model, "plane", None) == "stress" else lame / (2 * (lame + shear))
+        found[_MISES] = von_mises(tensor, across)
+    return {name: values.reshape(lattice.shape) for name, values in found.items()}
+
+
+def von_mises(tensor: np.ndarray, across: Any = 0.0) -> np.ndarray:
+    """``sqrt(3/2 s : s)`` of the deviator s of stresses, shape (n, dim, dim).
+
+    Parameters
+    ----------
+    tensor : ndarray, shape (n, dim, dim)
+    across : float or ndarray, shape (n,)
+        In two dimensions the normal stress across the plane over the sum of those in it: Poisson's ratio in plane
+        strain, 0 in plane stress.
+    """
+    dim = tensor.shape[-1]
+    whole = np.zeros((len(tensor), 3, 3))
+    whole[:, :dim, :dim] = tensor
+    if dim == 2:
+        whole[:, 2, 2] = across * np.trace(tensor, axis1=1, axis2=2)
+    mean = np.trace(whole, axis1=1, axis2=2) / 3
+    deviator = whole - mean[:, None, None] * np.eye(3)
+    return np.asarray(np.sqrt(1.5 * (deviator**2).sum((1, 2))))
+
+
+def _slope(u: np.ndarray, axis: int, lattice: Any, cuts: Any) -> np.ndarray:
+    """Derivative along an axis: means of the differences to both sides, or what those to one side tell."""
+    first = np.moveaxis(np.diff(u, axis=axis + 1) / lattice.spacing, axis + 1, -1)
+    if cuts:
+        at = np.moveaxis(np.stack(np.meshgrid(*lattice.axes, indexing="ij"), -1), axis, -2)
+        cut = np.any([one.cuts(at[..., :-1, :], at[..., 1:, :]) for one in cuts], axis=0)
+        first = np.where(cut, np.nan, first)
+    none = np.full((*first.shape[:-1], 2), np.nan)
+    padded = np.concatenate([none, first, none], axis=-1)
+    n = first.shape[-1] + 1
+    before2, before, after, after2 = (padded[..., k : k + n] for k in range(4))
+    found = (before + after) / 2
+    for one, two in ((after, after2), (before, before2)):
+        aside = np.where(np.isnan(two), one, one + (one - two) / 2)
+        found = np.where(np.isnan(found), aside, found)
+    return np.moveaxis(found, -1, axis + 1)
