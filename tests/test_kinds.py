@@ -114,6 +114,7 @@ RIGHT = {
         "fracture_energy": None,
         "contact": False,
     },
+    "Elements": {"elements": (TETRAHEDRON, [(0, 1, 2, 3)]), "group": None, "scale": 1.0},
     "Exact": {"compress": 1e-12},
     "Expression": {"text": "x", "dim": 1},
     "Extended": {"target": None, "nodes": None, "until": None},

@@ -23,6 +23,7 @@ from farhorizon.errors import InputError as InputError
 from farhorizon.errors import UnstableError as UnstableError
 from farhorizon.errors import ValidityWarning as ValidityWarning
 from farhorizon.files.results import open_results as open_results
+from farhorizon.geometry.elements import Elements as Elements
 from farhorizon.geometry.lattice import Lattice as Lattice
 from farhorizon.geometry.masks import ImageMask as ImageMask
 from farhorizon.geometry.masks import Text as Text

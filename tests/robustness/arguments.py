@@ -98,6 +98,7 @@ def good():
         "Lattice": {"spacing": 0.5, "lower": (-1.0, -1.0), "upper": (1.0, 1.0)},
         "LatticePML": {},
         "LineSource": {"points": [(-0.5, 0.0), (0.5, 0.0)], "strength": 1.0, "interpolation": "linear"},
+        "Elements": {"elements": (np.vstack([np.zeros(3), np.eye(3)]), [(0, 1, 2, 3)])},
         "Mesh": {"triangles": (np.vstack([np.zeros(3), np.eye(3)]), [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)])},
         "MomentTensor": {"at": (0.1, 0.2), "moment": 1.0, "interpolation": "linear"},
         "NonlocalPML": {},

@@ -338,6 +338,14 @@ class Case:
                     key="model.stages",
                 )
             values["integrator"] = fh.RungeKuttaChebyshev(part.stages)
+        for i, part in enumerate(self.parts.material):
+            if not part.model_fields_set - {"region"}:
+                raise InputError(
+                    "a region without a material",
+                    key=f"material[{i}]",
+                    limit=", ".join(sorted(set(MaterialPart.model_fields) - {"region"})),
+                    remedy="give it constants, or leave it out",
+                )
         named = {name for part in self.parts.material for name in part.model_fields_set - {"region", "of"}}
         for name in sorted(named):
             if values.get(name) is None:

@@ -159,6 +159,15 @@ class MeshPart(Part):
     """Middle of its bounding box; where the file has it unless given."""
 
 
+class ElementsPart(Part):
+    file: FilePath
+    """A mesh of Gmsh (MSH 4.1), by its path from the case file."""
+    group: str | None = None
+    """Name of its physical group; all of the mesh unless given."""
+    scale: Number = 1.0
+    """Factor of its coordinates."""
+
+
 class RegionPart(Part):
     """One shape, with shapes taken out of it."""
 
@@ -178,6 +187,8 @@ class RegionPart(Part):
     """Cells of a label image or a stack of images (1D, 2D, 3D)."""
     mesh: MeshPart | None = None
     """What a closed surface encloses (3D)."""
+    elements: ElementsPart | None = None
+    """What triangles (2D) or tetrahedra (3D) of a mesh cover."""
     without: list[RegionPart] = []
     """Regions that are taken out of it."""
 
@@ -205,6 +216,8 @@ class RegionPart(Part):
             shapes.append(fh.Voxels(self.voxels.file, self.voxels.size, self.voxels.lower, self.voxels.labels))
         if self.mesh is not None:
             shapes.append(fh.Mesh(self.mesh.file, self.mesh.scale, self.mesh.centre))
+        if self.elements is not None:
+            shapes.append(fh.Elements(self.elements.file, self.elements.group, self.elements.scale))
         if len(shapes) != 1:
             known = ", ".join(name for name in type(self).model_fields if name != "without")
             raise InputError(f"give exactly one of {known}", key=key)

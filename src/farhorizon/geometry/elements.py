@@ -1,0 +1,186 @@
+"""Regions that meshes of volumes cover: triangles in the plane, tetrahedra in space, as Gmsh makes them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.geometry.shapes import TOLERANCE, Array, Mask, Shape, constant
+
+_CORNERS = {"triangle": 3, "triangle6": 3, "tetra": 4, "tetra10": 4}  # those in the middle of edges come after them
+_DIMENSION = {"triangle": 2, "triangle6": 2, "tetra": 3, "tetra10": 3}
+_CHUNK = 4096  # elements that are looked at together
+_FLAT = 1e-9  # of the extent: heights of a mesh in the plane
+
+
+class Elements(Shape):
+    """What the triangles of a mesh in the plane cover, or its tetrahedra in space; its size is the longest edge of its
+    bounding box.
+
+    Parameters
+    ----------
+    elements : str, Path, (points, elements), or array_like of shape (n, dim + 1, dim)
+        A file of Gmsh (MSH 4.1, or another format of meshio), which takes ``pip install 'farhorizon[gmsh]'``; or points
+        and the numbers of each element's corners among them; or the corners themselves. Of elements of second order the
+        corners count.
+    group : str, optional
+        The physical group of a file that is taken, by its name; all elements of the highest dimension unless given.
+    scale : float
+        Multiplies the coordinates: 1e-3 makes metres of a drawing in millimetres.
+
+    Attributes
+    ----------
+    elements : ndarray, shape (n, dim + 1, dim)
+        Corners, scaled.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, a group that it does not have, no triangles or tetrahedra, meshio is not installed.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> square = fh.Elements(([(0, 0), (1, 0), (1, 1), (0, 1)], [(0, 1, 2), (0, 2, 3)]))
+    >>> square.contains([(0.5, 0.25), (1.5, 0.5)])
+    array([ True, False])
+    """
+
+    _shown = ("scale",)
+
+    def __init__(self, elements: Any, group: str | None = None, scale: float = 1.0) -> None:
+        factor = kinds.number(scale, "scale", above=0)
+        wanted = None if group is None else kinds.text(group, "group")
+        if isinstance(elements, str | Path):
+            corners = _read(Path(elements), wanted)
+        elif wanted is not None:
+            raise InputError("only files have groups", value=wanted, key="group", remedy="the elements of the group")
+        else:
+            corners = _corners(elements)
+        self.dim = corners.shape[-1]
+        # as they are now, so that the same arguments make the same shape again
+        self.elements, self.group, self.scale = constant("elements", factor * corners), None, 1.0
+
+    def __repr__(self) -> str:
+        lower, upper = self.bounds()
+        return f"Elements({len(self.elements)} elements from {lower.tolist()} to {upper.tolist()})"
+
+    def bounds(self) -> tuple[Array, Array]:
+        return self.elements.min((0, 1)), self.elements.max((0, 1))
+
+    def _contains(self, points: Array) -> Mask:
+        flat, found = points.reshape(-1, self.dim), np.zeros(points[..., 0].size, bool)
+        lower, upper = self.bounds()
+        slack = TOLERANCE * float((upper - lower).max())
+        tree = cKDTree(flat)
+        for first in range(0, len(self.elements), _CHUNK):
+            some = self.elements[first : first + _CHUNK]
+            middle = some.mean(1)
+            radius = np.linalg.norm(some - middle[:, None], axis=-1).max(1) + slack
+            near = tree.query_ball_point(middle, radius)
+            counts = np.array([len(one) for one in near])
+            which = np.repeat(np.arange(len(some)), counts)
+            numbers = np.array([k for one in near for k in one], dtype=np.int64)
+            inside = _within(some, which, flat[numbers], slack)
+            found[numbers[inside]] = True
+        return found.reshape(points.shape[:-1])
+
+
+def _within(elements: Array, which: np.ndarray, points: Array, slack: float) -> Mask:
+    """Whether points lie in elements, each in one of given number, or so near to its faces."""
+    edges = elements[:, 1:] - elements[:, :1]
+    volume = np.linalg.det(edges)
+    solid = np.abs(volume) > 0
+    inverse = np.linalg.inv(np.where(solid[:, None, None], edges, np.eye(edges.shape[-1])))
+    shares = np.einsum("ni,nij->nj", points - elements[which, 0], inverse[which])  # of the corners but the first
+    slopes = np.concatenate([inverse, -inverse.sum(2, keepdims=True)], axis=2)
+    reach = slack * np.linalg.norm(slopes, axis=1)[which]  # how much shares change on the way of the slack
+    shares = np.concatenate([shares, 1 - shares.sum(1, keepdims=True)], axis=1)
+    return np.asarray((shares >= -reach).all(1) & solid[which])
+
+
+def _corners(given: Any) -> Array:
+    """Corners of the elements that are given in one way or another, shape (n, dim + 1, dim)."""
+    if isinstance(given, tuple) and len(given) == 2:
+        points = kinds.array(given[0], "elements", shape=(None, None))
+        numbers = kinds.array(given[1], "elements", shape=(None, points.shape[1] + 1))
+        if not ((numbers >= 0) & (numbers < len(points)) & (numbers == np.floor(numbers))).all():
+            raise InputError(
+                "elements have the numbers of points",
+                limit=f"0 to {len(points) - 1}, whole",
+                key="elements",
+                remedy="count from 0",
+            )
+        corners = points[numbers.astype(int)]
+    else:
+        corners = kinds.array(given, "elements", shape=(None, None, None))
+    count, width, dim = corners.shape
+    if not count or dim not in (2, 3) or width != dim + 1:
+        raise InputError(
+            "elements are triangles in the plane or tetrahedra in space",
+            value=f"shape {corners.shape}",
+            limit="(n, 3, 2) or (n, 4, 3)",
+            key="elements",
+        )
+    return corners
+
+
+def _read(path: Path, group: str | None) -> Array:
+    """Corners of the elements of a file, of one of its physical groups if it is named."""
+    try:
+        import meshio
+    except ImportError as error:
+        raise InputError(
+            "meshio is not installed", value=path.name, key="elements", remedy="pip install 'farhorizon[gmsh]'"
+        ) from error
+    if not path.is_file():
+        raise InputError("there is no such file", value=path, key="elements", remedy="check the path")
+    try:
+        mesh = meshio.read(path)
+    except (Exception, SystemExit) as error:  # meshio raises what its readers meet, and leaves the program
+        remedy = "a mesh that Gmsh has saved in its format MSH 4.1"
+        raise InputError(f"cannot read the mesh {path}: {error}", key="elements", remedy=remedy) from None
+    groups = {name: int(entry[0]) for name, entry in mesh.field_data.items()}
+    spans = {name: int(entry[1]) for name, entry in mesh.field_data.items()}
+    volumes = [name for name in groups if spans[name] > 1]
+    if group is not None and group not in groups:
+        raise InputError(
+            "the mesh has no physical group of this name",
+            value=group,
+            limit=", ".join(volumes) or "none has a name",
+            key="group",
+        )
+    tags = mesh.cell_data.get("gmsh:physical", [None] * len(mesh.cells))
+    found: dict[int, list[np.ndarray]] = {}
+    for block, tag in zip(mesh.cells, tags, strict=True):
+        dim = _DIMENSION.get(block.type)
+        chosen = slice(None) if group is None or tag is None else np.asarray(tag) == groups[group]
+        if dim is not None and (group is None or (dim == spans[group] and tag is not None)):
+            found.setdefault(dim, []).append(np.asarray(block.data)[chosen][:, : _CORNERS[block.type]])
+    dim = max((one for one, blocks in found.items() if sum(map(len, blocks))), default=0)
+    if not dim:
+        there = ", ".join(sorted({block.type for block in mesh.cells})) or "nothing"
+        what = "the mesh" if group is None else f"the group {group!r}"
+        raise InputError(
+            f"{what} has no triangles and no tetrahedra",
+            value=f"{path.name}: {there}",
+            key="elements" if group is None else "group",
+            remedy="mesh the surface or the volume, and save all elements",
+        )
+    points = np.asarray(mesh.points, float)
+    corners = points[np.concatenate(found[dim])]
+    if dim == 3:
+        return corners
+    if points.shape[1] > 2 and np.ptp(corners[..., 2]) > _FLAT * max(float(np.ptp(corners)), 1e-300):
+        raise InputError(
+            "triangles in space are a surface, and cover no volume",
+            value=path.name,
+            key="elements",
+            remedy="mesh = {...} takes a closed surface; tetrahedra cover a volume",
+        )
+    return corners[..., :2]
