@@ -55,6 +55,7 @@ from farhorizon.inputs.local_sources import PointSource as PointSource
 from farhorizon.inputs.phased_arrays import PhasedArray as PhasedArray
 from farhorizon.inputs.plane_waves import IncidentWave as IncidentWave
 from farhorizon.inputs.prescribed import Prescribed as Prescribed
+from farhorizon.inputs.pressure import Pressure as Pressure
 from farhorizon.inputs.rayleigh_waves import RayleighWave as RayleighWave
 from farhorizon.inputs.signals import Chirp as Chirp
 from farhorizon.inputs.signals import Gaussian as Gaussian

@@ -7,7 +7,8 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.case.case import Case
-from farhorizon.validation.stress_intensity import force_on_faces, intensity, opened, pressure_step
+from farhorizon.inputs.pressure import pressing_force
+from farhorizon.validation.stress_intensity import intensity, opened, pressure_step
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))
 HALF = 4.0
@@ -121,6 +122,12 @@ def test_case_file():
     assert set(made.recorded.data) == {"K_III", "G"}
 
 
+def force_on_faces(model, lattice, crack, stress):
+    """What presses the faces of a crack under that stress."""
+    cracks, closed = [fh.Crack(crack)], {0: False, 1: False}
+    return pressing_force(fh.Pressure(crack, stress), lattice, model, cracks, "free", closed)
+
+
 def missing_force(sim, strain):
     """What `force_on_faces` is, of any material: in a medium of that strain without cracks nothing would pull."""
     engine, lattice = sim.engine, sim.lattice
@@ -144,7 +151,7 @@ def pulled(spacing, turn, stress, model, observe):
     strain = (stress - lame / (2 * (lame + shear)) * np.trace(stress) * np.eye(2)) / (2 * shear)
     sides = fh.LatticePML(nodes=16)
     if model.bonds:
-        force = force_on_faces(model, lattice, crack, strain)
+        force = force_on_faces(model, lattice, crack, stress)
     else:
         force = missing_force(fh.Simulation(lattice, model, sides, cracks=[crack], threads=1), strain)
     sources = [fh.Source(force, fh.Step(4.0))]
@@ -230,7 +237,8 @@ def test_energy_that_a_longer_crack_releases():
     lattice = fh.Lattice(spacing, (-7.875, -5.875), (7.875, 5.875))
     for half in (HALF, HALF + spacing):
         crack, observer = fh.Polyline([(-half, 0.0), (half, 0.0)]), fh.StressIntensity([(half, 0.0)])
-        force = force_on_faces(model, lattice, crack, np.array([[0.0, 0.2], [0.2, 1.0]]))
+        shear = 2 * model.shear * 0.2
+        force = force_on_faces(model, lattice, crack, [[model.lame, shear], [shear, model.p_modulus]])
         sides, sources = fh.LatticePML(nodes=16), [fh.Source(force, fh.Step(4.0))]
         sim = fh.Simulation(lattice, model, sides, sources=sources, cracks=[crack], observe=[observer])
         sim.run("static", tolerance=1e-3, limit=400.0, progress=False)
@@ -262,7 +270,7 @@ def test_an_incident_wave_is_the_load_on_the_faces_that_it_would_have():
         d = 1e-4
         return -(pulse(t - arrives + d) - pulse(t - arrives - d)) / (2 * d * model.p_speed)
 
-    force = force_on_faces(model, lattice, crack, np.diag([0.0, 1.0]))
+    force = force_on_faces(model, lattice, crack, np.diag([model.lame, model.p_modulus]))
     other = fh.Simulation(lattice, model, sides, sources=[fh.Source(force, strain)], cracks=[crack], observe=[loaded])
     other.run(40.0, progress=False)
     one, two = falling.data["K_I"][:, 0], loaded.data["K_I"][:, 0]

@@ -26,6 +26,7 @@ PARTS = {
     "expression": lambda: fh.Expression("exp(-x**2)*sin(t)", 1),
     "source": lambda: fh.Source("exp(-x**2)", time="sin(t)"),
     "crack": lambda: fh.Crack([(0, 0), (1, 1)], factor=0.5),
+    "pressure": lambda: fh.Pressure([(0, 0), (1, 1)], [[1.0, 0.5], [0.5, 2.0]], time="sin(t)"),
     "traction": lambda: fh.Traction("y+", [0, 1.0], time="sin(t)"),
     "text": lambda: fh.Text("A", 1.0),
 }

@@ -23,11 +23,13 @@ from farhorizon.case.schema import (
     BoxPart,
     ConstraintPart,
     CrackPart,
+    CutPart,
     FarFieldPart,
     MaterialPart,
     Part,
     PowerPart,
     PrescribedPart,
+    PressurePart,
     ReceiversPart,
     SourcePart,
     SpectraPart,
@@ -511,10 +513,18 @@ class Case:
             raise InputError("a material cannot depend on t", value=value, key=key)
         return entry
 
-    def _load(self, part: TractionPart | BodyForcePart, key: str) -> fh.Traction | fh.BodyForce:
+    def _load(
+        self, part: TractionPart | PressurePart | BodyForcePart, key: str
+    ) -> fh.Traction | fh.Pressure | fh.BodyForce:
         factor = self._of_time(part.time, f"{key}.time")
         if isinstance(part, TractionPart):
             return fh.Traction(part.side, part.value, part.between, factor)
+        if isinstance(part, PressurePart):
+            on = self._cut(part, key) if part.region is None else part.region.build(f"{key}.region")
+            try:
+                return fh.Pressure(on, part.value, factor)
+            except InputError as error:
+                raise error.at(under(key, error.key.removeprefix("load."))) from None
         return fh.BodyForce(self._expression(part.value, f"{key}.value"), factor)
 
     def _prescribed(self, part: PrescribedPart, key: str) -> fh.Prescribed:
@@ -528,20 +538,23 @@ class Case:
             raise error.at(under(key, error.key)) from None
 
     def _crack(self, part: CrackPart) -> Any:
+        cut = self._cut(part, "crack")
+        return fh.Crack(cut, part.factor, part.opens) if part.factor or part.opens else cut
+
+    def _cut(self, part: CutPart, key: str) -> Any:
         given = [p for p in (part.points, part.rectangle, part.disc) if p is not None]
         if len(given) != 1:
-            raise InputError("give exactly one of points, rectangle, disc", key="crack")
-        cut: Any = part.points
+            raise InputError("give exactly one of points, rectangle, disc", key=key)
+        if part.points is not None:
+            return part.points
+        given_as: Any = given[0]
+        cls: Any = fh.DiscCut if part.rectangle is None else fh.Rectangle
         try:
-            if part.points is None:
-                given_as: Any = given[0]
-                cls: Any = fh.DiscCut if part.rectangle is None else fh.Rectangle
-                cut = cls(**given_as)
+            return cls(**given_as)
         except TypeError:
             raise InputError(
-                "a rectangle needs corner, edge1 and edge2; a disc needs centre, normal and radius", key="crack"
+                "a rectangle needs corner, edge1 and edge2; a disc needs centre, normal and radius", key=key
             ) from None
-        return fh.Crack(cut, part.factor, part.opens) if part.factor or part.opens else cut
 
     def _constraint(self, part: ConstraintPart | PrescribedPart, key: str) -> Any:
         return self._prescribed(part, key) if isinstance(part, PrescribedPart) else self._condition(part, key)

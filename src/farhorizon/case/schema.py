@@ -318,13 +318,16 @@ class MaterialPart(Part):
     """Fracture energy there."""
 
 
-class CrackPart(Part):
+class CutPart(Part):
     points: list[list[Number]] | None = None
     """Polyline (2D), corners of a polygon (3D), or a position (1D)."""
     rectangle: dict[Literal["corner", "edge1", "edge2"], list[Number]] | None = None
     """In 3D: corner and two edges."""
     disc: dict[Literal["centre", "normal", "radius"], list[Number] | Number] | None = None
     """In 3D: centre, normal and radius."""
+
+
+class CrackPart(CutPart):
     factor: Number = 0.0
     """What is left of the bonds that it crosses: 0 nothing, 1 all."""
     opens: Number = 0.0
@@ -385,6 +388,20 @@ class TractionPart(Part):
     """One component an axis."""
     between: list[tuple[Number, Number]] | None = None
     """Where it acts, along each of the other axes; the whole side unless given."""
+    time: Factor = 1.0
+    """Factor of t: an expression, or a table with a signal."""
+
+
+class PressurePart(CutPart):
+    """A pressure on the faces of a crack, or on the rim of a hole, of an elastic medium."""
+
+    type: Literal["pressure"]
+    """A pressure in a crack, given as under crack by points, rectangle or disc, or in a hole."""
+    region: RegionPart | None = None
+    """The hole, instead of a crack: a region without nodes of the body."""
+    value: Number | list[list[Number]]
+    """Force per area that presses the faces apart, or a symmetric matrix P: tractions -P n, n pointing away from the
+    body."""
     time: Factor = 1.0
     """Factor of t: an expression, or a table with a signal."""
 
@@ -589,7 +606,7 @@ class OutputPart(Part):
     """Record energies, or what has flowed in and out."""
 
 
-_LOADS = (TractionPart, BodyForcePart)
+_LOADS = (TractionPart, PressurePart, BodyForcePart)
 _CONSTRAINTS = (ConstraintPart, PrescribedPart)
 
 

@@ -27,7 +27,7 @@ KEYS = {
     **dict.fromkeys(("frequency", "frequencies", "damping", "drag", "shift"), "1/s"),
     **dict.fromkeys(("ChirpPart.first", "ChirpPart.last", "NonlocalPMLPart.strength"), "1/s"),
     **dict.fromkeys(("wavenumber", "smallest"), "1/m"),
-    **dict.fromkeys(("young", "bulk", "shear", "TractionPart.value"), "Pa"),
+    **dict.fromkeys(("young", "bulk", "shear", "TractionPart.value", "PressurePart.value"), "Pa"),
     **dict.fromkeys(("u", "background", "FixedPart.value", "PrescribedPart.value"), FIELD),
     **dict.fromkeys(("v", "PrescribedPart.rate", "PrescribedPart.velocity"), RATE),
     **dict.fromkeys(("concentration", "saturation", "force", "moment", "strength", "ConstraintPart.value"), ANY),

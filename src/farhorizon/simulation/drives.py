@@ -10,12 +10,12 @@ import numpy as np
 
 from farhorizon.analysis.references.driven import Scheme
 from farhorizon.errors import InputError
-from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.incidence import Incidence, Incident, check_scatterers, standing_on
 from farhorizon.inputs.loads import BodyForce, Traction, force_density
 from farhorizon.inputs.local_sources import LocalSource
 from farhorizon.inputs.outside import Beyond
+from farhorizon.inputs.pressure import Pressure, pressing_force
 from farhorizon.inputs.signals import Signal
 from farhorizon.inputs.sources import Source, as_source, by_component, space_and_time, split, steady
 from farhorizon.medium.integrators import Verlet
@@ -87,7 +87,7 @@ def given(setup: Setup, near: NearField, sides: Sides) -> list[tuple[str, Any]]:
             source.placed(near.lattice, near.stencil.components, key) if isinstance(source, LocalSource) else [source]
         )
     ]
-    loads = [(f"load[{i}]", _of_load(load, setup.lattice, sides, f"load[{i}]")) for i, load in enumerate(setup.loads)]
+    loads = [(f"load[{i}]", _of_load(load, setup, near, sides, f"load[{i}]")) for i, load in enumerate(setup.loads)]
     return sources + loads
 
 
@@ -139,9 +139,16 @@ def check_signals(setup: Setup, near: NearField) -> None:
             )
 
 
-def _of_load(load: BodyForce | Traction, lattice: Lattice, sides: Sides, key: str) -> Source:
+def _of_load(load: BodyForce | Traction | Pressure, setup: Setup, near: NearField, sides: Sides, key: str) -> Source:
     """A load as the force per volume that it is."""
-    value = force_density(load, lattice, sides, key) if isinstance(load, Traction) else list(load.value)
+    lattice = setup.lattice
+    if isinstance(load, Traction):
+        value: Any = force_density(load, lattice, sides, key)
+    elif isinstance(load, Pressure):
+        periodic = {axis: sides[axis, -1].periodic for axis in range(lattice.dim)}
+        value = pressing_force(load, lattice, near.model, setup.cracks, setup.rim, periodic, key)
+    else:
+        value = list(load.value)
     found: Source = as_source(Source(value, load.time or steady), lattice.dim, f"{key}.value")
     return found
 

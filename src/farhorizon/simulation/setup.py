@@ -18,6 +18,7 @@ from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.loads import BodyForce, Traction
 from farhorizon.inputs.local_sources import LocalSource
 from farhorizon.inputs.prescribed import Prescribed
+from farhorizon.inputs.pressure import Pressure
 from farhorizon.inputs.sources import as_source
 from farhorizon.inputs.specimens import Specimen
 from farhorizon.models import LatticeModel
@@ -104,7 +105,7 @@ constraints, balance, specimens, loads
     constraints: Sequence[Constraint | Prescribed] = ()
     balance: bool = False
     specimens: Sequence[Specimen] = ()
-    loads: Sequence[BodyForce | Traction] = ()
+    loads: Sequence[BodyForce | Traction | Pressure] = ()
 
     def __post_init__(self) -> None:
         lattice = kinds.instance(self.lattice, "lattice", Lattice, "a Lattice")
@@ -132,7 +133,7 @@ constraints, balance, specimens, loads
                 remedy="give the lattice a body, or fix the sides: Fixed(...)",
             )
         for i, load in enumerate(self.loads):
-            kinds.instance(load, f"load[{i}]", (BodyForce, Traction), "a BodyForce or a Traction")
+            kinds.instance(load, f"load[{i}]", (BodyForce, Traction, Pressure), "a BodyForce, Traction or Pressure")
         kinds.settle(
             self,
             boundary={side_name(*key): boundary for key, boundary in beyond.items()},

@@ -20,6 +20,7 @@ from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.conditions import Constraint
 from farhorizon.inputs.loads import BodyForce, Traction
 from farhorizon.inputs.prescribed import Prescribed
+from farhorizon.inputs.pressure import Pressure
 from farhorizon.inputs.specimens import Specimen
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import LatticeModel
@@ -66,7 +67,7 @@ class Simulation(Run):
         and ``team.joined(lattice, fields["u"])`` is the whole field, on the first process.
     topology : sequence of int, optional
         Boxes along each axis; those that exchange least unless given.
-    loads : sequence of BodyForce and Traction
+    loads : sequence of BodyForce, Traction and Pressure
         Forces on an `Elastic` medium per volume, and per area on its free sides (bond-based materials).
     cracks : sequence
         Cuts, points of polylines (2D), of polygons (3D) or positions (1D); `Crack` for one that conducts a little or
@@ -153,7 +154,7 @@ class Simulation(Run):
         constraints: Sequence[Constraint | Prescribed] = (),
         balance: bool = False,
         specimens: Sequence[Specimen] = (),
-        loads: Sequence[BodyForce | Traction] = (),
+        loads: Sequence[BodyForce | Traction | Pressure] = (),
         communicator: Any = None,
         topology: Sequence[int] | None = None,
     ) -> None:

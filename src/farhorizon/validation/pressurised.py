@@ -19,15 +19,14 @@ from farhorizon.analysis.fracture.opening import face_jumps, opening_intensity
 from farhorizon.boundaries import LatticePML
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import DiscCut, Polyline
+from farhorizon.inputs.pressure import Pressure
 from farhorizon.inputs.signals import Step
-from farhorizon.inputs.sources import Source
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Elastic
 from farhorizon.simulation.intensities import StressIntensity
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.penny import draw_profile
-from farhorizon.validation.stress_intensity import force_on_faces
 from farhorizon.validation.validations import validation
 
 SNEDDON = "Griffith (1921); Sneddon (1946), The distribution of stress in the neighbourhood of a crack"
@@ -55,11 +54,9 @@ def straight(spacing: float) -> tuple[Simulation, Polyline, StressIntensity, Str
     model = Elastic(Kernel(2 * spacing, exponent=1), young=YOUNG)
     ahead = np.array([np.cos(TURN), np.sin(TURN)])
     crack = Polyline([-SIZE * ahead, SIZE * ahead])
-    strain = np.eye(2) / (2 * (model.lame + model.shear))
     large, small = StressIntensity(every=4), StressIntensity(radii=(0.3 * SIZE, 0.55 * SIZE), every=4, name="small")
-    sources = [Source(force_on_faces(model, lattice, crack, strain), time=Step(SIZE))]
-    sides = LatticePML(nodes=16)
-    sim = Simulation(lattice, model, sides, sources=sources, cracks=[crack], observe=[large, small])
+    press = Pressure(crack, 1.0, time=Step(SIZE))
+    sim = Simulation(lattice, model, LatticePML(nodes=16), loads=[press], cracks=[crack], observe=[large, small])
     return sim.run("static", tolerance=1e-3, limit=500.0, progress=False), crack, large, small
 
 
@@ -109,9 +106,8 @@ def penny_at_rest(spacing: float) -> tuple[np.ndarray, np.ndarray, float]:
     lattice = Lattice(spacing, (-wide, -wide, -high), (wide, wide, high))
     model = Elastic(Kernel(2 * spacing, exponent=1), young=YOUNG)
     crack = DiscCut((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), SIZE)
-    strain = np.eye(3) / (3 * model.lame + 2 * model.shear)
-    sources = [Source(force_on_faces(model, lattice, crack, strain), time=Step(2 * SIZE))]
-    sim = Simulation(lattice, model, LatticePML(nodes=8), sources=sources, cracks=[crack])
+    press = Pressure(crack, 1.0, time=Step(2 * SIZE))
+    sim = Simulation(lattice, model, LatticePML(nodes=8), loads=[press], cracks=[crack])
     sim.run("static", tolerance=0.01, limit=400.0, progress=False)
     x, y, _ = lattice.coordinates()
     r, middle = np.hypot(x, y)[..., 0], lattice.shape[2] // 2

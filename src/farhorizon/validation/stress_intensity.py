@@ -26,8 +26,8 @@ import numpy as np
 from farhorizon.analysis.fracture.opening import opening_intensity
 from farhorizon.boundaries import LatticePML
 from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import Cut, Polyline
-from farhorizon.inputs.cracks import cut_bonds
+from farhorizon.geometry.shapes import Polyline
+from farhorizon.inputs.pressure import Pressure
 from farhorizon.inputs.signals import Step
 from farhorizon.inputs.sources import Source
 from farhorizon.medium.kernel import Kernel
@@ -145,32 +145,18 @@ def mode_three(folder: Path) -> Outcome:
     return Outcome(rows, pictures=[picture])
 
 
-def force_on_faces(model: Elastic, lattice: Lattice, crack: Cut, strain: np.ndarray) -> np.ndarray:
-    """Force per volume with which the bonds that a crack cuts would pull on their nodes in a medium of that strain,
-    turned round: with it the crack does to a medium at rest what it does to one strained from far away.
-    """
-    spacing, stencil = lattice.spacing, model.stencil(lattice.spacing, lattice.dim)
-    force = np.zeros((lattice.dim, *lattice.shape))
-    for offset, weight in zip(stencil.offsets, stencil.weights, strict=True):
-        nodes, bonds = cut_bonds(crack, lattice.lower, spacing, lattice.shape, offset[None])
-        force[:, *nodes.T] -= (weight @ strain @ offset * model.p_modulus / spacing)[:, None] * np.ones(len(bonds))
-    return force
-
-
 def opened(spacing: float, half: tuple[float, float]) -> tuple[Simulation, float]:
     """A crack in a bond-based solid before its faces are pressed apart, in a near field of such half edges, and the
     speed of P waves.
 
-    The bonds that the crack cuts pull with the incident wave's stress on what they are cut from; the wave's strain is
-    along its way alone.
+    What presses them is the incident wave's stress for a strain along its way alone.
     """
     model = Elastic(Kernel(2 * spacing, exponent=1), young=YOUNG)
     lattice = Lattice(spacing, (-half[0], spacing / 2 - half[1]), (half[0], half[1] - spacing / 2))
     tip = HALF_LENGTH + spacing / 2
-    strain = np.diag([0.0, 1 / (model.lame + 2 * model.shear)])  # of the wave, for a unit stress
     crack = Polyline([(-tip, 0.0), (tip, 0.0)])
-    sources = [Source(force_on_faces(model, lattice, crack, strain), time=STRESS)]
-    return Simulation(lattice, model, LatticePML(nodes=20), sources=sources, cracks=[crack]), model.p_speed
+    press = Pressure(crack, np.diag([model.lame / model.p_modulus, 1.0]), time=STRESS)
+    return Simulation(lattice, model, LatticePML(nodes=20), loads=[press], cracks=[crack]), model.p_speed
 
 
 def pulled_intensity(sim: Simulation) -> float:

@@ -1,0 +1,254 @@
+"""Pressure on the faces of cracks and on the rims of holes.
+
+What presses a face is what its absent bonds would carry in a medium under the opposite uniform stress. So a crack under
+a stress from far away is, by superposition, the uniform stress and a crack whose faces are pressed with as much.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.files.storable import Storable
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.shapes import Cut, Shape
+from farhorizon.inputs.cracks import Crack, as_crack, cut_bonds
+from farhorizon.inputs.expressions import as_signal
+from farhorizon.medium.force_states import ForceStates
+from farhorizon.medium.stencil import Stencil
+from farhorizon.models import LatticeModel
+
+_UNEVEN = 1e-9  # of a tensor that is to be symmetric
+# for each bond the indices, shape (n, dim), of the nodes at which it is absent across the face
+_Faces = Iterator[np.ndarray]
+
+
+@dataclass(frozen=True)
+class Pressure(Storable):
+    r"""A pressure in a crack, or in a hole of the body.
+
+    Parameters
+    ----------
+    on : Cut, Crack, sequence of points, or Shape
+        A crack of the set-up, or a part of one, as in `cracks`: its faces; or a region without nodes of the body: the
+        rim around it.
+    value : float or array_like, shape (dim, dim)
+        Force per area, positive where it presses the faces apart; of a symmetric tensor P the traction is
+        :math:`-P n` on a face with the normal n that points away from the body.
+    time : callable, str, Expression or float, optional
+        Factor of t; 1 unless given.
+
+    Raises
+    ------
+    InputError
+        What is neither a crack nor a shape, a value that is no finite number or symmetric matrix, a factor that is no
+        function of t.
+
+    Notes
+    -----
+    The force on a node is what its absent bonds would carry under the uniform stress P, turned round. Forces on the two
+    faces of a crack, and on the rim of a hole, add up to zero, and on a flat face along the lattice there are P n for
+    each unit of area, to rounding. With bonds that are linear a crack under a stress P from far away opens as one with
+    the pressure P does. The force acts on the faces that are there in the beginning, over the depth of a horizon, and
+    does not follow bonds that break.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> lattice = fh.Lattice(0.5, (-7.75, -7.75), (7.75, 7.75))
+    >>> crack = [(-3.0, 0.0), (3.0, 0.0)]
+    >>> model = fh.Elastic(fh.Kernel(1.0, exponent=1), young=1.0)
+    >>> pump = fh.Pressure(crack, 1e-3, time=fh.Step(5.0))
+    >>> sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=8), cracks=[crack], loads=[pump])
+    >>> _ = sim.run(until=20.0)
+    >>> u = sim.fields["u"][1]
+    >>> bool(u[16, 16] > 0 > u[16, 15])  # the faces move apart
+    True
+    """
+
+    on: Any
+    value: Any
+    time: Any = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.on, Cut | Crack | Shape):
+            kinds.array(self.on, "load.on")
+        if not isinstance(self.value, list | tuple | np.ndarray):
+            kinds.settle(self, value=kinds.number(self.value, "load.value"))
+        elif (value := kinds.array(self.value, "load.value")).ndim != 2 or value.shape[0] != value.shape[1]:
+            raise InputError(
+                "a pressure is a number or a symmetric matrix", value=f"shape {value.shape}", key="load.value"
+            )
+        elif np.abs(value - value.T).max() > _UNEVEN * np.abs(value).max():
+            raise InputError("the tensor of a pressure is symmetric", value=value.tolist(), key="load.value")
+        kinds.settle(self, time=None if self.time is None else as_signal(self.time, "load.time"))
+
+    def bounded(self, lattice: Lattice) -> Pressure:
+        """Itself: it stays where its crack or hole is."""
+        return self
+
+    def tensor(self, dim: int, key: str = "load") -> np.ndarray:
+        """Force per area as a tensor; InputError of another dimension than the lattice."""
+        if isinstance(self.value, float):
+            return float(self.value) * np.eye(dim)
+        found = np.array(self.value, float)
+        if len(found) != dim:
+            raise InputError(
+                "the tensor of a pressure has a row for each axis", value=len(found), limit=dim, key=f"{key}.value"
+            )
+        return found
+
+
+def pressing_force(
+    load: Pressure,
+    lattice: Lattice,
+    model: LatticeModel,
+    cracks: Sequence[Crack],
+    rim: str,
+    periodic: Mapping[int, bool],
+    key: str = "load",
+) -> np.ndarray:
+    """The force per volume that a pressure is on the nodes of a lattice, less its factor of time.
+
+    Parameters
+    ----------
+    load : Pressure
+    lattice : Lattice
+    model : LatticeModel
+        Of the medium, or of its host where it varies.
+    cracks : sequence of Crack
+        All of the set-up.
+    rim : {"free", "fixed"}
+        Surface of the body.
+    periodic : mapping of int to bool
+        By axis.
+    key : str
+        Named in messages.
+
+    Returns
+    -------
+    ndarray, shape (dim, *lattice.shape)
+
+    Raises
+    ------
+    InputError
+        No medium with bonds that may be absent; bonds across the crack, or nodes in the hole, that are there; a
+        face or a rim that no absent bond crosses; a tensor of another dimension.
+    """
+    spacing, dim = lattice.spacing, lattice.dim
+    if not model.cuttable:
+        raise InputError(
+            "a pressure acts on faces of a medium of bonds",
+            value=model.title,
+            key=key,
+            remedy='Elastic with a kernel, material = "bond-based", "state-based" or "correspondence"',
+        )
+    states = model.force_states(spacing, dim)
+    stencil = model.stencil(spacing, dim) if states is None else None
+    offsets = stencil.offsets if stencil is not None else states.offsets  # type: ignore[union-attr]
+    pulls = forces_under_stress(offsets, _of_strains(stencil, states), load.tensor(dim, key)) / spacing
+    if isinstance(load.on, Shape):
+        faces = _around(load.on, lattice, offsets, rim, periodic, key)
+    else:
+        faces = _across(as_crack(load.on, dim).cut, lattice, offsets, cracks, key)
+    found = np.zeros((dim, *lattice.shape))
+    for nodes, pull in zip(faces, pulls, strict=True):
+        found[:, *nodes.T] -= pull[:, None]
+    if not found.any() and load.tensor(dim, key).any():
+        raise InputError(
+            "the pressure meets no face", value=repr(load.on), key=f"{key}.on", remedy="a larger or another region"
+        )
+    return found
+
+
+def forces_under_stress(offsets: np.ndarray, of_strains: np.ndarray, stress: np.ndarray) -> np.ndarray:
+    """What the bonds of a lattice carry under a uniform stress: force densities times the spacing, shape (K, dim).
+
+    Forces ``f_k`` of bonds ``xi_k`` are a stress of ``sum_k f_k xi_k / 2``, which the strain is chosen for, so that
+    flat faces along the lattice carry exactly that, whatever the stencil.
+
+    Parameters
+    ----------
+    offsets : ndarray, shape (K, dim)
+    of_strains : ndarray, shape (K, dim, dim, dim)
+        Force of each bond for each entry of a displacement gradient.
+    stress : ndarray, shape (dim, dim)
+        Symmetric.
+    """
+    dim = offsets.shape[1]
+    pairs = list(itertools.combinations_with_replacement(range(dim), 2))
+    strains = np.zeros((len(pairs), dim, dim))
+    for number, (a, b) in enumerate(pairs):
+        strains[number, a, b] = strains[number, b, a] = 1.0
+    forces = np.einsum("kacd,ncd->nka", of_strains, strains)
+    stresses = np.einsum("nka,kb->nab", forces, offsets) / 2
+    stresses = (stresses + stresses.swapaxes(1, 2)) / 2
+    table, wanted = (np.stack([one[..., a, b] for a, b in pairs]) for one in (stresses, stress))
+    return np.asarray(np.einsum("n,nka->ka", np.linalg.solve(table, wanted), forces))
+
+
+def _of_strains(stencil: Stencil | None, states: ForceStates | None) -> np.ndarray:
+    """Force of each bond, whole families at both its ends, for each entry of a displacement gradient."""
+    if states is None:
+        assert stencil is not None
+        return np.einsum("kab,kc->kabc", stencil.weights, stencil.offsets)
+    whole = np.eye(states.offsets.shape[1])[None]
+    law = states.law(whole, np.array([states.moduli]))[0]
+    state = np.einsum("knb,kc->nbc", states.gradient, states.offsets)
+    bonds = np.einsum("kab,kc->kabc", states.bonds, states.offsets)
+    return np.asarray(bonds + 2 * np.einsum("kan,nm,mbc->kabc", states.divergence, law, state))
+
+
+def _across(cut: Cut, lattice: Lattice, offsets: np.ndarray, cracks: Sequence[Crack], key: str) -> _Faces:
+    """The bonds between nodes of the near field that a crack cuts; InputError where one is not cut."""
+    whole = [crack.cut for crack in cracks if crack.factor == 0]
+    for offset in offsets:
+        nodes, _ = cut_bonds(cut, lattice.lower, lattice.spacing, lattice.shape, offset[None])
+        nodes = nodes[((nodes + offset >= 0) & (nodes + offset < lattice.shape)).all(1)]
+        if lattice.mask is not None:
+            nodes = nodes[lattice.mask[tuple(nodes.T)] & lattice.mask[tuple((nodes + offset).T)]]
+        ends = [lattice.lower + lattice.spacing * one for one in (nodes, nodes + offset)]
+        severed = np.zeros(len(nodes), bool)
+        for one in whole:
+            severed |= one.cuts(*ends)
+        if not severed.all():
+            raise InputError(
+                "a pressure acts on the faces of a crack",
+                value=ends[0][~severed][0].tolist(),
+                limit="bonds that cracks cut, with factor = 0",
+                key=f"{key}.on",
+                remedy="the same in cracks",
+            )
+        yield nodes
+
+
+def _around(
+    hole: Shape, lattice: Lattice, offsets: np.ndarray, rim: str, periodic: Mapping[int, bool], key: str
+) -> _Faces:
+    """The bonds of the body into a hole; InputError where there are nodes in it, or a rim that is not free."""
+    if hole.dim != lattice.dim:
+        raise InputError("shape and lattice differ in dimension", value=hole.dim, limit=lattice.dim, key=f"{key}.on")
+    inside = hole.contains(np.stack(lattice.coordinates(), axis=-1))
+    body = np.ones(lattice.shape, bool) if lattice.body is None or lattice.mask is None else lattice.mask
+    if (inside & body).any() or rim != "free":
+        raise InputError(
+            "a pressure acts on the free rim of a hole",
+            value=f"{int((inside & body).sum())} nodes in it" if rim == "free" else f'rim = "{rim}"',
+            key=f"{key}.on",
+            remedy='a shape that the lattice\'s body leaves out, with rim = "free"',
+        )
+    for offset in offsets:
+        across, there = inside, np.ones(lattice.shape, bool)
+        for axis, (step, n) in enumerate(zip(offset.tolist(), lattice.shape, strict=True)):
+            across = np.roll(across, -step, axis)
+            if step and not periodic[axis]:
+                beyond = np.arange(n) + step
+                shape = [-1 if a == axis else 1 for a in range(lattice.dim)]
+                there = there & ((beyond >= 0) & (beyond < n)).reshape(shape)
+        yield np.argwhere(body & across & there)
