@@ -36,8 +36,8 @@ def _burst(t):
 @pytest.mark.slow
 @pytest.mark.parametrize("rigid", [False, True], ids=["soft", "rigid"])
 def test_patterns_of_cylinders_converge_by_direction(rigid):
-    """Second order, in amplitude and phase: the field of the series near the rim, cut off inside of it, is sent by forces
-    on the rim, and the pattern is that of a box around. So no staircase takes part.
+    """Second order, in amplitude and phase: forces on the rim send the field of the series near it, cut off inside, and
+    the pattern is that of a box around. So no staircase takes part.
     """
     turns, errors, spacings = 2 * np.pi * np.arange(90) / 90, [], (0.5, 0.25, 0.125)
     exact = _far(turns, rigid)

@@ -34,7 +34,7 @@ class Recorded:
     frequencies : ndarray, shape (F,)
         Of spectra, in cycles per unit of time.
     spectra : dict of str to ndarray
-        By quantity, complex, of shape (F, n, ...).
+        By quantity, of shape (F, n, ...): complex sums, or energies, intensities and cross sections, which are real.
     directions : bool
         Whether the points are unit vectors, the directions of a pattern.
     medium : float

@@ -144,6 +144,12 @@ def _read(file: Any, path: Path, name: str, rows: Any = ()) -> np.ndarray:
         raise FileFormatError(f"{path} is damaged: {name} fails its check sum", remedy=remedy) from error
 
 
+def _read_spectrum(file: Any, path: Path, name: str) -> np.ndarray:
+    """A spectrum: complex, and so are all those of files that do not say, or real."""
+    values = _read(file, path, name)
+    return values if file[name].attrs.get("real", False) else np.asarray(values[0] + 1j * values[1])
+
+
 def _directory_of(path: Path) -> Path:
     """Directory that a new file shall stand in; InputError if there is none."""
     if path.is_dir():
@@ -847,7 +853,9 @@ class ResultsWriter:
                 chunk = (max(1, _CHUNK_ROWS // max(1, int(np.prod(width)) // 64)), *width)
                 rows.create_dataset(name, (0, *width), "f8", maxshape=(None, *width), chunks=chunk, fletcher32=True)
             for name, values in records.spectra.items():
-                _put_fixed(spectra, name, np.zeros((2, *values.shape)))
+                real = np.isrealobj(values)
+                _put_fixed(spectra, name, np.zeros(values.shape if real else (2, *values.shape)))
+                spectra[name].attrs["real"] = real
         self.recorded[records.name] = 0
 
     def conclude(self, records: Recorded) -> None:
@@ -880,7 +888,7 @@ class ResultsWriter:
                     _put(group["data"][name], first, values)
                 group.attrs.modify("rows", first + len(records.times))
             for name, values in records.spectra.items():
-                group["spectra"][name][...] = np.stack([values.real, values.imag])
+                group["spectra"][name][...] = values if np.isrealobj(values) else [values.real, values.imag]
         self.recorded[records.name] = first + len(records.times)
 
     def append_probes(self, times: np.ndarray, values: np.ndarray) -> None:
@@ -1061,14 +1069,14 @@ class Results:
         with _opened(self.path, "r", "results file") as file:
             for name, group in file["farhorizon"].get("recorded", {}).items():
                 place, rows = f"farhorizon/recorded/{name}", slice(int(group.attrs["rows"]))
-                spectra = {n: _read(file, self.path, f"{place}/spectra/{n}") for n in group["spectra"]}
+                spectra = {n: _read_spectrum(file, self.path, f"{place}/spectra/{n}") for n in group["spectra"]}
                 found[name] = Recorded(
                     name,
                     _read(file, self.path, f"{place}/points"),
                     _read(file, self.path, f"{place}/times", rows),
                     {n: _read(file, self.path, f"{place}/data/{n}", rows) for n in group["data"]},
                     _read(file, self.path, f"{place}/frequencies"),
-                    {n: real + 1j * imag for n, (real, imag) in spectra.items()},
+                    spectra,
                     bool(group.attrs.get("directions", False)),
                     float(group.attrs.get("medium", 0.0)),
                 )

@@ -419,8 +419,7 @@ def _histories(results: Results, directory: Path, ending: str) -> list[Path]:
         for quantity in one.spectra:
             for column, sums in one.columns(quantity).items():
                 written.append(directory / f"{name}_{column}.{ending}")
-                shown = sums.real if quantity == "energy" else sums  # which has a sign, and no phase
-                spectrum_picture(one.points, one.frequencies, shown, written[-1], label=column)
+                spectrum_picture(one.points, one.frequencies, sums, written[-1], label=column)
     history, energy = results.history_times, results.energy
     if np.isfinite(energy).any():
         moments, energies = _recorded(history, energy)
@@ -441,7 +440,7 @@ def _pattern(records: Recorded, path: Path) -> list[Path]:
         return []
     levels = {name: values for name, values in records.spectra.items() if name.startswith(tuple(_LEVELS))}
     what = next(what for what in _LEVELS if next(iter(levels)).startswith(what))
-    waves = {name.removeprefix(f"{what}_"): values.real for name, values in levels.items()}
+    waves = {name.removeprefix(f"{what}_"): values for name, values in levels.items()}
     polar_picture(records.points, records.frequencies, waves, path, _LEVELS[what])
     return [path]
 

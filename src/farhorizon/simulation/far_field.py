@@ -243,7 +243,7 @@ class FarField(Recorder):
             pattern = self.pattern(self.directions)
             crossed = pattern.cross_sections
             levels, what = (pattern.intensities, "intensity") if crossed is None else (crossed, "cross_section")
-            spectra = {f"{what}_{wave}": levels[:, number] + 0j for number, wave in enumerate(pattern.waves)}
+            spectra = {f"{what}_{wave}": levels[:, number] for number, wave in enumerate(pattern.waves)}
             spectra |= {wave: pattern.amplitudes[:, number] for number, wave in enumerate(pattern.waves)}
             name, still = f"{self.name}_pattern", np.zeros(0)
             found.append(Recorded(name, pattern.directions, still, {}, self.frequencies, spectra, directions=True))

@@ -137,7 +137,7 @@ class PowerThrough(Recorder):
     @property
     def recorded(self) -> Recorded:
         """What was recorded, apart from the run."""
-        spectra = {"energy": self.energy() + 0j} if self.frequencies.size else {}
+        spectra = {"energy": self.energy()} if self.frequencies.size else {}
         return Recorded(self.name, self.points, self.times, self.data, self.frequencies, spectra)
 
     def forget(self) -> None:
