@@ -186,6 +186,20 @@ def test_names_that_results_would_have_twice_are_refused():
         fh.Simulation(_square(14), fh.Wave(_SCALAR), observe=recorders)
 
 
+def test_a_run_tells_its_far_fields():
+    fars = [fh.FarField(name="one"), fh.FarField(_box(8), name="two")]
+    sim = fh.Simulation(_square(14), fh.Wave(_SCALAR), observe=[fh.Receivers([(0.0, 0.0)]), *fars])
+    assert sim.far_field("two") is fars[1]
+    with pytest.raises(fh.InputError, match=r"name: the run records several .*\[one, two\]; remedy: name one"):
+        sim.far_field()
+    with pytest.raises(fh.InputError, match=r"no such far field; value: .*three.*; limit: one, two"):
+        sim.far_field("three")
+    alone = fh.Simulation(_square(14), fh.Wave(_SCALAR), observe=fars[:1])
+    assert alone.far_field() is fars[0]
+    with pytest.raises(fh.InputError, match=r"far_field: the run records no .*remedy: observe=\[FarField\(\)\], or"):
+        fh.Simulation(_square(14), fh.Wave(_SCALAR)).far_field()
+
+
 def test_copies_have_what_was_recorded():
     """Of the run, and of the far field alone."""
     wave = fh.IncidentWave((1.0, 0.0), "sin(t/3)*exp(-((t-30)/6)**2)", 60.0)

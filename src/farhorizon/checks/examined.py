@@ -127,9 +127,6 @@ class Examined(Timed, Protocol):
     def notes(self) -> list[str]:
         """What is allowed, but to be known."""
 
-    def medium_at(self, axis: int, side: int) -> Stencil:
-        """The stencil of the medium at a side, in units of the coefficient there, with the normal first."""
-
     def extents_for(self, wanted: Mapping[tuple[int, int], float], until: float) -> dict[tuple[int, int], Extent]:
         """How far the medium must be computed beyond some sides for nothing to return in a run."""
 

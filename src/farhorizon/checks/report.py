@@ -672,7 +672,13 @@ def _layer_side(sim: Examined, axis: int, side: int, layer: Layer) -> LayerSide:
     waves = sim.model.order == 2
     recursion = Recursion.of(sim.model.integrator, sim.dt, sim.model.damping) if waves else Recursion(0.0, sim.dt, 1.0)
     return LayerSide(
-        LatticeMedium(sim.medium_at(axis, side), sim.coefficients[axis, side], sim.lattice.spacing, recursion, sim.dt),
+        LatticeMedium(
+            sim.stencil.along(axis).beside(sim.coefficients[axis, side] / sim.model.coefficient),
+            sim.coefficients[axis, side],
+            sim.lattice.spacing,
+            recursion,
+            sim.dt,
+        ),
         layer,
         not waves,
     )

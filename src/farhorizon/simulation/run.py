@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
     from farhorizon.checks.report import Report
     from farhorizon.pictures.movie import Film
+    from farhorizon.simulation.far_field import FarField
 
 _GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
 _GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt is heard within seconds
@@ -238,6 +239,46 @@ class Run(ABC):
         probes.add(self.step_count, self.dt, now[None])
         self.probes = probes
         return probes
+
+    def far_field(self, name: str | None = None) -> FarField:
+        """The far field that the run records, given in ``observe=[...]`` or as ``[far_field]`` in a case file.
+
+        Parameters
+        ----------
+        name : str, optional
+            Of one of several.
+
+        Returns
+        -------
+        FarField
+            Its `at` has receivers at any distance, its `pattern`, `energies` and `cross_sections` what goes where, by
+            frequency.
+
+        Raises
+        ------
+        InputError
+            The run records none, none of this name, or several and no name is given.
+
+        Examples
+        --------
+        >>> import farhorizon as fh
+        >>> lattice, pulse = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0)), {"u": "exp(-x**2 - y**2)"}
+        >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), initial=pulse, observe=[fh.FarField()])
+        >>> times, u = sim.run(until=30.0).far_field().at([(20.0, 0.0)])
+        """
+        from farhorizon.simulation.far_field import FarField
+
+        found = {one.name: one for one in self.recorders if isinstance(one, FarField)}
+        if not found:
+            raise InputError(
+                "the run records no far field",
+                value=f"{len(self.recorders)} recorders",
+                key="far_field",
+                remedy="observe=[FarField()], or [far_field] in the case file",
+            )
+        if name is None and len(found) > 1:
+            raise InputError("the run records several far fields", value=list(found), key="name", remedy="name one")
+        return found[next(iter(found)) if name is None else kinds.one_of(name, "name", found, "no such far field")]
 
     @abstractmethod
     def _watch(self, nodes: np.ndarray) -> None:

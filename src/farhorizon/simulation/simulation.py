@@ -22,7 +22,6 @@ from farhorizon.inputs.loads import BodyForce, Traction
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.pressure import Pressure
 from farhorizon.inputs.specimens import Specimen
-from farhorizon.medium.stencil import Stencil
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.assembly import assemble, shared
 from farhorizon.simulation.checkpoint_files import read_state, write_state
@@ -418,10 +417,6 @@ class Simulation(Run):
     def targets(self) -> dict[Key, float]:
         """What may be missed beyond each side that absorbs, as a part of the largest value."""
         return self.parts.beyond.targets
-
-    def medium_at(self, axis: int, side: int) -> Stencil:
-        """The stencil of the medium at a side, in units of the coefficient there, with the normal first."""
-        return self.stencil.along(axis).beside(self.coefficients[axis, side] / self.model.coefficient)
 
     def extents_for(self, wanted: Mapping[Key, float], until: float) -> dict[Key, Extent]:
         """How far the medium must be computed beyond some sides; see `farhorizon.simulation.extension`."""
