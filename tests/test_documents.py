@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import farhorizon as fh
 from farhorizon.case.case import Case
@@ -40,6 +41,19 @@ def test_readme_is_a_door():
     assert len(README.splitlines()) <= 150
     assert (ROOT / "docs" / "demo.png").stat().st_size < 200_000
     assert set(re.findall(r"```(\w+)\n", README)) == {"sh", "toml", "python"}
+
+
+def test_the_film_shows_what_it_says():
+    """Short and small; the layer looks as the infinite medium does at the end, the fixed edge does not."""
+    film = ROOT / "docs" / "demo.webp"
+    assert "(docs/demo.webp)" in README and film.stat().st_size < 2_000_000
+    with Image.open(film) as moving:
+        moving.seek(moving.n_frames - 1)
+        picture = np.asarray(moving.convert("RGB"), float)
+        assert 10_000 < moving.info["timestamp"] + moving.info["duration"] <= 15_000  # milliseconds
+    infinite, ours, fixed = (picture[60:300, first : first + 250] for first in (68, 347, 626))  # within the axes
+    assert np.abs(infinite - ours).mean() < 2  # of 255, what is lost in packing
+    assert np.abs(infinite - fixed).mean() > 10
 
 
 def test_case_and_python_of_the_readme_are_one_run(capsys):
