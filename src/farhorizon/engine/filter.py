@@ -207,59 +207,40 @@ def _wrapped(places: np.ndarray, layout: Layout, step: np.ndarray, pads: list[in
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def _damp(thread, level, before, part, other, twice, tables):
-    """Take ``D F D (level - part before)`` from `level`, and if `twice` from `other`, too."""
-    taps, steps, box, runs, copies = tables.taps, tables.steps, tables.box, tables.runs, tables.copies
-    size, like = level.itemsize, level[0]
-    levels, befores, others = level.ctypes.data, before.ctypes.data, other.ctypes.data
-    places, weights, filtered = box.ctypes.data, tables.strengths.ctypes.data, taps.ctypes.data
-    own = share(thread, runs.shape[0])
-    for piece in range(own[0], own[1]):
-        place, node, first, count = runs[piece]
-        weigh_change(
-            places + place * size, levels + node * size, befores + node * size, part, weights + first * size, count
-        )
-    barrier(thread)
-    if copies.shape[1]:
-        for i in range(thread.number, copies.shape[1], thread.threads):
-            box[copies[0, i]] = box[copies[1, i]]
-        barrier(thread)
-    if tables.exchange[2] != 0:
-        if thread.number == 0:
-            call_exchange(tables.exchange[0], tables.exchange[1], np.int64(places), np.int64(1), np.int64(box.nbytes))
-        barrier(thread)
-    for piece in range(own[0], own[1]):
-        place, node, first, count = runs[piece]
-        here, strength = places + place * size, weights + first * size
-        take_passed(
-            here, steps.ctypes.data, steps.size, filtered, taps.size - 1, strength, levels + node * size, like, count
-        )
-        if twice:
-            take_passed(
-                here,
-                steps.ctypes.data,
-                steps.size,
-                filtered,
-                taps.size - 1,
-                strength,
-                others + node * size,
-                like,
-                count,
-            )
-    barrier(thread)
-
-
-@njit(error_model="numpy", cache=True, counted=False)
 def damp_short_waves(thread, stage, tables):
     """Filter the increments of a step, ``out - src`` or `base`, or both levels; one thread's share."""
-    size = stage.src.size // stage.components
-    one = stage.out.dtype.type(1)
-    for c in range(stage.components):
-        src, base = stage.src[c * size : (c + 1) * size], stage.base[c * size : (c + 1) * size]
-        out = stage.out[c * size : (c + 1) * size]
-        if tables.whole:
-            older = base if stage.increments else src
-            _damp(thread, out, src, 0 * one, base, False, tables)
-            _damp(thread, older, src, 0 * one, base, False, tables)
-        else:
-            _damp(thread, out, src, one, base, stage.increments, tables)
+    # Each kind of row stands here once: it is long machine code, and what a function calls is compiled once more in it.
+    taps, steps, box, runs, copies = tables.taps, tables.steps, tables.box, tables.runs, tables.copies
+    like = stage.out[0]
+    size, apart = stage.out.itemsize, stage.src.nbytes // stage.components
+    out, src, base = stage.out.ctypes.data, stage.src.ctypes.data, stage.base.ctypes.data
+    older = base if stage.increments else src
+    places, weights, filtered, reach = box.ctypes.data, tables.strengths.ctypes.data, taps.ctypes.data, taps.size - 1
+    passes = 2 if tables.whole else 1
+    subtracted = stage.out.dtype.type(0 if tables.whole else 1)
+    targets = 2 if stage.increments and not tables.whole else 1  # increments are in the level and by themselves
+    own = share(thread, runs.shape[0])
+    for turn in range(passes * stage.components):
+        shift = turn // passes * apart
+        level = (older if turn % passes else out) + shift
+        for piece in range(own[0], own[1]):
+            place, node, first, count = runs[piece]
+            at, before = level + node * size, src + shift + node * size
+            weigh_change(places + place * size, at, before, subtracted, weights + first * size, count)
+        barrier(thread)
+        if copies.shape[1]:
+            for i in range(thread.number, copies.shape[1], thread.threads):
+                box[copies[0, i]] = box[copies[1, i]]
+            barrier(thread)
+        if tables.exchange[2] != 0:
+            if thread.number == 0:
+                count = np.int64(box.nbytes)
+                call_exchange(tables.exchange[0], tables.exchange[1], np.int64(places), np.int64(1), count)
+            barrier(thread)
+        for piece in range(own[0], own[1]):
+            place, node, first, count = runs[piece]
+            here, strength = places + place * size, weights + first * size
+            for target in range(targets):
+                at = (base + shift if target else level) + node * size
+                take_passed(here, steps.ctypes.data, steps.size, filtered, reach, strength, at, like, count)
+        barrier(thread)
