@@ -26,7 +26,7 @@ from common import interleaved, median, ratio, run_parts, steps, verdict
 import farhorizon as fh
 from farhorizon.boundaries import Side
 from farhorizon.engine.engine import available_threads
-from farhorizon.engine.settings import set_fringe
+from farhorizon.engine.fringe import fringe_table
 from farhorizon.models import LatticeModel
 
 
@@ -55,7 +55,8 @@ def measure(
     # all have margins of one reach
     bare = simulation(lattice, model, fh.Higdon() if model.order == 2 else fh.PlaneWave(), threads)
     none = np.zeros(0, np.int64)
-    set_fringe(bare.engine, none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
+    nothing = fringe_table(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
+    bare.engine.replace(fringe=nothing)
     times = interleaved({"bare": steps(bare.engine), **cases}, repeats)
     rows = []
     for name, sim in sims.items():

@@ -19,7 +19,7 @@ from scipy import ndimage, sparse
 from farhorizon.analysis import modes
 from farhorizon.boundaries.side import Side
 from farhorizon.engine.engine import Engine
-from farhorizon.engine.settings import set_fringe
+from farhorizon.engine.fringe import fringe_table
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Ball, Box, Disc, Shape
 
@@ -349,17 +349,9 @@ class Closure:
         """Give the engine the sparse update; `indices` are the places of the grid's nodes in a level."""
         self.engine, self.nodes = engine, indices[tuple(self.fringe.index.T)]
         self.unmoved = np.concatenate([indices[self.halo], indices[self.outside]])
-        set_fringe(
-            engine,
-            self.nodes,
-            self.levels,
-            self._fronts,
-            self.rows,
-            self.update.indptr,
-            self.update.indices,
-            self.update.data,
-            indices[self.outside],
-        )
+        found = self.update.indptr, self.update.indices, self.update.data
+        sums = fringe_table(self.nodes, self.levels, self._fronts, self.rows, *found, indices[self.outside])
+        engine.replace(fringe=sums)
 
     def start(self) -> None:
         """The memory holds the state one step ago; before that all was at rest."""

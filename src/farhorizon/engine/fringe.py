@@ -58,8 +58,11 @@ def fringe_table(
     weights: np.ndarray,
     outside: np.ndarray,
 ) -> Fringe:
-    """Sums over a fringe of `nodes`, as `split_sums` has it, and places `outside` that stay at zero; its history is
-    zero."""
+    """Halo nodes along an outline that are sums over a fringe of `nodes`, as `split_sums` has it, and places `outside`
+    that stay at zero.
+
+    `rows` are the places of the halo nodes in a level. The history is zero; a step forgets its last row.
+    """
     count = nodes.size * (levels - 1)
     # the last windows reach beyond it
     history = aligned_zeros(count + WINDOW, np.dtype(float))[:count].reshape(nodes.size, levels - 1)

@@ -15,6 +15,8 @@ from farhorizon.engine import operations as op
 from farhorizon.engine.bonds import PHASES, factors_of, follows_law
 from farhorizon.engine.engine import Engine
 from farhorizon.engine.exchange import LEVEL
+from farhorizon.engine.passes import Passes
+from farhorizon.engine.stretched_shifts import StretchedShifts
 from farhorizon.engine.tables import Inputs, Material, Stage
 
 _follows_law = np.vectorize(follows_law.py_func, excluded=[0])
@@ -38,13 +40,12 @@ class Interpreter:
         self.nodes = self.places.ravel()
         self.matrices = engine.weights.reshape(len(engine.offsets), self.components, self.components)
         self.memory: dict[object, np.ndarray] = {}
-        self.number, self.fields = op.SPRINGS, dict[tuple[int, ...], np.ndarray]()
-        self.raw = False
-        self.edges = [self._edges(axis) for axis in range(3)]
+        self.shifts = StretchedShifts(engine, self.memory)
+        self.states = None if engine.passes is None else _States(self, engine.passes)
         engine.loop = self.run
         self.methods: dict[int, Callable[..., None]] = {
             op.COPY: self._copy,
-            op.EXCHANGE: self._exchange,
+            op.EXCHANGE: self.exchange,
             op.DAMP_OLD: self._damp_old,
             op.LINES: lambda: None,  # `_stretch` continues the field itself
             op.SWEEP: self._sweep,
@@ -84,16 +85,18 @@ class Interpreter:
                 first, last = tables.starts[part : part + 2]
                 for operation, number, which in tables.operations[first:last].tolist():
                     if which != op.SPRINGS:
-                        self._states(operation, number, which)
+                        assert self.states is not None
+                        self.states.run(operation, number, which)
                     else:
                         self.methods[operation](*[number] * (operation in (op.STRETCH, op.EXCHANGE)))
             phase = (phase + 1) % len(tables.rotation)
         if kept is not None:
-            self.memory = kept
+            self.memory.clear()
+            self.memory.update(kept)
 
     # --- levels ------------------------------------------------------------------------------------------------
 
-    def _split(self, level: np.ndarray) -> np.ndarray:
+    def split(self, level: np.ndarray) -> np.ndarray:
         """A level by component; shares memory."""
         return level.reshape(self.components, -1)
 
@@ -108,18 +111,18 @@ class Interpreter:
         """Add to the new step what nodes gain, shape (components, nodes), of all nodes unless they are given."""
         nodes = self.nodes if nodes is None else nodes
         for level in (self.stage.out, self.stage.base)[: 1 + self.stage.increments]:
-            for component, gains in zip(self._split(level), values, strict=True):
+            for component, gains in zip(self.split(level), values, strict=True):
                 np.add.at(component, nodes, gains)
 
     def _copy(self) -> None:
-        levels = self._split(self.stage.src)
+        levels = self.split(self.stage.src)
         for to, source in self.tables.copies.T:  # later ones copy what earlier ones have copied
             levels[:, to] = levels[:, source]
 
-    def _exchange(self, kind: int, levels: np.ndarray | None = None) -> None:
+    def exchange(self, kind: int, levels: np.ndarray | None = None) -> None:
         """Where a process is its own neighbour: there are no others here. Slots are not used."""
         assert self.engine.exchange is not None
-        levels = self._split(self.stage.src) if levels is None else levels
+        levels = self.split(self.stage.src) if levels is None else levels
         for to, source, sent, filled, _ in self.engine.exchange.messages[kind].rows if kind == LEVEL else ():
             assert to == source == self.engine.exchange.messages[kind].link.own
             levels[:, filled] = levels[:, sent]
@@ -140,13 +143,13 @@ class Interpreter:
 
     # --- bonds -------------------------------------------------------------------------------------------------
 
-    def _factors(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    def factors(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Factors of bonds from the coefficients of their ends."""
         return factors_of(self.tables.material, nodes, others)
 
     def _gaps(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Differences of the values at the ends of bonds, shape (components, bonds)."""
-        src, material = self._split(self.stage.src), self.tables.material
+        src, material = self.split(self.stage.src), self.tables.material
         here, there = src[:, nodes], src[:, others]
         if material.rule == PHASES:
             between = material.coefficient[nodes] * material.coefficient[others] < 0
@@ -157,14 +160,14 @@ class Interpreter:
         stage, nodes, forces = self.stage, self.nodes, self.tables.bonds.forces
         total = np.zeros((self.components, nodes.size))
         for distance, weight in zip(self.engine.offsets @ self.box.stride, self.matrices, strict=True):
-            gaps = self._factors(nodes, nodes + distance) * self._gaps(nodes, nodes + distance)
-            total += weight @ (gaps if forces else gaps * self._present(nodes, nodes + distance))
+            gaps = self.factors(nodes, nodes + distance) * self._gaps(nodes, nodes + distance)
+            total += weight @ (gaps if forces else gaps * self.present(nodes, nodes + distance))
         if forces:
             total += self._released()
         total *= stage.scale
         if self.tables.bonds.places.size and forces:
             self._pull_bonds(total)
-        src, base, out = (self._split(level) for level in stage[:3])
+        src, base, out = (self.split(level) for level in stage[:3])
         if stage.increments:
             base[:, nodes] = stage.a_difference * src[:, nodes] + stage.b * base[:, nodes] + total
             out[:, nodes] = src[:, nodes] + base[:, nodes]
@@ -178,7 +181,7 @@ class Interpreter:
         zone = self._zone() if self.tables.bonds.places.size else np.zeros(nodes.size, bool)
         for distance, weight in zip(self.engine.offsets @ self.box.stride, self.matrices, strict=True):
             bare = exists[nodes] & ~exists[nodes + distance] & ~zone
-            found -= bare * (weight @ (self._factors(nodes, nodes + distance) * self._gaps(nodes, nodes + distance)))
+            found -= bare * (weight @ (self.factors(nodes, nodes + distance) * self._gaps(nodes, nodes + distance)))
         return found
 
     def _zone(self) -> np.ndarray:
@@ -187,11 +190,11 @@ class Interpreter:
         at = np.indices(self.box.nodes).reshape(3, -1)
         return np.asarray(((at >= zone[6:9, None]) & (at < zone[9:, None])).all(0))
 
-    def _stretches(self) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    def stretches(self) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         """Of each bond of the nodes in the zone: its number, the nodes, which of them have it and may lose it, whether
         it follows the law, its vector with the part of its ends' displacements that counts, and its strain e.
         """
-        bonds, src, d = self.tables.bonds, self._split(self.stage.src), self.components
+        bonds, src, d = self.tables.bonds, self.split(self.stage.src), self.components
         inside = np.flatnonzero(self._zone())
         nodes, at = self.nodes[inside], np.indices(self.box.nodes).reshape(3, -1)[:, inside]
         for bond, (place, *offset) in enumerate(bonds.places):
@@ -202,13 +205,13 @@ class Interpreter:
             alive = bonds.alive[bond >> 6, nodes] & np.uint64(1) << np.uint64(bond & 63) != 0
             yield bond, nodes, alive, curved, xi + bent, (eta * (2 * xi + bent)).sum(0) * inverse
 
-    def _limits(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    def limits(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Largest strain e of bonds that do not break."""
         bonds = self.tables.bonds
         strength = np.broadcast_to(bonds.strength, self.engine.layout.size)
         return np.asarray(bonds.limit[0] * np.minimum(strength[nodes], strength[others]))
 
-    def _clear(self, bond: int, nodes: np.ndarray) -> None:
+    def clear(self, bond: int, nodes: np.ndarray) -> None:
         """A bond breaks at some nodes."""
         self.tables.bonds.alive[bond >> 6, nodes] &= ~(np.uint64(1) << np.uint64(bond & 63))
 
@@ -217,11 +220,11 @@ class Interpreter:
         bonds, d = self.tables.bonds, self.components
         inside = np.flatnonzero(self._zone())
         total[:, inside] = 0
-        for bond, nodes, alive, curved, ahead, e in self._stretches():
+        for bond, nodes, alive, curved, ahead, e in self.stretches():
             place, xi, stiffness = bonds.places[bond, 0], bonds.table[bond, :d, None], bonds.table[bond, d + 1]
-            gone = alive & curved & (e > self._limits(nodes, nodes + place))
-            self._clear(bond, nodes[gone])
-            c = stiffness * self._factors(nodes, nodes + place)
+            gone = alive & curved & (e > self.limits(nodes, nodes + place))
+            self.clear(bond, nodes[gone])
+            c = stiffness * self.factors(nodes, nodes + place)
             self._count_broken(nodes[gone], place, xi, c[gone])
             pull = np.where(curved & bonds.nonlinear, 1 / (1 + e + np.sqrt(np.maximum(1 + e, 0))), 0.5)
             closing = bonds.closing[bond >> 6, nodes] if bonds.closing.size else np.zeros(len(nodes), np.uint64)
@@ -233,7 +236,7 @@ class Interpreter:
         length = np.sqrt((xi**2).sum())
         stretched = []
         for level in (self.stage.src, self.stage.base):
-            u = self._split(level)
+            u = self.split(level)
             eta = u[:, nodes + place] - u[:, nodes]
             longer = np.sqrt(((xi + eta) ** 2).sum(0)) - length if self.tables.bonds.nonlinear else xi.T @ eta / length
             stretched.append(np.ravel(longer))
@@ -243,199 +246,37 @@ class Interpreter:
         if not self.tables.bonds.forces:
             return  # the sums are those over the bonds that are there
         cuts, d = self.tables.cuts, self.components
-        lost = self._factors(cuts.nodes, cuts.neighbours) * self._gaps(cuts.nodes, cuts.neighbours)
+        lost = self.factors(cuts.nodes, cuts.neighbours) * self._gaps(cuts.nodes, cuts.neighbours)
         weights = cuts.weights.reshape(-1, d, d)
         self._add(-self.stage.scale * np.einsum("iab,bi->ai", weights, lost), cuts.nodes)
 
-    # --- states ------------------------------------------------------------------------------------------------
-
-    def _states(self, operation: int, axis: int, which: int) -> None:
-        """An operation of the two passes. The sums are those over the bonds that are there, so that none is cut."""
-        law, passes, scale = self.tables.gather.sweep.law, self.engine.passes, self.stage.scale
-        assert passes is not None
-        states = law.values.reshape(len(law.intact), -1)
-        levels = (self._split(self.stage.src), states, self._split(self.stage.out))
-        if self.raw and (
-            which == op.SCATTER or operation in (op.COPY, op.EXCHANGE)
-        ):  # the loop may have done it node by node
-            odd = np.einsum("sab,bs->as", law.matrices[law.numbers], states[:, law.nodes])
-            if not self.tables.bonds.forces:
-                lost = self._lost_bonds()
-                damaged = np.einsum("sab,bs->as", self._laws(lost), states[:, lost])
-            states[...] = (
-                np.einsum("cs,cab,bs->as", law.local, law.bases, states) if law.local.size else law.intact @ states
-            )
-            states[:, law.nodes], self.raw = odd, False
-            if not self.tables.bonds.forces:
-                states[:, lost] = damaged
-        if operation == op.COPY:
-            for to, source in self.tables.copies.T:
-                states[:, to] = states[:, source]
-        elif operation == op.EXCHANGE:
-            self._exchange(axis, states)
-        elif operation == op.SWEEP:
-            read, sign, nodes = levels[which - op.GATHER], (-1, 1)[which - op.GATHER], self.nodes
-            total = np.zeros((len(levels[which]), nodes.size))
-            for distance, weight in zip(self.engine.offsets @ self.box.stride, passes.weights[which - 1], strict=True):
-                there = self._present(nodes, nodes + distance) & self.engine.absent.exists[nodes]
-                total += weight @ (there * (read[:, nodes + distance] + sign * read[:, nodes]))
-            if which == op.GATHER:
-                states[:, nodes], self.raw = 0, True
-            levels[which][:, nodes] += total * (1 if which == op.GATHER else scale)
-        elif operation == op.BREAK:
-            self._break_bonds()
-        elif operation == op.STRETCH_STATES:
-            places = self.tables.stretches.places
-            states[:, places] += self._remembered(states[:, places], "states", begins=axis == 1)
-        elif operation == op.STRETCH_FORCES:
-            places = self.tables.stretches.places
-            found = self._remembered(scale * self._parts(states, places), "forces", begins=axis == 1)
-            levels[2][:, places] += found.reshape(self.components, self.components, -1).sum(1)
-        elif operation == op.STRETCH:
-            found = self._stretched(axis, levels[which - op.GATHER], passes.weights[which - 1], which)
-            levels[which][:, self.nodes] += (1 if which == op.GATHER else scale) * found.reshape(len(found), -1)
-
-    def _remembered(self, values: np.ndarray, key: str, begins: bool) -> np.ndarray:
-        """What stretching adds to derivatives, by component and axis, shape (dim^2, nodes): the trapezoidal rule."""
-        keep, gain = (
-            np.tile(table, (self.components, 1)) for table in (self.tables.stretches.keep, self.tables.stretches.gain)
-        )
-        added, old = self.memory.get(key, np.zeros((2, *values.shape)))
-        added = 0 * values if begins else keep * added + gain * (old + values)
-        # where it begins the next step, which has the same values, adds nothing
-        self.memory[key] = np.stack([added, -values if begins else values])
-        return added
-
-    def _parts(self, states: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-        """Forces on some nodes by component and by the axis of the derivative, over the bonds that are there."""
-        assert self.engine.passes is not None
-        found = np.zeros((len(states), len(nodes)))
-        for distance, weight in zip(
-            self.engine.offsets @ self.box.stride, self.engine.passes.sums.divergence, strict=True
-        ):
-            both = self._present(nodes, nodes + distance) * (states[:, nodes + distance] + states[:, nodes])
-            found += weight.sum(0)[:, None] * both
-        return found
-
-    def _lost_bonds(self) -> np.ndarray:
-        """Nodes that exist and lack bonds, cut, broken or beyond an edge."""
-        bonds, nodes = self.tables.bonds, self.nodes[self.engine.absent.exists[self.nodes]]
-        return np.asarray(nodes[(bonds.alive[:, nodes] != bonds.full[:, None]).any(0)])
-
-    def _laws(self, nodes: np.ndarray) -> np.ndarray:
-        """Matrices by which nodes that lack bonds make something of their states."""
-        passes = self.engine.passes
-        assert passes is not None
-        return passes.sums.law(self._shapes(nodes, passes.sums.kept), passes.moduli_at(nodes))
-
-    def _shapes(self, nodes: np.ndarray, kept: bool) -> np.ndarray:
-        """Their shape tensors; `kept`, those of a medium in which no bond has been cut or has broken."""
-        assert self.engine.passes is not None
-        exists = self.engine.absent.exists
-        distances, shapes = self.engine.offsets @ self.box.stride, self.engine.passes.sums.shapes
-        there = np.stack(
-            [exists[nodes + d] == exists[nodes] if kept else self._present(nodes, nodes + d) for d in distances]
-        )
-        return np.einsum("ks,kab->sab", there, shapes)
-
-    def _break_bonds(self) -> None:
-        """Bonds beyond their limit break; what the energy of their nodes loses is added up."""
-        bonds, before = self.tables.bonds, self.tables.bonds.alive.copy()
-        gone = [
-            (b, nodes[alive & curved & (e > self._limits(nodes, nodes + bonds.places[b, 0]))])
-            for b, nodes, alive, curved, _, e in self._stretches()
-        ]
-        nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(nodes for _, nodes in gone)]))
-        stored = self._energies(nodes)
-        for bond, broken in gone:
-            self._clear(bond, broken)
-            bonds.broken[0, 0, 1] += 0.5 * len(broken)
-        if (bonds.alive != before).any():
-            bonds.broken[0, 0, 0] += stored - self._energies(nodes)
-
-    def _energies(self, nodes: np.ndarray) -> float:
-        """Energy of some nodes, from the displacements now and a step ago, in units of the update."""
-        passes, total = self.engine.passes, np.zeros(len(nodes))
-        assert passes is not None
-        now, ago = self._split(self.stage.src), self._split(self.stage.base)
-        distances = self.engine.offsets @ self.box.stride
-        there = np.stack([self._present(nodes, nodes + distance) for distance in distances])
-        (eta, old) = (np.stack([u[:, nodes + d] - u[:, nodes] for d in distances]) for u in (now, ago))
-        state = np.einsum("ks,kqa,kas->sq", there, passes.weights[0], eta)
-        last = np.einsum("sab,sb->sa", self._laws(nodes), state)
-        total += np.einsum("ks,kaq,sq,kas->s", there, passes.weights[1], last, old)
-        springs = there * np.stack([self._factors(nodes, nodes + d) for d in distances])
-        total += np.einsum("ks,kab,kas,kbs->s", springs, self.matrices, old, eta) / 2
-        return float(self.stage.scale * total.sum() / 2)
-
     # --- layers ------------------------------------------------------------------------------------------------
-
-    def _edges(self, axis: int) -> tuple[np.ndarray, ...]:
-        """The recursion on the edges of an axis with its halo; edge i lies between the nodes i - 1 and i."""
-        engine, m = self.engine, self.box.reach[axis]
-        tables = np.zeros((3, self.box.nodes[axis] + 2 * m + 1))
-        for (a, side), layer in engine.layers.items():
-            if a == axis:
-                inner = tables[:, m : tables.shape[1] - m]
-                at = slice(None, layer.columns + 1) if side < 0 else slice(-layer.columns - 1, None)
-                inner[:, at] = np.array(layer.recursion(engine.dt))[:, ::side]
-        if not engine.remember:
-            tables[1:] = 0
-        return tables[0], tables[1], tables[2]
-
-    def _shift(self, u: np.ndarray, axis: int, sign: int, key: object) -> np.ndarray:
-        """A field on the box and its halo, one node on along an axis: ``v(p) = u(p + 1) + r (u(p) - v(p + 1)) - N``."""
-        r, e, f = (t if sign > 0 else t[::-1] for t in self.edges[axis])
-        u = np.moveaxis(u, axis, 0)[::sign]
-        past = self.memory.setdefault(key, np.zeros((len(u) + 1, *u.shape[1:])))
-        v, ahead, beyond = np.zeros_like(u), np.zeros_like(u[0]), np.zeros_like(u[0])
-        for p in range(len(u) - 1, -1, -1):
-            d = u[p] - ahead
-            v[p] = beyond + r[p + 1] * d - past[p]
-            past[p] = e[p + 1] * past[p] + f[p + 1] * d
-            ahead, beyond = v[p], u[p]
-        return np.moveaxis(v[::sign], 0, axis)
-
-    def _continued(self, offset: tuple[int, ...], axis: int) -> np.ndarray:
-        """The field shifted along this axis and later ones by stretched shifts, shape (components, *box and halo)."""
-        stretched = tuple(o if a >= axis else 0 for a, o in enumerate(offset))
-        if self.fields.get(stretched) is None:
-            first = next(a for a in range(3) if stretched[a])
-            sign = int(np.sign(stretched[first]))
-            nearer = tuple(o - sign * (a == first) for a, o in enumerate(stretched))
-            before = self._continued(nearer, axis)
-            made = [self._shift(u, first, sign, (self.number, stretched, c)) for c, u in enumerate(before)]
-            self.fields[stretched] = np.stack(made)
-        return self.fields[stretched]
 
     def _stretch(self, axis: int) -> None:
         self._add(self.stage.scale * self._springs(axis).reshape(self.components, -1))
 
     def _springs(self, axis: int) -> np.ndarray:
-        return self._stretched(axis, self._split(self.stage.src), self.matrices, op.SPRINGS)
+        return self.stretched(axis, self.split(self.stage.src), self.matrices, op.SPRINGS)
 
-    def _stretched(self, axis: int, level: np.ndarray, matrices: np.ndarray, number: int) -> np.ndarray:
+    def stretched(self, axis: int, level: np.ndarray, matrices: np.ndarray, number: int) -> np.ndarray:
         """What stretched shifts along an axis add to plain ones, where later axes have theirs: the sums of a pass, of a
         level by component.
         """
         engine = self.engine
-        if axis == max(a for a in range(3) if self._has_layers(a)):
-            self.number, self.fields = number, {(0, 0, 0): np.stack([self.box.all(u).astype(float) for u in level])}
+        if axis == max(a for a in range(3) if self.shifts.serve(a)):
+            self.shifts.begin(number, level)
         total = np.zeros((matrices.shape[1], *self.box.nodes))
         for offset, weight in zip(engine.offsets.tolist(), matrices, strict=True):
             if offset[axis]:
-                more = self._moved(self._continued(tuple(offset), axis), offset, axis)
-                later = next((a for a in range(axis + 1, 3) if self._has_layers(a)), 3)
-                less = self._moved(self._continued(tuple(offset), later), offset, later)
+                more = self.shifts.at_nodes(self.shifts.along(tuple(offset), axis), offset, axis)
+                later = next((a for a in range(axis + 1, 3) if self.shifts.serve(a)), 3)
+                less = self.shifts.at_nodes(self.shifts.along(tuple(offset), later), offset, later)
                 at = self.nodes + int(np.dot(offset, self.box.stride))
-                there = self._present(self.nodes, at) * (self._factors(self.nodes, at) if number == op.SPRINGS else 1)
+                there = self.present(self.nodes, at) * (self.factors(self.nodes, at) if number == op.SPRINGS else 1)
                 total += np.tensordot(weight, (more - less) * there.reshape(self.box.nodes), 1)
         return total
 
-    def _has_layers(self, axis: int) -> bool:
-        return any(a == axis for a, _ in self.engine.layers)
-
-    def _present(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    def present(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Which bonds are there, by the absent ones and by the places without a node."""
         engine, tables = self.engine, self.tables
         cuts = tables.cuts if engine.passes is None else tables.gather.cuts
@@ -445,14 +286,6 @@ class Interpreter:
             bond = int(np.flatnonzero(tables.bonds.places[:, 0] == others[0] - nodes[0])[0])
             there &= tables.bonds.alive[bond >> 6, nodes] & np.uint64(1) << np.uint64(bond & 63) != 0
         return np.asarray(there & (engine.absent.exists[nodes] == engine.absent.exists[others]))
-
-    def _moved(self, field: np.ndarray, offset: list[int], axis: int) -> np.ndarray:
-        """The nodes' values of a field that is shifted plainly along the axes before this one."""
-        parts = [
-            slice(m + (o if a < axis else 0), m + (o if a < axis else 0) + n)
-            for a, (o, m, n) in enumerate(zip(offset, self.box.reach, self.box.nodes, strict=True))
-        ]
-        return field[(slice(None), *parts)]
 
     # --- the rest of a stage -----------------------------------------------------------------------------------
 
@@ -472,17 +305,17 @@ class Interpreter:
     def _drag(self) -> None:
         drag, stage = self.tables.drag, self.stage
         nodes = self.nodes[self.engine.absent.exists[self.nodes]]
-        increments = self._split(stage.src) - self._split(stage.base)
+        increments = self.split(stage.src) - self.split(stage.base)
         total, number = np.zeros((self.components, len(nodes))), np.zeros(len(nodes))
         for distance in drag.distances:
-            there = self._present(nodes, nodes + distance)
+            there = self.present(nodes, nodes + distance)
             total += there * increments[:, nodes + distance]
             number += there
         pull = drag.rate * np.where(number, total / np.maximum(number, 1) - increments[:, nodes], 0)
         self._add(pull, nodes)
         at = np.array(np.unravel_index(np.searchsorted(self.nodes, nodes), self.box.nodes))
         near = ((at >= drag.first[:, None]) & (at < drag.end[:, None])).all(0)
-        change = (self._split(stage.out) - self._split(stage.base))[:, nodes]
+        change = (self.split(stage.out) - self.split(stage.base))[:, nodes]
         mobility = self.tables.mobility[nodes] if self.tables.mobility.size else 1.0
         drag.lost[0, 0] -= 0.5 * (near * pull * change / mobility).sum()
 
@@ -521,7 +354,7 @@ class Interpreter:
     def _filter(self) -> None:
         stage, tables = self.stage, self.tables.filter
         for c in range(self.components):
-            src, base, out = (self._split(level)[c] for level in stage[:3])
+            src, base, out = (self.split(level)[c] for level in stage[:3])
             if tables.whole:
                 for level in (out, base if stage.increments else src):
                     level -= self._passed(level)
@@ -561,14 +394,14 @@ class Interpreter:
         flows, src = self.tables.flows, self.stage.src
         inner = flows.neighbours >= 0
         others = np.where(inner, flows.neighbours, flows.nodes)
-        gaps = self._factors(flows.nodes, others) * self._gaps(flows.nodes, others)[0]
+        gaps = self.factors(flows.nodes, others) * self._gaps(flows.nodes, others)[0]
         gaps = np.where(inner, gaps, -src[flows.nodes])
         self._count(flows.accounts, flows.effects[self.stage.part] * flows.weights * gaps)
 
     def _flow_of_layers(self) -> None:
         flows = self.tables.flows
         for axis in (2, 1, 0):
-            if self._has_layers(axis):
+            if self.shifts.serve(axis):
                 level = np.zeros(self.engine.layout.size)
                 level[self.nodes] = self._springs(axis).ravel()
                 for at, account, first, last in flows.sides:
@@ -614,3 +447,132 @@ class Interpreter:
         phases.total[0] += len(gone)
         for to, source in self.tables.copies.T:
             material.coefficient[to] = material.coefficient[source]
+
+
+class _States:
+    """The operations of materials whose forces take two passes; the sums are those over the bonds that are there.
+
+    Parameters
+    ----------
+    loop : Interpreter
+    passes : Passes
+    """
+
+    def __init__(self, loop: Interpreter, passes: Passes) -> None:
+        self.loop, self.passes, self.raw = loop, passes, False
+
+    def _distances(self) -> np.ndarray:
+        """How far neighbours lie in a level."""
+        return np.asarray(self.loop.engine.offsets @ self.loop.box.stride)
+
+    def run(self, operation: int, axis: int, which: int) -> None:
+        """An operation of the two passes. The sums are those over the bonds that are there, so that none is cut."""
+        law, passes, scale = self.loop.tables.gather.sweep.law, self.passes, self.loop.stage.scale
+        states = law.values.reshape(len(law.intact), -1)
+        levels = (self.loop.split(self.loop.stage.src), states, self.loop.split(self.loop.stage.out))
+        # the loop may have done it node by node
+        if self.raw and (which == op.SCATTER or operation in (op.COPY, op.EXCHANGE)):
+            odd = np.einsum("sab,bs->as", law.matrices[law.numbers], states[:, law.nodes])
+            if not self.loop.tables.bonds.forces:
+                lost = self._lost_bonds()
+                damaged = np.einsum("sab,bs->as", self._laws(lost), states[:, lost])
+            states[...] = (
+                np.einsum("cs,cab,bs->as", law.local, law.bases, states) if law.local.size else law.intact @ states
+            )
+            states[:, law.nodes], self.raw = odd, False
+            if not self.loop.tables.bonds.forces:
+                states[:, lost] = damaged
+        if operation == op.COPY:
+            for to, source in self.loop.tables.copies.T:
+                states[:, to] = states[:, source]
+        elif operation == op.EXCHANGE:
+            self.loop.exchange(axis, states)
+        elif operation == op.SWEEP:
+            read, sign, nodes = levels[which - op.GATHER], (-1, 1)[which - op.GATHER], self.loop.nodes
+            total = np.zeros((len(levels[which]), nodes.size))
+            for distance, weight in zip(self._distances(), passes.weights[which - 1], strict=True):
+                there = self.loop.present(nodes, nodes + distance) & self.loop.engine.absent.exists[nodes]
+                total += weight @ (there * (read[:, nodes + distance] + sign * read[:, nodes]))
+            if which == op.GATHER:
+                states[:, nodes], self.raw = 0, True
+            levels[which][:, nodes] += total * (1 if which == op.GATHER else scale)
+        elif operation == op.BREAK:
+            self._break_bonds()
+        elif operation == op.STRETCH_STATES:
+            places = self.loop.tables.stretches.places
+            states[:, places] += self._remembered(states[:, places], "states", begins=axis == 1)
+        elif operation == op.STRETCH_FORCES:
+            places = self.loop.tables.stretches.places
+            found = self._remembered(scale * self._parts(states, places), "forces", begins=axis == 1)
+            levels[2][:, places] += found.reshape(self.loop.components, self.loop.components, -1).sum(1)
+        elif operation == op.STRETCH:
+            found = self.loop.stretched(axis, levels[which - op.GATHER], passes.weights[which - 1], which)
+            levels[which][:, self.loop.nodes] += (1 if which == op.GATHER else scale) * found.reshape(len(found), -1)
+
+    def _remembered(self, values: np.ndarray, key: str, begins: bool) -> np.ndarray:
+        """What stretching adds to derivatives, by component and axis, shape (dim^2, nodes): the trapezoidal rule."""
+        keep, gain = (
+            np.tile(table, (self.loop.components, 1))
+            for table in (self.loop.tables.stretches.keep, self.loop.tables.stretches.gain)
+        )
+        added, old = self.loop.memory.get(key, np.zeros((2, *values.shape)))
+        added = 0 * values if begins else keep * added + gain * (old + values)
+        # where it begins the next step, which has the same values, adds nothing
+        self.loop.memory[key] = np.stack([added, -values if begins else values])
+        return added
+
+    def _parts(self, states: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+        """Forces on some nodes by component and by the axis of the derivative, over the bonds that are there."""
+        found = np.zeros((len(states), len(nodes)))
+        for distance, weight in zip(self._distances(), self.passes.sums.divergence, strict=True):
+            both = self.loop.present(nodes, nodes + distance) * (states[:, nodes + distance] + states[:, nodes])
+            found += weight.sum(0)[:, None] * both
+        return found
+
+    def _lost_bonds(self) -> np.ndarray:
+        """Nodes that exist and lack bonds, cut, broken or beyond an edge."""
+        bonds, nodes = self.loop.tables.bonds, self.loop.nodes[self.loop.engine.absent.exists[self.loop.nodes]]
+        return np.asarray(nodes[(bonds.alive[:, nodes] != bonds.full[:, None]).any(0)])
+
+    def _laws(self, nodes: np.ndarray) -> np.ndarray:
+        """Matrices by which nodes that lack bonds make something of their states."""
+        passes = self.passes
+        return passes.sums.law(self._shapes(nodes, passes.sums.kept), passes.moduli_at(nodes))
+
+    def _shapes(self, nodes: np.ndarray, kept: bool) -> np.ndarray:
+        """Their shape tensors; `kept`, those of a medium in which no bond has been cut or has broken."""
+        exists = self.loop.engine.absent.exists
+        distances, shapes = self._distances(), self.passes.sums.shapes
+        there = np.stack(
+            [exists[nodes + d] == exists[nodes] if kept else self.loop.present(nodes, nodes + d) for d in distances]
+        )
+        return np.einsum("ks,kab->sab", there, shapes)
+
+    def _break_bonds(self) -> None:
+        """Bonds beyond their limit break; what the energy of their nodes loses is added up."""
+        bonds, before = self.loop.tables.bonds, self.loop.tables.bonds.alive.copy()
+        gone = [
+            (b, nodes[alive & curved & (e > self.loop.limits(nodes, nodes + bonds.places[b, 0]))])
+            for b, nodes, alive, curved, _, e in self.loop.stretches()
+        ]
+        nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(nodes for _, nodes in gone)]))
+        stored = self._energies(nodes)
+        for bond, broken in gone:
+            self.loop.clear(bond, broken)
+            bonds.broken[0, 0, 1] += 0.5 * len(broken)
+        if (bonds.alive != before).any():
+            bonds.broken[0, 0, 0] += stored - self._energies(nodes)
+
+    def _energies(self, nodes: np.ndarray) -> float:
+        """Energy of some nodes, from the displacements now and a step ago, in units of the update."""
+        passes, total = self.passes, np.zeros(len(nodes))
+        now, ago = self.loop.split(self.loop.stage.src), self.loop.split(self.loop.stage.base)
+        distances = self._distances()
+        there = np.stack([self.loop.present(nodes, nodes + distance) for distance in distances])
+        (eta, old) = (np.stack([u[:, nodes + d] - u[:, nodes] for d in distances]) for u in (now, ago))
+        state = np.einsum("ks,kqa,kas->sq", there, passes.weights[0], eta)
+        last = np.einsum("sab,sb->sa", self._laws(nodes), state)
+        total += np.einsum("ks,kaq,sq,kas->s", there, passes.weights[1], last, old)
+        springs = there * np.stack([self.loop.factors(nodes, nodes + d) for d in distances])
+        total += np.einsum("ks,kab,kas,kbs->s", springs, self.loop.matrices, old, eta) / 2
+        return float(self.loop.stage.scale * total.sum() / 2)

@@ -11,7 +11,6 @@ from farhorizon.engine.drag import Drag
 from farhorizon.engine.engine import NEVER, Engine
 from farhorizon.engine.exchange import Exchange, Link, Messages
 from farhorizon.engine.filter import margin_across, without
-from farhorizon.engine.fringe import fringe_table
 from farhorizon.engine.phases import count_solid, phases_table
 from farhorizon.engine.plain_tables import damping_of
 from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
@@ -129,25 +128,6 @@ def set_dependents(
     starts[i + 1], plus what `advance` is told. They are set in this order after each stage."""
     nodes, starts, sources = (a.astype(np.int64) for a in (nodes, starts, sources))
     engine.replace(dependents=Dependents(nodes, starts, sources, weights.astype(engine.dtype)))
-
-
-def set_fringe(
-    engine: Engine,
-    nodes: np.ndarray,
-    levels: int,
-    fronts: np.ndarray,
-    rows: np.ndarray,
-    starts: np.ndarray,
-    columns: np.ndarray,
-    weights: np.ndarray,
-    outside: np.ndarray,
-) -> None:
-    """Halo nodes along an outline that are sums over a fringe of `nodes`, as `fringe.split_sums` has it; `rows`:
-    places of the halo nodes there.
-
-    A step forgets the last row of `fringe_history`.
-    """
-    engine.replace(fringe=fringe_table(nodes, levels, fronts, rows, starts, columns, weights, outside))
 
 
 def record_flows(
