@@ -31,6 +31,8 @@ def main() -> None:
         for name, mark in _marks(given.steps):
             print(f"{mark} {name}", flush=True)
         return
+    if not (given.other / "src" / "farhorizon").is_dir():
+        parser.error(f"no checkout: {given.other}")
     here, there = (_marks_of(folder, given.steps) for folder in (EXAMPLES.parent, given.other.resolve()))
     changed = sorted(name for name in {*here, *there} if here.get(name) != there.get(name))
     print(f"{len(here) - len(changed)} of {len(here)} cases are equal bit for bit after {given.steps} steps")

@@ -24,7 +24,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 BOUNDED = EXAMPLES / "quenched_bar.toml"  # no side is open
-LARGE = [  # slow at full size; tests/test_examples.py has those that break on coarser lattices
+LARGE = [  # slow at full size, or like another one; tests/test_examples.py has those that break on coarser lattices
     EXAMPLES / f"{name}.toml"
     for name in (
         "branching",
@@ -39,6 +39,13 @@ LARGE = [  # slow at full size; tests/test_examples.py has those that break on c
         "indentation",
         "surface_notch",
         "valley",
+        "far_field",
+        "inclusion",
+        "half_space",
+        "layered_ground",
+        "letters",
+        "wave_3d",
+        "blob_classical",
     )
 ]
 GROWING = EXAMPLES / "dispersive_pulse.toml"  # a kernel that the layer cannot absorb: it has a test of its own

@@ -360,7 +360,7 @@ class Engine:
         if levels is self.levels:
             self._own_loop(steps, phase, levels, tables, inputs, self.threads)
         else:
-            CompiledLoop()(steps, phase, levels, tables, inputs, 1)
+            CompiledLoop(self._own_loop)(steps, phase, levels, tables, inputs, 1)
 
     @property
     def current(self) -> np.ndarray:

@@ -77,12 +77,17 @@ def run(thread: int, steps: int, phase: int, calls: np.ndarray, tables: int, inp
 class CompiledLoop:
     """Works off tables of operations in machine code. It keeps what it has made of the last ones, for most calls have
     the same.
+
+    Parameters
+    ----------
+    beside : CompiledLoop, optional
+        One whose last tables have much in common with the next ones.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, beside: CompiledLoop | None = None) -> None:
         self._levels: np.ndarray | None = None
-        self._tables: Struct | None = None
-        self._inputs: Struct | None = None
+        self._tables: Struct | None = None if beside is None else beside._tables
+        self._inputs: Struct | None = None if beside is None else beside._inputs
         self._calls = np.zeros((1, 0, 4), np.int64)
         self._kept: list[Struct] = []  # what the calls have the addresses of
 

@@ -10,6 +10,7 @@ import platform
 import re
 import sys
 import threading
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -145,10 +146,18 @@ def load_bonds(
 
 
 def _load(place: str, **settings: Any) -> ModuleType:
-    """Module of compiled functions: a template of the engine's folder with its upper-case names set to `settings`.
+    """Module of compiled functions: a template of the engine's folder with its upper-case names set to `settings`."""
+    name, text = _written_out(place, **settings)
+    with _LOADING:
+        return sys.modules[name] if name in sys.modules else _load_file(name, text)
 
-    The file's name holds a hash of the templates, the generator and the settings: Numba's own cache does not see
-    a change of the generator.
+
+@cache
+def _written_out(place: str, **settings: Any) -> tuple[str, str]:
+    """Name and text of a module.
+
+    The name holds a hash of the templates, the generator and the settings: Numba's own cache does not see a change of
+    the generator.
     """
     template = (_ENGINE / f"{place}.py").read_text()
     for key, value in settings.items():
@@ -158,9 +167,7 @@ def _load(place: str, **settings: Any) -> ModuleType:
 
     parts = [(_ENGINE / f"{part}.py").read_text() for part in _COMPILED_IN]
     mark = "\n".join([template, *parts, numba.__version__, platform.machine()])
-    name = f"{place.rpartition('/')[2]}_" + hashlib.sha256(mark.encode()).hexdigest()[:20]
-    with _LOADING:
-        return sys.modules[name] if name in sys.modules else _load_file(name, template)
+    return f"{place.rpartition('/')[2]}_" + hashlib.sha256(mark.encode()).hexdigest()[:20], template
 
 
 def _load_file(name: str, template: str) -> ModuleType:
