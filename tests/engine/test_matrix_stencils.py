@@ -103,7 +103,7 @@ def test_two_threads_compute_what_one_does(monkeypatch):
     lattice = lattice_of((15, 40))
     runs = []
     for threads in (1, 2):
-        monkeypatch.setattr("farhorizon.simulation.run.available_threads", lambda n=threads: n)
+        monkeypatch.setattr("farhorizon.simulation.setup.available_threads", lambda n=threads: n)
         sim = Simulation(
             lattice,
             Elastic(Kernel(2.0), 1.0),

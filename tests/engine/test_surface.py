@@ -134,7 +134,7 @@ SETUPS = {
 def test_a_run_is_that_of_a_list_of_bonds(name, monkeypatch):
     """One number a node takes back what a list of its absent bonds does; two threads do bitwise what one does."""
     monkeypatch.setattr("farhorizon.engine.engine._PARALLEL_NUMBERS", 0)
-    monkeypatch.setattr("farhorizon.simulation.run.available_threads", lambda: 2)
+    monkeypatch.setattr("farhorizon.simulation.setup.available_threads", lambda: 2)
     lattice, model, boundary, rest = SETUPS[name]
     shape = (lattice.dim, *lattice.shape) if isinstance(model, fh.Elastic) else lattice.shape
     start = {"u": np.random.default_rng(4).standard_normal(shape)}
