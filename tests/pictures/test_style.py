@@ -10,6 +10,22 @@ from drawn import axes_of, wave
 from farhorizon.pictures import fields, style
 
 
+def test_a_few_nodes_do_not_dim_the_others():
+    """A spike on some corners is cut off, with an arrow on the bar; a narrow pulse is not."""
+    x, y = np.meshgrid(np.arange(40.0), np.arange(30.0), indexing="ij")
+    wave = np.sin(x / 5) * np.cos(y / 4)
+    spiked = wave.copy()
+    spiked[[3, 30, 31], [5, 20, 21]] = 7.0
+    scale = style.scale_of([spiked], None, None, usual=True)
+    assert 0.95 < scale["vmax"] <= 1.0 and scale["vmin"] == -scale["vmax"]
+    assert style.extent_beyond([spiked], None, scale) == "max"
+    assert style.scale_of([spiked], None, None)["vmax"] == 7.0
+    assert style.scale_of([spiked], None, "magma_r", usual=True)["vmax"] == 7.0
+    pulse = np.exp(-((x - 20) ** 2 + (y - 15) ** 2) / 8)  # two nodes wide
+    scale = style.scale_of([pulse], None, None, usual=True)
+    assert scale["vmax"] == 1.0 and style.extent_beyond([pulse], None, scale) == "neither"
+
+
 def test_color_range():
     """Diverging and symmetric for both signs, from zero for one sign, tight for a small variation of a large value."""
     assert style.color_range([np.array([-1.0, 3.0])]) == {"cmap": "RdBu_r", "vmin": -3, "vmax": 3}

@@ -234,13 +234,13 @@ def _images(
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
         for empty in panels[len(arrays) :]:
             empty.remove()
-        scale = scale_of(arrays, limits, colors)
+        scale = scale_of(arrays, limits, colors, usual=True)
         # one colour map for all panels, whatever the scales
         signed = any(color_range([array])["cmap"] == DIVERGING for array in arrays)
         for number, (array, name) in enumerate(zip(arrays, titles, strict=True)):
             panel = panels[number]
             if not shared_scale:
-                scale = scale_of([array], limits, colors, signed)
+                scale = scale_of([array], limits, colors, signed, usual=True)
             image = _image(panel, array, axes, scale, cracks, solids[number] if solids else None)
             if arrows:
                 _arrows(panel, arrows[number], axes)
@@ -251,9 +251,9 @@ def _images(
             panel.set(xlabel=with_unit(names[0]) if lowest else "", ylabel=with_unit(names[1]) if first else "")
             panel.locator_params(nbins=4 if width < 2 else 6)
             if not shared_scale:
-                figure.colorbar(image, ax=panel, label=label, extend=extent_beyond([array], limits))
+                figure.colorbar(image, ax=panel, label=label, extend=extent_beyond([array], limits, scale))
         if shared_scale:
-            beyond = extent_beyond(arrays, limits)
+            beyond = extent_beyond(arrays, limits, scale)
             figure.colorbar(image, ax=list(panels[: len(arrays)]), label=label, pad=0.02, extend=beyond)
         if title:
             figure.suptitle(title, fontsize=panels[0].title.get_size())

@@ -45,6 +45,10 @@ RIM = (("white", 2.2), ("0.1", 0.9))  # a light rim shows a line on dark colours
 DIVERGING, SEQUENTIAL = "RdBu_r", "viridis"
 DAMAGE = "magma_r"  # light where nothing is broken
 FORMATS = ("png", "pdf", "svg")
+_FEW = 8  # nodes whose values may lie beyond the colours
+_MORE = 1.5  # if the largest is more than so many times that of the others
+_SMALL = 400  # nodes of a field that is shown whole
+_BEYOND = 0.02  # of the range of colours: what is further beyond is told by an arrow
 _UNITS: ContextVar[Mapping[str, str]] = ContextVar("units", default=MappingProxyType({}))
 
 
@@ -113,14 +117,30 @@ def number_text(value: float, scale: float) -> str:
     return f"{value if abs(value) > 1e-9 * scale else 0.0:g}".replace("-", "\N{MINUS SIGN}")
 
 
-def color_range(fields: Sequence[np.ndarray], signed: bool | None = None) -> dict[str, Any]:
-    """Colour map and limits of some fields: symmetric and diverging if they have both signs, sequential otherwise.
+def reach(field: np.ndarray) -> float:
+    """Magnitude up to which the colours of a field reach: its largest, unless no more than a few nodes come near it, as
+    at the corners of a hole, which would dim all others.
+    """
+    sizes = np.abs(field[np.isfinite(field)]).ravel()
+    if sizes.size <= _SMALL:
+        return float(sizes.max(initial=0.0))
+    largest = np.partition(sizes, (-1 - _FEW, -1))
+    most, others = float(largest[-1]), float(largest[-1 - _FEW])
+    return others if 0 < _MORE * others < most else most
+
+
+def color_range(fields: Sequence[np.ndarray], signed: bool | None = None, usual: bool = False) -> dict[str, Any]:
+    """Colour map and limits of some fields: symmetric and diverging if they have both signs, sequential otherwise; of
+    what is `usual` up to what more than a few nodes `reach`.
 
     Negative values below a hundredth of the largest value are taken for undershoot, not for a sign, unless `signed` is
     given.
     """
     values = np.concatenate([field[np.isfinite(field)].ravel() for field in fields])
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
+    if usual:
+        most = max(map(reach, fields), default=0.0)
+        low, high = max(low, -most), min(high, most)
     largest = max(-low, high)
     if low < -0.01 * largest if signed is None else signed:
         return {"cmap": DIVERGING, "vmin": -largest or -1.0, "vmax": largest or 1.0}
@@ -130,7 +150,11 @@ def color_range(fields: Sequence[np.ndarray], signed: bool | None = None) -> dic
 
 
 def scale_of(
-    arrays: Sequence[np.ndarray], limits: tuple[float, float] | None, colors: str | None, signed: bool | None = None
+    arrays: Sequence[np.ndarray],
+    limits: tuple[float, float] | None,
+    colors: str | None,
+    signed: bool | None = None,
+    usual: bool = False,
 ) -> dict[str, Any]:
     """Colour map and norm of some fields: what `color_range` finds, or `limits`, about zero if they have both signs."""
     if limits is not None:
@@ -139,14 +163,19 @@ def scale_of(
         both = limits[0] < 0 < limits[1] and colors is None
         norm = TwoSlopeNorm(0.0, *limits) if both else Normalize(*limits)
         return {"cmap": colors or (DIVERGING if both else SEQUENTIAL), "norm": norm}
-    scale = color_range(arrays, signed)
+    scale = color_range(arrays, signed, usual and colors is None)
     return scale if colors is None else {**scale, "cmap": colors, "vmin": 0.0}
 
 
-def extent_beyond(arrays: Sequence[np.ndarray], limits: tuple[float, float] | None) -> str:
-    """At which ends a colour bar has an arrow: values lie beyond."""
+def extent_beyond(
+    arrays: Sequence[np.ndarray], limits: tuple[float, float] | None, scale: Mapping[str, Any] | None = None
+) -> str:
+    """At which ends a colour bar has an arrow: values lie beyond the limits, or well beyond those of a scale."""
     if limits is None:
-        return "neither"
+        if scale is None:
+            return "neither"
+        low, high = scale["vmin"], scale["vmax"]
+        limits = (low - _BEYOND * (high - low), high + _BEYOND * (high - low))
     low = any(np.nanmin(array, initial=np.inf) < limits[0] for array in arrays)
     high = any(np.nanmax(array, initial=-np.inf) > limits[1] for array in arrays)
     return {(True, True): "both", (True, False): "min", (False, True): "max"}.get((low, high), "neither")
