@@ -46,7 +46,7 @@ DIVERGING, SEQUENTIAL = "RdBu_r", "viridis"
 DAMAGE = "magma_r"  # light where nothing is broken
 FORMATS = ("png", "pdf", "svg")
 _FEW = 8  # nodes whose values may lie beyond the colours
-_MORE = 1.5  # if the largest is more than so many times that of the others
+_MORE = 1.75  # if the largest is more than so many times that of the others
 _SMALL = 400  # nodes of a field that is shown whole
 _BEYOND = 0.02  # of the range of colours: what is further beyond is told by an arrow
 _UNITS: ContextVar[Mapping[str, str]] = ContextVar("units", default=MappingProxyType({}))
