@@ -93,4 +93,5 @@ from farhorizon.simulation.spectra import Spectra as Spectra
 from farhorizon.simulation.steps import WholeSteps as WholeSteps
 from farhorizon.studies.convergence import convergence as convergence
 from farhorizon.studies.sweep import sweep as sweep
+from farhorizon.studies.toughness import calibrated_stretch as calibrated_stretch
 from farhorizon.studies.tuning import tuned as tuned

@@ -144,6 +144,7 @@ def good():
         "Wave": {"operator": kernel},
         "Weibull": {"scale": 1.0, "modulus": 5.0, "cell": 1.0},
         "WholeSteps": {"every": 1.0},
+        "calibrated_stretch": {"model": fh.Elastic(kernel, 1.0), "spacing": 1.0, "fracture_energy": 1.0},
         "convergence": {"case": float, "spacings": [0.4, 0.2, 0.1], "quantity": float, "exact": 0.0},
         "open_results": {"path": "none.h5"},
         "read_case": {"path": machinery.HERE.parents[1] / "examples" / "blob.toml", "changes": {"run.until": 1.0}},
