@@ -246,7 +246,12 @@ class Box(Shape):
         self.upper = constant("upper", np.atleast_1d(constant("upper", upper)), (self.dim,))
         if not (self.upper > self.lower).all():
             shown = f"lower {self.lower.tolist()}, upper {self.upper.tolist()}"
-            raise InputError("every coordinate of upper must be greater than that of lower", value=shown)
+            raise InputError(
+                "every coordinate of upper must be greater than that of lower",
+                value=shown,
+                limit="upper > lower",
+                remedy="exchange them",
+            )
 
     def bounds(self) -> tuple[Array, Array]:
         return self.lower.copy(), self.upper.copy()

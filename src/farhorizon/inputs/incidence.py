@@ -403,8 +403,10 @@ def check_scatterers(
         inner &= within.reshape([-1 if a == axis else 1 for a in range(lattice.dim)])
     outside: Any = material[~inner]
     if not np.ptp(outside) == 0:
+        other = np.argwhere(~inner & ~(material == outside.flat[0]))[0]
         raise InputError(
             "the medium is not uniform near the faces of an incident wave's box, or beyond",
+            value=f"another one at {shown(lattice.lower + lattice.spacing * other)}",
             limit=limit,
             key="incident.within",
             remedy="enlarge the near field",

@@ -485,6 +485,7 @@ class Samples(Signal):
                 value=f"shape {values.shape}",
                 limit=f"at least {_FEWEST}",
                 key="samples.values",
+                remedy="one column, of more samples",
             )
         largest = float(np.abs(values).max())
         if not largest > 0:

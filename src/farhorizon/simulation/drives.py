@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.analysis.references.driven import Scheme
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Cut
@@ -16,12 +17,14 @@ from farhorizon.inputs.loads import BodyForce, Traction, force_density
 from farhorizon.inputs.local_sources import LocalSource
 from farhorizon.inputs.outside import Beyond
 from farhorizon.inputs.pressure import Pressure, pressing_force
-from farhorizon.inputs.signals import Signal
+from farhorizon.inputs.signals import SMALL, Signal
 from farhorizon.inputs.sources import Source, as_source, by_component, space_and_time, split, steady
 from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.course import warn
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, Setup, Sides, keys, side_name
+
+_LOOKS = 1024  # steps at which a factor of time is looked at
 
 Drive = tuple[np.ndarray | None, Callable[..., Any]]
 
@@ -118,15 +121,21 @@ def _entries(given: Any) -> list[Any]:
 
 
 def check_signals(setup: Setup, near: NearField) -> None:
-    """Refuse signals that the lattice does not carry.
+    """Refuse signals of waves that the lattice does not carry, or that begin with a jump.
 
     Raises
     ------
     InputError
-        Half of the amplitude of a signal lies above the highest frequency of the lattice.
+        Half of the amplitude of a signal lies above the highest frequency of the lattice; the factor of time of a local
+        source changes, but does not begin at rest.
     """
     if near.model.order == 1:
         return
+    plain = _plain(setup)
+    for key, source in zip(keys("source", plain), plain, strict=True):
+        time = getattr(source, "time", None) if isinstance(source, LocalSource) else None
+        if time is not None and not isinstance(time, Signal):
+            _check_rest(time, near.dt * np.arange(_LOOKS), f"{key}.time")
     limit = float(np.arcsin(min(1.0, np.sqrt(near.rate_limit) * near.dt / 2)) / (np.pi * near.dt))
     for key, signal in signals(setup):
         if signal.median_frequency > limit:
@@ -137,6 +146,21 @@ def check_signals(setup: Setup, near: NearField) -> None:
                 key=key,
                 remedy="a lower frequency in the units of the run, or a finer lattice",
             )
+
+
+def _check_rest(time: Callable[[float], Any], times: np.ndarray, key: str) -> None:
+    """InputError for a factor of time that changes, and is not zero at first; one that does not is a load at rest."""
+    values = np.array([float(kinds.array(time(t), key, shape=())) for t in times])
+    largest = float(np.abs(values).max())
+    if np.ptp(values) and abs(values[0]) > SMALL * largest:
+        raise InputError(
+            "the signal does not begin at rest: the run would start with a jump",
+            value=f"{abs(values[0]) / largest:.3g} of the largest of its first values at t = 0",
+            limit=f"{SMALL:g}",
+            key=key,
+            remedy="a Ricker, a ToneBurst or another signal, or an expression that is 0 at t = 0; a number alone is a "
+            "load that acts from the start on",
+        )
 
 
 def _of_load(load: BodyForce | Traction | Pressure, setup: Setup, near: NearField, sides: Sides, key: str) -> Source:

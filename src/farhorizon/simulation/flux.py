@@ -174,7 +174,8 @@ def plane(lattice: Lattice, axis: str, position: float) -> tuple[int, int]:
             "the plane lies outside the near field",
             value=position,
             key="position",
-            limit=f"{lattice.lower[number]} to {lattice.upper[number]}",
+            limit=f"{lattice.lower[number]:.10g} to {lattice.upper[number]:.10g}",
+            remedy="move it inside or enlarge the lattice",
         )
     return number, row
 

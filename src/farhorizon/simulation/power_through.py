@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from farhorizon import kinds
-from farhorizon.errors import InputError
+from farhorizon.errors import InputError, shown
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Shape
@@ -189,13 +189,22 @@ def _within(region: Shape, lattice: Lattice) -> tuple[np.ndarray, None]:
     """Nodes in a region, of the lattice's shape; it has no plane."""
     inside = np.asarray(region.contains(np.stack(lattice.coordinates(), axis=-1)))
     if not inside.any():
-        raise InputError("no node of the near field lies in the region", value=repr(region), key="power.surfaces")
+        raise InputError(
+            "no node of the near field lies in the region",
+            value=repr(region),
+            limit=f"{shown(lattice.lower)} to {shown(lattice.upper)}",
+            key="power.surfaces",
+            remedy="move it inside or enlarge the lattice",
+        )
     return inside, None
 
 
 def _before(surface: Any, lattice: Lattice) -> tuple[np.ndarray, int]:
     """Nodes before a plane, of the lattice's shape, and the axis that it is normal to."""
-    axis, row = plane(lattice, *surface)
+    try:
+        axis, row = plane(lattice, *surface)
+    except InputError as error:
+        raise error.at("power.surfaces") from None
     before = np.arange(lattice.shape[axis]) <= row
     others = [a for a in range(lattice.dim) if a != axis]
     return np.broadcast_to(np.expand_dims(before, others), lattice.shape), axis
@@ -204,21 +213,23 @@ def _before(surface: Any, lattice: Lattice) -> tuple[np.ndarray, int]:
 def _check_bonds(setup: Setup, parts: Parts) -> None:
     """InputError unless the bonds are those of a linear wave equation and stay."""
     model, (_, weights), engine = parts.near.model, _bonds(parts), parts.grid.engine
-    wrong = None
+    # the flux of energy in the continuum is that of stresses and velocities
+    receivers, wrong = 'Receivers with record = "energy_flux", up to their interpolation', None
     if model.order != 2:
-        wrong = "a field that diffuses carries no energy of waves: Simulation.power_across tells the heat"
+        wrong = "a field that diffuses carries no energy of waves", "Simulation.power_across, which tells the heat"
     elif model.bond_law is not None:
-        wrong = "the power of bonds that are nonlinear or break is not known"
+        wrong = "the power of bonds that are nonlinear or break is not known", receivers
     elif any(crack.opens for crack in setup.cracks):
-        wrong = "cracks that open later change the bonds"
+        wrong = "cracks that open later change the bonds", f"cracks from the start on; or {receivers}"
     elif weights.ndim > 1 and np.abs(weights - weights.swapaxes(1, 2)).max() > _SYMMETRIC * np.abs(weights).max():
-        wrong = "the weights of bonds are no symmetric matrices"
+        wrong = "the weights of bonds are no symmetric matrices", receivers
     elif parts.near.variation.moduli is not None:
-        wrong = "the power of forces by states is known where the moduli are the same everywhere"
+        wrong = "the power of forces by states is known where the moduli are the same everywhere", receivers
     elif engine.passes is not None and engine.absent.count:
-        wrong = "the power of forces by states is known where all bonds are there: no free sides, holes or cracks"
+        message = "the power of forces by states is known where all bonds are there: no free sides, holes or cracks"
+        wrong = message, receivers
     if wrong is not None:
-        raise InputError(wrong, value=model.title, key="power")
+        raise InputError(wrong[0], value=model.title, key="power", remedy=wrong[1])
 
 
 def _bonds(parts: Parts) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,8 @@ Of several processes each keeps what its own nodes have of it; the recorders of 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
@@ -60,7 +61,10 @@ class Recording:
                     "two recorders have one name", value=name, key="observe", remedy='name="..." tells them apart'
                 )
         known = self.doubts
-        self._wanted = [one.begin(setup, parts) for one in self.recorders]
+        self._wanted: list[Wanted] = []
+        for one in self.recorders:
+            with self._naming(one):
+                self._wanted.append(one.begin(setup, parts))
         for text in self.doubts:
             if text not in known:  # the recorders of a run that is made anew have told it
                 warn(text)
@@ -69,6 +73,20 @@ class Recording:
         self._lay()
         for one, wanted, own in zip(self.recorders, self._wanted, self._own, strict=True):
             one.start(0, self._now(wanted, own))
+
+    @contextmanager
+    def _naming(self, one: Recorder) -> Iterator[None]:
+        """Within it an InputError says which of several recorders of a kind it means."""
+        try:
+            yield
+        except InputError as error:
+            alike = [other for other in self.recorders if type(other) is type(one)]
+            if len(alike) == 1:
+                raise
+            table, dot, rest = error.key.partition(".")
+            named = error.at(f"{table}[{alike.index(one)}]{dot}{rest}")
+            named.agreed = error.agreed
+            raise named from None
 
     def _lay(self) -> None:
         """Tell the engine what to keep: all components of nodes, one after the other, and the rows of blocks."""

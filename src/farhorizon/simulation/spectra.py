@@ -203,7 +203,13 @@ def as_frequencies(given: Any, key: str) -> np.ndarray:
     """Frequencies as an array of shape (F,); InputError for what is none."""
     found = np.atleast_1d(kinds.array(given, key))
     if found.ndim != 1 or found.min(initial=0.0) < 0:
-        raise InputError("frequencies are a list of numbers from 0 on", value=kinds.said(found), key=key)
+        raise InputError(
+            "frequencies are a list of numbers from 0 on",
+            value=kinds.said(found),
+            limit=">= 0",
+            key=key,
+            remedy="cycles per unit of time; what they have below 0 is the complex conjugate",
+        )
     return found
 
 
