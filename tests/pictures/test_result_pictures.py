@@ -5,6 +5,7 @@ import pytest
 
 from drawn import axes_of, is_picture, wave
 from farhorizon.errors import InputError
+from farhorizon.files.records import Recorded
 from farhorizon.files.results import ResultsWriter, open_results
 from farhorizon.pictures import fields
 from farhorizon.pictures import result_pictures as drawing
@@ -49,6 +50,20 @@ def test_plot_results(tmp_path, dim):
     paths = drawing.plot_results(results, tmp_path / "new" / "pictures")
     assert [p.name for p in paths] == ["u.png", "v.png", "probes.png", "energy.png"]
     assert all(is_picture(p) for p in paths)
+
+
+def test_tensors_that_are_symmetric_are_drawn_once(tmp_path):
+    """A stress has three components in the plane, a gradient four."""
+    path = tmp_path / "a.h5"
+    writer = ResultsWriter.create(
+        path, shape=(5, 5), spacing=1.0, lower=(0.0, 0.0), fields=("u",), dtype="float64", probes=None
+    )
+    stress = np.random.default_rng(20261123).normal(size=(4, 1, 2, 2))
+    data = {"stress": stress + stress.swapaxes(2, 3), "gradient": stress, "u": stress[..., 0]}
+    writer.conclude(Recorded("line", np.zeros((1, 2)), np.arange(4.0), data))
+    drawn = {one.stem for one in drawing.plot_results(open_results(path), tmp_path)}
+    names = {f"stress_{one}" for one in ("xx", "xy", "yy")} | {f"gradient_{a}{b}" for a in "xy" for b in "xy"}
+    assert drawn == {f"line_{name}" for name in names | {"u_x", "u_y"}}
 
 
 @pytest.mark.parametrize(("outputs", "expected"), [(0, []), (1, ["u.png", "v.png"])])

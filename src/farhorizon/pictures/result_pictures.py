@@ -410,14 +410,14 @@ def _histories(results: Results, directory: Path, ending: str) -> list[Path]:
         lines(curves, written[-1], xlabel=with_unit("t", "time"), ylabel=ylabel, title=title)
     for name, one in results.recorded.items():
         for quantity in one.data if len(one.times) > 1 and not one.medium else ():
-            for column, traces in one.columns(quantity).items():
+            for column, traces in _distinct(one.columns(quantity)).items():
                 written.append(directory / f"{name}_{column}.{ending}")
                 trace_picture(one.points, one.times, traces, written[-1], label=with_unit(column, quantity))
         if one.directions:
             written += _pattern(one, directory / f"{name}.{ending}")
             continue
         for quantity in one.spectra:
-            for column, sums in one.columns(quantity).items():
+            for column, sums in _distinct(one.columns(quantity)).items():
                 written.append(directory / f"{name}_{column}.{ending}")
                 spectrum_picture(one.points, one.frequencies, sums, written[-1], label=column)
     history, energy = results.history_times, results.energy
@@ -432,6 +432,17 @@ def _histories(results: Results, directory: Path, ending: str) -> list[Path]:
         ylabel = "energy" if "kinetic" in results.balance else "gain since the start, and inflow"
         lines(curves, written[-1], xlabel=with_unit("t", "time"), ylabel=ylabel)
     return written
+
+
+def _distinct(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The components of a quantity without those below the diagonal of a tensor that is symmetric: "stress_yx"."""
+    found: dict[str, np.ndarray] = {}
+    for name, values in columns.items():
+        quantity, _, letters = name.rpartition("_")
+        above = found.get(f"{quantity}_{letters[::-1]}") if len(letters) == 2 else None
+        if above is None or not np.array_equal(above, values):
+            found[name] = values
+    return found
 
 
 def _pattern(records: Recorded, path: Path) -> list[Path]:
