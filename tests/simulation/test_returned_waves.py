@@ -140,6 +140,18 @@ def test_random_diffusion_keeps_its_target_at_all_times(case):
     assert worst_error(sim, u, until) <= target
 
 
+def test_short_waves_that_a_step_of_diffusion_hardly_damps_are_told():
+    """Near the limit of Euler's step the shortest waves alternate and hardly decay, and layers send them back."""
+    model, found = fh.Diffusion(fh.Kernel(2.0, 0, "constant", volume="ramp"), 1.0), []
+    for share, half, width, target in ((0.95, 13, 2.0, 1e-6), (0.6, 13, 2.0, 1e-6), (0.95, 25, 5.0, 1e-4)):
+        lattice = fh.Lattice(1.0, -half, half)
+        u, limit = pulse(lattice, np.array([-0.9]), width), fh.Simulation(lattice, model, fh.Fixed()).step_limit
+        layer = fh.LatticePML(target=target, until=9000.0)
+        sim = fh.Simulation(lattice, model, layer, {"u": u}, dt=share * limit, threads=1)
+        found.append((any("hardly damps" in note for note in sim.notes), worst_error(sim, u, 400.0) <= target))
+    assert found == [(True, False), (False, True), (False, True)]
+
+
 @pytest.mark.parametrize("walls", ["periodic", "fixed", "free"])
 def test_waveguides_keep_their_target(walls):
     """A guide 21 nodes wide to 40 of its lengths, where modes near cut-off come back late; against a guide ten times as

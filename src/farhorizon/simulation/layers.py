@@ -18,11 +18,14 @@ from farhorizon.analysis.layers.thickness import Thickness, distance_to_side, th
 from farhorizon.errors import InputError
 from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.sources import by_component, field, split
+from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.returned_waves import CROSSINGS, FORESEEN, LASTING, MOST_CROSSINGS, ReturnedWaves, stand_ins
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.solid_and_liquid import placed
 from farhorizon.simulation.surroundings import Surroundings
+
+_ALIVE = 0.75  # factor of a step from which on waves are still there when they reach a side
 
 
 def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: Sequence[Any]) -> Surroundings:
@@ -54,7 +57,7 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
     thickness = {side_name(*key): found for key, found in choice.found.items()}
     notes = [words.format(nodes, ", ".join(named), aim) for (words, nodes, aim), named in choice.missed.items()]
     chosen = {key: found.layer for key, found in choice.found.items()}
-    return replace(around, layers=around.layers | chosen, thickness=thickness, notes=notes + choice.backward(layers))
+    return replace(around, layers=around.layers | chosen, thickness=thickness, notes=notes + choice.unforeseen(layers))
 
 
 @dataclass(frozen=True)
@@ -114,21 +117,47 @@ class _Choice:
                         wanted,
                     )
 
-    def backward(self, layers: Sides) -> list[str]:
-        """What is to be said of data with waves that run backward, which predictions leave out."""
-        model, damped = self.near.model, high_pass(self.near.stencil)
-        if not layers or model.order == 1 or damped is None or weak(damped):
+    def unforeseen(self, layers: Sides) -> list[str]:
+        """What is to be said of short waves in the data that predictions leave out: those that run backward, and those
+        that a step of diffusion near its limit hardly damps.
+        """
+        near, model = self.near, self.near.model
+        if not layers:
             return []
-        share = max((short_share(datum.values, damped.first) for datum in self._initial()), default=0.0)
+        if model.order == 1:
+            first = self._kept_alive()
+            say = (
+                "of the data {share:.1g} are waves of less than {length:.2g} nodes, which a step so near its limit "
+                "hardly damps: layers for diffusion do not absorb them and may send back more than the target "
+                f"{{wanted:g}}; dt <= {0.6 * near.step_limit:.3g} or smoother data keep it"
+            )
+        else:
+            damped = high_pass(near.stencil)
+            first = None if damped is None or weak(damped) else damped.first
+            say = (
+                "of the data {share:.1g} are waves of less than {length:.2g} nodes, some of which run backward in this "
+                "medium: they are not predicted, and layers may send back more than the target {wanted:g}; smoother "
+                "data, another influence or Extended keep it, 'farhorizon compare' measures the error"
+            )
+        if first is None:
+            return []
+        share = max((short_share(datum.values, first) for datum in self._initial()), default=0.0)
         wanted = min(b.wanted(model.target) for b in layers.values())
-        if share <= wanted:
-            return []
-        length = 2 * np.pi / damped.first
-        return [
-            f"of the data {share:.1g} are waves of less than {length:.2g} nodes, some of which run backward in this "
-            f"medium: they are not predicted, and layers may send back more than the target {wanted:g}; smoother data, "
-            "another influence or Extended keep it, 'farhorizon compare' measures the error"
-        ]
+        return [say.format(share=share, length=2 * np.pi / first, wanted=wanted)] if share > wanted else []
+
+    def _kept_alive(self) -> float | None:
+        """The least wavenumber times spacing along an axis that a step of diffusion hardly damps, although it damps
+        longer waves more.
+        """
+        near, model = self.near, self.near.model
+        if isinstance(model.integrator, Verlet):
+            return None
+        angles = np.linspace(0, np.pi, 513)[1:]
+        rates = near.stencil.symbol(angles, *[0.0] * (near.lattice.dim - 1))
+        strength = model.coefficient * near.strongest / near.lattice.spacing**2
+        growth = np.abs(model.integrator.growth(strength * rates, near.dt))
+        alive = (growth > _ALIVE) & (np.arange(growth.size) > growth.argmin())
+        return float(angles[alive][0]) if alive.any() else None
 
     def for_diffusion(self, layers: Sides) -> None:
         """What counts is the way from the data, the metal or a condition to the side."""
