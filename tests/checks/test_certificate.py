@@ -483,10 +483,17 @@ def test_a_strip_that_grows_does_not_refuse_a_box_that_does_not():
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
 
 
+def largest_factor(sim):
+    """Largest of the factors by which the modes of the complete update, layers and all, change in a step."""
+    complete = State(plain_twin(sim).engine)
+    update = np.stack([complete.after(unit) for unit in np.eye(complete.size)], axis=1)
+    return np.abs(np.linalg.eigvals(update)).max()
+
+
 @pytest.mark.parametrize("number", range(3))
 def test_noise_agrees_with_what_a_longer_run_says(number):
-    """Random layers by hand on a line: what noise refuses within ten crossings grows in a run ten times as long,
-    printed with its seed.
+    """Random layers by hand on a line: what noise refuses within ten crossings grows in a run ten times as long, or by
+    the eigenvalues of the complete update, where that is too slow to be seen in such a run; printed with its seed.
     """
     random = np.random.default_rng([SEED, number])
     reach, nodes, n = int(random.integers(1, 7)), int(random.integers(6, 20)), int(random.integers(20, 50))
@@ -497,7 +504,8 @@ def test_noise_agrees_with_what_a_longer_run_says(number):
     }
     sim = fh.Simulation(box(n), wave(reach, int(random.integers(0, 3))), fh.LatticePML(nodes=nodes, profile=profile))
     found, rate = sim.certificate(5.0, until=3.0 * n), measured_rate(sim, int(100 * n / sim.dt))
-    assert (found.verdict == "not certified") <= (rate > 0), f"seed {SEED}, {number}: {found}; {rate}"
+    grows = rate > 0 or (found.verdict == "not certified" and largest_factor(sim) > 1)
+    assert (found.verdict == "not certified") <= grows, f"seed {SEED}, {number}: {found}; {rate}"
     assert (rate * 3 * n > 12) <= (found.verdict == "not certified"), f"seed {SEED}, {number}: {found}; {rate}"
 
 
@@ -512,7 +520,4 @@ def test_bars_that_noise_makes_drift_are_not_refused(reach, nodes, share):
     sim = sim.remade(dt=share * sim.step_limit)
     assert sim.certificate(8.0).verdict == "certified"
     assert not sim.certificate(8.0, until=2000.0).grows_within(2000.0)
-    complete = State(plain_twin(sim).engine)
-    assert (
-        np.abs(np.linalg.eigvals(np.stack([complete.after(unit) for unit in np.eye(complete.size)], axis=1))).max() < 1
-    )
+    assert largest_factor(sim) < 1
