@@ -150,8 +150,7 @@ class _Choice:
         longer waves more.
         """
         near, model = self.near, self.near.model
-        if isinstance(model.integrator, Verlet):
-            return None
+        assert not isinstance(model.integrator, Verlet)  # which is of waves
         angles = np.linspace(0, np.pi, 513)[1:]
         rates = near.stencil.symbol(angles, *[0.0] * (near.lattice.dim - 1))
         strength = model.coefficient * near.strongest / near.lattice.spacing**2
