@@ -66,6 +66,7 @@ from farhorizon.inputs.signals import Step as Step
 from farhorizon.inputs.signals import ToneBurst as ToneBurst
 from farhorizon.inputs.sources import Source as Source
 from farhorizon.inputs.specimens import Specimen as Specimen
+from farhorizon.inputs.thermal_loads import ThermalLoad as ThermalLoad
 from farhorizon.medium.integrators import RungeKuttaChebyshev as RungeKuttaChebyshev
 from farhorizon.medium.kernel import Kernel as Kernel
 from farhorizon.medium.materials import materials as materials

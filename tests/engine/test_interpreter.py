@@ -46,6 +46,19 @@ def half(shape):
     return values
 
 
+def heated(material, poisson, **more):
+    """A body with a hole and a crack that heat strains, until it breaks."""
+    return fh.Simulation(
+        fh.Lattice(1.0, (0.0, 0.0), (16.0, 15.0), body=fh.Box((-1.0, -1.0), (17.0, 16.0)) - fh.Disc(2.2, (12.0, 4.0))),
+        fh.Elastic(fh.Kernel(2.0), 1.0, poisson, material=material, critical_stretch=0.006, **more),
+        fh.Free(),
+        {"v": 0.02 * bump((17, 16), 2)},
+        cracks=[fh.Crack([(6.1, 9.3), (9.2, 9.3)])],
+        loads=[fh.ThermalLoad("2*sin(x)*cos(y)*(1 + t)", expansion="1e-3*(1 + (x > 8))", reference=0.0)],
+        balance=True,
+    )
+
+
 CASES = {
     "1D": lambda: waves((23,)),
     "1D, source": lambda: waves((23,), sources=source((23,))),
@@ -179,6 +192,17 @@ CASES = {
         {"v": 0.03 * bump((21, 22), 2)},
         balance=True,
     ),
+    "bonds that heat breaks": lambda: fh.Simulation(
+        lattice(13, 14),
+        fh.Elastic(fh.Kernel(2.0), **ELASTIC, contact=True),
+        {"x": fh.Periodic(), "y": fh.Free()},
+        {"v": 0.02 * bump((13, 14), 2)},
+        cracks=[fh.Crack([(4.3, 7.4), (8.5, 7.4)])],
+        loads=[fh.ThermalLoad("exp(-(y - 7)**2)*cos(x)*(1 + t)", expansion=1e-2, reference=0.0, every=1.0)],
+        balance=True,
+    ),
+    "stresses of heat as bonds break": lambda: heated("correspondence", 0.3, stabilisation=0.4),
+    "dilatations of heat as bonds break": lambda: heated("state-based", "0.4 - 0.1*(y > 9.5)"),
     "stretched derivatives": lambda: fh.Simulation(
         lattice(13, 14),
         fh.Correspondence(fh.Kernel(2.0), 1.0, 0.3, drag=0.4),

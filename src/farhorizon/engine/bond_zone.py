@@ -43,6 +43,7 @@ class BondZone:
         limit: float,
         strength: np.ndarray | None = None,
         contact: bool = False,
+        warm: bool = False,
     ) -> None:
         """Lay the zone out: bonds follow a law of their own stretch and may break where both ends lie in it.
 
@@ -63,6 +64,8 @@ class BondZone:
             weaker of its ends does.
         contact : bool
             Whether bonds that are cut or broken carry compression.
+        warm : bool
+            Whether heat strains the nodes, see `engine.heat`.
         """
         engine = self.engine
         block, components, high = engine.layout.box, engine.components, ROWS[engine.components]
@@ -79,7 +82,9 @@ class BondZone:
         kinds = np.zeros((*rows, -(-(zone.end[2] - zone.first[2]) // LANES)), np.uint8)
         rule = RULES[self.engine.tables.material.rule] if self.engine.tables.material.coefficient.size > 1 else None
         strong = strength is not None
-        functions = np.array(load_bonds(components, nonlinear, engine.dtype.name, rule, strong, contact), np.int64)
+        functions = np.array(
+            load_bonds(components, nonlinear, engine.dtype.name, rule, strong, contact, warm), np.int64
+        )
         strengths = np.ones(1, engine.dtype) if strength is None else engine.spread(strength)
         limits = np.array([limit, (limit / 2 * spacing) ** 2], self.engine.dtype)
         at = zone.table(self.engine.layout.reach)
@@ -88,7 +93,8 @@ class BondZone:
         before = np.zeros((0, 0), np.uint64) if forces else alive.copy()
         changed, full = np.zeros_like(kinds), all_bits(len(places))
         closing = alive.copy() if contact else np.zeros((0, 0), np.uint64)
-        damage = forces, changed, before, full, strengths, closing
+        warmth = np.zeros(engine.layout.size if warm else 1, engine.dtype)
+        damage = forces, changed, before, full, strengths, closing, warmth
         engine.replace(bonds=Bonds(functions, table, places, alive, kinds, at, limits, nonlinear, broken, *damage))
         engine.sweep_in_pieces(laws.PIECE_ROWS)
         self._find_kinds()

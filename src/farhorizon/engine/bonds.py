@@ -76,6 +76,9 @@ class Bonds(NamedTuple):
         breaks as the weaker of its ends does. Of one number where all are alike.
     closing : ndarray of uint64, shape of `alive`, or empty
         Bits of the bonds that carry compression, cut or broken or not.
+    warmth : ndarray
+        Of each place of a level the strain that heat brings: a bond is strained by the mean of its ends. Of one number
+        where there is none; see `engine.heat`.
     """
 
     functions: np.ndarray
@@ -93,6 +96,7 @@ class Bonds(NamedTuple):
     full: np.ndarray
     strength: np.ndarray
     closing: np.ndarray
+    warmth: np.ndarray
 
 
 def no_bonds(dtype: np.dtype) -> Bonds:
@@ -114,6 +118,7 @@ def no_bonds(dtype: np.dtype) -> Bonds:
         np.zeros(0, np.uint64),
         np.ones(1, dtype),
         bits,
+        np.zeros(1, dtype),
     )
 
 
@@ -222,14 +227,21 @@ def elongation(e, nonlinear):
 
 
 @njit(error_model="numpy", inline="always")
+def strain_of_heat(warmth, node, other):
+    """What heat makes of the strain e of a bond: twice the mean of its ends."""
+    return np.float64(warmth[node]) + np.float64(warmth[other]) if warmth.size > 1 else 0.0
+
+
+@njit(error_model="numpy", inline="always")
 def bond_energy(u, old, node, bond, components, nonlinear, material, bonds):
     """``c d d' / 2`` of one bond from its elongations now and a step ago."""
     xi, distance, coefficient = bonds.table[bond], bonds.places[bond, 0], material.coefficient
     length = 0.0
     for c in range(components):
         length += np.float64(xi[c]) ** 2
-    now = elongation(strain_of(u, node, distance, xi, components, nonlinear), nonlinear)
-    before = elongation(strain_of(old, node, distance, xi, components, nonlinear), nonlinear)
+    warm = strain_of_heat(bonds.warmth, node, node + distance)
+    now = elongation(strain_of(u, node, distance, xi, components, nonlinear) - warm, nonlinear)
+    before = elongation(strain_of(old, node, distance, xi, components, nonlinear) - warm, nonlinear)
     factor = np.float64(xi[components + 1])
     if coefficient.size > 1:
         factor *= bond_factor(material.rule, coefficient[node], coefficient[node + distance])
@@ -264,7 +276,7 @@ def next_piece(stage, sweep, material, bonds, i0, first, last, begin):
     than the bonds one by one)."""
     block, reach, src = sweep.block, sweep.reach, stage.src
     high, start, end = _ROWS_3 if stage.components == 3 else _ROWS_2, bonds.zone[FIRST + 2], bonds.zone[END + 2]
-    if bonds.nonlinear or material.coefficient.size > 1:
+    if bonds.nonlinear or material.coefficient.size > 1 or bonds.warmth.size > 1:
         return end, False
     whole, stop = True, begin
     while stop < min(begin + PIECE_NODES, end):
@@ -323,6 +335,7 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
                 np.int64(alive.ctypes.data + 8 * node),
                 np.int64(bonds.strength.ctypes.data + node * size),
                 np.int64(bonds.closing.ctypes.data + 8 * node),
+                np.int64(bonds.warmth.ctypes.data + node * size),
                 np.int64(bonds.table.ctypes.data),
                 np.int64(bonds.places.ctypes.data),
                 np.int64(zone.ctypes.data),
@@ -420,6 +433,10 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, material,
                     strains(before[part], old, node + begin, offset[0], xi, components, curved)
                     factor = (0.5 if outside else 0.25) * np.float64(xi[components + 1]) * length
                     one, two, sums, there = now[part], before[part], energy[part], bits[part]
+                    for i in range(last - begin if bonds.warmth.size > 1 and law else 0):
+                        warm = strain_of_heat(bonds.warmth, node + begin + i, node + begin + i + offset[0])
+                        one[i] -= warm
+                        two[i] -= warm
                     for i in range(last - begin):
                         gain = factor * elongation(one[i], curved) * elongation(two[i], curved)
                         if coefficient.size > 1:
@@ -471,8 +488,10 @@ def largest_strain(u, block, components, bonds):
                     strains(found[: stop - start], u, node + start, places[bond, 0], table[bond], components, nonlinear)
                     there = alive[bond >> 6, node + start :]
                     for i in range(stop - start):
-                        strength = weaker(bonds.strength, node + start + i, node + start + i + places[bond, 0])
-                        largest = max(largest, found[i] / strength if there[i] & mask != 0 else -1.0)
+                        at, other = node + start + i, node + start + i + places[bond, 0]
+                        e = found[i] - strain_of_heat(bonds.warmth, at, other)
+                        strength = weaker(bonds.strength, at, other)
+                        largest = max(largest, e / strength if there[i] & mask != 0 else -1.0)
     return largest
 
 

@@ -77,6 +77,13 @@ def sum_state(level, node, bits, gather, numbers):
                     numbers[_STATE + row] += general[(k * rows + row) * columns + column] * eta
             for i in range(whole):
                 numbers[_SHAPE + i] += shapes[k, i]
+    if law.warmth.size:
+        strain, dim = law.spacing * law.warmth[node], columns
+        for i in range(whole):
+            if rows > 1:
+                numbers[_STATE + i] -= strain * numbers[_SHAPE + i]
+            elif i % (dim + 1) == 0:
+                numbers[_STATE] -= strain * numbers[_SHAPE + i]
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -167,20 +174,30 @@ def node_energy(stage, node, bits, springs, material, gather, scatter, numbers):
     law_of_node(gather.sweep.law, node, numbers, gather.rows)
     apart, rows, distances = u.size // columns, scatter.columns, gather.sweep.offsets
     weights, pulls = scatter.sweep.general[stage.part], springs.general[stage.part]
+    warmth, arms = gather.sweep.law.warmth, gather.sweep.law.arms
+    warm, own, mean = warmth.size > 0, u[0] * 0, u[0] * 0
     total = 0.0
     for k in range(distances.size):
         if _there(bits, node, k):
+            if warm:
+                own, mean = warmth[node], (warmth[node] + warmth[node + distances[k]]) / 2
             for a in range(columns):
                 at = node + a * apart
-                force = 0.0
+                force, spring = 0.0, 0.0
                 for row in range(rows):
                     force += weights[(k * columns + a) * rows + row] * numbers[_STATE + row]
                 if pulls.size:
                     factor = spring_factor(material, node, distances[k]) / 2
                     for b in range(columns):
                         here = node + b * apart
-                        force += factor * pulls[(k * columns + a) * columns + b] * (u[here + distances[k]] - u[here])
+                        gap = u[here + distances[k]] - u[here]
+                        if warm:
+                            gap -= mean * arms[k, b]
+                            spring += factor * pulls[(k * columns + a) * columns + b] * gap
+                        force += factor * pulls[(k * columns + a) * columns + b] * gap
                 total += force * (old[at + distances[k]] - old[at])
+                if warm:
+                    total -= ((force - spring) * own + spring * mean) * arms[k, a]
     return total
 
 

@@ -29,6 +29,7 @@ from farhorizon.engine.operations import (
     operator_operations,
     sweep_operations,
     table_of,
+    without_heat,
 )
 from farhorizon.engine.passes import Passes, StateSums
 from farhorizon.engine.phases import NEVER
@@ -399,10 +400,20 @@ class Engine:
         return self._operate(level, operator_operations(self.tables), apart=True)
 
     def apply_core(self, level: np.ndarray) -> np.ndarray:
-        """The operator L on a level with whatever its halo holds, with plain shifts everywhere."""
-        return self._operate(level, sweep_operations(self.tables))
+        """The operator L on a level with whatever its halo holds, with plain shifts everywhere, and without heat."""
+        return self._operate(level, sweep_operations(self.tables), cold=True)
 
-    def _operate(self, level: np.ndarray, operations: list[Operation], apart: bool = False) -> np.ndarray:
+    def forces_of_heat(self) -> tuple[np.ndarray, np.ndarray]:
+        """What heat does to nodes with states that are where they were, as a level, and four times the energy of each
+        place for a unit of mass a node.
+        """
+        assert self.passes is not None
+        forces = self._operate(np.zeros_like(self.current), sweep_operations(self.tables))
+        return forces, 4 * self.passes.energy_of_heat()
+
+    def _operate(
+        self, level: np.ndarray, operations: list[Operation], apart: bool = False, cold: bool = False
+    ) -> np.ndarray:
         """What some operations make of a level, without the rest of a stage, as a level: of bonds none breaks.
 
         If `apart`, the layers remember nothing of it.
@@ -416,6 +427,8 @@ class Engine:
             numbers=np.array([numbers_of(self, float(self.stages.increments), 0.0, scale, 0.0)], self.dtype),
             bonds=self.tables.bonds._replace(limit=np.array([np.inf, np.inf], self.dtype)),
         )
+        if cold:
+            tables = without_heat(tables)
         if apart:
             tables = self._with_memory(tables, self.memory.copy())
         (self.loop or self._compiled)(1, 0, levels, tables, self._no_inputs(1))

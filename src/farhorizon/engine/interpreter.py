@@ -65,6 +65,8 @@ class Interpreter:
             op.FRINGE: self._fringe,
             op.DISSOLVE: self._dissolve,
             op.KEEP: self._keep,
+            op.HEAT: self._heat,
+            op.WARM: self._warm,
         }
 
     def run(self, steps: int, phase: int, levels: np.ndarray, tables: op.Tables, inputs: Inputs) -> None:
@@ -203,7 +205,23 @@ class Interpreter:
             eta = src[:, nodes + place] - src[:, nodes]
             bent = np.where(curved & bonds.nonlinear, eta, 0)
             alive = bonds.alive[bond >> 6, nodes] & np.uint64(1) << np.uint64(bond & 63) != 0
-            yield bond, nodes, alive, curved, xi + bent, (eta * (2 * xi + bent)).sum(0) * inverse
+            warm = curved * self.warmth(nodes, nodes + place)
+            yield bond, nodes, alive, curved, xi + bent, (eta * (2 * xi + bent)).sum(0) * inverse - 2 * warm
+
+    def warmth(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """What heat strains bonds: the mean of their ends."""
+        warmth = np.broadcast_to(self.tables.bonds.warmth, self.engine.layout.size)
+        return np.asarray((warmth[nodes] + warmth[others]) / 2)
+
+    def _heat(self) -> None:
+        bonds, nodes = self.tables.bonds, self.nodes[self._zone()]
+        for bond, distance in enumerate(bonds.places[:, 0]):
+            there = self.present(nodes, nodes + distance) * self.factors(nodes, nodes + distance)
+            push = there * self.warmth(nodes, nodes + distance)
+            self._add(-self.stage.scale * np.multiply.outer(self.tables.heat.vectors[bond], push), nodes)
+
+    def _warm(self) -> None:
+        self.tables.heat.warmth[:] += self.tables.heat.rate
 
     def limits(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Largest strain e of bonds that do not break."""
@@ -239,7 +257,7 @@ class Interpreter:
             u = self.split(level)
             eta = u[:, nodes + place] - u[:, nodes]
             longer = np.sqrt(((xi + eta) ** 2).sum(0)) - length if self.tables.bonds.nonlinear else xi.T @ eta / length
-            stretched.append(np.ravel(longer))
+            stretched.append(np.ravel(longer) - length * self.warmth(nodes, nodes + place))
         self.tables.bonds.broken[0, 0] += 0.25 * (stiffness * stretched[0] * stretched[1]).sum(), 0.5 * len(nodes)
 
     def _cut(self) -> None:
@@ -472,6 +490,7 @@ class _States:
         levels = (self.loop.split(self.loop.stage.src), states, self.loop.split(self.loop.stage.out))
         # the loop may have done it node by node
         if self.raw and (which == op.SCATTER or operation in (op.COPY, op.EXCHANGE)):
+            states[:, self.loop.nodes] -= self._strained(self.loop.nodes).T
             odd = np.einsum("sab,bs->as", law.matrices[law.numbers], states[:, law.nodes])
             if not self.loop.tables.bonds.forces:
                 lost = self._lost_bonds()
@@ -529,6 +548,18 @@ class _States:
             found += weight.sum(0)[:, None] * both
         return found
 
+    def _strained(self, nodes: np.ndarray) -> np.ndarray:
+        """States of nodes that are strained as heat strains them, shape (S, n)."""
+        law, shapes = self.loop.tables.gather.sweep.law, self._shapes(nodes, False)
+        units = np.trace(shapes, axis1=1, axis2=2)[:, None] if len(law.unit) == 1 else shapes.reshape(len(nodes), -1)
+        return np.asarray(law.spacing * self.loop.warmth(nodes, nodes)[:, None] * units)
+
+    def _given_way(self, nodes: np.ndarray, distances: np.ndarray) -> np.ndarray:
+        """What bonds are longer by, shape (K, dim, nodes), that heat strains as the mean of nodes some places apart."""
+        arms = self.loop.tables.gather.sweep.law.arms
+        warmth = np.stack([self.loop.warmth(nodes, nodes + distance) for distance in distances])
+        return np.asarray(arms[:, :, None] * warmth[:, None] if arms.size else 0 * warmth[:, None])
+
     def _lost_bonds(self) -> np.ndarray:
         """Nodes that exist and lack bonds, cut, broken or beyond an edge."""
         bonds, nodes = self.loop.tables.bonds, self.loop.nodes[self.loop.engine.absent.exists[self.loop.nodes]]
@@ -570,9 +601,10 @@ class _States:
         distances = self._distances()
         there = np.stack([self.loop.present(nodes, nodes + distance) for distance in distances])
         (eta, old) = (np.stack([u[:, nodes + d] - u[:, nodes] for d in distances]) for u in (now, ago))
-        state = np.einsum("ks,kqa,kas->sq", there, passes.weights[0], eta)
+        own, both = self._given_way(nodes, 0 * distances), self._given_way(nodes, distances)
+        state = np.einsum("ks,kqa,kas->sq", there, passes.weights[0], eta - own)
         last = np.einsum("sab,sb->sa", self._laws(nodes), state)
-        total += np.einsum("ks,kaq,sq,kas->s", there, passes.weights[1], last, old)
+        total += np.einsum("ks,kaq,sq,kas->s", there, passes.weights[1], last, old - own)
         springs = there * np.stack([self.loop.factors(nodes, nodes + d) for d in distances])
-        total += np.einsum("ks,kab,kas,kbs->s", springs, self.loop.matrices, old, eta) / 2
+        total += np.einsum("ks,kab,kas,kbs->s", springs, self.loop.matrices, old - both, eta - both) / 2
         return float(self.loop.stage.scale * total.sum() / 2)

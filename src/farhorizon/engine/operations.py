@@ -19,6 +19,7 @@ from farhorizon.engine.ends import Ends
 from farhorizon.engine.exchange import LEVEL, SLOTS
 from farhorizon.engine.filter import Filter
 from farhorizon.engine.fringe import Fringe
+from farhorizon.engine.heat import Heat, no_heat
 from farhorizon.engine.nested import Layers, has_layers
 from farhorizon.engine.phases import Phases
 from farhorizon.engine.stretches import Stretches
@@ -50,6 +51,8 @@ EXCHANGE = 22  # other processes fill the halo; its number is that of a table of
 STRETCH_STATES = 23  # layers stretch the derivatives that nodes have for states; with 1 beside it their memory begins
 STRETCH_FORCES = 24  # and those of what the law has made of the states
 DRAG = 25  # velocities move towards the mean of their neighbours
+HEAT = 26  # springs beside states lose what heat strains them
+WARM = 27  # the strains of heat become those of the next step
 
 # Passes of the operator: the springs, sums over bonds that make states, sums over states that make forces.
 SPRINGS, GATHER, SCATTER = range(3)
@@ -135,13 +138,14 @@ class Tables(NamedTuple):
     scatter: Pass
     stretches: Stretches
     drag: Drag
+    heat: Heat
 
 
 def operations_of(tables: Tables, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
     """What there is to do in a step: the `operations` and `starts` of tables that lack them."""
     lists = [_stage(tables, inputs, stage) for stage in range(len(tables.numbers))]
     kept = inputs.watched.size + tables.listening.rows.size
-    lists[-1] += _chosen((DISSOLVE, tables.phases.runs.size), (KEEP, kept))
+    lists[-1] += _chosen((DISSOLVE, tables.phases.runs.size), (KEEP, kept), (WARM, tables.heat.rate.size))
     starts = np.cumsum([0, *map(len, lists)])
     return table_of(itertools.chain(*lists)), starts
 
@@ -184,7 +188,7 @@ def operator_operations(tables: Tables) -> list[Operation]:
         found += _chosen((LAW, _later(gather)), (DAMAGED, breaks), number=GATHER) + _halo(tables, GATHER)
         found += _sums(tables, scatter.cuts, scatter.layers, SCATTER)
         found += _chosen((STRETCH_FORCES, stretched), (DAMAGED, breaks), number=SCATTER)
-    return found
+    return found + _chosen((HEAT, tables.heat.vectors.size))
 
 
 def _halo(tables: Tables, number: int) -> list[Operation]:
@@ -210,8 +214,18 @@ def sweep_operations(tables: Tables) -> list[Operation]:
     return [
         one
         for one in operator_operations(tables)
-        if one[0] in (SWEEP, CUT, LAW, DAMAGED) or one in ((COPY, 0, GATHER), (EXCHANGE, LEVEL, GATHER))
+        if one[0] in (SWEEP, CUT, LAW, DAMAGED, HEAT) or one in ((COPY, 0, GATHER), (EXCHANGE, LEVEL, GATHER))
     ]
+
+
+def without_heat(tables: Tables) -> Tables:
+    """The same tables where heat strains nothing: the operator is linear with them."""
+    if not tables.heat.warmth.size:
+        return tables
+    law = tables.gather.sweep.law
+    gather = tables.gather._replace(sweep=tables.gather.sweep._replace(law=law._replace(warmth=law.warmth[:0])))
+    bonds = tables.bonds._replace(warmth=np.zeros_like(tables.bonds.warmth))
+    return tables._replace(heat=no_heat(law.values.dtype), bonds=bonds, gather=gather)
 
 
 def _later(gather: Pass) -> bool:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from farhorizon.engine.bonds import factors_of
 from farhorizon.engine.field import Field
 from farhorizon.engine.layer_cuts import cut_layers
 from farhorizon.engine.layer_tables import LayerTables
@@ -191,16 +192,25 @@ class Passes:
         dim = self.sums.shapes.shape[1]
         bare_shapes, cut_shapes = lost(self.sums.shapes)
         shapes = np.eye(dim) - bare_shapes - (0 if self.sums.kept else cut_shapes)
-        rows = np.hstack([shapes[there].round(14).reshape(-1, dim * dim), self.moduli_at(odd[there])])
-        kinds, numbers = np.unique(rows, axis=0, return_inverse=True)
+        left = np.eye(dim) - bare_shapes - cut_shapes
+        tensors = [one[there].round(14).reshape(-1, dim * dim) for one in (shapes, left)]
+        kinds, numbers = np.unique(np.hstack([*tensors, self.moduli_at(odd[there])]), axis=0, return_inverse=True)
         nothing = np.zeros((1, *self.sums.gradient.shape[1:2] * 2))
-        found = self.sums.law(kinds[:, :-3].reshape(-1, dim, dim), kinds[:, -3:])
+        of_law, present = kinds[:, :-3].reshape(-1, 2, dim, dim).swapaxes(0, 1)
+        found = self.sums.law(of_law, kinds[:, -3:])
         matrices = np.concatenate([nothing, found]).astype(self.dtype)
         of_node = np.zeros(len(odd), np.int64)
         of_node[there] = 1 + numbers.ravel()
         sweep = passes[0].sweep
         first, end = (np.zeros(3, np.int64), np.zeros(3, np.int64)) if len(nodes) else self._whole()
-        law = sweep.law._replace(nodes=odd.astype(np.int64), numbers=of_node, matrices=matrices, first=first, end=end)
+        law = sweep.law._replace(
+            nodes=odd.astype(np.int64),
+            numbers=of_node,
+            matrices=matrices,
+            first=first,
+            end=end,
+            units=np.vstack([nothing[0, :1], self._units(present)]).astype(self.dtype),
+        )
         self.engine.replace(gather=passes[0]._replace(sweep=sweep._replace(law=law)), scatter=passes[1])
         stretches = self.engine.tables.stretches
         if stretches.runs.size:
@@ -210,6 +220,11 @@ class Passes:
             at = np.where(exist, np.searchsorted(odd, of_slots), len(odd))
             _check_straight(shapes[at[exist & exists[of_slots]]])
             self.engine.replace(stretches=without_bonds(stretches, vectors[at].T, nodes, neighbours, bonds))
+
+    def _units(self, shapes: np.ndarray) -> np.ndarray:
+        """What a unit of strain in all directions is in the states of nodes with some shape tensors, shape (S, n)."""
+        count, dim = len(self.sums.signs), shapes.shape[1]
+        return shapes.reshape(-1, dim * dim) if count > 1 else np.trace(shapes, axis1=1, axis2=2)[:, None]
 
     def _whole(self) -> tuple[np.ndarray, np.ndarray]:
         """First node, and last + 1, of the box of nodes to whose states no layer adds."""
@@ -252,7 +267,33 @@ class Passes:
             self.sums.kept,
             *self._whole(),
             np.zeros((self.engine.threads, 2 * count, CHUNK), self.dtype),
+            np.zeros(0, self.dtype),
+            self.dtype.type(1),
+            self._units(whole)[0].astype(self.dtype),
+            np.zeros((1, count), self.dtype),
+            np.zeros((0, 0), self.dtype),
         )
+
+    def energy_of_heat(self) -> np.ndarray:
+        """Energy of each place for a unit of mass a node, where nodes that heat strains are held where they were; the
+        states are those of such nodes.
+        """
+        engine, law, bonds = self.engine, self.engine.tables.gather.sweep.law, self.engine.tables.bonds
+        found, dim = np.zeros(self.layout.size), self.sums.shapes.shape[1]
+        nodes = self.layout.box.node_indices().ravel()
+        warmth, shapes = law.warmth.astype(float), np.zeros((len(nodes), dim, dim))
+        for k, distance in enumerate(bonds.places[:, 0]):
+            there = bonds.alive[k >> 6, nodes] >> np.uint64(k & 63) & np.uint64(1) != 0
+            shapes += there[:, None, None] * self.sums.shapes[k]
+            factors = factors_of(engine.tables.material, nodes, nodes + distance)
+            spring = law.arms[k] @ engine.weights[k] @ law.arms[k]
+            found[nodes] += there * factors * spring * (warmth[nodes] + warmth[nodes + distance]) ** 2 / 16
+        states = law.values.reshape(len(self.sums.signs), -1)[:, nodes]
+        divergence = self.sums.divergence[:, 0, 0] @ self.sums.gradient[:, 0, 0]
+        unit = divergence / (self.sums.gradient[:, 0, 0] @ self.sums.gradient[:, 0, 0])  # of the operator
+        strained = float(law.spacing) * warmth[nodes, None] * self._units(shapes)
+        found[nodes] -= unit * (states.T * strained).sum(1) / 2
+        return found
 
     def moduli_at(self, nodes: np.ndarray) -> np.ndarray:
         """Moduli that the law of some nodes goes by, shape (S, 3)."""
@@ -283,6 +324,5 @@ def no_law(engine: Field) -> PointLaw:
     none, nothing = np.zeros(0, np.int64), np.zeros((1, 1), engine.dtype)
     room = np.zeros((1, 1, CHUNK), engine.dtype)
     empty, local = np.zeros(0, engine.dtype), np.zeros((3, 0), engine.dtype)
-    return PointLaw(
-        empty, 0, nothing, none, none, nothing[None], nothing[0], local, nothing[None], nothing, False, none, none, room
-    )
+    plain = 0, nothing, none, none, nothing[None], nothing[0], local, nothing[None], nothing, False, none, none, room
+    return PointLaw(empty, *plain, empty, engine.dtype.type(1), empty, nothing, nothing)

@@ -10,6 +10,7 @@ from farhorizon.engine.ends import ends_table
 from farhorizon.engine.field import Field
 from farhorizon.engine.filter import Filter, filter_tables
 from farhorizon.engine.fringe import no_fringe
+from farhorizon.engine.heat import no_heat
 from farhorizon.engine.layout import aligned_zeros
 from farhorizon.engine.operations import Pass, Tables
 from farhorizon.engine.passes import no_law
@@ -61,6 +62,7 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
         scatter=scatter,
         stretches=no_stretches(engine.dtype) if engine.passes is None else engine.passes.stretch_tables(),
         drag=no_drag(engine.dtype),
+        heat=no_heat(engine.dtype),
     )
 
 

@@ -45,6 +45,15 @@ class PointLaw(NamedTuple):
         Box of nodes whose states are whole once they are swept: no layer adds to them, and no bond is cut.
     room : ndarray, shape (threads, 2 n, CHUNK)
         To work in.
+    warmth : ndarray, shape (places,), or empty
+        The strain that heat brings, which no force answers to; see `engine.heat`.
+    spacing : float
+        Of the nodes: what a unit of strain is in displacements.
+    unit, units : ndarray, shapes (n,), (m, n)
+        What a unit of strain in all directions is in the state of a node with all its bonds, and of those `matrices`
+        are for.
+    arms : ndarray, shape (K, d)
+        The bonds, in units of length.
     """
 
     values: np.ndarray
@@ -61,6 +70,11 @@ class PointLaw(NamedTuple):
     first: np.ndarray
     end: np.ndarray
     room: np.ndarray
+    warmth: np.ndarray
+    spacing: float
+    unit: np.ndarray
+    units: np.ndarray
+    arms: np.ndarray
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -97,6 +111,24 @@ def apply_local(law, start, n, room):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
+def leave_out_heat(law, start, n, odd):
+    """Take from the states of neighbours what heat strains them, of the special nodes from `odd` on by what they have
+    of their bonds."""
+    values, nodes, count = law.values, law.nodes, law.unit.size
+    size = values.size // count
+    for row in range(count):
+        if law.unit[row] != 0:
+            for i in range(start, start + n):
+                values[row * size + i] -= law.spacing * law.unit[row] * law.warmth[i]
+    while odd < nodes.size and nodes[odd] < start + n:
+        strain = law.spacing * law.warmth[nodes[odd]]
+        for row in range(count):
+            more = law.unit[row] - law.units[law.numbers[odd], row]
+            values[row * size + nodes[odd]] += strain * more
+        odd += 1
+
+
+@njit(error_model="numpy", cache=True, counted=False)
 def apply_law(thread, law, first, last):
     """The law of the places from `first` on, before `last`, of neighbours in memory; in place."""
     values, intact, nodes, count = law.values, law.intact, law.nodes, law.intact.shape[0]
@@ -105,6 +137,8 @@ def apply_law(thread, law, first, last):
     odd = first_special(nodes, first)
     for start in range(first, last, CHUNK):
         n, begin = min(CHUNK, last - start), odd
+        if law.warmth.size:
+            leave_out_heat(law, start, n, odd)
         while odd < nodes.size and nodes[odd] < start + n:
             special_matrix = law.matrices[law.numbers[odd]]
             for row in range(count):

@@ -35,6 +35,7 @@ from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.filter import damp_short_waves
 from farhorizon.engine.fringe import close_fringe
+from farhorizon.engine.heat import push_springs, warm_up
 from farhorizon.engine.operations import (
     BREAK,
     COPY,
@@ -51,6 +52,7 @@ from farhorizon.engine.operations import (
     FILTER,
     FLOW,
     FRINGE,
+    HEAT,
     HOLD,
     INERTIA,
     KEEP,
@@ -58,6 +60,7 @@ from farhorizon.engine.operations import (
     STRETCH_FORCES,
     STRETCH_STATES,
     SWEEP,
+    WARM,
     WORK,
 )
 from farhorizon.engine.phases import LIQUID, SOLID, dissolve, find_runs
@@ -748,3 +751,15 @@ def stretch_all_states(thread, stage, sums, tables, inputs, step, number):
 def stretch_all_forces(thread, stage, sums, tables, inputs, step, number):
     """Layers stretch the derivatives of what the law has made of the states."""
     stretch_forces(thread, stage, tables.gather.sweep.law, tables.stretches, number != 0)
+
+
+@operation(HEAT)
+def heat_springs(thread, stage, sums, tables, inputs, step, number):
+    """Springs beside states lose what heat strains them."""
+    push_springs(thread, stage, sums.sweep.block, sums.liquid, tables.bonds, tables.heat)
+
+
+@operation(WARM)
+def warm_nodes(thread, stage, sums, tables, inputs, step, number):
+    """The strains of heat become those of the next step."""
+    warm_up(thread, tables.heat)

@@ -11,6 +11,7 @@ from farhorizon.engine.drag import Drag
 from farhorizon.engine.engine import NEVER, Engine
 from farhorizon.engine.exchange import Exchange, Link, Messages
 from farhorizon.engine.filter import margin_across, without
+from farhorizon.engine.heat import Heat
 from farhorizon.engine.phases import count_solid, phases_table
 from farhorizon.engine.plain_tables import damping_of
 from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
@@ -59,6 +60,37 @@ def set_damping(engine: Engine, nodes: np.ndarray, before: np.ndarray, after: np
         engine.replace(filter=without(engine.tables.filter, lambda damped: np.isin(damped, nodes[after == 0])))
     factors = (factor.astype(engine.dtype) for factor in (before, after, leak))
     engine.replace(damping=Damping(nodes.astype(np.int64), *factors))
+
+
+def set_heat(engine: Engine, spacing: float) -> None:
+    """From now on heat strains the nodes, by what `give_heat` says: see `BondZone.set`, which must have been told.
+
+    Parameters
+    ----------
+    engine : Engine
+    spacing : float
+        Of the nodes, in the unit of the field.
+    """
+    tables, warmth = engine.tables, engine.tables.bonds.warmth
+    arms = spacing * engine.offsets[:, 3 - engine.components :].astype(float)
+    if engine.passes is not None:
+        gather = tables.gather
+        law = gather.sweep.law._replace(
+            warmth=warmth, spacing=engine.dtype.type(spacing), arms=arms.astype(engine.dtype)
+        )
+        engine.replace(gather=gather._replace(sweep=gather.sweep._replace(law=law)))
+    springs = engine.passes is not None and engine.weights.any()
+    vectors = np.einsum("kab,kb->ka", engine.weights, arms) if springs else np.zeros((0, 0))
+    engine.replace(heat=Heat(warmth, np.zeros_like(warmth), vectors.astype(engine.dtype)))
+
+
+def give_heat(engine: Engine, strain: np.ndarray, rate: np.ndarray, steps: int = 0) -> None:
+    """Say what heat strains the nodes of the core, some steps ago, and what is added to that in each step."""
+    heat = engine.tables.heat
+    heat.warmth[:] = engine.spread(strain) * engine.absent.exists
+    heat.rate[:] = engine.spread(rate) * engine.absent.exists
+    for _ in range(steps):
+        heat.warmth[:] += heat.rate
 
 
 def set_density(engine: Engine, density: np.ndarray) -> None:

@@ -239,7 +239,7 @@ class Elastic(LatticeModel):
     @property
     def bondwise(self) -> bool:
         """Whether bonds follow a law of their own stretch one by one: nonlinear, or breaking, or both."""
-        return self.nonlinear or self.contact or bool(self._strength)
+        return self.nonlinear or self.contact or self.warm or bool(self._strength)
 
     @property
     def bond_law(self) -> Elastic | None:
@@ -256,6 +256,21 @@ class Elastic(LatticeModel):
         """The same material, linear and unbreakable."""
         model = copy.copy(self)
         model.nonlinear, model.contact, model.critical_stretch, model.fracture_energy = False, False, None, None
+        model.warm = False
+        return model
+
+    def heated(self) -> Elastic:
+        """The same material where heat strains it: bonds are looked at one by one then."""
+        if self.material not in _BREAKABLE or not isinstance(self.kernel, Kernel) or self.nonlinear:
+            raise InputError(
+                "heat strains materials of bonds or states, whose strains are small",
+                value="nonlinear = True" if self.nonlinear else self.material,
+                limit=f"{', '.join(_BREAKABLE)} with a kernel",
+                key="load",
+                remedy="nonlinear=False" if self.nonlinear else 'material="bond-based"',
+            )
+        model = copy.copy(self)
+        model.warm = True
         return model
 
     def bond_stiffness(self, stencil: Stencil, spacing: float) -> np.ndarray:

@@ -31,6 +31,7 @@ class BondLaw(Protocol):
 
     nonlinear: bool
     contact: bool
+    warm: bool
     density: float
 
     @property
@@ -85,6 +86,8 @@ class LatticeModel:
         Largest factor that the model itself puts on bonds.
     mechanical : bool
         Whether loads and tractions act on it.
+    warm : bool
+        Whether heat strains it, see `heated`.
     speed_ratio : float
         Of the fastest long waves to the slowest.
     target : float
@@ -118,6 +121,7 @@ class LatticeModel:
     bonds: bool = True
     strongest: float = 1.0
     mechanical: bool = False
+    warm: bool = False
     speed_ratio: float = 1.0
     target: float = 1e-5
     tag: ClassVar[str]
@@ -248,6 +252,22 @@ class LatticeModel:
     def linearised(self) -> LatticeModel:
         """The same model, linear and unbreakable."""
         return self
+
+    def heated(self) -> Self:
+        """The same model where heat strains the medium.
+
+        Raises
+        ------
+        InputError
+            Heat strains no such medium.
+        """
+        raise InputError(
+            "heat strains an elastic medium",
+            value=self.title,
+            key="load",
+            limit="Elastic, Correspondence",
+            remedy="leave the thermal load out",
+        )
 
     @property
     def dissolution(self) -> Dissolution | None:

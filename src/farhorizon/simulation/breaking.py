@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from farhorizon.engine.engine import Zone
+from farhorizon.engine.settings import set_heat
 from farhorizon.errors import InputError
 from farhorizon.models.model import BondLaw
 from farhorizon.simulation.cuts import CutBonds
@@ -83,7 +84,9 @@ class Breaking:
         count = len(engine.offsets)
         states = engine.passes is not None  # whose forces are not along their bonds
         stiffness = np.zeros(count) if states else law.bond_stiffness(self.near.stencil, spacing) / law.density
-        engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit, strength, law.contact)
+        engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit, strength, law.contact, law.warm)
+        if law.warm:
+            set_heat(engine, spacing)
         self.cuts.cut(())
 
     def left(self) -> np.ndarray:
@@ -159,7 +162,8 @@ class Breaking:
         stretch = float(np.sqrt(1 + strain) - 1 if self.law.nonlinear else strain / 2)
         if stretch > limit:
             raise InputError(
-                "the initial displacements stretch bonds beyond the critical stretch",
+                f"the initial displacements{' and temperatures' * self.law.warm} stretch bonds beyond the critical "
+                "stretch",
                 value=f"{limit:.6g}",
                 limit=f"> {stretch:.4g}",
                 key="model.critical_stretch",

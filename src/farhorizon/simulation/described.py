@@ -13,11 +13,12 @@ from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.models import LatticeModel
 from farhorizon.models.model import INTEGRATORS
+from farhorizon.simulation.setup import Setup
 
 
 def _types() -> dict[str, type]:
     """What may be described, by name: classes that know themselves."""
-    return LatticeModel.known | Side.known | Storable.stored_as
+    return LatticeModel.known | Side.known | Storable.stored_as | {"Setup": Setup}
 
 
 def describe(value: Any, arrays: dict[str, np.ndarray]) -> Any:

@@ -19,6 +19,7 @@ from farhorizon.inputs.outside import Beyond
 from farhorizon.inputs.pressure import Pressure, pressing_force
 from farhorizon.inputs.signals import SMALL, Signal
 from farhorizon.inputs.sources import Source, as_source, by_component, space_and_time, split, steady
+from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.course import warn
 from farhorizon.simulation.near_field import NearField
@@ -90,7 +91,11 @@ def given(setup: Setup, near: NearField, sides: Sides) -> list[tuple[str, Any]]:
             source.placed(near.lattice, near.stencil.components, key) if isinstance(source, LocalSource) else [source]
         )
     ]
-    loads = [(f"load[{i}]", _of_load(load, setup, near, sides, f"load[{i}]")) for i, load in enumerate(setup.loads)]
+    loads = [
+        (f"load[{i}]", _of_load(load, setup, near, sides, f"load[{i}]"))
+        for i, load in enumerate(setup.loads)
+        if not isinstance(load, ThermalLoad)  # no force: see `farhorizon.simulation.heating`
+    ]
     return sources + loads
 
 

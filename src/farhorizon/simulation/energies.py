@@ -51,6 +51,10 @@ def energies(
         ends.fill(u, old)
     rate = (_shown(near, grid, u) - _shown(near, grid, old)) / near.dt
     strain = _shown(near, grid, _strain(near, sides, grid, u, old))
+    if engine.tables.heat.warmth.size:  # what heat brings, less what giving way to it takes
+        forces, resisted = engine.forces_of_heat()
+        strain = strain - 2 * _shown(near, grid, forces * (u + old))
+        strain[0] += _there(near, resisted[grid.nodes].reshape(near.lattice.shape))
     found = {"kinetic": _kinetic(near, rate), "strain": float(mass * 0.25 * strain.sum())}
     if breaking is not None:
         own["broken"] = float(mass * engine.bonds.broken[0])

@@ -226,7 +226,8 @@ def _check_medium(setup: Setup, near: NearField) -> None:
     elif model.order != 2 or model.moduli is None:
         wrong, remedy = "only elastic media and scalar waves have stress intensity factors", "Elastic or Wave"
     elif model.bond_law is not None:
-        wrong, remedy = "bonds that are nonlinear or break move the tip", "CrackTips, or linear bonds that stay"
+        wrong = "bonds that are nonlinear or break move the tip, and heat has stresses of its own"
+        remedy = "CrackTips, or linear bonds that stay"
     elif any(crack.opens or crack.factor for crack in setup.cracks):
         wrong, remedy = "cracks that open later or carry something have no such field", "cracks from the start on"
     if wrong is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from farhorizon.simulation.drives import Moving
 from farhorizon.simulation.energies import energies, kinetic_energy
 from farhorizon.simulation.feed import Feed
 from farhorizon.simulation.flow_balance import FlowBalance
+from farhorizon.simulation.heating import Heating
 from farhorizon.simulation.overstretch import IntactMargin
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.start import Motion, begun, continued
@@ -27,6 +28,8 @@ class March:
     ----------
     setup : Setup
     parts : Parts
+    run_of : callable
+        Makes a run of a set-up, for what is computed beside it.
     team : Team
         The processes that compute the run.
 
@@ -37,6 +40,8 @@ class March:
     moving : Moving
     flow_balance : FlowBalance or None
         Of a diffusion whose balance is recorded.
+    heating : Heating or None
+        What heat strains the medium.
     margin : IntactMargin or None
         Where bonds would break, but cannot.
     first_cuts : int
@@ -50,7 +55,7 @@ class March:
         A start that would break bonds at once, a balance of what has none.
     """
 
-    def __init__(self, setup: Setup, parts: Parts, team: Team = ALONE) -> None:
+    def __init__(self, setup: Setup, parts: Parts, run_of: Callable[[Setup], Any], team: Team = ALONE) -> None:
         self.setup, self.parts, self.team = setup, parts, team
         near, grid, sides, start = parts.near, parts.grid, parts.around.sides, parts.start
         self.moving = Moving(parts.drives.unsplit, parts.beyond, near.dt)
@@ -63,6 +68,7 @@ class March:
         largest = float(np.abs(self._begun.u).max()), float(np.abs(self._begun.v).max()) * near.dt
         self.feed = Feed(near, grid, parts.driving, parts.phases, max([*largest, 1e-300, *held]))
         self._motion = Motion(near, grid, parts.ends, self.feed.force)
+        self.heating = None if setup.heat is None else Heating(setup.heat, near, grid, sides, run_of)
         self._lay_start()
         if parts.breaking is not None:
             parts.breaking.check_start(self.feed.force(0.0))
@@ -78,6 +84,8 @@ class March:
     def _lay_start(self) -> None:
         """Give the engine the level of the start, and that one step before it."""
         near, grid, closure, start = self.parts.near, self.parts.grid, self.parts.closure, self._begun
+        if self.heating is not None:
+            self.heating.lay(0)
         beyond = {name: continued(name, self.setup, near, self.parts.around.sides, grid) for name in ("u", "v")}
         # all, for the sweep leaves out metal that nothing reaches
         for level in grid.engine.levels[: 1 if near.model.order == 2 else None]:
@@ -164,12 +172,16 @@ class March:
         steps = min(wanted, min((wait for wait in opening if wait > 0), default=sys.maxsize))
         if self.margin is not None:
             steps = min(steps, self.margin.every - step % self.margin.every)
+        if self.heating is not None:
+            steps = self.heating.allow(step, steps)
         if self.parts.near.prescribed.constraints:
             steps = self.parts.near.prescribed.allow(step, steps)
         return steps if self.parts.ends is None else self.parts.ends.allow(steps)
 
     def advance(self, step: int, steps: int) -> Iterator[int]:
         """Make some steps from one on; after each batch of them the caller has its turn, and is told their number."""
+        if self.heating is not None and self.heating.due(step):
+            self.heating.lay(step)
         for batch in self.feed.advance(step, steps):
             if self.flow_balance is not None:
                 self.flow_balance.add(batch)
@@ -196,6 +208,8 @@ class March:
         """Be in a state that `state` gave; returns its step."""
         step, self.feed.scale = int(meta["step"]), float(meta["scale"])
         take_state(self.parts, arrays, meta, step)
+        if self.heating is not None:
+            self.heating.lay(step)
         self.feed.hold(step)
         self.open_cracks(step)
         take_rest(self.parts, self.flow_balance, arrays, meta)

@@ -70,17 +70,21 @@ def nodal_stress(run: Any) -> dict[str, np.ndarray]:
         u = np.where(run.fields["damage"] > 0, np.nan, u)
     cuts = [crack.cut for crack in run.setup.cracks if crack.opens <= run.time]
     slopes = [_slope(u, axis, lattice, cuts) for axis in range(dim)]
+    warmth = np.zeros(lattice.shape) if run.thermal_strain is None else run.thermal_strain
+    for axis, slope in enumerate(slopes):
+        slope[axis] -= warmth  # no force answers to it
     now = np.stack([u, *slopes], axis=-1).reshape(dim, -1, 1 + dim).swapaxes(0, 1)[None]
     lame, shear = near.lame.reshape(2, -1)
     (tensor,) = Reading(now, now, run.dt, 0.0, LocalModuli(lame, shear)).of([NAME])[NAME]
     found = {f"{NAME}_{'xyz'[a]}{'xyz'[b]}": tensor[:, a, b] for a, b in combinations_with_replacement(range(dim), 2)}
     if dim > 1:
-        across = 0.0 if getattr(run.model, "plane", None) == "stress" else lame / (2 * (lame + shear))
-        found[_MISES] = von_mises(tensor, across)
+        held = dim == 2 and getattr(run.model, "plane", None) != "stress"
+        across = lame / (2 * (lame + shear)) if held else 0.0
+        found[_MISES] = von_mises(tensor, across, -2 * shear * warmth.ravel() if held else 0.0)
     return {name: values.reshape(lattice.shape) for name, values in found.items()}
 
 
-def von_mises(tensor: np.ndarray, across: Any = 0.0) -> np.ndarray:
+def von_mises(tensor: np.ndarray, across: Any = 0.0, beside: Any = 0.0) -> np.ndarray:
     """``sqrt(3/2 s : s)`` of the deviator s of stresses, shape (n, dim, dim).
 
     Parameters
@@ -89,12 +93,14 @@ def von_mises(tensor: np.ndarray, across: Any = 0.0) -> np.ndarray:
     across : float or ndarray, shape (n,)
         In two dimensions the normal stress across the plane over the sum of those in it: Poisson's ratio in plane
         strain, 0 in plane stress.
+    beside : float or ndarray, shape (n,)
+        What is added to it: of heat in plane strain.
     """
     dim = tensor.shape[-1]
     whole = np.zeros((len(tensor), 3, 3))
     whole[:, :dim, :dim] = tensor
     if dim == 2:
-        whole[:, 2, 2] = across * np.trace(tensor, axis1=1, axis2=2)
+        whole[:, 2, 2] = across * np.trace(tensor, axis1=1, axis2=2) + beside
     mean = np.trace(whole, axis1=1, axis2=2) / 3
     deviator = whole - mean[:, None, None] * np.eye(3)
     return np.asarray(np.sqrt(1.5 * (deviator**2).sum((1, 2))))

@@ -218,7 +218,7 @@ def _check_bonds(setup: Setup, parts: Parts) -> None:
     if model.order != 2:
         wrong = "a field that diffuses carries no energy of waves", "Simulation.power_across, which tells the heat"
     elif model.bond_law is not None:
-        wrong = "the power of bonds that are nonlinear or break is not known", receivers
+        wrong = "the power of bonds that are nonlinear, break or are strained by heat is not known", receivers
     elif any(crack.opens for crack in setup.cracks):
         wrong = "cracks that open later change the bonds", f"cracks from the start on; or {receivers}"
     elif weights.ndim > 1 and np.abs(weights - weights.swapaxes(1, 2)).max() > _SYMMETRIC * np.abs(weights).max():

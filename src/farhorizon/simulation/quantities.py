@@ -91,12 +91,19 @@ class Quantity:
         Whether it needs the velocity, so that only waves have it; it is that of half a step before.
     mechanical : bool
         Whether only displacements have it.
+    stressed : bool
+        Whether it is made of stresses: at points these are not known where heat strains the medium.
     """
 
     of: Callable[[Reading], np.ndarray]
     derived: bool = False
     moving: bool = False
     mechanical: bool = False
+    stressed: bool = False
+
+    def at_points(self, model: LatticeModel) -> bool:
+        """Whether it can be recorded at points of the field of a model."""
+        return self.has(model) and not (self.stressed and model.warm)
 
     def has(self, model: LatticeModel) -> bool:
         """Whether the field of a model has it."""
@@ -143,14 +150,17 @@ QUANTITIES: dict[str, Quantity] = {
     "v": Quantity(lambda s: s.v, moving=True),
     "gradient": Quantity(lambda s: s.gradient, derived=True),
     "strain": Quantity(lambda s: strain(s.gradient), derived=True, mechanical=True),
-    "stress": Quantity(lambda s: stress(s.gradient, s.medium), derived=True, mechanical=True),
+    "stress": Quantity(lambda s: stress(s.gradient, s.medium), derived=True, mechanical=True, stressed=True),
     "pressure": Quantity(
-        lambda s: -_divergence(stress(s.gradient, s.medium)) / s.gradient.shape[-1], derived=True, mechanical=True
+        lambda s: -_divergence(stress(s.gradient, s.medium)) / s.gradient.shape[-1],
+        derived=True,
+        mechanical=True,
+        stressed=True,
     ),
     "divergence": Quantity(lambda s: _divergence(s.gradient), derived=True, mechanical=True),
     "curl": Quantity(lambda s: curl(s.gradient), derived=True, mechanical=True),
     "rotation": Quantity(lambda s: curl(s.gradient) / 2, derived=True, mechanical=True),
-    "energy_flux": Quantity(_energy_flux, derived=True, moving=True),
+    "energy_flux": Quantity(_energy_flux, derived=True, moving=True, stressed=True),
 }
 
 

@@ -219,7 +219,7 @@ class Receivers(Recorder):
     # --- what is refused ---------------------------------------------------------------------------------------
 
     def _check_model(self, near: NearField) -> None:
-        has = [name for name, quantity in QUANTITIES.items() if quantity.has(near.model)]
+        has = [name for name, quantity in QUANTITIES.items() if quantity.at_points(near.model)]
         for name in self.record:
             kinds.one_of(name, "receivers.record", has, f"{near.model.title} has no such quantity")
 

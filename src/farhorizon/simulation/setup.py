@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from farhorizon import kinds
@@ -21,6 +21,7 @@ from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.pressure import Pressure
 from farhorizon.inputs.sources import as_source
 from farhorizon.inputs.specimens import Specimen
+from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.models import LatticeModel
 
 Key = tuple[int, int]  # axis and side, -1 or +1
@@ -105,7 +106,7 @@ constraints, balance, specimens, loads
     constraints: Sequence[Constraint | Prescribed] = ()
     balance: bool = False
     specimens: Sequence[Specimen] = ()
-    loads: Sequence[BodyForce | Traction | Pressure] = ()
+    loads: Sequence[BodyForce | Traction | Pressure | ThermalLoad] = ()
 
     def __post_init__(self) -> None:
         lattice = kinds.instance(self.lattice, "lattice", Lattice, "a Lattice")
@@ -133,7 +134,9 @@ constraints, balance, specimens, loads
                 remedy="give the lattice a body, or fix the sides: Fixed(...)",
             )
         for i, load in enumerate(self.loads):
-            kinds.instance(load, f"load[{i}]", (BodyForce, Traction, Pressure), "a BodyForce, Traction or Pressure")
+            loads = (BodyForce, Traction, Pressure, ThermalLoad)
+            kinds.instance(load, f"load[{i}]", loads, "a BodyForce, Traction, Pressure or ThermalLoad")
+        self._settle_heat()
         kinds.settle(
             self,
             boundary={side_name(*key): boundary for key, boundary in beyond.items()},
@@ -147,6 +150,27 @@ constraints, balance, specimens, loads
             if self.coefficient is None
             else as_given(self.coefficient, lattice.dim, "coefficient", time=False),
         )
+
+    def _settle_heat(self) -> None:
+        """The model becomes one that heat strains, and texts of the thermal load expressions."""
+        found = [(i, one) for i, one in enumerate(self.loads) if isinstance(one, ThermalLoad)]
+        for i, load in found:
+            key, given = f"load[{i}].temperature", load.temperature
+            if len(found) > 1:
+                raise InputError("a solid has one temperature", value=f"{len(found)} thermal loads", key=f"load[{i}]")
+            if not load.of_run(given):
+                given = as_source(given, self.lattice.dim, key)
+            elif kinds.instance(given, key, Setup, "a run, or its set-up").model.order > 1 or given.model.dissolution:
+                raise InputError(
+                    "a temperature is a field that diffuses", value=given.model.title, key=key, limit="Heat, Diffusion"
+                )
+            loads = [replace(one, temperature=given) if one is load else one for one in self.loads]
+            kinds.settle(self, model=self.model.heated(), loads=tuple(loads))
+
+    @property
+    def heat(self) -> ThermalLoad | None:
+        """What strains the solid by its temperature."""
+        return next((one for one in self.loads if isinstance(one, ThermalLoad)), None)
 
     @property
     def sides(self) -> Sides:

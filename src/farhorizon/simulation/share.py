@@ -18,6 +18,7 @@ from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.loads import Traction
 from farhorizon.inputs.sources import Source
+from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.recorder import Observer, Recorder
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
@@ -111,7 +112,7 @@ def share_of(setup: Setup, around: Surroundings, dt: float, team: Team, topology
         sources=tuple(
             replace(one, value=own(one.value)) if isinstance(one, Source) else own(one) for one in setup.sources
         ),
-        loads=tuple(replace(one, value=own(one.value)) for one in setup.loads),
+        loads=tuple(replace(one, value=own(one.value)) for one in setup.loads if not isinstance(one, ThermalLoad)),
     )
     good_for = min((found.until for found in around.thickness.values()), default=np.inf)
     return Share(mine, boxes, boxes.neighbours(team.number), good_for)
@@ -166,6 +167,7 @@ def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
     recorders = [one for one in observers if isinstance(one, Recorder) and not one.shared]
     refused = [
         (f"recorders of the kind {type(recorders[0]).__name__}" if recorders else "", "observe", bool(recorders)),
+        ("thermal loads", "load", setup.heat is not None),
         ("bonds that are nonlinear or break", "model", model.bond_law is not None),
         ("corrosion and its specimens", "model", model.dissolution is not None),
         ("drag", "model.drag", bool(model.drag)),

@@ -22,6 +22,7 @@ from farhorizon.inputs.loads import BodyForce, Traction
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.pressure import Pressure
 from farhorizon.inputs.specimens import Specimen
+from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.assembly import assemble, shared
 from farhorizon.simulation.checkpoint_files import read_state, write_state
@@ -66,7 +67,7 @@ class Simulation(Run):
         and ``team.joined(lattice, fields["u"])`` is the whole field, on the first process.
     topology : sequence of int, optional
         Boxes along each axis; those that exchange least unless given.
-    loads : sequence of BodyForce, Traction and Pressure
+    loads : sequence of BodyForce, Traction, Pressure and ThermalLoad
         Forces on an `Elastic` medium per volume, and per area on its free sides (bond-based materials).
     cracks : sequence
         Cuts, points of polylines (2D), of polygons (3D) or positions (1D); `Crack` for one that conducts a little or
@@ -153,7 +154,7 @@ class Simulation(Run):
         constraints: Sequence[Constraint | Prescribed] = (),
         balance: bool = False,
         specimens: Sequence[Specimen] = (),
-        loads: Sequence[BodyForce | Traction | Pressure] = (),
+        loads: Sequence[BodyForce | Traction | Pressure | ThermalLoad] = (),
         communicator: Any = None,
         topology: Sequence[int] | None = None,
     ) -> None:
@@ -204,7 +205,7 @@ class Simulation(Run):
         self._end = 0.0  # of the run, as far as it is known
         self._incident_notes: list[str] = []
         self._settling = Settling(parts.autos, [key for key, b in self.sides.items() if b.open_ended])
-        self.resting = self._march = March(setup, parts, team)
+        self.resting = self._march = March(setup, parts, self.of, team)
         self._recording = Recording(setup, parts, self.recorders, team)
 
     # --- running -----------------------------------------------------------------------------------------------
@@ -292,6 +293,13 @@ class Simulation(Run):
         self._recording.watch(nodes)
 
     # --- what comes out ----------------------------------------------------------------------------------------
+
+    @property
+    def thermal_strain(self) -> np.ndarray | None:
+        """What heat strains the nodes now, in all directions (of the plane), shape of the lattice; None without a
+        `ThermalLoad`.
+        """
+        return None if self._march.heating is None else self._march.heating.strains
 
     @property
     def fields(self) -> dict[str, np.ndarray]:

@@ -131,7 +131,7 @@ class Spectra(Recorder):
             kinds.one_of(
                 name,
                 "spectra.record",
-                [one for one in _LINEAR if QUANTITIES[one].has(near.model)],
+                [one for one in _LINEAR if QUANTITIES[one].at_points(near.model)],
                 f"{near.model.title} has no such quantity",
             )
         check_frequencies(self.frequencies, near)

@@ -11,9 +11,10 @@ REAL = "float64"
 RULE = None
 STRONG = False
 CONTACT = False
+WARM = False
 
-intact_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, STRONG, CONTACT, False)
-damaged_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, STRONG, CONTACT, True)
+intact_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, STRONG, CONTACT, WARM, False)
+damaged_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, STRONG, CONTACT, WARM, True)
 measure = steepness(COMPONENTS, REAL)
 
 

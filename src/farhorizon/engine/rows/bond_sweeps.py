@@ -6,7 +6,8 @@ microelastic law ``c (|y| - |xi|) y / |y|``. Linearised it is ``c e/2 xi`` with 
 breaks where e exceeds a limit, which may be that of the weaker of its ends. What decides on that is rounded alike at
 both ends of a bond, for all factors turn their sign there, and the order of the sums is fixed: so each end finds it out
 by itself. Those that are absent may carry compression, where e is below zero. Where the material varies c has a factor
-that follows from the coefficients of both ends, whichever comes first.
+that follows from the coefficients of both ends, whichever comes first. Where heat strains the nodes, e is less by the
+sum of what both ends would be strained if they were free: twice their mean.
 """
 
 from __future__ import annotations
@@ -35,9 +36,9 @@ class TileAddresses(NamedTuple):
 
     Attributes
     ----------
-    src, base, out, coefficient, alive, strength, closing : int
-        The first node in the levels, among the coefficients, among the bits of the bonds, among the strengths, and
-        among the bits of bonds that carry compression in any case.
+    src, base, out, coefficient, alive, strength, closing, warmth : int
+        The first node in the levels, among the coefficients, among the bits of the bonds, among the strengths, among
+        the bits of bonds that carry compression in any case, and among the strains that heat brings.
     table, places : int
         The tables of reals and of integers; that of reals has, bond by bond, xi, 1 / |xi|^2 and c, without
         coefficients.
@@ -52,6 +53,7 @@ class TileAddresses(NamedTuple):
     alive: int
     strength: int
     closing: int
+    warmth: int
     table: int
     places: int
     zone: int
@@ -89,8 +91,8 @@ _ADDRESSES = types.NamedUniTuple(types.int64, len(TileAddresses._fields), TileAd
 _SHAPE = types.NamedUniTuple(types.int64, len(TileShape._fields), TileShape)
 
 #: Components of the field, whether the law is nonlinear, the number type, the rule of coefficients or None, whether
-#: nodes have strengths of their own, and whether absent bonds carry compression.
-Law = tuple[int, bool, str, str | None, bool, bool]
+#: nodes have strengths of their own, whether absent bonds carry compression, and whether heat strains the nodes.
+Law = tuple[int, bool, str, str | None, bool, bool, bool]
 #: Addresses, places, and the reals a, b and limit, as values of the code that is emitted.
 TileArguments = tuple[TileAddresses, TileShape, Any, Any, Any]
 
@@ -103,10 +105,10 @@ class _Tile:
     """
 
     def __init__(self, builder: ir.IRBuilder, args: TileArguments, law: Law, first: Any) -> None:
-        components, nonlinear, real, self.rule, self.strong, self.contact = law
+        components, nonlinear, real, self.rule, self.strong, self.contact, self.warm = law
         self.builder, self.components, self.nonlinear = builder, components, nonlinear
         at, shape, self.a, self.b, limit = args
-        self.src, self.base, self.out, coefficient, self.alive, strength, self.closing, *tables = at
+        self.src, self.base, self.out, coefficient, self.alive, strength, self.closing, warmth, *tables = at
         self.table, self.places, self.zone = tables
         self.count, self.words, n, rows, self.step, self.apart, *self.node = shape
         self.vectors = Vectors(builder, ir.DoubleType() if real == "float64" else ir.FloatType(), LANES)
@@ -126,6 +128,8 @@ class _Tile:
         ]
         self.strength = self.vectors.shifted(strength, (1, first))
         self.strengths = [self.vectors.load(self.place(self.strength, row, 0)) for row in self.rows if self.strong]
+        self.warmth = self.vectors.shifted(warmth, (1, first))
+        self.warmths = [self.vectors.load(self.place(self.warmth, row, 0)) for row in self.rows if self.warm]
 
     def constant(self, value: float) -> Any:
         return ir.Constant(self.vectors.type, [value] * LANES)
@@ -185,6 +189,14 @@ class _Tile:
     def beyond(self, bond: Any, row: int, start: Any) -> Any:
         """What the other end of a bond has of what nodes have from `start` on."""
         return self.vectors.load(self.vectors.shifted(self.place(start, self.rows[row], 0), (1, self.offset(bond, 0))))
+
+    def mechanical(self, e: Any, bond: Any, row: int, curved: Any = None) -> Any:
+        """What is left of e less what heat strains both ends; `curved`: lanes in which the bond follows the law."""
+        if not self.warm:
+            return e
+        both = self.builder.fadd(self.warmths[row], self.beyond(bond, row, self.warmth))
+        cold = self.builder.fsub(e, both)
+        return cold if curved is None else self.builder.select(curved, cold, e)
 
     def bits(self, start: Any, bond: Any, row: int) -> tuple[Any, Any]:
         """Where the words with the bits of a bond are, of those from `start` on, and these words."""
@@ -300,6 +312,7 @@ def _sweep_intact(tile: _Tile, n: Any) -> Any:
 
     def force(bond: Any, row: int, xi: list[Any], inverse: Any, stiffness: Any, top: Any) -> tuple[Any, list[Any], Any]:
         e, direction = tile.stretch(xi, inverse, tile.differences(bond, row))
+        e = tile.mechanical(e, bond, row)
         measured = tile.measured(e, bond, row)
         return (
             tile.pull(e, tile.stiffness(stiffness, bond, row)),
@@ -340,6 +353,7 @@ def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
         unset = ir.Constant(_INTEGERS, [0] * LANES)
         alive = builder.icmp_unsigned("!=", builder.and_(bits, one), unset)
         e, direction = tile.stretch(xi, inverse, tile.differences(bond, row), curved)
+        e = tile.mechanical(e, bond, row, curved)
         over = builder.and_(
             builder.and_(builder.fcmp_ordered(">", tile.measured(e, bond, row), tile.bound), curved),
             builder.and_(alive, tile.wanted),
@@ -362,7 +376,14 @@ def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
 
 
 def bond_sweep(
-    components: int, nonlinear: bool, real: str, rule: str | None, strong: bool, contact: bool, damaged: bool
+    components: int,
+    nonlinear: bool,
+    real: str,
+    rule: str | None,
+    strong: bool,
+    contact: bool,
+    warm: bool,
+    damaged: bool,
 ) -> Any:
     """Make the intrinsic that writes ``out = a*src + b*base + sum over the bonds`` on tiles.
 
@@ -381,6 +402,8 @@ def bond_sweep(
         Whether nodes have strengths of their own.
     contact : bool
         Whether absent bonds carry compression.
+    warm : bool
+        Whether heat strains the nodes.
     damaged : bool
         Look at the bits of the bonds and at the ends of the zone, and clear the bits of what breaks.
 
@@ -397,7 +420,7 @@ def bond_sweep(
             at, shape, *reals = args
             given = TileAddresses(*_unpacked(builder, at)), TileShape(*_unpacked(builder, shape)), *reals
             return (_damaged if damaged else _intact)(
-                builder, given, (components, nonlinear, real, rule, strong, contact)
+                builder, given, (components, nonlinear, real, rule, strong, contact, warm)
             )
 
         return bond_signature(real), codegen

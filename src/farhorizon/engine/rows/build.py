@@ -27,6 +27,7 @@ _COMPILED_IN = (
     "ends",
     "filter",
     "fringe",
+    "heat",
     "layout",
     "nested",
     "operations",
@@ -135,13 +136,19 @@ def load_law(count: int, real: str) -> int:
 
 
 def load_bonds(
-    components: int, nonlinear: bool, real: str, rule: str | None, strong: bool = False, contact: bool = False
+    components: int,
+    nonlinear: bool,
+    real: str,
+    rule: str | None,
+    strong: bool = False,
+    contact: bool = False,
+    warm: bool = False,
 ) -> tuple[int, int, int]:
     """Addresses of the sweeps of plain tiles and of a damaged one for a law of bonds, and of the bound of their stretch
     (see `bond_sweeps`).
     """
     law = {"COMPONENTS": components, "NONLINEAR": nonlinear, "REAL": real, "RULE": rule}
-    made = _load("rows/bond_rows", **law, STRONG=strong, CONTACT=contact)
+    made = _load("rows/bond_rows", **law, STRONG=strong, CONTACT=contact, WARM=warm)
     return int(made.intact.address), int(made.damaged.address), int(made.steep.address)
 
 

@@ -1,0 +1,77 @@
+"""Strains that heat brings, in the compiled loop: what a node would be strained by, in all directions, if it were free.
+
+No force answers to them. A bond is strained by the mean of its ends, as its law takes it (`engine.rows.bond_sweeps`); a
+state by those of its node, and the law of the node is that of the rest (`engine.point_law`); springs beside states by
+the mean of their ends again, which is done here. From one time at which they are given to the next they change evenly.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from farhorizon.engine.bonds import END, FIRST, bond_factor
+from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.threads import barrier, share
+
+
+class Heat(NamedTuple):
+    """Strains that heat brings to the nodes.
+
+    Attributes
+    ----------
+    warmth : ndarray, shape (places,), or empty
+        The strains at the present time.
+    rate : ndarray, shape (places,), or empty
+        What is added to them in a step.
+    vectors : ndarray, shape (K, d), or empty
+        Forces of the springs beside states for a unit of strain, in units of the operator.
+    """
+
+    warmth: np.ndarray
+    rate: np.ndarray
+    vectors: np.ndarray
+
+
+def no_heat(real: np.dtype) -> Heat:
+    """None."""
+    nothing = np.zeros(0, real)
+    return Heat(nothing, nothing, np.zeros((0, 0), real))
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def warm_up(thread, heat):
+    """The strains of the next step."""
+    own = share(thread, heat.rate.size)
+    for i in range(own[0], own[1]):
+        heat.warmth[i] += heat.rate[i]
+    barrier(thread)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def push_springs(thread, stage, block, material, bonds, heat):
+    """Take from the forces of springs what they would be strained by if they were free, over the bonds that are there.
+
+    Nodes outside the zone of the bonds are as cold as the medium far away.
+    """
+    zone, warmth, vectors, coefficient = bonds.zone, heat.warmth, heat.vectors, material.coefficient
+    planes, rows, width = zone[END] - zone[FIRST], zone[END + 1] - zone[FIRST + 1], zone[END + 2] - zone[FIRST + 2]
+    apart, own = stage.out.size // stage.components, share(thread, planes * rows)
+    for number in range(own[0], own[1]):
+        i0, i1 = zone[FIRST] + number // rows, zone[FIRST + 1] + number % rows
+        node = block[0] + i0 * block[4] + i1 * block[5] + zone[FIRST + 2]
+        for k in range(vectors.shape[0]):
+            distance, bit = bonds.places[k, 0], np.uint64(k & 63)
+            alive, one = bonds.alive[k >> 6, node:], np.uint64(1)
+            here, there = warmth[node:], warmth[node + distance :]
+            for a in range(stage.components):
+                push, out = stage.scale * vectors[k, a] / 2, stage.out[node + a * apart :]
+                for i in range(width):
+                    factor = coefficient[0]
+                    if coefficient.size > 1:
+                        at = node + i
+                        factor = bond_factor(material.rule, coefficient[at], coefficient[at + distance])
+                    if (alive[i] >> bit) & one != 0:
+                        out[i] -= push * factor * (here[i] + there[i])
+    barrier(thread)

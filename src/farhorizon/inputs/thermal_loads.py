@@ -1,0 +1,106 @@
+"""Heat that strains a solid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.files.storable import Storable
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.models.model import material_constant
+
+
+@dataclass(frozen=True)
+class ThermalLoad(Storable):
+    r"""Strains that a temperature brings, :math:`\alpha\,(T - T_0)` in all directions.
+
+    No force answers to them: the force of a bond follows from its stretch less the mean of what both ends would be
+    strained, and so it breaks; a state, of state-based and correspondence materials, from the strain of its node less
+    that. The temperature strains the solid, but the solid does not heat itself as it is deformed: what that would bring
+    is of the order of :math:`T_0\,E\,\alpha^2/(\rho c)`, a percent or less in most solids.
+
+    Parameters
+    ----------
+    temperature : float, ndarray, str, Expression, callable, Simulation or Setup
+        A number or values at the nodes; an expression or a function of the coordinates and t; or a run of `Heat` or
+        `Diffusion`, whose field it is: it is run anew beside this one, on nodes of the same lattice or of a part of it,
+        with its own sides and layers. Beyond that part all is at the reference temperature.
+    expansion : float, str, ndarray or callable
+        Coefficient of linear expansion (1/temperature), of the coordinates or at the nodes where it varies.
+    reference : float
+        Temperature of the solid that is free of stress.
+    every : float, optional
+        Time between two looks at a temperature that changes, between which it changes evenly; each time step unless
+        given, and each step of a run.
+
+    Raises
+    ------
+    InputError
+        An expansion or a reference that is missing or no finite number; a temperature of another kind.
+
+    Notes
+    -----
+    The bonds are those of Silling and Askari (2005) with the thermal stretch of Kilic and Madenci (2010), J. Mech.
+    Mater. Struct. 5, eq 3: ``s - alpha (T_i + T_j) / 2``. In plane strain what is free across the plane is held, and
+    all strains in the plane are :math:`1 + \nu` times as large. Near sides that absorb, and near those that are held,
+    the solid must be at the reference temperature.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> plate = fh.Lattice(1.0, (-4.0, -4.0), (4.0, 4.0))
+    >>> solid = fh.Elastic(fh.Kernel(2.0), young=1.0, plane="stress")
+    >>> heat = fh.ThermalLoad("20 + 100*(1 - exp(-t))", expansion=1e-5, reference=20.0)
+    >>> sim = fh.Simulation(plate, solid, fh.Free(), loads=[heat])
+    >>> sim.step(5)
+    >>> bool(sim.fields["u"][0, -1, 4] > 0)  # it grows
+    True
+    """
+
+    temperature: Any
+    expansion: Any = None
+    reference: float | None = None
+    every: float | None = None
+
+    def __post_init__(self) -> None:
+        given = {"expansion": self.expansion, "reference": self.reference}
+        for name, value in given.items():
+            if value is None:
+                raise InputError(
+                    f"a thermal load needs {'its' if name == 'expansion' else 'a'} {name}",
+                    value="none",
+                    key=f"load.{name}",
+                    limit="a number",
+                    remedy="the temperature at which the solid is free of stress"
+                    if name == "reference"
+                    else "the coefficient of linear expansion, such as 1e-5 per kelvin",
+                )
+        run = getattr(self.temperature, "setup", self.temperature)  # a run is made anew
+        if not (self.of_run(run) or callable(run) or isinstance(run, str)):
+            run = kinds.array(run, "load.temperature")
+            run = run if run.ndim else float(run)
+        kinds.settle(
+            self,
+            temperature=run,
+            expansion=material_constant(self.expansion, "load.expansion", positive=False),
+            reference=kinds.number(self.reference, "load.reference"),
+            every=None if self.every is None else kinds.number(self.every, "load.every", above=0),
+        )
+
+    @staticmethod
+    def of_run(temperature: Any) -> bool:
+        """Whether a temperature is the field of a run."""
+        return hasattr(temperature, "lattice") and hasattr(temperature, "model")
+
+    def bounded(self, lattice: Lattice) -> ThermalLoad:
+        """Itself: beyond its nodes all is at the reference temperature."""
+        return self
+
+    @property
+    def steady(self) -> bool:
+        """Whether it is known to be the same at all times."""
+        return isinstance(self.temperature, float | np.ndarray) or getattr(self.temperature, "uses_time", None) is False
