@@ -262,7 +262,7 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf) -> Cer
     Certificate
     """
     if sim.model.bond_law is not None:
-        found = certify(sim.remade(model=sim.given["model"].linearised, balance=False), budget, until)
+        found = certify(sim.remade(model=sim.given["model"].linearised, balance=False, loads=()), budget, until)
         return replace(found, reason=f"{found.reason}; that of the linear form, in which no bond breaks")
     if any(b.extended for b in sim.sides.values()):
         sides = {AXES[a] + "-+"[s > 0]: Fixed(sim.background) if b.extended else b for (a, s), b in sim.sides.items()}

@@ -58,12 +58,15 @@ class Heating:
         self.every = 0 if load.steady else max(1, int(between / near.dt * (1 + 1e-9)))
         self._known: dict[int, np.ndarray] = {}
 
-    def lay(self, step: int) -> None:
-        """Tell the engine what heat strains the nodes at a step, and until the next look."""
+    def lay(self, step: int) -> float:
+        """Tell the engine what heat strains the nodes at a step, and until the next look; the displacements that all
+        strains so far explain.
+        """
         start = step - step % self.every if self.every else 0
         now = self._strain(start)
         rate = (self._strain(start + self.every) - now) / self.every if self.every else np.zeros_like(now)
         give_heat(self.grid.engine, self.grid.grown(now), self.grid.grown(rate), step - start)
+        return self._largest * self.near.lattice.spacing * max(self.near.lattice.shape)
 
     def due(self, step: int) -> bool:
         """Whether there is a look at the temperature before a step."""

@@ -84,8 +84,7 @@ class March:
     def _lay_start(self) -> None:
         """Give the engine the level of the start, and that one step before it."""
         near, grid, closure, start = self.parts.near, self.parts.grid, self.parts.closure, self._begun
-        if self.heating is not None:
-            self.heating.lay(0)
+        self._warm(0)
         beyond = {name: continued(name, self.setup, near, self.parts.around.sides, grid) for name in ("u", "v")}
         # all, for the sweep leaves out metal that nothing reaches
         for level in grid.engine.levels[: 1 if near.model.order == 2 else None]:
@@ -100,6 +99,11 @@ class March:
             self._motion.step_back(start.v, np.concatenate([self.parts.held, outside]), beyond["v"])
         if closure is not None:
             closure.start()
+
+    def _warm(self, step: int) -> None:
+        """Look at what heat strains the medium, if it does, and what displacements that explains."""
+        if self.heating is not None:
+            self.feed.scale = max(self.feed.scale, self.heating.lay(step))
 
     def energies(self) -> dict[str, float]:
         """Energies of the near field by name, see `farhorizon.Simulation.energies`."""
@@ -181,7 +185,7 @@ class March:
     def advance(self, step: int, steps: int) -> Iterator[int]:
         """Make some steps from one on; after each batch of them the caller has its turn, and is told their number."""
         if self.heating is not None and self.heating.due(step):
-            self.heating.lay(step)
+            self._warm(step)
         for batch in self.feed.advance(step, steps):
             if self.flow_balance is not None:
                 self.flow_balance.add(batch)
@@ -208,8 +212,7 @@ class March:
         """Be in a state that `state` gave; returns its step."""
         step, self.feed.scale = int(meta["step"]), float(meta["scale"])
         take_state(self.parts, arrays, meta, step)
-        if self.heating is not None:
-            self.heating.lay(step)
+        self._warm(step)
         self.feed.hold(step)
         self.open_cracks(step)
         take_rest(self.parts, self.flow_balance, arrays, meta)

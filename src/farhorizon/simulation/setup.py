@@ -154,10 +154,11 @@ constraints, balance, specimens, loads
     def _settle_heat(self) -> None:
         """The model becomes one that heat strains, and texts of the thermal load expressions."""
         found = [(i, one) for i, one in enumerate(self.loads) if isinstance(one, ThermalLoad)]
+        if len(found) > 1:
+            key, remedy = f"load[{found[1][0]}]", "add the temperatures up"
+            raise InputError("a solid has one temperature", value=f"{len(found)} thermal loads", key=key, remedy=remedy)
         for i, load in found:
             key, given = f"load[{i}].temperature", load.temperature
-            if len(found) > 1:
-                raise InputError("a solid has one temperature", value=f"{len(found)} thermal loads", key=f"load[{i}]")
             if not load.of_run(given):
                 given = as_source(given, self.lattice.dim, key)
             elif kinds.instance(given, key, Setup, "a run, or its set-up").model.order > 1 or given.model.dissolution:

@@ -1,0 +1,86 @@
+"""A hot half-space whose face is quenched: cracks run in from the face, and some outrun the others.
+
+Physics: a solid in plane stress, free of stress while it is hot. Its face is cooled by one unit from t = 0 on, over a
+short ramp, and the cold runs into the depth as ``erfc(depth / (2 sqrt(D t)))``. What is cold would shrink, but is held
+by what lies beneath it, so that the face is under tension: there the bonds, whose strengths scatter by some percent,
+break, and the cracks grow as deep as the cold lets them. The longer they are the farther they unload the solid beside
+them, so that some of them stop while the others go on, at larger and larger distances, as in quenched ceramics.
+
+Scaling: lengths in spacings; Young's modulus and the density are 1, so that waves cross a spacing in about 1. The cold
+needs some hundred of these times for ten spacings: it is slow beside the waves, though far less so than in ceramics.
+
+Sides: periodic along the face; beneath, a layer for the heat and one for the waves. The temperature is a run of its own
+beside that of the solid.
+
+Prints how deep the cold and the cracks are, how many of them there are near the face, and how many half as deep as the
+deepest one; draws ``quenched_face.png``.
+
+Run: ``python examples/quenched_face.py``; about 10 seconds.
+"""
+
+import numpy as np
+
+import farhorizon as fh
+
+WIDTH, DEPTH = 200, 90
+DIFFUSIVITY, RAMP = 0.08, 20.0
+SHRINKAGE, STRENGTH = 0.02, 0.0075  # strain of the whole change of the temperature; stretch at which bonds break
+TIMES = (300.0, 1000.0, 2500.0)
+
+
+def solid(width: int = WIDTH, depth: int = DEPTH) -> fh.Simulation:
+    """The solid and, beside it, its temperature."""
+    lattice = fh.Lattice(1.0, (0.0, -float(depth)), (width - 1.0, 0.0))
+    kernel, ends = fh.Kernel(2.0), {"x": fh.Periodic(), "y+": fh.Free()}
+    heat = fh.Setup(
+        lattice,
+        fh.Diffusion(kernel, DIFFUSIVITY),
+        ends | {"y-": fh.LatticePML(nodes=24)},
+        constraints=[fh.Temperature("y+", f"-min(t/{RAMP}, 1)")],
+    )
+    bonds = fh.Elastic(
+        fh.Kernel(3.0, exponent=1),
+        young=1.0,
+        plane="stress",
+        damping=0.02,
+        critical_stretch=fh.Weibull(STRENGTH, 15.0, 2.0, seed=3),
+    )
+    cold = fh.ThermalLoad(heat, expansion=SHRINKAGE, reference=0.0)
+    return fh.Simulation(lattice, bonds, ends | {"y-": fh.LatticePML(nodes=16)}, loads=[cold])
+
+
+def cracked(sim: fh.Simulation) -> np.ndarray:
+    """Of each row of nodes, from the face on, how many cracks cross it."""
+    broken = sim.fields["damage"] > 0.35
+    first = broken & ~np.roll(broken, 1, axis=0)
+    return first.sum(0)[::-1]
+
+
+def main() -> None:
+    """Run, tell and draw."""
+    import matplotlib.pyplot as plt
+
+    sim = solid()
+    figure, panels = plt.subplots(len(TIMES), 1, figsize=(7.0, 8.6), sharex=True, layout="constrained")
+    for panel, time in zip(panels, TIMES, strict=True):
+        sim.run(time, progress=False)
+        count = cracked(sim)
+        deepest = int(np.flatnonzero(count)[-1]) if count.any() else 0
+        print(
+            f"t = {time:g}: cold to {2 * np.sqrt(DIFFUSIVITY * time):.0f}, cracks to {deepest}: "
+            f"{count[3]} of them 3 deep, {count[deepest // 2]} half as deep as the deepest"
+        )
+        strain = sim.thermal_strain
+        assert strain is not None
+        extent = (-0.5, WIDTH - 0.5, -DEPTH - 0.5, 0.5)
+        back = panel.imshow(strain.T / SHRINKAGE, origin="lower", extent=extent, cmap="Blues_r", vmin=-1, vmax=0)
+        damage = np.ma.masked_less(sim.fields["damage"].T, 0.2)
+        panel.imshow(damage, origin="lower", extent=extent, cmap="inferno_r", vmin=0.2, vmax=0.8)
+        panel.set(ylabel="y / spacing", ylim=(-70, 0.5), title=f"t = {time:g}")
+    panels[-1].set_xlabel("x / spacing")
+    figure.colorbar(back, ax=panels, label="change of temperature", shrink=0.5)
+    figure.savefig("quenched_face.png", dpi=150)
+
+
+if __name__ == "__main__":
+    main()
