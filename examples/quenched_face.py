@@ -23,8 +23,8 @@ import numpy as np
 import farhorizon as fh
 
 WIDTH, DEPTH = 200, 90
-DIFFUSIVITY, RAMP = 0.08, 20.0
-SHRINKAGE, STRENGTH = 0.02, 0.0075  # strain of the whole change of the temperature; stretch at which bonds break
+DIFFUSIVITY, RAMP = 0.08, 60.0
+SHRINKAGE, STRENGTH = 0.015, 0.0075  # strain of the whole change of the temperature; stretch at which bonds break
 TIMES = (300.0, 1000.0, 2500.0)
 
 
@@ -61,7 +61,7 @@ def main() -> None:
     import matplotlib.pyplot as plt
 
     sim = solid()
-    figure, panels = plt.subplots(len(TIMES), 1, figsize=(7.0, 8.6), sharex=True, layout="constrained")
+    figure, panels = plt.subplots(len(TIMES), 1, figsize=(7.0, 7.0), sharex=True, layout="constrained")
     for panel, time in zip(panels, TIMES, strict=True):
         sim.run(time, progress=False)
         count = cracked(sim)

@@ -89,6 +89,22 @@ def test_shot_record():
 
 
 @pytest.mark.slow
+def test_quenched_face():
+    """Cracks run in with the cold, and fewer and fewer of them go on."""
+    example = script("quenched_face")
+    sim, found = example["solid"](), []
+    for time in example["TIMES"]:
+        sim.run(time, progress=False)
+        count = example["cracked"](sim)
+        deepest = int(np.flatnonzero(count)[-1])
+        assert deepest < 2 * 2 * np.sqrt(example["DIFFUSIVITY"] * time)
+        found.append((deepest, count[deepest // 2]))
+    depths, running = zip(*found, strict=True)
+    assert depths[0] < depths[1] < depths[2]
+    assert running[0] > running[1] > running[2] > 1
+
+
+@pytest.mark.slow
 def test_double_couple():
     """Its lobes are those of Aki and Richards to the dispersion of S waves of six nodes."""
     example = script("double_couple")

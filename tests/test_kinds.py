@@ -243,6 +243,7 @@ RIGHT = {
     "Temperature": {"where": DISC, "value": 0.0, "kind": "volume", "within": None},
     "Text": {"text": "a", "height": 1.0, "centre": (0.0, 0.0), "font": "DejaVu Sans", "bold": False},
     "ToneBurst": {"frequency": 1.0, "cycles": 3.0},
+    "ThermalLoad": {"temperature": 20.0, "expansion": 1e-5, "reference": 20.0, "every": None},
     "Pressure": {"on": [(0.0, 0.0), (1.0, 0.0)], "value": 1.0, "time": None},
     "Traction": {"side": "y+", "value": (1.0, 0.0), "between": None, "time": None},
     "Voxels": {"voxels": np.ones((2, 2), int), "size": 1.0, "lower": (0.0, 0.0), "labels": None},

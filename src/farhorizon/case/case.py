@@ -33,6 +33,7 @@ from farhorizon.case.schema import (
     ReceiversPart,
     SourcePart,
     SpectraPart,
+    ThermalPart,
     TractionPart,
     UnitsPart,
     WeibullPart,
@@ -514,8 +515,12 @@ class Case:
         return entry
 
     def _load(
-        self, part: TractionPart | PressurePart | BodyForcePart, key: str
-    ) -> fh.Traction | fh.Pressure | fh.BodyForce:
+        self, part: TractionPart | PressurePart | BodyForcePart | ThermalPart, key: str
+    ) -> fh.Traction | fh.Pressure | fh.BodyForce | fh.ThermalLoad:
+        if isinstance(part, ThermalPart):
+            temperature = self._entry(part.temperature, f"{key}.temperature")
+            expansion = self._steady(part.expansion, f"{key}.expansion")
+            return fh.ThermalLoad(temperature, expansion, part.reference, part.every)
         factor = self._of_time(part.time, f"{key}.time")
         if isinstance(part, TractionPart):
             return fh.Traction(part.side, part.value, part.between, factor)

@@ -417,6 +417,21 @@ class BodyForcePart(Part):
     """Factor of t: an expression, or a table with a signal."""
 
 
+class ThermalPart(Part):
+    """A temperature that strains an elastic medium."""
+
+    type: Literal["thermal"]
+    """A temperature that strains the solid."""
+    temperature: str | Number
+    """A function of place and time t."""
+    expansion: str | Number
+    """Coefficient of linear expansion, where it varies a function of place."""
+    reference: Number
+    """Temperature at which the solid is free of stress."""
+    every: Number | None = None
+    """Time between two looks at the temperature, which changes evenly between them; each time step unless given."""
+
+
 class PrescribedPart(Part):
     """Nodes that follow a value for a while."""
 
@@ -606,7 +621,7 @@ class OutputPart(Part):
     """Record energies, or what has flowed in and out."""
 
 
-_LOADS = (TractionPart, PressurePart, BodyForcePart)
+_LOADS = (TractionPart, PressurePart, BodyForcePart, ThermalPart)
 _CONSTRAINTS = (ConstraintPart, PrescribedPart)
 
 

@@ -41,6 +41,10 @@ KEYS = {
     "diffusivity": "m^2/s",
     "conductivity": "W/(m*K)",
     "specific_heat": "J/(kg*K)",
+    "expansion": "1/K",
+    "ThermalPart.temperature": "K",
+    "ThermalPart.reference": "K",
+    "ThermalPart.every": "s",
     "transfer": "W/(m^2*K)",
     "stiffness": "m^4/s^2",
 }

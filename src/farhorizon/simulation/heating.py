@@ -133,7 +133,7 @@ class RunBeside:
     Raises
     ------
     InputError
-        Nodes that are not those of the lattice.
+        Nodes that are not those of the lattice, or without a temperature.
     """
 
     def __init__(self, load: ThermalLoad, lattice: Lattice, run_of: Callable[[Setup], Any]) -> None:
@@ -154,6 +154,15 @@ class RunBeside:
         self._shape = lattice.shape
         self._part = tuple(slice(a, b) for a, b in zip(place, last, strict=True))
         self._begin()
+        unknown = ~np.isfinite(self._run.fields["u"])
+        unknown &= True if lattice.mask is None else lattice.mask[self._part]
+        if unknown.any():
+            raise InputError(
+                "the temperature is not known on nodes of the solid",
+                value=f"{int(unknown.sum())} nodes",
+                key="load.temperature",
+                remedy='conditions of another kind than "mirror", whose images lie there, and the body of the solid',
+            )
 
     def _begin(self) -> None:
         self._run = self._run_of(self._setup)
