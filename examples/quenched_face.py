@@ -70,8 +70,7 @@ def main() -> None:
             f"t = {time:g}: cold to {2 * np.sqrt(DIFFUSIVITY * time):.0f}, cracks to {deepest}: "
             f"{count[3]} of them 3 deep, {count[deepest // 2]} half as deep as the deepest"
         )
-        strain = sim.thermal_strain
-        assert strain is not None
+        strain = sim.fields["thermal_strain"]
         extent = (-0.5, WIDTH - 0.5, -DEPTH - 0.5, 0.5)
         back = panel.imshow(strain.T / SHRINKAGE, origin="lower", extent=extent, cmap="Blues_r", vmin=-1, vmax=0)
         damage = np.ma.masked_less(sim.fields["damage"].T, 0.2)

@@ -97,7 +97,8 @@ WORST = {
     ),
     "a load without a type": (
         case(ELASTIC, more='[[load]]\nside = "y+"\nvalue = [0.0, 1.0]\n'),
-        r"load\[0\]\.type: the type is missing; limit: traction, pressure, body-force; remedy: type = \"traction\"",
+        r"load\[0\]\.type: the type is missing; limit: traction, pressure, body-force, thermal; "
+        r"remedy: type = \"traction\"",
         "discriminator",
     ),
     "constants of a bond-based material": (

@@ -626,6 +626,7 @@ class Case:
         out = self.parts.output
         known = ["u", *["solid", "dissolved"] * self._dissolves, *["v"] * (self.model.order == 2)]
         known += ["damage"] * self._bondwise + ["stress"] * QUANTITIES["stress"].has(self.model)
+        known += ["thermal_strain"] * any(isinstance(load, ThermalPart) for load in self.parts.load)
         for name in self.fields:
             if name not in known:
                 raise InputError(

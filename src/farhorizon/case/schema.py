@@ -602,7 +602,7 @@ class RunPart(Part):
 
 
 class OutputPart(Part):
-    fields: list[Literal["u", "v", "damage", "solid", "dissolved", "stress"]] | None = None
+    fields: list[Literal["u", "v", "damage", "solid", "dissolved", "stress", "thermal_strain"]] | None = None
     """Fields in the results file; u, and what breaks or dissolves, unless given. "stress" of elastic media stands for
     its components and von Mises' stress."""
     every: Number | None = None

@@ -65,7 +65,7 @@ class BondZone:
         contact : bool
             Whether bonds that are cut or broken carry compression.
         warm : bool
-            Whether heat strains the nodes, see `engine.heat`.
+            Whether heat strains the nodes, see `engine.warmth`.
         """
         engine = self.engine
         block, components, high = engine.layout.box, engine.components, ROWS[engine.components]

@@ -78,7 +78,7 @@ class Bonds(NamedTuple):
         Bits of the bonds that carry compression, cut or broken or not.
     warmth : ndarray
         Of each place of a level the strain that heat brings: a bond is strained by the mean of its ends. Of one number
-        where there is none; see `engine.heat`.
+        where there is none; see `engine.warmth`.
     """
 
     functions: np.ndarray

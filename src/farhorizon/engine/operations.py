@@ -19,11 +19,11 @@ from farhorizon.engine.ends import Ends
 from farhorizon.engine.exchange import LEVEL, SLOTS
 from farhorizon.engine.filter import Filter
 from farhorizon.engine.fringe import Fringe
-from farhorizon.engine.heat import Heat, no_heat
 from farhorizon.engine.nested import Layers, has_layers
 from farhorizon.engine.phases import Phases
 from farhorizon.engine.stretches import Stretches
 from farhorizon.engine.tables import Cuts, Damping, Dependents, Flows, Inputs, Listening, Material, Surface, Sweep
+from farhorizon.engine.warmth import Warmth, no_heat
 
 COPY = 0  # the halo repeats what lies across periodic axes
 DAMP_OLD = 1  # an absorbing zone damps the increment of the last step
@@ -138,7 +138,7 @@ class Tables(NamedTuple):
     scatter: Pass
     stretches: Stretches
     drag: Drag
-    heat: Heat
+    heat: Warmth
 
 
 def operations_of(tables: Tables, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:

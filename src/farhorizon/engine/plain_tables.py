@@ -10,7 +10,6 @@ from farhorizon.engine.ends import ends_table
 from farhorizon.engine.field import Field
 from farhorizon.engine.filter import Filter, filter_tables
 from farhorizon.engine.fringe import no_fringe
-from farhorizon.engine.heat import no_heat
 from farhorizon.engine.layout import aligned_zeros
 from farhorizon.engine.operations import Pass, Tables
 from farhorizon.engine.passes import no_law
@@ -18,6 +17,7 @@ from farhorizon.engine.phases import one_phase
 from farhorizon.engine.rows.choose import compiled_rows
 from farhorizon.engine.stretches import no_stretches
 from farhorizon.engine.tables import Cuts, Damping, Dependents, Listening, Material, Surface, Sweep, no_flows
+from farhorizon.engine.warmth import no_heat
 
 _SECOND_CACHE = 600_000  # bytes of the second cache that a part of the box may take
 

@@ -46,7 +46,7 @@ class PointLaw(NamedTuple):
     room : ndarray, shape (threads, 2 n, CHUNK)
         To work in.
     warmth : ndarray, shape (places,), or empty
-        The strain that heat brings, which no force answers to; see `engine.heat`.
+        The strain that heat brings, which no force answers to; see `engine.warmth`.
     spacing : float
         Of the nodes: what a unit of strain is in displacements.
     unit, units : ndarray, shapes (n,), (m, n)

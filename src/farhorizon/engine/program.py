@@ -35,7 +35,6 @@ from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.filter import damp_short_waves
 from farhorizon.engine.fringe import close_fringe
-from farhorizon.engine.heat import push_springs, warm_up
 from farhorizon.engine.operations import (
     BREAK,
     COPY,
@@ -80,6 +79,7 @@ from farhorizon.engine.rows.vectors import (
 from farhorizon.engine.stretches import stretch_forces, stretch_states
 from farhorizon.engine.tables import GENERAL
 from farhorizon.engine.threads import barrier, claim, share
+from farhorizon.engine.warmth import push_springs, warm_up
 
 CHUNK = 64
 SHIFTS = 12  # column of a block's row where the distances of the components begin

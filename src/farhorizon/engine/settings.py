@@ -11,11 +11,11 @@ from farhorizon.engine.drag import Drag
 from farhorizon.engine.engine import NEVER, Engine
 from farhorizon.engine.exchange import Exchange, Link, Messages
 from farhorizon.engine.filter import margin_across, without
-from farhorizon.engine.heat import Heat
 from farhorizon.engine.phases import count_solid, phases_table
 from farhorizon.engine.plain_tables import damping_of
 from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
 from farhorizon.engine.tables import Damping, Dependents, Flows, Material
+from farhorizon.engine.warmth import Warmth
 
 _NO_ENDS = np.zeros((0, 0), np.int64)
 
@@ -81,7 +81,7 @@ def set_heat(engine: Engine, spacing: float) -> None:
         engine.replace(gather=gather._replace(sweep=gather.sweep._replace(law=law)))
     springs = engine.passes is not None and engine.weights.any()
     vectors = np.einsum("kab,kb->ka", engine.weights, arms) if springs else np.zeros((0, 0))
-    engine.replace(heat=Heat(warmth, np.zeros_like(warmth), vectors.astype(engine.dtype)))
+    engine.replace(heat=Warmth(warmth, np.zeros_like(warmth), vectors.astype(engine.dtype)))
 
 
 def give_heat(engine: Engine, strain: np.ndarray, rate: np.ndarray, steps: int = 0) -> None:

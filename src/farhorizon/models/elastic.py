@@ -220,7 +220,9 @@ class Elastic(LatticeModel):
                 value=self.material,
                 limit=f"{' or '.join(served)} with a kernel",
                 key=f"model.{given[0]}",
-                remedy='material="bond-based", or critical_stretch alone',
+                remedy="in the plane critical_stretch=fh.calibrated_stretch(model, spacing, fracture_energy)"
+                if given == ["fracture_energy"] and self.material in _BREAKABLE
+                else 'material="bond-based", or critical_stretch alone',
             )
 
     combinations = COMBINATIONS

@@ -143,6 +143,8 @@ class March:
             out["v"] = (out["u"] - shown(grid.engine.older)) / np.float64(near.dt)
         if parts.breaking is not None:
             out["damage"] = near.visible(parts.breaking.damage)
+        if self.heating is not None:
+            out["thermal_strain"] = near.visible(self.heating.strains)
         if parts.phases is not None:
             solid = parts.phases.solid
             out["solid"] = near.visible(solid.astype(float))

@@ -70,7 +70,7 @@ def nodal_stress(run: Any) -> dict[str, np.ndarray]:
         u = np.where(run.fields["damage"] > 0, np.nan, u)
     cuts = [crack.cut for crack in run.setup.cracks if crack.opens <= run.time]
     slopes = [_slope(u, axis, lattice, cuts) for axis in range(dim)]
-    warmth = np.zeros(lattice.shape) if run.thermal_strain is None else run.thermal_strain
+    warmth = run.fields.get("thermal_strain", np.zeros(lattice.shape))
     for axis, slope in enumerate(slopes):
         slope[axis] -= warmth  # no force answers to it
     now = np.stack([u, *slopes], axis=-1).reshape(dim, -1, 1 + dim).swapaxes(0, 1)[None]

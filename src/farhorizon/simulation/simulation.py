@@ -116,9 +116,9 @@ class Simulation(Run):
     fields : dict of str to ndarray
         The near field, "u", vectors as (dim, n..), and for waves "v" (half a step late, (u(n) - u(n-1))/dt); nan
         outside a window or body, and on the nodes beyond a wall that conditions set as images of those inside. Of bonds
-        that are nonlinear or break "damage", the part of a node's bonds that are cut or broken. Of a corrosion "solid",
-        1 in the metal and 0 in the liquid, and "dissolved", the time at which a node became liquid: 0 where it was from
-        the start, nan in the metal.
+        that are nonlinear or break "damage", the part of a node's bonds that are cut or broken. Of a solid that heat
+        strains "thermal_strain". Of a corrosion "solid", 1 in the metal and 0 in the liquid, and "dissolved", the time
+        at which a node became liquid: 0 where it was from the start, nan in the metal.
 
     Raises
     ------
@@ -293,13 +293,6 @@ class Simulation(Run):
         self._recording.watch(nodes)
 
     # --- what comes out ----------------------------------------------------------------------------------------
-
-    @property
-    def thermal_strain(self) -> np.ndarray | None:
-        """What heat strains the nodes now, in all directions (of the plane), shape of the lattice; None without a
-        `ThermalLoad`.
-        """
-        return None if self._march.heating is None else self._march.heating.strains
 
     @property
     def fields(self) -> dict[str, np.ndarray]:

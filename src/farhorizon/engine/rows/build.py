@@ -27,7 +27,7 @@ _COMPILED_IN = (
     "ends",
     "filter",
     "fringe",
-    "heat",
+    "warmth",
     "layout",
     "nested",
     "operations",

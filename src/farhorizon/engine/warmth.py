@@ -16,7 +16,7 @@ from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.threads import barrier, share
 
 
-class Heat(NamedTuple):
+class Warmth(NamedTuple):
     """Strains that heat brings to the nodes.
 
     Attributes
@@ -34,10 +34,10 @@ class Heat(NamedTuple):
     vectors: np.ndarray
 
 
-def no_heat(real: np.dtype) -> Heat:
+def no_heat(real: np.dtype) -> Warmth:
     """None."""
     nothing = np.zeros(0, real)
-    return Heat(nothing, nothing, np.zeros((0, 0), real))
+    return Warmth(nothing, nothing, np.zeros((0, 0), real))
 
 
 @njit(error_model="numpy", cache=True, counted=False)
