@@ -172,6 +172,24 @@ def test_a_run_of_heat_beside_it_is_its_field():
 
 
 @pytest.mark.slow
+def test_a_checkpoint_has_the_run_beside_it(tmp_path):
+    """Bit for bit: the run of the heat is made anew, with bonds that have broken and a density that varies."""
+    lattice = fh.Lattice(1.0, (-12.0, -12.0), (12.0, 12.0))
+    heat = fh.Simulation(lattice, fh.Diffusion(fh.Kernel(2.0), 0.05), initial={"u": "exp(-(x**2 + y**2)/6)"})
+    solid = fh.Elastic(BONDS, young=1.0, critical_stretch=2e-4, density="1 + (x > 3)")
+    load = fh.ThermalLoad(heat, expansion=1.4e-3, reference=0.0)
+    sim = fh.Simulation(lattice, solid, fh.Free(), loads=[load], dt=0.3)
+    sim.step(17)
+    sim.save(tmp_path / "state.h5")
+    again = fh.Simulation.restore(tmp_path / "state.h5")
+    for one in (sim, again):
+        one.step(20)
+    assert sim.broken_bonds > 0
+    for name, values in sim.fields.items():
+        np.testing.assert_array_equal(again.fields[name], values)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("material", MATERIALS)
 def test_energies_of_a_steady_temperature_add_up(material):
     """Kinetic and strain energy, and what breaks: to rounding of the energy that the heat has stored."""

@@ -21,7 +21,7 @@ class ThermalLoad(Storable):
     No force answers to them: the force of a bond follows from its stretch less the mean of what both ends would be
     strained, and so it breaks; a state, of state-based and correspondence materials, from the strain of its node less
     that. The temperature strains the solid, but the solid does not heat itself as it is deformed: what that would bring
-    is of the order of :math:`T_0\,E\,\alpha^2/(\rho c)`, a percent or less in most solids.
+    is of the order of :math:`T_0\,E\,\alpha^2/(\rho c)`, about a percent in metals.
 
     Parameters
     ----------
@@ -44,10 +44,10 @@ class ThermalLoad(Storable):
 
     Notes
     -----
-    The bonds are those of Silling and Askari (2005) with the thermal stretch of Kilic and Madenci (2010), J. Mech.
-    Mater. Struct. 5, eq 3: ``s - alpha (T_i + T_j) / 2``. In plane strain what is free across the plane is held, and
-    all strains in the plane are :math:`1 + \nu` times as large. Near sides that absorb, and near those that are held,
-    the solid must be at the reference temperature.
+    The bonds are those of Silling and Askari (2005) with the thermal stretch of Kilic and Madenci (2010), IEEE
+    Transactions on Advanced Packaging 33, 97: ``s - alpha (T_i + T_j) / 2``, T the difference to the reference. In
+    plane strain what is free across the plane is held, and all strains in the plane are :math:`1 + \nu` times as large.
+    Near sides that absorb, and near those that are held, the solid must be at the reference temperature.
 
     Examples
     --------
