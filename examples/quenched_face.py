@@ -18,7 +18,9 @@ deepest one; draws ``quenched_face.png``.
 Run: ``python examples/quenched_face.py``; about 10 seconds.
 """
 
+import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 import farhorizon as fh
 
@@ -56,10 +58,8 @@ def cracked(sim: fh.Simulation) -> np.ndarray:
     return first.sum(0)[::-1]
 
 
-def main() -> None:
+def drawn() -> Figure:
     """Run, tell and draw."""
-    import matplotlib.pyplot as plt
-
     sim = solid()
     figure, panels = plt.subplots(len(TIMES), 1, figsize=(7.0, 7.0), sharex=True, layout="constrained")
     for panel, time in zip(panels, TIMES, strict=True):
@@ -78,7 +78,12 @@ def main() -> None:
         panel.set(ylabel="y / spacing", ylim=(-70, 0.5), title=f"t = {time:g}")
     panels[-1].set_xlabel("x / spacing")
     figure.colorbar(back, ax=panels, label="change of temperature", shrink=0.5)
-    figure.savefig("quenched_face.png", dpi=150)
+    return figure
+
+
+def main() -> None:
+    """The picture as a file."""
+    drawn().savefig("quenched_face.png", dpi=150)
 
 
 if __name__ == "__main__":

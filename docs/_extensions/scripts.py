@@ -161,6 +161,11 @@ def indentation(names: Names) -> Figure:
     return plane(sim, sim.fields["damage"], f"damage at t = {sim.time:.0f}", "magma_r")
 
 
+def quenched_face(names: Names) -> Figure:
+    """Cracks that run in from a cold face, at three times."""
+    return names["drawn"]()
+
+
 def mesh_scatterer(names: Names) -> Figure:
     near = names["mesh"](names["NEAR"])
     figure = Figure(figsize=(7.2, 3.0), layout="constrained")
