@@ -103,28 +103,29 @@ def integer(value: Any, key: str, *, least: int, most: int = MOST_WHOLE) -> int:
     InputError
         Anything else.
     """
+    limit, remedy = f"{least} to {most}", "a whole number within these limits"
     try:
         if isinstance(value, bool):
             raise TypeError
         found = operator.index(value)
     except TypeError:
-        raise InputError("must be a whole number", value=said(value), limit=f"{least} to {most}", key=key) from None
+        raise InputError("must be a whole number", value=said(value), limit=limit, key=key, remedy=remedy) from None
     if not least <= found <= most:
-        raise InputError("is out of range", value=found, limit=f"{least} to {most}", key=key)
+        raise InputError("is out of range", value=found, limit=limit, key=key, remedy=remedy)
     return found
 
 
 def flag(value: Any, key: str) -> bool:
     """True or false; InputError for anything else."""
     if not isinstance(value, bool | np.bool_):
-        raise InputError("must be true or false", value=said(value), key=key)
+        raise InputError("must be true or false", value=said(value), limit="a bool", key=key, remedy="one of both")
     return bool(value)
 
 
 def text(value: Any, key: str) -> str:
     """A text; InputError for anything else."""
     if not isinstance(value, str):
-        raise InputError("must be a text", value=said(value), key=key)
+        raise InputError("must be a text", value=said(value), limit="a text", key=key, remedy="put it into quotes")
     return value
 
 
@@ -138,7 +139,7 @@ def one_of(value: Any, key: str, known: Iterable[str], message: str = "unknown w
             value=said(value),
             limit=", ".join(words),
             key=key,
-            remedy=f"did you mean {near[0]!r}?" if near else "",
+            remedy=f"did you mean {near[0]!r}?" if near else "one of these",
         )
     return value
 
@@ -170,18 +171,29 @@ def array(value: Any, key: str, *, shape: tuple[int | None, ...] | None = None, 
         raise InputError(
             "must be real numbers",
             value=said(value),
-            limit=None if shape is None else f"shape {_shape(shape)}",
+            limit="int, float or bool" if shape is None else f"shape {_shape(shape)}",
             key=key,
+            remedy="a number, or rows of as many numbers each",
         )
     found = found.astype(float, copy=False)
     if shape is not None and not (
         found.ndim == len(shape) and all(want in (None, n) for n, want in zip(found.shape, shape, strict=True))
     ):
         raise InputError(
-            "has another shape", value=f"shape {_shape(found.shape)}", limit=f"shape {_shape(shape)}", key=key
+            "has another shape",
+            value=f"shape {_shape(found.shape)}",
+            limit=f"shape {_shape(shape)}",
+            key=key,
+            remedy="as many entries along each axis as the limit says",
         )
     if finite and not np.isfinite(found).all():
-        raise InputError("values must be finite", value=said(value), key=key)
+        raise InputError(
+            "values must be finite",
+            value=said(value),
+            limit="no nan, no inf",
+            key=key,
+            remedy="see where they come from: a division by zero, or a gap in a file",
+        )
     return found
 
 
@@ -192,14 +204,20 @@ def mask(value: Any, key: str, message: str = "must be an array of true and fals
     except (TypeError, ValueError):
         found = np.asarray(None)
     if found.dtype != bool:
-        raise InputError(message, value=said(value), limit="an array of bool", key=key)
+        raise InputError(message, value=said(value), limit="an array of bool", key=key, remedy="a comparison gives one")
     return found
 
 
 def sequence(value: Any, key: str, what: str = "entries") -> list[Any]:
     """A list or a tuple as a list; InputError for anything else, a text and an array among it."""
     if not isinstance(value, list | tuple):
-        raise InputError(f"must be a list of {what}", value=said(value), key=key, remedy="put it into a list: [...]")
+        raise InputError(
+            f"must be a list of {what}",
+            value=said(value),
+            limit="a list or a tuple",
+            key=key,
+            remedy="put it into a list: [...]",
+        )
     return list(value)
 
 
@@ -219,7 +237,13 @@ def function(value: Any, key: str, arguments: str) -> Callable[..., Any]:
         No callable, or one that takes more or fewer.
     """
     if not callable(value):
-        raise InputError(f"must be a function of {arguments}", value=said(value), key=key)
+        raise InputError(
+            f"must be a function of {arguments}",
+            value=said(value),
+            limit="what can be called",
+            key=key,
+            remedy=f"lambda {arguments}: ...",
+        )
     names = arguments.split(", ")
     try:
         # their signatures have an argument for the output, too
@@ -241,7 +265,7 @@ def function(value: Any, key: str, arguments: str) -> Callable[..., Any]:
 def path(value: Any, key: str) -> Path:
     """A path, of which a text is one; InputError for anything else."""
     if not isinstance(value, str | Path):
-        raise InputError("must be a path", value=said(value), key=key)
+        raise InputError("must be a path", value=said(value), limit="a text or a Path", key=key, remedy='"name.h5"')
     return Path(value)
 
 

@@ -108,7 +108,8 @@ WORST = {
     ),
     "values that are not finite": (
         case(WAVE, '"exp(-2*(x**2+y**2))"', '"log(x)"'),
-        r"initial\.u: values must be finite; value: nan at \[-4, -4\], and on 153 of 289 nodes in all; remedy: where",
+        r"initial\.u: values must be finite; value: nan at \[-4, -4\], and on 153 of 289 nodes in all; "
+        "limit: no nan, no inf; remedy: where",
         "41 nan",
     ),
 }

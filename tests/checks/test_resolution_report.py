@@ -35,6 +35,17 @@ def test_a_signal_that_is_not_resolved():
     assert sim.check(budget=0.1).numbers["shortest_wave_nodes"] == pytest.approx(6.0, rel=1e-2)
 
 
+@pytest.mark.parametrize(("unit", "told"), [(1.0, []), (10.0, ["notes"]), (1e3, ["warnings"])])
+def test_a_signal_that_goes_on_after_the_run(unit, told):
+    """Of samples in milliseconds a run of as many seconds has nearly nothing."""
+    values = np.sin(2 * np.pi * np.arange(41) / 20) * np.hanning(41)
+    sources = [fh.PointSource((0.2, 0.3), time=fh.Samples(values, unit))]
+    found = fh.Simulation(LATTICE, MODEL, fh.Fixed(), sources=sources, threads=1).check(50.0, budget=0.1)
+    assert [
+        name for name in ("notes", "warnings") if any("goes on to" in text for text in getattr(found, name))
+    ] == told
+
+
 def test_the_slowest_part_of_the_medium_counts():
     factor = np.ones(LATTICE.shape)
     factor[:5] = 0.25

@@ -190,7 +190,9 @@ def test_a_run_tells_its_far_fields():
     fars = [fh.FarField(name="one"), fh.FarField(_box(8), name="two")]
     sim = fh.Simulation(_square(14), fh.Wave(_SCALAR), observe=[fh.Receivers([(0.0, 0.0)]), *fars])
     assert sim.far_field("two") is fars[1]
-    with pytest.raises(fh.InputError, match=r"name: the run records several .*\[one, two\]; remedy: name one"):
+    with pytest.raises(
+        fh.InputError, match=r"name: the run records several .*\[one, two\]; limit: 1; remedy: name one"
+    ):
         sim.far_field()
     with pytest.raises(fh.InputError, match=r"no such far field; value: .*three.*; limit: one, two"):
         sim.far_field("three")

@@ -108,7 +108,11 @@ def checked_frequencies(scheme: Scheme, frequencies: Any, key: str) -> np.ndarra
         return found
     if scheme.order != 2:
         raise InputError(
-            "only waves have a pattern by frequency", value=found, key=key, remedy="FarField.at, in time, serves"
+            "only waves have a pattern by frequency",
+            value=found,
+            limit="Wave or Elastic",
+            key=key,
+            remedy="FarField.at, in time, serves",
         )
     nyquist = 0.5 / scheme.dt
     roots = np.sqrt(np.array(carried(scheme.stencil)) * scheme.rate) * scheme.dt / 2
@@ -144,7 +148,13 @@ def as_directions(given: Any, dim: int, key: str) -> np.ndarray:
     found = kinds.array(np.atleast_2d(kinds.array(given, key)), key, shape=(None, dim))
     lengths = np.linalg.norm(found, axis=1)
     if not len(found) or not lengths.all():
-        raise InputError("directions are one or more vectors that are not zero", value=given, key=key)
+        raise InputError(
+            "directions are one or more vectors that are not zero",
+            value=given,
+            limit="length > 0",
+            key=key,
+            remedy="a number of even directions, or vectors of any length",
+        )
     return found / lengths[:, None]
 
 

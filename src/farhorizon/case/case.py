@@ -676,7 +676,14 @@ def _surface(part: PowerPart, key: str) -> Any:
     if part.region is not None and part.axis is None and part.position is None:
         return part.region.build(f"{key}.region")
     if part.region is not None or part.axis is None or part.position is None:
-        raise InputError("give either a region, or axis and position", key=key)
+        raise InputError(
+            "give either a region, or axis and position",
+            value=", ".join(name for name in ("region", "axis", "position") if getattr(part, name) is not None)
+            or "none",
+            limit="one surface",
+            key=key,
+            remedy='axis = "x" and position = 2.0, or region = { ... }',
+        )
     return part.axis, part.position
 
 
@@ -691,7 +698,14 @@ def _where(part: ReceiversPart | SpectraPart, key: str) -> Any:
     given = {"points": part.points, "line": part.line, "grid": part.grid, "region": region, "axis": plane[0]}
     if sum(place is not None for place in given.values()) != 1 or (plane[0] is None) != (plane[1] is None):
         known = [name if name != "axis" else "axis and position" for name in given if name in type(part).model_fields]
-        raise InputError(f"give exactly one of {', '.join(known)}", key=key, remedy="leave the others out")
+        several = ", ".join(name for name, place in given.items() if place is not None)
+        raise InputError(
+            f"give exactly one of {', '.join(known)}",
+            value=several or "none",
+            limit="1",
+            key=key,
+            remedy="leave the others out" if several else f"{known[0]} = ...",
+        )
     if plane[0] is not None:
         return plane
     if part.line is not None:

@@ -64,6 +64,15 @@ _WANTED = {
     "model_type": "a table",
     "model_attributes_type": "a table",
 }
+_EXAMPLES = {
+    "a number": "1.5",
+    "a finite number": "1.5",
+    "a whole number": "3",
+    "a text": '"..."',
+    "true or false": "true",
+    "a list": "[...]",
+    "a table": "{ ... }",
+}
 
 
 def _types(location: tuple[Any, ...]) -> list[str]:
@@ -125,6 +134,14 @@ def _problem(key: str, same: list[Any]) -> str:
     words = [
         _WANTED.get(p["type"], f"one of {p['ctx']['expected']}" if p["type"] == "literal_error" else "") for p in same
     ]
-    message = f"must be {' or '.join(dict.fromkeys(words))}" if all(words) else first["msg"]
+    wanted = " or ".join(dict.fromkeys(words)) if all(words) else ""
     value = first["input"]
-    return str(InputError(message, value=f"the text {value!r}" if isinstance(value, str) else value, key=key))
+    return str(
+        InputError(
+            f"must be {wanted}" if wanted else first["msg"],
+            value=f"the text {value!r}" if isinstance(value, str) else value,
+            limit=wanted or None,
+            key=key,
+            remedy=f"such as {', '.join(_EXAMPLES.get(word, word) for word in dict.fromkeys(words))}" if wanted else "",
+        )
+    )

@@ -35,6 +35,7 @@ _FINE = tuple(np.linspace(0, 85, 35).tolist())  # angles of the picture
 _MAKING = 0.5  # seconds of the time that the making of the set-up takes
 LEAST = 2 - _MAKING  # seconds that the rest may take whatever the run takes
 _SHARE, _MINIMUM = 0.4, 0.1  # of the time: until when wavelengths are predicted, and what the certificate has at least
+_HARDLY = 20.0  # times the run a signal lasts of which the run has hardly begun
 _STEEP = 60.0  # degrees: waves that come flatter are few, and layers are worst for them
 _EXACT = 1e-14  # less than this comes back: rounding
 _MUCH = 1e-3  # amplitude that a layer of given thickness may send back without a warning
@@ -220,6 +221,7 @@ class Report:
         waves = content(sim, until)
         report._describe(sim, waves)
         if until is not None:
+            report._cut_short(sim, until)
             report._estimate(sim, until)
         begin = time.monotonic()  # the time loop is compiled: its first time costs no verdict
         whole = min(BUDGET, max(LEAST, report.numbers.get("seconds", BUDGET) - _MAKING))
@@ -413,6 +415,16 @@ class Report:
                 f"the shortest waves of {key} are badly resolved ({nodes}, where {ENOUGH:g} are needed): spacing = "
                 f"{found.scale * sim.lattice.spacing:.2g} resolves them, with a horizon of as many spacings as here"
             )
+
+    def _cut_short(self, sim: Examined, until: float) -> None:
+        """Say which signals go on after the run; of one that hardly begins the unit of time may be another one."""
+        for key, signal in sim.signals:
+            if signal.end > until:
+                found = self.warnings if signal.end > _HARDLY * until else self.notes
+                found.append(
+                    f"{key} goes on to t = {signal.end:.4g}, the run ends at {until:.4g}: the rest of it is not sent; "
+                    "is its unit of time that of the run?"
+                )
 
     def _estimate(self, sim: Examined, until: float) -> None:
         """Time of the run, and of one on a domain so large that nothing returns."""

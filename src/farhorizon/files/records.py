@@ -144,7 +144,13 @@ class Recorded:
         try:
             import obspy
         except ImportError as error:
-            raise InputError("ObsPy is not installed", remedy="pip install 'farhorizon[obspy]'") from error
+            raise InputError(
+                "ObsPy is not installed",
+                value="no obspy",
+                limit="obspy",
+                key="to_obspy",
+                remedy="pip install 'farhorizon[obspy]'",
+            ) from error
         chosen, delta, traces = self._chosen(quantity), self._interval(), []
         for name, values in self.columns(chosen).items():
             letters = name.removeprefix(chosen).lstrip("_").upper() or "Z"
@@ -161,7 +167,13 @@ class Recorded:
 
     def _chosen(self, quantity: str | None) -> str:
         if not self.data:
-            raise InputError("nothing was recorded in time", value=self.name, remedy="Receivers record in time")
+            raise InputError(
+                "nothing was recorded in time",
+                value=self.name,
+                limit="a record with times",
+                key="quantity",
+                remedy="Receivers record in time",
+            )
         return (
             next(iter(self.data))
             if quantity is None
@@ -171,17 +183,35 @@ class Recorded:
     def _interval(self) -> float:
         """Time from one row to the next."""
         if len(self.times) < 2:
-            raise InputError("a trace has two rows or more", value=len(self.times), key=self.name)
+            raise InputError(
+                "a trace has two rows or more",
+                value=len(self.times),
+                limit="at least 2",
+                key=self.name,
+                remedy="a longer run",
+            )
         apart = np.diff(self.times)
         if np.ptp(apart) > _WORST * apart.mean():
-            raise InputError("the times are not even", value=apart.min(), limit=apart.max(), key=self.name)
+            raise InputError(
+                "the times are not even",
+                value=apart.min(),
+                limit=apart.max(),
+                key=self.name,
+                remedy="CSV and NumPy keep times as they are",
+            )
         return float(apart.mean())
 
 
 def _writable(path: str | Path) -> Path:
     found = kinds.path(path, "path")
     if not found.parent.is_dir():
-        raise InputError(f"{found}: there is no directory {found.parent}", remedy="create it first")
+        raise InputError(
+            f"there is no directory {found.parent}",
+            value=str(found),
+            limit="a directory that exists",
+            key="path",
+            remedy="create it first",
+        )
     return found
 
 

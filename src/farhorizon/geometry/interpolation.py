@@ -145,7 +145,9 @@ def as_points(points: Any, dim: int, key: str = "points") -> np.ndarray:
         given = given.reshape(-1, 1)
     found = kinds.array(np.atleast_2d(given), key, shape=(None, dim))
     if not len(found):
-        raise InputError("there is no point", value=kinds.said(given), key=key, remedy="give at least one")
+        raise InputError(
+            "there is no point", value=kinds.said(given), limit="at least 1", key=key, remedy="give at least one"
+        )
     return found
 
 
@@ -161,7 +163,11 @@ def points_on_line(start: Any, end: Any, count: int) -> np.ndarray:
     ends = [np.atleast_1d(kinds.array(one, "line")) for one in (start, end)]
     if ends[0].ndim != 1 or ends[0].shape != ends[1].shape:
         raise InputError(
-            "both ends of a line have one coordinate an axis", value=[one.shape for one in ends], key="line"
+            "both ends of a line have one coordinate an axis",
+            value=[one.shape for one in ends],
+            limit="two equal shapes (dim,)",
+            key="line",
+            remedy="(x, y) for both in two dimensions",
         )
     return np.linspace(ends[0], ends[1], count)
 
@@ -180,7 +186,9 @@ def points_on_grid(lower: Any, upper: Any, counts: Any) -> np.ndarray:
         raise InputError(
             "corners and counts of a grid have one entry an axis",
             value=[*(one.shape for one in corners), len(numbers)],
+            limit="three equal lengths",
             key="grid",
+            remedy="(x, y), (x, y) and (n, m) in two dimensions",
         )
     axes = [np.linspace(a, b, n) for a, b, n in zip(*corners, numbers, strict=True)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))

@@ -250,6 +250,7 @@ class Box(Shape):
                 "every coordinate of upper must be greater than that of lower",
                 value=shown,
                 limit="upper > lower",
+                key="upper",
                 remedy="exchange them",
             )
 

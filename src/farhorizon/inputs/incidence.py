@@ -216,7 +216,11 @@ def resolved_box(
         low, high = (np.array(bound, float) for bound in within.bounds())
     if low.size != lattice.dim:
         raise InputError(
-            "the box of a wave and the lattice differ in dimension", value=low.size, limit=lattice.dim, key=key
+            "the box of a wave and the lattice differ in dimension",
+            value=low.size,
+            limit=lattice.dim,
+            key=key,
+            remedy="a box with one entry an axis of the lattice in each corner",
         )
     stands = {-1: low < lattice.lower + close, 1: high > lattice.upper - close}
     surfaces = [end for end, free in ends.items() if free and stands[end[1]][end[0]]]

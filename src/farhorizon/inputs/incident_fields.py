@@ -123,6 +123,7 @@ def _values(field: Any, places: np.ndarray, t: float, components: int) -> np.nda
             value=f"{len(entries)} entries",
             limit=components,
             key="incident.field",
+            remedy="one entry an axis for an elastic medium, one alone for a scalar field",
         )
     values = np.empty((components, places.shape[1]))
     for number, entry in enumerate(entries):
@@ -133,10 +134,17 @@ def _values(field: Any, places: np.ndarray, t: float, components: int) -> np.nda
                 value=part.shape,
                 limit=values.shape[1:],
                 key="incident.field",
+                remedy="a function of arrays that returns an array of their shape, or a number",
             )
         values[number] = part
     if not np.isfinite(values).all():
-        raise InputError("an incident field must be finite", value=f"t = {t:g}", key="incident.field")
+        raise InputError(
+            "an incident field must be finite",
+            value=f"not so at t = {t:g}",
+            limit="no nan, no inf",
+            key="incident.field",
+            remedy="where(condition, a, b) in an expression keeps to where it is defined",
+        )
     return values
 
 

@@ -85,6 +85,7 @@ class IncidentRecord(Incident):
                 value=points.shape[1],
                 limit=lattice.dim,
                 key="incident",
+                remedy="the record of a run on a lattice of as many dimensions",
             )
         more, close = lattice.spacing * np.array(reach), 1e-6 * lattice.spacing
         low, high = points.min(0) + more, points.max(0) - more
@@ -116,6 +117,7 @@ def _settled(record: Any, name: str) -> dict[str, Any]:
             value=f"{', '.join(map(str, record))} alone" if isinstance(record, Mapping) else kinds.said(record),
             limit="a results file, a ShellRecorder that has run, or its points, times, u and medium",
             key="incident.record",
+            remedy="observe=[ShellRecorder(box)] in the first run",
         )
     points = kinds.array(record["points"], "incident.record", shape=(None, None))
     times, u = (kinds.array(record[part], "incident.record") for part in ("times", "u"))
@@ -123,12 +125,19 @@ def _settled(record: Any, name: str) -> dict[str, Any]:
         raise InputError(
             "the record of a shell has two rows or more, one value a node in each",
             value=f"{shown(u.shape)} values for {shown(times.shape)} times and {shown(points.shape)} points",
+            limit="as many rows as times, as many columns as points",
             key="incident.record",
             remedy="run the first run to its end",
         )
     medium = kinds.number(record["medium"], "incident.record", least=0)
     if not medium:
-        raise InputError("not the record of a shell", value=name, key="incident.name", remedy="a ShellRecorder's name")
+        raise InputError(
+            "not the record of a shell",
+            value=name,
+            limit="a record with a medium",
+            key="incident.name",
+            remedy="a ShellRecorder's name",
+        )
     return {"points": points, "times": times, "u": u, "medium": medium}
 
 

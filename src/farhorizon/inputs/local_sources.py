@@ -28,6 +28,7 @@ _AT_ONCE = 256  # points whose blocks of nodes are held at once
 _PER_NODE = 2  # points along a line or a patch for each spacing of its length
 
 _ROUNDING = 1e-15  # of the entries of a unit tensor
+_SYMMETRIC = 1e-6  # of the largest entry: tensors in catalogues have six digits and fewer
 _ANGLES = ("strike", "dip", "rake")
 
 
@@ -120,7 +121,13 @@ def place_of(at: Any, key: str = "source.at") -> tuple[float, ...]:
     """The coordinates of one point."""
     found = np.atleast_1d(kinds.array(at, key))
     if found.ndim != 1 or not 1 <= found.size <= 3:
-        raise InputError("a point has one coordinate an axis", value=kinds.said(at), key=key)
+        raise InputError(
+            "a point has one coordinate an axis",
+            value=kinds.said(at),
+            limit="1 to 3 numbers",
+            key=key,
+            remedy="(x, y) in two dimensions",
+        )
     return tuple(found.tolist())
 
 
@@ -129,7 +136,11 @@ def amount_of(value: Any, key: str) -> float | tuple[float, ...]:
     found = kinds.array(value, key)
     if found.ndim > 1 or found.size > 3:
         raise InputError(
-            "must be a number, or of an elastic medium one component an axis", value=kinds.said(value), key=key
+            "must be a number, or of an elastic medium one component an axis",
+            value=kinds.said(value),
+            limit="a number, or up to 3",
+            key=key,
+            remedy="a number in a scalar field, (fx, fy) in an elastic plane",
         )
     kinds.check_magnitude(found, key)
     return tuple(found.tolist()) if found.ndim else float(found)
@@ -282,13 +293,14 @@ class MomentTensor(LocalSource):
     Raises
     ------
     InputError
-        As `PointForce`; some of the angles without the others, with a tensor or not in three dimensions.
+        As `PointForce`; a tensor that is not symmetric; some of the angles without the others, with a tensor or not in
+        three dimensions.
 
     Notes
     -----
     The displacement of a homogeneous medium is that of Aki and Richards (2002), eq 4.29; the tensor of a double couple
-    is their Box 4.4, in axes with x east and z up. The sum of the forces is zero; of a symmetric tensor that of their
-    torques, too, as far as interpolation is right.
+    is their Box 4.4, in axes with x east and z up. The sums of the forces and of their torques are zero, the latter as
+    far as interpolation is right: no source inside a body turns it.
 
     Examples
     --------
@@ -317,12 +329,22 @@ class MomentTensor(LocalSource):
                 value=kinds.said(moment),
                 limit="shape (2, 2) in two dimensions, (3, 3) in three",
                 key="source.moment",
+                remedy="a number for an explosion, or rows of one entry an axis",
+            )
+        if moment.ndim and np.abs(moment - moment.T).max() > _SYMMETRIC * np.abs(moment).max():
+            raise InputError(
+                "a moment tensor is symmetric: another exerts a torque, which no source inside a medium does",
+                value=moment,
+                limit="M = M^T",
+                key="source.moment",
+                remedy="(M + M^T) / 2; a torque from outside is a pair of PointForce",
             )
         given = {name: getattr(self, name) for name in _ANGLES if getattr(self, name) is not None}
         if given and (len(given) < len(_ANGLES) or moment.ndim):
             raise InputError(
                 "a double couple is given by strike, dip, rake and one number for the moment",
                 value=f"{', '.join(given)} and a {'tensor' if moment.ndim else 'number'}",
+                limit=f"{', '.join(_ANGLES)} and a number",
                 key="source.moment",
                 remedy="all three angles, or the tensor alone",
             )
@@ -354,7 +376,11 @@ class MomentTensor(LocalSource):
         """What it is on the nodes."""
         if components == 1:
             raise InputError(
-                "a moment tensor acts on an elastic medium", key=key, remedy="PointSource for a scalar field"
+                "a moment tensor acts on an elastic medium",
+                value="a scalar field",
+                limit="Elastic",
+                key=key,
+                remedy="PointSource for a scalar field",
             )
         tensor = self.tensor(lattice.dim)
         points = as_points([self.at], lattice.dim, f"{key}.at")
@@ -417,7 +443,11 @@ class LineSource(LocalSource):
         points = kinds.array(self.points, "source.points", shape=(None, None))
         if len(points) < 2 or not np.ptp(points, axis=0).any():
             raise InputError(
-                "a line has two points or more, not all in one place", value=kinds.said(points), key="source.points"
+                "a line has two points or more, not all in one place",
+                value=kinds.said(points),
+                limit="at least 2 different ones",
+                key="source.points",
+                remedy="PointSource or PointForce at one place",
             )
         settle_source(self, points=points.tolist(), strength=amount_of(self.strength, "source.strength"))
 

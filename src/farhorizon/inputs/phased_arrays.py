@@ -86,7 +86,9 @@ class PhasedArray(LocalSource):
             raise InputError(
                 "the first and the last element differ, and every point has one coordinate an axis",
                 value=[self.first, self.last],
+                limit="two different points of as many coordinates as the others",
                 key="source.first",
+                remedy="the centres of the outer elements",
             )
         settle_source(self, strength=amount_of(self.strength, "source.strength"), **points)
         pitch = self._length / (self.elements - 1)
@@ -95,7 +97,13 @@ class PhasedArray(LocalSource):
             if (value := getattr(self, name)) is not None:
                 kinds.settle(self, **{name: kinds.number(value, f"source.{name}", **range_)})  # type: ignore[arg-type]
         if self.width is not None and self.width > pitch * (1 + 1e-9):
-            raise InputError("the elements overlap", value=self.width, limit=f"{pitch:.6g}", key="source.width")
+            raise InputError(
+                "the elements overlap",
+                value=self.width,
+                limit=f"{pitch:.6g}",
+                key="source.width",
+                remedy="at most the distance of two elements",
+            )
         begins = 0.0 if self.time is None else abs(float(kinds.array(self.time(0.0), "source.time", shape=())))
         if self.speed is not None and begins > SMALL:
             raise InputError(
@@ -106,9 +114,17 @@ class PhasedArray(LocalSource):
                 remedy="a ToneBurst or another signal, or an expression that is 0 at t = 0",
             )
         if self.focus is not None and self.angle is not None:
-            raise InputError("either a focus or an angle", value=self.angle, key="source.angle", remedy="leave one out")
+            raise InputError(
+                "either a focus or an angle", value="both", limit="one", key="source.angle", remedy="leave one out"
+            )
         if (self.focus is not None or self.angle is not None) and self.speed is None:
-            raise InputError("delays follow from the speed of the waves", key="source.speed", remedy="give speed")
+            raise InputError(
+                "delays follow from the speed of the waves",
+                value="no speed",
+                limit="> 0",
+                key="source.speed",
+                remedy="speed = that of the waves in the medium",
+            )
 
     @property
     def _length(self) -> float:

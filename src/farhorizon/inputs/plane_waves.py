@@ -133,6 +133,7 @@ class IncidentWave(TravellingWave):
                     value="S",
                     key="incident.polarisation",
                     limit="a vector at right angles to the direction",
+                    remedy="polarisation = [...]",
                 )
             return np.array([-along[1], along[0]])
         vector = np.asarray(self.polarisation, float)
@@ -141,7 +142,9 @@ class IncidentWave(TravellingWave):
             raise InputError(
                 "a polarisation has one component an axis, not all zero",
                 value=self.polarisation,
+                limit=f"{along.size} components",
                 key="incident.polarisation",
+                remedy='"P", "S" or the direction of the displacement',
             )
         vector = vector / length
         if 1e-6 < abs(vector @ along) < 1 - 1e-6:
@@ -150,6 +153,7 @@ class IncidentWave(TravellingWave):
                 value=self.polarisation,
                 limit=f"direction {along.tolist()}",
                 key="incident.polarisation",
+                remedy="a wave for each part of it",
             )
         return vector
 

@@ -70,11 +70,18 @@ class RayleighWave(TravellingWave):
             raise InputError(
                 "a Rayleigh wave runs along a free side, on which its box stands",
                 value=self.along.tolist(),
+                limit="along a Free side that the box reaches",
                 key="incident.direction",
                 remedy="a Free side, a direction along it, and a box that reaches it",
             )
         if region.scheme.stencil.components == 1:
-            raise InputError("a scalar field has no Rayleigh waves", key="incident", remedy="an Elastic medium")
+            raise InputError(
+                "a scalar field has no Rayleigh waves",
+                value="1 component",
+                limit="Elastic",
+                key="incident",
+                remedy="an Elastic medium",
+            )
         samples = sampled(self.at, self.duration, region.scheme.dt)
         pulse = rayleigh_pulse(region.under(surface), self.along, self.way(region), samples)
         return SurfacePassage(pulse, region, surface)

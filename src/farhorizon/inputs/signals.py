@@ -397,6 +397,7 @@ class Chirp(Signal):
             raise InputError(
                 "the frequency of a chirp changes",
                 value=self.last,
+                limit=f"another than first = {self.first:g}",
                 key="chirp.last",
                 remedy=f"ToneBurst({self.first:g}, {self.first * self.duration:g})",
             )
@@ -489,7 +490,9 @@ class Samples(Signal):
             )
         largest = float(np.abs(values).max())
         if not largest > 0:
-            raise InputError("all samples are zero", key="samples.values", remedy="leave the source out")
+            raise InputError(
+                "all samples are zero", value=0, limit="one that is not", key="samples.values", remedy="leave it out"
+            )
         kinds.check_magnitude(largest, "samples.values")
         if abs(values[0]) > SMALL * largest:
             raise InputError(
@@ -591,10 +594,20 @@ def _read(path: Path, dt: float) -> np.ndarray:
             found = np.loadtxt(path.read_text(encoding="utf-8").replace(",", " ").splitlines(), ndmin=1)
     except OSError as error:
         raise InputError(
-            f"cannot read the samples: {error.strerror}", value=str(path), key="samples.values", remedy="check the path"
+            f"cannot read the samples: {error.strerror}",
+            value=str(path),
+            limit="a .npy file or a text",
+            key="samples.values",
+            remedy="check the path",
         ) from None
     except ValueError as error:
-        raise FileFormatError(f"{path} holds no samples: {error}", remedy="one number a line, or a .npy file") from None
+        raise FileFormatError(
+            f"the file holds no samples: {error}",
+            value=str(path),
+            limit="numbers alone",
+            key="samples.values",
+            remedy="one number a line, or a .npy file",
+        ) from None
     if found.ndim != 2 or found.shape[1] != 2:
         return np.asarray(found)
     times, values = kinds.array(found, "samples.values").T

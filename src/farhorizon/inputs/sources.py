@@ -206,7 +206,13 @@ def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:
     finite."""
     values = kinds.array(value, key, finite=False)
     if values.ndim and values.shape != lattice.shape:
-        raise InputError("an array must have the lattice's shape", value=values.shape, limit=lattice.shape, key=key)
+        raise InputError(
+            "an array must have the lattice's shape",
+            value=values.shape,
+            limit=lattice.shape,
+            key=key,
+            remedy="one value a node; Lattice.axes has their coordinates",
+        )
     values = np.broadcast_to(values, lattice.shape)
     bad = ~np.isfinite(values) if lattice.mask is None else ~np.isfinite(values) & lattice.mask
     if bad.any():
@@ -215,6 +221,7 @@ def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:
         raise InputError(
             "values must be finite",
             value=f"{values[first]:g} at {shown(place)}, and on {int(bad.sum())} of {bad.size} nodes in all",
+            limit="no nan, no inf",
             key=key,
             remedy="where(condition, a, b) in an expression keeps to where it is defined",
         )

@@ -68,6 +68,7 @@ class TravellingWave(Incident):
                 value=np.size(self.direction),
                 limit=lattice.dim,
                 key="incident",
+                remedy="a direction with one component an axis of the lattice",
             )
         return super().resolved(lattice, reach, ends)
 
@@ -121,5 +122,6 @@ def _as_direction(direction: Any) -> Any:
             value=direction,
             limit="one component an axis, not all zero",
             key="incident.direction",
+            remedy="(1, 0) in two dimensions for a wave along x",
         )
     return direction

@@ -438,11 +438,19 @@ class Elastic(LatticeModel):
         """Stencil for unit P modulus."""
         if dim == 1:
             raise InputError(
-                "elasticity needs two or three dimensions", value=dim, key="lattice", remedy="Wave is the bar"
+                "elasticity needs two or three dimensions",
+                value=dim,
+                limit="2 or 3",
+                key="lattice",
+                remedy="Wave is the bar",
             )
         if dim == 3 and self.plane is not None:
             raise InputError(
-                "only two dimensions have a plane state", value=self.plane, key="model.plane", remedy="leave it out"
+                "only two dimensions have a plane state",
+                value=self.plane,
+                limit="2 dimensions",
+                key="model.plane",
+                remedy="leave it out",
             )
         if isinstance(self.kernel, Stencil):
             found = super().stencil(spacing, dim)

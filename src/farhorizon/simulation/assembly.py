@@ -18,7 +18,16 @@ from farhorizon.medium.variation import Variation
 from farhorizon.simulation.breaking import Breaking
 from farhorizon.simulation.closing import close, exact_ends_of
 from farhorizon.simulation.cuts import CutBonds
-from farhorizon.simulation.drives import Drive, Drives, check_signals, given, incidence, incident_waves, split_drives
+from farhorizon.simulation.drives import (
+    Drive,
+    Drives,
+    check_signals,
+    given,
+    incidence,
+    incident_waves,
+    jumps,
+    split_drives,
+)
 from farhorizon.simulation.extension import Emitters, extend
 from farhorizon.simulation.grid import Grid, choose_margins, largest_rate, make_grid, states_of
 from farhorizon.simulation.layers import choose_layers
@@ -157,7 +166,7 @@ def assemble(
     depth = around.depth(stencil, lattice.spacing, lattice.shape)
     beyond = Beyond(lattice, sides, model.target, depth, near.closed, team.largest)
     notes = beyond.notes
-    notes += near.conditions.notes + around.notes
+    notes += near.conditions.notes + around.notes + jumps(setup, near)
     if factor is not None:
         name = "the coefficient" if factor is near.coefficient else "the stiffness"
         notes += gradients(factor, name, beyond.targets, stencil.reach)

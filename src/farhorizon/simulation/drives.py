@@ -18,14 +18,16 @@ from farhorizon.inputs.local_sources import LocalSource
 from farhorizon.inputs.outside import Beyond
 from farhorizon.inputs.pressure import Pressure, pressing_force
 from farhorizon.inputs.signals import SMALL, Signal
-from farhorizon.inputs.sources import Source, as_source, by_component, space_and_time, split, steady
+from farhorizon.inputs.sources import Source, as_source, by_component, largest_component, space_and_time, split, steady
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.course import warn
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, Setup, Sides, keys, side_name
 
-_LOOKS = 1024  # steps at which a factor of time is looked at
+_LOOKS, _SOON, _LAST = 512, 2**10, 2**16  # looks at a factor of time, and steps: of a first part of them, of the last
+_THIN = 32  # nodes along an axis on which a source that does not split is looked at
+_HELD = 4  # steps over which a load is held that may begin with a jump
 
 Drive = tuple[np.ndarray | None, Callable[..., Any]]
 
@@ -140,7 +142,7 @@ def check_signals(setup: Setup, near: NearField) -> None:
     for key, source in zip(keys("source", plain), plain, strict=True):
         time = getattr(source, "time", None) if isinstance(source, LocalSource) else None
         if time is not None and not isinstance(time, Signal):
-            _check_rest(time, near.dt * np.arange(_LOOKS), f"{key}.time")
+            _check_rest(time, near.dt, f"{key}.time")
     limit = float(np.arcsin(min(1.0, np.sqrt(near.rate_limit) * near.dt / 2)) / (np.pi * near.dt))
     for key, signal in signals(setup):
         if signal.median_frequency > limit:
@@ -153,19 +155,78 @@ def check_signals(setup: Setup, near: NearField) -> None:
             )
 
 
-def _check_rest(time: Callable[[float], Any], times: np.ndarray, key: str) -> None:
-    """InputError for a factor of time that changes, and is not zero at first; one that does not is a load at rest."""
-    values = np.array([float(kinds.array(time(t), key, shape=())) for t in times])
-    largest = float(np.abs(values).max())
-    if np.ptp(values) and abs(values[0]) > SMALL * largest:
+def _check_rest(time: Callable[[float], Any], dt: float, key: str) -> None:
+    """InputError for a factor of time that is on the move at the start, where it is not small."""
+    share = jump_of(time, dt, key)
+    if share > SMALL:
         raise InputError(
             "the signal does not begin at rest: the run would start with a jump",
-            value=f"{abs(values[0]) / largest:.3g} of the largest of its first values at t = 0",
+            value=f"{share:.3g} of its largest value at t = 0",
             limit=f"{SMALL:g}",
             key=key,
-            remedy="a Ricker, a ToneBurst or another signal, or an expression that is 0 at t = 0; a number alone is a "
-            "load that acts from the start on",
+            remedy="a Ricker, a ToneBurst or another signal, or an expression that is 0 at t = 0; a load that is put "
+            "on at once and held, as 1 or where(t < 2, 1, 0), may begin with a jump",
         )
+
+
+def jump_of(time: Callable[[float], Any], dt: float, key: str) -> float:
+    """Magnitude of a factor of time at the start as a share of the largest, 0 where it begins at rest.
+
+    So does a load that is put on and held: a factor that has one value over the first steps, of which a constant and a
+    rectangular pulse are examples. Its jump is meant; that of a factor on the move is the cut through a signal which
+    began earlier, most often one whose delay was forgotten. What is next to nothing beside what comes much later is
+    small, too.
+    """
+    first = [float(kinds.array(time(t), key, shape=())) for t in dt * np.arange(_HELD)]
+    start = abs(first[0])
+    if start == 0 or np.ptp(first) == 0:
+        return 0.0
+    largest = 0.0
+    for step in np.unique(np.geomspace(1, _LAST, _LOOKS).astype(int)):
+        try:
+            value = abs(float(kinds.array(time(dt * step), key, shape=())))
+        except (ArithmeticError, LookupError, ValueError):  # a function need not be known longer than its run
+            break
+        largest = max(largest, start, value)
+        if start <= (SMALL if step <= _SOON else SMALL**2) * largest:
+            return 0.0
+    return start / max(largest, start)
+
+
+def jumps(setup: Setup, near: NearField) -> list[str]:
+    """Which sources and loads of a shape of their own begin with a jump and move on: of waves, what is to be known.
+
+    They are not refused: a point sends out waves of all lengths, of which a jump in time makes the shortest large; a
+    shape sends out none that are shorter than it is.
+    """
+    if near.model.order == 1:
+        return []
+    plain = _plain(setup)
+    named = list(zip(keys("source", plain), plain, strict=True))
+    named += [(f"load[{i}]", Source(1.0, load.time)) for i, load in enumerate(setup.loads) if hasattr(load, "time")]
+    shares = {key: _jump(source, near, key) for key, source in named if not isinstance(source, LocalSource)}
+    return [
+        f"{key} begins with a jump, {share:.3g} of its largest value at t = 0, and moves on: the waves that it sends "
+        "out are as short as its shape; a signal that is cut there needs a delay"
+        for key, share in shares.items()
+        if share > SMALL
+    ]
+
+
+def _jump(source: Any, near: NearField, key: str) -> float:
+    """`jump_of` of a source that has no places of its own; of one that does not split, of its largest value on some of
+    the nodes.
+    """
+    times = []
+    for part, _ in by_component(source, near.lattice, near.stencil.components):
+        space, time = space_and_time(part)
+        if space is None:
+            at = np.meshgrid(*(axis[:: -(-axis.size // _THIN)] for axis in near.lattice.axes), indexing="ij")
+            size = largest_component(time)
+            times.append(lambda t, size=size, at=at: float(size(*at, t).max()))
+        elif not isinstance(time, Signal):
+            times.append(time)
+    return max([jump_of(time, near.dt, key) for time in times], default=0.0)
 
 
 def _of_load(load: BodyForce | Traction | Pressure, setup: Setup, near: NearField, sides: Sides, key: str) -> Source:

@@ -52,6 +52,7 @@ def medium_outside(parts: Parts) -> Scheme:
         raise InputError(
             "the far field is that of a linear medium",
             value="nonlinear = true",
+            limit="nonlinear = false",
             key="far_field",
             remedy="linear bonds, which may break inside the box",
         )
@@ -77,6 +78,7 @@ def corner_nodes(lattice: Lattice, box: Box | None, reach: Sequence[int]) -> tup
                 value=box.dim,
                 limit=lattice.dim,
                 key="far_field.box",
+                remedy="a box with one entry an axis of the lattice in each corner",
             )
         lower, upper = ((bound - lattice.lower) / spacing for bound in box.bounds())
         if (lower < first - 1e-6).any() or (upper > last + 1e-6).any():
@@ -194,6 +196,18 @@ def check_moving(parts: Parts, box: Box, reach: np.ndarray, until: float) -> lis
             values = [np.broadcast_to(np.abs(source(t)), parts.near.field_shape) for t in np.linspace(0, until, _TIMES)]
             notes += _missed(parts, np.max(values, axis=0), outside, "source")
     return notes
+
+
+def check_kept(history: bool, remedy: str) -> None:
+    """InputError unless the history of the shell is kept."""
+    if not history:
+        raise InputError(
+            "receivers of the far field need what the shell had at all steps",
+            value="history = false",
+            limit="history = true",
+            key="far_field.history",
+            remedy=remedy,
+        )
 
 
 def check_history(need: int, nodes: int, steps: int) -> list[str]:

@@ -29,6 +29,7 @@ from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.course import warn
 from farhorizon.simulation.far_box import (
     check_history,
+    check_kept,
     check_moving,
     check_outside,
     check_window,
@@ -40,7 +41,7 @@ from farhorizon.simulation.far_box import (
     steps_between_samples,
 )
 from farhorizon.simulation.fourier_sums import SampledSums
-from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
+from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, check_from_start, recorder_name
 from farhorizon.simulation.setup import Setup
 
 _SEEN = 16  # steps from one look at the largest field to the next
@@ -138,13 +139,8 @@ class FarField(Recorder):
         self.points = None if points is None else kinds.array(points, "far_field.points")
         self.directions = directions
         self.history, self.name = kinds.flag(history, "far_field.history"), recorder_name(name)
-        if not self.history and (self.points is not None or not self.frequencies.size):
-            raise InputError(
-                "receivers of the far field need what the shell had at all steps",
-                value="history = false",
-                key="far_field.history",
-                remedy="history = true, or frequencies without points",
-            )
+        if self.points is not None or not self.frequencies.size:
+            check_kept(self.history, "history = true, or frequencies without points")
         self.notes: list[str] = []
         self._steps = -1
 
@@ -196,13 +192,7 @@ class FarField(Recorder):
         return self._scheme.stencil.components * len(self._shell.nodes)
 
     def start(self, step: int, heard: Heard) -> None:
-        if step:
-            raise InputError(
-                "a far field is recorded from the start of a run on",
-                value=f"step {step}",
-                key="far_field",
-                remedy="the checkpoint of a run that has it",
-            )
+        check_from_start(step, "a far field", "far_field")
         self._rows: list[np.ndarray] = []
         self._sums = SampledSums(self.frequencies, self._scheme.dt, self._every, self._count)
         self._steps, self._largest, self._last = -1, 0.0, 0.0
@@ -290,13 +280,7 @@ class FarField(Recorder):
             memory.
         """
         self._must_have_run()
-        if not self.history:
-            raise InputError(
-                "receivers of the far field need what the shell had at all steps",
-                value="history = false",
-                key="far_field.history",
-                remedy="history = true",
-            )
+        check_kept(self.history, "history = true, before the run")
         receivers = self._receivers(self.points if points is None else points)
         driven = DrivenLattice(self._scheme, self._steps, self._shell.nodes, receivers)
         return self._scheme.dt * np.arange(self._steps + 1), driven.field(self._forces()) + self._background
@@ -406,6 +390,7 @@ class FarField(Recorder):
             raise InputError(
                 "cross sections are those of one incident wave, a plane one",
                 value=f"{len(self._incident)} incident waves",
+                limit="1",
                 key="incident",
                 remedy="a run for each wave",
             )
@@ -419,6 +404,8 @@ class FarField(Recorder):
         if self._total and not self._arriving:
             raise InputError(
                 "what leaves a box inside that of an incident wave is known of one plane wave alone",
+                value="a box inside that of another wave",
+                limit="a box around that of the wave",
                 key="far_field.box",
                 remedy="leave it out: the widest box is around that of the wave",
             )
@@ -477,15 +464,24 @@ class FarField(Recorder):
 
     def _must_have_run(self) -> None:
         if self._steps < 0:
-            raise InputError("the far field of no run", key="far_field", remedy="Simulation(..., observe=[far])")
+            raise InputError(
+                "the far field of no run",
+                value="0 steps",
+                limit="a run that has begun",
+                key="far_field",
+                remedy="Simulation(..., observe=[far])",
+            )
 
     def _must_have_spectra(self, undamped: bool = False) -> None:
         self._must_have_run()
         if not self.frequencies.size:
-            raise InputError("no frequencies were recorded", key="far_field.frequencies", remedy="frequencies=[...]")
+            key, remedy = "far_field.frequencies", "frequencies=[...]"
+            raise InputError("no frequencies were recorded", value="none", limit="at least 1", key=key, remedy=remedy)
         if undamped and any(squared.imag > 1e-12 * abs(squared) for squared in self._squares):
             raise InputError(
                 "damping takes what is radiated: there is no energy far away",
+                value="a damped medium",
+                limit="damping = 0",
                 key="model.damping",
                 remedy="damping = 0, or FarField.pattern",
             )

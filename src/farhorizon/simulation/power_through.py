@@ -91,11 +91,14 @@ class PowerThrough(Recorder):
                 raise InputError(
                     "a surface is the edge of a region, or a plane",
                     value=kinds.said(one),
+                    limit="a shape, or an axis and a position",
                     key="power.surfaces",
                     remedy='Box(...), Disc(...), or ("x", 2.5)',
                 )
         if not self.surfaces:
-            raise InputError("there is no surface", key="power.surfaces", remedy="give at least one")
+            raise InputError(
+                "there is no surface", value="none", limit="at least 1", key="power.surfaces", remedy="give one"
+            )
         self.frequencies = as_frequencies(frequencies, "power.frequencies")
         self.name = recorder_name(name)
         self.notes: list[str] = []
@@ -229,7 +232,9 @@ def _check_bonds(setup: Setup, parts: Parts) -> None:
         message = "the power of forces by states is known where all bonds are there: no free sides, holes or cracks"
         wrong = message, receivers
     if wrong is not None:
-        raise InputError(wrong[0], value=model.title, key="power", remedy=wrong[1])
+        raise InputError(
+            wrong[0], value=model.title, limit="linear waves by symmetric bonds that stay", key="power", remedy=wrong[1]
+        )
 
 
 def _bonds(parts: Parts) -> tuple[np.ndarray, np.ndarray]:

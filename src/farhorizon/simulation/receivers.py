@@ -96,7 +96,13 @@ class Receivers(Recorder):
         self.points = kinds.array(points, "receivers.points")
         wanted = [record] if isinstance(record, str) else kinds.sequence(record, "receivers.record", "quantities")
         if not wanted:
-            raise InputError("nothing is to be recorded", key="receivers.record", limit=", ".join(QUANTITIES))
+            raise InputError(
+                "nothing is to be recorded",
+                value=wanted,
+                limit=", ".join(QUANTITIES),
+                key="receivers.record",
+                remedy="one of these, or leave the receivers out",
+            )
         for one in wanted:
             kinds.one_of(one, "receivers.record", QUANTITIES, "unknown quantity")
         self.record = tuple(dict.fromkeys(wanted))
@@ -256,6 +262,7 @@ def check_blocks(setup: Setup, near: NearField, points: np.ndarray, blocks: Bloc
         raise InputError(
             "the point needs nodes beyond a wall, which are images of those inside",
             value=points[wrong][0],
+            limit=f"interpolation = {method!r}",
             key=key,
             remedy=remedy,
         )

@@ -161,6 +161,18 @@ Observer = Callable[[Any], None] | Recorder
 """What a run is given in ``observe=[...]``."""
 
 
+def check_from_start(step: int, what: str, key: str) -> None:
+    """InputError unless what needs all steps begins with the first."""
+    if step:
+        raise InputError(
+            f"{what} is recorded from the start of a run on",
+            value=f"step {step}",
+            limit="step 0",
+            key=key,
+            remedy="the checkpoint of a run that has it",
+        )
+
+
 def recorder_name(value: object) -> str:
     """A name of a recorder: letters, digits, - and _, which is also one in files.
 
@@ -171,5 +183,11 @@ def recorder_name(value: object) -> str:
     """
     name = kinds.text(value, "name")
     if not name or not all(letter.isalnum() or letter in "-_" for letter in name):
-        raise InputError("a name has letters, digits, - and _", value=repr(name), key="name")
+        raise InputError(
+            "a name has letters, digits, - and _",
+            value=repr(name),
+            limit="these, at least one",
+            key="name",
+            remedy="it names groups of files: replace other signs by _",
+        )
     return name

@@ -58,7 +58,11 @@ class Recording:
         for name in names:
             if names.count(name) > 1:
                 raise InputError(
-                    "two recorders have one name", value=name, key="observe", remedy='name="..." tells them apart'
+                    "two recorders have one name",
+                    value=name,
+                    limit="a name each",
+                    key="observe",
+                    remedy='name="..." tells them apart',
                 )
         known = self.doubts
         self._wanted: list[Wanted] = []
@@ -228,6 +232,8 @@ class Recording:
                 raise FileFormatError(
                     "the checkpoint belongs to a run that recorded something else under this name",
                     value=one.name,
+                    limit=", ".join(f"{n} {a.shape[1:]}" for n, a in mine.items()),
+                    key="observe",
                     remedy="give the recorders of the run that wrote it, or another name",
                 )
             one.take(theirs)

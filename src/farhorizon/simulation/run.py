@@ -273,11 +273,14 @@ class Run(ABC):
             raise InputError(
                 "the run records no far field",
                 value=f"{len(self.recorders)} recorders",
+                limit="a FarField among them",
                 key="far_field",
                 remedy="observe=[FarField()], or [far_field] in the case file",
             )
         if name is None and len(found) > 1:
-            raise InputError("the run records several far fields", value=list(found), key="name", remedy="name one")
+            raise InputError(
+                "the run records several far fields", value=list(found), limit="1", key="name", remedy="name one"
+            )
         return found[next(iter(found)) if name is None else kinds.one_of(name, "name", found, "no such far field")]
 
     @abstractmethod

@@ -13,7 +13,15 @@ from farhorizon.inputs.incidence import Region, region_of, resolved_box
 from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.drives import ends_of, scheme_of
-from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name, size_of_record
+from farhorizon.simulation.recorder import (
+    Arrays,
+    Heard,
+    Recorder,
+    Wanted,
+    check_from_start,
+    recorder_name,
+    size_of_record,
+)
 from farhorizon.simulation.setup import Setup
 
 _KEY = "shell.box"
@@ -100,7 +108,8 @@ class ShellRecorder(Recorder):
                 "waves for another run are those of linear bonds and of second order",
                 value=type(near.model).__name__,
                 key="shell",
-                limit="Wave or Elastic",
+                limit="Wave or Elastic with linear bonds",
+                remedy="Receivers for other models",
             )
         ends = ends_of(parts.around.sides)
         box = resolved_box(self.box, near.lattice, near.stencil.reach, ends, _KEY)
@@ -126,13 +135,7 @@ class ShellRecorder(Recorder):
         self.notes = [note for note in self.notes if not note.startswith(start)] + [start + size]
 
     def start(self, step: int, heard: Heard) -> None:
-        if step:
-            raise InputError(
-                "the shell of a box is recorded from the start of a run on",
-                value=f"step {step}",
-                key="shell",
-                remedy="the checkpoint of a run that has it",
-            )
+        check_from_start(step, "the shell of a box", "shell")
         self._first, self._rows = 0, []
         self.add(0, Heard(heard.nodes[-1:], ()))
 
@@ -163,6 +166,7 @@ def _factor(setup: Setup, parts: Parts, nodes: np.ndarray) -> float:
     if wrong:
         raise InputError(
             "the medium is not uniform at the faces of a box whose shell is recorded",
+            value=f"bonds of {material.min():.4g} to {material.max():.4g} of the medium's, or cracks or conditions",
             key=_KEY,
             limit="cracks, holes, other materials and conditions one reach away from the faces",
             remedy="a box with all of them inside, or outside",
@@ -192,6 +196,8 @@ def _check_rest(parts: Parts, region: Region) -> list[str]:
         if inside[tuple(one.region.shell.nodes.T)].any() or not one.passage.rests:
             raise InputError(
                 "an incident wave comes in inside the box whose shell is recorded",
+                value="its box reaches into this one",
+                limit="boxes apart",
                 key=_KEY,
                 remedy="a box outside that of the incident wave",
             )

@@ -92,7 +92,13 @@ class Spectra(Recorder):
         self.where: Any = where if self._plane or isinstance(where, Shape) else kinds.array(where, "spectra.where")
         self.frequencies = as_frequencies(frequencies, "spectra.frequencies")
         if not self.frequencies.size:
-            raise InputError("frequencies are one or more numbers from 0 on", value="none", key="spectra.frequencies")
+            raise InputError(
+                "frequencies are one or more numbers from 0 on",
+                value="none",
+                limit="at least 1",
+                key="spectra.frequencies",
+                remedy="a list of cycles per time, as np.linspace gives it",
+            )
         wanted = [record] if isinstance(record, str) else kinds.sequence(record, "spectra.record", "quantities")
         for one in wanted or [""]:
             kinds.one_of(one, "spectra.record", _LINEAR, "no quantity that is linear in the field")
