@@ -18,6 +18,7 @@ from typing import Any, NoReturn
 from farhorizon.cli.common import BAD_INPUT, FAILED, GOOD, INTERRUPTED, check_json, said_plainly
 from farhorizon.cli.parser import command_parser
 from farhorizon.cli.processes import end_all, said_by_first, silence
+from farhorizon.machine import without_collection
 
 
 def process() -> NoReturn:
@@ -50,7 +51,8 @@ def _main(arguments: Sequence[str] | None) -> int:
         options = command_parser().parse_args(arguments)
         options.output, options.errors = sys.stdout, sys.stderr
         options.given = sys.argv[1:] if arguments is None else list(arguments)
-        import farhorizon.case.case  # noqa: F401
+        with without_collection():
+            import farhorizon.case.case  # noqa: F401
 
         check_json(getattr(options, "json", None))
         # but for what goes to `options.output` and `options.errors`: the result and errors

@@ -24,6 +24,7 @@ from farhorizon.engine.operations import (
     EXCHANGE,
     FLOW_LAYERS,
     GATHER,
+    KEEP,
     LINES,
     SCATTER,
     SPRINGS,
@@ -140,7 +141,9 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
             first = stages[0][0][which]
             one.table.each[:] = [address(function, first, one) for function in parts[which]]
             _set_called(program, first, one)
-        does = [[one for operation in operations for one in _does(table, *operation)] for operations in lists]
+        does = [
+            [one for operation in operations for one in _does(table, inputs.table, *operation)] for operations in lists
+        ]
         rows = [
             [
                 (address(function, stage[kind], sums[which]), stage[kind].address, sums[which].address, number)
@@ -153,7 +156,9 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
     return kept, np.array(rows, np.int64).reshape(len(rows), -1, 4)
 
 
-def _does(tables: Tables, operation: int, number: int, which: int) -> list[tuple[Function, int, int, int]]:
+def _does(
+    tables: Tables, inputs: Inputs, operation: int, number: int, which: int
+) -> list[tuple[Function, int, int, int]]:
     """What does an operation, one function after the other: the function, the stage and the sums that it takes, by
     their pass, and a number.
     """
@@ -176,6 +181,9 @@ def _does(tables: Tables, operation: int, number: int, which: int) -> list[tuple
                 (program.add_inflow, SPRINGS),
             )
         ]
+    if operation == KEEP:
+        asked = zip((program.watch_last, program.hear_last), _keeps(tables, inputs), strict=True)
+        return [(function, which, which, number) for function, there in asked if there]
     stage = which
     if operation in (COPY, EXCHANGE) and which == GATHER and number == LEVEL:
         stage = SCATTER  # the states are what that one reads
@@ -199,9 +207,11 @@ def _on_parts(program: ModuleType, tables: Tables, inputs: Inputs, which: int) -
         sweep = program.phases_part
     else:
         sweep = program.bonds_part if bonds.places.shape[0] and bonds.forces else program.stencil_part
+    watched, heard = _keeps(tables, inputs)
     found = [
         (program.release_part, one.surface.stretches.size),
-        (program.keep_part, which == SPRINGS and _keeps(tables, inputs)),
+        (program.watch_part, which == SPRINGS and watched),
+        (program.hear_part, which == SPRINGS and heard),
         (program.law_part, one.sweep.law.values.size),
     ]
     return [sweep, *(function for function, there in found if there)]
@@ -224,9 +234,9 @@ def _set_called(program: ModuleType, stage: Struct, sums: Struct) -> None:
             table.called[number] = _address(function, (stage.type, sums.type, *[types.int64] * numbers))
 
 
-def _keeps(tables: Tables, inputs: Inputs) -> bool:
-    """Whether anything is watched or heard."""
-    return bool(inputs.watched.size or tables.listening.rows.size)
+def _keeps(tables: Tables, inputs: Inputs) -> tuple[bool, bool]:
+    """Whether anything is watched, and heard."""
+    return bool(inputs.watched.size), bool(tables.listening.rows.size)
 
 
 def _pass(tables: Tables, which: int) -> Pass:

@@ -389,21 +389,32 @@ def sum_blocks(level, listening, low, high, heard):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def keep_in(level, sweep, listening, inputs, step, number):
-    """What is watched and heard after a step in one part of the box."""
+def keys_of(sweep, number):
+    """Keys of the nodes of one part of the box: of the first, and of the one behind the last."""
     block = sweep.block
     i0, first, last = rows_of(sweep, number)
     plane = block[0] + i0 * block[4]
-    low, high = plane + first * block[5], plane + last * block[5]
-    watch(level, inputs.watched, low, high, inputs.seen[step])
-    if listening.sets.shape[0]:
-        sum_blocks(level, listening, low, high, inputs.heard[step])
+    return plane + first * block[5], plane + last * block[5]
 
 
-def keep_part(thread, stage, sums, tables, inputs, step, number):
-    """What recorders want of the field after the step before this one, which is read here and in the cache now."""
-    if step > 0 and stage.part == 0 and (inputs.before + step) % inputs.stride == 0:
-        keep_in(stage.src, sums.sweep, tables.listening, inputs, step - 1, number)
+@njit(error_model="numpy", cache=True, counted=False)
+def kept(inputs, step):
+    """Whether recorders want the field after a step."""
+    return (inputs.before + step + 1) % inputs.stride == 0
+
+
+def watch_part(thread, stage, sums, tables, inputs, step, number):
+    """What is watched of the field after the step before this one, which is read here and in the cache now."""
+    if step > 0 and stage.part == 0 and kept(inputs, step - 1):
+        low, high = keys_of(sums.sweep, number)
+        watch(stage.src, inputs.watched, low, high, inputs.seen[step - 1])
+
+
+def hear_part(thread, stage, sums, tables, inputs, step, number):
+    """What is heard of the same."""
+    if step > 0 and stage.part == 0 and kept(inputs, step - 1):
+        low, high = keys_of(sums.sweep, number)
+        sum_blocks(stage.src, tables.listening, low, high, inputs.heard[step - 1])
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -709,14 +720,23 @@ def dissolve_nodes(thread, stage, sums, tables, inputs, step, number):
         barrier(thread)
 
 
-@operation(KEEP)
-def keep_last(thread, stage, sums, tables, inputs, step, number):
-    """What is kept of the last step of a call; of the others it is kept as the next step reads the field."""
-    steps, sweep = inputs.seen.shape[0], sums.sweep
-    if step == steps - 1 and (inputs.before + steps) % inputs.stride == 0:
-        own = share(thread, count_parts(sweep))
+@operation(KEEP)  # with `hear_last`
+def watch_last(thread, stage, sums, tables, inputs, step, number):
+    """What is watched of the last step of a call; of the others it is kept as the next step reads the field."""
+    if step == inputs.seen.shape[0] - 1 and kept(inputs, step):
+        own = share(thread, count_parts(sums.sweep))
         for part in range(own[0], own[1]):
-            keep_in(stage.out, sweep, tables.listening, inputs, step, part)
+            low, high = keys_of(sums.sweep, part)
+            watch(stage.out, inputs.watched, low, high, inputs.seen[step])
+
+
+def hear_last(thread, stage, sums, tables, inputs, step, number):
+    """What is heard of it."""
+    if step == inputs.seen.shape[0] - 1 and kept(inputs, step):
+        own = share(thread, count_parts(sums.sweep))
+        for part in range(own[0], own[1]):
+            low, high = keys_of(sums.sweep, part)
+            sum_blocks(stage.out, tables.listening, low, high, inputs.heard[step])
 
 
 @operation(LAW)

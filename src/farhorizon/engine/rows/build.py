@@ -17,6 +17,7 @@ from typing import Any
 
 from farhorizon.engine.rows.notice import importing
 from farhorizon.files.cache import cache_folder, write
+from farhorizon.machine import without_collection
 
 _ENGINE = Path(__file__).parents[1]
 #: Modules that templates use.
@@ -186,7 +187,7 @@ def _load_file(name: str, template: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:
-        with importing(name):
+        with importing(name), without_collection():
             spec.loader.exec_module(module)
     except BaseException:  # an interrupt, too: half a module is none
         del sys.modules[name]

@@ -16,6 +16,7 @@ from numba.core.ccallback import CFunc
 from numba.core.registry import CPUDispatcher
 
 from farhorizon.files.cache import sealed, unsealed
+from farhorizon.machine import without_collection
 
 
 class _SealedFiles(IndexDataCacheFile):
@@ -95,7 +96,8 @@ def cfunc(signature: Any, *, counted: bool = True) -> Callable[[Callable[..., An
         options = {"error_model": "numpy", "_nrt": counted}
         made: Any = CFunc(function, sigutils.normalize_signature(signature), locals={}, options=options)
         made._cache = _SealedCache(function)
-        made.compile()
+        with without_collection():
+            made.compile()
         return made
 
     return decorate
