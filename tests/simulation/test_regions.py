@@ -1,9 +1,12 @@
 """Regions in results files: of what nodes are made, as ParaView's library and `open_results` read them."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.cli import main
 
 LATTICE = fh.Lattice(0.5, (-4.0, -3.0), (4.0, 3.0))
 X, Y = np.meshgrid(*LATTICE.axes, indexing="ij")
@@ -53,6 +56,55 @@ def test_what_grows_with_depth_tells_no_region(tmp_path):
     )
     assert results.region_names == ("coefficient = 1", "coefficient = 0.5")
     np.testing.assert_array_equal(results.regions, np.broadcast_to(y > 0, lattice.shape))
+
+
+NAMED = """
+lattice = { spacing = 0.5, lower = [-4.0, -3.0], upper = [4.0, 3.0] }
+units = { length = "mm", time = "us", pressure = "GPa" }
+run = { until = 0.2 }
+initial = { v = ["exp(-x**2 - y**2)", 0.0] }
+[model]
+type = "elastic"
+of = "steel"
+poisson = 0.25
+[model.kernel]
+horizon = 1.0
+[[material]]
+region = { box = { lower = [0.4, -9.0], upper = [9.0, 9.0] } }
+of = "aluminium"
+poisson = 0.25
+name = "left of nothing"
+[[material]]
+region = { box = { lower = [2.4, -9.0], upper = [9.0, 9.0] } }
+name = "lid"
+young = 70.0
+[[material]]
+region = { box = { lower = [-9.0, 0.4], upper = [9.0, 9.0] } }
+density = 1.0
+"""
+
+
+def test_materials_have_the_names_of_the_case(tmp_path, monkeypatch, capsys):
+    """Names tell regions of the same constants apart; a region without a name keeps that of what it changes."""
+    monkeypatch.chdir(tmp_path)
+    Path("a.toml").write_text(NAMED)
+    assert main(["run", "a.toml", "--threads", "1"]) == 0
+    results = fh.open_results("a.h5")
+    materials, dense = np.where(X > 2.4, "lid", np.where(X > 0.4, "left of nothing", "steel")), Y > 0.4
+    said = np.array(results.region_names)[results.regions]
+    known = set()
+    for what in ("lid", "left of nothing", "steel"):
+        for there in (dense, ~dense):
+            (name,) = set(said[(materials == what) & there])
+            constants = dict(pair.split(" = ") for pair in name.split(", ")[1:])
+            assert name.split(", ")[0] == what and (constants["density"] == "1") == (there is dense)
+            assert float(constants["young"]) == (210.0 if what == "steel" else 70.0)
+            known.add(name)
+    assert known == set(results.region_names)
+    assert results.region_names[0] in Path("a/report.html").read_text(encoding="utf-8")
+    capsys.readouterr()
+    assert main(["check", "a.toml", "--threads", "1"]) == 0
+    assert "steel, young = 210" in capsys.readouterr().out
 
 
 def test_metal_is_a_region_and_merged_files_keep_it(tmp_path):

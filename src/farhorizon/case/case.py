@@ -48,6 +48,7 @@ from farhorizon.case.schema import (
 from farhorizon.case.toml import document
 from farhorizon.case.units import ANY, FIELD, FIELDS, RATE, Units
 from farhorizon.errors import FileFormatError, InputError
+from farhorizon.files.region_numbers import Regions
 from farhorizon.geometry.interpolation import points_on_grid, points_on_line
 from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.expressions import as_given, as_signal
@@ -324,7 +325,7 @@ class Case:
         return fh.Lattice(part.spacing, part.lower, part.upper, window=window, body=body)
 
     def _model(self, part: Any) -> fh.LatticeModel:
-        values = part.model_dump(exclude={"type", "kernel", "stencil", "stages", "of"})
+        values = part.model_dump(exclude={"type", "kernel", "stencil", "stages", "of", "name"})
         kind = model_kinds()[part.type]
         takes = signature(kind).parameters
         values |= {name: self._steady(one, f"model.{name}") for name, one in part if isinstance(one, WeibullPart)}
@@ -342,14 +343,14 @@ class Case:
                 )
             values["integrator"] = fh.RungeKuttaChebyshev(part.stages)
         for i, part in enumerate(self.parts.material):
-            if not part.model_fields_set - {"region"}:
+            if not part.model_fields_set - {"region", "name"}:
                 raise InputError(
                     "a region without a material",
                     key=f"material[{i}]",
-                    limit=", ".join(sorted(set(MaterialPart.model_fields) - {"region"})),
+                    limit=", ".join(sorted(set(MaterialPart.model_fields) - {"region", "name"})),
                     remedy="give it constants, or leave it out",
                 )
-        named = {name for part in self.parts.material for name in part.model_fields_set - {"region", "of"}}
+        named = {name for part in self.parts.material for name in part.model_fields_set - {"region", "of", "name"}}
         for name in sorted(named):
             if values.get(name) is None:
                 known = sorted(
@@ -501,6 +502,18 @@ class Case:
             inside = self._steady(getattr(part, name), key + name)
             values[there] = inside(*(x[there] for x in at)) if callable(inside) else inside
         return values
+
+    @property
+    def materials(self) -> Regions | None:
+        """The nodes by what the case calls their materials, "" where that has no name; None where none has."""
+        names = [_called(self.parts.model)]
+        numbers = np.zeros(self.lattice.shape, np.int32)
+        for i, part in enumerate(self.parts.material):
+            if name := _called(part):
+                names += [] if name in names else [name]
+                region = part.region.build(f"material[{i}].region")
+                numbers[region.contains(np.stack(self.lattice.coordinates(), -1))] = names.index(name)
+        return Regions(numbers, tuple(names)) if any(names) else None
 
     def _steady(self, value: str | float | WeibullPart, key: str) -> Any:
         """An expression of the coordinates alone, a number, or what scatters."""
@@ -663,6 +676,11 @@ def _built(part: Part, known: Mapping[str, Any], key: str, **changes: Any) -> An
         return known[given["type"]](**values)
     except InputError as error:
         raise error.at(under(key, error.key)) from None
+
+
+def _called(part: Any) -> str:
+    """What a table calls its material; "" where it says nothing."""
+    return getattr(part, "name", None) or getattr(part, "of", None) or ""
 
 
 def _far_field(part: FarFieldPart) -> fh.FarField:

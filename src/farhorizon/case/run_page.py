@@ -12,6 +12,7 @@ from farhorizon.case.case import Case
 from farhorizon.checks.certificate import Certificate
 from farhorizon.files.html import listed, page, picture, preformatted, table
 from farhorizon.files.provenance import computed_with
+from farhorizon.files.region_numbers import Regions
 from farhorizon.files.results import Results
 from farhorizon.files.storage import replacing
 from farhorizon.simulation.run import Run
@@ -100,6 +101,8 @@ def _summary(case: Case, run: Run, results: Results) -> list[tuple[str, str]]:
         values = np.abs(results.field(name, -1))
         if np.isfinite(values).any():
             rows.append((f"largest {name} at the end", f"{np.nanmax(values):.6g}"))
+    if results.region_names:
+        rows.append(("materials", str(Regions(results.regions, results.region_names))))
     energy = results.energy[np.isfinite(results.energy)]
     if energy.size:
         rows.append(("energy", f"{energy[0]:.6g} at the start, {energy[-1]:.6g} at the end"))

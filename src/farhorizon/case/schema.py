@@ -300,6 +300,8 @@ class MaterialPart(Part):
     """Where; later regions go before earlier ones."""
     of: Named | None = None
     """A named material, whose constants it has (`fh.materials`); what is given beside it goes before."""
+    name: str | None = None
+    """What it is called in results, pictures and reports; that of a named material unless given."""
     young: str | Number | WeibullPart | None = None
     """Young's modulus there."""
     poisson: str | Number | WeibullPart | None = None
@@ -741,7 +743,15 @@ def model_part(kind: Any) -> type[Part]:
     if "density" in keys and {"young", "speed"} & keys.keys():
         words = "A named material, whose constants it has (`fh.materials`); what is given beside it goes before."
         keys["of"] = (Named | None, Field(None, description=words))
+        words = "What the medium is called in results, pictures and reports; that of a named material unless given."
+        keys["name"] = (str | None, Field(None, description=words))
     return _table(kind, keys)
+
+
+def _made(name: str, base: Any, keys: dict[str, Any], doc: str | None = None) -> Any:
+    """A table with more keys, which say what they are: it has no source to look through for their docstrings."""
+    settings = {"use_attribute_docstrings": False}
+    return create_model(name, __base__=base, __doc__=doc, __cls_kwargs__=settings, **keys)
 
 
 def _table(kind: Any, keys: dict[str, Any]) -> type[Part]:
@@ -752,7 +762,7 @@ def _table(kind: Any, keys: dict[str, Any]) -> type[Part]:
         if not isinstance(default, FieldInfo):  # which says what it is
             keys[name] = (hint, Field(default, description=says[name]))
     given: dict[str, Any] = {"type": (Literal[kind.tag], Field(description=brief)), **keys}
-    return create_model(f"{kind.__name__}Part", __base__=Part, **given)
+    return _made(f"{kind.__name__}Part", Part, given)
 
 
 def explained(kind: type) -> tuple[str, dict[str, str]]:
@@ -833,13 +843,9 @@ def _case_part(
     }
     words = {name: one.description for name, one in CasePart.model_fields.items()}
     given: dict[str, Any] = {name: (list[one], Field([], description=words[name])) for name, one in lists.items()}  # type: ignore[valid-type]
-    return create_model(
-        "CasePart",
-        __base__=CasePart,
-        boundary=(dict[str, side], Field({}, description=words["boundary"])),
-        model=(_one_of([*map(model_part, models)]), Field(description=words["model"])),
-        **given,
-    )
+    given["boundary"] = (dict[str, side], Field({}, description=words["boundary"]))
+    given["model"] = (_one_of([*map(model_part, models)]), Field(description=words["model"]))
+    return _made("CasePart", CasePart, given)
 
 
 def _one_of(parts: Sequence[type[Part]]) -> Any:
@@ -863,7 +869,7 @@ def _incident(kind: Any, factor: Any) -> type[Part]:
     given: dict[str, Any] = {"within": (BoxPart | None, keys["within"])}
     if plain:
         given["type"] = (Literal[kind.tag], Field(kind.tag, description=keys["type"].description))
-    return create_model(part.__name__, __base__=_timed(part, factor, "signal"), __doc__=part.__doc__, **given)
+    return _made(part.__name__, _timed(part, factor, "signal"), given, part.__doc__)
 
 
 def _timed(part: type[Part], factor: Any, *names: str) -> type[Part]:
@@ -875,7 +881,7 @@ def _timed(part: type[Part], factor: Any, *names: str) -> type[Part]:
     }
     lists = factor | list[factor | Literal[False]] | None
     given |= {name: (lists, one) for name, one in part.model_fields.items() if _OF_TIMES in one.metadata}
-    return create_model(part.__name__, __base__=part, __doc__=part.__doc__, **given)  # type: ignore[call-overload]
+    return _made(part.__name__, part, given, part.__doc__)
 
 
 def under(place: str, key: str) -> str:

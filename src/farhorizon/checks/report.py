@@ -43,6 +43,7 @@ _WORTH = 1.0  # seconds saved that are worth a note
 _MORE = "farhorizon check CASE.toml --details, in Python print(report.details)"
 _SHORT = (
     "near field",
+    "materials",
     "wave speeds",
     "wavelengths",
     "shortest wave",

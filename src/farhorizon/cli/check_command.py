@@ -15,6 +15,7 @@ def check_command(options: argparse.Namespace) -> int:
     from farhorizon.engine.rows.notice import compile_seconds
     from farhorizon.errors import ValidityWarning
     from farhorizon.pictures.style import counted_in
+    from farhorizon.simulation.regions import regions_of
 
     begin = time.perf_counter()
     if options.out:
@@ -29,6 +30,8 @@ def check_command(options: argparse.Namespace) -> int:
     start = time.perf_counter() - begin - compile_seconds()
     with counted_in(case.unit_names):
         report = sim.check(case.end, options.budget)
+    if regions := regions_of(sim, case.materials):
+        report.rows.append(("materials", str(regions)))
     whole_time(case, sim, report, start)
     report.rows.append(("outputs", case.schedule(sim.dt)))
     report.notes = [*report.notes, *probes.notes]

@@ -132,6 +132,7 @@ def _begun(options: argparse.Namespace, case: Any, sim: Any, files: RunFiles) ->
         units=case.unit_names,
         command={"command": shlex.join(["farhorizon", *options.given])},
         compress=case.parts.output.compress,
+        materials=case.materials,
     )
 
 

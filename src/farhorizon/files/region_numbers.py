@@ -10,6 +10,7 @@ FIELD = "region"
 """Their name among the point data, where ParaView finds them."""
 OUTSIDE = -1
 """Number of nodes that do not exist, outside a body or a window."""
+_TOLD = 6  # regions in a row of a report
 
 
 class Regions(NamedTuple):
@@ -25,3 +26,10 @@ class Regions(NamedTuple):
 
     numbers: np.ndarray
     names: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """The largest ones, and how many nodes each has."""
+        counts = np.bincount(self.numbers[self.numbers >= 0], minlength=len(self.names))
+        told = [f"{name} ({count} nodes)" for name, count in zip(self.names[:_TOLD], counts.tolist(), strict=False)]
+        more = len(self.names) - _TOLD
+        return "; ".join(told + [f"{more} more"] * (more > 0))

@@ -16,6 +16,7 @@ from farhorizon import __version__, kinds
 from farhorizon.errors import InputError
 from farhorizon.files.parts import folder_of, part_path
 from farhorizon.files.provenance import computed_with
+from farhorizon.files.region_numbers import Regions
 from farhorizon.files.results import ResultsWriter, open_results
 from farhorizon.simulation.nodal_stress import fields_of
 from farhorizon.simulation.outlines import outlines_of
@@ -62,6 +63,7 @@ class RunResults:
         units: Mapping[str, str] | None = None,
         command: Mapping[str, str] | None = None,
         compress: bool = False,
+        materials: Regions | None = None,
     ) -> RunResults:
         """An empty file, in place of results that were there.
 
@@ -78,6 +80,8 @@ class RunResults:
             As of `ResultsWriter.create`.
         command : mapping of str to str, optional
             What is known of where the run comes from, beside versions and machine.
+        materials : Regions, optional
+            What materials are called.
 
         Raises
         ------
@@ -111,7 +115,7 @@ class RunResults:
                 units=units,
                 provenance={**(command or {}), **dict(computed_with())},
                 outlines=outlines_of(run),
-                regions=regions_of(run),
+                regions=regions_of(run, materials),
                 boxes=boxes if team else (),
                 **alike,
             )

@@ -24,7 +24,7 @@ def uneven(run: Any) -> dict[str, np.ndarray]:
     return {name: values for name, values in told.items() if values is not None}
 
 
-def regions_of(run: Any) -> Regions | None:
+def regions_of(run: Any, named: Regions | None = None) -> Regions | None:
     """The regions of a run; None where one medium fills its box.
 
     They are counted by their size: 0 has most nodes. A constant with more than 256 values, as one that scatters or
@@ -33,12 +33,17 @@ def regions_of(run: Any) -> Regions | None:
     Parameters
     ----------
     run : Simulation
+    named : Regions, optional
+        Names of materials, which stand before their constants.
     """
     if run.team:  # computes uniform boxes alone
         return None
     shape, hidden = run.lattice.shape, run.parts.near.hidden
     there = np.ones(shape, bool) if hidden is None else ~hidden
     numbers, names = np.zeros(there.sum(), np.int64), [""]
+    if named is not None:
+        known, numbers = np.unique(named.numbers[there], return_inverse=True)
+        names = [named.names[k] for k in known]
     for what, values in uneven(run).items():
         known, which = np.unique(np.broadcast_to(values, shape)[there], return_inverse=True)
         if len(known) > _MOST:
