@@ -1,0 +1,126 @@
+"""The model of a case file, with its materials."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from inspect import signature
+from typing import Any
+
+import numpy as np
+
+from farhorizon import public as fh
+from farhorizon.case.case_values import Values, made
+from farhorizon.case.schema import MaterialPart, WeibullPart, model_kinds
+from farhorizon.errors import InputError
+from farhorizon.files.region_numbers import Regions
+
+_NO_CONSTANTS = {"region", "of", "name"}  # of a material
+
+
+def model_of(part: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice) -> fh.LatticeModel:
+    """The model on a lattice, its constants in regions those of their materials.
+
+    Parameters
+    ----------
+    part : Part
+        The table [model].
+    materials : sequence of MaterialPart
+        The tables [[material]]; later ones go before earlier ones.
+    lattice : Lattice
+
+    Raises
+    ------
+    InputError
+        A constant or an option that such a model does not have, a region without a material or without nodes.
+    """
+    values = part.model_dump(exclude={"type", "kernel", "stencil", "stages", "of", "name"})
+    kind = model_kinds()[part.type]
+    takes, read = signature(kind).parameters, Values(lattice.dim)
+    values |= {name: read.steady(one, f"model.{name}") for name, one in part if isinstance(one, WeibullPart)}
+    if "operator" in takes:
+        values["operator"] = _operator(part, lattice.dim)
+    elif "kernel" in takes:
+        values["kernel"] = None if part.kernel is None else fh.Kernel(**part.kernel.model_dump())
+    if "integrator" in takes and part.stages is not None:
+        values["integrator"] = _integrator(part)
+    _check(materials)
+    named = {name for material in materials for name in material.model_fields_set - _NO_CONSTANTS}
+    for name in sorted(named):
+        if values.get(name) is None:
+            known = sorted(set(MaterialPart.model_fields) & {one for one, value in values.items() if value is not None})
+            raise InputError(
+                "a region has constants that the model has, too",
+                value=name,
+                limit=", ".join(known) or "none",
+                key="material",
+                remedy=f"give [model] its {name}, of what is elsewhere" if name in takes else "leave it out",
+            )
+        values[name] = _constant(name, values[name], materials, lattice)
+    return made(kind, "model", **values)
+
+
+def named_materials(part: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice) -> Regions | None:
+    """The nodes by what the case calls their materials, "" where that has no name; None where none has."""
+    names = [_called(part)]
+    numbers = np.zeros(lattice.shape, np.int32)
+    for i, material in enumerate(materials):
+        if name := _called(material):
+            names += [] if name in names else [name]
+            numbers[_inside(material, i, lattice)] = names.index(name)
+    return Regions(numbers, tuple(names)) if any(names) else None
+
+
+def _called(part: Any) -> str:
+    """What a table calls its material; "" where it says nothing."""
+    return getattr(part, "name", None) or getattr(part, "of", None) or ""
+
+
+def _operator(part: Any, dim: int) -> fh.Kernel | fh.Stencil:
+    if (part.kernel is None) == (part.stencil is None):
+        raise InputError("give either [model.kernel] or stencil", key="model")
+    if part.kernel is not None:
+        return fh.Kernel(**part.kernel.model_dump())
+    make = fh.Stencil.finite_difference if part.stencil == "finite-difference" else fh.Stencil.finite_element
+    return make(dim)
+
+
+def _integrator(part: Any) -> fh.RungeKuttaChebyshev:
+    if part.integrator != "rkc":
+        raise InputError(
+            "only Runge-Kutta-Chebyshev has stages to choose", value=part.integrator, limit="rkc", key="model.stages"
+        )
+    return fh.RungeKuttaChebyshev(part.stages)
+
+
+def _check(materials: Sequence[MaterialPart]) -> None:
+    for i, part in enumerate(materials):
+        if not part.model_fields_set - {"region", "name"}:
+            raise InputError(
+                "a region without a material",
+                key=f"material[{i}]",
+                limit=", ".join(sorted(set(MaterialPart.model_fields) - {"region", "name"})),
+                remedy="give it constants, or leave it out",
+            )
+
+
+def _constant(name: str, value: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice) -> Any:
+    """A constant of the model, with what regions have in its place."""
+    read = Values(lattice.dim)
+    found = read.steady(value, f"model.{name}")
+    given = [(i, part) for i, part in enumerate(materials) if getattr(part, name) is not None]
+    if not given:
+        return found
+    at = lattice.coordinates()
+    values = np.array(np.broadcast_to(found(*at) if callable(found) else found, lattice.shape), float)
+    for i, part in given:
+        there = _inside(part, i, lattice)
+        if not there.any():
+            raise InputError("the region has no node of the near field", key=f"material[{i}].region")
+        inside = read.steady(getattr(part, name), f"material[{i}].{name}")
+        values[there] = inside(*(x[there] for x in at)) if callable(inside) else inside
+    return values
+
+
+def _inside(material: MaterialPart, number: int, lattice: fh.Lattice) -> np.ndarray:
+    """Which nodes lie in the region of a material."""
+    return material.region.build(f"material[{number}].region").contains(np.stack(lattice.coordinates(), -1))
