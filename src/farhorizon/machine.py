@@ -9,6 +9,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ def one_blas_thread() -> Iterator[None]:
     Holds for every OpenBLAS that the process has loaded, where the operating system tells which these are (Linux);
     elsewhere it does nothing.
     """
-    libraries = [(set_threads, count()) for set_threads, count in _openblas()]
+    libraries = [(set_threads, count()) for set_threads, count in _openblas("scipy.linalg" in sys.modules)]
     for set_threads, _ in libraries:
         set_threads(1)
     try:
@@ -38,8 +39,11 @@ def one_blas_thread() -> Iterator[None]:
             set_threads(before)
 
 
-def _openblas() -> list[tuple[Callable[[int], object], Callable[[], int]]]:
-    """Functions that set and tell the number of threads of each OpenBLAS in the process."""
+@cache
+def _openblas(of_scipy: bool) -> list[tuple[Callable[[int], object], Callable[[], int]]]:
+    """Functions that set and tell the number of threads of each OpenBLAS in the process: NumPy's, and SciPy's where it
+    is loaded by now.
+    """
     try:
         maps = Path("/proc/self/maps").read_text()
     except OSError:

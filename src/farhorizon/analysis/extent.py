@@ -19,7 +19,7 @@ from scipy import fft
 
 from farhorizon.analysis.layers.returned import Datum
 from farhorizon.analysis.references.infinite import largest_speed, undisturbed
-from farhorizon.medium.integrators import Integrator, Verlet
+from farhorizon.medium.integrators import Integrator, Verlet, VerletModes
 from farhorizon.medium.stencil import Stencil
 
 _AIM = 0.3  # of the wanted error: in a corner several edges send something back
@@ -110,7 +110,8 @@ class Waves:
             return np.array([scheme.growth(eigenvalue, self.dt) ** n for n in moments])
         if datum.kind != "source":
             u, v = np.array(1.0 * (datum.kind == "u")), np.array(1.0 * (datum.kind == "v"))
-            return np.array([scheme.propagate(eigenvalue, self.dt, n, u, v, self.damping).real for n in moments])
+            modes = VerletModes(eigenvalue, self.dt, self.damping)
+            return np.array([modes.after(n, u, v).real for n in moments])
         found, share = [], self.damping * self.dt
         older, now = np.zeros_like(eigenvalue), np.zeros_like(eigenvalue)
         for number, strength in enumerate(datum.time[: self.steps], 1):

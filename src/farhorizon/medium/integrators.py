@@ -84,20 +84,45 @@ class Verlet:
         symbol: np.ndarray, dt: float, steps: int, u: np.ndarray, v: np.ndarray, damping: float = 0.0
     ) -> np.ndarray:
         """Exact result of `steps` steps for each eigenvalue -symbol, from Fourier coefficients of u and u_t at t =
-        0."""
+        0.
+        """
+        return VerletModes(symbol, dt, damping).after(steps, u, v)
+
+
+class VerletModes:
+    """Modes that velocity Verlet propagates: what any number of steps makes of them.
+
+    Parameters
+    ----------
+    symbol : ndarray
+        Of each mode the eigenvalue of -L, 1/time^2.
+    dt : float
+    damping : float
+        d of `Verlet`.
+    """
+
+    def __init__(self, symbol: np.ndarray, dt: float, damping: float = 0.0) -> None:
         # u(n) = ratio^n (u cos(n angle) + rest sin(n angle)): no difference of nearly equal powers, so that
         # rounding grows like n only. Overdamped modes have an imaginary angle; complex functions take ten times as
         # long, so that without such modes all is real.
-        share = damping * dt
-        ratio = np.sqrt((1 - share) / (1 + share))
-        quarter = dt**2 * np.asarray(symbol, float)
-        cosine = (1 - quarter / 2) / np.sqrt(1 - share**2)
+        self._dt, self._share = dt, damping * dt
+        share, quarter = self._share, dt**2 * np.asarray(symbol, float)
+        self._ratio = np.sqrt((1 - share) / (1 + share))
+        self._cosine = (1 - quarter / 2) / np.sqrt(1 - share**2)
         sine = np.emath.sqrt((quarter - quarter**2 / 4 - share**2) / (1 - share**2))
-        angle = np.arctan2(sine, cosine) if np.isrealobj(sine) else -1j * np.log(cosine + 1j * sine)
-        flat = np.abs(sine) < 1e-9
-        limit = np.power(cosine, steps - 1, where=flat, out=np.ones_like(cosine))
-        slope = np.where(flat, steps * limit, np.sin(steps * angle) / np.where(flat, 1.0, sine))
-        return ratio**steps * (u * np.cos(steps * angle) + (share * cosine * u + ratio * (1 + share) * dt * v) * slope)
+        self._angle = np.arctan2(sine, self._cosine) if np.isrealobj(sine) else -1j * np.log(self._cosine + 1j * sine)
+        self._flat = np.abs(sine) < 1e-9
+        self._sine = np.where(self._flat, 1.0, sine)
+
+    def after(self, steps: int, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """The modes after so many steps, from their amplitudes and the derivatives of these in time at t = 0."""
+        turned = steps * self._angle
+        found = u * np.cos(turned)
+        if self._share or np.any(v):
+            limit = np.power(self._cosine, steps - 1, where=self._flat, out=np.ones_like(self._cosine))
+            slope = np.where(self._flat, steps * limit, np.sin(turned) / self._sine)
+            found = found + (self._share * self._cosine * u + self._ratio * (1 + self._share) * self._dt * v) * slope
+        return self._ratio**steps * found
 
 
 @dataclass(frozen=True)

@@ -269,18 +269,21 @@ class Stencil(Storable):
             Real, of the shape of the angles; of matrices Hermitian, two more axes at the end, complex if any weight is
             not symmetric.
         """
-        bonds = self._sum_up(lambda o, phase: (2 * np.sin(phase / 2) ** 2, np.sin(phase)), *angles)
+        bonds = self._sum_up(lambda o, phase: 2 * np.sin(phase / 2) ** 2, lambda o, phase: np.sin(phase), *angles)
         return bonds + self.own
 
     def symbol_gradient(self, axis: int, *angles: np.ndarray | float) -> np.ndarray:
         """Derivative of the symbol along one axis."""
-        return self._sum_up(lambda o, phase: (o[axis] * np.sin(phase), o[axis] * np.cos(phase)), *angles)
+        return self._sum_up(lambda o, phase: o[axis] * np.sin(phase), lambda o, phase: o[axis] * np.cos(phase), *angles)
 
     def _sum_up(
-        self, terms: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]], *angles: np.ndarray | float
+        self,
+        even: Callable[[np.ndarray, np.ndarray], np.ndarray],
+        odd: Callable[[np.ndarray, np.ndarray], np.ndarray],
+        *angles: np.ndarray | float,
     ) -> np.ndarray:
-        """``sum_k w_k (even_k - i odd_k)`` with ``terms(k, k . angle) = (even_k, odd_k)``, even and odd in k; one of k
-        and -k is computed.
+        """``sum_k w_k (even_k - i odd_k)`` of functions of k and k . angle, even and odd in k; one of k and -k is
+        computed.
         """
         shape = np.broadcast_shapes(*(np.shape(a) for a in angles))
         width = self.weights.shape[1:]
@@ -290,14 +293,14 @@ class Stencil(Storable):
         for o, w, other in zip(self.offsets, self.weights, turned, strict=True):
             if tuple(o) < (0,) * self.dim:
                 continue
-            even, odd = terms(
-                o, sum((int(i) * np.asarray(a, float) for i, a in zip(o, angles, strict=True)), np.zeros(()))
-            )
+            phase = sum((int(i) * np.asarray(a, float) for i, a in zip(o, angles, strict=True) if i), np.zeros(()))
+            # as wide as all angles only where it depends on all of them
+            like, unlike = even(o, phase), odd(o, phase) if skew else 0.0
             for entry in np.ndindex(width):
                 if w[entry] or other[entry]:
-                    total[entry] += (w[entry] + other[entry]) * even
+                    total[entry] += (w[entry] + other[entry]) * like
                     if skew:
-                        total[entry] -= 1j * (w[entry] - other[entry]) * odd
+                        total[entry] -= 1j * (w[entry] - other[entry]) * unlike
         return np.moveaxis(total, (0, 1), (-2, -1)) if width else total
 
     def branches(self, *angles: np.ndarray | float) -> np.ndarray:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy import fft
 
 from farhorizon.errors import InputError
 from farhorizon.machine import available_memory
-from farhorizon.medium.integrators import Integrator, Verlet
+from farhorizon.medium.integrators import Integrator, Verlet, VerletModes
 from farhorizon.medium.stencil import Stencil
 
 
@@ -71,13 +73,7 @@ class InfiniteLattice:
         v: np.ndarray | None = None,
         damping: float = 0.0,
     ) -> None:
-        self.integrator, self.dt, self.last, self.damping, self.shape = (
-            integrator,
-            dt,
-            last,
-            damping,
-            u.shape[-stencil.dim :],
-        )
+        self.integrator, self.dt, self.last, self.shape = integrator, dt, last, u.shape[-stencil.dim :]
         if isinstance(integrator, Verlet):
             travel = largest_speed(stencil) * np.sqrt(rate) * last * dt
             travel += 20 * max(stencil.reach) + 10 * np.cbrt(travel)  # the front has an Airy tail ahead of it
@@ -99,6 +95,13 @@ class InfiniteLattice:
             self.symbol, self.modes = self._diagonal(symbol)
         self.start = self._transform(u)
         self.speed = self._transform(v) if v is not None and np.any(v) else np.zeros(1)
+        self._after: Callable[[int], np.ndarray]
+        if isinstance(integrator, Verlet):
+            modes = VerletModes(self.symbol, dt, damping)
+            self._after = lambda steps: modes.after(steps, self.start, self.speed)
+        else:
+            growth = integrator.growth(self.symbol, dt)
+            self._after = lambda steps: growth**steps * self.start
 
     @staticmethod
     def _diagonal(symbol: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -115,10 +118,7 @@ class InfiniteLattice:
         """The state after a number of steps, shape of the data."""
         if steps > self.last:
             raise InputError("later than the box was made for", value=steps, limit=self.last)
-        if isinstance(self.integrator, Verlet):
-            end = self.integrator.propagate(self.symbol, self.dt, steps, self.start, self.speed, self.damping)
-        else:
-            end = self.integrator.growth(self.symbol, self.dt) ** steps * self.start
+        end = self._after(steps)
         if self.modes is not None:
             end = np.einsum("...ij,j...->i...", self.modes, end)
         return fft.irfftn(end, self.box, axes=range(-len(self.box), 0))[(..., *(slice(n) for n in self.shape))]
