@@ -7,7 +7,7 @@ types of the tables that it reads when a run first has it.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from types import ModuleType
 from typing import Any
 
@@ -99,7 +99,9 @@ class CompiledLoop:
         self, steps: int, phase: int, levels: np.ndarray, tables: Tables, inputs: Inputs, threads: int
     ) -> None:
         """Work off `steps` steps of the tables on some threads."""
-        table, outside = Struct(tables, self._tables), Struct(inputs, self._inputs)
+        last = self._tables
+        table = last if last is not None and last.table is tables else Struct(tables, last)
+        outside = Struct(inputs, self._inputs)
         if not self._serves(levels, table, outside):
             self._kept, self._calls = _calls(levels, table, outside)
         self._levels, self._tables, self._inputs = levels, table, outside
@@ -110,14 +112,18 @@ class CompiledLoop:
         """Whether the calls are those of the last time."""
         if levels is not self._levels or self._tables is None or self._inputs is None:
             return False
-        before, listed = self._tables.table, ("operations", "starts")
-        alike = (a is b or name in listed for name, a, b in zip(Tables._fields, tables.table, before, strict=True))
+        before, now = self._tables.table, tables.table
         return (
             inputs.type is self._inputs.type
-            and all(alike)
-            and all(np.array_equal(getattr(tables.table, name), getattr(before, name)) for name in listed)
-            and _keeps(tables.table, inputs.table) == _keeps(before, self._inputs.table)
+            and (now is before or _alike(now, before))
+            and _keeps(now, inputs.table) == _keeps(before, self._inputs.table)
         )
+
+
+def _alike(tables: Tables, before: Tables) -> bool:
+    """Whether tables are the same ones, their operations the same numbers."""
+    compared: Iterable[tuple[str, Any, Any]] = zip(Tables._fields, tables, before, strict=True)
+    return all(np.array_equal(a, b) if name in ("operations", "starts") else a is b for name, a, b in compared)
 
 
 def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Struct], np.ndarray]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from functools import lru_cache
+from operator import is_
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -51,9 +52,12 @@ class Struct:
         else:
             before = zip(table, last.table, last.parts, strict=True)
             self.parts = [part if value is old else _part(value, part) for value, old, part in before]
-        self.type: StructType = _struct_type(
-            type(table).__name__, table._fields, tuple(part.type for part in self.parts)
-        )
+        kinds = tuple(part.type for part in self.parts)
+        self.type: StructType
+        if last is not None and all(map(is_, kinds, (part.type for part in last.parts))):
+            self.type = last.type
+        else:
+            self.type = _struct_type(type(table).__name__, table._fields, kinds)
         self.words: np.ndarray = np.concatenate([part.words for part in self.parts])
         self.address = _address(self.words)
 
