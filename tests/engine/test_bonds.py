@@ -23,28 +23,19 @@ class PairByPair:
         index = np.stack(np.meshgrid(*[np.arange(n) for n in shape], indexing="ij"), -1).reshape(-1, lattice.dim)
         inner = ((index >= reach) & (index < shape - reach)).all(1)
         free = ((index >= 2 * reach) & (index < shape - 2 * reach)).all(1)
-        stiffness = dict(
-            zip(
-                map(tuple, sim.stencil.offsets.tolist()),
-                model.bond_stiffness(sim.stencil, lattice.spacing),
-                strict=True,
-            )
-        )
-        pairs = [
-            (i, j, stiffness[o])
-            for i, a in enumerate(index.tolist())
-            for j, b in enumerate(index.tolist())
-            if (o := tuple(q - p for p, q in zip(a, b, strict=True))) in stiffness
-        ]
-        self.i, self.j = (np.array([p[k] for p in pairs]) for k in (0, 1))
-        self.c = np.array([p[2] for p in pairs]) / model.density
+        around = max(sim.stencil.reach)
+        number = np.pad(np.arange(len(index)).reshape(shape), around, constant_values=-1)
+        others = np.stack([number[tuple((index + around + o).T)] for o in sim.stencil.offsets], -1)
+        self.i, bond = np.nonzero(others >= 0)
+        self.j = others[self.i, bond]
+        self.c = model.bond_stiffness(sim.stencil, lattice.spacing)[bond] / model.density
         if coefficient is not None:
             factor = np.pad(coefficient, reach, mode="edge").ravel()
             self.c *= RULES[rule](factor[self.i], factor[self.j])
         self.xi = lattice.spacing * (index[self.j] - index[self.i]).astype(float)
         self.length = np.linalg.norm(self.xi, axis=1)
         self.law, self.inner = free[self.i] & free[self.j], inner
-        self.alive = np.ones(len(pairs), bool)
+        self.alive = np.ones(len(self.i), bool)
         self.nonlinear, self.contact, self.limit, self.dt = (
             model.nonlinear,
             model.contact,

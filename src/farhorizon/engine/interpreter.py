@@ -12,14 +12,12 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from farhorizon.engine import operations as op
-from farhorizon.engine.bonds import PHASES, factors_of, follows_law
+from farhorizon.engine.bonds import LAW_EXTENT, LAW_FIRST, PHASES, factors_of
 from farhorizon.engine.engine import Engine
 from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.passes import Passes
 from farhorizon.engine.stretched_shifts import StretchedShifts
 from farhorizon.engine.tables import Inputs, Material, Stage
-
-_follows_law = np.vectorize(follows_law.py_func, excluded=[0])
 
 
 class Interpreter:
@@ -201,7 +199,7 @@ class Interpreter:
         nodes, at = self.nodes[inside], np.indices(self.box.nodes).reshape(3, -1)[:, inside]
         for bond, (place, *offset) in enumerate(bonds.places):
             xi, inverse = bonds.table[bond, :d, None], bonds.table[bond, d]
-            curved = _follows_law(bonds.zone, *at) & _follows_law(bonds.zone, *(at + np.array(offset)[:, None]))
+            curved = _follow_law(bonds.zone, at) & _follow_law(bonds.zone, at + np.array(offset)[:, None])
             eta = src[:, nodes + place] - src[:, nodes]
             bent = np.where(curved & bonds.nonlinear, eta, 0)
             alive = bonds.alive[bond >> 6, nodes] & np.uint64(1) << np.uint64(bond & 63) != 0
@@ -608,3 +606,9 @@ class _States:
         springs = there * np.stack([self.loop.factors(nodes, nodes + d) for d in distances])
         total += np.einsum("ks,kab,kas,kbs->s", springs, self.loop.matrices, old - both, eta - both) / 2
         return float(self.loop.stage.scale * total.sum() / 2)
+
+
+def _follow_law(zone: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """At which places, shape (3, n), bonds within the zone follow the law."""
+    within = at - zone[LAW_FIRST : LAW_FIRST + 3, None]
+    return ((within >= 0) & (within < zone[LAW_EXTENT : LAW_EXTENT + 3, None])).all(0)
