@@ -64,7 +64,7 @@ def check_all(found, least):
         assert foreseen == sent > 0, line
 
 
-STARTS = [(2, ()), (4, ("few",))]
+STARTS = [(2, ()), pytest.param(4, ("few",), marks=pytest.mark.slow)]
 
 
 @pytest.mark.parametrize(("processes", "arguments"), STARTS)
