@@ -398,21 +398,21 @@ def keys_of(sweep, number):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def kept(inputs, step):
+def is_kept(inputs, step):
     """Whether recorders want the field after a step."""
     return (inputs.before + step + 1) % inputs.stride == 0
 
 
 def watch_part(thread, stage, sums, tables, inputs, step, number):
     """What is watched of the field after the step before this one, which is read here and in the cache now."""
-    if step > 0 and stage.part == 0 and kept(inputs, step - 1):
+    if step > 0 and stage.part == 0 and is_kept(inputs, step - 1):
         low, high = keys_of(sums.sweep, number)
         watch(stage.src, inputs.watched, low, high, inputs.seen[step - 1])
 
 
 def hear_part(thread, stage, sums, tables, inputs, step, number):
     """What is heard of the same."""
-    if step > 0 and stage.part == 0 and kept(inputs, step - 1):
+    if step > 0 and stage.part == 0 and is_kept(inputs, step - 1):
         low, high = keys_of(sums.sweep, number)
         sum_blocks(stage.src, tables.listening, low, high, inputs.heard[step - 1])
 
@@ -723,7 +723,7 @@ def dissolve_nodes(thread, stage, sums, tables, inputs, step, number):
 @operation(KEEP)  # with `hear_last`
 def watch_last(thread, stage, sums, tables, inputs, step, number):
     """What is watched of the last step of a call; of the others it is kept as the next step reads the field."""
-    if step == inputs.seen.shape[0] - 1 and kept(inputs, step):
+    if step == inputs.seen.shape[0] - 1 and is_kept(inputs, step):
         own = share(thread, count_parts(sums.sweep))
         for part in range(own[0], own[1]):
             low, high = keys_of(sums.sweep, part)
@@ -732,7 +732,7 @@ def watch_last(thread, stage, sums, tables, inputs, step, number):
 
 def hear_last(thread, stage, sums, tables, inputs, step, number):
     """What is heard of it."""
-    if step == inputs.seen.shape[0] - 1 and kept(inputs, step):
+    if step == inputs.seen.shape[0] - 1 and is_kept(inputs, step):
         own = share(thread, count_parts(sums.sweep))
         for part in range(own[0], own[1]):
             low, high = keys_of(sums.sweep, part)
