@@ -235,3 +235,9 @@ def test_a_run_on_other_nodes_is_refused():
     other = fh.Setup(fh.Lattice(0.5, (-8.0, -8.0), (8.0, 8.0)), fh.Diffusion(fh.Kernel(2.0)))
     with pytest.raises(fh.InputError, match="nodes that are not those of the solid"):
         set_up(fh.ThermalLoad(other, 1e-5, 0.0))
+
+
+def test_images_beyond_a_wall_have_no_temperature():
+    heat = fh.Setup(SMALL, fh.Diffusion(fh.Kernel(2.0)), constraints=[fh.Temperature("x-", 1.0, kind="mirror")])
+    with pytest.raises(fh.InputError, match='not known on nodes.*34 nodes; remedy: .* another kind than "mirror"'):
+        set_up(fh.ThermalLoad(heat, 1e-5, 0.0))

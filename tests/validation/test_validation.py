@@ -9,7 +9,15 @@ from scipy.integrate import quad, solve_ivp
 
 from farhorizon import InputError
 from farhorizon.cli import main
-from farhorizon.validation import cross_sections, dissolution, explosion, moving_load, nonlocal_waves, stress_intensity
+from farhorizon.validation import (
+    cross_sections,
+    dissolution,
+    explosion,
+    moving_load,
+    nonlocal_waves,
+    stress_intensity,
+    thermal_shock,
+)
 from farhorizon.validation.validations import VALIDATIONS
 from outputs import written
 
@@ -95,6 +103,22 @@ def test_an_intensity_is_found_in_an_opening():
     assert stress_intensity.measured_intensity(r, found) == pytest.approx(1.7, rel=0.01)
 
 
+def test_a_heated_half_space_moves_as_its_equation_says():
+    """u_tt = u_xx - T_x behind and ahead of the front, no stress at the face, and rest before: u = -t at the face."""
+    h, face = 1e-3, np.array([0.0, 1e-4])
+    for x, t in [(np.array([0.5, 2.0]), 3.0), (np.array([4.5, 9.0]), 3.0), (np.array([3.0, 30.0, 70.0]), 50.0)]:
+        u = {
+            (i, j): thermal_shock.displacement(x + i * h, t + j * h)
+            for i, j in [(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)]
+        }
+        slope = -np.exp(-(x**2) / (4 * t)) / np.sqrt(np.pi * t)
+        curved = (u[1, 0] - 2 * u[0, 0] + u[-1, 0]) / h**2
+        np.testing.assert_allclose((u[0, 1] - 2 * u[0, 0] + u[0, -1]) / h**2, curved - slope, atol=1e-7)
+        assert np.diff(thermal_shock.displacement(face, t)) == pytest.approx(1e-4, rel=1e-3)
+    assert thermal_shock.displacement(np.array([0.0]), 1e-6) == pytest.approx(-1e-6, rel=1e-2)
+    assert np.abs(thermal_shock.displacement(np.array([50.0]), 2.0)).max() < 1e-15
+
+
 def test_fronts_of_steel():
     """7.88 and 1.19 micrometres per root second, computed by hand from the two equations of the Stefan problem."""
     from scipy.special import erf, erfc
@@ -171,6 +195,12 @@ BOUNDS = {
     "penny-crack": [(1.0, 0.15), (1.0, 0.06), (1.0, 0.5)],
     "pencil-electrode": [(1.0, 0.02), (1.0, 0.01), (7.881, 0.08)],
     "open-electrolyte": [(1.0, 0.005), (1.0, 0.005), (1.189, 0.006)],
+    # a kink that waves of all speeds smear over the 2/3 power of the spacing: 4/3; then the face alone
+    "thermal-shock": [
+        *[(0.0, bound) for bound in (0.003, 0.001, 0.015, 0.01, 0.0015, 0.0003, 0.0075, 0.005)],
+        (4 / 3, 0.25),
+        (1.5, 0.5),
+    ],
 }
 
 

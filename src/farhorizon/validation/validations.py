@@ -17,6 +17,7 @@ VALIDATIONS = Collection(
         "pressurised",
         "penny",
         "dissolution",
+        "thermal_shock",
         "branching",
     ),
     "exact",

@@ -1,0 +1,114 @@
+r"""The face of a half-space is heated at once: the wave that runs ahead of the heat.
+
+From t = 0 on the face x = 0, free of stress, is at the temperature :math:`T_0`; the heat diffuses inwards,
+:math:`T = T_0\,\mathrm{erfc}(x / 2\sqrt{\kappa t})`, and the solid, too inert to grow at once, sends out a wave of
+compression (Danilovskaya, 1950, Prikl. Mat. Mekh. 14, 316; without the heat that the deformation sets free). In units
+of the length :math:`\kappa / c`, of the time :math:`\kappa / c^2` and of the displacement :math:`\gamma T_0 \kappa / (M
+c)`, with the speed c of P waves, :math:`M = \rho c^2` and :math:`\gamma = E \alpha / (1 - 2\nu)`, the Laplace transform
+of the displacement is
+
+.. math:: \hat u = \frac{e^{-px} - e^{-x\sqrt p} / \sqrt p}{p\,(1 - p)}
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy.special import erfc, erfcx
+
+from farhorizon.boundaries import Free, LatticePML, Periodic
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.conditions import Temperature
+from farhorizon.inputs.thermal_loads import ThermalLoad
+from farhorizon.medium.kernel import Kernel
+from farhorizon.models import Diffusion, Elastic
+from farhorizon.simulation.setup import Setup
+from farhorizon.simulation.simulation import Simulation
+from farhorizon.studies.collection import Outcome, Row
+from farhorizon.validation.validations import validation
+
+SHOCK = "Danilovskaya (1950), Thermal stresses in an elastic half-space due to a sudden heating of its boundary"
+POISSON = 0.25
+YOUNG = (1 + POISSON) * (1 - 2 * POISSON) / (1 - POISSON)  # so that M, and with the density 1 the speed c, are 1
+STRAIN = 1e-3  # gamma T0 / M
+EXPANSION = STRAIN * (1 - 2 * POISSON) / YOUNG
+DEPTH, UNTIL = 80.0, 100.0  # the front has left, the heat has come to the 4th part
+SPACINGS = (0.4, 0.2)
+EARLY = 20.0  # the front is within
+
+
+def displacement(x: np.ndarray, t: float) -> np.ndarray:
+    """The exact one, in its unit.
+
+    Parameters
+    ----------
+    x : ndarray
+        Depths >= 0.
+    t : float
+        > 0.
+    """
+    root, spread = np.sqrt(t), np.exp(-(x**2) / (4 * t))
+    near, far = root - x / (2 * root), root + x / (2 * root)
+    # in erfcx of positive numbers, for exp(t) grows out of bounds; behind the front the exponentials cancel
+    beside = spread * erfcx(np.abs(near)) / 2
+    wave = np.where(x < t, beside - 1, np.where(near > 0, beside - np.exp(np.minimum(t - x, 0)), -beside))
+    return -(2 * root / np.sqrt(np.pi) * spread - x * erfc(x / (2 * root)) + wave + spread * erfcx(far) / 2)
+
+
+def run(spacing: float, computed: bool = False) -> Simulation:
+    """A layer of the half-space, periodic along its face, before its first step.
+
+    Parameters
+    ----------
+    spacing : float
+    computed : bool
+        The temperature is a run of its own, whose outermost nodes are held, not the exact one.
+    """
+    lower = -1.5 * spacing if computed else spacing / 2  # the wall is the inner edge of two layers that are held
+    lattice = Lattice(spacing, (lower, -4 * spacing), (DEPTH - spacing / 2, 4 * spacing))
+    sides = {"x-": Free(), "x+": LatticePML(nodes=24), "y": Periodic()}
+    kernel = Kernel(2 * spacing)
+    heat = Setup(lattice, Diffusion(kernel, 1.0), sides, constraints=[Temperature("x-", 1.0)])
+    load = ThermalLoad(heat if computed else temperature, EXPANSION, 0.0)
+    solid = Elastic(Kernel(2 * spacing, exponent=1), young=YOUNG)
+    return Simulation(lattice, solid, sides, loads=[load])
+
+
+def temperature(x: np.ndarray, y: np.ndarray, t: float) -> np.ndarray:
+    """The exact one."""
+    return np.asarray(erfc(x / (2 * np.sqrt(max(t, 1e-12)))) + 0 * y)
+
+
+def compared(sim: Simulation, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Run to a time; depths, the displacement there in its unit, and the exact one."""
+    sim.run(time, progress=False)
+    x = sim.lattice.axes[0]
+    return x[x > 0], sim.fields["u"][0, x > 0, 4] / STRAIN, displacement(x[x > 0], sim.time)
+
+
+@validation("thermal-shock", SHOCK, "the face of a half-space is heated at once")
+def shock(folder: Path) -> Outcome:
+    """Bonds in plane strain; at t = 20 the front is inside, at t = 100 it has left through the layer."""
+    from farhorizon.pictures.curves import curve_panels
+
+    rows, errors, panels = [], [], []
+    for spacing in SPACINGS:
+        for computed in (False, True):
+            sim = run(spacing, computed)
+            for time in (EARLY, UNTIL):
+                x, found, wanted = compared(sim, time)
+                error = float(np.abs(found - wanted).mean() / np.abs(wanted).max())
+                of = "computed" if computed else "exact"
+                rows.append(Row(f"mean difference, t = {time:g}, {of} temperature, spacing {spacing:g}", error))
+                if not computed:
+                    errors.append(error)
+                if spacing == SPACINGS[-1] and not computed:
+                    panels.append((f"t = {time:g}", [("exact", x, wanted), ("computed", x, found)]))
+    orders = np.log2(np.array(errors[:2]) / errors[2:])
+    rows += [
+        Row(f"order in the spacing, t = {time:g}", float(o)) for time, o in zip((EARLY, UNTIL), orders, strict=True)
+    ]
+    picture = folder / "thermal-shock.png"
+    curve_panels(panels, picture, xlabel="depth", ylabel="displacement")
+    return Outcome(rows, pictures=[picture])
