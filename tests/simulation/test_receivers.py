@@ -89,6 +89,27 @@ def test_what_is_received_is_the_field_between_the_nodes(make, method):
     np.testing.assert_array_equal(run.fields["u"], plain.fields["u"])
 
 
+@pytest.mark.parametrize("method", ["sinc", "linear"])
+@pytest.mark.parametrize(("shape", "threads"), [((61, 33), 1), ((33, 61), 1), ((301, 201), 2)])
+def test_all_over_the_near_field_no_point_is_left_out(shape, threads, method):
+    """The loop sums where it has swept all rows of a point, upwards and downwards; those at the edges, too."""
+    rng = np.random.default_rng(5)
+    noise, close = rng.standard_normal(shape), 7 if method == "sinc" else 0
+    lattice, low, high = fh.Lattice(1.0, (0, 0), np.array(shape) - 1), close, np.array(shape) - 1.0 - close
+    points = rng.uniform(low, high, (300, 2))
+    points[:40, 0], points[40:80, 0], points[80:120, 1], points[120:160, 1] = low + 1e-3, high[0] - 1e-3, low, high[1]
+    found = []
+    for steps in ([7], [1] * 7):  # what is kept of the last step of a call is summed by itself
+        receivers = fh.Receivers(points, interpolation=method)
+        model = fh.Wave(fh.Kernel(2.0))
+        run = fh.Simulation(lattice, model, fh.Fixed(), {"u": noise}, threads=threads, observe=[receivers])
+        for count in steps:
+            run.step(count)
+        found.append(receivers.data["u"])
+    np.testing.assert_array_equal(*found)
+    assert np.ptp(found[0], axis=0).all()
+
+
 def test_in_single_precision_receivers_follow_the_fields():
     """As sums over the fields to the rounding of float32; a point on a node is that node."""
     receivers = fh.Receivers([*POINTS, (0.5, 0.25)], interpolation="sinc")

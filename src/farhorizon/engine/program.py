@@ -367,8 +367,10 @@ def watch(level, runs, low, high, seen):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def sum_blocks(level, listening, low, high, heard):
-    """Sums over blocks of nodes whose keys are from `low` to `high`."""
+def sum_blocks(level, listening, low, high, way, heard):
+    """Sums over blocks of nodes whose middles are from `low` to `high`; with 1 or -1 for `way` those whose last or
+    first rows are: where rows are swept upwards or downwards all the others have just been in the cache.
+    """
     sets, rows, weights, stride = listening.sets, listening.rows, listening.weights, listening.stride
     source, factors, size = level.ctypes.data, weights.ctypes.data, level.itemsize
     none = level.dtype.type(0)  # 0 times a float32 is a float64 here
@@ -376,8 +378,9 @@ def sum_blocks(level, listening, low, high, heard):
     for s in range(sets.shape[0]):
         start, end = end, end + sets[s, 0]
         planes, lines, nodes = sets[s, 1], sets[s, 2], sets[s, 3]
-        r = first_from(rows, start, end, low)
-        while r < end and rows[r, 0] < high:
+        rest = (lines - (way > 0)) // 2 * way * stride[1]
+        r = first_from(rows, start, end, low - rest)
+        while r < end and rows[r, 0] < high - rest:
             place, first = rows[r, 1], rows[r, 2]
             across, along = factors + rows[r, 3] * size, factors + rows[r, 4] * size
             total = none
@@ -414,7 +417,8 @@ def hear_part(thread, stage, sums, tables, inputs, step, number):
     """What is heard of the same."""
     if step > 0 and stage.part == 0 and is_kept(inputs, step - 1):
         low, high = keys_of(sums.sweep, number)
-        sum_blocks(stage.src, tables.listening, low, high, inputs.heard[step - 1])
+        way = ZERO if sums.sweep.block[1] > 1 else ONE - 2 * stage.backward  # in space planes come before rows
+        sum_blocks(stage.src, tables.listening, low, high, way, inputs.heard[step - 1])
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -736,7 +740,7 @@ def hear_last(thread, stage, sums, tables, inputs, step, number):
         own = share(thread, count_parts(sums.sweep))
         for part in range(own[0], own[1]):
             low, high = keys_of(sums.sweep, part)
-            sum_blocks(stage.out, tables.listening, low, high, inputs.heard[step])
+            sum_blocks(stage.out, tables.listening, low, high, ZERO, inputs.heard[step])
 
 
 @operation(LAW)
