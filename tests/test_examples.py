@@ -33,6 +33,7 @@ def test_borehole_for_a_hundred_diffusion_times():
         assert np.abs(example["errors"](dt, times)).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_plate_with_an_insulating_crack():
     """Towards refined finite elements, with half the horizon."""
     differences = script("insulating_crack")["differences"]

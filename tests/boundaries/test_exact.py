@@ -82,6 +82,7 @@ ENDS = [
 ]
 
 
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize(("end", "reach", "bound"), ENDS)
 @pytest.mark.parametrize(("kind", "share", "steps"), RANDOM)
 def test_random_data_on_the_whole_near_field(end, reach, bound, kind, share, steps):
@@ -150,7 +151,9 @@ def test_a_run_outlives_its_kernel(end):
 
 
 @BOTH
-@pytest.mark.parametrize("saved", [pytest.param(1, marks=pytest.mark.slow), 64, 100, 1024])
+@pytest.mark.parametrize(
+    "saved", [pytest.param(1, marks=pytest.mark.slow), 64, pytest.param(100, marks=pytest.mark.slow), 1024]
+)
 def test_restored_runs_are_bitwise_the_same(end, saved, tmp_path):
     """Also across the end of the kernel, and at the end of a block."""
     u = np.random.default_rng(3).uniform(-1, 1, 40)

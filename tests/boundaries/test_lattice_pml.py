@@ -130,6 +130,7 @@ def test_waveguide(reach, nodes, limit, face):
     assert worst(setup, 60) <= limit
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("reach", [1, 2, 3])
 @pytest.mark.parametrize("nodes, limit", FIGURES)
 @pytest.mark.parametrize("centre", [(2.5, 2.5), (2.5, 0.0)])
@@ -140,6 +141,7 @@ def test_pulses_off_centre(reach, nodes, limit, centre):
     assert worst(wave(2, kernel(reach), nodes, centre=centre), 60) <= limit
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("reach", [1, 2, 3])
 @pytest.mark.parametrize("nodes, limit", FIGURES)
 @pytest.mark.parametrize("centre", [(2.5, 2.5), (2.5, 0.0)])

@@ -412,6 +412,7 @@ def _scalings():
             yield pytest.param(name, units, marks=pytest.mark.slow if number >= _FAST.get(name, 3) else ())
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name, units", list(_scalings()))
 def test_certificates_know_no_units(name, units):
     """The same problem in other units of length, time and mass: the same verdict and the same growth per crossing."""
@@ -509,6 +510,7 @@ def test_noise_agrees_with_what_a_longer_run_says(number):
     assert (rate * 3 * n > 12) <= (found.verdict == "not certified"), f"seed {SEED}, {number}: {found}; {rate}"
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("share", [0.5, 0.8, 0.95])
 @pytest.mark.parametrize("nodes", [3, 5, 8, 12])
 @pytest.mark.parametrize("reach", [1, 3])

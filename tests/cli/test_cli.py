@@ -46,6 +46,8 @@ LARGE = [  # slow at full size, or like another one; tests/test_examples.py has 
         "letters",
         "wave_3d",
         "blob_classical",
+        "pitting",
+        "waveguide",
     )
 ]
 GROWING = EXAMPLES / "dispersive_pulse.toml"  # a kernel that the layer cannot absorb: it has a test of its own

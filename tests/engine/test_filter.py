@@ -47,6 +47,7 @@ def filter_matrix(nodes, shape, periodic):
     return filtered
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("whole", [False, True])
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize(

@@ -612,6 +612,7 @@ def contents(path):
     )
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("compress", [False, True])
 def test_any_flipped_bit_of_results_is_told_or_harmless(tmp_path, compress):
     """Damage anywhere: FileFormatError, or (in padding) everything is read as it was."""

@@ -42,6 +42,7 @@ RANDOM = [
 ]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("reach", [1, 2, 7, 25])
 @pytest.mark.parametrize(("kind", "share", "steps"), RANDOM)
 def test_random_data_on_the_whole_near_field(reach, kind, share, steps):

@@ -25,7 +25,6 @@ from farhorizon.engine.operations import (
     Tables,
     beginning_operations,
     check_room,
-    operations_of,
     operator_operations,
     sweep_operations,
     table_of,
@@ -34,6 +33,7 @@ from farhorizon.engine.operations import (
 from farhorizon.engine.passes import Passes, StateSums
 from farhorizon.engine.phases import NEVER
 from farhorizon.engine.plain_tables import first_tables, numbers_of
+from farhorizon.engine.repeats import Repeats
 from farhorizon.engine.rows.build import load_program
 from farhorizon.engine.rows.matrices import Signs, signs_of
 from farhorizon.engine.rows.structs import Struct
@@ -213,9 +213,7 @@ class Engine:
         self.seen, self.heard = np.zeros((0, 0)), np.zeros((0, 0))
         self.watch(np.zeros(0, np.int64))
         self.watch_stride = 1
-        self._room: dict[str, np.ndarray] = {}
-        self._nothing: tuple[tuple[Any, ...], Inputs] | None = None
-        self._planned: tuple[Tables, Inputs, Tables] | None = None
+        self._repeats = Repeats()
         self._own_loop = CompiledLoop()
         self.exchange: Exchange | None = None
         self.loop: Loop | None = None
@@ -452,34 +450,8 @@ class Engine:
 
     def _no_inputs(self, steps: int) -> Inputs:
         """Nothing from outside for some steps; prescribed values are zero."""
-        given = steps, self.held, self._watched, self.tables.dependents, self.tables.listening, self.watch_stride
-        if self._nothing is None or not _same(self._nothing[0], given):
-            self._nothing = given, self._new_inputs(steps)
-        return self._nothing[1]._replace(before=self.steps_done)
-
-    def _new_inputs(self, steps: int) -> Inputs:
-        none, times = np.zeros(0, np.int64), np.zeros((steps, len(self.stages.numbers), 0), self.dtype)
-        return Inputs(
-            self.steps_done,
-            none,
-            np.zeros((0, 0), self.dtype),
-            times,
-            self.held,
-            np.zeros((steps, len(self.held))),
-            np.zeros((0, len(self.tables.dependents.nodes)), self.dtype),
-            times,
-            self._watched,
-            self._rows("seen", steps, int(self._watched[:, 3].sum())),
-            self._rows("heard", steps, len(self.tables.listening.rows)),
-            self.watch_stride,
-        )
-
-    def _rows(self, name: str, steps: int, width: int) -> np.ndarray:
-        """Room for so many rows, the same again and again: to be given new memory takes longer than to fill it."""
-        held = self._room.get(name)
-        if held is None or held.size < steps * width:
-            held = self._room[name] = np.zeros(steps * width)
-        return held[: steps * width].reshape(steps, width)
+        found = self._repeats.nothing(steps, self.tables, self.held, self._watched, self.watch_stride)
+        return found._replace(before=self.steps_done)
 
     def sweep_in_pieces(self, rows: int) -> None:
         """From now on sweep whole multiples of some rows at a time."""
@@ -513,19 +485,10 @@ class Engine:
             times = np.ascontiguousarray(dependent_times)
             inputs = inputs._replace(dependent_fields=dependent_fields, dependent_times=times)
         check_room(self.tables, inputs, steps)
-        tables = self._with_operations(inputs)
+        tables = self._repeats.planned(self.tables, inputs)
         (self.loop or self._compiled)(steps, self.phase, self.levels, tables, inputs)
         self.phase = (self.phase + steps) % len(tables.rotation)
         self.steps_done += steps
-
-    def _with_operations(self, inputs: Inputs) -> Tables:
-        """The tables with what there is to do, the very same for the same inputs: what makes certificates calls this
-        ten thousand times.
-        """
-        if self._planned is None or self._planned[0] is not self.tables or not _same(self._planned[1][1:], inputs[1:]):
-            operations, starts = operations_of(self.tables, inputs)
-            self._planned = self.tables, inputs, self.tables._replace(operations=operations, starts=starts)
-        return self._planned[2]
 
     def advance_alone(self, steps: int) -> None:
         """Run steps with nothing from outside: no sources, and prescribed values that are zero."""
@@ -563,8 +526,3 @@ class Engine:
 def _remembering(layers: Kept, memory: np.ndarray, start: int) -> Kept:
     """The same layers with another memory: the part of it that begins at `start`."""
     return layers._replace(memory=memory[start : start + layers.memory.size])
-
-
-def _same(given: tuple[Any, ...], before: tuple[Any, ...]) -> bool:
-    """Whether two tuples hold the very same arrays and equal numbers."""
-    return all(a is b or (isinstance(a, int) and a == b) for a, b in zip(given, before, strict=True))

@@ -358,8 +358,9 @@ class Interpreter:
                     ends.forces[end, :reach] += ends.heads[end, lag] @ ends.history[end, step - lag]
             self._add(stage.scale * ends.forces[end : end + 1, :reach], nodes)
             counted = self.tables.flows.ends[end] >= 0 if len(self.tables.flows.ends) else np.zeros(reach, bool)
-            gains = self.tables.flows.effects[stage.part] * ends.forces[end, :reach][counted]
-            self._count(self.tables.flows.ends[end][counted] if counted.any() else nodes[:0], gains)
+            flows = self.tables.flows
+            gains = flows.effects[stage.part] * ends.forces[end, :reach][counted]
+            np.add.at(flows.totals[0], flows.ends[end][counted] if counted.any() else nodes[:0], gains)
 
     def _feed(self) -> None:
         stage, inputs = self.stage, self.inputs
@@ -403,16 +404,13 @@ class Interpreter:
         fields, times = inputs.source_fields, inputs.source_times[self.step, stage.part]
         self.tables.work[0] += 0.5 * (times @ fields) @ change
 
-    def _count(self, accounts: np.ndarray, gains: np.ndarray) -> None:
-        np.add.at(self.tables.flows.totals[0], accounts, gains)
-
     def _flow(self) -> None:
         flows, src = self.tables.flows, self.stage.src
         inner = flows.neighbours >= 0
         others = np.where(inner, flows.neighbours, flows.nodes)
         gaps = self.factors(flows.nodes, others) * self._gaps(flows.nodes, others)[0]
         gaps = np.where(inner, gaps, -src[flows.nodes])
-        self._count(flows.accounts, flows.effects[self.stage.part] * flows.weights * gaps)
+        np.add.at(flows.totals[0], flows.accounts, flows.effects[self.stage.part] * flows.weights * gaps)
 
     def _flow_of_layers(self) -> None:
         flows = self.tables.flows
@@ -423,7 +421,7 @@ class Interpreter:
                 for at, account, first, last in flows.sides:
                     if at == axis:
                         gains = flows.effects[self.stage.part] * level[flows.beside[first:last]]
-                        self._count(np.full(last - first, account), gains)
+                        np.add.at(flows.totals[0], np.full(last - first, account), gains)
 
     def _depend(self) -> None:
         nodes, starts, sources, weights = self.tables.dependents

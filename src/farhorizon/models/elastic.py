@@ -426,13 +426,8 @@ class Elastic(LatticeModel):
         lame, shear = self.lame / self.p_modulus, self.shear / self.p_modulus
         if self.material == "correspondence":
             return correspondence_states(offsets, weights, lame, shear, self.stabilisation)
-        bonds = self._springs(offsets, weights, shear)[1]
+        bonds = _springs(self.kernel, offsets, weights, shear)[1]
         return dilatation_states(offsets, bonds, weights, lame - shear, self.kernel.calibrate)
-
-    def _springs(self, offsets: np.ndarray, weights: np.ndarray, shear: float) -> Table:
-        """Bonds of a bond-based material, or those beside the dilatation of a state-based one."""
-        calibrate = isinstance(self.kernel, Kernel) and self.kernel.calibrate
-        return central(offsets, isotropic(offsets, weights) if calibrate else weights, shear)
 
     def stencil(self, spacing: float, dim: int) -> Stencil:
         """Stencil for unit P modulus."""
@@ -464,7 +459,13 @@ class Elastic(LatticeModel):
         if self.material == "correspondence":
             made = correspondence(offsets, weights, lame, shear, self.stabilisation)
         else:
-            made = self._springs(offsets, weights, shear)
+            made = _springs(self.kernel, offsets, weights, shear)
             if self.material == "state-based":
                 made = sum_of(made, dilatation(offsets, weights, lame - shear, self.kernel.calibrate))
         return stable_solid(stencil_of(made))
+
+
+def _springs(kernel: Kernel | Stencil | None, offsets: np.ndarray, weights: np.ndarray, shear: float) -> Table:
+    """Bonds of a bond-based material, or those beside the dilatation of a state-based one."""
+    calibrate = isinstance(kernel, Kernel) and kernel.calibrate
+    return central(offsets, isotropic(offsets, weights) if calibrate else weights, shear)

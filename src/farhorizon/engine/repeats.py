@@ -1,0 +1,73 @@
+"""What calls of the loop have in common with the ones before: certificates make ten thousands of them, each of a step
+with nothing from outside.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from farhorizon.engine.operations import Tables, operations_of
+from farhorizon.engine.tables import Inputs
+
+
+class Repeats:
+    """Keeps inputs and tables for the next call, which most often takes the very same ones."""
+
+    def __init__(self) -> None:
+        self._room: dict[str, np.ndarray] = {}
+        self._nothing: tuple[tuple[Any, ...], Inputs] | None = None
+        self._planned: tuple[Tables, Inputs, Tables] | None = None
+
+    def nothing(self, steps: int, tables: Tables, held: np.ndarray, watched: np.ndarray, stride: int) -> Inputs:
+        """Nothing from outside for some steps; prescribed values are zero.
+
+        Parameters
+        ----------
+        steps : int
+        tables : Tables
+        held, watched : ndarray of int
+            As `Inputs` has them.
+        stride : int
+        """
+        given = steps, stride, held, watched, tables.dependents, tables.listening
+        if self._nothing is None or not _same(self._nothing[0], given):
+            none, times = np.zeros(0, np.int64), np.zeros((steps, len(tables.numbers), 0), tables.numbers.dtype)
+            self._nothing = (
+                given,
+                Inputs(
+                    0,
+                    none,
+                    np.zeros((0, 0), times.dtype),
+                    times,
+                    held,
+                    np.zeros((steps, len(held))),
+                    np.zeros((0, len(tables.dependents.nodes)), times.dtype),
+                    times,
+                    watched,
+                    self._rows("seen", steps, int(watched[:, 3].sum())),
+                    self._rows("heard", steps, len(tables.listening.rows)),
+                    stride,
+                ),
+            )
+        return self._nothing[1]
+
+    def _rows(self, name: str, steps: int, width: int) -> np.ndarray:
+        """Room for so many rows, the same again and again: to be given new memory takes longer than to fill it."""
+        kept = self._room.get(name)
+        if kept is None or kept.size < steps * width:
+            kept = self._room[name] = np.zeros(steps * width)
+        return kept[: steps * width].reshape(steps, width)
+
+    def planned(self, tables: Tables, inputs: Inputs) -> Tables:
+        """The tables with what there is to do, the very same for the same inputs."""
+        if self._planned is None or self._planned[0] is not tables or not _same(self._planned[1][1:], inputs[1:]):
+            operations, starts = operations_of(tables, inputs)
+            self._planned = tables, inputs, tables._replace(operations=operations, starts=starts)
+        return self._planned[2]
+
+
+def _same(given: tuple[Any, ...], before: tuple[Any, ...]) -> bool:
+    """Whether two tuples hold the very same arrays and equal numbers."""
+    return all(a is b or (isinstance(a, int) and a == b) for a, b in zip(given, before, strict=True))
