@@ -184,7 +184,7 @@ def test_pictures_name_the_units():
     with counted_in({"length": "mm", "time": "us"}):
         figure = field_panels([(time_text(3.0), np.ones((4, 3)))], axes, None)
     panel = figure.axes[0]
-    assert (panel.get_xlabel(), panel.get_ylabel(), panel.get_title()) == ("x (mm)", "y (mm)", "3 us")
+    assert (panel.get_xlabel(), panel.get_ylabel(), panel.get_title()) == ("x (mm)", "y (mm)", "3 µs")
     assert time_text(3.0) == "3" and time_text(2e7).endswith("{7}$")
 
 

@@ -28,4 +28,4 @@ def test_frequencies_have_their_unit():
     directions = as_directions(12, 2, "directions")
     with counted_in({"frequency": "1/us"}):
         figure = polar_picture(directions, np.array([0.5]), {"P": np.ones((1, 12))}, None)
-    assert figure.axes[0].get_title() == "f = 0.5/us"
+    assert figure.axes[0].get_title() == "f = 0.5/µs"

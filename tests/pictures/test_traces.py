@@ -48,7 +48,7 @@ def test_spectra_of_one_frequency_and_energies_with_signs():
         figure = spectrum_picture(np.zeros((1, 2)), np.array([0.2]), np.array([[-3.0]]), None, label="energy")
     (line,) = figure.axes[0].get_lines()
     assert line.get_marker() == "o" and line.get_ydata() == [-3.0]
-    assert figure.axes[0].get_xlabel() == "frequency (1/us)" and figure.axes[0].get_ylabel() == "energy per frequency"
+    assert figure.axes[0].get_xlabel() == "frequency (1/µs)" and figure.axes[0].get_ylabel() == "energy per frequency"
     sums = np.array([[-3.0 + 4.0j], [1.0 + 0.0j]])
     (line,) = spectrum_picture(np.zeros((1, 2)), np.array([0.2, 0.3]), sums, None, label="u").axes[0].get_lines()
     np.testing.assert_array_equal(line.get_ydata(), [5.0, 1.0])

@@ -7,6 +7,7 @@ open.
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -49,6 +50,7 @@ _FEW = 8  # nodes whose values may lie beyond the colours
 _MORE = 1.75  # if the largest is more than so many times that of the others
 _SMALL = 400  # nodes of a field that is shown whole
 _BEYOND = 0.02  # of the range of colours: what is further beyond is told by an arrow
+_MICRO = re.compile(r"\bu(?=[a-zA-Z])")  # of us and um
 _UNITS: ContextVar[Mapping[str, str]] = ContextVar("units", default=MappingProxyType({}))
 
 
@@ -99,8 +101,13 @@ def counted_in(units: Mapping[str, str]) -> Iterator[None]:
 
 def with_unit(name: str, measured: str = "length") -> str:
     """The label of what is measured in a unit of `counted_in`, by default of a coordinate."""
-    unit = _UNITS.get().get(measured)
+    unit = _unit_of(measured)
     return f"{name} ({unit})" if unit else name
+
+
+def _unit_of(measured: str) -> str:
+    """The unit of what is measured, with the sign of micro; empty without one."""
+    return _MICRO.sub("\N{MICRO SIGN}", _UNITS.get().get(measured, ""))
 
 
 def speed_text(value: float) -> str:
@@ -183,7 +190,7 @@ def extent_beyond(
 
 def time_text(time: float) -> str:
     """A time with four digits and its unit; powers of ten where there are many zeros."""
-    text, unit = f"{time:.4g}", _UNITS.get().get("time")
+    text, unit = f"{time:.4g}", _unit_of("time")
     if "e" in text:
         digits, power = text.split("e")
         text = rf"${digits} \times 10^{{{int(power)}}}$"

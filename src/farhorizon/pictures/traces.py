@@ -12,6 +12,7 @@ from farhorizon.pictures.style import COLORS, figure_at, number_text, scale_of, 
 _MOST_WIGGLES = 41
 _LEAST_IN_SECTION = 8
 _MOST_CURVES = 7
+_AT_REST, _SMOOTH = 0.02, 4  # of the largest value; times the length of a record to take the spectrum of
 _STRAIGHT = 1e-6  # of a line's length: points further from it do not lie on it
 
 
@@ -161,13 +162,18 @@ def _edges(middles: np.ndarray) -> np.ndarray:
 
 
 def _spectra(axes: Any, points: np.ndarray, times: np.ndarray, values: np.ndarray) -> None:
-    """Amplitudes over frequency, to where the largest of all has fallen to a hundredth for good."""
+    """Amplitudes over frequency, to where the largest of all has fallen to a hundredth for good; records that end at
+    rest go on with zeros, which makes the curves smooth.
+    """
     if len(times) < 2:
         axes.set_axis_off()
         return
     dt = float(times[-1] - times[0]) / (len(times) - 1)
-    amplitudes = dt * np.abs(np.fft.rfft(np.nan_to_num(values), axis=0))
-    frequencies = np.fft.rfftfreq(len(times), dt)
+    values = np.nan_to_num(values)
+    at_rest = np.abs(values[-1]).max() <= _AT_REST * np.abs(values).max()
+    count = (_SMOOTH if at_rest else 1) * len(times)
+    amplitudes = dt * np.abs(np.fft.rfft(values, count, axis=0))
+    frequencies = np.fft.rfftfreq(count, dt)
     strong = np.flatnonzero(amplitudes.max(1) > 1e-2 * amplitudes.max())
     shown = slice(0, min(len(frequencies), int(strong[-1]) + 2) if strong.size else None)
     _curves(axes, points, frequencies[shown], amplitudes[shown])
