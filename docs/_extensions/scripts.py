@@ -145,12 +145,22 @@ def cylinders(names: Names) -> Figure:
 
 
 def penny_crack(names: Names) -> Figure:
+    """The temperature, above and below the plane of the crack by themselves: it jumps there."""
     sim = names["ground"](0.0).run(2.0, progress=False)
     figure = Figure(figsize=(6.4, 4.4), layout="constrained")
     panel = figure.add_subplot()
     x, _, z = sim.lattice.axes
     section = sim.fields["u"][:, sim.lattice.shape[1] // 2] + z
-    drawn = panel.pcolormesh(x, z, section.T, cmap="inferno", shading="nearest")
+    half, cut = len(z) // 2, np.abs(x) < names["RADIUS"]
+    between = section[:, half - 1 : half + 1].mean(1)
+    for part in (slice(None, half), slice(half, None)):
+        face = np.where(cut, section[:, half if part.stop is None else half - 1], between)
+        heights = np.sort(np.append(z[part], 0.0))
+        field = np.insert(section[:, part], 0 if part.stop is None else half, face, axis=1)
+        drawn = panel.pcolormesh(x, heights, field.T, cmap="RdBu_r", vmin=z[0], vmax=z[-1], shading="gouraud")
+        drawn.set_rasterized(True)
+        panel.contour(x, heights, field.T, levels=np.linspace(z[0], z[-1], 20), colors="0.2", linewidths=0.4)
+    panel.plot([-names["RADIUS"], names["RADIUS"]], [0, 0], "k-", lw=2)
     panel.set(aspect="equal", xlabel="x", ylabel="z", title="temperature in a plane through the centre of the crack")
     figure.colorbar(drawn)
     return figure
@@ -158,7 +168,10 @@ def penny_crack(names: Names) -> Figure:
 
 def indentation(names: Names) -> Figure:
     sim = names["half_space"](0.006).run(names["UNTIL"])
-    return plane(sim, sim.fields["damage"], f"damage at t = {sim.time:.0f}", "magma_r")
+    figure = plane(sim, sim.fields["damage"], f"damage at t = {sim.time:.0f}", "magma_r")
+    figure.axes[0].set(xlim=(-20, 20), ylim=(-12, 0.5))
+    figure.set_size_inches(6.4, 2.6)
+    return figure
 
 
 def quenched_face(names: Names) -> Figure:

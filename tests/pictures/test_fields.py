@@ -5,6 +5,7 @@ import pytest
 
 from drawn import axes_of, is_picture, wave
 from farhorizon.errors import InputError
+from farhorizon.files.region_numbers import Regions
 from farhorizon.pictures import fields as drawing
 
 
@@ -78,6 +79,40 @@ def test_field_table(tmp_path, monkeypatch):
     np.testing.assert_allclose(limits, [5 * peaks[0]] * 3 + [2 * peaks[1]] * 2)
     with pytest.raises(InputError, match="first column that is complete"):
         drawing.field_table(["t = 0", "t = 1"], columns[::-1], axes, tmp_path / "u.png")
+
+
+def test_coarse_fields_are_drawn_between_nodes_and_broken_bonds_over_them():
+    """At the nodes the colours are those of the values; what is broken is black; a panel ends where its field does."""
+    axes = axes_of(2)
+    field = np.nan_to_num(wave(axes, 0))
+    broken = np.zeros(field.shape)
+    broken[3, 4] = 1.0
+    beyond = np.array([[-9.0, 0.0], [9.0, 0.0]])
+    panel = drawing.field_panels([("", field)], axes, None, smooth=True, broken=[broken], cracks=[beyond]).axes[0]
+    image, over = panel.images
+    assert image.get_interpolation() == "bilinear"
+    np.testing.assert_array_equal(image.get_array(), field.T)
+    np.testing.assert_array_equal(over.get_array()[4, 3], [0, 0, 0, 1])
+    assert over.get_array().sum() == 1
+    assert (*panel.get_xlim(), *panel.get_ylim()) == drawing.cell_edges(axes)
+    field[0, 0] = np.nan  # outside a window
+    plain = drawing.field_panels([("", field)], axes, None, smooth=True).axes[0].images[0]
+    assert plain.get_interpolation() != "bilinear"
+
+
+def test_names_of_materials_stand_in_the_first_panel_alone():
+    axes = axes_of(2)
+    numbers = np.zeros(wave(axes, 0).shape, int)
+    numbers[:3], numbers[8:] = 1, 2
+    regions = Regions(numbers, ("rock, young = 1", "steel", "rock, young = 3"))
+    figure = drawing.field_panels([("", wave(axes, k)) for k in (0, 1)], axes, None, regions=regions)
+    first, second = ([text for text in panel.texts if text.get_text()] for panel in figure.axes[:2])
+    assert {text.get_text(): numbers[axes_index(axes, text)] for text in first} == {"rock": 0, "steel": 1}
+    assert len(first) == 2 and not second
+
+
+def axes_index(axes, text):
+    return tuple(int(np.abs(axis - x).argmin()) for axis, x in zip(axes, text.get_position(), strict=True))
 
 
 @pytest.mark.parametrize("dim", [1, 2, 3])

@@ -1,11 +1,14 @@
 """Pictures of a results file: what is drawn, when, where and how."""
 
+import itertools
+
 import numpy as np
 import pytest
 
 from drawn import axes_of, is_picture, wave
 from farhorizon.errors import InputError
 from farhorizon.files.records import Recorded
+from farhorizon.files.region_numbers import Regions
 from farhorizon.files.results import ResultsWriter, open_results
 from farhorizon.pictures import fields
 from farhorizon.pictures import result_pictures as drawing
@@ -174,7 +177,8 @@ def test_divergence_and_curl_are_those_of_the_displacements(tmp_path, monkeypatc
         path, shape=shape, spacing=0.5, lower=(0.0,) * dim, fields=("u",), components={"u": dim}, dtype="float64"
     )
     writer.append(0, 0.0, {"u": u})
-    monkeypatch.setattr(drawing, "field_panels", lambda panels, *_, label, **__: seen.update({label: panels[0][1]}))
+    for name in ("field_panels", "slice_panels"):
+        monkeypatch.setattr(drawing, name, lambda panels, *_, label, **__: seen.update({label: panels[0][1]}))
     drawing.plot_results(open_results(path), tmp_path, drawing.View(fields=["u_divergence", "u_curl"]))
     rotation = np.sqrt((y - 3) ** 2 + z[0] ** 2) if z else y - 3
     np.testing.assert_allclose(seen["div u"], 3 * x + (x if z else 0), atol=1e-12)
@@ -206,8 +210,9 @@ def test_a_slice_is_that_of_its_plane(tmp_path, monkeypatch, normal):
     index = int(np.abs(results.axes[axis] - 0.13).argmin())
     np.testing.assert_array_equal(seen["arrays"][0], results.field("v", 2).take(index, axis))
     assert seen["names"] == "xyz".replace(normal, "") and f"{normal} = {results.axes[axis][index]:g}" in seen["title"]
-    np.testing.assert_array_equal(seen["cracks"][0], np.delete(crack, axis, 1))
-    assert [len(a) for a in seen["given"][1]] == list(seen["arrays"][0].shape)
+    _, axes, _, (overlay,) = seen["given"]
+    np.testing.assert_array_equal(overlay.cracks[0], np.delete(crack, axis, 1))
+    assert [len(a) for a in axes] == list(seen["arrays"][0].shape)
     with pytest.raises(InputError, match=rf"outside the near field; value: {normal} = 9; limit: -1 to"):
         drawing.plot_results(results, tmp_path, drawing.View(planes=[(normal, 9.0)]))
 
@@ -218,6 +223,58 @@ def test_three_slices_have_a_picture_each(tmp_path):
     made = drawing.plot_results(results, tmp_path, view, said.append)
     assert [p.name for p in made] == ["u_x-x=0.png", "u_x-y=0.5.png", "u_x-z=0.png"] and len(said) == 1
     assert all(map(is_picture, made)) and len({p.read_bytes() for p in made}) == 3
+
+
+def test_in_space_the_three_planes_through_the_middle_are_in_one_picture(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(fields, "_image", drawing_of(fields._image, drawn))
+    results = axes_and_fields(tmp_path / "a.h5", dim=3)
+    crack = np.arange(6.0).reshape(2, 3)
+    (made,) = drawing.plot_results(results, tmp_path, drawing.View(fields=["u_x"], times=[0.5, 1.0], cracks=[crack]))
+    assert made.name == "u_x.png" and is_picture(made)
+    for (_, array, axes, _, overlay), (k, axis) in zip(drawn, itertools.product((1, 2), range(3)), strict=True):
+        middle = results.shape[axis] // 2
+        np.testing.assert_array_equal(array, results.field("u", k)[0].take(middle, axis))
+        np.testing.assert_array_equal(overlay.cracks[0], np.delete(crack, axis, 1))
+        assert [len(line) for line in axes] == list(array.shape)
+
+
+def drawing_of(function, seen):
+    """A function that notes what it is given."""
+
+    def noting(*given):
+        seen.append(given)
+        return function(*given)
+
+    return noting
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_what_is_broken_and_regions_are_drawn_over_fields(tmp_path, monkeypatch, dim):
+    """Dark where bonds are broken; outlines and names of materials; the damage itself is left as it is."""
+    axes = axes_of(dim, 11)
+    shape = tuple(axis.size for axis in axes)
+    numbers = np.zeros(shape, np.int32)
+    numbers[6:] = 1
+    regions = Regions(numbers, ("rock, young = 1", "young = 2"))
+    damage = np.zeros(shape)
+    damage[5] = 0.5
+    options = {"shape": shape, "spacing": 0.2, "lower": (-1.0,) * dim, "fields": ("u", "damage"), "dtype": "float64"}
+    writer = ResultsWriter.create(tmp_path / "a.h5", regions=regions, **options)
+    writer.append(0, 0.0, {"u": wave(axes, 1), "damage": damage})
+    drawn = []
+    monkeypatch.setattr(fields, "_image", drawing_of(fields._image, drawn))
+    made = drawing.plot_results(open_results(tmp_path / "a.h5"), tmp_path)
+    assert [path.name for path in made] == ["u.png", "damage.png"] and all(map(is_picture, made))
+    overlays = [given[-1] for given in drawn]
+    ours, theirs = overlays[: len(overlays) // 2], overlays[len(overlays) // 2 :]
+    planes = [(damage, numbers)] if dim == 2 else [(damage.take(5, a), numbers.take(5, a)) for a in range(3)]
+    for overlay, (broken, there) in zip(ours, planes, strict=True):
+        np.testing.assert_array_equal(overlay.broken, broken)
+        np.testing.assert_array_equal(overlay.regions.numbers, there)
+        assert overlay.smooth
+    assert all(overlay.broken is None and not overlay.smooth for overlay in theirs)
+    assert all(overlay.named for overlay in ours)
 
 
 def test_only_space_is_sliced(tmp_path):

@@ -143,7 +143,11 @@ def _plot(sub: argparse.ArgumentParser) -> None:
         help="fields, components, or what follows from displacements: u u_x u_divergence u_curl (default: all fields)",
     )
     sub.add_argument(
-        "--slice", nargs="+", default=[], metavar="z=0.5", help="in space the planes to draw (default: the middle of z)"
+        "--slice",
+        nargs="+",
+        default=[],
+        metavar="z=0.5",
+        help="in space the planes to draw, a picture each (default: the three through the middle in one)",
     )
     sub.add_argument("--range", type=float, nargs=2, metavar=("LOW", "HIGH"), help="of the colours")
     sub.add_argument("--db", action="store_true", help="magnitudes in decibels below the largest")

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from farhorizon.errors import InputError
+from farhorizon.files.region_numbers import Regions
 from farhorizon.pictures.curves import lines
 from farhorizon.pictures.style import (
     DIVERGING,
@@ -22,8 +23,44 @@ from farhorizon.pictures.style import (
 )
 
 _ARROWS = 18  # along an axis
+_COARSE = 100  # nodes along an axis: so many pixels do not show
+_SEVERED = 0.35  # of a node's bonds: a crack that goes by cuts more
+_INTERFACE = (("white", 1.4), ("0.25", 0.6))  # between regions, lighter than cracks
 _ROOM = 5.0  # how much larger than in the first column values may be in the others without leaving the colours
 _SHARED = 0.2  # panels whose largest values differ by more than this factor have colour scales of their own
+
+
+class Overlay(NamedTuple):
+    """What is drawn over a field.
+
+    Attributes
+    ----------
+    cracks : sequence of ndarray, shapes (n, dim)
+    solid : ndarray of bool, optional
+        Its outline is drawn.
+    broken : ndarray, optional
+        Part of a node's bonds that is broken: dark.
+    regions : Regions, optional
+        Their outlines are drawn.
+    named : bool
+        With the names of the materials in them.
+    smooth : bool
+        Values between the nodes of a coarse lattice are linearly interpolated.
+    """
+
+    cracks: Sequence[np.ndarray] = ()
+    solid: np.ndarray | None = None
+    broken: np.ndarray | None = None
+    regions: Regions | None = None
+    named: bool = False
+    smooth: bool = False
+
+    def cut(self, normal: int, index: int) -> Self:
+        """That over a slice in space; cracks are projected onto it."""
+        solid, broken = (None if one is None else one.take(index, normal) for one in (self.solid, self.broken))
+        regions = self.regions and self.regions._replace(numbers=self.regions.numbers.take(index, normal))
+        cracks = [np.delete(points, normal, 1) for points in self.cracks]
+        return self._replace(cracks=cracks, solid=solid, broken=broken, regions=regions)
 
 
 def panel_grid(number: int, ratio: float) -> tuple[int, int, float, float]:
@@ -50,6 +87,9 @@ def field_panels(
     plane: tuple[int, int] | None = None,
     limits: tuple[float, float] | None = None,
     title: str = "",
+    smooth: bool = False,
+    broken: Sequence[np.ndarray] = (),
+    regions: Regions | None = None,
 ) -> Any:
     """Draw fields side by side: lines in one axes in 1D, images in 2D, a slice in 3D.
 
@@ -78,6 +118,14 @@ def field_panels(
         Of the colour scale, in 1D of the axis of values.
     title : str
         Of the whole picture.
+    smooth : bool
+        Values between the nodes of a coarse lattice, of at most 100 nodes along an axis, are linearly interpolated.
+        Without meaning in 1D.
+    broken : sequence of ndarray
+        For each field the part of a node's bonds that is broken: drawn over it, dark. Without meaning in 1D.
+    regions : Regions, optional
+        Of what the nodes are made: outlines are drawn, the names of materials stand in the first panel. Without
+        meaning in 1D.
 
     Returns
     -------
@@ -114,13 +162,14 @@ def field_panels(
             places=[x for points in polylines for x in points[:, 0]],
             limits=limits,
         )
+    overlays = _overlays(len(fields), polylines, solids, broken, regions, smooth)
     names = "xy"
     if dim == 3:
         normal, index = plane or (2, shape[2] // 2)
         names = "xyz".replace("xyz"[normal], "")
         place = f"{'xyz'[normal]} = {number_text(coordinates[normal][index], np.ptp(coordinates[normal]))}"
-        arrays, solids = ([array.take(index, normal) for array in some] for some in (arrays, solids))
-        polylines = [np.delete(points, normal, 1) for points in polylines]
+        arrays = [array.take(index, normal) for array in arrays]
+        overlays = [overlay.cut(normal, index) for overlay in overlays]
         coordinates = [axis for number, axis in enumerate(coordinates) if number != normal]
         title = ", ".join(filter(None, (title, place)))
     return _images(
@@ -128,15 +177,87 @@ def field_panels(
         titles,
         coordinates,
         path,
+        overlays,
         shared_scale=shared_scale,
-        cracks=polylines,
         label=label,
-        solids=solids,
         colors=colors,
         names=names,
         limits=limits,
         title=title,
     )
+
+
+def _overlays(
+    count: int,
+    cracks: Sequence[np.ndarray],
+    solids: Sequence[np.ndarray],
+    broken: Sequence[np.ndarray],
+    regions: Regions | None,
+    smooth: bool,
+) -> list[Overlay]:
+    """Those of several fields: names in the first one alone."""
+    return [
+        Overlay(cracks, solids[k] if solids else None, broken[k] if broken else None, regions, k == 0, smooth)
+        for k in range(count)
+    ]
+
+
+def slice_panels(
+    fields: Sequence[tuple[str, np.ndarray]],
+    axes: Sequence[np.ndarray],
+    path: str | Path | None,
+    *,
+    shared_scale: bool = True,
+    cracks: Sequence[np.ndarray] = (),
+    label: str = "u",
+    colors: str | None = None,
+    limits: tuple[float, float] | None = None,
+    title: str = "",
+    smooth: bool = False,
+    broken: Sequence[np.ndarray] = (),
+    regions: Regions | None = None,
+) -> Any:
+    """Draw fields in space on the three planes through the middle: a row for each field.
+
+    Parameters
+    ----------
+    fields, axes, path, shared_scale, cracks, label, colors, limits, title, smooth, broken, regions
+        As of `field_panels`; cracks are projected onto the slices.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    planes = [(axis, line.size // 2) for axis, line in enumerate(axes)]
+    sides = [[line for number, line in enumerate(axes) if number != normal] for normal, _ in planes]
+    sizes = [np.ptp(edges[:2]) / np.ptp(edges[2:]) for edges in map(np.array, map(cell_edges, sides))]
+    height = min(2.1, 8.0 / sum(sizes))
+    with figure_at(
+        path, (height * sum(sizes) + 2.2, len(fields) * (height + 0.3) + 0.5 + 0.3 * bool(title)), "compressed"
+    ) as figure:
+        panels = figure.subplots(len(fields), 3, squeeze=False, width_ratios=sizes)
+        arrays = [np.asarray(field, float) for _, field in fields]
+        signed = any(color_range([array])["cmap"] == DIVERGING for array in arrays)
+        overlays = _overlays(len(fields), [np.asarray(points, float) for points in cracks], (), broken, regions, smooth)
+        for row, (array, (name, _)) in enumerate(zip(arrays, fields, strict=True)):
+            alike = arrays if shared_scale else [array]
+            scale = scale_of(alike, limits, colors, signed, usual=True)
+            for panel, (normal, index), lines_along in zip(panels[row], planes, sides, strict=True):
+                along, up = (name for name in "xyz" if name != "xyz"[normal])
+                image = _image(panel, array.take(index, normal), lines_along, scale, overlays[row].cut(normal, index))
+                place = number_text(axes[normal][index], float(np.ptp(axes[normal])))
+                panel.set_title(f"{name}, {'xyz'[normal]} = {place}" if name else f"{'xyz'[normal]} = {place}")
+                panel.set(xlabel=with_unit(along) if row + 1 == len(fields) else "", ylabel=with_unit(up))
+                panel.tick_params(labelbottom=row + 1 == len(fields))
+                panel.locator_params(nbins=4)
+            if not shared_scale or row + 1 == len(fields):
+                beside = panels.ravel() if shared_scale else panels[row]
+                beyond = extent_beyond(alike, limits, scale)
+                tall = 20 * (len(fields) if shared_scale else 1)
+                figure.colorbar(image, ax=list(beside), label=label, pad=0.02, extend=beyond, aspect=tall)
+        if title:
+            figure.suptitle(title, fontsize=panels[0, 0].title.get_size())
+    return figure
 
 
 def gradient_panels(
@@ -174,10 +295,9 @@ def gradient_panels(
         titles,
         axes[:2],
         path,
+        [Overlay(solid=solid[middle]) for solid in solids],
         shared_scale=False,
-        cracks=(),
         label=label,
-        solids=[solid[middle] for solid in solids],
         arrows=[-slope for slope in slopes],
     )
 
@@ -214,11 +334,10 @@ def _images(
     titles: Sequence[str],
     axes: Sequence[np.ndarray],
     path: str | Path | None,
+    overlays: Sequence[Overlay],
     *,
     shared_scale: bool,
-    cracks: Sequence[np.ndarray],
     label: str,
-    solids: Sequence[np.ndarray] = (),
     arrows: Sequence[np.ndarray] = (),
     colors: str | None = None,
     names: str = "xy",
@@ -241,7 +360,7 @@ def _images(
             panel = panels[number]
             if not shared_scale:
                 scale = scale_of([array], limits, colors, signed, usual=True)
-            image = _image(panel, array, axes, scale, cracks, solids[number] if solids else None)
+            image = _image(panel, array, axes, scale, overlays[number])
             if arrows:
                 _arrows(panel, arrows[number], axes)
             panel.set_title(name)
@@ -261,28 +380,53 @@ def _images(
 
 
 def _image(
-    panel: Any,
-    array: np.ndarray,
-    axes: Sequence[np.ndarray],
-    scale: Mapping[str, Any],
-    cracks: Any,
-    solid: np.ndarray | None = None,
+    panel: Any, array: np.ndarray, axes: Sequence[np.ndarray], scale: Mapping[str, Any], overlay: Overlay
 ) -> Any:
-    """Draw a field into one panel, with the outline of its window, of what is solid, and its cracks; returns the
-    image."""
-    image = panel.imshow(array.T, origin="lower", extent=cell_edges(axes), aspect="equal", **scale)
-    outside = np.isnan(array)
-    if outside.any() and not outside.all() and min(array.shape) > 1:
+    """Draw a field, the outline of its window, and what is over it into one panel; returns the image."""
+    left, right, bottom, top = cell_edges(axes)
+    shown: dict[str, Any] = {"origin": "lower", "extent": (left, right, bottom, top), "aspect": "equal"}
+    outside, flat = np.isnan(array), min(array.shape) > 1
+    between = overlay.smooth and max(array.shape) <= _COARSE and bool(np.isfinite(array).all())
+    image = panel.imshow(array.T, interpolation="bilinear" if between else None, **shown, **scale)
+    if overlay.broken is not None:
+        dark = np.zeros((*array.T.shape, 4))
+        dark[..., 3] = np.clip(np.nan_to_num(overlay.broken.T) / _SEVERED, 0, 1)
+        panel.imshow(dark, **shown)
+    if overlay.regions is not None and flat:
+        _outline_regions(panel, overlay.regions, axes, overlay.named)
+    if outside.any() and not outside.all() and flat:
         panel.contour(*axes, outside.T, levels=[0.5], colors="0.6", linewidths=0.6)
     for color, width in RIM:
-        if solid is not None and min(array.shape) > 1:
-            panel.contour(*axes, solid.T.astype(float), levels=[0.5], colors=color, linewidths=width)
-    for points in cracks:
+        if overlay.solid is not None and flat:
+            panel.contour(*axes, overlay.solid.T.astype(float), levels=[0.5], colors=color, linewidths=width)
+    for points in overlay.cracks:
         for color, width in RIM:
-            panel.plot(
-                points[:, 0], points[:, 1], color=color, linewidth=width, linestyle="-", scalex=False, scaley=False
-            )
+            panel.plot(points[:, 0], points[:, 1], color=color, linewidth=width, linestyle="-")
+    panel.set(xlim=(left, right), ylim=(bottom, top))  # a crack may go beyond
     return image
+
+
+def _outline_regions(panel: Any, regions: Regions, axes: Sequence[np.ndarray], named: bool) -> None:
+    """Draw the outlines of all regions but the first, and the names of materials where they have most room."""
+    from matplotlib import patheffects
+    from scipy.ndimage import distance_transform_edt
+
+    known = set()  # names; the largest region of each has it
+    for number, name in enumerate(regions.names):
+        there = regions.numbers == number
+        if not there.any():
+            continue
+        for color, width in _INTERFACE if number else ():
+            panel.contour(*axes, there.T.astype(float), levels=[0.5], colors=color, linewidths=width)
+        called = name.split(", ")[0]
+        if named and " = " not in called and called not in known:
+            known.add(called)
+            room = distance_transform_edt(np.pad(there, 1))[1:-1, 1:-1]
+            aside = np.add.outer(*(np.abs(axis - axis.mean()) for axis in axes)) / np.ptp(axes[0])
+            place = np.unravel_index(int((room - aside).argmax()), room.shape)  # of alike ones the middle
+            x, y = (axis[k] for axis, k in zip(axes, place, strict=True))
+            rim = [patheffects.withStroke(linewidth=1.6, foreground="white")]
+            panel.text(x, y, called, ha="center", va="center", fontsize=7, color="0.1", path_effects=rim)
 
 
 def field_table(
@@ -334,7 +478,7 @@ def field_table(
             for j, (title, fields) in enumerate(columns):
                 panel = panels[i, j]
                 if i < len(fields):
-                    image = _image(panel, fields[i], axes, scale, cracks)
+                    image = _image(panel, fields[i], axes, scale, Overlay(cracks))
                 else:
                     panel.text(0.5, 0.5, "overflow", transform=panel.transAxes, ha="center", va="center", color="0.4")
                 panel.set(

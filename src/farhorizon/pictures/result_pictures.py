@@ -8,14 +8,15 @@ from functools import partial
 from itertools import product
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from farhorizon.errors import InputError
+from farhorizon.files.region_numbers import Regions
 from farhorizon.pictures.curves import lines
 from farhorizon.pictures.deformed import deformed_panels
-from farhorizon.pictures.fields import comparable, field_panels, magnitude
+from farhorizon.pictures.fields import comparable, field_panels, magnitude, slice_panels
 from farhorizon.pictures.fronts import front
 from farhorizon.pictures.isosurfaces import isosurface_panels
 from farhorizon.pictures.movie import movie
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from farhorizon.files.results import Results
 
 _FAINT = 1e-6  # of the largest value that is shown: a panel of no more shows rounding and tails
+_FEW_REGIONS = 8  # whose outlines do not cover the field
 _FLOOR = -60.0  # decibels, unless a range is given
 _LEVELS = {"intensity": "energy per frequency and angle", "cross_section": "scattering cross section per angle"}
 
@@ -265,7 +267,7 @@ def _drawn(results: Results, directory: Path, view: View, say: Callable[[str], N
     if view.movie:
         return [path for one in slices for path in _movie(results, directory, view, chosen, parts[0], one)]
     directory.mkdir(parents=True, exist_ok=True)
-    written = []
+    written, regions = [], _regions(results)
     for part, one in product(parts if chosen else (), slices):
         if part.name == "dissolved" and results.dim > 1:
             written.append(directory / f"front{one.suffix}.{view.format}")
@@ -280,7 +282,7 @@ def _drawn(results: Results, directory: Path, view: View, say: Callable[[str], N
             )
         else:
             told = say if one == slices[0] else lambda text: None
-            written += _panels(results, directory, view, chosen, part, one, told)
+            written += _panels(results, directory, view, chosen, part, one, regions, told)
     return written if view.fields is not None else [*written, *_histories(results, directory, view.format)]
 
 
@@ -291,6 +293,7 @@ def _panels(
     chosen: Sequence[int],
     part: _Scalar,
     one: _Slice,
+    regions: Regions | None,
     say: Callable[[str], None],
 ) -> list[Path]:
     """Draw one part of a field at the chosen times; nothing if it is zero at all of them."""
@@ -317,20 +320,30 @@ def _panels(
     else:
         label = with_unit(part.label, part.quantity)
     broken = part.name == "damage"  # shows the cracks, those cut in advance among them
-    field_panels(
-        [(_moment(results, k), values) for k, values in zip(kept, shown, strict=True)],
-        results.axes,
-        path,
-        shared_scale=limits is not None or comparable(shown),
-        cracks=() if broken else view.cracks,
-        label=label,
-        solids=solids,
-        colors=DAMAGE if broken and not view.decibels else None,
-        plane=one.plane,
-        limits=limits,
-        title=view.quantities.get(part.quantity, ""),
-    )
+    damage = [] if broken or "damage" not in results.field_names else [results.field("damage", k) for k in kept]
+    given: dict[str, Any] = {
+        "shared_scale": limits is not None or comparable(shown),
+        "cracks": () if broken else view.cracks,
+        "label": label,
+        "colors": DAMAGE if broken and not view.decibels else None,
+        "limits": limits,
+        "title": view.quantities.get(part.quantity, ""),
+        "smooth": not (broken or solids),
+        "broken": damage,
+        "regions": regions,
+    }
+    panels = [(_moment(results, k), values) for k, values in zip(kept, shown, strict=True)]
+    if results.dim == 3 and one.plane is None and not solids:
+        slice_panels(panels, results.axes, path, **given)
+    else:
+        field_panels(panels, results.axes, path, solids=solids, plane=one.plane, **given)
     return [path]
+
+
+def _regions(results: Results) -> Regions | None:
+    """Of what nodes are made, where a picture can tell it."""
+    few = 1 < len(results.region_names) <= _FEW_REGIONS and results.dim > 1 and "dissolved" not in results.field_names
+    return Regions(results.regions, results.region_names) if few else None
 
 
 def _movie(
