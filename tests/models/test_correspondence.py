@@ -325,7 +325,7 @@ def test_a_saved_run_goes_on_bitwise(tmp_path):
 
 
 def test_loads_must_be_finite():
-    with pytest.raises(fh.InputError, match="not finite"):
+    with pytest.raises(fh.InputError, match="must be finite"):
         breaking(strength=np.nan)[0].step(1)
 
 
