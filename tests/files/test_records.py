@@ -138,8 +138,12 @@ def test_xarray_names_the_units_of_records(tmp_path):
     writer.hold(records(0))
     writer.append_recorded(records(3))
     writer.conclude(pattern)
+    sums = {"u": np.ones((1, 2), complex), "stress": np.ones((1, 2), complex), "energy": np.ones((1, 2))}
+    writer.conclude(Recorded("sums", np.eye(2), np.zeros(0), {}, np.array([0.1]), sums))
     dataset = open_results(tmp_path / "a.h5").to_xarray()
     found = {str(name): one.attrs.get("units") for name, one in dataset.variables.items()}
+    assert found["sums_stress_spectrum"] == "GPa us" and found["sums_energy_spectrum"] is None
+    assert found["pattern_P_spectrum"] is None
     assert found["line_x"] == "mm" and found["line_time"] == "us" and found["line_stress"] == "GPa"
     assert found["pattern_frequency"] == "1/us" and found["pattern_x"] is None
 

@@ -225,6 +225,16 @@ def measured_in(records: Mapping[str, Recorded]) -> dict[str, str]:
     return found
 
 
+def spectra_of(records: Mapping[str, Recorded]) -> dict[str, str]:
+    """Variables of `dataset_parts` that are spectra at places, and what of."""
+    return {
+        f"{name}_{quantity}_spectrum": quantity
+        for name, one in records.items()
+        if not one.directions
+        for quantity in one.spectra
+    }
+
+
 def dataset_parts(records: Mapping[str, Recorded]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Variables and coordinates of an xarray Dataset: those of NAME begin with it."""
     data: dict[str, Any] = {}

@@ -36,7 +36,7 @@ from farhorizon import kinds
 from farhorizon.errors import FarhorizonError, FileFormatError, InputError
 from farhorizon.files.parts import Box, folder_of, is_own, lay_out, part_path, parts_of
 from farhorizon.files.polylines import Lines, flattened, gathered, write_vtp
-from farhorizon.files.records import Recorded, dataset_parts, measured_in
+from farhorizon.files.records import Recorded, dataset_parts, measured_in, spectra_of
 from farhorizon.files.region_numbers import FIELD, OUTSIDE, Regions
 from farhorizon.files.storage import Draft, changing, created, read
 
@@ -1388,6 +1388,9 @@ class Results:
         for name in whole.variables.keys() & (measured.keys() | self.units.keys()):
             if unit := self.units.get(measured.get(str(name), str(name))):
                 whole[name].attrs["units"] = unit
+        for name, quantity in spectra_of(self.recorded).items():  # integrals over time
+            if (unit := self.units.get(quantity)) and "time" in self.units:
+                whole[name].attrs["units"] = f"{unit} {self.units['time']}"
         return whole
 
 
