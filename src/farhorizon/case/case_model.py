@@ -115,7 +115,13 @@ def _constant(name: str, value: Any, materials: Sequence[MaterialPart], lattice:
     for i, part in given:
         there = _inside(part, i, lattice)
         if not there.any():
-            raise InputError("the region has no node of the near field", key=f"material[{i}].region")
+            raise InputError(
+                "the region has no node of the near field",
+                value=part.region.build(f"material[{i}].region"),
+                limit=f"{list(lattice.lower)} to {list(lattice.upper)}",
+                key=f"material[{i}].region",
+                remedy="move it inside, enlarge it, or refine the lattice",
+            )
         inside = read.steady(getattr(part, name), f"material[{i}].{name}")
         values[there] = inside(*(x[there] for x in at)) if callable(inside) else inside
     return values
