@@ -24,7 +24,7 @@ from farhorizon.pictures.style import (
 
 _ARROWS = 18  # along an axis
 _COARSE = 100  # nodes along an axis: so many pixels do not show
-_SEVERED = 0.35  # of a node's bonds: a crack that goes by cuts more
+_HURT, _SEVERED = 0.25, 0.45  # of a node's bonds, drawn from clear to dark: beside a crack nearly half are broken
 _INTERFACE = (("white", 1.4), ("0.25", 0.6))  # between regions, lighter than cracks
 _ROOM = 5.0  # how much larger than in the first column values may be in the others without leaving the colours
 _SHARED = 0.2  # panels whose largest values differ by more than this factor have colour scales of their own
@@ -390,7 +390,7 @@ def _image(
     image = panel.imshow(array.T, interpolation="bilinear" if between else None, **shown, **scale)
     if overlay.broken is not None:
         dark = np.zeros((*array.T.shape, 4))
-        dark[..., 3] = np.clip(np.nan_to_num(overlay.broken.T) / _SEVERED, 0, 1)
+        dark[..., 3] = np.clip((np.nan_to_num(overlay.broken.T) - _HURT) / (_SEVERED - _HURT), 0, 1)
         panel.imshow(dark, **shown)
     if overlay.regions is not None and flat:
         _outline_regions(panel, overlay.regions, axes, overlay.named)
