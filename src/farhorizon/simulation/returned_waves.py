@@ -65,7 +65,8 @@ class ReturnedWaves:
     scatterers : ndarray of bool, or None
         Nodes where waves are scattered: the data are taken to come from the nearest of them, too.
     squared_speed : ndarray, or None
-        That of each node over the model's: waves that come into a slower medium become shorter.
+        That of each node over the model's: waves that come into a slower medium become shorter, into a faster one
+        longer.
     """
 
     shape: tuple[int, ...]
@@ -159,6 +160,7 @@ class ReturnedWaves:
             self.sides[axis, -side],
             *self._beside(axis),
             *(datum.values.tobytes() for datum in turned),
+            *(datum.behind for datum in turned),
         )
         if alike not in self._sent:
             size = max((float(np.abs(datum.values).max()) for datum in self.data if datum.kind == "u"), default=0.0)
@@ -168,8 +170,22 @@ class ReturnedWaves:
 
     def _turned(self, axis: int, side: int) -> list[Datum]:
         """The data as a side sees them."""
-        shortened = (self._shortened(datum, axis, side) for datum in self.data)
-        return [self._from_scatterers(datum.turned(axis, side), axis, side) for datum in shortened]
+        return [
+            self._from_scatterers(self._shortened(datum, axis, side).turned(axis, side), axis, side)
+            for datum in (self._behind(datum, axis, side) for datum in self.data)
+        ]
+
+    def _behind(self, datum: Datum, axis: int, side: int) -> Datum:
+        """The datum, which knows of it if the medium at the side is faster than where it is."""
+        if self.squared_speed is None:
+            return datum
+        here = np.abs(datum.values) > _HERE * np.abs(datum.values).max()
+        slowest, at_side = float(self.squared_speed[here].min()), self.coefficients[axis, side] / self.coefficient
+        if slowest >= at_side:
+            return datum
+        rows = Datum(self.squared_speed, datum.kind).turned(axis, side).values.reshape(len(datum.values), -1)
+        nodes = len(rows) - 1 - int(np.flatnonzero(rows.min(1) ** 2 < slowest * at_side)[-1])
+        return replace(datum, behind=(nodes, slowest / at_side)) if nodes else datum
 
     def _shortened(self, datum: Datum, axis: int, side: int) -> Datum:
         """The datum, and with it one of shorter waves if the medium at the side is slower than where it is: at an

@@ -47,6 +47,27 @@ def test_waves_arrive_as_on_the_infinite_lattice(shape, centre, damping):
     assert arrived.largest == pytest.approx(largest, rel=0.03)  # the moments that are looked at are not the run's
 
 
+@pytest.mark.parametrize("kind", ["u", "v"])
+def test_what_comes_out_of_a_slower_medium(kind):
+    """Through an interface midway between two nodes 2/3 of a long wave's displacement passes where the speed is doubled
+    at the same density; twice as much is what any density lets through at most, and is counted on.
+    """
+    model = fh.Wave(fh.Kernel(1.0), "where(x < 20.5, 1, 2)")
+    fast = medium(fh.Wave(fh.Kernel(1.0), 2.0), 1, share=0.4)
+    front = LatticeMedium(fast.stencil, 4.0, 1.0, fast.recursion, fast.dt)
+    values, steps = pulse((41,), (6.0,), 4.0), int(UNTIL / front.dt)
+    far = fh.Lattice(1.0, (-150.0,), (300.0,))
+    sim = fh.Simulation(
+        far, model, fh.Fixed(), {kind: np.concatenate([np.zeros(150), values, np.zeros(260)])}, dt=front.dt, threads=1
+    )
+    largest = 0.0
+    for _ in range(steps - 1):
+        sim.step()
+        largest = max(largest, abs(sim.fields["u"][190]))
+    found = arrivals(front, steps, [Datum(values, kind, behind=(20, 0.25))], [], [], 1e-5)
+    assert found.largest / largest == pytest.approx(2 / (2 / 3), rel=0.03)
+
+
 def test_velocities_and_sources_arrive_as_in_a_long_domain():
     model = fh.Wave(fh.Kernel(2.0), 1.0)
     front = medium(model, 1)

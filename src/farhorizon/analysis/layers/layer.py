@@ -102,6 +102,10 @@ class LatticeMedium:
         """Of waves."""
         return float(np.sqrt(self.coefficient))
 
+    def slower(self, ratio: float) -> LatticeMedium:
+        """The medium of the same lattice whose squared speed is that of this one times a ratio."""
+        return replace(self, stencil=self.stencil.beside(ratio), coefficient=self.coefficient * ratio)
+
     def carrier(self, kind: int) -> LatticeMedium:
         """A scalar medium in which long waves have the speed of one type and all are about as dispersive; a scalar
         medium itself.

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from scipy import fft
@@ -40,6 +40,7 @@ _FINER = 2  # moments and places at which the largest value is looked for, over 
 _COMPARED = 2000  # waves by which layers are compared
 _COHERENT = 0.05  # the largest value over the sum of all amplitudes, at least
 _SPARSE = 8  # every so many tangential modes tell which frequencies are felt
+_PASSED = 2.0  # of a wave's displacement, the most that an interface lets through into a faster medium
 _CELLS = 2.5  # parts of a factor e of frequency, or of decay over a node: waves of one such cell return alike
 
 
@@ -57,12 +58,16 @@ class Datum:
         Of a source, its factor at each step; empty otherwise.
     component : int
         Of a field of vectors, the one whose values these are.
+    behind : tuple of (int, float), or None
+        Number of nodes next to the side beyond which the medium is slower, and its squared speed over that at the side.
+        Waves keep their frequency at such an interface, so that they arrive longer than they set out.
     """
 
     values: np.ndarray
     kind: str
     time: np.ndarray = field(default_factory=lambda: np.zeros(0))
     component: int = 0
+    behind: tuple[int, float] | None = None
 
     def turned(self, axis: int, side: int) -> Datum:
         """The same with an axis first, and towards its lower (-1) or upper (1) end."""
@@ -341,13 +346,22 @@ def arrivals(
 
     def arrived(which: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray]:
         used, again = np.unique(number[some], return_inverse=True)
-        root, slope = (
-            found[:, again] for found in _slowest(medium, medium.recursion.eigenvalue(z[which]), alike[:, used])
-        )
+
+        @cache
+        def modes_of(ratio: float) -> tuple[np.ndarray, np.ndarray]:
+            slower = medium.slower(ratio)
+            root, slope = _slowest(slower, slower.recursion.eigenvalue(z[which]), alike[:, used])
+            return root[:, again], slope[:, again]
+
+        root, slope = modes_of(1.0)
         total = np.zeros(root.shape, complex)
-        for spectrum, start in zip(spectra, starts, strict=True):
-            total += _carried(spectrum[:, modes][:, some], root) * start[which][:, None]
-        return root, np.where(slope == 0, 0, total / np.where(slope == 0, 1, slope))
+        for datum, spectrum, start in zip(data, spectra, starts, strict=True):
+            rows, (nodes, ratio) = spectrum[:, modes][:, some], datum.behind or (len(spectrum), 1.0)
+            sent = _sent(rows[len(rows) - nodes :], root, slope)
+            if datum.behind is not None:
+                sent = sent + _PASSED * root**nodes * _sent(rows[: len(rows) - nodes], *modes_of(ratio))
+            total += sent * start[which][:, None]
+        return root, np.where(slope == 0, 0, total)
 
     few = slice(None, None, _SPARSE)
     pitch = np.abs(medium.recursion.eigenvalue(z))
@@ -433,6 +447,11 @@ def _alike(stencil: Stencil, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]
         folded = np.sort(folded, axis=0)
     found, number = np.unique(np.round(folded, 12), axis=1, return_inverse=True)
     return found, number.ravel()
+
+
+def _sent(rows: np.ndarray, root: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """What data on rows send to the last of them in a mode, nothing where the lattice carries none."""
+    return np.where(slope == 0, 0, _carried(rows, root) / np.where(slope == 0, 1, slope))
 
 
 def _carried(rows: np.ndarray, root: np.ndarray) -> np.ndarray:
