@@ -45,7 +45,8 @@ def told(tmp_path_factory):
         (folder / "crack.toml").write_text(CRACK)
         (folder / "blocked" / "case.h5.parts").mkdir(parents=True)
         (folder / "blocked" / "case.h5.parts" / "0001.h5").write_text("mine")
-        command = ["mpiexec", "-n", str(processes), sys.executable, str(PROGRAM), str(folder), *arguments]
+        python = [sys.executable, "-m", "mpi4py"]  # which ends all processes where one fails
+        command = ["mpiexec", "-n", str(processes), *python, str(PROGRAM), str(folder), *arguments]
         done = subprocess.run(command, capture_output=True, text=True, timeout=1500)
         assert done.returncode == 0, done.stderr[-2000:]
         return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")], folder
