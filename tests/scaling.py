@@ -4,6 +4,8 @@ import json
 import re
 import tomllib
 
+from farhorizon.case.units import ANY, Units
+
 LENGTHS = (
     "lower",
     "upper",
@@ -42,7 +44,7 @@ def in_units(text: str, length: float, time: float, mass: float) -> str:
 
     Displacements of solids are lengths; scalar fields have no unit.
     """
-    case = tomllib.loads(text)
+    case = numbers(tomllib.loads(text))
     units = (length, time, mass)
     model = case["model"]
     solid = model["type"] in ("elastic", "correspondence")
@@ -82,8 +84,10 @@ def in_units(text: str, length: float, time: float, mass: float) -> str:
             return _SOLID[key]
         if room == "model" and key in _MODELS[model["type"]]:
             return _MODELS[model["type"]][key]
-        if key in LENGTHS:
+        if key in LENGTHS or (key in ("start", "end") and "line" in path):
             return (1, 0, 0)
+        if key == "every" and room != "output":
+            return None  # a number of steps
         return (
             (0, 1, 0)
             if key in _TIMES
@@ -111,6 +115,21 @@ def in_units(text: str, length: float, time: float, mass: float) -> str:
         return value * size(unit)
 
     return toml({key: scaled(value, (key,)) for key, value in case.items()})
+
+
+def numbers(case: dict) -> dict:
+    """A case with plain numbers in its own units in place of those with a unit, and without the table of units."""
+    units = Units(case.get("units", {}))
+
+    def plain(value):
+        if isinstance(value, dict):
+            return {key: plain(inner) for key, inner in value.items()}
+        if isinstance(value, list):
+            return [plain(inner) for inner in value]
+        measured = re.fullmatch(r"([-+.\deE]+) ([^\W\d].*)", value) if isinstance(value, str) else None
+        return units.number(float(measured[1]), measured[2], ANY, "") if measured else value
+
+    return {key: plain(value) for key, value in case.items() if key != "units"}
 
 
 def toml(case: dict) -> str:
