@@ -180,7 +180,9 @@ class ReturnedWaves:
         if self.squared_speed is None:
             return datum
         here = np.abs(datum.values) > _HERE * np.abs(datum.values).max()
-        slowest, at_side = float(self.squared_speed[here].min()), self.coefficients[axis, side] / self.coefficient
+        at_side = self.coefficients[axis, side] / self.coefficient
+        # where bonds carry nothing no wave sets out
+        slowest = float(self.squared_speed.min(where=here & (self.squared_speed > 0), initial=at_side))
         if slowest >= at_side:
             return datum
         rows = Datum(self.squared_speed, datum.kind).turned(axis, side).values.reshape(len(datum.values), -1)
