@@ -78,8 +78,98 @@ CASES = {
     ),
     "space": (fh.Setup(lattice(21, 22, 23), WAVE, fh.LatticePML(nodes=3), {"u": pulse(3)}), SPACE[:1]),
 }
+CRACKS = [[(-1.0, 0.1), (1.3, 0.7)], fh.Crack([(-2.0, -1.4), (2.0, -1.4)], opens=1.5)]
+SOLID = fh.Elastic(KERNEL, 1.0)
+WIDE = {"initial": {"u": [pulse(2), 0.0]}, "shape": (79, 81)}
+ARRIVES = "sin(2*t)*sin(pi*t/6)**2"
+
+
+def torn(**model):
+    """A short crack between two bands that are pulled apart."""
+    pull = fh.BodyForce([0.0, "0.02*(exp(-(y - 2)**2) - exp(-(y + 2)**2))*exp(-x**2/4)"], "1 - exp(-t)")
+    cracks, shape = [[(-2.0, 0.13), (0.7, 0.13)]], (79, 81)
+    return plane(fh.Elastic(KERNEL, 1.0, **model), initial={}, cracks=cracks, loads=[pull], shape=shape)
+
+
+CASES |= {
+    "cracks in a solid": (plane(SOLID, initial={"u": [pulse(2), 0.0]}, cracks=CRACKS, balance=True), ALONG_Y),
+    "strata": (plane(fh.Wave(KERNEL, "where(y > 0.4, 1.5, 1)", density="1 + 0.5*(x > 1)")), ALONG_Y),
+    "a body": (
+        fh.Setup(
+            fh.Lattice(0.3, (-7.2, -7.2), (7.2, 7.2), body=fh.Disc(6.5, (0.0, 0.0)) - fh.Disc(1.0, (0.5, 0.2))),
+            SOLID,
+            fh.Free(),
+            {"u": ["exp(-2*((x - 3)**2 + y**2))", 0.0]},
+        ),
+        ALONG_Y,
+    ),
+    "held and pulled": (
+        plane(
+            SOLID,
+            {"x": FOUR, "y": fh.Free()},
+            initial={},
+            constraints=[
+                fh.Prescribed(fh.Disc(1.0, (0.4, 0.3)), [None, "0.1*sin(t)"], until=2.0),
+                fh.Prescribed([(3.1, -2.0), (-3.0, 2.0)], [0.0, 0.0]),
+            ],
+            loads=[fh.Traction("y+", (0.0, 1.0), between=[(-2.0, 2.0)], time="1 - exp(-t)")],
+            shape=(79, 49),
+        ),
+        ALONG_Y,
+    ),
+    "breaking, nonlinear": (torn(critical_stretch=0.005, nonlinear=True, contact=True), ALONG_X),
+    "states that break": (torn(critical_stretch=0.005, poisson=0.3, material="state-based"), ALONG_Y),
+    "held at temperatures": (
+        plane(
+            fh.Diffusion(KERNEL),
+            {"x": FOUR, "y": fh.Free()},
+            initial={},
+            constraints=[
+                fh.Temperature(fh.Disc(1.0, (0.4, 0.3)), "1 - exp(-t)"),
+                fh.Temperature("y-", "exp(-x**2)*t", kind="mirror", within=fh.Box((-3.0, -8.0), (3.0, 0.0))),
+                fh.Convection("y+", 1.0, "sin(t)", within=fh.Box((-3.0, 0.0), (3.0, 8.0))),
+            ],
+        ),
+        ALONG_Y,
+    ),
+    "an incident wave": (
+        plane(initial={}, cracks=CRACKS, sources=[fh.IncidentWave((1.0, 0.4), ARRIVES, 6.0)]),
+        ALONG_Y,
+    ),
+}
 STATES = fh.Elastic(KERNEL, young=1.0, poisson=0.3, material="state-based")
+CORRESPONDENCE = fh.Correspondence(KERNEL, 1.0, 0.3, stabilisation=0.3)
 SLOW = {
+    "cracks": (plane(cracks=CRACKS), ALONG_X),
+    "a crack into a layer": (plane(cracks=[[(-99.0, 0.13), (0.7, 0.13)]]), ALONG_X + ALONG_Y),
+    "breaking": (torn(critical_stretch=0.005), ALONG_X),
+    "breaking strata": (torn(critical_stretch="where(y > 1, 0.004, 0.005)", density="where(x > 1, 1.5, 1)"), ALONG_Y),
+    "an incident wave below a surface": (
+        plane(
+            SOLID,
+            {"all": FOUR, "y+": fh.Free()},
+            initial={},
+            sources=[fh.IncidentWave((1.0, 1.0), ARRIVES, 6.0, "S", fh.Box((-5.0, -5.0), (5.0, 7.2)))],
+        ),
+        ALONG_Y,
+    ),
+    "states with a crack": (plane(CORRESPONDENCE, cracks=CRACKS, **WIDE), ALONG_Y),
+    "states at free sides": (plane(CORRESPONDENCE, {"x": FOUR, "y": fh.Free()}, **WIDE), ALONG_Y),
+    "states that vary": (
+        plane(fh.Correspondence(KERNEL, "where(y > 1, 2, 1)", 0.3, stabilisation=0.3), **WIDE),
+        ALONG_Y,
+    ),
+    "states with drag": (plane(fh.Correspondence(KERNEL, 1.0, 0.3, drag=0.1), **WIDE), ALONG_Y),
+    "a body in space": (
+        fh.Setup(
+            fh.Lattice(0.3, (-3.0, -3.3, -3.6), (3.0, 3.3, 3.6), body=fh.Ball(3.2, (0.0, 0.0, 0.0))),
+            SOLID,
+            fh.Free(),
+            {"u": [pulse(3), 0.0, 0.0]},
+            cracks=[fh.Rectangle((-1.0, -1.0, 0.1), (2.0, 0.0, 0.0), (0.0, 2.0, 0.0))],
+        ),
+        SPACE,
+    ),
     "wave along x": (plane(), ALONG_X),
     "single precision along y": (plane(dtype="float32"), ALONG_Y),
     "an array, periodic": (plane(sides=fh.Periodic(), initial={"u": drawn((47, 49)), "v": 1.0}), ALONG_X + ALONG_Y),
@@ -117,6 +207,12 @@ def really_sent(engine):
     return engine.dtype.itemsize * (values[0] * sum(numbers) + sum(values[1:-1]) * stages)
 
 
+def apart(one, other):
+    """The largest difference of energies, over the largest of them."""
+    assert one.keys() == other.keys()
+    return max(abs(one[name] - value) for name, value in other.items()) / max(map(abs, other.values()))
+
+
 def compared():
     """Each case against one process: whether fields are the same to the last bit, and the error of the energy."""
     cases = {"wave": CASES["wave"]} if "few" in sys.argv else CASES | (SLOW if "slow" in sys.argv else {})
@@ -125,20 +221,25 @@ def compared():
             together = fh.Simulation.of(setup, communicator=WORLD, topology=topology)
             together.run(4.0)
             found = {one: together.team.joined(together.lattice, field) for one, field in together.fields.items()}
-            energy, sent = together.energy(), WORLD.gather(really_sent(together.engine))
+            energies, sent = together.energies(), WORLD.gather(really_sent(together.engine))
+            broken = together.broken_bonds
             if WORLD.rank == 0:
                 alone = fh.Simulation.of(setup)
                 alone.run(4.0)
-                same = all(np.array_equal(found[one], field) for one, field in alone.fields.items())
-                moves = float(np.abs(alone.fields["u"]).max())
+                every = [(found[one], field) for one, field in alone.fields.items()]
+                same = all(np.array_equal(one, other, equal_nan=True) for one, other in every)
+                off = max(np.nanmax(np.abs(one - other)) / np.nanmax(np.abs(other)) for one, other in every)
+                moves = float(np.nanmax(np.abs(alone.fields["u"])))
                 boxes = together.share.decomposition
                 yield {
                     "case": name,
                     "bytes": [sum(sent), sum(sent_by(boxes, number, alone) for number in range(WORLD.size))],
                     "topology": together.share.decomposition.topology,
                     "same": same,
+                    "off": float(off),
                     "moves": moves,
-                    "energy": abs(energy / alone.energy() - 1),
+                    "energy": apart(energies, alone.energies()),
+                    "broken": [broken, alone.broken_bonds],
                 }
             asleep_until_all_are_here()
 
@@ -203,6 +304,24 @@ def kept():
     yield {"unlike": WORLD.gather(told)}
 
 
+def tips():
+    """Where a crack runs, as all processes record it and as one does."""
+    setup, told = torn(critical_stretch=0.005, nonlinear=True), []
+    for together in (True, False) if WORLD.rank == 0 else (True,):
+        tips = fh.CrackTips(every=5)
+        run = fh.Simulation.of(setup, [tips], WORLD if together else None, ALONG_X[0] if together else None)
+        run.run(5.0)
+        told.append([tips.data["position"], tips.length, tips.dissipated])
+    every = WORLD.gather(told[0])
+    if WORLD.rank == 0:
+        pairs = list(zip(*told, strict=True))
+        alike = np.array_equal(*pairs[0], equal_nan=True)
+        alike &= all(np.array_equal(told[0][0], one[0], equal_nan=True) for one in every)
+        off = max(float(np.abs(one - other).max() / other.max()) for one, other in pairs[1:])
+        yield {"tips": alike, "sums": off, "length": [float(told[0][1][0]), float(told[0][1][-1])]}
+    asleep_until_all_are_here()
+
+
 #: Of so many processes, in so many dimensions: boxes from which a run goes on on others.
 OTHER_BOXES = {
     (2, 2): ([2, 1], [1, 2]),
@@ -210,7 +329,7 @@ OTHER_BOXES = {
     (2, 3): ([1, 2, 1], [1, 1, 2]),
     (4, 3): ([2, 2, 1], [1, 2, 2]),
 }
-KEPT = "wave", "single precision", "diffusion", "space"
+KEPT = "wave", "single precision", "diffusion", "space", "strata", "held and pulled", "breaking, nonlinear"
 SMALL_SOLID = fh.Setup(
     lattice(13, 22, 14), fh.Elastic(fh.Kernel(0.3), 1.0), fh.Fixed(), {"u": [pulse(3), 0.0, 0.0]}, dt=0.1
 )
@@ -221,7 +340,8 @@ def commands():
     for words in (
         ["run", "case.toml", "--out", "together", "--no-report", "--json", "together.json"],
         ["run", "case.toml", "--out", "together"],
-        ["run", "crack.toml"],
+        ["run", "refused.toml"],
+        ["run", "breaks.toml", "--out", "together", "--no-report"],
         ["run", "nowhere.toml"],
         ["run", "case.toml", "--out", "blocked"],
         ["run", "case.toml", "--set", "run.topology=[3, 5]", "--force"],
@@ -231,7 +351,7 @@ def commands():
         ["run", "case.toml", "--until", "0.5", "--out", "cut", "--no-report"],
         ["run", "case.toml", "--resume", "--out", "cut", "--set", f"run.topology=[1, {WORLD.size}]", "--no-report"],
         ["run", "case.toml", "--until", "0.5", "--out", "one", "--no-report"],
-        ["run", "case.toml", "--set", "run.until=static", "--set", "run.limit=9.0"],
+        ["run", "case.toml", *STATIC, "--out", "static", "--no-report"],
         ["check", "case.toml"],
     ):
         paths = [word for word in words if word in PLACES or word.endswith((".toml", ".json"))]
@@ -244,20 +364,20 @@ def commands():
             yield {"command": " ".join(words), "told": every}
 
 
-PLACES = ("together", "blocked", "goes_on", "cut", "one")
+STATIC = ["--set", "run.until=static", "--set", "run.limit=60.0", "--set", "run.tolerance=0.1"]
+PLACES = ("static", "together", "blocked", "goes_on", "cut", "one")
 
 
 def refused():
     """What is refused on all processes, with one message."""
-    crack = [[(-1.0, 0.1), (1.0, 0.1)]]
     for what, make in {
-        "crack": lambda: plane(cracks=crack),
+        "no node": lambda: plane(constraints=[fh.Prescribed(fh.Disc(0.1, (0.15, 0.15)), 1.0)]),
+        "no load": lambda: plane(SOLID, fh.Free(), initial={}, loads=[fh.Traction("x+", (1, 0), between=[(0.1, 0.2)])]),
         "spectra": plane,
         "too many": lambda: plane(shape=(7, 7)),
         "one alone": lambda: plane(initial={"u": lambda x, y: np.where(x > 0, np.nan, 0.0) + 0 * y}),
-        "body": lambda: fh.Setup(fh.Lattice(0.3, (-3, -3), (3, 3), body=fh.Disc(2.0, (0.0, 0.0))), WAVE, fh.Fixed()),
+        "window": lambda: fh.Setup(fh.Lattice(0.3, window=fh.Disc(5.0, (0.0, 0.0))), WAVE, fh.Higdon(2)),
         "layers": lambda: plane(sides=fh.Higdon(2)),
-        "drag": lambda: fh.Setup(fh.Lattice(0.3, (-3, -3), (3, 3)), fh.Correspondence(KERNEL, 1.0, 0.3, drag=0.1)),
         "derivatives": lambda: fh.Setup(
             fh.Lattice(0.3, (-3, -3), (3, 3)), fh.Correspondence(KERNEL, 1.0, 0.3), fh.NonlocalPML(6)
         ),
@@ -285,7 +405,7 @@ def unstable():
 
 
 if __name__ == "__main__":
-    for part in (compared, refused, unstable, files, kept, commands):
+    for part in (compared, refused, unstable, files, kept, tips, commands):
         for line in part():
             if WORLD.rank == 0:
                 print(json.dumps(line), flush=True)

@@ -29,8 +29,9 @@ def test_boxes_that_are_asked_for():
 
 
 def test_what_runs_on_one_process_alone_is_said():
-    ((name, why),) = rows_on_processes(square(cracks=[[(-1.0, 0.1), (1.0, 0.1)]]))
-    assert name == "several processes" and "cracks are not computed on several processes yet" in why
+    disc = fh.Lattice(0.5, window=fh.Disc(5.0, (0.0, 0.0)))
+    ((name, why),) = rows_on_processes(fh.Simulation(disc, fh.Wave(fh.Kernel(0.5)), fh.Higdon(2)))
+    assert name == "several processes" and "windows are not computed on several processes yet" in why
 
 
 @pytest.mark.parametrize("budget", [0.05])

@@ -11,7 +11,8 @@ class Neighbour(Side, offered=False):
     Nobody chooses it: it stands where a run is cut into parts.
     """
 
-    passive = True
+    passive = shared = True
+    cracks = "end"
 
     def __repr__(self) -> str:
         return "Neighbour()"

@@ -48,6 +48,8 @@ class Side:
         A condition along an outline gives the nodes beyond their values.
     passive : bool
         Whatever comes to it, it gives no energy.
+    shared : bool
+        Another process has what lies beyond it.
     cracks : {"end", "continue", "refuse"}
         What becomes of a crack that crosses it: it is cut as it is given, goes on straight along the normal, or none
         may.
@@ -96,6 +98,7 @@ class Side:
     exact: ClassVar[bool] = False
     closing: ClassVar[bool] = False
     passive: ClassVar[bool] = False
+    shared: ClassVar[bool] = False
     cracks: ClassVar[Literal["end", "continue", "refuse"]] = "refuse"
     vectors: ClassVar[bool] = True
     reactive: ClassVar[bool] = True

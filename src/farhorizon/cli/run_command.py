@@ -15,7 +15,6 @@ from farhorizon.cli.processes import communicator
 
 if TYPE_CHECKING:
     from farhorizon.cli.outputs import RunFacts
-    from farhorizon.simulation.team import Team
 
 
 _DRAWN = 64  # bytes a node that drawing may take, of what several processes have computed
@@ -34,7 +33,6 @@ def run_command(options: argparse.Namespace) -> int:
     options.team = team = Team(communicator())
     with team.agreed():
         case = case_of(options, together=True)
-        _refuse_static(options, team, case)
         until = case.end if options.until is None else options.until  # of a run to its static state the latest
         if not (np.isfinite(until) and until > 0):
             raise InputError("the end of the run must be positive", value=until, key="--until")
@@ -52,11 +50,13 @@ def run_command(options: argparse.Namespace) -> int:
         output, code = march(options, case, sim, files, until, last)
         if code == GOOD:
             taken, energy = time.perf_counter() - began, sim.energy()
+            broken = sim.broken_bonds if "damage" in sim.fields else None
+            broken = sim.broken_bonds if "damage" in sim.fields else None
             output.conclude()
             kept = options.keep_checkpoint or until < case.end
 
             def tell() -> None:
-                _sum_up(case, sim, sim.step_count - before, taken)
+                _sum_up(case, sim, sim.step_count - before, taken, broken)
                 _tell(options, case, sim, certificate, until, files, kept, taken, energy)
 
             team.by_first(tell)
@@ -64,12 +64,6 @@ def run_command(options: argparse.Namespace) -> int:
             if not kept:
                 team.by_first(lambda: remove_checkpoint(files.checkpoint))
     return code
-
-
-def _refuse_static(options: argparse.Namespace, team: Team, case: Any) -> None:
-    """Refuse what several processes do not do yet, before any work."""
-    if options.until is None and isinstance(case.parts.run.until, str):
-        team.alone("runs to the static state", "run.until")
 
 
 def _look(options: argparse.Namespace, files: RunFiles) -> None:
@@ -116,11 +110,11 @@ def _refuse_finished(result: Path, options: argparse.Namespace) -> None:
         raise InputError(f"{result} holds the results of a finished run", remedy=remedy)
 
 
-def _sum_up(case: Any, sim: Any, steps: int, seconds: float) -> None:
+def _sum_up(case: Any, sim: Any, steps: int, seconds: float, broken: int | None) -> None:
     """Say what was done: how far, how fast, what broke."""
     said = f"{case.name}: t = {sim.time:g} reached, {steps} steps and their files in {seconds:.3g} s"
-    if "damage" in sim.fields:
-        said += f"; {sim.broken_bonds} bonds have broken"
+    if broken is not None:
+        said += f"; {broken} bonds have broken"
     print(said)
 
 

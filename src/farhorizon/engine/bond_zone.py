@@ -85,7 +85,7 @@ class BondZone:
         functions = np.array(
             load_bonds(components, nonlinear, engine.dtype.name, rule, strong, contact, warm), np.int64
         )
-        strengths = np.ones(1, engine.dtype) if strength is None else engine.spread(strength)
+        strengths = np.ones(1, engine.dtype) if strength is None else engine.spread(strength, jointly=True)
         limits = np.array([limit, (limit / 2 * spacing) ** 2], self.engine.dtype)
         at = zone.table(self.engine.layout.reach)
         broken = np.zeros((*rows, 2))
@@ -97,7 +97,7 @@ class BondZone:
         damage = forces, changed, before, full, strengths, closing, warmth
         engine.replace(bonds=Bonds(functions, table, places, alive, kinds, at, limits, nonlinear, broken, *damage))
         engine.sweep_in_pieces(laws.PIECE_ROWS)
-        self._find_kinds()
+        self.find_kinds()
 
     @property
     def nonlinear(self) -> bool:
@@ -124,7 +124,7 @@ class BondZone:
         order = np.argsort(places[:, 0])
         bond = order[np.searchsorted(places[order, 0], neighbours[mine] - nodes[mine])]
         np.bitwise_and.at(self.table.alive, (bond >> 6, nodes[mine]), ~(np.uint64(1) << (bond & 63).astype(np.uint64)))
-        self._find_kinds()
+        self.find_kinds()
         self._remember()
         swept = np.zeros(len(nodes), bool)
         swept[mine] = self.contains(np.stack(np.unravel_index(number[nodes[mine]], block.nodes), axis=1))
@@ -150,8 +150,8 @@ class BondZone:
         zone = self.table.zone
         return np.asarray(((at >= zone[FIRST:END]) & (at < zone[END:])).all(1))
 
-    def _find_kinds(self) -> None:
-        """Which tiles of the zone are plain: all bonds there, and none leaves the box where bonds follow the law."""
+    def find_kinds(self) -> None:
+        """Find the plain tiles of the zone: all bonds are there, and none leaves the box where bonds follow the law."""
         block, high, kinds, zone = (
             self.engine.layout.box,
             ROWS[self.engine.components],
@@ -193,10 +193,12 @@ class BondZone:
         return bonds | ({"work": work} if work.size else {})
 
     @property
-    def broken(self) -> tuple[float, int]:
-        """Energy of the bonds when they broke, for a unit of mass a node, and their number."""
+    def broken(self) -> tuple[float, float]:
+        """Energy of the bonds when they broke, for a unit of mass a node, and their number; a bond to a node of another
+        process counts half.
+        """
         energy, count = self.table.broken.sum((0, 1))
-        return float(energy) / self.engine.stages.numbers[0][2], round(float(count))
+        return float(energy) / self.engine.stages.numbers[0][2], float(count)
 
     def count_cut(self, energy: float) -> None:
         """Add the energy, for a unit of mass a node, of bonds that were cut."""

@@ -13,6 +13,7 @@ what the linear scheme loses, to rounding. So the level before the present one m
 
 from __future__ import annotations
 
+from collections.abc import Set
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -135,13 +136,14 @@ class Zone:
     ----------
     first, end : tuple of int
         The box of nodes along the three axes, in nodes of the core.
-    open : tuple of bool
-        Axes along which bonds that leave the box follow the law, too: periodic ones, whose halo holds copies.
+    open : set of (int, int)
+        Sides (axis, -1 or 1) of the box through which bonds follow the law, too: periodic ones, whose halo holds
+        copies, and those beyond which another process has the zone.
     """
 
     first: tuple[int, int, int]
     end: tuple[int, int, int]
-    open: tuple[bool, bool, bool] = (False, False, False)
+    open: Set[tuple[int, int]] = frozenset()
 
     def moved(self, by: tuple[int, ...]) -> Zone:
         """The same box, counted from other nodes."""
@@ -150,9 +152,9 @@ class Zone:
 
     def table(self, reach: tuple[int, ...]) -> np.ndarray:
         """One row of four times three numbers."""
-        more = np.where(self.open, reach, 0)
         first, end = np.array(self.first), np.array(self.end)
-        return np.concatenate([first - more, end - first + 2 * more, first, end]).astype(np.int64)
+        below, above = (np.array([m if (a, side) in self.open else 0 for a, m in enumerate(reach)]) for side in (-1, 1))
+        return np.concatenate([first - below, end - first + below + above, first, end]).astype(np.int64)
 
 
 @njit(error_model="numpy", inline="always")

@@ -244,10 +244,13 @@ class Engine:
             self.passes.stretches = _remembering(self.passes.stretches, memory, end)
         return memory
 
-    def spread(self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None) -> np.ndarray:
+    def spread(
+        self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None, jointly: bool = False
+    ) -> np.ndarray:
         """Nodal values of the core on every place of a level: constant along each normal from the core's edge on.
 
-        `beyond` gives the value beyond a side (axis, side) where it is not that of the edge.
+        `beyond` gives the value beyond a side (axis, side) where it is not that of the edge. If `jointly`, all
+        processes that fill halos call it, and each gives the others what lies beyond their sides.
         """
         layout, padded = self.layout, np.asarray(core, float)
         for axis, m in enumerate(layout.reach):
@@ -261,6 +264,8 @@ class Engine:
                     padded[tuple(strip if a == axis else slice(None) for a in range(3))] = beyond[axis, side]
         values = np.zeros(layout.size, self.dtype)
         layout.box.all(values)[...] = padded
+        if jointly and self.exchange is not None:
+            self.exchange.fill(values, 1)
         return values
 
     def replace(self, **tables: Any) -> None:

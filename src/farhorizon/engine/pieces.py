@@ -39,7 +39,35 @@ def pieces_of(engine: Engine) -> dict[str, Piece]:
     found = {f"level/{k}": Piece(level, every, (0, 1, 2)) for k, level in enumerate(engine.levels)}
     for name, places, axes in engine.remembered():
         found[name] = Piece(engine.memory, places, axes)
+    for word, bits in enumerate(engine.bonds.table.alive):
+        found[f"bonds/{word}"] = Piece(bits, every[0], (0, 1, 2))
     return found
+
+
+def sums_of(engine: Engine) -> dict[str, float]:
+    """What has been added up on the way by name: energy and number of the bonds that broke, the work of sources, what
+    drag has taken; in units of the update.
+    """
+    return {f"{name}/{i}": float(one.sum()) for name, sums in _sums(engine).items() for i, one in enumerate(sums)}
+
+
+def take_sums(engine: Engine, given: Mapping[str, float]) -> None:
+    """Go on adding up from what `sums_of` has told."""
+    for name, sums in _sums(engine).items():
+        for i, one in enumerate(sums):
+            one[...] = 0
+            one.flat[0] = given[f"{name}/{i}"]
+
+
+def _sums(engine: Engine) -> dict[str, np.ndarray]:
+    """Arrays of parts of sums, whose first axis is that of the sums; they share memory."""
+    tables = engine.tables
+    every = {
+        "broken": np.moveaxis(tables.bonds.broken, -1, 0),
+        "work": tables.work[None],
+        "drag": tables.drag.lost[None],
+    }
+    return {name: sums for name, sums in every.items() if sums.size}
 
 
 def common(one: Box, other: Box, axes: Sequence[int]) -> tuple[tuple[slice, ...], tuple[slice, ...]] | None:

@@ -41,6 +41,8 @@ def connect(engine: Engine, link: Link, neighbours: Mapping[tuple[int, int], int
     states = max((tables.columns for tables in passes), default=0)
     rows = max((tables.rows for tables in passes), default=0)
     engine.exchange = Exchange(kinds, max(engine.components, states, rows), engine.dtype)
+    if engine.varied:
+        engine.exchange.fill(engine.tables.material.coefficient, 1)
     none = np.zeros((2, 0), np.int64)
     gather, scatter = (
         one._replace(layers=one.layers._replace(copies=none)) for one in (engine.tables.gather, engine.tables.scatter)
@@ -97,7 +99,7 @@ def set_density(engine: Engine, density: np.ndarray) -> None:
     """Mass of each node of the core over that of a node of the medium: what forces do to it is less by so much. It
     goes on beyond the core as at its edge. The older level must outlive a step.
     """
-    engine.replace(mobility=engine.spread(1 / np.asarray(density, float)))
+    engine.replace(mobility=engine.spread(1 / np.asarray(density, float), jointly=True))
 
 
 def set_drag(engine: Engine, rate: float, first: np.ndarray, end: np.ndarray) -> None:

@@ -184,7 +184,13 @@ class Lattice(Storable):
         made.shape = tuple(last - first for first, last in ranges)
         made.lower = np.array([along[first] for along, (first, _) in zip(self.axes, ranges, strict=True)])
         made.upper = np.array([along[last - 1] for along, (_, last) in zip(self.axes, ranges, strict=True)])
+        made.mask = None if self.mask is None else self.mask[made.within]
         return made
+
+    @property
+    def within(self) -> tuple[slice, ...]:
+        """Where the nodes lie among those of the `whole`."""
+        return tuple(slice(first, first + n) for first, n in zip(self.first, self.shape, strict=True))
 
     def own(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which nodes of the `whole` (flat numbers) are among those of this part, and their flat numbers here."""

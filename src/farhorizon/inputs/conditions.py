@@ -254,6 +254,30 @@ class Conditions:
     leaks: list[tuple[int, np.ndarray]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
+    def part(self, lattice: Lattice) -> Conditions:
+        """Those of the nodes of a part of the lattice; what they follow from must be in it, too."""
+        mine, nodes = lattice.own(self.nodes)
+        counts = np.diff(self.starts)
+        follows = np.repeat(mine, counts)
+
+        def cut(drive: Drive, which: Any) -> Drive:
+            space, time = drive
+            if space is None:
+                return None, lambda t: np.asarray(time(t))[which]
+            return space[which], time
+
+        return Conditions(
+            nodes,
+            self.owner[mine],
+            np.concatenate([[0], np.cumsum(counts[mine])]),
+            lattice.own(self.references[follows])[1],
+            self.weights[follows],
+            [cut(drive, mine) for drive in self.drives],
+            [(number, cut(drive, lattice.within)) for number, drive in self.sources],
+            [(number, leak[lattice.within]) for number, leak in self.leaks],
+            self.notes,
+        )
+
     @property
     def resting(self) -> np.ndarray:
         """Which of the prescribed nodes hold the background at all times."""

@@ -296,6 +296,7 @@ class Incidence:
     wave : Incident
         With its box.
     lattice : Lattice
+        That of the run, or a part of it.
     scheme : Scheme
         Of the medium outside the box, for which the wave is made.
     free : sequence of (axis, side)
@@ -315,13 +316,21 @@ class Incidence:
     def __init__(self, wave: Incident, lattice: Lattice, scheme: Scheme, free: Sequence[End] = ()) -> None:
         assert wave.within is not None
         self.wave, self._lattice, self._dt = wave, lattice, scheme.dt
-        self.region = region_of(wave.within, lattice, scheme, free)
+        self.region = region_of(wave.within, lattice.whole, scheme, free)
         self.passage = wave.passage(self.region)
-        shell = self.region.shell
-        self._values = self.passage.at(shell.nodes)
-        self._joins = -scheme.rate * shell.commutator
-        self._nodes = np.ravel_multi_index(tuple(shell.nodes.T), lattice.shape)
-        self._components = scheme.stencil.components
+        shell, self._components = self.region.shell, scheme.stencil.components
+        mine, self._nodes = self._own(shell.nodes)
+        joins = (-scheme.rate * shell.commutator).tocsr()[np.tile(mine, self._components)]
+        # what acts on nodes of another part is its business
+        acting = np.zeros(joins.shape[1], bool)
+        acting[joins.indices] = True
+        needed = np.flatnonzero(acting.reshape(self._components, -1).any(0))
+        self._values = self.passage.at(shell.nodes[needed])
+        self._joins = joins[:, (needed + len(shell.nodes) * np.arange(self._components)[:, None]).ravel()]
+
+    def _own(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which of some nodes (n, dim) of the whole lattice are of this part of it, and their flat numbers there."""
+        return self._lattice.own(np.ravel_multi_index(tuple(nodes.T), self._lattice.whole.shape))
 
     def source(self, t: float) -> np.ndarray:
         """``chi L u - L (chi u)`` of the wave on the lattice; zero once it has passed."""
@@ -335,8 +344,8 @@ class Incidence:
         (2 dt)``.
         """
         nodes = self.region.nodes
-        wave = self.passage.at(nodes)
-        where = np.ravel_multi_index(tuple(nodes.T), self._lattice.shape)
+        mine, where = self._own(nodes)
+        wave = self.passage.at(nodes[mine])
         found = np.zeros((2, self._components, int(np.prod(self._lattice.shape))))
         found[0][:, where] = wave(0.0)
         found[1][:, where] = (wave(self._dt) - wave(-self._dt)) / (2 * self._dt)
@@ -346,7 +355,7 @@ class Incidence:
         """The incident wave everywhere on the lattice, of the field's shape; nan where it is not known."""
         if t >= self.passage.period:
             return self._shaped(np.zeros((self._components, int(np.prod(self._lattice.shape)))))
-        nodes = np.indices(self._lattice.shape).reshape(self._lattice.dim, -1).T
+        nodes = np.indices(self._lattice.shape).reshape(self._lattice.dim, -1).T + np.array(self._lattice.first)
         return self._shaped(self.passage.at(nodes)(t))
 
     def _shaped(self, values: np.ndarray) -> np.ndarray:

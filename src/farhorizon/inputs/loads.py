@@ -136,6 +136,8 @@ def force_density(
     if load.side not in names:
         raise InputError("unknown side", value=load.side, limit=", ".join(names), key=f"{key}.side")
     axis, side = names[load.side]
+    if sides[axis, side].shared:  # the side is one of other processes
+        return np.zeros((lattice.dim, *lattice.shape))
     if sides[axis, side].bonded:
         raise InputError(
             "a traction acts on a free side",
@@ -163,7 +165,7 @@ def force_density(
             key=f"{key}.between",
         )
     for a, (low, high) in zip(others, load.between or (), strict=load.between is not None):
-        first, last = lattice.lower[a], lattice.upper[a]
+        first, last = lattice.whole.lower[a], lattice.whole.upper[a]
         if not first - slack <= low <= high <= last + slack:
             raise InputError(
                 "the traction reaches beyond the near field",
@@ -175,6 +177,6 @@ def force_density(
         loaded &= (at[a] >= low - slack) & (at[a] <= high + slack)
     if lattice.mask is not None:
         loaded &= lattice.mask
-    if not loaded.any():
+    if lattice.whole is lattice and not loaded.any():
         raise InputError("the traction meets no node", value=load.between, key=f"{key}.between", remedy="a wider load")
     return np.multiply.outer(np.asarray(load.value, float) / lattice.spacing, loaded)

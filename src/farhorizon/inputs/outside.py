@@ -234,14 +234,14 @@ class Beyond:
 
     def check_cracks(self, cuts: Iterable[Cut], reach: Sequence[int]) -> None:
         """Refuse cracks so far beyond the near field that they cut no bond of its nodes; raises InputError."""
-        slack = self.lattice.spacing * np.array(reach)
+        whole, slack = self.lattice.whole, self.lattice.spacing * np.array(reach)
         for cut in cuts:
             low, high = cut.bounds()
-            if np.any(low > self.lattice.upper + slack) or np.any(high < self.lattice.lower - slack):
+            if np.any(low > whole.upper + slack) or np.any(high < whole.lower - slack):
                 raise InputError(
                     "the crack lies beyond the near field and cuts none of its bonds",
                     value=[b.tolist() for b in (low, high)],
-                    limit=_extent(self.lattice),
+                    limit=_extent(whole),
                     key="crack",
                     remedy="move it inside or enlarge the near field",
                 )

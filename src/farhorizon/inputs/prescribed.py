@@ -99,7 +99,9 @@ class Prescribed(Storable):
         return found if isinstance(self.velocity if self.value is None else self.value, list) else found[0]
 
     def nodes(self, lattice: Lattice) -> np.ndarray:
-        """Flat indices of the nodes in the lattice; InputError if there are none, or a point lies outside."""
+        """Flat indices of the nodes in the lattice, or in a part of one; InputError if the whole has none, or a point
+        lies outside.
+        """
         if isinstance(self.where, Shape):
             mask = self.where.contains(np.stack(lattice.coordinates(), axis=-1))
         else:
@@ -109,22 +111,23 @@ class Prescribed(Storable):
                 else kinds.array(self.where, "constraint.where")
             )
             if given.dtype == bool:
-                if given.shape != lattice.shape:
+                if given.shape != lattice.whole.shape:
                     raise InputError(
                         "a mask must have the lattice's shape",
                         value=given.shape,
-                        limit=lattice.shape,
+                        limit=lattice.whole.shape,
                         key="constraint.where",
                     )
-                mask = given
+                mask = given[lattice.within]
             else:
                 mask = np.zeros(lattice.shape, bool)
                 points = kinds.array(given, "constraint.where")
-                for point in points.reshape(-1, 1) if lattice.dim == 1 else np.atleast_2d(points):
-                    mask[lattice.index(point)] = True
+                points = points.reshape(-1, 1) if lattice.dim == 1 else np.atleast_2d(points)
+                nodes = np.array([lattice.whole.index(point) for point in points]).reshape(-1, lattice.dim)
+                mask.flat[lattice.own(np.ravel_multi_index(tuple(nodes.T), lattice.whole.shape))[1]] = True
         if lattice.mask is not None:
             mask = mask & lattice.mask
-        if not mask.any():
+        if lattice.whole is lattice and not mask.any():
             raise InputError("a constraint holds no node", key="constraint.where", remedy="move it into the near field")
         return np.flatnonzero(mask)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -49,6 +50,11 @@ class Variation:
         if factor is None:
             return self
         return replace(self, stiffness=factor if self.stiffness is None else factor * self.stiffness)
+
+    def part(self, within: tuple[slice, ...]) -> Variation:
+        """That of a box of the lattice."""
+        place: tuple[Any, ...] = (..., *within)
+        return Variation(**{name: value if value is None else value[place] for name, value in vars(self).items()})
 
     @property
     def squared_speed(self) -> np.ndarray | None:

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from farhorizon.boundaries import Auto, Closure, ExactEnds
-from farhorizon.engine.settings import connect, set_drag
+from farhorizon.engine.settings import set_drag
 from farhorizon.errors import InputError
-from farhorizon.inputs.incidence import Incidence, Incident
+from farhorizon.geometry.shapes import Cut
+from farhorizon.inputs.incidence import Incidence
 from farhorizon.inputs.outside import Beyond, gradients
 from farhorizon.medium.stencil import Stencil
-from farhorizon.medium.variation import Variation
 from farhorizon.simulation.breaking import Breaking
 from farhorizon.simulation.closing import close, exact_ends_of
 from farhorizon.simulation.cuts import CutBonds
 from farhorizon.simulation.drives import (
+    Arriving,
     Drive,
     Drives,
     check_signals,
@@ -33,7 +34,7 @@ from farhorizon.simulation.grid import Grid, choose_margins, largest_rate, make_
 from farhorizon.simulation.layers import choose_layers
 from farhorizon.simulation.near_field import NearField, near_field, node_factor, varied
 from farhorizon.simulation.setup import Key, Setup, Sides
-from farhorizon.simulation.share import Share, check_choosable, check_shareable, chooses, share_of
+from farhorizon.simulation.share import Share, check_choosable, check_shareable, looked_through, share_of
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
 from farhorizon.simulation.start import Start, start_of
 from farhorizon.simulation.surfaces import check_conditions, rest_and_damp
@@ -103,7 +104,7 @@ class Survey:
     autos : dict of (axis, side) to Auto
     near : NearField
     around : Surroundings
-    waves : list of Incident
+    waves : list of Arriving
     sources : list of (str, source)
         Each after what it is called in messages.
     """
@@ -112,13 +113,14 @@ class Survey:
     autos: dict[Key, Auto]
     near: NearField
     around: Surroundings
-    waves: list[Incident]
+    waves: list[Arriving]
     sources: list[tuple[str, Any]]
 
 
-def survey(whole: Setup, stiffer: float | None = None) -> Survey:
+def survey(whole: Setup, stiffer: float | None = None, share: Share | None = None) -> Survey:
     """The medium, what drives it and the sides of a set-up; see `assemble`."""
-    setup, variation = varied(whole)
+    setup, variation = varied(whole) if share is None else (share.uniform, share.variation)
+    of_whole = () if share is None else (share.whole, share.conditions)
     lattice, model = setup.lattice, setup.model
     autos = {key: b for key, b in setup.sides.items() if isinstance(b, Auto)}
     sides = setup.sides | {key: b.layer(None, model.target) for key, b in autos.items()}
@@ -129,17 +131,19 @@ def survey(whole: Setup, stiffer: float | None = None) -> Survey:
     coefficient = node_factor(setup)
     variation = variation.times(coefficient)
     check_variation(sides, variation)
-    near = near_field(setup, sides, stencil, variation, coefficient, 1.0 if stiffer is None else stiffer)
+    near = near_field(setup, sides, stencil, variation, coefficient, 1.0 if stiffer is None else stiffer, *of_whole)
     check_signals(setup, near)
-    waves = incident_waves(setup, near, sides)
+    waves = incident_waves(setup, near, sides, _cuts(setup)) if share is None else share.waves
     sources = given(setup, near, sides)
-    around = _choose_sides(setup, near, sides, autos, [*waves, *(source for _, source in sources)])
+    around = _choose_sides(
+        setup, near, sides, autos, [*(one.wave for one in waves), *(source for _, source in sources)]
+    )
+    if share is not None:
+        around = replace(around, coefficients=share.coefficients)
     return Survey(setup, autos, near, around, waves, sources)
 
 
-def assemble(
-    whole: Setup, stiffer: float | None = None, team: Team = ALONE, neighbours: Mapping[Key, int] | None = None
-) -> Parts:
+def assemble(whole: Setup, stiffer: float | None = None, team: Team = ALONE, share: Share | None = None) -> Parts:
     """The parts of a run; the set-up is looked at from the cheap to the dear.
 
     Parameters
@@ -150,15 +154,15 @@ def assemble(
         assembly where it is not given and may be above 1.
     team : Team
         The processes that compute the run.
-    neighbours : mapping of (axis, side) to int, optional
-        Those that fill the halo, see `farhorizon.simulation.share`.
+    share : Share, optional
+        What this process computes of it; its set-up is `whole`.
 
     Raises
     ------
     InputError
         Anything that cannot be computed.
     """
-    found = survey(whole, stiffer)
+    found = survey(whole, stiffer, share)
     setup, autos, near, around = found.setup, found.autos, found.near, found.around
     waves, sources, sides, factor = found.waves, found.sources, found.around.sides, found.near.factor
     lattice, model, stencil = setup.lattice, setup.model, near.stencil
@@ -173,7 +177,7 @@ def assemble(
     if near.density is not None:
         notes += gradients(near.density, "the density", beyond.targets, stencil.reach)
     start = start_of(setup, near, sides, beyond)
-    cuts_given = [crack.cut for crack in setup.cracks]
+    cuts_given = _cuts(setup)
     beyond.check_cracks(cuts_given, stencil.reach)
     drives = split_drives(sources, near, beyond)
     driving = drives.sources + [drive for _, drive in near.conditions.sources]
@@ -185,9 +189,8 @@ def assemble(
     states = states_of(setup, sides, near.variation.moduli is not None)
     margins = choose_margins(near, around, (start.u, start.v), material, cuts_given, states, team)
     check_conditions(near, sides, margins)
-    grid = make_grid(setup, near, around, margins, states)
-    if neighbours is not None:
-        connect(grid.engine, team.link, {(grid.lead + axis, side): one for (axis, side), one in neighbours.items()})
+    reached = () if share is None else (team.link, share.neighbours)
+    grid = make_grid(setup, near, around, margins, states, *reached)
     phases = None
     if model.dissolution is not None:
         phases = SolidAndLiquid(grid, model.dissolution, setup.background, solid)
@@ -198,7 +201,7 @@ def assemble(
     free_rim = lattice.body is not None and setup.rim == "free"
     cuts = CutBonds(near, around, grid, closure, free_rim, notes)
     law = model.bond_law
-    breaking = None if law is None else Breaking(law, near, sides, grid, cuts)
+    breaking = None if law is None else Breaking(law, near, sides, grid, cuts, team)
     if setup.lasting:
         grid.engine.record_work()
     if model.drag:
@@ -208,14 +211,14 @@ def assemble(
     unlike = (
         grid.engine.absent.count or near.variation.moduli is not None
     )  # nodes with fewer or other bonds may be faster
-    if states is not None and unlike and stiffer is None:
+    if states is not None and unlike and stiffer is None and share is None:
         return assemble(whole, max(1.0, largest_rate(grid.engine) / near.rate_limit))
     alone = breaking.loose() if breaking is not None and setup.cracks else 0
     if alone:
         notes.append(f"cracks leave {alone} nodes without any bond: they move freely")
     held = rest_and_damp(near, around, cuts, setup.rim == "fixed")
     ends = exact_ends_of(near, sides, grid)
-    incident = [incidence(wave, near, sides, cuts_given, notes) for wave in waves]
+    incident = [incidence(one, near, sides, notes) for one in waves]
     driving += [(None, lambda t, one=one: one.source(t) / model.source_factor) for one in incident]
     return Parts(
         near,
@@ -235,6 +238,11 @@ def assemble(
         incident,
         driving,
     )
+
+
+def _cuts(setup: Setup) -> list[Cut]:
+    """Where cracks are, open or not yet."""
+    return [crack.cut for crack in setup.cracks]
 
 
 def _choose_sides(
@@ -275,13 +283,17 @@ def shared(setup: Setup, team: Team, topology: Sequence[int] | None, observers: 
         What does not run on several processes.
     """
     check_shareable(setup, observers)
-    stencil = setup.model.medium(setup.lattice.spacing, setup.lattice.dim)
-    around = by_target(setup, setup.sides, stencil)
-    check_choosable(setup, around)
-    near = near_field(replace(setup, initial={}, sources=(), loads=()), around.sides, stencil, Variation())
-    if chooses(around):
-        chosen = None
+    uniform, variation = varied(setup)
+    bare = replace(uniform, initial={}, loads=())
+    stencil = uniform.model.medium(setup.lattice.spacing, setup.lattice.dim)
+    near = near_field(bare, setup.sides, stencil, variation.times(node_factor(uniform)))
+    waves = incident_waves(bare, near, setup.sides, _cuts(setup))
+    around = by_target(uniform, setup.sides, stencil, near.squared_speed)
+    check_choosable(setup, uniform.model, around)
+    extremes, chosen = near.extremes, None
+    if found := looked_through(setup, uniform.model, around):
         if team.number == 0:
-            chosen = survey(setup).around
-        around = team.first(chosen)
-    return share_of(setup, around, near.dt, team, topology)
+            made = assemble(setup) if found == "medium" else survey(setup)
+            chosen = made.around, made.near.extremes
+        around, extremes = team.first(chosen)
+    return share_of(setup, uniform.model, variation, around, extremes, near.conditions, waves, team, topology)

@@ -15,6 +15,7 @@ from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.overstretch import IntactMargin, intact_margin
 from farhorizon.simulation.setup import Sides
+from farhorizon.simulation.team import ALONE, Team
 
 _SHATTERS = 10.0  # a load whose first strain is so many times the critical stretch breaks whatever it meets
 
@@ -29,32 +30,40 @@ class Breaking:
     sides : dict of (axis, side) to Side
     grid : Grid
     cuts : CutBonds
+    team : Team
+        Processes that have parts of the near field, which all make one.
 
     Attributes
     ----------
+    critical_stretch : float
+        Of the weakest bonds on all of the lattice.
     families : ndarray of int
         Bonds of each node, whole and uncut; shape of the lattice.
     """
 
-    def __init__(self, law: BondLaw, near: NearField, sides: Sides, grid: Grid, cuts: CutBonds) -> None:
-        self.law, self.near, self.sides, self.grid, self.cuts = law, near, sides, grid, cuts
+    def __init__(
+        self, law: BondLaw, near: NearField, sides: Sides, grid: Grid, cuts: CutBonds, team: Team = ALONE
+    ) -> None:
+        self.law, self.near, self.sides, self.grid, self.cuts, self.team = law, near, sides, grid, cuts, team
+        self.critical_stretch = -team.largest(-float(self.critical_stretches.min()))
         self.begin()
         self.families = self.left()
 
     @cached_property
     def zone(self) -> Zone:
         """Where the law holds: one reach away from sides that are not free."""
-        lattice, lead, margins = self.near.lattice, self.grid.lead, self.grid.margins
-        first, end, around = [0] * 3, [1] * 3, [False] * 3
+        near, lead, margins = self.near, self.grid.lead, self.grid.margins
+        lattice = near.lattice
+        first, end = [0] * 3, [1] * 3
+        onward = {(lead + axis, side) for (axis, side), b in self.sides.items() if b.periodic or b.shared}
         for axis, n in enumerate(lattice.shape):
-            around[lead + axis] = self.sides[axis, -1].periodic
             apart = [
-                0 if b.periodic or not b.bonded else self.near.stencil.reach[axis]
-                for b in (self.sides[axis, -1], self.sides[axis, 1])
+                0 if (lead + axis, side) in onward or not self.sides[axis, side].bonded else near.stencil.reach[axis]
+                for side in (-1, 1)
             ]
             first[lead + axis] = margins[axis, -1] + apart[0]
             end[lead + axis] = margins[axis, -1] + n - apart[1]
-        return Zone((first[0], first[1], first[2]), (end[0], end[1], end[2]), (around[0], around[1], around[2]))
+        return Zone((first[0], first[1], first[2]), (end[0], end[1], end[2]), onward)
 
     @cached_property
     def critical_stretches(self) -> np.ndarray:
@@ -63,18 +72,15 @@ class Breaking:
         given = 1.0 if strength is None else strength, 1.0 if factor is None else factor
         return np.asarray(self.law.critical_stretch_on(lattice.spacing, lattice.dim, *given))
 
-    @property
-    def critical_stretch(self) -> float:
-        """Of the weakest bonds on this lattice."""
-        return float(self.critical_stretches.min())
-
     def _limits(self) -> tuple[float, np.ndarray | None]:
         """Largest strain e of the weakest bonds, and of those of each node over it, None where all are alike."""
         stretches = self.critical_stretches
         limits = stretches * (2 + stretches) if self.law.nonlinear else 2 * stretches
-        least = float(limits.min())
-        alike = np.ptp(limits) == 0 if np.isfinite(limits).all() else not np.isfinite(least)
-        return least, None if alike else self.grid.grown(limits / least)
+        every = self.team.gather((float(limits.min()), float(limits.max())))
+        least, most = min(low for low, _ in every), max(high for _, high in every)
+        return least, None if least == most else self.grid.grown(
+            np.broadcast_to(limits / least, self.near.lattice.shape)
+        )
 
     def begin(self) -> None:
         """Give the engine the law of the bonds, whole and uncut."""

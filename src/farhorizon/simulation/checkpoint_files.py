@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from farhorizon.engine.pieces import Assembly, common, pieces_of
+from farhorizon.engine.pieces import Assembly, common, pieces_of, sums_of, take_sums
 from farhorizon.errors import FileFormatError
 from farhorizon.files.parts import folder_of
 from farhorizon.files.results import read_checkpoint, write_checkpoint
@@ -21,7 +21,8 @@ from farhorizon.simulation.described import describe
 from farhorizon.simulation.march import March
 from farhorizon.simulation.resume import check_alike
 
-_OF_A_BOX = "levels", "memory", "shape", "lower", "held", "cuts"  # facts that are others on each process
+# facts that are others on each process
+_OF_A_BOX = "levels", "memory", "shape", "lower", "held", "cuts", "conditions", "density", "strength"
 
 
 def write_state(
@@ -84,6 +85,7 @@ def _write_jointly(path: Path, march: March, step: int, arrays: Arrays, kept: Ma
         "phase": int(engine.phase),
         "scale": team.largest(march.feed.scale),
         "fingerprint": _facts(march),
+        "sums": team.total(sums_of(engine)),
         **kept,
     }
     team.by_first(lambda: folder.mkdir(exist_ok=True))
@@ -114,9 +116,14 @@ def _read_jointly(path: Path, march: March, meta: dict[str, Any]) -> int:
             )
         if not state.add(other, read_checkpoint(part)[0]):
             raise _unlike(path)
+    march.go_on(step)
     if not state.put():
         raise _unlike(path)
     grid.engine.phase, grid.engine.steps_done = int(meta["phase"]), step
+    if grid.engine.bonds:
+        grid.engine.bonds.find_kinds()
+    sums = meta.get("sums", {})
+    take_sums(grid.engine, sums if march.team.number == 0 else dict.fromkeys(sums, 0.0))
     march.feed.scale = float(meta["scale"])
     return step
 

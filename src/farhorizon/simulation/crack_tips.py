@@ -66,6 +66,8 @@ class CrackTips(Recorder):
     [3.0, 3.0]
     """
 
+    shared = True
+
     def __init__(self, every: int = 20, most: int = 7, name: str = "crack_tips") -> None:
         self.every = kinds.integer(every, "crack_tips.every", least=1)
         self.most = kinds.integer(most, "crack_tips.most", least=1, most=1000)
@@ -183,9 +185,13 @@ class CrackTips(Recorder):
 
     def _look(self, step: int) -> None:
         """Find the cracks as they are now."""
-        lattice, breaking = self._lattice, self._breaking
-        damage = breaking.damage
-        found = find_cracks(damage, lattice.lower, lattice.spacing, self._threshold, self._horizon)
+        lattice, breaking = self._lattice.whole, self._breaking
+        damage = breaking.team.joined(self._lattice, breaking.damage)
+        found = breaking.team.first(
+            None
+            if damage is None  # the first process has it
+            else find_cracks(damage, lattice.lower, lattice.spacing, self._threshold, self._horizon)
+        )
         places = self._nowhere.copy()
         free = [number for number in range(self.most) if np.isnan(self._last[number]).all()]
         for tip, number in zip(found.tips, followed(self._last, found.tips, self._reach), strict=True):
@@ -197,7 +203,8 @@ class CrackTips(Recorder):
         self._last = _latest(self._last, places)
         self._steps.append(step)
         self._places.append(places)
-        self._sums.append((found.length, breaking.mass * float(self._bonds.broken[0])))
+        broken = breaking.team.total({"energy": self._bonds.broken[0]})["energy"]
+        self._sums.append((found.length, breaking.mass * broken))
 
 
 def _latest(last: np.ndarray, now: np.ndarray) -> np.ndarray:

@@ -95,7 +95,7 @@ class CutBonds:
             core = self.grid.grown(lattice.mask.astype(float))
             check_material(self.near, self.around, self.grid.margins, core)
         beyond = {key: 0.0 for key, b in self.around.sides.items() if not b.bonded}
-        return engine.spread(core, self.grid.keyed(beyond)) > 0.5
+        return engine.spread(core, self.grid.keyed(beyond), jointly=body and lattice.mask is not None) > 0.5
 
     def _beyond_halo(self, closure: Closure) -> list[_Bonds]:
         """Bonds of the near field beyond a halo that is thinner than the stencil reaches."""

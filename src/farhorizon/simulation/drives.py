@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -248,10 +248,38 @@ def ends_of(sides: Sides) -> dict[Key, bool]:
     return {key: not b.bonded for key, b in sides.items() if not (b.endless or b.periodic)}
 
 
-def incident_waves(setup: Setup, near: NearField, sides: Sides) -> list[Incident]:
-    """Incident waves with their boxes."""
+def incident_waves(setup: Setup, near: NearField, sides: Sides, cuts: Sequence[Cut]) -> list[Arriving]:
+    """Incident waves, each with its box and the medium outside it.
+
+    Raises
+    ------
+    InputError
+        A box that does not serve, a medium in which no such wave travels, or one that scatters outside the box.
+    """
+    ends = ends_of(sides)
     waves = [source for source in setup.sources if isinstance(source, Incident)]
-    return [wave.resolved(setup.lattice, near.stencil.reach, ends_of(sides)) for wave in waves]
+    return [_arriving(wave.resolved(setup.lattice, near.stencil.reach, ends), near, ends, cuts) for wave in waves]
+
+
+class Arriving(NamedTuple):
+    """An incident wave on its way to a near field.
+
+    Attributes
+    ----------
+    wave : Incident
+        With its box.
+    factor : float
+        What the bonds outside the box are multiplied with.
+    free : list of (axis, side)
+        Free sides.
+    known : list of (axis, side)
+        Of these the ones on which the box stands.
+    """
+
+    wave: Incident
+    factor: float
+    free: list[Key]
+    known: list[Key]
 
 
 def split_drives(sources: Sequence[tuple[str, Any]], near: NearField, beyond: Beyond) -> Drives:
@@ -311,14 +339,7 @@ def scheme_of(near: NearField, factor: float) -> Scheme:
     return Scheme.of(near.stencil.beside(factor), rate, near.model.integrator, near.dt, near.model.damping)
 
 
-def incidence(wave: Incident, near: NearField, sides: Sides, cuts: Sequence[Cut], notes: list[str]) -> Incidence:
-    """What joins the total field inside a wave's box to the scattered one outside it; `notes` gets what is to be known.
-
-    Raises
-    ------
-    InputError
-        A medium in which no such wave travels, or one that scatters outside the box.
-    """
+def _arriving(wave: Incident, near: NearField, ends: dict[Key, bool], cuts: Sequence[Cut]) -> Arriving:
     lattice, model = near.lattice, near.model
     if not isinstance(model.integrator, Verlet) or (model.damping and wave.undamped):
         raise InputError(
@@ -330,7 +351,7 @@ def incidence(wave: Incident, near: NearField, sides: Sides, cuts: Sequence[Cut]
             limit="Wave or Elastic with damping = 0" if wave.undamped else "Wave or Elastic",
             remedy="a source, or initial data",
         )
-    free = [key for key, is_free in ends_of(sides).items() if is_free]
+    free = [key for key, is_free in ends.items() if is_free]
     factor = check_scatterers(wave, lattice, near.stencil.reach, cuts, near.material, free)
     assert wave.within is not None
     known = standing_on(wave.within, lattice, free)
@@ -342,9 +363,16 @@ def incidence(wave: Incident, near: NearField, sides: Sides, cuts: Sequence[Cut]
             limit=f"one reach away from {', '.join(side_name(*key) for key in known)}",
             remedy='a smaller box, or material = "bond-based"',
         )
-    walls = [side_name(*key) for key, b in sides.items() if not b.endless and key not in known]
+    return Arriving(wave, factor, free, known)
+
+
+def incidence(one: Arriving, near: NearField, sides: Sides, notes: list[str]) -> Incidence:
+    """What joins the total field inside a wave's box to the scattered one outside it; `notes` gets what is to be
+    known.
+    """
+    walls = [side_name(*key) for key, b in sides.items() if not (b.endless or b.shared or key in one.known)]
     if walls:
         notes.append(f"only what is scattered meets {', '.join(walls)}: an incident wave does not know them")
-    found = Incidence(wave, lattice, scheme_of(near, factor), free)
+    found = Incidence(one.wave, near.lattice, scheme_of(near, one.factor), one.free)
     notes += found.passage.notes
     return found

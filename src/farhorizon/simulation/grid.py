@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -10,8 +10,9 @@ from typing import Any, Literal
 import numpy as np
 
 from farhorizon.engine.engine import Engine
+from farhorizon.engine.exchange import Link
 from farhorizon.engine.passes import StateSums
-from farhorizon.engine.settings import set_density
+from farhorizon.engine.settings import connect, set_density
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Cut
@@ -171,9 +172,16 @@ def choose_margins(
 
 
 def make_grid(
-    setup: Setup, near: NearField, around: Surroundings, margins: dict[Key, int], states: ForceStates | None
+    setup: Setup,
+    near: NearField,
+    around: Surroundings,
+    margins: dict[Key, int],
+    states: ForceStates | None,
+    link: Link | None = None,
+    neighbours: Mapping[Key, int] | None = None,
 ) -> Grid:
-    """The engine of a near field and its sides.
+    """The engine of a near field and its sides; `neighbours` are the processes that fill the halo, if any do, and
+    `link` is how it reaches them.
 
     Raises
     ------
@@ -218,6 +226,8 @@ def make_grid(
         reaction=stencil.reaction * scale,
         sums=None if states is None else _sums(states, scale, lead, moduli, _stretch(near, around, margins)),
     )
+    if link is not None and neighbours is not None:
+        connect(engine, link, {(lead + axis, side): number for (axis, side), number in neighbours.items()})
     walled = frozenset(key for key, b in sides.items() if b.held is not None and margins[key])
     grid = Grid(lattice, margins, engine, walled)
     if near.density is not None:

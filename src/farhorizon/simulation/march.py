@@ -15,7 +15,6 @@ from farhorizon.simulation.energies import energies, kinetic_energy
 from farhorizon.simulation.feed import Feed
 from farhorizon.simulation.flow_balance import FlowBalance
 from farhorizon.simulation.heating import Heating
-from farhorizon.simulation.overstretch import IntactMargin
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.start import Motion, begun, continued
 from farhorizon.simulation.team import ALONE, Team
@@ -44,6 +43,8 @@ class March:
         What heat strains the medium.
     margin : IntactMargin or None
         Where bonds would break, but cannot.
+    every : int
+        Steps between two looks at it, on all processes; 0 for none.
     first_cuts : int
         Absent bonds at the start.
     first_energy : float
@@ -71,7 +72,8 @@ class March:
         self.heating = None if setup.heat is None else Heating(setup.heat, near, grid, sides, run_of)
         self._lay_start()
         if parts.breaking is not None:
-            parts.breaking.check_start(self.feed.force(0.0))
+            with team.agreed():
+                parts.breaking.check_start(self.feed.force(0.0))
         self.first_energy = 0.0
         if setup.balance and setup.lasting:
             found = self.energies()
@@ -79,7 +81,7 @@ class March:
         elif setup.balance:
             count = len(parts.drives.sources)
             self.flow_balance = FlowBalance(setup, near, sides, grid, parts.phases, parts.ends, self.feed, count)
-        self.margin = self._find_margin()
+        self._find_margin()
 
     def _lay_start(self) -> None:
         """Give the engine the level of the start, and that one step before it."""
@@ -151,8 +153,12 @@ class March:
             out["dissolved"] = near.visible(np.where(solid, np.nan, near.dt * parts.phases.steps))
         return out
 
-    def _find_margin(self) -> IntactMargin | None:
-        return None if self.parts.breaking is None else self.parts.breaking.margin()
+    def _find_margin(self) -> None:
+        self.margin, self.every = None, 0
+        if self.parts.breaking is not None:
+            self.margin = self.parts.breaking.margin()
+            paces = self.team.gather(None if self.margin is None else self.margin.every)
+            self.every = min((pace for pace in paces if pace is not None), default=0)
 
     def open_cracks(self, step: int) -> None:
         """Cut what has opened before a step."""
@@ -170,14 +176,14 @@ class March:
         if self.flow_balance is not None and step:
             self.flow_balance.reopen()
         if step:
-            self.margin = self._find_margin()
+            self._find_margin()
 
     def allow(self, step: int, wanted: int) -> int:
         """How many of the wanted steps may be made from one on before something has to be seen to."""
         opening = [int(np.ceil(c.opens / self.parts.near.dt - 1e-9)) - step for c in self.setup.cracks]
         steps = min(wanted, min((wait for wait in opening if wait > 0), default=sys.maxsize))
-        if self.margin is not None:
-            steps = min(steps, self.margin.every - step % self.margin.every)
+        if self.every:
+            steps = min(steps, self.every - step % self.every)
         if self.heating is not None:
             steps = self.heating.allow(step, steps)
         if self.parts.near.prescribed.constraints:
@@ -209,6 +215,11 @@ class March:
         self.open_cracks(step)  # as the next step begins: `take` opens what is due at that time
         arrays, meta = state_of(self.parts, self.flow_balance)
         return arrays, meta | {"step": step, "scale": self.feed.scale}
+
+    def go_on(self, step: int) -> None:
+        """Hold, and cut, what is to be at a step of a state that was put together from those of several processes."""
+        self.feed.hold(step)
+        self.open_cracks(step)
 
     def take(self, arrays: Arrays, meta: dict[str, Any]) -> int:
         """Be in a state that `state` gave; returns its step."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,15 @@ from farhorizon.simulation.setup import Setup, Sides
 from farhorizon.simulation.validation import closed_window
 
 _ALIKE = 1e-12  # constants of the same medium
+
+
+class Extremes(NamedTuple):
+    """What follows from all nodes of a near field: see `NearField`."""
+
+    rate_limit: float
+    dt: float
+    strongest: float
+    weakest: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +57,8 @@ class NearField:
     dt : float
     prescribed : PrescribedNodes
         Nodes that follow a value for a while.
+    whole : Extremes or None
+        Of a part of a near field, those of all of it.
     """
 
     lattice: Lattice
@@ -61,6 +72,12 @@ class NearField:
     rate_limit: float
     dt: float
     prescribed: PrescribedNodes
+    whole: Extremes | None = None
+
+    @property
+    def extremes(self) -> Extremes:
+        """What a part of the near field cannot know by itself."""
+        return Extremes(self.rate_limit, self.dt, self.strongest, self.weakest)
 
     @property
     def step_limit(self) -> float:
@@ -96,11 +113,13 @@ class NearField:
     @cached_property
     def strongest(self) -> float:
         """The largest of these: of the factors on bonds where no density varies."""
-        return _strongest(self.model, self.squared_speed)
+        return _strongest(self.model, self.squared_speed) if self.whole is None else self.whole.strongest
 
     @property
     def weakest(self) -> float:
         """The smallest one, where there are bonds."""
+        if self.whole is not None:
+            return self.whole.weakest
         speeds = self.squared_speed
         return 1.0 if speeds is None else float(speeds.min(where=speeds > 0, initial=self.strongest))
 
@@ -122,7 +141,7 @@ class NearField:
     @property
     def fastest_rate(self) -> float:
         """``coefficient / spacing^2`` where the medium is fastest, the factor on the stencil `fastest`."""
-        return _fastest_rate(self.lattice.spacing, self.model, self.squared_speed)
+        return self.model.coefficient / self.lattice.spacing**2 * max(self.strongest, 1e-300)
 
     @property
     def fastest(self) -> Stencil:
@@ -146,12 +165,12 @@ class NearField:
         """The set-up's own unit of time: in it the fastest wave crosses the near field, or what diffuses empties it,
         ``R^2/D``.
         """
-        return self.model.crossing(max(self.lattice.shape) * self.lattice.spacing, max(self.strongest, 1e-300))
+        return self.model.crossing(max(self.lattice.whole.shape) * self.lattice.spacing, max(self.strongest, 1e-300))
 
     @property
     def slow_crossing(self) -> float:
         """As `crossing`, of the slowest wave, or where the medium diffuses slowest."""
-        length = max(self.lattice.shape) * self.lattice.spacing
+        length = max(self.lattice.whole.shape) * self.lattice.spacing
         return self.model.speed_ratio * self.model.crossing(length, max(self.weakest, 1e-300))
 
     @property
@@ -212,6 +231,8 @@ def near_field(
     variation: Variation,
     coefficient: np.ndarray | None = None,
     stiffer: float = 1.0,
+    whole: Extremes | None = None,
+    conditions: Conditions | None = None,
 ) -> NearField:
     """The near field of a set-up.
 
@@ -226,6 +247,10 @@ def near_field(
         Of the factors on bonds what is given beside the model.
     stiffer : float
         Of the fastest oscillation the squared frequency over that of the medium with all its bonds.
+    whole : Extremes, optional
+        Of a part of a near field, those of all of it, and
+    conditions : Conditions, optional
+        those of all of it on the nodes of this part.
 
     Raises
     ------
@@ -233,7 +258,7 @@ def near_field(
         Conditions that cannot hold, a time step above the stable limit.
     """
     lattice, model, factor, density = setup.lattice, setup.model, variation.stiffness, variation.density
-    conditions = _resolve(setup, stencil, factor)
+    conditions = _resolve(setup, stencil, factor) if conditions is None else conditions
     rate = stencil.with_reaction(0.0).symbol_maximum
     if density is None:
         rate *= _fastest_rate(lattice.spacing, model, factor)
@@ -243,6 +268,7 @@ def near_field(
         rate *= model.coefficient / lattice.spacing**2 * max(fastest, 1e-300)
     rate *= stiffer
     rate += stencil.reaction * model.coefficient / lattice.spacing**2 + float(_leak(model, conditions).max(initial=0))
+    rate = rate if whole is None else whole.rate_limit
     dt = _choose_step(setup, sides, model.step_limit(rate))
     prescribed = tuple(c for c in setup.constraints if isinstance(c, Prescribed))
     return NearField(
@@ -257,6 +283,7 @@ def near_field(
         rate,
         dt,
         PrescribedNodes(prescribed, lattice, stencil.components, model.integrator, dt, setup.background),
+        whole,
     )
 
 

@@ -123,13 +123,14 @@ def intact_margin(
     )
 
 
-def look_at(run: Any, margin: IntactMargin | None, level: np.ndarray) -> None:
-    """See now and then whether bonds of the margin of a run, which cannot break, are stretched so far that they
-    would.
+def look_at(run: Any, margin: IntactMargin | None, every: int, level: np.ndarray) -> None:
+    """See every so many steps, if that is above 0, whether bonds of the margin of a run, which cannot break, are
+    stretched so far that they would; of several processes any may have some.
     """
-    if margin is None or run.step_count < run.next_look:
+    if not every or run.step_count < run.next_look:
         return
-    run.next_look = (run.step_count // margin.every + 1) * margin.every
-    warning = margin.warning(level, run.lattice)
+    run.next_look = (run.step_count // every + 1) * every
+    found = run.team.gather(None if margin is None else margin.warning(level, run.lattice))
+    warning = next((one for one in found if one is not None), None)
     if warning is not None:
         say_doubt(run, "crack where bonds cannot break", warning)

@@ -12,6 +12,7 @@ from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.simulation.course import checked_end
 from farhorizon.simulation.steps import last_step
+from farhorizon.simulation.team import Team
 
 STATIC = "static"
 TOLERANCE = 1e-3
@@ -41,6 +42,7 @@ class Running(Protocol):
     step_count: int
     peak: float
     resting: Resting
+    team: Team
 
     @property
     def fields(self) -> dict[str, np.ndarray]:
@@ -101,7 +103,7 @@ class Rest:
         limit = checked_end(limit, run.dt)
         steps = max(_LOOKS, last_step(window, run.dt))
         looks = np.linspace(run.time, limit, max(2, int(_LOOKS * (limit - run.time) / window)))
-        settled = _last_change(run.resting, looks, tolerance)
+        settled = run.team.largest(_last_change(run.resting, looks, tolerance))
         if settled > limit - window:
             raise InputError(
                 "what drives the run changes up to its latest end, so that it does not come to rest",
@@ -128,11 +130,16 @@ class Rest:
             return kinetic <= self.tolerance**2 * run.peak
         now, before = run.fields["u"], self._before
         self._before = now
-        run.peak = max(run.peak, float(np.nanmax(np.abs(now))))
+        run.peak = max(run.peak, run.team.largest(_size(now)))
         if before is None:
             return False
-        rate = float(np.nanmax(np.abs(now - before))) / (self.pace * run.dt)
+        rate = run.team.largest(_size(now - before)) / (self.pace * run.dt)
         return rate * (run.time - self.settled) <= self.tolerance * run.peak
+
+
+def _size(field: np.ndarray) -> float:
+    """Largest magnitude where there are nodes."""
+    return float(np.abs(field).max(initial=0, where=~np.isnan(field)))
 
 
 def _last_change(run: Resting, times: np.ndarray, tolerance: float) -> float:

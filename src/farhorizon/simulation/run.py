@@ -169,8 +169,6 @@ class Run(ABC):
             An end that is not finite, a time between outputs that is not a whole number of steps, a run that is not
             stable, or one to the static state whose loads change up to its latest end; a file that is not ours.
         """
-        if isinstance(until, str):
-            self.team.alone("runs to the static state")
         rest = coming_to_rest(self, until, tolerance, limit)
         end = checked_end(until, self.dt) if rest is None else rest.limit
         count = None if every is None else steps_between(every, self.dt)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,7 @@ def rows_on_processes(run: Any, topology: Sequence[int] | None = None) -> list[t
     found = []
     for count, given in [*((count, None) for count in _COUNTS), *wanted]:
         try:
-            boxes = boxes_of(run.setup, run.parts.around, count, given)
+            boxes = boxes_of(replace(run.setup, model=run.model), run.parts.around, count, given)
         except InputError as error:
             found.append((f"{count} processes", f"{error.message}: {error.limit}"))
             continue

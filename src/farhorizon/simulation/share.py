@@ -15,11 +15,18 @@ from farhorizon.boundaries.side import Side
 from farhorizon.errors import InputError
 from farhorizon.geometry.decomposition import Decomposition, decompose
 from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.conditions import Conditions
 from farhorizon.inputs.incidence import Incident
-from farhorizon.inputs.loads import Traction
+from farhorizon.inputs.loads import Traction, force_density
+from farhorizon.inputs.pressure import Pressure
 from farhorizon.inputs.sources import Source
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.stencil import Stencil
+from farhorizon.medium.variation import Variation
+from farhorizon.models import LatticeModel
+from farhorizon.simulation.drives import Arriving
+from farhorizon.simulation.grid import states_of
+from farhorizon.simulation.near_field import Extremes
 from farhorizon.simulation.recorder import Observer, Recorder
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.surroundings import Surroundings
@@ -29,6 +36,8 @@ from farhorizon.simulation.team import Team
 _LAYER = 2.0
 #: Nodes of a lattice whose layers are chosen for its data: one process looks at the whole.
 _CHOSEN = 4_000_000
+#: Nodes of a medium that varies, which each process looks at.
+_VARIED = 50_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,17 +53,48 @@ class Share:
         Processes that fill the halo, -1 for none; of the axes along which any does.
     good_for : float
         Length of the run that the layers were chosen for.
+    model : LatticeModel
+        The uniform one beside which the medium varies, and
+    variation : Variation
+        how it does on the box.
+    whole : Extremes
+        Of the near field of all processes.
+    coefficients : dict of (axis, side) to float
+        Squared speed of the whole medium at each side.
+    conditions : Conditions
+        On the nodes of the box.
+    waves : list of Arriving
+        Incident waves.
     """
 
     setup: Setup
     decomposition: Decomposition
     neighbours: dict[Key, int]
     good_for: float
+    model: LatticeModel
+    variation: Variation
+    whole: Extremes
+    coefficients: dict[Key, float]
+    conditions: Conditions
+    waves: list[Arriving]
+
+    @property
+    def uniform(self) -> Setup:
+        """The set-up with the uniform model."""
+        return replace(self.setup, model=self.model, rule=self.setup.bond_rule)
 
     @property
     def words(self) -> str:
         """Numbers of boxes along the axes, as they are written: "2 x 2"."""
         return " x ".join(map(str, self.decomposition.topology))
+
+    def check_places(self, team: Team) -> None:
+        """Refuse forces on sides that act on no node of any process."""
+        part, sides = self.setup.lattice, self.setup.sides
+        for number, load in enumerate(self.setup.loads):
+            key = f"load[{number}]"
+            if isinstance(load, Traction) and not team.any(bool(force_density(load, part, sides, key).any())):
+                raise InputError("the traction meets no node", value=load.between, key=key, remedy="a wider load")
 
     def check_length(self, until: float) -> None:
         """Refuse a run that is longer than its layers were chosen for."""
@@ -68,16 +108,32 @@ class Share:
             )
 
 
-def share_of(setup: Setup, around: Surroundings, dt: float, team: Team, topology: Sequence[int] | None) -> Share:
+def share_of(
+    setup: Setup,
+    model: LatticeModel,
+    variation: Variation,
+    around: Surroundings,
+    whole: Extremes,
+    conditions: Conditions,
+    waves: list[Arriving],
+    team: Team,
+    topology: Sequence[int] | None,
+) -> Share:
     """The share of this process.
 
     Parameters
     ----------
     setup : Setup
         Of the whole run.
+    model : LatticeModel
+        Uniform, and
+    variation : Variation
+        how the medium varies beside it.
     around : Surroundings
         Its sides with their layers.
-    dt : float
+    whole : Extremes
+    conditions : Conditions
+    waves : list of Arriving
     team : Team
     topology : sequence of int, optional
         Boxes along each axis.
@@ -87,7 +143,7 @@ def share_of(setup: Setup, around: Surroundings, dt: float, team: Team, topology
     InputError
         As `farhorizon.geometry.decomposition.decompose`.
     """
-    lattice, boxes = setup.lattice, boxes_of(setup, around, team.size, topology)
+    lattice, boxes = setup.lattice, boxes_of(replace(setup, model=model), around, team.size, topology)
     ranges, place = boxes.ranges(team.number), boxes.place(team.number)
     sides: dict[str, Side] = {}
     for (axis, side), boundary in around.sides.items():
@@ -97,17 +153,17 @@ def share_of(setup: Setup, around: Surroundings, dt: float, team: Team, topology
         kept = boundary if chosen is None else replace(boundary, nodes=chosen.columns, profile=chosen)
         sides[side_name(axis, side)] = kept if alone or (outer and not boundary.periodic) else Neighbour()
     part = lattice.part(ranges)
-    within = tuple(slice(first, last) for first, last in ranges)
 
     def own(value: Any) -> Any:
-        return _part(value, lattice, within)
+        return _part(value, lattice, part.within)
 
     mine = replace(
         setup,
         lattice=part,
         boundary=sides,
-        dt=dt,
+        dt=whole.dt,
         threads=team.threads() if setup.threads is None else setup.threads,
+        coefficient=own(setup.coefficient),
         initial={name: own(value) for name, value in (setup.initial or {}).items()},
         sources=tuple(
             replace(one, value=own(one.value)) if isinstance(one, Source) else own(one) for one in setup.sources
@@ -115,7 +171,10 @@ def share_of(setup: Setup, around: Surroundings, dt: float, team: Team, topology
         loads=tuple(replace(one, value=own(one.value)) for one in setup.loads if not isinstance(one, ThermalLoad)),
     )
     good_for = min((found.until for found in around.thickness.values()), default=np.inf)
-    return Share(mine, boxes, boxes.neighbours(team.number), good_for)
+    kept = model, variation.part(part.within), whole, around.coefficients, conditions.part(part), waves
+    share = Share(mine, boxes, boxes.neighbours(team.number), good_for, *kept)
+    share.check_places(team)
+    return share
 
 
 def boxes_of(
@@ -165,24 +224,28 @@ def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
     """
     model, lattice = setup.model, setup.lattice
     recorders = [one for one in observers if isinstance(one, Recorder) and not one.shared]
+    varies = _varies(setup)
     refused = [
         (f"recorders of the kind {type(recorders[0]).__name__}" if recorders else "", "observe", bool(recorders)),
         ("thermal loads", "load", setup.heat is not None),
-        ("bonds that are nonlinear or break", "model", model.bond_law is not None),
         ("corrosion and its specimens", "model", model.dissolution is not None),
-        ("drag", "model.drag", bool(model.drag)),
-        ("constants that vary from node to node", "model", bool(model.varying)),
-        ("cracks", "crack", len(setup.cracks) > 0),
-        ("coefficients of bonds", "coefficient", setup.coefficient is not None),
-        ("conditions on nodes", "constraint", len(setup.constraints) > 0),
-        ("bodies and windows", "lattice", lattice.mask is not None),
-        ("balances", "output.balance", setup.balance),
-        ("incident waves", "incident", any(isinstance(one, Incident) for one in setup.sources)),
-        ("forces on sides", "load", any(isinstance(one, Traction) for one in setup.loads)),
+        ("sponges beside media that vary", "boundary", varies and any(b.damped for b in setup.sides.values())),
+        ("windows", "lattice.window", lattice.window is not None),
+        ("balances of what diffuses", "output.balance", setup.balance and not model.mechanical),
+        ("pressures on faces", "load", any(isinstance(one, Pressure) for one in setup.loads)),
     ]
     for what, key, given in refused:
         if given:
             raise _missing(what, key)
+    scattered = any(isinstance(one, Incident) for one in setup.sources)
+    if (varies or scattered or setup.constraints) and (nodes := int(np.prod(lattice.shape))) > _VARIED:
+        raise InputError(
+            "each process looks at all of a medium that varies, scatters a wave, or has conditions: none can hold it",
+            value=f"{nodes:.3g} nodes",
+            limit=f"{_VARIED:.3g}",
+            key="model",
+            remedy="a larger spacing, or a uniform medium without incident waves and conditions",
+        )
     for at, side in setup.sides.items():
         if side.exact or side.closing or side.extended or side.derivatives or isinstance(side, Auto):
             raise InputError(
@@ -191,26 +254,47 @@ def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
                 limit="LatticePML, Sponge, Fixed, Free, Periodic",
                 remedy="LatticePML, or one process",
             )
-        if not side.bonded and not model.bonds and model.mechanical:
-            raise _missing("free sides of state-based and correspondence materials", f"boundary.{side_name(*at)}")
 
 
-def check_choosable(setup: Setup, around: Surroundings) -> None:
-    """Refuse layers that choose themselves for data that no process can hold.
+def check_choosable(setup: Setup, model: LatticeModel, around: Surroundings) -> None:
+    """Refuse what the first process has to look at all nodes for, where it cannot hold them.
 
     Raises
     ------
     InputError
     """
-    choosing = chooses(around)
-    if choosing and int(np.prod(setup.lattice.shape)) > _CHOSEN:
+    found, nodes = looked_through(setup, model, around), int(np.prod(setup.lattice.shape))
+    if found and nodes > _CHOSEN:
+        layers = found == "data"
         raise InputError(
-            "layers choose their thickness by looking at all data, which no process has on so large a lattice",
-            value=f"{int(np.prod(setup.lattice.shape)):.3g} nodes",
+            "layers choose their thickness by looking at all data, which no process has on so large a lattice"
+            if layers
+            else "the step of states with absent bonds follows from all nodes, which no process has on so large a "
+            "lattice",
+            value=f"{nodes:.3g} nodes",
             limit=f"{_CHOSEN:.3g}",
-            key=f"boundary.{side_name(*choosing[0])}",
-            remedy="nodes=..., as a smaller lattice chooses them: 'farhorizon check' tells",
+            key="boundary" if layers else "lattice",
+            remedy="nodes=..., as a smaller lattice chooses them: 'farhorizon check' tells" if layers else "bonds",
         )
+
+
+def looked_through(setup: Setup, model: LatticeModel, around: Surroundings) -> str:
+    """What the first process must look through before the whole is cut into parts: the "data" for which layers choose
+    themselves, or the "medium", of states with absent bonds, for its fastest oscillation; "" for nothing.
+    """
+    states = states_of(replace(setup, model=model), around.sides, _varies(setup))
+    if states is not None and (_varies(setup) or _lacks_bonds(setup, around.sides)):
+        return "medium"
+    return "data" if chooses(around) else ""
+
+
+def _varies(setup: Setup) -> bool:
+    return bool(setup.model.varying) or setup.coefficient is not None
+
+
+def _lacks_bonds(setup: Setup, sides: Sides) -> bool:
+    free = setup.lattice.body is not None and setup.rim == "free"
+    return bool(setup.cracks) or free or not all(b.bonded for b in sides.values())
 
 
 def chooses(around: Surroundings) -> list[Key]:

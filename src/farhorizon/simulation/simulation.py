@@ -184,7 +184,7 @@ class Simulation(Run):
             if team:
                 self.share = shared(setup, team, topology, observe)
                 setup = self.share.setup
-            self.parts = parts = assemble(setup, None, team, None if self.share is None else self.share.neighbours)
+            self.parts = parts = assemble(setup, None, team, self.share)
         near, around = parts.near, parts.around
         self.lattice, self.model, self.background, self.dt = near.lattice, near.model, near.background, near.dt
         self.stencil, self.engine = near.stencil, parts.grid.engine
@@ -287,7 +287,7 @@ class Simulation(Run):
             warning = None if self.parts.phases is None or self.cautions else self.parts.phases.warning()
             if warning is not None:
                 say_doubt(self, "supersaturated", warning)
-            look_at(self, march.margin, self.engine.current)
+            look_at(self, march.margin, march.every, self.engine.current)
 
     def _watch(self, nodes: np.ndarray) -> None:
         self._recording.watch(nodes)
@@ -321,8 +321,8 @@ class Simulation(Run):
 
     @property
     def broken_bonds(self) -> int:
-        """Bonds that have broken since the start."""
-        return self.engine.bonds.broken[1]
+        """Bonds that have broken since the start; several processes ask together."""
+        return round(self.team.total({"broken": self.engine.bonds.broken[1]})["broken"])
 
     def balance(self) -> dict[str, float]:
         """What the near field has gained since the start, and from where, for simulations with ``balance=True``.
