@@ -36,7 +36,7 @@ def regions_of(run: Any, named: Regions | None = None) -> Regions | None:
     named : Regions, optional
         Names of materials, which stand before their constants.
     """
-    if run.team:  # computes uniform boxes alone
+    if run.team:  # no process has all nodes
         return None
     shape, hidden = run.lattice.shape, run.parts.near.hidden
     there = np.ones(shape, bool) if hidden is None else ~hidden
