@@ -123,7 +123,7 @@ class Prescribed(Storable):
                 mask = np.zeros(lattice.shape, bool)
                 points = kinds.array(given, "constraint.where")
                 points = points.reshape(-1, 1) if lattice.dim == 1 else np.atleast_2d(points)
-                nodes = np.array([lattice.whole.index(point) for point in points]).reshape(-1, lattice.dim)
+                nodes = np.array([lattice.whole.index(point) for point in points], int).reshape(-1, lattice.dim)
                 mask.flat[lattice.own(np.ravel_multi_index(tuple(nodes.T), lattice.whole.shape))[1]] = True
         if lattice.mask is not None:
             mask = mask & lattice.mask
