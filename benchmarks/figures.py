@@ -144,6 +144,7 @@ MEASUREMENTS = {
     "mach-cone": validated("mach-cone", ours={"error": 1, "order": 2}, off={"angle": 3}),
     "mach-cones": validated("mach-cones", ours={"error": 1, "order": 2}),
     "explosion": validated("explosion", ours={"error": 2, "order": 4}, off={"static": 6}),
+    "pressed-cavity": validated("pressed-cavity", ours={"passing": 2, "error": 3, "order": 5}),
     "garvin": validated("garvin", ours={"error": 1, "order": 2}),
     "pekeris": validated("pekeris", ours={"passing": 0, "error": 1, "order": 4}),
     "cylinders": validated("cylinders", ours={"soft": 1, "rigid": 5, "soft-order": 2, "rigid-order": 6}),

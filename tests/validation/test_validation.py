@@ -15,6 +15,7 @@ from farhorizon.validation import (
     explosion,
     moving_load,
     nonlocal_waves,
+    pressed_cavity,
     stress_intensity,
     thermal_shock,
 )
@@ -62,6 +63,29 @@ def test_outside_its_gaussian_the_centre_of_dilatation_is_the_closed_form():
     np.testing.assert_allclose(explosion.exact(r, 40.0, speed, density), closed(40.0), rtol=1e-10)
     np.testing.assert_allclose(explosion.exact(r, 40.0, speed, density), explosion.far(r, speed, density), rtol=1e-10)
     assert np.abs(explosion.exact(r, 1.5, speed, density)).max() < 1e-6 * explosion.far(r, speed, density).max()
+
+
+def test_a_pressed_cavity_moves_as_its_equation_and_its_pressure_say():
+    """rho u_tt = (lam + 2 mu) (u'' + 2 u'/r - 2 u/r^2), the pressure on the face, rest ahead of the front, and for good
+    the static field.
+    """
+    model, h = pressed_cavity.solid(0.1), 1e-3
+    speed, modulus = model.p_speed, model.p_modulus
+    r = np.array([1.2, 1.6, 2.4])
+    for t in (0.7, 2.5):
+        at = {
+            (i, j): pressed_cavity.exact(r + i * h, t + j * h, model, 1.0)
+            for i, j in [(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)]
+        }
+        slope, curved = (at[1, 0] - at[-1, 0]) / (2 * h), (at[1, 0] - 2 * at[0, 0] + at[-1, 0]) / h**2
+        moved = (at[0, 1] - 2 * at[0, 0] + at[0, -1]) / h**2
+        np.testing.assert_allclose(moved, speed**2 * (curved + 2 * slope / r - 2 * at[0, 0] / r**2), atol=1e-5)
+        face = pressed_cavity.exact(1 + h * np.arange(3), t, model, 1.0)
+        stress = modulus * (-1.5 * face[0] + 2 * face[1] - 0.5 * face[2]) / h + 2 * model.lame * face[0]
+        assert stress == pytest.approx(-pressed_cavity.PRESSURE(t), abs=1e-4)
+    assert (pressed_cavity.exact(np.array([1.0, 1.5]) + speed * 0.5, 0.5, model, 1.0) == 0).all()
+    found = pressed_cavity.exact(r, 40.0, model, 1.0)
+    np.testing.assert_allclose(found, 1 / (4 * model.shear * r**2), rtol=1e-8)
 
 
 def test_a_crack_opens_as_its_intensity_says_and_far_from_the_tip_as_a_wave_leaves_a_free_face():
@@ -160,6 +184,7 @@ BOUNDS = {
     "mach-cone": [(0.0, 0.1), (0.0, 0.025), (2.0, 0.3), (41.81, 0.5)],
     "mach-cones": [(0.0, 0.1), (0.0, 0.025), (2.0, 0.3)],
     "explosion": [(0.0, 0.15)] * 2 + [(0.0, 0.04)] * 2 + [(2.0, 0.3)] * 2 + [(1.0, 0.01)],
+    "pressed-cavity": [(0.0, 0.12)] * 2 + [(0.0, 0.06)] * 2 + [(1.0, 0.35)] * 2 + [(1.0, 0.05)],
     "garvin": [(0.0, 0.02), (0.0, 0.005), (2.0, 0.3)],
     "pekeris": [(0.0, 0.04), (0.0, 0.02), (0.0, 0.01), (0.0, 0.005), (2.0, 0.3), (1.0, 0.01)],
     "cylinders": [

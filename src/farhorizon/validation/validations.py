@@ -9,6 +9,7 @@ VALIDATIONS = Collection(
         "nonlocal_waves",
         "moving_load",
         "explosion",
+        "pressed_cavity",
         "surface_motion",
         "cross_sections",
         "stress_intensity",

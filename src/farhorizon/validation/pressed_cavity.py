@@ -1,0 +1,109 @@
+r"""A spherical cavity in an infinite solid under a pressure that comes to stay: its wave, and the static field.
+
+Under a pressure p that begins at once the displacement is radial,
+
+.. math:: u_r = -\frac{\dot F(T)}{c r} - \frac{F(T)}{r^2}, \quad T = t - \frac{r - a}{c}, \quad
+   F = -\frac{p\,a}{\rho(\alpha^2 + \omega^2)}\left[1 - e^{-\alpha T}\left(\cos\omega T +
+   \frac{\alpha}{\omega}\sin\omega T\right)\right],
+
+with :math:`\alpha = \frac{c}{a}\frac{1 - 2\nu}{1 - \nu}` and :math:`\omega = \frac{c}{a}\frac{\sqrt{1 - 2\nu}}{1 -
+\nu}` (Sharpe, 1942, Geophysics 7, 144; Blake, 1952, J. Acoust. Soc. Am. 24, 211), and for good
+:math:`p\,a^3/(4\mu r^2)`. The pressure here rises smoothly, which is a sum of such steps.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from farhorizon.boundaries import LatticePML
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.shapes import Ball, Box
+from farhorizon.inputs.pressure import Pressure
+from farhorizon.inputs.signals import Step
+from farhorizon.medium.kernel import Kernel
+from farhorizon.models import Elastic
+from farhorizon.simulation.simulation import Simulation
+from farhorizon.studies.collection import Outcome, Row
+from farhorizon.validation.explosion import radial
+from farhorizon.validation.validations import validation
+
+SHARPE = "Sharpe (1942), The production of elastic waves by explosion pressures"
+RADIUS = 1.0
+RISE = 1.0  # time in which the pressure rises to 1
+PRESSURE = Step(RISE)
+HALF = 2.25  # half the near field
+NEAREST = 1.5  # distance from which on the field is looked at: a horizon of the coarse lattice beyond the rim
+SPACINGS = (1 / 6, 1 / 12)
+PASSING, STATIC = 2.5, 16.0
+
+
+def exact(r: np.ndarray, t: float, model: Elastic, radius: float) -> np.ndarray:
+    """Radial displacement at the distances r, shape (n,), around a cavity of this radius."""
+    speed, share = model.p_speed, 1 - 2 * model.poisson
+    decay, frequency = speed / radius * np.array([share, np.sqrt(share)]) / (1 - model.poisson)
+    nodes, weights = np.polynomial.legendre.leggauss(80)
+    began = np.clip(t - (r - radius) / speed, 0.0, RISE)[:, None] / 2  # steps that have come to r
+    steps = (nodes + 1) * began
+    share_of = weights * began * (1 - np.cos(2 * np.pi * steps / RISE)) / RISE  # the rate of the pressure
+    late = t - (r[:, None] - radius) / speed - steps
+    fading = np.exp(-decay * late)
+    size = -radius / (model.density * (decay**2 + frequency**2))
+    moment = size * (1 - fading * (np.cos(frequency * late) + decay / frequency * np.sin(frequency * late)))
+    rate = size * fading * np.sin(frequency * late) * (frequency + decay**2 / frequency)
+    return np.asarray((share_of * (-rate / (speed * r[:, None]) - moment / r[:, None] ** 2)).sum(1))
+
+
+def solid(spacing: float) -> Elastic:
+    """Of all materials this one has the stiffest faces."""
+    kernel = Kernel(1.5 * spacing, exponent=1)
+    return Elastic(kernel, young=1.0, poisson=0.3, material="correspondence", stabilisation=0.5)
+
+
+def run(spacing: float) -> tuple[Simulation, float]:
+    """The solid before its first step, and the radius of a ball as large as what is missing of the lattice."""
+    half = (round(HALF / spacing) - 0.5) * spacing
+    hole = Ball(RADIUS)
+    lattice = Lattice(spacing, (-half,) * 3, (half,) * 3, body=Box((-2 * HALF,) * 3, (2 * HALF,) * 3) - hole)
+    missing = hole.contains(np.stack(lattice.coordinates(), -1)).sum()
+    sim = Simulation(
+        lattice, solid(spacing), LatticePML(target=1e-3, until=STATIC), loads=[Pressure(hole, 1.0, time=PRESSURE)]
+    )
+    return sim, float(spacing * (0.75 / np.pi * missing) ** (1 / 3))
+
+
+@validation("pressed-cavity", SHARPE, "a spherical cavity that is pressed open, to the static limit", "a minute")
+def pressed_cavity(folder: Path) -> Outcome:
+    """A correspondence solid; the rim of the cavity is a staircase."""
+    from farhorizon.pictures.curves import curve_panels
+
+    errors, panels = [], []
+    for spacing in SPACINGS:
+        sim, radius = run(spacing)
+        assert isinstance(sim.model, Elastic)
+        apart = []
+        for t in (PASSING, STATIC):
+            sim.run(t, progress=False)
+            r, found = radial(sim)
+            outer = np.isfinite(found) & (r >= NEAREST)
+            r, found = r[outer], found[outer]
+            wanted = exact(r, sim.time, sim.model, radius)
+            apart.append(float(np.abs(found - wanted).max() / np.abs(wanted).max()))
+            order = np.argsort(r)
+            panels.append((f"t = {t:g}", [("exact", r[order], wanted[order]), ("computed", r, found)]))
+        errors.append(apart)
+    static = radius**3 / (4 * sim.model.shear * r**2)
+    rows = [
+        Row(f"largest difference at t = {t:g}, of the largest value, spacing a/{RADIUS / spacing:.3g}", error)
+        for spacing, apart in zip(SPACINGS, errors, strict=True)
+        for t, error in zip((PASSING, STATIC), apart, strict=True)
+    ]
+    rows += [
+        Row(f"order in the spacing, t = {t:g}", float(np.log2(coarse / fine)), 1.0, note="the rim is a staircase")
+        for t, coarse, fine in zip((PASSING, STATIC), *errors, strict=True)
+    ]
+    rows.append(Row("static displacement over p a^3/(4 mu r^2), mean", float((found / static).mean()), 1.0))
+    picture = folder / "pressed-cavity.png"
+    curve_panels(panels[-2:], picture, xlabel="distance", ylabel="radial displacement")
+    return Outcome(rows, pictures=[picture])
