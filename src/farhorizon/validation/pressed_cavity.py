@@ -93,7 +93,7 @@ def pressed_cavity(folder: Path) -> Outcome:
             order = np.argsort(r)
             panels.append((f"t = {t:g}", [("exact", r[order], wanted[order]), ("computed", r, found)]))
         errors.append(apart)
-    static = radius**3 / (4 * sim.model.shear * r**2)
+    static = radius**3 / (4 * solid(1.0).shear * r**2)
     rows = [
         Row(f"largest difference at t = {t:g}, of the largest value, spacing a/{RADIUS / spacing:.3g}", error)
         for spacing, apart in zip(SPACINGS, errors, strict=True)
