@@ -266,7 +266,7 @@ class Passes:
             self.sums.shapes.reshape(len(self.sums.shapes), -1).astype(self.dtype),
             self.sums.kept,
             *self._whole(),
-            np.zeros((self.engine.threads, 2 * count, CHUNK), self.dtype),
+            np.zeros((self.engine.threads, count, CHUNK), self.dtype),
             np.zeros(0, self.dtype),
             self.dtype.type(1),
             self._units(whole)[0].astype(self.dtype),

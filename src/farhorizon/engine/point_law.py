@@ -12,7 +12,7 @@ import numpy as np
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.laws import call_law
 
-CHUNK = 256  # nodes whose states go through the law together
+CHUNK = 256  # neighbours whose states go through the law together
 
 
 class PointLaw(NamedTuple):
@@ -43,7 +43,7 @@ class PointLaw(NamedTuple):
         Whether bonds that are cut or break leave it as it is.
     first, end : ndarray of int, shape (3,)
         Box of nodes whose states are whole once they are swept: no layer adds to them, and no bond is cut.
-    room : ndarray, shape (threads, 2 n, CHUNK)
+    room : ndarray, shape (threads, n, CHUNK)
         To work in.
     warmth : ndarray, shape (places,), or empty
         The strain that heat brings, which no force answers to; see `engine.warmth`.
@@ -96,7 +96,7 @@ def apply_local(law, start, n, room):
     values, local, bases, count = law.values, law.local, law.bases, law.intact.shape[0]
     size = values.size // count
     for row in range(count):
-        total = room[count + row]
+        total = room[row]
         total[:n] = 0
         for column in range(count):
             lame, shear, pull = bases[0, row, column], bases[1, row, column], bases[2, row, column]
@@ -107,55 +107,43 @@ def apply_local(law, start, n, room):
                     total[i] += (lame * local[0, at] + shear * local[1, at] + pull * local[2, at]) * state[i]
     for row in range(count):
         for i in range(n):
-            values[row * size + start + i] = room[count + row, i]
+            values[row * size + start + i] = room[row, i]
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def leave_out_heat(law, start, n, odd):
-    """Take from the states of neighbours what heat strains them, of the special nodes from `odd` on by what they have
-    of their bonds."""
-    values, nodes, count = law.values, law.nodes, law.unit.size
+def leave_out_heat(law, start, n, number):
+    """Take from the states of neighbours that are alike what heat strains them; the number of their matrix, or -1."""
+    values, count = law.values, law.unit.size
     size = values.size // count
     for row in range(count):
-        if law.unit[row] != 0:
+        strained = law.spacing * (law.unit[row] if number < 0 else law.units[number, row])
+        if strained != 0:
             for i in range(start, start + n):
-                values[row * size + i] -= law.spacing * law.unit[row] * law.warmth[i]
-    while odd < nodes.size and nodes[odd] < start + n:
-        strain = law.spacing * law.warmth[nodes[odd]]
-        for row in range(count):
-            more = law.unit[row] - law.units[law.numbers[odd], row]
-            values[row * size + nodes[odd]] += strain * more
-        odd += 1
+                values[row * size + i] -= strained * law.warmth[i]
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def apply_law(thread, law, first, last):
     """The law of the places from `first` on, before `last`, of neighbours in memory; in place."""
-    values, intact, nodes, count = law.values, law.intact, law.nodes, law.intact.shape[0]
-    size = values.size // count
-    special = law.room[thread.number]
-    odd = first_special(nodes, first)
-    for start in range(first, last, CHUNK):
-        n, begin = min(CHUNK, last - start), odd
+    values, intact, nodes, numbers = law.values, law.intact, law.nodes, law.numbers
+    apart = values.size // intact.shape[0] * values.itemsize
+    start, odd = first, first_special(nodes, first)
+    while start < last:  # as many neighbours as are alike
+        end, number, matrix = min(start + CHUNK, last), -1, intact.ctypes.data
+        if odd < nodes.size and nodes[odd] == start:
+            number, begin = numbers[odd], odd
+            while odd < nodes.size and numbers[odd] == number and nodes[odd] == start + odd - begin < end:
+                odd += 1
+            end, matrix = start + odd - begin, law.matrices.ctypes.data + number * intact.nbytes
+        elif odd < nodes.size:
+            end = min(end, nodes[odd])
         if law.warmth.size:
-            leave_out_heat(law, start, n, odd)
-        while odd < nodes.size and nodes[odd] < start + n:
-            special_matrix = law.matrices[law.numbers[odd]]
-            for row in range(count):
-                total = intact[0, 0] * 0
-                for column in range(count):
-                    total += special_matrix[row, column] * values[column * size + nodes[odd]]
-                special[row, odd - begin] = total
-            odd += 1
-        if law.local.size:
-            apply_local(law, start, n, special)
+            leave_out_heat(law, start, end - start, number)
+        if number < 0 and law.local.size:
+            apply_local(law, start, end - start, law.room[thread.number])
         else:
-            place, matrix = values.ctypes.data + start * values.itemsize, intact.ctypes.data
-            call_law(law.function, place, size * values.itemsize, matrix, n)
-        for row in range(count):
-            there = values[row * size + start :]
-            for i in range(begin, odd):
-                there[nodes[i] - start] = special[row, i - begin]
+            call_law(law.function, values.ctypes.data + start * values.itemsize, apart, matrix, end - start)
+        start = end
 
 
 @njit(error_model="numpy", cache=True, counted=False)
