@@ -251,11 +251,12 @@ class Passes:
         bases = np.concatenate([self.sums.law(whole, unit[None]) for unit in np.eye(3)])
         varies = moduli.ndim > 1
         local = np.stack([self.engine.spread(one) for one in moduli]) if varies else np.zeros((3, 0))
-        middle = moduli.reshape(3, -1)[:, 0]
+        middle, real = moduli.reshape(3, -1)[:, 0], self.dtype.name
         intact = np.einsum("c,cab->ab", middle, bases).astype(self.dtype)
+        some = tuple(tuple(np.flatnonzero(row).tolist()) for row in np.any(bases, axis=0))
         return PointLaw(
             aligned_zeros(count * self.layout.size, self.dtype),
-            load_law(count, self.dtype.name),
+            np.array([load_law(entries, real) for entries in (some, (tuple(range(count)),) * count)]),
             np.ascontiguousarray(intact),
             none,
             none,
@@ -324,5 +325,5 @@ def no_law(engine: Field) -> PointLaw:
     none, nothing = np.zeros(0, np.int64), np.zeros((1, 1), engine.dtype)
     room = np.zeros((1, 1, CHUNK), engine.dtype)
     empty, local = np.zeros(0, engine.dtype), np.zeros((3, 0), engine.dtype)
-    plain = 0, nothing, none, none, nothing[None], nothing[0], local, nothing[None], nothing, False, none, none, room
+    plain = none, nothing, none, none, nothing[None], nothing[0], local, nothing[None], nothing, False, none, none, room
     return PointLaw(empty, *plain, empty, engine.dtype.type(1), empty, nothing, nothing)

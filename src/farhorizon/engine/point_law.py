@@ -22,8 +22,8 @@ class PointLaw(NamedTuple):
     ----------
     values : ndarray
         States, laid out as a level of so many components; empty where the operator has no passes.
-    function : int
-        Address of the compiled law of neighbouring nodes.
+    functions : ndarray of int, shape (2,)
+        Addresses of the compiled law of neighbouring nodes: of those that have all their bonds, of others.
     intact : ndarray, shape (n, n)
         Matrix of all nodes but these:
     nodes : ndarray of int, shape (S,)
@@ -57,7 +57,7 @@ class PointLaw(NamedTuple):
     """
 
     values: np.ndarray
-    function: int
+    functions: np.ndarray
     intact: np.ndarray
     nodes: np.ndarray
     numbers: np.ndarray
@@ -129,12 +129,13 @@ def apply_law(thread, law, first, last):
     apart = values.size // intact.shape[0] * values.itemsize
     start, odd = first, first_special(nodes, first)
     while start < last:  # as many neighbours as are alike
-        end, number, matrix = min(start + CHUNK, last), -1, intact.ctypes.data
+        end, number, matrix, function = min(start + CHUNK, last), -1, intact.ctypes.data, law.functions[0]
         if odd < nodes.size and nodes[odd] == start:
             number, begin = numbers[odd], odd
             while odd < nodes.size and numbers[odd] == number and nodes[odd] == start + odd - begin < end:
                 odd += 1
             end, matrix = start + odd - begin, law.matrices.ctypes.data + number * intact.nbytes
+            function = law.functions[1]
         elif odd < nodes.size:
             end = min(end, nodes[odd])
         if law.warmth.size:
@@ -142,7 +143,7 @@ def apply_law(thread, law, first, last):
         if number < 0 and law.local.size:
             apply_local(law, start, end - start, law.room[thread.number])
         else:
-            call_law(law.function, values.ctypes.data + start * values.itemsize, apart, matrix, end - start)
+            call_law(function, values.ctypes.data + start * values.itemsize, apart, matrix, end - start)
         start = end
 
 

@@ -131,9 +131,11 @@ def load_exchange() -> int:
     return int(_load("rows/exchange_rows").exchange.address)
 
 
-def load_law(count: int, real: str) -> int:
-    """Address of the law of states of so many numbers (see `laws.linear_law`)."""
-    return int(_load("rows/law_rows", COUNT=count, REAL=real).law.address)
+def load_law(entries: tuple[tuple[int, ...], ...], real: str) -> int:
+    """Address of the law of states with a matrix of whose rows these columns may differ from zero (see
+    `laws.linear_law`).
+    """
+    return int(_load("rows/law_rows", ENTRIES=entries, REAL=real).law.address)
 
 
 def load_bonds(

@@ -1,14 +1,14 @@
 """The law of nodes that are neighbours in memory. This text is a template: `engine.rows.build` writes it out once per
-number of values of a state and number type.
+pattern of its matrix and number type.
 """
 
 from farhorizon.engine.rows.compiled import cfunc
 from farhorizon.engine.rows.laws import LAW_SIGNATURE, linear_law
 
-COUNT = 1
+ENTRIES = ((0,),)
 REAL = "float64"
 
-_law = linear_law(COUNT, REAL)
+_law = linear_law(ENTRIES, REAL)
 
 
 @cfunc(LAW_SIGNATURE)

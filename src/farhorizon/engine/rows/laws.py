@@ -16,9 +16,9 @@ _LAW = (types.int64,) * 4
 LAW_SIGNATURE = types.void(*_LAW)
 
 
-def linear_law(count: int, real: str) -> Any:
-    """Make the intrinsic ``law(place, apart, matrix, nodes)``: the states of so many nodes, `count` numbers each, are
-    multiplied by a matrix.
+def linear_law(entries: tuple[tuple[int, ...], ...], real: str) -> Any:
+    """Make the intrinsic ``law(place, apart, matrix, nodes)``: the states of so many nodes are multiplied by a matrix,
+    of whose rows these are the columns that may differ from zero, at least one of each.
 
     It takes the byte addresses of the first number of the first node and of the matrix, the distance in bytes from one
     number of a state to the next, and the nodes.
@@ -28,15 +28,15 @@ def linear_law(count: int, real: str) -> Any:
     def law(typingctx, place, apart, matrix, nodes):
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
             place, apart, matrix, nodes = args
-            vectors = Vectors.of(builder, real)
+            vectors, count = Vectors.of(builder, real), len(entries)
             numbers = [builder.add(place, builder.mul(ir.Constant(apart.type, c), apart)) for c in range(count)]
 
             def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
                 at = builder.mul(x, ir.Constant(x.type, vectors.size))
                 state = [vectors.load(builder.add(number, at)) for number in numbers]
-                for row in range(count):
+                for row, columns in enumerate(entries):
                     total = None
-                    for column in range(count):
+                    for column in columns:
                         weight = builder.add(matrix, ir.Constant(matrix.type, (row * count + column) * vectors.size))
                         total = vectors.multiply_add(total, vectors.splat_all(weight, 1)[0], state[column])
                     store(total, builder.add(numbers[row], at))
