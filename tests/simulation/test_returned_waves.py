@@ -140,16 +140,40 @@ def test_random_diffusion_keeps_its_target_at_all_times(case):
     assert worst_error(sim, u, until) <= target
 
 
-def test_short_waves_that_a_step_of_diffusion_hardly_damps_are_told():
-    """Near the limit of Euler's step the shortest waves alternate and hardly decay, and layers send them back."""
+def test_short_waves_that_a_step_of_diffusion_hardly_damps_are_refused():
+    """Near the limit of Euler's step the shortest waves alternate and hardly decay, and layers send them back: a target
+    is refused, and a layer of which none is asked tells it.
+    """
     model, found = fh.Diffusion(fh.Kernel(2.0, 0, "constant", volume="ramp"), 1.0), []
     for share, half, width, target in ((0.95, 13, 2.0, 1e-6), (0.6, 13, 2.0, 1e-6), (0.95, 25, 5.0, 1e-4)):
         lattice = fh.Lattice(1.0, -half, half)
         u, limit = pulse(lattice, np.array([-0.9]), width), fh.Simulation(lattice, model, fh.Fixed()).step_limit
-        layer = fh.LatticePML(target=target, until=9000.0)
-        sim = fh.Simulation(lattice, model, layer, {"u": u}, dt=share * limit, threads=1)
-        found.append((any("hardly damps" in note for note in sim.notes), worst_error(sim, u, 400.0) <= target))
+
+        def with_layer(**asked):
+            layer = fh.LatticePML(until=9000.0, **asked)
+            return fh.Simulation(lattice, model, layer, {"u": u}, dt=share * limit, threads=1)  # noqa: B023
+
+        try:
+            sim, refused = with_layer(target=target), False
+        except fh.InputError as error:
+            sim, refused = with_layer(), "hardly damps" in str(error) and error.key == "boundary.target"
+            assert any("hardly damps" in note for note in sim.notes)
+        found.append((refused, worst_error(sim, u, 400.0) <= target))
     assert found == [(True, False), (False, True), (False, True)]
+
+
+def test_data_of_waves_that_run_backward_are_refused_where_a_target_is_asked():
+    """Constant influence and exponent 0: more of the narrow pulse than the target is in waves of which some run
+    backward, which predictions leave out; layers of which no target is asked say so.
+    """
+    lattice = fh.Lattice(1.0, (-18.0, -18.0), (18.0, 18.0))
+    u, model = pulse(lattice, (0.0, 0.0), 2.0), fh.Wave(fh.Kernel(6.0, 0, "constant"), 1.0)
+    with pytest.raises(fh.InputError, match="run backward") as caught:
+        fh.Simulation(lattice, model, fh.LatticePML(target=1e-4, until=200.0), {"u": u}, threads=1)
+    assert caught.value.key == "boundary.target" and caught.value.value > 1e-4
+    assert "nodes in place of the target" in caught.value.remedy
+    sim = fh.Simulation(lattice, model, fh.LatticePML(until=200.0), {"u": u}, threads=1)
+    assert any("run backward" in note for note in sim.notes)
 
 
 @pytest.mark.parametrize("walls", ["periodic", "fixed", "free"])

@@ -120,30 +120,40 @@ class _Choice:
     def unforeseen(self, layers: Sides) -> list[str]:
         """What is to be said of short waves in the data that predictions leave out: those that run backward, and those
         that a step of diffusion near its limit hardly damps.
+
+        Raises
+        ------
+        InputError
+            There are more of them than the target of a layer that chooses for itself.
         """
         near, model = self.near, self.near.model
         if not layers:
             return []
         if model.order == 1:
             first = self._kept_alive()
-            say = (
-                "of the data {share:.1g} are waves of less than {length:.2g} nodes, which a step so near its limit "
-                "hardly damps: layers for diffusion do not absorb them and may send back more than the target "
-                f"{{wanted:g}}; dt <= {0.6 * near.step_limit:.3g} or smoother data keep it"
-            )
+            say = "which a step so near its limit hardly damps, and which layers for diffusion do not absorb"
+            remedy = f"dt <= {0.6 * near.step_limit:.3g} or smoother data"
         else:
             damped = high_pass(near.stencil)
             first = None if damped is None or weak(damped) else damped.first
-            say = (
-                "of the data {share:.1g} are waves of less than {length:.2g} nodes, some of which run backward in this "
-                "medium: they are not predicted, and layers may send back more than the target {wanted:g}; smoother "
-                "data, another influence or Extended keep it, 'farhorizon compare' measures the error"
-            )
+            say = "some of which run backward in this medium, which predictions leave out"
+            remedy = "smoother data, another influence or Extended"
         if first is None:
             return []
         share = max((short_share(datum.values, first) for datum in self._initial()), default=0.0)
+        say = f"of the data {share:.1g} are waves of less than {2 * np.pi / first:.2g} nodes, {say}"
+        asked = [b.target for b in layers.values() if b.target is not None and b.open_ended]
+        if share > min(asked, default=np.inf):
+            raise InputError(
+                say,
+                value=share,
+                limit=f"the target, {min(asked):g}",
+                key="boundary.target",
+                remedy=f"{remedy}; nodes in place of the target, and 'farhorizon compare' for the error",
+            )
         wanted = min(b.wanted(model.target) for b in layers.values())
-        return [say.format(share=share, length=2 * np.pi / first, wanted=wanted)] if share > wanted else []
+        words = f"{say}: layers may send back more than the target {wanted:g}; {remedy} keep it"
+        return [f"{words}, 'farhorizon compare' measures the error"] if share > wanted else []
 
     def _kept_alive(self) -> float | None:
         """The least wavenumber times spacing along an axis that a step of diffusion hardly damps, although it damps
