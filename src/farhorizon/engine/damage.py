@@ -28,7 +28,7 @@ from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.threads import barrier
 
-_SINGULAR = 1e-3  # determinant of a shape tensor below which a node has no gradient
+SINGULAR = 1e-3  # determinant of a shape tensor, over that of an intact node, below which a node has no gradient
 _STATE, _SHAPE, _INVERSE, _LAST, _NUMBERS = 0, 9, 18, 27, 36  # of the numbers that a thread works with
 
 _ROWS_2, _ROWS_3 = ROWS[2], ROWS[3]
@@ -93,7 +93,7 @@ def invert_shape(numbers, dim):
     inverse[:] = 0
     if dim == 2:
         determinant = k[0] * k[3] - k[1] * k[2]
-        if determinant > _SINGULAR:
+        if determinant > SINGULAR:
             inverse[0], inverse[1] = k[3] / determinant, -k[1] / determinant
             inverse[2], inverse[3] = -k[2] / determinant, k[0] / determinant
         return
@@ -103,7 +103,7 @@ def invert_shape(numbers, dim):
             inverse[3 * i + j] = k[3 * a + c] * k[3 * b + d] - k[3 * a + d] * k[3 * b + c]
     determinant = k[0] * inverse[0] + k[1] * inverse[3] + k[2] * inverse[6]
     for i in range(9):
-        inverse[i] = inverse[i] / determinant if determinant > _SINGULAR else 0
+        inverse[i] = inverse[i] / determinant if determinant > SINGULAR else 0
 
 
 @njit(error_model="numpy", cache=True, counted=False)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_SINGULAR = 1e-3  # determinant of a node's shape tensor, over that of an intact one, below which it has no gradient
+from farhorizon.engine.damage import SINGULAR
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def dilatation_states(
 
 def inverse_shapes(shapes: np.ndarray) -> np.ndarray:
     """Inverse shape tensors, zero where the bonds that are there hardly span the space; shape (S, dim, dim)."""
-    whole = np.linalg.det(shapes) > _SINGULAR
+    whole = np.linalg.det(shapes) > SINGULAR
     found = np.zeros_like(shapes)
     found[whole] = np.linalg.inv(shapes[whole])
     return found
