@@ -160,6 +160,7 @@ MEASUREMENTS = {
     "mode-one": validated("mode-one", off={"early": 1, "late": 3, "static": 6, "size": 7}),
     "kalthoff": validated("kalthoff", ours={"one": 2, "two": 3, "one-order": 4, "two-order": 5}),
     "lattice-crack": validated("lattice-crack", ours={"coarse": 2, "fine": 5}),
+    "lattice-line": validated("lattice-line", ours={"coarse": 2, "fine": 5}),
     "griffith-crack": validated("griffith-crack", ours={"sliding": 3, "opening": 5}, off={"intensity": 2}),
     "penny-pressure": validated("penny-pressure", off={"opening": 1, "intensity": 2}),
     "branching": validated("branching", ours={"time": 0, "echo": 2, "boxed": 4, "speed": 5}),

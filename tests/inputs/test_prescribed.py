@@ -336,3 +336,88 @@ def test_lists_and_conditions_of_heat_are_refused_where_they_do_not_fit():
         fh.Simulation(LINE, fh.Wave(KERNEL), constraints=[fh.Prescribed([0.0], [1.0])])
     with pytest.raises(fh.InputError, match="conditions of heat"):
         fh.Simulation(PLANE, solid(), fh.Free(), constraints=[fh.Insulated("x-")])
+
+
+def beside_a_line(half, side, held, model, until, value):
+    """A pulse that is zero outside a box of 8 nodes to either side, beside held nodes, in a near field so large."""
+    lattice = fh.Lattice(1.0, (-half,) * held.dim, (half,) * held.dim)
+    x = np.stack(lattice.coordinates())
+    pulse = np.exp(-((x - 1.0) ** 2).sum(0) / 3) * (np.abs(x).max(0) < 8.5)
+    components = 1 if isinstance(model, fh.Wave) else held.dim
+    start = {"u": pulse if components == 1 else np.stack([pulse] * components)}
+    sim = fh.Simulation(lattice, model, side, start, constraints=[fh.Prescribed(held, value)], dt=0.25)
+    sim.run(until, progress=False)
+    inner = (slice(half - 8, half + 9),) * held.dim
+    return sim.fields["u"][(..., *inner)], sim.notes
+
+
+TO_THE_LEFT = fh.Box((-99.0, -0.1), (0.1, 0.1))
+DOWN_AND_UP = fh.Box((-0.1, -99.0), (0.1, 99.0))
+RUNNING_ON = {
+    "line": (TO_THE_LEFT, fh.Wave(fh.Kernel(3.0)), 0.0, 30.0),
+    "line across": (DOWN_AND_UP, fh.Wave(fh.Kernel(3.0)), "0", 30.0),
+    "line in a solid": (TO_THE_LEFT, fh.Elastic(fh.Kernel(2.0), 1.0), [0.0, 0.0], 30.0),
+    "line to slide along": (TO_THE_LEFT, fh.Elastic(fh.Kernel(2.0), 1.0), [None, 0.0], 30.0),
+    "wire in space": (fh.Box((-99.0, -0.1, -0.1), (0.1, 0.1, 0.1)), fh.Wave(fh.Kernel(2.0)), 0.0, 14.0),
+    "plate in space": (fh.Box((-99.0, -0.1, -99.0), (0.1, 0.1, 99.0)), fh.Wave(fh.Kernel(2.0)), 0.0, 14.0),
+}
+
+
+@pytest.mark.parametrize(("held", "model", "value", "until"), RUNNING_ON.values(), ids=RUNNING_ON)
+def test_what_is_held_runs_on_into_the_layers(held, model, value, until):
+    """Against a near field so wide that nothing comes back: what the layers are made for, of the largest value. What
+    ends before the layer is another problem.
+    """
+    speed = model.speed if isinstance(model, fh.Wave) else model.p_speed
+    layers, wide = fh.LatticePML(target=1e-6, until=until), 8 + int(until * speed) // 2 + 4
+    wanted, _ = beside_a_line(wide, fh.Fixed(), held, model, until, value)
+    found, notes = beside_a_line(8, layers, held, model, until, value)
+    assert np.abs(found - wanted).max() < 2e-6
+    assert any("held at the side" in note for note in notes)
+    ended = held & fh.Box((-4.0,) * held.dim, (4.0,) * held.dim)
+    assert np.abs(beside_a_line(8, layers, ended, model, until, value)[0] - wanted).max() > 1e-3
+
+
+def test_what_is_held_runs_on_where_the_domain_is_extended():
+    held, model, value, until = RUNNING_ON["line"]
+    fields = [
+        beside_a_line(half, side, held, model, until, value)[0]
+        for half, side in ((8, fh.Extended(1e-9)), (40, fh.Fixed()))
+    ]
+    assert np.abs(fields[0] - fields[1]).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("constraint", "said"),
+    [
+        (fh.Prescribed(TO_THE_LEFT, 1.0), "within one reach of the absorbing side x-.*must come to rest"),
+        (fh.Prescribed(TO_THE_LEFT, "sin(t)"), "must come to rest"),
+        (fh.Prescribed(TO_THE_LEFT, lambda t: 0.0), "must come to rest"),
+        (fh.Prescribed(TO_THE_LEFT, 0.0, until=5.0), "must come to rest"),
+        (fh.Prescribed(TO_THE_LEFT, velocity=0.0), "must come to rest"),
+        (fh.Prescribed([(-8.0, 0.0)], 0.0), "ends or varies within one reach of the absorbing side x-"),
+        (fh.Prescribed([(-8.0 + n, n) for n in range(8)], 0.0), "ends or varies within one reach"),
+    ],
+)
+def test_what_cannot_run_on_is_refused(constraint, said):
+    lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
+    with pytest.raises(fh.InputError, match=said):
+        fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), fh.LatticePML(nodes=12), constraints=[constraint])
+
+
+def test_what_is_held_at_the_background_runs_on():
+    """A line at 5 in a medium that rests at 5 is no other than one at 0 in a medium at 0."""
+    lattice, fields = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0)), []
+    for rest in (0.0, 5.0):
+        start = {"u": lambda x, y, rest=rest: rest + np.exp(-((x - 1) ** 2) - (y - 1) ** 2)}
+        sim = fh.Simulation(
+            lattice,
+            fh.Wave(fh.Kernel(2.0)),
+            fh.LatticePML(nodes=12),
+            start,
+            background=rest,
+            constraints=[fh.Prescribed(TO_THE_LEFT, rest)],
+        )
+        sim.run(30.0, progress=False)
+        fields.append(sim.fields["u"] - rest)
+    assert np.abs(fields[1] - fields[0]).max() < 1e-13  # rounding of values of 5 over a hundred steps

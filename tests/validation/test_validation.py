@@ -229,6 +229,7 @@ BOUNDS = {
     "kalthoff": [(0.0, 0.03)] * 2 + [(0.0, 0.015)] * 2 + [(1.0, 0.2)] * 2 + [(1.0, 0.01)] * 4,
     # the target is one of the largest value, six times the incident wave at the tip
     "lattice-crack": [(0.0, 1e-5)] * 3 + [(0.0, 1e-7)] * 3 + [(1.0, 1e-6)],
+    "lattice-line": [(0.0, 1e-5)] * 3 + [(0.0, 1e-7)] * 3 + [(1.0, 1e-6)],
     "griffith-crack": [
         (1.0, 0.02),
         (0.0, 0.01),

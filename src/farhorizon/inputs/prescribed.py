@@ -45,6 +45,10 @@ class Prescribed(Storable):
     Displacements by a velocity are its integrals over the steps by Simpson's rule. What holds the nodes does work,
     which the balance of energies does not tell from what is "lost".
 
+    Nodes that are held at the background (0 unless given) for ever and reach an absorbing side go on beyond it along
+    its normal without end, as cracks do: a wire or a rigid line that runs on. There they must be the same over one
+    reach of the bonds and one node more; nodes with another value, or that are released, keep off such sides.
+
     Examples
     --------
     >>> import farhorizon as fh
@@ -130,6 +134,13 @@ class Prescribed(Storable):
         if lattice.whole is lattice and not mask.any():
             raise InputError("a constraint holds no node", key="constraint.where", remedy="move it into the near field")
         return np.flatnonzero(mask)
+
+    def keeps(self, component: int, background: float) -> bool:
+        """Whether a component is held at the background for ever; of a Python function that is not known."""
+        course = self.course[component]
+        if self.value is None or self.until is not None or not isinstance(course, Expression) or course.uses_time:
+            return False
+        return _at(course, 0.0) == background
 
     def last_step(self, dt: float) -> float:
         """Number of the last step that is prescribed."""
@@ -288,6 +299,12 @@ class PrescribedNodes:
             else np.zeros(2)
             for held in self._held
         ]
+
+    @property
+    def at_rest(self) -> np.ndarray:
+        """Places in the field that are held at the background for ever."""
+        kept = (held.places for held in self._held if held.constraint.keeps(held.component, self.background))
+        return np.concatenate([np.zeros(0, np.int64), *kept])
 
     def _active(self, step: int) -> list[_Course]:
         """What holds after the step `step`, too."""

@@ -188,7 +188,7 @@ def assemble(whole: Setup, stiffer: float | None = None, team: Team = ALONE, sha
     material = solid.astype(float) if solid.any() else factor
     states = states_of(setup, sides, near.variation.moduli is not None)
     margins = choose_margins(near, around, (start.u, start.v), material, cuts_given, states, team)
-    check_conditions(near, sides, margins)
+    check_conditions(near, sides, margins, notes)
     reached = () if share is None else (team.link, share.neighbours)
     grid = make_grid(setup, near, around, margins, states, *reached)
     phases = None

@@ -15,50 +15,74 @@ from farhorizon.simulation.setup import Key, Sides, side_name
 from farhorizon.simulation.surroundings import Surroundings
 
 
-def _surfaces(near: NearField) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes that conditions hold at the background, and the rates at which nodes lose heat; of the lattice's shape."""
-    held, leak = np.zeros(near.lattice.shape, bool), near.leak
-    held.ravel()[near.conditions.nodes[near.conditions.resting]] = True
-    return held, leak if leak.size else np.zeros(near.lattice.shape)
+def _held(near: NearField) -> tuple[np.ndarray, np.ndarray]:
+    """Values that conditions, or constraints, hold, and of these such as are held at the background for ever; of the
+    lattice's shape behind the components.
+    """
+    found, resting = np.zeros((2, near.stencil.components, *near.lattice.shape), bool)
+    found.ravel()[np.concatenate([near.conditions.nodes, near.prescribed.held(0)])] = True
+    resting.ravel()[np.concatenate([near.conditions.nodes[near.conditions.resting], near.prescribed.at_rest])] = True
+    return found, resting
 
 
-def check_conditions(near: NearField, sides: Sides, margins: dict[Key, int]) -> None:
-    """What lies beyond an absorbing side goes on as at the edge and comes to rest: surfaces that lose heat, or are held
-    at the background.
+def _leak(near: NearField) -> np.ndarray:
+    """Rates at which nodes lose heat, of the lattice's shape."""
+    return near.leak if near.leak.size else np.zeros(near.lattice.shape)
+
+
+def check_conditions(near: NearField, sides: Sides, margins: dict[Key, int], notes: list[str]) -> None:
+    """What lies beyond an absorbing side goes on as at the edge and comes to rest: surfaces that lose heat, and nodes
+    that are held at the background.
+
+    Parameters
+    ----------
+    near : NearField
+    sides : dict of (axis, side) to Side
+    margins : dict of (axis, side) to int
+        Nodes of the core beyond the near field.
+    notes : list of str
+        Gets what is to be known.
 
     Raises
     ------
     InputError
+        Surfaces that end, vary or do not come to rest so near to such a side.
     """
-    held, leak = _surfaces(near)
-    if not near.conditions.nodes.size and not leak.any():
+    (found, held), leak = _held(near), _leak(near)
+    if not found.any() and not leak.any():
         return
-    shape = near.lattice.shape
-    busy = (leak > 0) & near.conditions.fed(shape)
-    busy.ravel()[near.conditions.nodes] = True
-    busy &= ~held
+    busy = (found & ~held).any(0) | (leak > 0) & near.conditions.fed(leak.shape)
     for (axis, side), boundary in sides.items():
-        m = near.stencil.reach[axis] - margins[axis, side] + 1
-        if boundary.endless and not (boundary.exact or boundary.closing) and m > 0:
-            last = np.arange(m) if side < 0 else shape[axis] - 1 - np.arange(m)
-            name = side_name(axis, side)
-            if np.take(busy, last, axis).any():
-                raise InputError(
-                    f"a condition holds on nodes within one reach of the absorbing side {name}, where the medium "
-                    "must come to rest",
-                    key="constraints",
-                    limit=f"convection to the background, or nodes held at it, on the last {m} nodes",
-                    remedy="background = the temperature of the surroundings, a Free side there, or restrict the "
-                    "condition by `within`",
-                )
-            if any(np.ptp(np.take(surface, last, axis), axis=axis).any() for surface in (held.astype(float), leak)):
-                raise InputError(
-                    f"a condition ends or varies within one reach of the absorbing side {name}, into which it "
-                    "would go on",
-                    key="constraints",
-                    limit=f"the same on the last {m} nodes",
-                    remedy="a larger near field, or restrict the condition by `within`",
-                )
+        if not boundary.endless or boundary.exact or boundary.closing:
+            continue
+        reach, name = near.stencil.reach[axis], side_name(axis, side)
+        near_layer = max(reach - margins[axis, side] + 1, int(boundary.stretched))
+        if np.take(busy, _last(leak.shape[axis], side, near_layer), axis).any():
+            raise InputError(
+                f"a condition holds on nodes within one reach of the absorbing side {name}, where the medium "
+                "must come to rest",
+                key="constraints",
+                limit=f"convection to the background, or nodes held at it, on the last {reach + 1} nodes",
+                remedy="background = the temperature of the surroundings, a Free side there, or restrict the "
+                "condition by `within`",
+            )
+        last = _last(leak.shape[axis], side, reach + 1)
+        surfaces = [np.take(held, last, 1 + axis).swapaxes(0, 1 + axis), np.take(leak, last, axis).swapaxes(0, axis)]
+        if any((surface != surface[:1]).any() for surface in surfaces):
+            raise InputError(
+                f"a condition ends or varies within one reach of the absorbing side {name}, into which it would go on",
+                key="constraints",
+                limit=f"the same on the last {reach + 1} nodes",
+                remedy="a larger near field, or restrict the condition by `within`",
+            )
+        if np.take(held, last, 1 + axis).any():
+            notes.append(f"what is held at the side {name} is taken to go on straight beyond it without end")
+
+
+def _last(count: int, side: int, wanted: int) -> np.ndarray:
+    """Numbers of the last nodes of so many along an axis in front of a side, from it on; none of less than one."""
+    inwards = np.arange(min(wanted, count))
+    return inwards if side < 0 else count - 1 - inwards
 
 
 def rest_and_damp(near: NearField, around: Surroundings, cuts: CutBonds, fixed_rim: bool) -> np.ndarray:
@@ -85,8 +109,8 @@ def rest_and_damp(near: NearField, around: Surroundings, cuts: CutBonds, fixed_r
         nodes = engine.layout.box.node_indices()
         held = nodes[~exists[nodes]]
     resting, leaking, leak = _continued(near, grid)
-    held = np.concatenate([held, resting, grid.walls])
-    places: np.ndarray = engine.all_components(held)
+    held = np.concatenate([held, grid.walls])
+    places: np.ndarray = np.union1d(engine.all_components(held), resting)
     tables = [(places, *np.zeros((3, len(places))))]
     if any(b.damped for b in around.sides.values()):
         tables.append(_damped(near, around, grid, held))
@@ -102,16 +126,21 @@ def rest_and_damp(near: NearField, around: Surroundings, cuts: CutBonds, fixed_r
 
 
 def _continued(near: NearField, grid: Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes beyond the near field that go on being held at the background, and nodes that lose heat, with their rates,
-    beyond it too.
+    """Places beyond the near field that go on being held at the background, of all components, and nodes that lose
+    heat, with their rates, beyond it too.
     """
     engine = grid.engine
     beyond = np.ones(engine.layout.size, bool)
     beyond[grid.nodes] = False
-    held, leak = (engine.spread(grid.grown(f.astype(float))) for f in _surfaces(near))
     places = engine.layout.box.node_indices()
-    resting, leaking = places[(held[places] > 0) & beyond[places]], places[leak[places] > 0]
-    return resting, leaking, leak[leaking]
+    outside = places[beyond[places]]
+    resting = [
+        outside[engine.spread(grid.grown(held.astype(float)))[outside] > 0] + number * engine.layout.size
+        for number, held in enumerate(_held(near)[1])
+    ]
+    leak = engine.spread(grid.grown(_leak(near)))
+    leaking = places[leak[places] > 0]
+    return np.concatenate(resting), leaking, leak[leaking]
 
 
 def _damped(

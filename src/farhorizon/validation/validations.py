@@ -14,7 +14,7 @@ VALIDATIONS = Collection(
         "cross_sections",
         "stress_intensity",
         "crack_impact",
-        "lattice_crack",
+        "lattice_diffraction",
         "pressurised",
         "penny",
         "dissolution",
