@@ -8,7 +8,9 @@ find out by themselves, and in the same step, that it breaks, so no thread write
 zone are swept by the plain stencil, their absent bonds taken back one by one as everywhere.
 
 When a bond breaks it had the energy ``1/2 c d(n) d(n-1)``, d its elongation: with velocities half a step late that is
-what the linear scheme loses, to rounding. So the level before the present one must outlive the sweep.
+what the linear scheme loses, to rounding. So the level before the present one must outlive the sweep. Of bonds that
+soften before they break each end remembers the share of their stiffness that is left, and a share that is lost takes as
+much of that energy with it.
 """
 
 from __future__ import annotations
@@ -80,6 +82,12 @@ class Bonds(NamedTuple):
     warmth : ndarray
         Of each place of a level the strain that heat brings: a bond is strained by the mean of its ends. Of one number
         where there is none; see `engine.warmth`.
+    shares : ndarray, shape (K, places of the core), or empty
+        Of bonds that soften the part of the stiffness that is left, 1 until they are stretched beyond the limit. Those
+        that are cut keep it.
+    final : ndarray
+        Of each place of a level the stretch at which nothing is left of its bonds that soften (`bond_sweeps`): of a
+        bond the smaller one of its ends counts. Empty where none softens.
     """
 
     functions: np.ndarray
@@ -98,6 +106,8 @@ class Bonds(NamedTuple):
     strength: np.ndarray
     closing: np.ndarray
     warmth: np.ndarray
+    shares: np.ndarray
+    final: np.ndarray
 
 
 def no_bonds(dtype: np.dtype) -> Bonds:
@@ -120,6 +130,8 @@ def no_bonds(dtype: np.dtype) -> Bonds:
         np.ones(1, dtype),
         bits,
         np.zeros(1, dtype),
+        np.zeros((0, 0), dtype),
+        np.zeros(0, dtype),
     )
 
 
@@ -272,6 +284,24 @@ def add_broken(stage, material, bonds, kept, node, step, count, n, broken):
 
 
 @njit(error_model="numpy", cache=True, entry=False)
+def add_softened(stage, material, bonds, kept, shares, node, step, count, n, broken):
+    """The same of bonds that soften: of what they had of energy so much as the `shares` of a tile have become less."""
+    for bond in range(shares.shape[0]):
+        word, mask = bond >> 6, np.uint64(1) << np.uint64(bond & 63)
+        for row in range(count):
+            for i in range(n):
+                place = node + row * step + i
+                lost = np.float64(shares[bond, row, i]) - np.float64(bonds.shares[bond, place])
+                if lost > 0:
+                    energy = bond_energy(
+                        stage.src, stage.base, place, bond, stage.components, bonds.nonlinear, material, bonds
+                    )
+                    broken[0] += 0.5 * lost * energy
+                    if kept[word, row, i] & ~bonds.alive[word, place] & mask != 0:
+                        broken[1] += 0.5
+
+
+@njit(error_model="numpy", cache=True, entry=False)
 def next_piece(stage, sweep, material, bonds, i0, first, last, begin):
     """Where a piece of the rows `first` to `last` of a plane ends that begins at a node, and whether it is whole: it
     has all its bonds, and none may break, so that the stencil serves, too (for a material that varies it takes longer
@@ -313,6 +343,7 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
     src, block, alive, kinds, zone = stage.src, sweep.block, bonds.alive, bonds.kinds, bonds.zone
     size, apart, high = src.itemsize, src.size // stage.components, _ROWS_3 if stage.components == 3 else _ROWS_2
     kept = np.empty((alive.shape[0], high, LANES), np.uint64)
+    shares = np.empty((bonds.shares.shape[0], high, LANES), bonds.shares.dtype)
     start = zone[FIRST + 2]
     for tile_row in range(first // high, (last + high - 1) // high):
         row = max(tile_row * high, first)
@@ -329,6 +360,10 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
                     for j in range(count):
                         for i in range(n):
                             kept[word, j, i] = alive[word, node + j * block[5] + i]
+                for bond in range(shares.shape[0]):
+                    for j in range(count):
+                        for i in range(n):
+                            shares[bond, j, i] = bonds.shares[bond, node + j * block[5] + i]
             at = TileAddresses(
                 np.int64(src.ctypes.data + node * size),
                 np.int64(stage.base.ctypes.data + node * size),
@@ -338,6 +373,8 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
                 np.int64(bonds.strength.ctypes.data + node * size),
                 np.int64(bonds.closing.ctypes.data + 8 * node),
                 np.int64(bonds.warmth.ctypes.data + node * size),
+                np.int64(bonds.shares.ctypes.data + node * size),
+                np.int64(bonds.final.ctypes.data + node * size),
                 np.int64(bonds.table.ctypes.data),
                 np.int64(bonds.places.ctypes.data),
                 np.int64(zone.ctypes.data),
@@ -351,7 +388,11 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
             else:
                 if found:
                     bonds.changed[i0, tile_row, number] = JUST_CHANGED
-                    add_broken(stage, material, bonds, kept, node, block[5], count, n, bonds.broken[i0, tile_row])
+                    broken = bonds.broken[i0, tile_row]
+                    if shares.shape[0]:
+                        add_softened(stage, material, bonds, kept, shares, node, block[5], count, n, broken)
+                    else:
+                        add_broken(stage, material, bonds, kept, node, block[5], count, n, broken)
                 number += 1
 
 
@@ -430,6 +471,7 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, material,
                     if begin >= last:
                         continue
                     curved, closes = bonds.nonlinear and law, law and bonds.closing.size > 0
+                    softens = law and bonds.shares.size > 0
                     part = slice(begin - first[2], last - first[2])
                     length = strains(now[part], u, node + begin, offset[0], xi, components, curved)
                     strains(before[part], old, node + begin, offset[0], xi, components, curved)
@@ -446,10 +488,13 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, material,
                                 rule, coefficient[node + begin + i], coefficient[node + begin + i + offset[0]]
                             )
                         acts = there[i] & mask != 0
-                        if closes and not acts:
+                        left = gain if acts else 0.0
+                        if softens and acts:
+                            left *= np.float64(bonds.shares[bond, node + begin + i])
+                        if closes and (softens or not acts):
                             lasts = bonds.closing[bond >> 6, node + begin + i] & mask != 0
-                            acts = lasts and one[i] < 0 and two[i] < 0
-                        sums[i] += gain if acts else 0.0
+                            left = gain if lasts and one[i] < 0 and two[i] < 0 else left
+                        sums[i] += left
                 if (whole[2, 0] or whole[2, 1]) and not outside:  # bonds that leave along the row
                     for i2 in range(first[2], end[2]):
                         leaves = (i2 + offset[3] < first[2] and whole[2, 0]) or (
