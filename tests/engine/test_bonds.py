@@ -214,7 +214,10 @@ def test_bonds_that_soften_where_all_varies(shape, nonlinear, rule):
 def test_bonds_that_end_where_they_begin_to_soften_break_at_once(softening):
     """The brittle law is the limit: the same bonds, and fields to rounding."""
     energy = held_at(0.03, 2) * (1 + 1e-12)
-    runs = [shaken((23, 31), True, strength=0.03, law=law) for law in ({}, {"softening": softening, "fracture_energy": energy})]
+    runs = [
+        shaken((23, 31), True, strength=0.03, law=law)
+        for law in ({}, {"softening": softening, "fracture_energy": energy})
+    ]
     for sim in runs:
         sim.step(40)
     one, two = runs

@@ -54,11 +54,7 @@ _SHORT = (
     "outputs",
 )
 #: What bonds do beyond a critical stretch, by how they soften.
-_ENDS = {
-    None: "break at",
-    "linear": "soften linearly from",
-    "exponential": "soften exponentially from",
-}
+_ENDS = {None: "break at", "linear": "soften linearly from", "exponential": "soften exponentially from"}
 _LONG = 30 * 86400.0  # seconds of a run that is warned of
 
 

@@ -206,8 +206,8 @@ class BondZone:
 
     @property
     def state(self) -> dict[str, np.ndarray]:
-        """What a checkpoint holds of the bonds: bits, shares, kinds of tiles, and what has been added up of broken bonds
-        and of work; they share memory.
+        """What a checkpoint holds of the bonds: bits, shares, kinds of tiles, and what has been added up of broken
+        bonds and of work; they share memory.
         """
         table = self.table
         bonds = {"bonds": table.alive, "kinds": table.kinds, "broken": table.broken} if self else {}
@@ -220,8 +220,8 @@ class BondZone:
 
     @property
     def broken(self) -> tuple[float, float]:
-        """Energy of the bonds when they broke or softened, for a unit of mass a node, and the number of broken ones; a bond to a node of another
-        process counts half.
+        """Energy that bonds had when they broke, or lost by softening, for a unit of mass a node, and the number of
+        those that broke; a bond to a node of another process counts half.
         """
         energy, count = self.table.broken.sum((0, 1))
         return float(energy) / self.engine.stages.numbers[0][2], float(count)
@@ -276,6 +276,8 @@ class BondZone:
     def critical_stretches(self) -> tuple[float, float]:
         """The least and the largest stretch at which bonds break, or begin to soften."""
         strength = self.table.strength
+        if strength.size > 1:  # no node lies where it is zero, beyond free sides
+            strength = strength[self.engine.core.node_indices()]
         least, largest = (self.limit * float(factor) for factor in (strength.min(), strength.max()))
         if not self.nonlinear:
             return least / 2, largest / 2

@@ -83,9 +83,7 @@ class Breaking:
             Bonds hold more than the fracture energy when they begin to soften.
         """
         lattice, variation, onset = self.near.lattice, self.near.variation, self.critical_stretches
-        given = [
-            1.0 if one is None else one for one in (variation.strength, variation.toughness, self.near.factor)
-        ]
+        given = [1.0 if one is None else one for one in (variation.strength, variation.toughness, self.near.factor)]
         final = np.asarray(self.law.final_stretch_on(lattice.spacing, lattice.dim, *given))
         share = -self.team.largest(-float((final / onset).min()))
         if share < 1 - _ROUNDING:
@@ -94,8 +92,8 @@ class Breaking:
                 value=f"{share:.4g} of that",
                 limit=">= 1",
                 key="model.fracture_energy",
-                remedy=f"a horizon of {share:.3g} times this one, or a critical stretch of {np.sqrt(share):.3g} times "
-                "this one at most",
+                remedy=f"a horizon of about {share:.2g} times this one, or a critical stretch of at most "
+                f"{np.sqrt(share):.3g} times this one",
             )
         return np.maximum(final, onset)
 

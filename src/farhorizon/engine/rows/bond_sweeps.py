@@ -9,10 +9,10 @@ by itself. Those that are absent may carry compression, where e is below zero. W
 that follows from the coefficients of both ends, whichever comes first. Where heat strains the nodes, e is less by the
 sum of what both ends would be strained if they were free: twice their mean.
 
-A bond that softens keeps a share of its stiffness, which each of its ends remembers. It is the least that its stretches
-since the start have left, so that the bond unloads along the secant: with s = e/2, or ``|xi + eta| / |xi| - 1``, and the
-limits s0 and s1 of its stretch, ``s0 (s1 - s) / (s (s1 - s0))`` where the force falls evenly, and ``s0/s exp(-2 (s - s0)
-/ (s1 - s0))`` where it decays; both take the energy ``c |xi|^2 s0 s1 / 2``.
+A bond that softens keeps a share of its stiffness, which each of its ends remembers: the least that its stretches have
+left since the start, so that it unloads along the secant. With the stretch s, e/2 or ``|xi + eta| / |xi| - 1``, and the
+limits s0 and s1 this is ``s0 (s1 - s) / (s (s1 - s0))`` where the force falls evenly, and ``s0/s exp(-2 (s - s0) /
+(s1 - s0))`` where it decays; both take the energy ``c |xi|^2 s0 s1 / 2``.
 """
 
 from __future__ import annotations
