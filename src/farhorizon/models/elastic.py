@@ -82,7 +82,7 @@ class Elastic(LatticeModel):
     softening : {"linear", "exponential"}, optional
         Bond-based, with a critical stretch and a fracture energy: bonds do not break at that stretch, but begin to
         soften there (a bilinear law, or an exponential one), so that a new crack takes the fracture energy; they unload
-        along the secant. See `final_stretch_on`.
+        along the secant.
     contact : bool
         Bond-based: bonds that are cut or broken carry compression, where they are shorter than in the beginning, so
         that faces of a crack which closes do not pass through each other.
@@ -320,43 +320,10 @@ class Elastic(LatticeModel):
             return self.critical_stretch * strength
         if self.fracture_energy is None:
             return np.inf
-        with np.errstate(divide="ignore"):  # where there are no bonds none breaks
-            return np.sqrt(self.fracture_energy * strength / self._energy_of_one(spacing, dim, stiffness))
-
-    def final_stretch_on(
-        self, spacing: float, dim: int, strength: Any = 1.0, toughness: Any = 1.0, stiffness: Any = 1.0
-    ) -> Any:
-        """The stretch s1 at which bonds that soften carry nothing any more.
-
-        A bond of stiffness C whose force falls evenly from the critical stretch s0 on takes ``C V |xi|^2 s0 s1 / 2``,
-        where it takes ``C V |xi|^2 s0^2 / 2`` to break it at once; so the sum over the bonds across a plane is the
-        fracture energy G for ``s1 = G / (s0 sum_k C_k |xi_k|^3 <|cos|> / 4)`` (`medium.fracture.fracture_energy`). A
-        force that decays as ``exp(-2 (s - s0) / (s1 - s0))`` takes as much and never ends.
-
-        Parameters
-        ----------
-        spacing : float
-        dim : int
-        strength : float or ndarray
-            Critical stretch over that of the material.
-        toughness : float or ndarray
-            Fracture energy over that of the material.
-        stiffness : float or ndarray
-            Of the bonds over those of the material.
-
-        Returns
-        -------
-        float or ndarray
-        """
-        onset = self.critical_stretch * strength
-        with np.errstate(divide="ignore"):
-            return self.fracture_energy * toughness / (self._energy_of_one(spacing, dim, stiffness) * onset)
-
-    def _energy_of_one(self, spacing: float, dim: int, stiffness: Any) -> np.ndarray:
-        """Energy per area of the bonds across a plane at a stretch of 1, were they linear."""
         stencil = self.stencil(spacing, dim)
-        bonds = spacing * stencil.offsets
-        return energy_of_fracture(bonds, self.bond_stiffness(stencil, spacing), 1.0) * np.asarray(stiffness, float)
+        of_one = energy_of_fracture(spacing * stencil.offsets, self.bond_stiffness(stencil, spacing), 1.0)
+        with np.errstate(divide="ignore"):  # where there are no bonds none breaks
+            return np.sqrt(self.fracture_energy * strength / (of_one * np.asarray(stiffness, float)))
 
     def _settle(self) -> None:
         """Set all constants from those that are given."""

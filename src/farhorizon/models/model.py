@@ -34,6 +34,7 @@ class BondLaw(Protocol):
     warm: bool
     density: float
     softening: str | None
+    fracture_energy: Any
 
     @property
     def p_modulus(self) -> float:
@@ -42,13 +43,6 @@ class BondLaw(Protocol):
     def critical_stretch_on(self, spacing: float, dim: int, strength: Any = 1.0, stiffness: Any = 1.0) -> Any:
         """The stretch at which bonds break, or begin to soften; infinite where none does. Where the medium varies, that
         at the nodes, from the strengths and the factors on bonds over those of the model.
-        """
-
-    def final_stretch_on(
-        self, spacing: float, dim: int, strength: Any = 1.0, toughness: Any = 1.0, stiffness: Any = 1.0
-    ) -> Any:
-        """Of bonds that soften the stretch that leaves nothing, from these and the fracture energies over that of the
-        model.
         """
 
     def bond_stiffness(self, stencil: Stencil, spacing: float) -> np.ndarray:

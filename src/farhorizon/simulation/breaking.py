@@ -9,6 +9,7 @@ import numpy as np
 from farhorizon.engine.engine import Zone
 from farhorizon.engine.settings import set_heat
 from farhorizon.errors import InputError
+from farhorizon.medium.fracture import final_stretch
 from farhorizon.models.model import BondLaw
 from farhorizon.simulation.cuts import CutBonds
 from farhorizon.simulation.grid import Grid
@@ -82,9 +83,13 @@ class Breaking:
         InputError
             Bonds hold more than the fracture energy when they begin to soften.
         """
-        lattice, variation, onset = self.near.lattice, self.near.variation, self.critical_stretches
-        given = [1.0 if one is None else one for one in (variation.strength, variation.toughness, self.near.factor)]
-        final = np.asarray(self.law.final_stretch_on(lattice.spacing, lattice.dim, *given))
+        law, near, onset = self.law, self.near, self.critical_stretches
+        toughness = 1.0 if near.variation.toughness is None else near.variation.toughness
+        bonds = near.lattice.spacing * near.stencil.offsets
+        stiffness = law.bond_stiffness(near.stencil, near.lattice.spacing)
+        with np.errstate(divide="ignore"):  # where there are no bonds
+            energy = law.fracture_energy * toughness / (1.0 if near.factor is None else near.factor)
+        final = np.asarray(final_stretch(bonds, stiffness, onset, energy))
         share = -self.team.largest(-float((final / onset).min()))
         if share < 1 - _ROUNDING:
             raise InputError(

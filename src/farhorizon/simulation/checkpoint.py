@@ -54,7 +54,7 @@ def fingerprint(setup: Setup, parts: Parts, cuts: int) -> dict[str, Any]:
     if law is not None and law.contact:
         found["contact"] = True
     if law is not None and law.softening is not None:
-        found["softening"] = [law.softening, law.final_stretch_on(lattice.spacing, lattice.dim)]
+        found["softening"] = [law.softening, law.fracture_energy]
     if near.variation.toughness is not None:
         found["toughness"] = float(near.variation.toughness.sum())
     if near.variation.strength is not None:
