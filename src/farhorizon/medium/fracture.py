@@ -31,9 +31,10 @@ def fracture_energy(bonds: np.ndarray, stiffness: np.ndarray, stretch: float) ->
 def final_stretch(bonds: np.ndarray, stiffness: np.ndarray, onset: Any, energy: Any) -> Any:
     """The stretch s1 at which bonds that soften carry nothing any more, so that a plane takes an energy per area.
 
-    A bond whose force falls evenly from that at the stretch s0 to zero takes ``C V |xi|^2 s0 s1 / 2``, where at s0 it
-    holds ``C V |xi|^2 s0^2 / 2``: over all bonds across a plane the energy is ``s0 s1`` times the `fracture_energy` of a
-    stretch of 1. A force that decays as ``exp(-2 (s - s0) / (s1 - s0))`` takes as much and never ends.
+    A bond whose force falls evenly from that at the stretch s0 to zero takes ``C V |xi|^2 s0 s1 / 2``, where at s0
+    it holds ``C V |xi|^2 s0^2 / 2``: over all bonds across a plane the energy is ``s0 s1`` times the
+    `fracture_energy` of a stretch of 1. A force that decays as ``exp(-2 (s - s0) / (s1 - s0))`` takes as much and
+    never ends.
 
     Parameters
     ----------
