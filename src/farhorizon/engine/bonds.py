@@ -284,24 +284,6 @@ def add_broken(stage, material, bonds, kept, node, step, count, n, broken):
 
 
 @njit(error_model="numpy", cache=True, entry=False)
-def add_softened(stage, material, bonds, kept, shares, node, step, count, n, broken):
-    """The same of bonds that soften: of what they had of energy so much as the `shares` of a tile have become less."""
-    for bond in range(shares.shape[0]):
-        word, mask = bond >> 6, np.uint64(1) << np.uint64(bond & 63)
-        for row in range(count):
-            for i in range(n):
-                place = node + row * step + i
-                lost = np.float64(shares[bond, row, i]) - np.float64(bonds.shares[bond, place])
-                if lost > 0:
-                    energy = bond_energy(
-                        stage.src, stage.base, place, bond, stage.components, bonds.nonlinear, material, bonds
-                    )
-                    broken[0] += 0.5 * lost * energy
-                    if kept[word, row, i] & ~bonds.alive[word, place] & mask != 0:
-                        broken[1] += 0.5
-
-
-@njit(error_model="numpy", cache=True, entry=False)
 def next_piece(stage, sweep, material, bonds, i0, first, last, begin):
     """Where a piece of the rows `first` to `last` of a plane ends that begins at a node, and whether it is whole: it
     has all its bonds, and none may break, so that the stencil serves, too (for a material that varies it takes longer
@@ -343,7 +325,6 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
     src, block, alive, kinds, zone = stage.src, sweep.block, bonds.alive, bonds.kinds, bonds.zone
     size, apart, high = src.itemsize, src.size // stage.components, _ROWS_3 if stage.components == 3 else _ROWS_2
     kept = np.empty((alive.shape[0], high, LANES), np.uint64)
-    shares = np.empty((bonds.shares.shape[0], high, LANES), bonds.shares.dtype)
     start = zone[FIRST + 2]
     for tile_row in range(first // high, (last + high - 1) // high):
         row = max(tile_row * high, first)
@@ -360,10 +341,6 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
                     for j in range(count):
                         for i in range(n):
                             kept[word, j, i] = alive[word, node + j * block[5] + i]
-                for bond in range(shares.shape[0]):
-                    for j in range(count):
-                        for i in range(n):
-                            shares[bond, j, i] = bonds.shares[bond, node + j * block[5] + i]
             at = TileAddresses(
                 np.int64(src.ctypes.data + node * size),
                 np.int64(stage.base.ctypes.data + node * size),
@@ -375,6 +352,7 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
                 np.int64(bonds.warmth.ctypes.data + node * size),
                 np.int64(bonds.shares.ctypes.data + node * size),
                 np.int64(bonds.final.ctypes.data + node * size),
+                np.int64(bonds.broken[i0, tile_row].ctypes.data),
                 np.int64(bonds.table.ctypes.data),
                 np.int64(bonds.places.ctypes.data),
                 np.int64(zone.ctypes.data),
@@ -388,10 +366,8 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
             else:
                 if found:
                     bonds.changed[i0, tile_row, number] = JUST_CHANGED
-                    broken = bonds.broken[i0, tile_row]
-                    if shares.shape[0]:
-                        add_softened(stage, material, bonds, kept, shares, node, block[5], count, n, broken)
-                    else:
+                    if not bonds.shares.size:  # what softens is added up as it does
+                        broken = bonds.broken[i0, tile_row]
                         add_broken(stage, material, bonds, kept, node, block[5], count, n, broken)
                 number += 1
 

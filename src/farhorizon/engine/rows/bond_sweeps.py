@@ -48,6 +48,8 @@ class TileAddresses(NamedTuple):
         The first node in the levels, among the coefficients, among the bits of the bonds, among the strengths, among
         the bits of bonds that carry compression in any case, among the strains that heat brings, among the shares that
         bonds keep of their stiffness, and among the stretches that leave nothing.
+    broken : int
+        Energy, in units of c, and number of the bonds that have broken, float64: those that soften add to them.
     table, places : int
         The tables of reals and of integers; that of reals has, bond by bond, xi, 1 / |xi|^2 and c, without
         coefficients.
@@ -65,6 +67,7 @@ class TileAddresses(NamedTuple):
     warmth: int
     shares: int
     final: int
+    broken: int
     table: int
     places: int
     zone: int
@@ -121,7 +124,7 @@ class _Tile:
         self.builder, self.components, self.nonlinear = builder, components, nonlinear
         at, shape, self.a, self.b, limit = args
         self.src, self.base, self.out, coefficient, self.alive, strength, self.closing, warmth, *tables = at
-        self.shares, final, self.table, self.places, self.zone = tables
+        self.shares, final, self.broken, self.table, self.places, self.zone = tables
         self.count, self.words, n, rows, self.step, self.apart, *self.node = shape
         self.vectors = Vectors(builder, ir.DoubleType() if real == "float64" else ir.FloatType(), LANES)
         self.src, self.base, self.out = (
@@ -177,12 +180,19 @@ class _Tile:
 
     def differences(self, bond: Any, row: int) -> list[Any]:
         """``eta`` of one bond."""
-        distance = self.offset(bond, 0)
-        there = [
-            self.vectors.load(self.vectors.shifted(self.place(self.src, self.rows[row], c), (1, distance)))
-            for c in range(self.components)
-        ]
+        there = self.ends(self.src, bond, row)
         return [self.builder.fsub(t, h) for t, h in zip(there, self.own[row], strict=True)]
+
+    def ends(self, level: Any, bond: Any, row: int) -> list[Any]:
+        """What the other end of a bond has in a level."""
+        distance = self.offset(bond, 0)
+        starts = [self.place(level, self.rows[row], c) for c in range(self.components)]
+        return [self.vectors.load(self.vectors.shifted(start, (1, distance))) for start in starts]
+
+    def differences_before(self, bond: Any, row: int) -> list[Any]:
+        """``eta`` a step ago."""
+        own = [self.vectors.load(self.place(self.base, self.rows[row], c)) for c in range(self.components)]
+        return [self.builder.fsub(t, h) for t, h in zip(self.ends(self.base, bond, row), own, strict=True)]
 
     def stretch(self, xi: list[Any], inverse: Any, eta: list[Any], curved: Any = None) -> tuple[Any, list[Any]]:
         """``e`` and the direction of the force; `curved`: lanes in which the law is not linearised, all unless
@@ -367,10 +377,61 @@ def _sweep_intact(tile: _Tile, n: Any) -> Any:
     return breaks
 
 
+class _Softening:
+    """What bonds of a tile keep of their stiffness, and what they lose of their energy."""
+
+    def __init__(self, tile: _Tile) -> None:
+        self.tile = tile
+        self.spent = cgutils.alloca_once_value(tile.builder, tile.constant(0.0))
+        self.ended = cgutils.alloca_once_value(tile.builder, I64(0))
+
+    def soften(
+        self, bond: Any, row: int, material: tuple[list[Any], Any, Any], e: Any, curved: Any, over: Any
+    ) -> tuple[Any, Any]:
+        """The share that is left of the stiffness of bonds of which some are over their limits, and which of these have
+        none left.
+
+        `material` is xi, ``1 / |xi|^2`` and c. Each end takes half of what is lost, ``c d d'`` half of it, of the
+        elongations now and a step ago.
+        """
+        tile, builder, vectors = self.tile, self.tile.builder, self.tile.vectors
+        xi, inverse, stiffness = material
+        place = tile.place(vectors.shifted(tile.shares, (1, builder.mul(bond, tile.words))), tile.rows[row], 0)
+        before = vectors.load(place)
+        left = cgutils.alloca_once_value(builder, before)
+        with builder.if_then(tile.any(over)):
+            now = builder.select(over, tile.least(tile.share(e, bond, row), before), before)
+            builder.store(now, left)
+            vectors.store(now, place)
+            ago = tile.stretch(xi, inverse, tile.differences_before(bond, row), curved)[0]
+            both = builder.fmul(tile.elongation(e), tile.elongation(tile.mechanical(ago, bond, row, curved)))
+            energy = builder.fmul(builder.fmul(builder.fsub(before, now), builder.fdiv(stiffness, inverse)), both)
+            energy = builder.select(over, energy, tile.constant(0.0))
+            builder.store(builder.fadd(builder.load(self.spent), energy), self.spent)
+        now = builder.load(left)
+        gone = builder.and_(over, builder.fcmp_ordered("<=", now, tile.constant(0.0)))
+        bits = builder.bitcast(gone, ir.IntType(LANES))
+        builder.store(builder.add(builder.load(self.ended), builder.zext(builder.ctpop(bits), I64)), self.ended)
+        return now, gone
+
+    def finish(self) -> None:
+        """Add up what bonds have lost, and half the number of those with nothing left."""
+        tile, builder = self.tile, self.tile.builder
+        real, spent = ir.DoubleType(), builder.load(self.spent)
+        lanes = [builder.extract_element(spent, ir.IntType(32)(lane)) for lane in range(LANES)]
+        energy = tile.vectors.sum([one if one.type == real else builder.fpext(one, real) for one in lanes])
+        for number, (value, share) in enumerate(
+            ((energy, 0.25), (builder.uitofp(builder.load(self.ended), real), 0.5))
+        ):
+            pointer = tile.vectors.pointer(builder.add(tile.broken, I64(8 * number)), real)
+            builder.store(builder.fadd(builder.load(pointer), builder.fmul(value, ir.Constant(real, share))), pointer)
+
+
 def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
     """A tile that lacks bonds, or with bonds that leave the zone: 1 if some have broken now."""
     tile = _Tile(builder, args, law, I64(0))
     vectors = tile.vectors
+    softening = _Softening(tile) if tile.softening else None
     none = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
     i0, i1, i2 = tile.node
 
@@ -378,23 +439,6 @@ def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
         return builder.icmp_unsigned(
             "<", builder.sub(position, tile.integer(tile.zone, axis)), tile.integer(tile.zone, 3 + axis)
         )
-
-    def soften(e: Any, bond: Any, row: int, over: Any) -> tuple[Any, Any, Any]:
-        """The share that is left of the stiffness of bonds of which some are beyond their limits, which of these have
-        none left, and whether any has less than before.
-        """
-        place = tile.place(vectors.shifted(tile.shares, (1, builder.mul(bond, tile.words))), tile.rows[row], 0)
-        before = vectors.load(place)
-        left = cgutils.alloca_once_value(builder, before)
-        softens = cgutils.alloca_once_value(builder, ir.Constant(ir.IntType(1), 0))
-        with builder.if_then(tile.any(over)):
-            now = builder.select(over, tile.least(tile.share(e, bond, row), before), before)
-            builder.store(now, left)
-            builder.store(tile.any(builder.fcmp_ordered("<", now, before)), softens)
-            vectors.store(now, place)
-        now = builder.load(left)
-        gone = builder.and_(over, builder.fcmp_ordered("<=", now, tile.constant(0.0)))
-        return now, gone, builder.load(softens)
 
     def force(
         bond: Any, row: int, xi: list[Any], inverse: Any, stiffness: Any, changed: Any
@@ -415,23 +459,24 @@ def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
             builder.and_(builder.fcmp_ordered(">", tile.measured(e, bond, row), tile.bound), curved),
             builder.and_(alive, tile.wanted),
         )
-        pull = tile.pull(e, tile.stiffness(stiffness, bond, row), curved)
-        if tile.softening:
-            held, over, softens = soften(e, bond, row, over)
-        acts = builder.and_(alive, builder.not_(over))
-        factor = builder.select(acts, builder.fmul(pull, held) if tile.softening else pull, tile.constant(0.0))
+        stiffness = tile.stiffness(stiffness, bond, row)
+        whole = pull = tile.pull(e, stiffness, curved)
+        if softening is not None:
+            left, over = softening.soften(bond, row, (xi, inverse, stiffness), e, curved, over)
+            pull = builder.fmul(pull, left)
+        factor = builder.select(builder.and_(alive, builder.not_(over)), pull, tile.constant(0.0))
         if tile.contact:
             lasts = builder.icmp_unsigned("!=", builder.and_(tile.bits(tile.closing, bond, row)[1], one), unset)
             shorter = builder.and_(builder.fcmp_ordered("<", e, tile.constant(0.0)), curved)
-            factor = builder.select(builder.and_(lasts, shorter), pull, factor)
+            factor = builder.select(builder.and_(lasts, shorter), whole, factor)
         breaks = tile.any(over)
         with builder.if_then(breaks):
             builder.store(builder.select(over, builder.and_(bits, builder.not_(one)), bits), pointer, align=8)
-        if tile.softening:
-            breaks = builder.or_(breaks, softens)
         return factor, direction, builder.or_(changed, builder.zext(breaks, I64))
 
     sums, changed = tile.over_bonds(I64(0), force)
+    if softening is not None:
+        softening.finish()
     tile.update(sums, args[1].nodes)
     return changed
 
