@@ -377,61 +377,49 @@ def _sweep_intact(tile: _Tile, n: Any) -> Any:
     return breaks
 
 
-class _Softening:
-    """What bonds of a tile keep of their stiffness, and what they lose of their energy."""
+def _soften(
+    tile: _Tile, bond: Any, row: int, material: tuple[list[Any], Any, Any], e: Any, curved: Any, over: Any
+) -> tuple[Any, Any]:
+    """The share that is left of the stiffness of bonds of which some are `over` their limits, and which have nothing
+    left.
 
-    def __init__(self, tile: _Tile) -> None:
-        self.tile = tile
-        self.spent = cgutils.alloca_once_value(tile.builder, tile.constant(0.0))
-        self.ended = cgutils.alloca_once_value(tile.builder, I64(0))
-
-    def soften(
-        self, bond: Any, row: int, material: tuple[list[Any], Any, Any], e: Any, curved: Any, over: Any
-    ) -> tuple[Any, Any]:
-        """The share that is left of the stiffness of bonds of which some are over their limits, and which of these have
-        none left.
-
-        `material` is xi, ``1 / |xi|^2`` and c. Each end takes half of what is lost, ``c d d'`` half of it, of the
-        elongations now and a step ago.
-        """
-        tile, builder, vectors = self.tile, self.tile.builder, self.tile.vectors
-        xi, inverse, stiffness = material
-        place = tile.place(vectors.shifted(tile.shares, (1, builder.mul(bond, tile.words))), tile.rows[row], 0)
-        before = vectors.load(place)
-        left = cgutils.alloca_once_value(builder, before)
-        with builder.if_then(tile.any(over)):
-            now = builder.select(over, tile.least(tile.share(e, bond, row), before), before)
-            builder.store(now, left)
-            vectors.store(now, place)
-            ago = tile.stretch(xi, inverse, tile.differences_before(bond, row), curved)[0]
-            both = builder.fmul(tile.elongation(e), tile.elongation(tile.mechanical(ago, bond, row, curved)))
-            energy = builder.fmul(builder.fmul(builder.fsub(before, now), builder.fdiv(stiffness, inverse)), both)
-            energy = builder.select(over, energy, tile.constant(0.0))
-            builder.store(builder.fadd(builder.load(self.spent), energy), self.spent)
-        now = builder.load(left)
-        gone = builder.and_(over, builder.fcmp_ordered("<=", now, tile.constant(0.0)))
-        bits = builder.bitcast(gone, ir.IntType(LANES))
-        builder.store(builder.add(builder.load(self.ended), builder.zext(builder.ctpop(bits), I64)), self.ended)
-        return now, gone
-
-    def finish(self) -> None:
-        """Add up what bonds have lost, and half the number of those with nothing left."""
-        tile, builder = self.tile, self.tile.builder
-        real, spent = ir.DoubleType(), builder.load(self.spent)
-        lanes = [builder.extract_element(spent, ir.IntType(32)(lane)) for lane in range(LANES)]
-        energy = tile.vectors.sum([one if one.type == real else builder.fpext(one, real) for one in lanes])
-        for number, (value, share) in enumerate(
-            ((energy, 0.25), (builder.uitofp(builder.load(self.ended), real), 0.5))
-        ):
-            pointer = tile.vectors.pointer(builder.add(tile.broken, I64(8 * number)), real)
+    `material` is xi, ``1 / |xi|^2`` and c. What they lose of their energy, ``c d d' / 2`` of the elongations now and a
+    step ago, is added up, half of it at either end, and so is the number of those that end.
+    """
+    builder, vectors, real = tile.builder, tile.vectors, ir.DoubleType()
+    xi, inverse, stiffness = material
+    place = tile.place(vectors.shifted(tile.shares, (1, builder.mul(bond, tile.words))), tile.rows[row], 0)
+    before = vectors.load(place)
+    entry = builder.block
+    with builder.if_then(tile.any(over)):
+        now = builder.select(over, tile.least(tile.share(e, bond, row), before), before)
+        vectors.store(now, place)
+        ago = tile.stretch(xi, inverse, tile.differences_before(bond, row), curved)[0]
+        both = builder.fmul(tile.elongation(e), tile.elongation(tile.mechanical(ago, bond, row, curved)))
+        energy = builder.fmul(builder.fmul(builder.fsub(before, now), builder.fdiv(stiffness, inverse)), both)
+        energy = builder.select(over, energy, tile.constant(0.0))
+        lanes = [builder.extract_element(energy, ir.IntType(32)(lane)) for lane in range(LANES)]
+        lost = vectors.sum([one if one.type == real else builder.fpext(one, real) for one in lanes])
+        ends = builder.and_(over, builder.fcmp_ordered("<=", now, tile.constant(0.0)))
+        number = builder.uitofp(builder.ctpop(builder.bitcast(ends, ir.IntType(LANES))), real)
+        for column, (value, share) in enumerate(((lost, 0.25), (number, 0.5))):
+            pointer = vectors.pointer(builder.add(tile.broken, I64(8 * column)), real)
             builder.store(builder.fadd(builder.load(pointer), builder.fmul(value, ir.Constant(real, share))), pointer)
+        softened = builder.block
+    none = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
+    found = []
+    for value, other in ((now, before), (ends, none)):
+        phi = builder.phi(value.type)
+        phi.add_incoming(value, softened)
+        phi.add_incoming(other, entry)
+        found.append(phi)
+    return found[0], found[1]
 
 
 def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
     """A tile that lacks bonds, or with bonds that leave the zone: 1 if some have broken now."""
     tile = _Tile(builder, args, law, I64(0))
     vectors = tile.vectors
-    softening = _Softening(tile) if tile.softening else None
     none = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
     i0, i1, i2 = tile.node
 
@@ -461,8 +449,8 @@ def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
         )
         stiffness = tile.stiffness(stiffness, bond, row)
         whole = pull = tile.pull(e, stiffness, curved)
-        if softening is not None:
-            left, over = softening.soften(bond, row, (xi, inverse, stiffness), e, curved, over)
+        if tile.softening:
+            left, over = _soften(tile, bond, row, (xi, inverse, stiffness), e, curved, over)
             pull = builder.fmul(pull, left)
         factor = builder.select(builder.and_(alive, builder.not_(over)), pull, tile.constant(0.0))
         if tile.contact:
@@ -475,8 +463,6 @@ def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
         return factor, direction, builder.or_(changed, builder.zext(breaks, I64))
 
     sums, changed = tile.over_bonds(I64(0), force)
-    if softening is not None:
-        softening.finish()
     tile.update(sums, args[1].nodes)
     return changed
 
