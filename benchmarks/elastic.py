@@ -9,7 +9,8 @@ multiply-adds, layers against the infinite lattice.
   a node.
 - breaking: the same near fields with bonds that are nonlinear and may break, beside a step of the linear stencil in the
   same run: whole; with straight cracks all through that have cut 1 and 5 % of all bonds; and with every tile looked at
-  bond by bond, as damage scattered everywhere would have it. The share of the peak counts the arithmetic instructions
+  bond by bond, as damage scattered everywhere would have it; of bonds that soften the same, and with every bond that
+  is longer than in the beginning beyond its limit. The share of the peak counts the arithmetic instructions
   of the law, 5 dim + 7 a bond, a root and a division among them, each as long as a multiply-add. Target: 5e6 nodes/s in
   3D with m = 3, five times the rate of particle codes.
 - passes: state-based and correspondence materials as two passes over the stencil that is their convolution, both in
@@ -174,16 +175,24 @@ def breaking(given: argparse.Namespace) -> list[dict[str, Any]]:
             "1 % cut": (True, 0.01),
             "5 % cut": (True, 0.05),
             "all damaged": (True, 0.0),
+            "softening, whole": (True, 0.0),
+            "softening, all damaged": (True, 0.0),
+            "softening, all beyond": (True, 0.0),
         }
         for name, (nonlinear, share) in laws.items():
             engines[name] = engine = bare_engine(stencil, (n,) * dim, 1, lasting=True)
             engine.levels *= 1e-4  # of the spacing: far from breaking
-            engine.bonds.set(stiffness, 1.0, zone, nonlinear, 0.2)
+            limit, softens = 0.2, {}
+            if name.startswith("softening"):
+                softens = {"softening": "linear", "final": np.full(engine.core.nodes, 1.0)}
+            if name == "softening, all beyond":
+                limit = 1e-12  # nearly each bond that is longer than before
+            engine.bonds.set(stiffness, 1.0, zone, nonlinear, limit, **softens)
             if name == "linear, not calm":
                 engine.tables.bonds.limit[1] = 0
             if share:
                 cut_planes(engine, share)
-            if name == "all damaged":
+            if name.endswith("all damaged"):
                 engine.bonds.state["kinds"][...] = DAMAGED
         times = interleaved(
             {name: steps(engine) for name, engine in engines.items()} | {"peak": peak_case}, given.repeats

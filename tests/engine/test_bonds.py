@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from farhorizon import Elastic, Fixed, Free, Kernel, LatticePML, Periodic, Simulation, Source
+from farhorizon.engine.rows.bond_sweeps import SOFTENINGS
+from farhorizon.medium.fracture import fracture_energy
 from helpers import RULES, lattice_of
 
 LAWS = {"linear": False, "nonlinear": True}
@@ -13,10 +15,11 @@ class PairByPair:
     """The same medium with one entry for each pair of nodes: free ends, or nodes at rest beyond fixed ones, whose bonds
     are linear and last.
 
-    Bonds of nodes within one reach of a fixed side are linear and do not break, either.
+    Bonds of nodes within one reach of a fixed side are linear and do not break, either. Bonds that soften have their
+    largest stretch so far on the curve of the law, and unload from there to the origin.
     """
 
-    def __init__(self, sim, held=False, coefficient=None, rule="both", strength=None):
+    def __init__(self, sim, held=False, coefficient=None, rule="both", strength=None, final=None):
         model, lattice = sim.model, sim.lattice
         reach = sim.stencil.reach[0] if held else 0
         shape = np.array(lattice.shape) + 2 * reach
@@ -45,6 +48,10 @@ class PairByPair:
         if strength is not None:
             stretch = np.pad(strength, reach, mode="edge").ravel()
             self.limit = np.minimum(stretch[self.i], stretch[self.j])
+        self.softening, self.largest = model.softening, np.zeros(len(self.i))
+        if self.softening:
+            final = np.pad(np.broadcast_to(final, lattice.shape), reach, mode="edge").ravel()
+            self.final = np.minimum(final[self.i], final[self.j])
         self.shape, self.dim = lattice.shape, lattice.dim
         u, v = (self._spread(x) for x in (sim.start_u, sim.start_v))
         self.old, self.u = u - self.dt * v + self.dt**2 / 2 * self.acceleration(u), u
@@ -63,11 +70,28 @@ class PairByPair:
             size = np.linalg.norm(y, axis=1)
             stretch = np.where(self.law, size - self.length, stretch)
             direction = np.where(self.law[:, None], y / size[:, None], n)
-        self.alive &= ~(self.law & (stretch > self.limit * self.length))
-        acts = self.alive | self.law & self.contact & (stretch < 0)
+        left = np.where(self.law & self.contact & (stretch < 0), 1.0, self.left(stretch / self.length))
         out = np.zeros_like(u)
-        np.add.at(out, self.i, (acts * self.c * stretch)[:, None] * direction)
+        np.add.at(out, self.i, (left * self.c * stretch)[:, None] * direction)
         return out * self.inner[:, None]
+
+    def left(self, stretch):
+        """What is left of the stiffness of bonds, now that they have these stretches."""
+        if not self.softening:
+            self.alive &= ~(self.law & (stretch > self.limit))
+            return self.alive
+        self.largest = np.maximum(self.largest, self.law * stretch)
+        return self.secant(self.largest)
+
+    def secant(self, stretch):
+        """Force over stretch on the curve of the law, over that of an intact bond."""
+        onset, width = self.limit, self.final - self.limit
+        if self.softening == "linear":
+            force = onset * np.clip((self.final - stretch) / width, 0, None)
+            self.alive = stretch < self.final
+        else:
+            force = onset * np.exp(-(stretch - onset) / (width / 2))
+        return np.where(stretch > onset, force / np.maximum(stretch, onset), 1.0)
 
     def step(self):
         self.old, self.u = self.u, 2 * self.u - self.old + self.dt**2 * self.acceleration(self.u)
@@ -78,26 +102,31 @@ class PairByPair:
 
     @property
     def bonds_left(self):
-        return np.bincount(self.i, self.alive, len(self.inner))[self.inner].reshape(self.shape)
+        left = self.secant(self.largest) if self.softening else self.alive
+        return np.bincount(self.i, left, len(self.inner))[self.inner].reshape(self.shape)
 
 
-def shaken(shape, nonlinear, sides=None, reach=2, speed=0.03, strength=0.04, contact=False, **options):
+def shaken(shape, nonlinear, sides=None, reach=2, speed=0.03, strength=0.04, contact=False, law=None, **options):
     """A box whose nodes start at random velocities, so that bonds break here and there."""
     dim = len(shape)
     v = speed * np.random.default_rng(5).standard_normal((dim, *shape))
-    law = {"nonlinear": nonlinear, "critical_stretch": strength, "contact": contact}
-    model = Elastic(Kernel(0.5 * reach, 1), 1.0, **law)
+    given = {"nonlinear": nonlinear, "critical_stretch": strength, "contact": contact}
+    model = Elastic(Kernel(0.5 * reach, 1), 1.0, **given, **(law or {}))
     return Simulation(lattice_of(shape, 0.5), model, sides or Free(), {"v": v}, **options)
 
 
 def assert_both_break_alike(sim, plain):
-    """Displacements to rounding and the same broken bonds after 40 steps."""
+    """Displacements to rounding and the same broken bonds after 40 steps; the shares that are left of those that soften
+    follow from strains, whose rounding the fall of the force multiplies.
+    """
     for _ in range(40):
         plain.step()
     sim.step(40)
     np.testing.assert_allclose(sim.fields["u"], plain.field, rtol=0, atol=1e-12 * np.abs(plain.field).max())
-    np.testing.assert_array_equal(sim.parts.breaking.left(), plain.bonds_left)
-    assert sim.broken_bonds == (~plain.alive).sum() // 2 > 20
+    rounding = 1e-11 if plain.softening else 0
+    np.testing.assert_allclose(sim.parts.breaking.left(), plain.bonds_left, rtol=0, atol=rounding)
+    assert sim.broken_bonds == (~plain.alive).sum() // 2
+    assert (sim.broken_bonds > 20) == (plain.softening != "exponential")  # which never ends
 
 
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
@@ -145,6 +174,57 @@ def test_broken_bonds_that_carry_compression(shape, held, nonlinear):
         assert_both_break_alike(sim, plain)
         runs.append(sim.fields["u"])
     assert np.abs(runs[0] - runs[1]).max() > 1e-6
+
+
+def held_at(stretch, dim, spacing=0.5, reach=2):
+    """Energy per area that bonds across a plane hold at a stretch; one that softens evenly up to so much more is to
+    take so many times that."""
+    model = Elastic(Kernel(spacing * reach, 1), 1.0)
+    stencil = model.stencil(spacing, dim)
+    return fracture_energy(spacing * stencil.offsets, model.bond_stiffness(stencil, spacing), stretch)
+
+
+@pytest.mark.parametrize("contact", [False, True], ids=["apart", "contact"])
+@pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
+@pytest.mark.parametrize("softening", SOFTENINGS)
+@pytest.mark.parametrize(("shape", "held"), [((13, 19), True), ((9, 7, 8), False)], ids=["2D", "3D"])
+def test_bonds_soften_as_one_by_one(shape, held, softening, nonlinear, contact):
+    """Loaded, unloaded and loaded again by the waves in the box."""
+    law = {"softening": softening, "fracture_energy": 2.5 * held_at(0.03, len(shape))}
+    sim = shaken(shape, nonlinear, Fixed() if held else None, speed=0.06, strength=0.03, contact=contact, law=law)
+    plain = PairByPair(sim, held, final=2.5 * 0.03)
+    assert_both_break_alike(sim, plain)
+    left = plain.secant(plain.largest)
+    assert ((left > 0.02) & (left < 0.98)).sum() > 200
+
+
+@pytest.mark.parametrize(("shape", "nonlinear", "rule"), [((13, 19), True, "harmonic"), ((9, 7, 8), False, "both")])
+def test_bonds_that_soften_where_all_varies(shape, nonlinear, rule):
+    """Stiffness, critical stretch and fracture energy of each node; of a bond the smaller limits count, of which each
+    may be that of another end."""
+    random = np.random.default_rng(9)
+    onset, more, coefficient = (random.uniform(*ends, shape) for ends in ((0.02, 0.05), (1.2, 4.0), (0.5, 1.0)))
+    law = {"softening": "linear", "fracture_energy": held_at(1.0, len(shape)) * coefficient * more * onset**2}
+    options = {"coefficient": coefficient, "rule": rule}
+    sim = shaken(shape, nonlinear, speed=0.08, strength=onset, law=law, **options)
+    assert_both_break_alike(sim, PairByPair(sim, strength=onset, final=more * onset, **options))
+
+
+@pytest.mark.parametrize("softening", SOFTENINGS)
+def test_bonds_that_end_where_they_begin_to_soften_break_at_once(softening):
+    """The brittle law is the limit: the same bonds, and fields to rounding."""
+    energy = held_at(0.03, 2) * (1 + 1e-12)
+    runs = [
+        shaken((23, 31), True, strength=0.03, law=law)
+        for law in ({}, {"softening": softening, "fracture_energy": energy})
+    ]
+    for sim in runs:
+        sim.step(40)
+    one, two = runs
+    assert one.broken_bonds == two.broken_bonds > 20
+    np.testing.assert_allclose(one.fields["u"], two.fields["u"], rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(one.fields["damage"], two.fields["damage"])
+    assert one.energies() == pytest.approx(two.energies(), rel=1e-10)
 
 
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)

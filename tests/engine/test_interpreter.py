@@ -135,6 +135,31 @@ CASES = {
         {"v": 0.05 * bump((13, 14), 2)},
         balance=True,
     ),
+    "bonds that soften, cut and heated": lambda: fh.Simulation(
+        lattice(13, 14),
+        fh.Elastic(fh.Kernel(2.0), 1.0, critical_stretch=0.01, softening="linear", fracture_energy="1e-3 + 1e-4*x"),
+        {"x": fh.Periodic(), "y": fh.Free()},
+        {"v": 0.05 * bump((13, 14), 2)},
+        cracks=[fh.Crack([(4.3, 7.4), (8.5, 7.4)])],
+        loads=[fh.ThermalLoad("exp(-(y - 7)**2)*cos(x)*(1 + t)", expansion=-4e-3, reference=0.0, every=1.0)],
+        balance=True,
+        coefficient=half((13, 14)),
+    ),
+    "bonds that soften exponentially and carry compression": lambda: fh.Simulation(
+        lattice(9, 8, 7),
+        fh.Elastic(
+            fh.Kernel(1.5),
+            1.0,
+            critical_stretch=fh.Weibull(0.02, 5, 1.0),
+            softening="exponential",
+            fracture_energy=5e-3,
+            contact=True,
+            nonlinear=True,
+        ),
+        fh.Free(),
+        {"v": 0.05 * bump((9, 8, 7), 3)},
+        balance=True,
+    ),
     "breaking bonds of many strengths": lambda: fh.Simulation(
         lattice(13, 14),
         fh.Elastic(fh.Kernel(2.0), 1.0, critical_stretch=fh.Weibull(0.02, 5, 1.0)),
@@ -246,6 +271,8 @@ def test_both_compute_the_same(make):
         np.testing.assert_allclose(one.core.view(b), one.core.view(a), rtol=0, atol=1e-12 * np.abs(a).max())
     np.testing.assert_allclose(two.flows.sum(0), one.flows.sum(0), rtol=1e-10, atol=1e-13)
     np.testing.assert_array_equal(two.tables.bonds.alive, one.tables.bonds.alive)
+    np.testing.assert_allclose(two.tables.bonds.shares, one.tables.bonds.shares, rtol=0, atol=1e-10)
+    assert one.bonds.softening is None or (one.tables.bonds.shares < 1).sum() > 20
     for mine, other in zip(compiled.recorders, plain.recorders, strict=True):
         for name, values in mine.data.items():
             np.testing.assert_allclose(other.data[name], values, rtol=0, atol=1e-12 * np.abs(values).max())

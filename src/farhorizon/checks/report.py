@@ -53,6 +53,8 @@ _SHORT = (
     "time in all",
     "outputs",
 )
+#: What bonds do beyond a critical stretch, by how they soften.
+_ENDS = {None: "break at", "linear": "soften linearly from", "exponential": "soften exponentially from"}
 _LONG = 30 * 86400.0  # seconds of a run that is warned of
 
 
@@ -385,7 +387,7 @@ class Report:
             least, largest = (f"{stretch:.4g}" for stretch in engine.bonds.critical_stretches)
             stretch = least if least == largest else f"{least} to {largest}"
             breaking = (
-                f"break at a stretch of {stretch}, except within one reach of sides that are not free"
+                f"{_ENDS[law.softening]} a stretch of {stretch}, except within one reach of sides that are not free"
                 if np.isfinite(engine.bonds.limit)
                 else "none breaks"
             )

@@ -24,10 +24,16 @@ class BondZone:
     Parameters
     ----------
     engine : Field
+
+    Attributes
+    ----------
+    softening : str or None
+        How bonds soften beyond their limit, see `set`.
     """
 
     def __init__(self, engine: Field) -> None:
         self.engine: Field = weakref.proxy(engine)  # which holds this: a circle would keep its levels
+        self.softening: str | None = None
 
     @property
     def table(self) -> Bonds:
@@ -44,6 +50,8 @@ class BondZone:
         strength: np.ndarray | None = None,
         contact: bool = False,
         warm: bool = False,
+        softening: str | None = None,
+        final: np.ndarray | None = None,
     ) -> None:
         """Lay the zone out: bonds follow a law of their own stretch and may break where both ends lie in it.
 
@@ -66,8 +74,12 @@ class BondZone:
             Whether bonds that are cut or broken carry compression.
         warm : bool
             Whether heat strains the nodes, see `engine.warmth`.
+        softening : {"linear", "exponential"}, optional
+            How the force of bonds beyond the limit goes to zero (`bond_sweeps`); they break at once unless given.
+        final : ndarray, shape of the core
+            If it does, the stretch of the bonds of each node at which nothing is left, none below the limit.
         """
-        engine = self.engine
+        engine, self.softening = self.engine, softening
         block, components, high = engine.layout.box, engine.components, ROWS[engine.components]
         xi = spacing * engine.offsets[:, 3 - components :].astype(float)
         scaled = engine.stages.numbers[0][2] * np.asarray(stiffness)
@@ -83,7 +95,7 @@ class BondZone:
         rule = RULES[self.engine.tables.material.rule] if self.engine.tables.material.coefficient.size > 1 else None
         strong = strength is not None
         functions = np.array(
-            load_bonds(components, nonlinear, engine.dtype.name, rule, strong, contact, warm), np.int64
+            load_bonds(components, nonlinear, engine.dtype.name, rule, strong, contact, warm, softening), np.int64
         )
         strengths = np.ones(1, engine.dtype) if strength is None else engine.spread(strength, jointly=True)
         limits = np.array([limit, (limit / 2 * spacing) ** 2], self.engine.dtype)
@@ -94,7 +106,9 @@ class BondZone:
         changed, full = np.zeros_like(kinds), all_bits(len(places))
         closing = alive.copy() if contact else np.zeros((0, 0), np.uint64)
         warmth = np.zeros(engine.layout.size if warm else 1, engine.dtype)
-        damage = forces, changed, before, full, strengths, closing, warmth
+        shares = np.ones((len(places) if softening else 0, alive.shape[1]), engine.dtype)
+        finals = np.zeros(0, engine.dtype) if final is None else engine.spread(final, jointly=True)
+        damage = forces, changed, before, full, strengths, closing, warmth, shares, finals
         engine.replace(bonds=Bonds(functions, table, places, alive, kinds, at, limits, nonlinear, broken, *damage))
         engine.sweep_in_pieces(laws.PIECE_ROWS)
         self.find_kinds()
@@ -160,6 +174,8 @@ class BondZone:
         )
         full = all_bits(len(self.table.places))[:, None, None, None]
         damaged = (self.table.alive[:, block.node_indices()] != full).any(0)
+        for shares in self.table.shares:
+            damaged |= shares[block.node_indices()] < 1
         for axis, m in enumerate(self.engine.layout.reach):
             i = np.arange(block.nodes[axis])
             damaged |= ((i - m < zone[axis]) | (i + m >= zone[axis] + zone[3 + axis])).reshape(
@@ -176,26 +192,36 @@ class BondZone:
 
     @property
     def left(self) -> np.ndarray:
-        """Bonds that are left of each node of the core."""
-        bits = np.ascontiguousarray(self.table.alive[:, self.engine.core.node_indices()])
+        """Bonds that are left of each node of the core; those that soften count as much as they keep of their
+        stiffness.
+        """
+        nodes = self.engine.core.node_indices()
+        bits = np.ascontiguousarray(self.table.alive[:, nodes])
+        if self.table.shares.size:
+            total = np.zeros(nodes.shape)
+            for k, shares in enumerate(self.table.shares):
+                total += (bits[k >> 6] >> np.uint64(k & 63) & np.uint64(1)) * shares[nodes]
+            return total
         return _SET_BITS[bits[..., None].view(np.uint8)].sum((0, -1), dtype=np.int64)
 
     @property
     def state(self) -> dict[str, np.ndarray]:
-        """What a checkpoint holds of the bonds: bits, kinds of tiles, and what has been added up of broken bonds and of
-        work; they share memory.
+        """What a checkpoint holds of the bonds: bits, shares, kinds of tiles, and what has been added up of broken
+        bonds and of work; they share memory.
         """
         table = self.table
         bonds = {"bonds": table.alive, "kinds": table.kinds, "broken": table.broken} if self else {}
         if not table.forces:
             bonds |= {"changed": table.changed, "before": table.before}
+        if table.shares.size:
+            bonds["shares"] = table.shares
         work = self.engine.tables.work
         return bonds | ({"work": work} if work.size else {})
 
     @property
     def broken(self) -> tuple[float, float]:
-        """Energy of the bonds when they broke, for a unit of mass a node, and their number; a bond to a node of another
-        process counts half.
+        """Energy that bonds had when they broke, or lost by softening, for a unit of mass a node, and the number of
+        those that broke; a bond to a node of another process counts half.
         """
         energy, count = self.table.broken.sum((0, 1))
         return float(energy) / self.engine.stages.numbers[0][2], float(count)
@@ -248,8 +274,10 @@ class BondZone:
 
     @property
     def critical_stretches(self) -> tuple[float, float]:
-        """The least and the largest stretch at which bonds break."""
+        """The least and the largest stretch at which bonds break, or begin to soften."""
         strength = self.table.strength
+        if strength.size > 1:  # no node lies where it is zero, beyond free sides
+            strength = strength[self.engine.core.node_indices()]
         least, largest = (self.limit * float(factor) for factor in (strength.min(), strength.max()))
         if not self.nonlinear:
             return least / 2, largest / 2

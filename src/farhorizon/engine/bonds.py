@@ -8,7 +8,9 @@ find out by themselves, and in the same step, that it breaks, so no thread write
 zone are swept by the plain stencil, their absent bonds taken back one by one as everywhere.
 
 When a bond breaks it had the energy ``1/2 c d(n) d(n-1)``, d its elongation: with velocities half a step late that is
-what the linear scheme loses, to rounding. So the level before the present one must outlive the sweep.
+what the linear scheme loses, to rounding. So the level before the present one must outlive the sweep. Of bonds that
+soften before they break each end remembers the share of their stiffness that is left, and a share that is lost takes as
+much of that energy with it.
 """
 
 from __future__ import annotations
@@ -80,6 +82,12 @@ class Bonds(NamedTuple):
     warmth : ndarray
         Of each place of a level the strain that heat brings: a bond is strained by the mean of its ends. Of one number
         where there is none; see `engine.warmth`.
+    shares : ndarray, shape (K, places of the core), or empty
+        Of bonds that soften the part of the stiffness that is left, 1 until they are stretched beyond the limit. Those
+        that are cut keep it.
+    final : ndarray
+        Of each place of a level the stretch at which nothing is left of its bonds that soften (`bond_sweeps`): of a
+        bond the smaller one of its ends counts. Empty where none softens.
     """
 
     functions: np.ndarray
@@ -98,6 +106,8 @@ class Bonds(NamedTuple):
     strength: np.ndarray
     closing: np.ndarray
     warmth: np.ndarray
+    shares: np.ndarray
+    final: np.ndarray
 
 
 def no_bonds(dtype: np.dtype) -> Bonds:
@@ -120,6 +130,8 @@ def no_bonds(dtype: np.dtype) -> Bonds:
         np.ones(1, dtype),
         bits,
         np.zeros(1, dtype),
+        np.zeros((0, 0), dtype),
+        np.zeros(0, dtype),
     )
 
 
@@ -338,6 +350,9 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
                 np.int64(bonds.strength.ctypes.data + node * size),
                 np.int64(bonds.closing.ctypes.data + 8 * node),
                 np.int64(bonds.warmth.ctypes.data + node * size),
+                np.int64(bonds.shares.ctypes.data + node * size),
+                np.int64(bonds.final.ctypes.data + node * size),
+                np.int64(bonds.broken[i0, tile_row].ctypes.data),
                 np.int64(bonds.table.ctypes.data),
                 np.int64(bonds.places.ctypes.data),
                 np.int64(zone.ctypes.data),
@@ -351,7 +366,9 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
             else:
                 if found:
                     bonds.changed[i0, tile_row, number] = JUST_CHANGED
-                    add_broken(stage, material, bonds, kept, node, block[5], count, n, bonds.broken[i0, tile_row])
+                    if not bonds.shares.size:  # what softens is added up as it does
+                        broken = bonds.broken[i0, tile_row]
+                        add_broken(stage, material, bonds, kept, node, block[5], count, n, broken)
                 number += 1
 
 
@@ -430,6 +447,7 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, material,
                     if begin >= last:
                         continue
                     curved, closes = bonds.nonlinear and law, law and bonds.closing.size > 0
+                    softens = law and bonds.shares.size > 0
                     part = slice(begin - first[2], last - first[2])
                     length = strains(now[part], u, node + begin, offset[0], xi, components, curved)
                     strains(before[part], old, node + begin, offset[0], xi, components, curved)
@@ -446,10 +464,13 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, material,
                                 rule, coefficient[node + begin + i], coefficient[node + begin + i + offset[0]]
                             )
                         acts = there[i] & mask != 0
-                        if closes and not acts:
+                        left = gain if acts else 0.0
+                        if softens and acts:
+                            left *= np.float64(bonds.shares[bond, node + begin + i])
+                        if closes and (softens or not acts):
                             lasts = bonds.closing[bond >> 6, node + begin + i] & mask != 0
-                            acts = lasts and one[i] < 0 and two[i] < 0
-                        sums[i] += gain if acts else 0.0
+                            left = gain if lasts and one[i] < 0 and two[i] < 0 else left
+                        sums[i] += left
                 if (whole[2, 0] or whole[2, 1]) and not outside:  # bonds that leave along the row
                     for i2 in range(first[2], end[2]):
                         leaves = (i2 + offset[3] < first[2] and whole[2, 0]) or (

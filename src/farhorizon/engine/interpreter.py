@@ -238,17 +238,37 @@ class Interpreter:
         total[:, inside] = 0
         for bond, nodes, alive, curved, ahead, e in self.stretches():
             place, xi, stiffness = bonds.places[bond, 0], bonds.table[bond, :d, None], bonds.table[bond, d + 1]
-            gone = alive & curved & (e > self.limits(nodes, nodes + place))
+            over = alive & curved & (e > self.limits(nodes, nodes + place))
+            before = bonds.shares[bond, nodes] if bonds.shares.size else np.ones(len(nodes))
+            left = np.where(over, np.minimum(before, self._shares(nodes, nodes + place, e)), before)
+            gone = over & (left <= 0)
             self.clear(bond, nodes[gone])
+            if bonds.shares.size:
+                bonds.shares[bond, nodes] = left
             c = stiffness * self.factors(nodes, nodes + place)
-            self._count_broken(nodes[gone], place, xi, c[gone])
+            self._count_broken(nodes[over], place, xi, ((before - left) * c)[over])
+            bonds.broken[0, 0, 1] += 0.5 * gone.sum()
             pull = np.where(curved & bonds.nonlinear, 1 / (1 + e + np.sqrt(np.maximum(1 + e, 0))), 0.5)
             closing = bonds.closing[bond >> 6, nodes] if bonds.closing.size else np.zeros(len(nodes), np.uint64)
             pushes = (closing & np.uint64(1) << np.uint64(bond & 63) != 0) & curved & (e < 0)
-            total[:, inside] += (alive & ~gone | pushes) * c * e * pull * ahead
+            total[:, inside] += np.where(pushes, 1.0, (alive & ~gone) * left) * c * e * pull * ahead
+
+    def _shares(self, nodes: np.ndarray, others: np.ndarray, e: np.ndarray) -> np.ndarray:
+        """What strains beyond the limit leave of the stiffness of bonds."""
+        bonds = self.tables.bonds
+        if not bonds.shares.size:
+            return np.zeros(len(nodes))
+        limit, final = self.limits(nodes, others), np.minimum(bonds.final[nodes], bonds.final[others])
+        with np.errstate(divide="ignore", invalid="ignore"):  # of bonds below the limit, whose shares do not count
+            stretch, onset = (np.sqrt(1 + x) - 1 if bonds.nonlinear else x / 2 for x in (e, limit))
+            if self.engine.bonds.softening == "linear":
+                falls = (final - stretch) / (final - onset)
+            else:
+                falls = np.exp(-2 * (stretch - onset) / (final - onset))
+            return np.asarray(np.fmax(onset / stretch * falls, 0))
 
     def _count_broken(self, nodes: np.ndarray, place: int, xi: np.ndarray, stiffness: np.ndarray) -> None:
-        """Half the energy of bonds that break, from their elongations now and a step ago, and half their number."""
+        """Half the energy of bonds whose stiffness falls by so much, from their elongations now and a step ago."""
         length = np.sqrt((xi**2).sum())
         stretched = []
         for level in (self.stage.src, self.stage.base):
@@ -256,7 +276,7 @@ class Interpreter:
             eta = u[:, nodes + place] - u[:, nodes]
             longer = np.sqrt(((xi + eta) ** 2).sum(0)) - length if self.tables.bonds.nonlinear else xi.T @ eta / length
             stretched.append(np.ravel(longer) - length * self.warmth(nodes, nodes + place))
-        self.tables.bonds.broken[0, 0] += 0.25 * (stiffness * stretched[0] * stretched[1]).sum(), 0.5 * len(nodes)
+        self.tables.bonds.broken[0, 0, 0] += 0.25 * (stiffness * stretched[0] * stretched[1]).sum()
 
     def _cut(self) -> None:
         if not self.tables.bonds.forces:

@@ -41,6 +41,8 @@ def pieces_of(engine: Engine) -> dict[str, Piece]:
         found[name] = Piece(engine.memory, places, axes)
     for word, bits in enumerate(engine.bonds.table.alive):
         found[f"bonds/{word}"] = Piece(bits, every[0], (0, 1, 2))
+    for bond, shares in enumerate(engine.bonds.table.shares):
+        found[f"shares/{bond}"] = Piece(shares, every[0], (0, 1, 2))
     return found
 
 

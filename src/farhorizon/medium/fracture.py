@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 
@@ -24,3 +26,28 @@ def fracture_energy(bonds: np.ndarray, stiffness: np.ndarray, stretch: float) ->
     """
     lengths = np.linalg.norm(bonds, axis=1)
     return float(stretch**2 / 4 * (stiffness * lengths**3).sum() * (2 / np.pi if bonds.shape[1] == 2 else 0.5))
+
+
+def final_stretch(bonds: np.ndarray, stiffness: np.ndarray, onset: Any, energy: Any) -> Any:
+    """The stretch s1 at which bonds that soften carry nothing any more, so that a plane takes an energy per area.
+
+    A bond whose force falls evenly from that at the stretch s0 to zero takes ``C V |xi|^2 s0 s1 / 2``, where at s0
+    it holds ``C V |xi|^2 s0^2 / 2``: over all bonds across a plane the energy is ``s0 s1`` times the
+    `fracture_energy` of a stretch of 1. A force that decays as ``exp(-2 (s - s0) / (s1 - s0))`` takes as much and
+    never ends.
+
+    Parameters
+    ----------
+    bonds : ndarray, shape (K, dim)
+        Both directions of each bond.
+    stiffness : ndarray, shape (K,)
+    onset : float or ndarray
+        s0.
+    energy : float or ndarray
+        Energy per area; infinite where there are no bonds.
+
+    Returns
+    -------
+    float or ndarray
+    """
+    return energy / (fracture_energy(bonds, stiffness, 1.0) * onset)

@@ -31,6 +31,8 @@ class Variation:
         Lame's constants of such a medium.
     strength : ndarray or None
         Critical stretch, or fracture energy, over that of the model.
+    toughness : ndarray or None
+        Fracture energy over that of the model where bonds have a critical stretch, too, at which they begin to soften.
     """
 
     stiffness: np.ndarray | None = None
@@ -39,6 +41,7 @@ class Variation:
     springs: np.ndarray | None = None
     lame: np.ndarray | None = None
     strength: np.ndarray | None = None
+    toughness: np.ndarray | None = None
 
     @property
     def of_bonds(self) -> np.ndarray | None:

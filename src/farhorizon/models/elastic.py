@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.engine.rows.bond_sweeps import SOFTENINGS
 from farhorizon.errors import InputError
 from farhorizon.medium.force_states import ForceStates, correspondence_states, dilatation_states
 from farhorizon.medium.fracture import fracture_energy as energy_of_fracture
@@ -77,7 +78,11 @@ class Elastic(LatticeModel):
         `young`: a bond breaks as the weaker of its ends does.
     fracture_energy : float, str, ndarray or callable, optional
         Bond-based: instead of the critical stretch the energy that a new crack takes per area; see
-        `critical_stretch_on`.
+        `critical_stretch_on`. Beside it where bonds soften.
+    softening : {"linear", "exponential"}, optional
+        Bond-based, with a critical stretch and a fracture energy: bonds do not break at that stretch, but begin to
+        soften there (a bilinear law, or an exponential one), so that a new crack takes the fracture energy; they unload
+        along the secant.
     contact : bool
         Bond-based: bonds that are cut or broken carry compression, where they are shorter than in the beginning, so
         that faces of a crack which closes do not pass through each other.
@@ -139,6 +144,7 @@ class Elastic(LatticeModel):
         nonlinear: bool = False,
         critical_stretch: Constant | None = None,
         fracture_energy: Constant | None = None,
+        softening: str | None = None,
         contact: bool = False,
     ) -> None:
         kinds.one_of(material, "model.material", MATERIALS, "unknown material")
@@ -169,6 +175,9 @@ class Elastic(LatticeModel):
             critical_stretch,
             fracture_energy,
         )
+        if softening is not None:
+            kinds.one_of(softening, "model.softening", SOFTENINGS, "unknown softening")
+        self.softening = softening
         self.contact = kinds.flag(contact, "model.contact")
         self._check_law()
         self.damping = kinds.number(damping, "model.damping", least=0)
@@ -203,16 +212,17 @@ class Elastic(LatticeModel):
 
     def _check_law(self) -> None:
         """What bonds that follow a law of their own stretch need."""
-        if self.critical_stretch is not None and self.fracture_energy is not None:
+        if self.softening is None and len(self._strength) == 2:
             raise InputError(
-                "critical_stretch and fracture_energy are two names of one thing",
+                "critical_stretch and fracture_energy are two names of one thing where bonds break at once",
                 value=self.fracture_energy,
                 key="model.fracture_energy",
-                remedy="give one of them",
+                remedy='give one of them, or softening="linear"',
             )
         for name, value in self._strength.items():
             setattr(self, name, material_constant(value, f"model.{name}"))
-        given = ["nonlinear"] * self.nonlinear + sorted(self._strength, reverse=True) + ["contact"] * self.contact
+        flags = {"nonlinear": self.nonlinear, "contact": self.contact, "softening": self.softening}
+        given = sorted([*(name for name, value in flags.items() if value), *self._strength], reverse=True)
         served = ("bond-based",) if given != ["critical_stretch"] else _BREAKABLE
         if given and (self.material not in served or not isinstance(self.kernel, Kernel)):
             raise InputError(
@@ -223,6 +233,13 @@ class Elastic(LatticeModel):
                 remedy="in the plane critical_stretch=fh.calibrated_stretch(model, spacing, fracture_energy)"
                 if given == ["fracture_energy"] and self.material in _BREAKABLE
                 else 'material="bond-based", or critical_stretch alone',
+            )
+        if self.softening is not None and len(self._strength) < 2:
+            raise InputError(
+                "bonds that soften have a critical stretch, where they begin to, and a fracture energy",
+                value=self._strength or None,
+                key="model.softening",
+                remedy="critical_stretch = tensile strength / Young's modulus, and fracture_energy",
             )
 
     combinations = COMBINATIONS
@@ -258,7 +275,7 @@ class Elastic(LatticeModel):
         """The same material, linear and unbreakable."""
         model = copy.copy(self)
         model.nonlinear, model.contact, model.critical_stretch, model.fracture_energy = False, False, None, None
-        model.warm = False
+        model.softening, model.warm = None, False
         return model
 
     def heated(self) -> Elastic:
@@ -357,7 +374,10 @@ class Elastic(LatticeModel):
         broken = {name: values[name] for name in self._strength if name in values}
         of_strength = {name: float(value.flat[middle_node(value)]) for name, value in broken.items()}
         model, found = self.with_constants(of_strength)._on_nodes({k: v for k, v in values.items() if k not in broken})
-        return model, replace(found, strength=next((broken[k] / of_strength[k] for k in broken), None))
+        over = {name: value / of_strength[name] for name, value in broken.items()}
+        if self.softening is None:
+            return model, replace(found, strength=next(iter(over.values()), None))
+        return model, replace(found, strength=over.get("critical_stretch"), toughness=over.get("fracture_energy"))
 
     def _on_nodes(self, values: Mapping[str, np.ndarray]) -> tuple[Elastic, Variation]:
         """The same by moduli and density."""

@@ -33,14 +33,16 @@ class BondLaw(Protocol):
     contact: bool
     warm: bool
     density: float
+    softening: str | None
+    fracture_energy: Any
 
     @property
     def p_modulus(self) -> float:
         """Modulus of longitudinal waves."""
 
     def critical_stretch_on(self, spacing: float, dim: int, strength: Any = 1.0, stiffness: Any = 1.0) -> Any:
-        """The stretch at which bonds break; infinite where none does. Where the medium varies, that at the nodes, from
-        the strengths and the factors on bonds over those of the model.
+        """The stretch at which bonds break, or begin to soften; infinite where none does. Where the medium varies, that
+        at the nodes, from the strengths and the factors on bonds over those of the model.
         """
 
     def bond_stiffness(self, stencil: Stencil, spacing: float) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 from farhorizon.engine.engine import Zone
 from farhorizon.engine.settings import set_heat
 from farhorizon.errors import InputError
+from farhorizon.medium.fracture import final_stretch
 from farhorizon.models.model import BondLaw
 from farhorizon.simulation.cuts import CutBonds
 from farhorizon.simulation.grid import Grid
@@ -17,6 +18,7 @@ from farhorizon.simulation.overstretch import IntactMargin, intact_margin
 from farhorizon.simulation.setup import Sides
 from farhorizon.simulation.team import ALONE, Team
 
+_ROUNDING = 1e-9
 _SHATTERS = 10.0  # a load whose first strain is so many times the critical stretch breaks whatever it meets
 
 
@@ -72,15 +74,45 @@ class Breaking:
         given = 1.0 if strength is None else strength, 1.0 if factor is None else factor
         return np.asarray(self.law.critical_stretch_on(lattice.spacing, lattice.dim, *given))
 
+    @cached_property
+    def final_stretches(self) -> np.ndarray:
+        """Of bonds that soften what leaves nothing of those of each node of this lattice, or of one number.
+
+        Raises
+        ------
+        InputError
+            Bonds hold more than the fracture energy when they begin to soften.
+        """
+        law, near, onset = self.law, self.near, self.critical_stretches
+        toughness = 1.0 if near.variation.toughness is None else near.variation.toughness
+        bonds = near.lattice.spacing * near.stencil.offsets
+        stiffness = law.bond_stiffness(near.stencil, near.lattice.spacing)
+        with np.errstate(divide="ignore"):  # where there are no bonds
+            energy = law.fracture_energy * toughness / (1.0 if near.factor is None else near.factor)
+        final = np.asarray(final_stretch(bonds, stiffness, onset, energy))
+        share = -self.team.largest(-float((final / onset).min()))
+        if share < 1 - _ROUNDING:
+            raise InputError(
+                "bonds hold more when they begin to soften than the fracture energy, so that they would snap back",
+                value=f"{share:.4g} of that",
+                limit=">= 1",
+                key="model.fracture_energy",
+                remedy=f"a horizon of about {share:.2g} times this one, or a critical stretch of at most "
+                f"{np.sqrt(share):.3g} times this one",
+            )
+        return np.maximum(final, onset)
+
     def _limits(self) -> tuple[float, np.ndarray | None]:
         """Largest strain e of the weakest bonds, and of those of each node over it, None where all are alike."""
         stretches = self.critical_stretches
         limits = stretches * (2 + stretches) if self.law.nonlinear else 2 * stretches
         every = self.team.gather((float(limits.min()), float(limits.max())))
         least, most = min(low for low, _ in every), max(high for _, high in every)
-        return least, None if least == most else self.grid.grown(
-            np.broadcast_to(limits / least, self.near.lattice.shape)
-        )
+        return least, None if least == most else self.grid.grown(self._everywhere(limits / least))
+
+    def _everywhere(self, values: np.ndarray) -> np.ndarray:
+        """Values at the nodes, of which there may be one for all."""
+        return np.broadcast_to(values, self.near.lattice.shape)
 
     def begin(self) -> None:
         """Give the engine the law of the bonds, whole and uncut."""
@@ -90,7 +122,8 @@ class Breaking:
         count = len(engine.offsets)
         states = engine.passes is not None  # whose forces are not along their bonds
         stiffness = np.zeros(count) if states else law.bond_stiffness(self.near.stencil, spacing) / law.density
-        engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit, strength, law.contact, law.warm)
+        ends = () if law.softening is None else (law.softening, self.grid.grown(self._everywhere(self.final_stretches)))
+        engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit, strength, law.contact, law.warm, *ends)
         if law.warm:
             set_heat(engine, spacing)
         self.cuts.cut(())
@@ -101,7 +134,9 @@ class Breaking:
 
     @property
     def damage(self) -> np.ndarray:
-        """Part of the bonds of each node that are cut or broken."""
+        """Part of the bonds of each node that are cut or broken; one that has softened counts as much as it has lost of
+        its stiffness.
+        """
         return 1 - self.left() / np.maximum(self.families, 1)
 
     def loose(self) -> int:

@@ -53,6 +53,10 @@ def fingerprint(setup: Setup, parts: Parts, cuts: int) -> dict[str, Any]:
         found["bonds"] = [law.nonlinear, law.critical_stretch_on(lattice.spacing, lattice.dim)]
     if law is not None and law.contact:
         found["contact"] = True
+    if law is not None and law.softening is not None:
+        found["softening"] = [law.softening, law.fracture_energy]
+    if near.variation.toughness is not None:
+        found["toughness"] = float(near.variation.toughness.sum())
     if near.variation.strength is not None:
         found["strength"] = float(near.variation.strength.sum())
     if near.prescribed.constraints:

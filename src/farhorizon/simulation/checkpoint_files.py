@@ -22,7 +22,7 @@ from farhorizon.simulation.march import March
 from farhorizon.simulation.resume import check_alike
 
 # facts that are others on each process
-_OF_A_BOX = "levels", "memory", "shape", "lower", "held", "cuts", "conditions", "density", "strength"
+_OF_A_BOX = "levels", "memory", "shape", "lower", "held", "cuts", "conditions", "density", "strength", "toughness"
 
 
 def write_state(

@@ -12,9 +12,10 @@ RULE = None
 STRONG = False
 CONTACT = False
 WARM = False
+SOFTENING = None
 
-intact_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, STRONG, CONTACT, WARM, False)
-damaged_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, STRONG, CONTACT, WARM, True)
+intact_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, STRONG, CONTACT, WARM, SOFTENING, False)
+damaged_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, STRONG, CONTACT, WARM, SOFTENING, True)
 measure = steepness(COMPONENTS, REAL)
 
 

@@ -8,6 +8,11 @@ both ends of a bond, for all factors turn their sign there, and the order of the
 by itself. Those that are absent may carry compression, where e is below zero. Where the material varies c has a factor
 that follows from the coefficients of both ends, whichever comes first. Where heat strains the nodes, e is less by the
 sum of what both ends would be strained if they were free: twice their mean.
+
+A bond that softens keeps a share of its stiffness, which each of its ends remembers: the least that its stretches have
+left since the start, so that it unloads along the secant. With the stretch s, e/2 or ``|xi + eta| / |xi| - 1``, and the
+limits s0 and s1 this is ``s0 (s1 - s) / (s (s1 - s0))`` where the force falls evenly, and ``s0/s exp(-2 (s - s0) /
+(s1 - s0))`` where it decays; both take the energy ``c |xi|^2 s0 s1 / 2``.
 """
 
 from __future__ import annotations
@@ -28,6 +33,9 @@ ROWS = {2: 4, 3: 2}
 #: Columns of a bond in the table of integers: its distance in elements, its offset along the three axes.
 PLACES = 4
 
+#: How the force of a bond that is stretched beyond its limit goes to zero.
+SOFTENINGS = ("linear", "exponential")
+
 _INTEGERS = ir.VectorType(ir.IntType(64), LANES)
 
 
@@ -36,9 +44,12 @@ class TileAddresses(NamedTuple):
 
     Attributes
     ----------
-    src, base, out, coefficient, alive, strength, closing, warmth : int
+    src, base, out, coefficient, alive, strength, closing, warmth, shares, final : int
         The first node in the levels, among the coefficients, among the bits of the bonds, among the strengths, among
-        the bits of bonds that carry compression in any case, and among the strains that heat brings.
+        the bits of bonds that carry compression in any case, among the strains that heat brings, among the shares that
+        bonds keep of their stiffness, and among the stretches that leave nothing.
+    broken : int
+        Energy, in units of c, and number of the bonds that have broken, float64: those that soften add to them.
     table, places : int
         The tables of reals and of integers; that of reals has, bond by bond, xi, 1 / |xi|^2 and c, without
         coefficients.
@@ -54,6 +65,9 @@ class TileAddresses(NamedTuple):
     strength: int
     closing: int
     warmth: int
+    shares: int
+    final: int
+    broken: int
     table: int
     places: int
     zone: int
@@ -67,7 +81,7 @@ class TileShape(NamedTuple):
     bonds : int
         Their number.
     words : int
-        Distance between words of bits.
+        Distance between words of bits, and between the shares of one bond and the next.
     nodes, rows : int
         Nodes of a row, and rows.
     step, apart : int
@@ -91,8 +105,9 @@ _ADDRESSES = types.NamedUniTuple(types.int64, len(TileAddresses._fields), TileAd
 _SHAPE = types.NamedUniTuple(types.int64, len(TileShape._fields), TileShape)
 
 #: Components of the field, whether the law is nonlinear, the number type, the rule of coefficients or None, whether
-#: nodes have strengths of their own, whether absent bonds carry compression, and whether heat strains the nodes.
-Law = tuple[int, bool, str, str | None, bool, bool, bool]
+#: nodes have strengths of their own, whether absent bonds carry compression, whether heat strains the nodes, and how
+#: bonds soften, one of `SOFTENINGS` or None.
+Law = tuple[int, bool, str, str | None, bool, bool, bool, str | None]
 #: Addresses, places, and the reals a, b and limit, as values of the code that is emitted.
 TileArguments = tuple[TileAddresses, TileShape, Any, Any, Any]
 
@@ -105,11 +120,11 @@ class _Tile:
     """
 
     def __init__(self, builder: ir.IRBuilder, args: TileArguments, law: Law, first: Any) -> None:
-        components, nonlinear, real, self.rule, self.strong, self.contact, self.warm = law
+        components, nonlinear, real, self.rule, self.strong, self.contact, self.warm, self.softening = law
         self.builder, self.components, self.nonlinear = builder, components, nonlinear
         at, shape, self.a, self.b, limit = args
         self.src, self.base, self.out, coefficient, self.alive, strength, self.closing, warmth, *tables = at
-        self.table, self.places, self.zone = tables
+        self.shares, final, self.broken, self.table, self.places, self.zone = tables
         self.count, self.words, n, rows, self.step, self.apart, *self.node = shape
         self.vectors = Vectors(builder, ir.DoubleType() if real == "float64" else ir.FloatType(), LANES)
         self.src, self.base, self.out = (
@@ -130,6 +145,7 @@ class _Tile:
         self.strengths = [self.vectors.load(self.place(self.strength, row, 0)) for row in self.rows if self.strong]
         self.warmth = self.vectors.shifted(warmth, (1, first))
         self.warmths = [self.vectors.load(self.place(self.warmth, row, 0)) for row in self.rows if self.warm]
+        self.final = self.vectors.shifted(final, (1, first))
 
     def constant(self, value: float) -> Any:
         return ir.Constant(self.vectors.type, [value] * LANES)
@@ -164,12 +180,19 @@ class _Tile:
 
     def differences(self, bond: Any, row: int) -> list[Any]:
         """``eta`` of one bond."""
-        distance = self.offset(bond, 0)
-        there = [
-            self.vectors.load(self.vectors.shifted(self.place(self.src, self.rows[row], c), (1, distance)))
-            for c in range(self.components)
-        ]
+        there = self.ends(self.src, bond, row)
         return [self.builder.fsub(t, h) for t, h in zip(there, self.own[row], strict=True)]
+
+    def ends(self, level: Any, bond: Any, row: int) -> list[Any]:
+        """What the other end of a bond has in a level."""
+        distance = self.offset(bond, 0)
+        starts = [self.place(level, self.rows[row], c) for c in range(self.components)]
+        return [self.vectors.load(self.vectors.shifted(start, (1, distance))) for start in starts]
+
+    def differences_before(self, bond: Any, row: int) -> list[Any]:
+        """``eta`` a step ago."""
+        own = [self.vectors.load(self.place(self.base, self.rows[row], c)) for c in range(self.components)]
+        return [self.builder.fsub(t, h) for t, h in zip(self.ends(self.base, bond, row), own, strict=True)]
 
     def stretch(self, xi: list[Any], inverse: Any, eta: list[Any], curved: Any = None) -> tuple[Any, list[Any]]:
         """``e`` and the direction of the force; `curved`: lanes in which the law is not linearised, all unless
@@ -213,12 +236,39 @@ class _Tile:
 
     def measured(self, e: Any, bond: Any, row: int) -> Any:
         """What tells whether a bond breaks: e, or how far it is beyond the limit of the weaker end."""
+        return self.builder.fsub(e, self.limit_of(bond, row)) if self.strong else e
+
+    def limit_of(self, bond: Any, row: int) -> Any:
+        """Largest e of a bond that stays as it is."""
         if not self.strong:
-            return e
-        builder, here = self.builder, self.strengths[row]
-        there = self.beyond(bond, row, self.strength)
-        weaker = builder.select(builder.fcmp_ordered("<", here, there), here, there)
-        return builder.fsub(e, builder.fmul(self.limit, weaker))
+            return self.limit
+        return self.builder.fmul(self.limit, self.least(self.strengths[row], self.beyond(bond, row, self.strength)))
+
+    def least(self, one: Any, other: Any) -> Any:
+        return self.builder.select(self.builder.fcmp_ordered("<", one, other), one, other)
+
+    def elongation(self, e: Any) -> Any:
+        """The stretch of bonds that follow the law."""
+        if not self.nonlinear:
+            return self.builder.fmul(e, self.constant(0.5))
+        one = self.constant(1.0)
+        root = self.call("sqrt", self.builder.fadd(e, one))
+        return self.builder.fdiv(e, self.builder.fadd(one, root))
+
+    def share(self, e: Any, bond: Any, row: int) -> Any:
+        """What a stretch beyond the limit leaves of the stiffness of a bond; nothing where both limits are one."""
+        builder = self.builder
+        stretch, onset = self.elongation(e), self.elongation(self.limit_of(bond, row))
+        here = self.vectors.load(self.place(self.final, self.rows[row], 0))
+        final = self.least(here, self.beyond(bond, row, self.final))
+        width = builder.fsub(final, onset)
+        if self.softening == "linear":
+            falls = builder.fdiv(builder.fsub(final, stretch), width)
+        else:
+            beyond = builder.fmul(self.constant(-2.0), builder.fsub(stretch, onset))
+            falls = self.call("exp", builder.fdiv(beyond, width))
+        left = builder.fmul(builder.fdiv(onset, stretch), falls)
+        return builder.select(builder.fcmp_ordered(">", left, self.constant(0.0)), left, self.constant(0.0))
 
     def stiffness(self, uniform: Any, bond: Any, row: int) -> Any:
         """c of one bond from that without coefficients, as `engine.bonds.bond_factor` has it."""
@@ -327,6 +377,45 @@ def _sweep_intact(tile: _Tile, n: Any) -> Any:
     return breaks
 
 
+def _soften(
+    tile: _Tile, bond: Any, row: int, material: tuple[list[Any], Any, Any], e: Any, curved: Any, over: Any
+) -> tuple[Any, Any]:
+    """The share that is left of the stiffness of bonds of which some are `over` their limits, and which have nothing
+    left.
+
+    `material` is xi, ``1 / |xi|^2`` and c. What they lose of their energy, ``c d d' / 2`` of the elongations now and a
+    step ago, is added up, half of it at either end, and so is the number of those that end.
+    """
+    builder, vectors, real = tile.builder, tile.vectors, ir.DoubleType()
+    xi, inverse, stiffness = material
+    place = tile.place(vectors.shifted(tile.shares, (1, builder.mul(bond, tile.words))), tile.rows[row], 0)
+    before = vectors.load(place)
+    entry = builder.block
+    with builder.if_then(tile.any(over)):
+        now = builder.select(over, tile.least(tile.share(e, bond, row), before), before)
+        vectors.store(now, place)
+        ago = tile.stretch(xi, inverse, tile.differences_before(bond, row), curved)[0]
+        both = builder.fmul(tile.elongation(e), tile.elongation(tile.mechanical(ago, bond, row, curved)))
+        energy = builder.fmul(builder.fmul(builder.fsub(before, now), builder.fdiv(stiffness, inverse)), both)
+        energy = builder.select(over, energy, tile.constant(0.0))
+        lanes = [builder.extract_element(energy, ir.IntType(32)(lane)) for lane in range(LANES)]
+        lost = vectors.sum([one if one.type == real else builder.fpext(one, real) for one in lanes])
+        ends = builder.and_(over, builder.fcmp_ordered("<=", now, tile.constant(0.0)))
+        number = builder.uitofp(builder.ctpop(builder.bitcast(ends, ir.IntType(LANES))), real)
+        for column, (value, share) in enumerate(((lost, 0.25), (number, 0.5))):
+            pointer = vectors.pointer(builder.add(tile.broken, I64(8 * column)), real)
+            builder.store(builder.fadd(builder.load(pointer), builder.fmul(value, ir.Constant(real, share))), pointer)
+        softened = builder.block
+    none = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
+    found = []
+    for value, other in ((now, before), (ends, none)):
+        phi = builder.phi(value.type)
+        phi.add_incoming(value, softened)
+        phi.add_incoming(other, entry)
+        found.append(phi)
+    return found[0], found[1]
+
+
 def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
     """A tile that lacks bonds, or with bonds that leave the zone: 1 if some have broken now."""
     tile = _Tile(builder, args, law, I64(0))
@@ -358,13 +447,16 @@ def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
             builder.and_(builder.fcmp_ordered(">", tile.measured(e, bond, row), tile.bound), curved),
             builder.and_(alive, tile.wanted),
         )
-        pull = tile.pull(e, tile.stiffness(stiffness, bond, row), curved)
-        acts = builder.and_(alive, builder.not_(over))
+        stiffness = tile.stiffness(stiffness, bond, row)
+        whole = pull = tile.pull(e, stiffness, curved)
+        if tile.softening:
+            left, over = _soften(tile, bond, row, (xi, inverse, stiffness), e, curved, over)
+            pull = builder.fmul(pull, left)
+        factor = builder.select(builder.and_(alive, builder.not_(over)), pull, tile.constant(0.0))
         if tile.contact:
             lasts = builder.icmp_unsigned("!=", builder.and_(tile.bits(tile.closing, bond, row)[1], one), unset)
             shorter = builder.and_(builder.fcmp_ordered("<", e, tile.constant(0.0)), curved)
-            acts = builder.or_(acts, builder.and_(lasts, shorter))
-        factor = builder.select(acts, pull, tile.constant(0.0))
+            factor = builder.select(builder.and_(lasts, shorter), whole, factor)
         breaks = tile.any(over)
         with builder.if_then(breaks):
             builder.store(builder.select(over, builder.and_(bits, builder.not_(one)), bits), pointer, align=8)
@@ -383,6 +475,7 @@ def bond_sweep(
     strong: bool,
     contact: bool,
     warm: bool,
+    softening: str | None,
     damaged: bool,
 ) -> Any:
     """Make the intrinsic that writes ``out = a*src + b*base + sum over the bonds`` on tiles.
@@ -404,6 +497,8 @@ def bond_sweep(
         Whether absent bonds carry compression.
     warm : bool
         Whether heat strains the nodes.
+    softening : str or None
+        One of `SOFTENINGS`, None where bonds break at once.
     damaged : bool
         Look at the bits of the bonds and at the ends of the zone, and clear the bits of what breaks.
 
@@ -420,7 +515,7 @@ def bond_sweep(
             at, shape, *reals = args
             given = TileAddresses(*_unpacked(builder, at)), TileShape(*_unpacked(builder, shape)), *reals
             return (_damaged if damaged else _intact)(
-                builder, given, (components, nonlinear, real, rule, strong, contact, warm)
+                builder, given, (components, nonlinear, real, rule, strong, contact, warm, softening)
             )
 
         return bond_signature(real), codegen

@@ -146,12 +146,13 @@ def load_bonds(
     strong: bool = False,
     contact: bool = False,
     warm: bool = False,
+    softening: str | None = None,
 ) -> tuple[int, int, int]:
     """Addresses of the sweeps of plain tiles and of a damaged one for a law of bonds, and of the bound of their stretch
     (see `bond_sweeps`).
     """
     law = {"COMPONENTS": components, "NONLINEAR": nonlinear, "REAL": real, "RULE": rule}
-    made = _load("rows/bond_rows", **law, STRONG=strong, CONTACT=contact, WARM=warm)
+    made = _load("rows/bond_rows", **law, STRONG=strong, CONTACT=contact, WARM=warm, SOFTENING=softening)
     return int(made.intact.address), int(made.damaged.address), int(made.steep.address)
 
 
