@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+import numpy as np
+
 from farhorizon import kinds
 from farhorizon.boundaries import LatticePML, Side, sides
 from farhorizon.engine.engine import available_threads
@@ -59,6 +61,24 @@ def _settled_source(source: Any, dim: int, key: str) -> Any:
     if isinstance(source, Incident):
         return source.on(dim)
     return source if isinstance(source, LocalSource) else as_source(source, dim, key)
+
+
+def _check_coupled(heat: Setup, lattice: Lattice, key: str) -> None:
+    """A temperature that follows the deformation is that of what has a heat capacity, on the same nodes."""
+    if heat.model.heat_capacity is None:
+        raise InputError(
+            "only what has a heat capacity is heated by a deformation", value=heat.model.title, key=key, limit="Heat"
+        )
+    own = heat.lattice
+    alike = own.shape == lattice.shape and np.allclose([own.lower, own.upper], [lattice.lower, lattice.upper])
+    if not alike or not np.array_equal(*(True if one.mask is None else one.mask for one in (own, lattice))):
+        raise InputError(
+            "the temperature is computed on nodes that are not those of the solid",
+            value=f"{own.shape} nodes from {own.lower.tolist()}",
+            limit=f"{lattice.shape} nodes from {lattice.lower.tolist()}",
+            key=key,
+            remedy="the same lattice, or coupled=False",
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,8 +185,10 @@ constraints, balance, specimens, loads
                 raise InputError(
                     "a temperature is a field that diffuses", value=given.model.title, key=key, limit="Heat, Diffusion"
                 )
+            if load.coupled:
+                _check_coupled(given, self.lattice, key)
             loads = [replace(one, temperature=given) if one is load else one for one in self.loads]
-            kinds.settle(self, model=self.model.heated(), loads=tuple(loads))
+            kinds.settle(self, model=self.model.heated(load.coupled), loads=tuple(loads))
 
     @property
     def heat(self) -> ThermalLoad | None:

@@ -301,7 +301,7 @@ class Simulation(Run):
 
     def energy(self) -> float:
         """Energy of the near field, kinetic and strain or stored, of `energies`."""
-        held = ("kinetic", "strain", "reaction", "stored")
+        held = ("kinetic", "strain", "reaction", "stored", "thermal")
         return sum(value for name, value in self.energies().items() if name in held)
 
     def energies(self) -> dict[str, float]:
