@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -134,3 +136,12 @@ class ThermalLoad(Storable):
     def steady(self) -> bool:
         """Whether it is known to be the same at all times."""
         return isinstance(self.temperature, float | np.ndarray) or getattr(self.temperature, "uses_time", None) is False
+
+
+@contextmanager
+def of_the_heat() -> Iterator[None]:
+    """Within it the key of an InputError says that it is one of the heat that is computed beside a solid."""
+    try:
+        yield
+    except InputError as error:
+        raise error.at(f"heat.{error.key}" if error.key else "heat") from None

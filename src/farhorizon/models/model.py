@@ -273,6 +273,11 @@ class LatticeModel:
         )
 
     @property
+    def of_temperature(self) -> LatticeModel | None:
+        """The model of a temperature that is its second field; None where there is one field alone."""
+        return None
+
+    @property
     def dissolution(self) -> Dissolution | None:
         """How its solid dissolves; None where it has none."""
         return None

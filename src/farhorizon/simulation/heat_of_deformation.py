@@ -74,7 +74,7 @@ class HeatOfDeformation(Heating):
         self._now = self._before = self._temperature_now()
 
     def _temperature_now(self) -> np.ndarray:
-        return np.nan_to_num(self._heat.fields()["u"], nan=self.load.reference)
+        return np.nan_to_num(self.temperature, nan=self.load.reference)
 
     def _traces_of(self, level: np.ndarray) -> np.ndarray:
         """Sum of the normal stresses of each node, as they are without heat."""
@@ -119,7 +119,12 @@ class HeatOfDeformation(Heating):
 
     @property
     def fields(self) -> dict[str, np.ndarray]:
-        return {"T": self._heat.fields()["u"], "thermal_strain": self._expansion * (self._now - self.load.reference)}
+        return {"T": self.temperature, "thermal_strain": self._expansion * (self._now - self.load.reference)}
+
+    @property
+    def temperature(self) -> np.ndarray:
+        found: np.ndarray = self._heat.fields()["u"]
+        return found
 
     def energies(self) -> dict[str, float]:
         """That of the temperature, half a step ago: ``rho c theta theta^- / 2 T0``."""

@@ -11,7 +11,7 @@ from farhorizon.engine.settings import give_heat
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.sources import split
-from farhorizon.inputs.thermal_loads import ThermalLoad
+from farhorizon.inputs.thermal_loads import ThermalLoad, of_the_heat
 from farhorizon.simulation.coupling import expansion_of
 from farhorizon.simulation.course import warn
 from farhorizon.simulation.grid import Grid
@@ -95,7 +95,7 @@ class Heating:
     @property
     def fields(self) -> dict[str, np.ndarray]:
         """What is shown of it: copies."""
-        return {"thermal_strain": self.strains}
+        return {"T": self.temperature, "thermal_strain": self.strains}
 
     def energies(self) -> dict[str, float]:
         """Those that the heat has: of a temperature that is given none is known."""
@@ -114,13 +114,23 @@ class Heating:
         """Be in a state that `state` gave."""
 
     def _strain(self, step: int) -> np.ndarray:
-        """The strains at a step: those of the last look are known at the next one."""
-        if step not in self._known:
-            changed = self._temperature(step * self.near.dt) - self.load.reference
-            values = self.near.inside(self._expansion * changed)
-            self._check_sides(values, step)
-            self._known = {k: v for k, v in self._known.items() if k == step - self.every} | {step: values}
-        return self._known[step]
+        """The strains at a step: the temperature of the last look is known at the next one."""
+        known = step in self._known
+        if not known:
+            found = np.broadcast_to(self._temperature(step * self.near.dt), self.near.lattice.shape)
+            self._known = {k: v for k, v in self._known.items() if k == step - self.every} | {step: found}
+        strains = self.near.inside(self._expansion * (self._known[step] - self.load.reference))
+        if not known:
+            self._check_sides(strains, step)
+        return strains
+
+    @property
+    def temperature(self) -> np.ndarray:
+        """It at the nodes now; it changes evenly from one look to the next."""
+        step = self.grid.engine.steps_done
+        part = step % self.every / self.every if self.every else 0.0
+        start = step - step % self.every if self.every else 0
+        return (1 - part) * self._known[start] + (part * self._known[start + self.every] if part else 0.0)
 
     def _check_sides(self, strains: np.ndarray, step: int, more: int = 0, most: float = 0.0) -> None:
         """Beside sides that are neither free nor periodic no bond knows of heat, nor do `more` nodes know of all of it:
@@ -196,7 +206,8 @@ class RunBeside:
             )
 
     def _begin(self) -> None:
-        self._run = self._run_of(self._setup)
+        with of_the_heat():
+            self._run = self._run_of(self._setup)
         self.dt = float(self._run.dt)
         self._before = self._after = self._field()
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon.inputs.thermal_loads import of_the_heat
 from farhorizon.simulation.assembly import Parts, assemble
 from farhorizon.simulation.checkpoint import Arrays, state_of, take_rest, take_state
 from farhorizon.simulation.drives import Moving
@@ -94,8 +95,9 @@ class March:
             return Heating(load, near, grid, sides, run_of)
 
         def driven(setup: Setup, source: Callable[[float], np.ndarray]) -> March:
-            parts = assemble(setup)
-            return March(setup, replace(parts, driving=[*parts.driving, (None, source)]), run_of)
+            with of_the_heat():
+                parts = assemble(setup)
+                return March(setup, replace(parts, driving=[*parts.driving, (None, source)]), run_of)
 
         return HeatOfDeformation(load, near, grid, sides, driven)
 

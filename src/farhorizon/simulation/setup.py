@@ -25,6 +25,7 @@ from farhorizon.inputs.sources import as_source
 from farhorizon.inputs.specimens import Specimen
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.models import LatticeModel
+from farhorizon.simulation.two_fields import of_one_field
 
 Key = tuple[int, int]  # axis and side, -1 or +1
 Sides = dict[Key, Any]  # what stands there
@@ -131,9 +132,15 @@ constraints, balance, specimens, loads
     def __post_init__(self) -> None:
         lattice = kinds.instance(self.lattice, "lattice", Lattice, "a Lattice")
         kinds.instance(
-            self.model, "model", LatticeModel, "a model", remedy="Wave, Diffusion, Heat, Corrosion, Elastic or Beam"
+            self.model,
+            "model",
+            LatticeModel,
+            "a model",
+            remedy="Wave, Diffusion, Heat, Corrosion, Elastic, Thermoelastic or Beam",
         )
         self.model.check()
+        if self.model.of_temperature is not None:
+            kinds.settle(self, **of_one_field(self.arguments, Setup))
         initial = {} if self.initial is None else self.initial
         kinds.settle(self, background=kinds.number(self.background, "background"))
         kinds.instance(initial, "initial", Mapping, "a mapping of fields to their values", remedy='{"u": ...}')
