@@ -52,8 +52,8 @@ def warm_up(thread, heat):
 @njit(error_model="numpy", cache=True)
 def add_traces(found, level, components, block, material, bonds, vectors):
     """Add to `found`, one number a place, half the sum over the bonds that are there of their stretch along `vectors`:
-    what a strain that heat brings to the node is multiplied with in the energy. It is the adjoint of what pushes the
-    nodes, up to the sign: the sum over all nodes of strain times trace is minus that of displacement times push.
+    what a strain that heat brings to the node takes of the energy. It is the adjoint of what pushes the nodes: the sum
+    over all nodes of strain times trace is that of displacement times push.
     """
     zone, coefficient, apart = bonds.zone, material.coefficient, level.size // components
     width = zone[END + 2] - zone[FIRST + 2]

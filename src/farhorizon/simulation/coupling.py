@@ -26,6 +26,8 @@ class Coupling:
     stiffening : float
         ``T0 alpha^2 s / rho c``, s the sum of the normal stresses of a unit of strain in all directions, where it is
         largest: the part by which the adiabatic stiffness is larger than the isothermal one, at most.
+    stiffness : float
+        s.
     rate : float
         Largest rate of the conduction (1/time).
     dt : float
@@ -35,6 +37,7 @@ class Coupling:
     """
 
     stiffening: float
+    stiffness: float
     rate: float
     dt: float
     integrator: Integrator

@@ -32,7 +32,7 @@ from farhorizon.engine.settings import give_heat
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.simulation.coupling import expansion_of
 from farhorizon.simulation.grid import Grid
-from farhorizon.simulation.heating import Heating, cold_strips
+from farhorizon.simulation.heating import Heating, check_known, cold_strips
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Setup, Sides
 
@@ -64,17 +64,22 @@ class HeatOfDeformation(Heating):
         march_of: Callable[[Setup, Callable[[float], np.ndarray]], Any],
     ) -> None:
         self.load, self.near, self.grid, self.sides = load, near, grid, sides
+        assert near.coupling is not None and load.reference is not None
+        self._coupling, self._zero = near.coupling, load.reference
         self._whole = expansion_of(load, near.lattice, near.model, near.lame)
         self._expansion = self._whole * rising(near, sides)
         self._largest, self._told = 0.0, False
         self.every = 1
         self._power = np.zeros(near.lattice.shape)
         self._heat = march_of(beside(load, near.dt), lambda _: self._power)
+        check_known(len(self._heat.parts.near.conditions.images))
         self._traces: np.ndarray | None = None
         self._now = self._before = self._temperature_now()
 
     def _temperature_now(self) -> np.ndarray:
-        return np.nan_to_num(self.temperature, nan=self.load.reference)
+        parts = self._heat.parts
+        found = parts.grid.view(parts.grid.engine.current).reshape(self.near.lattice.shape).astype(float)
+        return np.asarray(found + parts.near.background)
 
     def _traces_of(self, level: np.ndarray) -> np.ndarray:
         """Sum of the normal stresses of each node, as they are without heat."""
@@ -83,11 +88,11 @@ class HeatOfDeformation(Heating):
 
     def _released(self, traces: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Power per volume that the deformation sets free in a step."""
-        return -self.load.reference * self._expansion * (traces - before) / self.near.dt
+        return -self._zero * self._expansion * (traces - before) / self.near.dt
 
     def lay(self, step: int) -> float:
         """Tell the engine what heat strains the nodes now; the displacements that all strains so far explain."""
-        changed = self._now - self.load.reference
+        changed = self._now - self._zero
         strains = self.near.inside(self._expansion * changed)
         self._check_heat(changed, step)
         give_heat(self.grid.engine, self.grid.grown(strains), self.grid.grown(np.zeros_like(strains)))
@@ -119,18 +124,13 @@ class HeatOfDeformation(Heating):
 
     @property
     def fields(self) -> dict[str, np.ndarray]:
-        return {"T": self.temperature, "thermal_strain": self._expansion * (self._now - self.load.reference)}
-
-    @property
-    def temperature(self) -> np.ndarray:
-        found: np.ndarray = self._heat.fields()["u"]
-        return found
+        return {"T": self._now.copy(), "thermal_strain": self._expansion * (self._now - self._zero)}
 
     def energies(self) -> dict[str, float]:
         """That of the temperature, half a step ago: ``rho c theta theta^- / 2 T0``."""
-        lattice, zero = self.near.lattice, self.load.reference
-        product = self.near.inside((self._now - zero) * (self._before - zero))
-        return {"thermal": float(lattice.spacing**lattice.dim * self._capacity / (2 * zero) * product.sum())}
+        product = self.near.inside((self._now - self._zero) * (self._before - self._zero))
+        volume = self.near.lattice.spacing**self.near.lattice.dim
+        return {"thermal": float(volume * self._capacity / (2 * self._zero) * product.sum())}
 
     def state(self, step: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         assert self._traces is not None
@@ -144,25 +144,26 @@ class HeatOfDeformation(Heating):
         self._now, self._before, self._traces = (mine[name] for name in _NAMES)
 
     def _check_heat(self, changed: np.ndarray, step: int) -> None:
-        """No heat flows to where the solid knows of none, or not of all: what waves do to the temperature, and leave
-        behind as it was, is not counted.
+        """No heat flows to where the solid knows of none, or not of all, so that strains would be missed. What waves do
+        to the temperature there, and leave behind as it was, is not counted.
         """
-        self._largest = max(self._largest, float(np.abs(self._whole * changed).max(initial=0)))
-        flowed = changed
+        flowed, strains = changed, self._whole * changed
         if self._traces is not None:
-            flowed = changed + self.load.reference / self._capacity * self._expansion * self._traces
-        coupling = self.near.coupling
-        self._check_sides(self.near.inside(self._whole * flowed), step, _RISE, coupling.stiffening if coupling else 0.0)
+            flowed = changed + self._zero / self._capacity * self._expansion * self._traces
+            strains = np.maximum(np.abs(strains), np.abs(self._traces) / self._coupling.stiffness)
+        self._largest = max(self._largest, float(np.abs(strains).max(initial=0)))
+        most = self._coupling.stiffening if step else 0.0  # by more waves are changed there
+        self._check_sides(self.near.inside(self._whole * flowed), step, _RISE, most)
 
 
 def rising(near: NearField, sides: Sides) -> np.ndarray:
-    """Factor of the expansion at each node: none beside sides that continue the medium without heat, from where it
-    rises smoothly, so that waves hardly notice; shape of the lattice.
+    """Factor of the expansion at each node: none beside sides where the solid knows of no heat; beside those where the
+    medium goes on it rises smoothly, so that waves hardly notice. Shape of the lattice.
     """
     found = np.ones(near.lattice.shape)
-    for (axis, side), _, wide in cold_strips(near, sides):
-        far = np.arange(near.lattice.shape[axis]) if side < 0 else np.arange(near.lattice.shape[axis])[::-1]
-        part = np.clip((far - wide + 1) / (_RISE + 1), 0, 1)
+    for (axis, side), boundary, cold in cold_strips(near, sides):
+        far = np.arange(near.lattice.shape[axis])[::-side]
+        part = np.clip((far - cold + 1) / (1 + _RISE * boundary.endless), 0, 1)
         shape = [-1 if a == axis else 1 for a in range(near.lattice.dim)]
         found *= (np.sin(np.pi / 2 * part) ** 2).reshape(shape)
     return found

@@ -132,12 +132,13 @@ class Heating:
         start = step - step % self.every if self.every else 0
         return (1 - part) * self._known[start] + (part * self._known[start + self.every] if part else 0.0)
 
-    def _check_sides(self, strains: np.ndarray, step: int, more: int = 0, most: float = 0.0) -> None:
-        """Beside sides that are neither free nor periodic no bond knows of heat, nor do `more` nodes know of all of it:
-        a part of it, or `most` of it where that is more, may be missed.
+    def _check_sides(self, strains: np.ndarray, step: int, rise: int = 0, most: float = 0.0) -> None:
+        """Beside sides that are neither free nor periodic no bond knows of heat, nor do those of some nodes more, where
+        the medium goes on, know of all of it: the target of it, or `most` where that is more, may be missed.
         """
         self._largest = max(self._largest, float(np.abs(strains).max(initial=0)))
-        for (axis, side), boundary, wide in cold_strips(self.near, self.sides, more):
+        for (axis, side), boundary, cold in cold_strips(self.near, self.sides):
+            wide = cold + rise * boundary.endless
             strip = np.take(strains, range(wide) if side < 0 else range(-wide, 0), axis)
             share = float(np.abs(strip).max(initial=0)) / max(self._largest, 1e-300)
             wanted = boundary.wanted(self.near.model.target) if boundary.endless else self.near.model.target
@@ -197,13 +198,7 @@ class RunBeside:
         self._begin()
         unknown = ~np.isfinite(self._run.fields["u"])
         unknown &= True if lattice.mask is None else lattice.mask[self._part]
-        if unknown.any():
-            raise InputError(
-                "the temperature is not known on nodes of the solid",
-                value=f"{int(unknown.sum())} nodes",
-                key="load.temperature",
-                remedy='conditions of another kind than "mirror", whose images lie there, and the body of the solid',
-            )
+        check_known(int(unknown.sum()))
 
     def _begin(self) -> None:
         with of_the_heat():
@@ -228,15 +223,29 @@ class RunBeside:
         return self._after + min(part, 1.0) * (self._before - self._after)
 
 
-def cold_strips(near: NearField, sides: Sides, more: int = 0) -> list[tuple[Key, Any, int]]:
-    """The sides that are neither free nor periodic, and beside how many nodes of each bonds know of no heat, and some
-    more.
-    """
+def cold_strips(near: NearField, sides: Sides) -> list[tuple[Key, Any, int]]:
+    """The sides that are neither free nor periodic, and how many nodes beside each bonds know of no heat."""
     return [
-        (key, boundary, _STRIP * near.stencil.reach[key[0]] + more)
+        (key, boundary, _STRIP * near.stencil.reach[key[0]])
         for key, boundary in sides.items()
         if boundary.bonded and not boundary.periodic
     ]
+
+
+def check_known(unknown: int) -> None:
+    """Refuse a heat without a temperature on so many nodes of the solid.
+
+    Raises
+    ------
+    InputError
+    """
+    if unknown:
+        raise InputError(
+            "the temperature is not known on nodes of the solid",
+            value=f"{unknown} nodes",
+            key="load.temperature",
+            remedy='conditions of another kind than "mirror", whose images lie there, and the body of the solid',
+        )
 
 
 def _given(load: ThermalLoad, lattice: Lattice) -> Callable[[float], Any]:

@@ -371,7 +371,7 @@ def _lame(lattice: Lattice, model: LatticeModel, variation: Variation) -> np.nda
 def _coupling(setup: Setup, stencil: Stencil, variation: Variation) -> Coupling | None:
     """With a temperature that the deformation changes, if there is one."""
     load, law, lattice = setup.heat, setup.model.bond_law, setup.lattice
-    if load is None or not load.coupled or law is None:
+    if load is None or not load.coupled or law is None or load.reference is None:
         return None
     heat, of_heat = varied(load.temperature)
     medium = heat.model.medium(lattice.spacing, lattice.dim)
@@ -381,7 +381,7 @@ def _coupling(setup: Setup, stencil: Stencil, variation: Variation) -> Coupling 
     strained = 0.5 * float(law.bond_stiffness(stencil, lattice.spacing) @ lengths)
     strained *= _strongest(setup.model, variation.stiffness)
     stiffening = load.reference * float((expansion**2).max()) * strained * heat.model.source_factor
-    return Coupling(stiffening, alone.rate_limit, alone.dt, heat.model.integrator)
+    return Coupling(stiffening, strained, alone.rate_limit, alone.dt, heat.model.integrator)
 
 
 def _choose_step(setup: Setup, sides: Sides, limit: float, most: float = np.inf) -> float:

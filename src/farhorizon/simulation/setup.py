@@ -72,7 +72,8 @@ def _check_coupled(heat: Setup, lattice: Lattice, key: str) -> None:
         )
     own = heat.lattice
     alike = own.shape == lattice.shape and np.allclose([own.lower, own.upper], [lattice.lower, lattice.upper])
-    if not alike or not np.array_equal(*(True if one.mask is None else one.mask for one in (own, lattice))):
+    masks = [np.ones(one.shape, bool) if one.mask is None else one.mask for one in (own, lattice)]
+    if not alike or not np.array_equal(masks[0], masks[1]):
         raise InputError(
             "the temperature is computed on nodes that are not those of the solid",
             value=f"{own.shape} nodes from {own.lower.tolist()}",
