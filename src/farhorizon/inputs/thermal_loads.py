@@ -140,8 +140,8 @@ class ThermalLoad(Storable):
 
 @contextmanager
 def of_the_heat() -> Iterator[None]:
-    """Within it the key of an InputError says that it is one of the heat that is computed beside a solid."""
+    """Within it the key of an InputError says that it is one of the heat beside a solid, whose field is T."""
     try:
         yield
     except InputError as error:
-        raise error.at(f"heat.{error.key}" if error.key else "heat") from None
+        raise error.at("initial.T" if error.key == "initial.u" else f"heat.{error.key}".rstrip(".")) from None

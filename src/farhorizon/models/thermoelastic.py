@@ -77,7 +77,7 @@ class Thermoelastic(LatticeModel):
         reference: float | None = None,
         coupled: bool = True,
     ) -> None:
-        self.elastic = kinds.instance(elastic, "model.elastic", Elastic, "an Elastic material")
+        self.elastic = kinds.instance(elastic, "model.elastic", Elastic, "an Elastic solid", remedy="Elastic(...)")
         self.heat = kinds.instance(heat, "model.heat", Heat, "a Heat", remedy="Heat(kernel, conductivity=...)")
         for name, value in (("expansion", expansion), ("reference", reference)):
             if value is None:

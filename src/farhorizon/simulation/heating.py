@@ -138,7 +138,7 @@ class Heating:
         """
         self._largest = max(self._largest, float(np.abs(strains).max(initial=0)))
         for (axis, side), boundary, cold in cold_strips(self.near, self.sides):
-            wide = cold + rise * boundary.endless
+            wide = min(cold + rise * boundary.endless, strains.shape[axis])
             strip = np.take(strains, range(wide) if side < 0 else range(-wide, 0), axis)
             share = float(np.abs(strip).max(initial=0)) / max(self._largest, 1e-300)
             wanted = boundary.wanted(self.near.model.target) if boundary.endless else self.near.model.target
