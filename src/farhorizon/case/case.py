@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from farhorizon import kinds
 from farhorizon import public as fh
-from farhorizon.case.case_model import model_of, named_materials
+from farhorizon.case.case_model import model_of, named_materials, parts_of
 from farhorizon.case.case_recorders import recorders_of
 from farhorizon.case.case_setup import lattice_of, setup_of
 from farhorizon.case.changes import changed
@@ -98,9 +98,13 @@ class Case:
         spacing, where something diffuses with its square.
         """
         finer, changes = spacing / self.lattice.spacing, {"lattice.spacing": spacing}
-        kernel = getattr(self.parts.model, "kernel", None)
-        if kernel is not None:
-            changes["model.kernel.horizon"] = kernel.horizon * finer
+        models = {"model": self.parts.model} | {
+            f"model.{name}": one for name, one in parts_of(self.parts.model).items()
+        }
+        for name, one in models.items():
+            kernel = getattr(one, "kernel", None)
+            if kernel is not None:
+                changes[f"{name}.kernel.horizon"] = kernel.horizon * finer
         if self.parts.run.dt is not None:
             changes["run.dt"] = self.parts.run.dt * finer ** (1 if self.model.order == 2 else 2)
         return self.changed(changes)
@@ -176,13 +180,17 @@ class Case:
         return self.model.bond_law is not None
 
     @property
+    def _warms(self) -> bool:
+        return self.model.of_temperature is not None
+
+    @property
     def _dissolves(self) -> bool:
         return self.model.dissolution is not None
 
     @property
     def fields(self) -> tuple[str, ...]:
         """What is written: u unless given, of a corrosion the times of dissolution too, of what breaks the damage."""
-        more = ["dissolved"] * self._dissolves + ["damage"] * self._bondwise
+        more = ["T"] * self._warms + ["dissolved"] * self._dissolves + ["damage"] * self._bondwise
         default = ["u", *more]
         return tuple(default if self.parts.output.fields is None else self.parts.output.fields)
 
@@ -221,6 +229,7 @@ class Case:
         }
         u = "displacement u" if self.model.mechanical else known.get(self.parts.model.type, "")
         words = {"u": u, "v": "velocity v", "damage": "damage: part of the bonds that are broken", "solid": "metal"}
+        words |= {"T": "temperature T"} if self._warms else {}
         return {name: text for name, text in words.items() if text}
 
     def run(self, observe: Sequence[Observer] = (), communicator: Any = None, **changes: Any) -> fh.Simulation:
@@ -302,7 +311,8 @@ class Case:
         out = self.parts.output
         known = ["u", *["solid", "dissolved"] * self._dissolves, *["v"] * (self.model.order == 2)]
         known += ["damage"] * self._bondwise + ["stress"] * QUANTITIES["stress"].has(self.model)
-        known += ["thermal_strain"] * any(isinstance(load, ThermalPart) for load in self.parts.load)
+        warmed = self._warms or any(isinstance(load, ThermalPart) for load in self.parts.load)
+        known += ["T", "thermal_strain"] * warmed
         for name in self.fields:
             if name not in known:
                 raise InputError(

@@ -8,7 +8,7 @@ from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.models.elastic import Elastic
 from farhorizon.models.heat import Heat
-from farhorizon.models.model import Constant, LatticeModel, material_constant
+from farhorizon.models.model import BondLaw, Constant, LatticeModel, material_constant
 
 
 class Thermoelastic(LatticeModel):
@@ -110,3 +110,11 @@ class Thermoelastic(LatticeModel):
     @property
     def varying(self) -> dict[str, Any]:
         return self.elastic.varying
+
+    @property
+    def bond_law(self) -> BondLaw | None:
+        return self.elastic.bond_law
+
+    @property
+    def moduli(self) -> tuple[float, float] | None:
+        return self.elastic.moduli
