@@ -14,14 +14,14 @@ from pydantic import ValidationError
 
 from farhorizon import kinds
 from farhorizon import public as fh
-from farhorizon.case.case_model import model_of, named_materials, parts_of
+from farhorizon.case.case_model import model_of, models_in, named_materials
 from farhorizon.case.case_recorders import recorders_of
 from farhorizon.case.case_setup import lattice_of, setup_of
 from farhorizon.case.changes import changed
 from farhorizon.case.problems import explain
 from farhorizon.case.schema import ThermalPart, UnitsPart, case_part
 from farhorizon.case.toml import document
-from farhorizon.case.units import ANY, FIELD, FIELDS, RATE, Units
+from farhorizon.case.units import ANY, FIELD, FIELDS, RATE, Units, unit
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.files.region_numbers import Regions
 from farhorizon.geometry.lattice import AXES
@@ -78,6 +78,7 @@ class Case:
             self._check_times()
             self.lattice = lattice_of(self.parts.lattice)
             self.model = model_of(self.parts.model, self.parts.material, self.lattice)
+            self._check_absolute()
             self.setup = setup_of(self.parts, self.lattice, self.model, self.end, self._given_step)
             self._check_output()
             recorders_of(self.parts)
@@ -99,7 +100,7 @@ class Case:
         """
         finer, changes = spacing / self.lattice.spacing, {"lattice.spacing": spacing}
         models = {"model": self.parts.model} | {
-            f"model.{name}": one for name, one in parts_of(self.parts.model).items()
+            f"model.{name}": one for name, one in models_in(self.parts.model).items()
         }
         for name, one in models.items():
             kernel = getattr(one, "kernel", None)
@@ -210,7 +211,7 @@ class Case:
             return {}
         named = {"length": "m", "time": "s", "frequency": "1/s", "u": FIELD, "v": RATE}
         if self.model.mechanical:
-            named |= {"stress": "Pa", "pressure": "Pa", "energy_flux": "W/m^2"}
+            named |= {"stress": "Pa", "pressure": "Pa", "energy_flux": "W/m^2", "T": "K"}
         return {what: name for what, si in named.items() if (name := units.name(si))}
 
     @property
@@ -276,6 +277,18 @@ class Case:
             named = type(error)(f"{self.path}: {error}")
             named.agreed = error.agreed
             raise named from None
+
+    def _check_absolute(self) -> None:
+        """Refuse temperatures that are not counted from absolute zero where a deformation heats."""
+        counted = "" if self.units is None else self.units.name("K")
+        if getattr(self.model, "coupled", False) and counted and unit(counted).zero:
+            raise InputError(
+                "what is deformed heats by the absolute temperature",
+                value=counted,
+                limit="K",
+                key="units.temperature",
+                remedy='temperature = "K"; numbers may still be given as "20 degC"',
+            )
 
     def _check_times(self) -> None:
         out, run = self.parts.output, self.parts.run

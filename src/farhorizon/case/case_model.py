@@ -33,7 +33,7 @@ def model_of(part: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice) 
     InputError
         A constant or an option that such a model does not have, a region without a material or without nodes.
     """
-    parts = parts_of(part)
+    parts = models_in(part)
     values = part.model_dump(exclude={"type", "kernel", "stencil", "stages", "of", "name", *parts})
     kind = model_kinds()[part.type]
     takes, read = signature(kind).parameters, Values(lattice.dim)
@@ -80,7 +80,7 @@ def named_materials(part: Any, materials: Sequence[MaterialPart], lattice: fh.La
     return Regions(numbers, tuple(names)) if any(names) else None
 
 
-def parts_of(part: Any) -> dict[str, Any]:
+def models_in(part: Any) -> dict[str, Any]:
     """The tables of the models of which a model consists, by the names of their keys."""
     return {
         name: one for name, one in part if isinstance(one, Part) and hasattr(one, "type") and one.type in model_kinds()
@@ -89,7 +89,7 @@ def parts_of(part: Any) -> dict[str, Any]:
 
 def _called(part: Any) -> str:
     """What a table calls its material; "" where it says nothing."""
-    for one in parts_of(part).values():
+    for one in models_in(part).values():
         return _called(one)
     return getattr(part, "name", None) or getattr(part, "of", None) or ""
 

@@ -753,11 +753,11 @@ def model_part(kind: Any) -> type[Part]:
     return _table(kind, keys)
 
 
-def _of_both(kind: Any, part: type[LatticeModel]) -> type[Part]:
+def _of_both(kind: Any, part: Any) -> Any:
     """The table of a model that is a part of another one, which knows its type."""
     table = model_part(part)
     given = {"type": (Literal[part.tag], Field(part.tag, description=table.model_fields["type"].description))}
-    return _made(f"{kind.__name__}{part.__name__}Part", table, given, table.__doc__)  # type: ignore[no-any-return]
+    return _made(f"{kind.__name__}{part.__name__}Part", table, given, table.__doc__)
 
 
 def _made(name: str, base: Any, keys: dict[str, Any], doc: str | None = None) -> Any:

@@ -90,6 +90,8 @@ class LatticeModel:
         Whether heat strains it, see `heated`.
     heat_capacity : float or None
         Heat per volume and temperature, where its field is a temperature.
+    of_temperature : LatticeModel or None
+        The model of a temperature that is its second field; None where there is one field alone.
     speed_ratio : float
         Of the fastest long waves to the slowest.
     target : float
@@ -125,6 +127,7 @@ class LatticeModel:
     mechanical: bool = False
     warm: bool = False
     heat_capacity: float | None = None
+    of_temperature: LatticeModel | None = None
     speed_ratio: float = 1.0
     target: float = 1e-5
     tag: ClassVar[str]
@@ -271,11 +274,6 @@ class LatticeModel:
             limit="Elastic, Correspondence",
             remedy="leave the thermal load out",
         )
-
-    @property
-    def of_temperature(self) -> LatticeModel | None:
-        """The model of a temperature that is its second field; None where there is one field alone."""
-        return None
 
     @property
     def dissolution(self) -> Dissolution | None:

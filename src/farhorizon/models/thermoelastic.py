@@ -78,7 +78,9 @@ class Thermoelastic(LatticeModel):
         coupled: bool = True,
     ) -> None:
         self.elastic = kinds.instance(elastic, "model.elastic", Elastic, "an Elastic solid", remedy="Elastic(...)")
-        self.heat = kinds.instance(heat, "model.heat", Heat, "a Heat", remedy="Heat(kernel, conductivity=...)")
+        self.heat = self.of_temperature = kinds.instance(
+            heat, "model.heat", Heat, "a Heat", remedy="Heat(kernel, conductivity=...)"
+        )
         for name, value in (("expansion", expansion), ("reference", reference)):
             if value is None:
                 raise InputError(
@@ -102,10 +104,6 @@ class Thermoelastic(LatticeModel):
         self.integrator = self.elastic.integrator
         if not self.elastic.uneven:
             self.coefficient = self.elastic.coefficient
-
-    @property
-    def of_temperature(self) -> LatticeModel:
-        return self.heat
 
     @property
     def varying(self) -> dict[str, Any]:
