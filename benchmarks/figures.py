@@ -174,7 +174,9 @@ MEASUREMENTS = {
     "penny-crack": validated("penny-crack", ours={"order": 2}, off={"jump": 1}),
     "pencil-electrode": validated("pencil-electrode", off={"rate": 2}),
     "open-electrolyte": validated("open-electrolyte", off={"rate": 2}),
-    "thermal-shock": validated("thermal-shock", ours={"inside": 4, "left": 5, "computed": 6, "order": 8}),
+    "thermal-shock": validated(
+        "thermal-shock", ours={"inside": 4, "left": 5, "computed": 6, "order": 8, "coupled": 11, "coupled-order": 12}
+    ),
     "receivers": Measurement(
         ("python", "benchmarks/receivers.py", "points", "shell"),
         {

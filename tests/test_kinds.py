@@ -243,7 +243,14 @@ RIGHT = {
     "Temperature": {"where": DISC, "value": 0.0, "kind": "volume", "within": None},
     "Text": {"text": "a", "height": 1.0, "centre": (0.0, 0.0), "font": "DejaVu Sans", "bold": False},
     "ToneBurst": {"frequency": 1.0, "cycles": 3.0},
-    "ThermalLoad": {"temperature": 20.0, "expansion": 1e-5, "reference": 20.0, "every": None},
+    "ThermalLoad": {"temperature": 20.0, "expansion": 1e-5, "reference": 20.0, "every": None, "coupled": False},
+    "Thermoelastic": {
+        "elastic": fh.Elastic(KERNEL, 1.0),
+        "heat": fh.Heat(KERNEL),
+        "expansion": 1e-5,
+        "reference": 300.0,
+        "coupled": True,
+    },
     "Pressure": {"on": [(0.0, 0.0), (1.0, 0.0)], "value": 1.0, "time": None},
     "Traction": {"side": "y+", "value": (1.0, 0.0), "between": None, "time": None},
     "Voxels": {"voxels": np.ones((2, 2), int), "size": 1.0, "lower": (0.0, 0.0), "labels": None},
@@ -297,6 +304,7 @@ def test_odd_arguments_are_refused_or_taken(name):
 
 # What a set-up makes of odd values that only it can judge: those of sources, of conditions, of fields that are read on
 # the lattice.
+BOTH = fh.Thermoelastic(**RIGHT["Thermoelastic"])
 PLACES = {
     "initial": lambda v: fh.Simulation(LINE, fh.Wave(KERNEL), initial={"u": v}, threads=1),
     "initial of a vector": lambda v: fh.Simulation(PLANE, fh.Elastic(KERNEL, 1.0), initial={"u": [v, 0.0]}, threads=1),
@@ -316,6 +324,9 @@ PLACES = {
     "body force": lambda v: fh.Simulation(
         PLANE, fh.Elastic(KERNEL, 1.0), fh.Fixed(), loads=[fh.BodyForce([v, 0.0])], threads=1
     ),
+    "start of a temperature": lambda v: fh.Simulation(PLANE, BOTH, fh.Free(), {"T": v}, threads=1).step(1),
+    "sides by field": lambda v: fh.Simulation(PLANE, BOTH, {"u": fh.Free(), "T": v}, threads=1),
+    "sources by field": lambda v: fh.Simulation(PLANE, BOTH, fh.Free(), sources={"T": v}, threads=1).step(1),
     "start of a solid": lambda v: fh.Simulation(
         PLANE, fh.Correspondence(KERNEL, 1.0, 0.3), fh.Fixed(), {"u": [v, 0.0]}, threads=1
     ),

@@ -79,6 +79,7 @@ from farhorizon.models import Diffusion as Diffusion
 from farhorizon.models import Elastic as Elastic
 from farhorizon.models import Heat as Heat
 from farhorizon.models import LatticeModel as LatticeModel
+from farhorizon.models import Thermoelastic as Thermoelastic
 from farhorizon.models import Wave as Wave
 from farhorizon.models import speed_of_current as speed_of_current
 from farhorizon.simulation.crack_tips import CrackTips as CrackTips

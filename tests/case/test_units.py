@@ -159,7 +159,7 @@ def test_each_number_has_a_unit_or_none():
     }
     assert {key for (_, key), found in numbers.items() if "unit" not in found} <= none
     written = {key.rpartition(".")[2] for key in KEYS}
-    assert written - {"u", "v", "corner", "edge1", "edge2"} <= {
+    assert written - {"u", "v", "T", "corner", "edge1", "edge2"} <= {
         key for table in {"": whole, **whole["$defs"]}.values() for key in table.get("properties", {})
     }
     for si in set(KEYS.values()) - {ANY, FIELD, RATE}:

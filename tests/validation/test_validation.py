@@ -168,6 +168,22 @@ def test_a_heated_half_space_moves_as_its_equation_says():
     assert np.abs(thermal_shock.displacement(np.array([50.0]), 2.0)).max() < 1e-15
 
 
+def test_a_half_space_that_cools_as_it_is_stretched():
+    """Without coupling it is the other solution. With it long waves are adiabatic: the middle of the front is at
+    ``t sqrt(1 + coupling)``, and what ran ahead with the sound has become a slope that diffusion has spread.
+    """
+    x = np.array([0.5, 3.0, 9.0, 30.0])
+    for t in (4.0, 20.0):
+        found = thermal_shock.coupled_displacement(x, t, 1e-9)
+        np.testing.assert_allclose(found, thermal_shock.displacement(x, t), atol=1e-5)
+    for coupling in (0.1, 0.2, 0.5):
+        middle = 100 * np.sqrt(1 + coupling)
+        behind, there, ahead = thermal_shock.coupled_displacement(
+            middle + np.array([-30.0, 0.0, 30.0]), 100.0, coupling
+        )
+        assert there == pytest.approx(behind / 2, rel=0.1) and abs(ahead) < 1e-2 * behind
+
+
 def test_fronts_of_steel():
     """7.88 and 1.19 micrometres per root second, computed by hand from the two equations of the Stefan problem."""
     from scipy.special import erf, erfc
@@ -253,6 +269,9 @@ BOUNDS = {
         *[(0.0, bound) for bound in (0.003, 0.001, 0.015, 0.01, 0.0015, 0.0003, 0.0075, 0.005)],
         (4 / 3, 0.25),
         (1.5, 0.5),
+        # the wall of the held nodes is known to half a spacing: of first order, and as far off as without coupling
+        *[(0.0, bound) for bound in (0.015, 0.0075)],
+        (1.0, 0.25),
     ],
 }
 

@@ -14,14 +14,14 @@ from pydantic import ValidationError
 
 from farhorizon import kinds
 from farhorizon import public as fh
-from farhorizon.case.case_model import model_of, named_materials
+from farhorizon.case.case_model import model_of, models_in, named_materials
 from farhorizon.case.case_recorders import recorders_of
 from farhorizon.case.case_setup import lattice_of, setup_of
 from farhorizon.case.changes import changed
 from farhorizon.case.problems import explain
 from farhorizon.case.schema import ThermalPart, UnitsPart, case_part
 from farhorizon.case.toml import document
-from farhorizon.case.units import ANY, FIELD, FIELDS, RATE, Units
+from farhorizon.case.units import ANY, FIELD, FIELDS, RATE, Units, unit
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.files.region_numbers import Regions
 from farhorizon.geometry.lattice import AXES
@@ -78,6 +78,7 @@ class Case:
             self._check_times()
             self.lattice = lattice_of(self.parts.lattice)
             self.model = model_of(self.parts.model, self.parts.material, self.lattice)
+            self._check_absolute()
             self.setup = setup_of(self.parts, self.lattice, self.model, self.end, self._given_step)
             self._check_output()
             recorders_of(self.parts)
@@ -98,9 +99,13 @@ class Case:
         spacing, where something diffuses with its square.
         """
         finer, changes = spacing / self.lattice.spacing, {"lattice.spacing": spacing}
-        kernel = getattr(self.parts.model, "kernel", None)
-        if kernel is not None:
-            changes["model.kernel.horizon"] = kernel.horizon * finer
+        models = {"model": self.parts.model} | {
+            f"model.{name}": one for name, one in models_in(self.parts.model).items()
+        }
+        for name, one in models.items():
+            kernel = getattr(one, "kernel", None)
+            if kernel is not None:
+                changes[f"{name}.kernel.horizon"] = kernel.horizon * finer
         if self.parts.run.dt is not None:
             changes["run.dt"] = self.parts.run.dt * finer ** (1 if self.model.order == 2 else 2)
         return self.changed(changes)
@@ -176,13 +181,17 @@ class Case:
         return self.model.bond_law is not None
 
     @property
+    def _warms(self) -> bool:
+        return self.model.of_temperature is not None
+
+    @property
     def _dissolves(self) -> bool:
         return self.model.dissolution is not None
 
     @property
     def fields(self) -> tuple[str, ...]:
         """What is written: u unless given, of a corrosion the times of dissolution too, of what breaks the damage."""
-        more = ["dissolved"] * self._dissolves + ["damage"] * self._bondwise
+        more = ["T"] * self._warms + ["dissolved"] * self._dissolves + ["damage"] * self._bondwise
         default = ["u", *more]
         return tuple(default if self.parts.output.fields is None else self.parts.output.fields)
 
@@ -202,7 +211,7 @@ class Case:
             return {}
         named = {"length": "m", "time": "s", "frequency": "1/s", "u": FIELD, "v": RATE}
         if self.model.mechanical:
-            named |= {"stress": "Pa", "pressure": "Pa", "energy_flux": "W/m^2"}
+            named |= {"stress": "Pa", "pressure": "Pa", "energy_flux": "W/m^2", "T": "K"}
         return {what: name for what, si in named.items() if (name := units.name(si))}
 
     @property
@@ -221,6 +230,7 @@ class Case:
         }
         u = "displacement u" if self.model.mechanical else known.get(self.parts.model.type, "")
         words = {"u": u, "v": "velocity v", "damage": "damage: part of the bonds that are broken", "solid": "metal"}
+        words |= {"T": "temperature T"} if self._warms else {}
         return {name: text for name, text in words.items() if text}
 
     def run(self, observe: Sequence[Observer] = (), communicator: Any = None, **changes: Any) -> fh.Simulation:
@@ -268,6 +278,18 @@ class Case:
             named.agreed = error.agreed
             raise named from None
 
+    def _check_absolute(self) -> None:
+        """Refuse temperatures that are not counted from absolute zero where a deformation heats."""
+        counted = "" if self.units is None else self.units.name("K")
+        if getattr(self.model, "coupled", False) and counted and unit(counted).zero:
+            raise InputError(
+                "what is deformed heats by the absolute temperature",
+                value=counted,
+                limit="K",
+                key="units.temperature",
+                remedy='temperature = "K"; numbers may still be given as "20 degC"',
+            )
+
     def _check_times(self) -> None:
         out, run = self.parts.output, self.parts.run
         checked_topology(run.topology)
@@ -302,7 +324,8 @@ class Case:
         out = self.parts.output
         known = ["u", *["solid", "dissolved"] * self._dissolves, *["v"] * (self.model.order == 2)]
         known += ["damage"] * self._bondwise + ["stress"] * QUANTITIES["stress"].has(self.model)
-        known += ["thermal_strain"] * any(isinstance(load, ThermalPart) for load in self.parts.load)
+        warmed = self._warms or any(isinstance(load, ThermalPart) for load in self.parts.load)
+        known += ["T", "thermal_strain"] * warmed
         for name in self.fields:
             if name not in known:
                 raise InputError(

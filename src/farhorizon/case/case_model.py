@@ -10,7 +10,7 @@ import numpy as np
 
 from farhorizon import public as fh
 from farhorizon.case.case_values import Values, made
-from farhorizon.case.schema import MaterialPart, WeibullPart, model_kinds
+from farhorizon.case.schema import MaterialPart, Part, WeibullPart, model_kinds
 from farhorizon.errors import InputError
 from farhorizon.files.region_numbers import Regions
 
@@ -33,9 +33,19 @@ def model_of(part: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice) 
     InputError
         A constant or an option that such a model does not have, a region without a material or without nodes.
     """
-    values = part.model_dump(exclude={"type", "kernel", "stencil", "stages", "of", "name"})
+    parts = models_in(part)
+    values = part.model_dump(exclude={"type", "kernel", "stencil", "stages", "of", "name", *parts})
     kind = model_kinds()[part.type]
     takes, read = signature(kind).parameters, Values(lattice.dim)
+    for name, one in parts.items():
+        of_solid = model_kinds()[one.type].mechanical
+        try:
+            values[name] = model_of(one, materials if of_solid else (), lattice)
+        except InputError as error:
+            raise error.at(error.key.replace("model", f"model.{name}", 1)) from None
+    if parts:
+        values["expansion"] = read.steady(values["expansion"], "model.expansion")
+        return made(kind, "model", **values)
     values |= {name: read.steady(one, f"model.{name}") for name, one in part if isinstance(one, WeibullPart)}
     if "operator" in takes:
         values["operator"] = _operator(part, lattice.dim)
@@ -70,8 +80,17 @@ def named_materials(part: Any, materials: Sequence[MaterialPart], lattice: fh.La
     return Regions(numbers, tuple(names)) if any(names) else None
 
 
+def models_in(part: Any) -> dict[str, Any]:
+    """The tables of the models of which a model consists, by the names of their keys."""
+    return {
+        name: one for name, one in part if isinstance(one, Part) and hasattr(one, "type") and one.type in model_kinds()
+    }
+
+
 def _called(part: Any) -> str:
     """What a table calls its material; "" where it says nothing."""
+    for one in models_in(part).values():
+        return _called(one)
     return getattr(part, "name", None) or getattr(part, "of", None) or ""
 
 

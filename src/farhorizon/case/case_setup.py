@@ -62,6 +62,8 @@ def setup_of(
         What a table's object refuses by itself, with the key of the table.
     """
     read = Values(lattice.dim, model.mechanical)
+    two = model.of_temperature is not None
+    _check_fields(parts, two)
     if parts.load and not model.mechanical:
         raise InputError(
             "loads act on an elastic medium",
@@ -74,9 +76,8 @@ def setup_of(
         lattice=lattice,
         model=model,
         initial=_initial(parts.initial, read),
-        boundary=_boundary(parts.boundary, lattice.dim, end) or fh.LatticePML(until=end),
-        sources=[_source(part, key, read) for part, key in _numbered("source", parts.source)]
-        + [_incident(part, key) for part, key in _numbered("incident", parts.incident)],
+        boundary=_boundaries(parts, lattice.dim, end, two),
+        sources=_sources(parts, read, two),
         specimens=[
             fh.Specimen(s.region.build(f"specimen[{i}].region"), s.concentration) for i, s in enumerate(parts.specimen)
         ],
@@ -94,6 +95,50 @@ def setup_of(
     )
 
 
+def _check_fields(parts: Any, two: bool) -> None:
+    """Refuse what is given for a temperature that there is not."""
+    given = {
+        "initial.T": "T" in parts.initial,
+        "boundary_T": bool(parts.boundary_T),
+        "coefficient": isinstance(parts.coefficient, dict),
+    }
+    given |= {f"{key}.field": getattr(one, "field", "u") == "T" for one, key in _numbered("source", parts.source)}
+    for key, there in given.items():
+        if there and not two:
+            raise InputError(
+                "only a thermoelastic solid has a second field, the temperature T",
+                value=parts.model.type,
+                key=key,
+                remedy='[model] type = "thermoelastic"',
+            )
+
+
+def _boundaries(parts: Any, dim: int, end: float, two: bool) -> Any:
+    """What stands on the sides, of two fields by field."""
+    plain: Any = fh.LatticePML(until=end)
+    found = _boundary(parts.boundary, "boundary", dim, end)
+    if not two:
+        return found or plain
+    other = found | _boundary(parts.boundary_T, "boundary_T", dim, end)
+    return {"u": found or plain, "T": other or plain}
+
+
+def _sources(parts: Any, read: Values, two: bool) -> Any:
+    """Sources and incident waves, of two fields by field."""
+    given = [
+        (part, _source(part, key, Values(read.dim) if _heats(part) else read))
+        for part, key in _numbered("source", parts.source)
+    ]
+    waves = [_incident(part, key) for part, key in _numbered("incident", parts.incident)]
+    found = {heats: [one for part, one in given if _heats(part) == heats] for heats in (False, True)}
+    return {"u": found[False] + waves, "T": found[True]} if two else found[False] + waves
+
+
+def _heats(part: Part) -> bool:
+    """Whether a source is one of the temperature."""
+    return getattr(part, "field", "u") == "T"
+
+
 def _numbered(table: str, parts: list[Any]) -> list[tuple[Any, str]]:
     return list(zip(parts, keys(table, parts), strict=True))
 
@@ -109,7 +154,7 @@ def _initial(given: dict[str, Any], read: Values) -> dict[str, Any]:
     return found
 
 
-def _boundary(given: dict[str, Any], dim: int, end: float) -> dict[str, Any]:
+def _boundary(given: dict[str, Any], key: str, dim: int, end: float) -> dict[str, Any]:
     """What stands on the sides that are named."""
     boundary: dict[str, Any] = {}
     kinds = side_kinds()
@@ -117,19 +162,21 @@ def _boundary(given: dict[str, Any], dim: int, end: float) -> dict[str, Any]:
         values = part.model_dump(exclude={"type"}, exclude_none=True)
         if "until" in type(part).model_fields:
             values.setdefault("until", end)
-        boundary[side] = made(kinds[part.type], f"boundary.{side}", **values)
+        boundary[side] = made(kinds[part.type], f"{key}.{side}", **values)
     allowed = ["all"] + [AXES[a] + s for a in range(dim) for s in ("", "-", "+")]
     for side in boundary:
         if side not in allowed:
             raise InputError(
-                "unknown side", value=side, limit=", ".join(allowed), key="boundary", remedy=nearest(side, allowed)
+                "unknown side", value=side, limit=", ".join(allowed), key=key, remedy=nearest(side, allowed)
             )
     return boundary
 
 
-def _coefficient(given: str | float | None, lattice: fh.Lattice, read: Values) -> np.ndarray | None:
+def _coefficient(given: Any, lattice: fh.Lattice, read: Values) -> Any:
     if given is None:
         return None
+    if isinstance(given, dict):
+        return {name: _coefficient(one, lattice, read) for name, one in given.items()}
     found = read.expression(given, "coefficient")
     return np.broadcast_to(found(*lattice.coordinates()) if callable(found) else found, lattice.shape)
 

@@ -371,8 +371,8 @@ class SourcePart(Part):
 
     type: Literal["source"] = "source"
     """A right-hand side on all nodes."""
-    field: Literal["u"] = "u"
-    """The field that it drives."""
+    field: Literal["u", "T"] = "u"
+    """The field that it drives: of a thermoelastic solid T, the temperature, too, by a power per volume."""
     value: Value
     """Right-hand side of the equation, a function of place and time t; of vectors one a component."""
     time: Factor = 1.0
@@ -604,9 +604,9 @@ class RunPart(Part):
 
 
 class OutputPart(Part):
-    fields: list[Literal["u", "v", "damage", "solid", "dissolved", "stress", "thermal_strain"]] | None = None
-    """Fields in the results file; u, and what breaks or dissolves, unless given. "stress" of elastic media stands for
-    its components and von Mises' stress."""
+    fields: list[Literal["u", "v", "T", "damage", "solid", "dissolved", "stress", "thermal_strain"]] | None = None
+    """Fields in the results file; u, of a thermoelastic solid T, and what breaks or dissolves, unless given. "stress"
+    of elastic media stands for its components and von Mises' stress."""
     every: Number | None = None
     """Time between two outputs; a fortieth of the run unless given."""
     probes: list[list[Number]] = []
@@ -636,10 +636,12 @@ class CasePart(Part):
     """The physics."""
     material: list[MaterialPart] = []
     """Regions with other constants, of a body."""
-    initial: dict[Literal["u", "v"], Value] = {}
-    """Values at t = 0, functions of place: u, of waves v = u_t too."""
+    initial: dict[Literal["u", "v", "T"], Value] = {}
+    """Values at t = 0, functions of place: u, of waves v = u_t too, of a thermoelastic solid T."""
     boundary: dict[str, Any] = {}
     """What stands on the sides: all, "x", "x-", "x+", ...; a lattice-pml all round unless given."""
+    boundary_T: dict[str, Any] = {}
+    """Of a thermoelastic solid: what stands on sides for the temperature, where that is something else."""
     specimen: list[SpecimenPart] = []
     """Metal, of a corrosion."""
     crack: list[CrackPart] = []
@@ -652,8 +654,9 @@ class CasePart(Part):
     """Forces on an elastic medium."""
     constraint: list[Any] = []
     """Conditions on nodes."""
-    coefficient: str | Number | None = None
-    """Factor of the bonds, a function of place: another material in part of the medium."""
+    coefficient: str | Number | dict[Literal["u", "T"], str | Number] | None = None
+    """Factor of the bonds, a function of place: another material in part of the medium. Of a thermoelastic solid by
+    field: of the stiffness under u, of the conductivity under T."""
     rule: str | None = None
     """Factor of a bond from those of its ends: both (the smaller one), arithmetic or harmonic."""
     rim: str = "free"
@@ -729,7 +732,9 @@ def model_part(kind: Any) -> type[Part]:
     hints = _hints(kind.__init__)
     keys: dict[str, Any] = {}
     for name, one in signature(kind).parameters.items():
-        if name in ("operator", "kernel"):
+        if isinstance(hints.get(name), type) and issubclass(hints[name], LatticeModel):
+            keys[name] = (_of_both(kind, hints[name]), Field(description=explained(kind)[1].get(name)))
+        elif name in ("operator", "kernel"):
             words = "The family of a node and its weights."
             keys["kernel"] = (KernelPart | None, Field(None, description=words))
         else:
@@ -746,6 +751,13 @@ def model_part(kind: Any) -> type[Part]:
         words = "What the medium is called in results, pictures and reports; that of a named material unless given."
         keys["name"] = (str | None, Field(None, description=words))
     return _table(kind, keys)
+
+
+def _of_both(kind: Any, part: Any) -> Any:
+    """The table of a model that is a part of another one, which knows its type."""
+    table = model_part(part)
+    given = {"type": (Literal[part.tag], Field(part.tag, description=table.model_fields["type"].description))}
+    return _made(f"{kind.__name__}{part.__name__}Part", table, given, table.__doc__)
 
 
 def _made(name: str, base: Any, keys: dict[str, Any], doc: str | None = None) -> Any:
@@ -843,7 +855,8 @@ def _case_part(
     }
     words = {name: one.description for name, one in CasePart.model_fields.items()}
     given: dict[str, Any] = {name: (list[one], Field([], description=words[name])) for name, one in lists.items()}  # type: ignore[valid-type]
-    given["boundary"] = (dict[str, side], Field({}, description=words["boundary"]))
+    for name in ("boundary", "boundary_T"):
+        given[name] = (dict[str, side], Field({}, description=words[name]))
     given["model"] = (_one_of([*map(model_part, models)]), Field(description=words["model"]))
     return _made("CasePart", CasePart, given)
 

@@ -45,11 +45,13 @@ KEYS = {
     "ThermalPart.temperature": "K",
     "ThermalPart.reference": "K",
     "ThermalPart.every": "s",
+    "ThermoelasticPart.reference": "K",
+    "T": "K",
     "transfer": "W/(m^2*K)",
     "stiffness": "m^4/s^2",
 }
 #: SI unit of u by the type of the model; of others it may be anything.
-FIELDS = {**dict.fromkeys(("elastic", "correspondence", "beam"), "m"), "heat": "K"}
+FIELDS = {**dict.fromkeys(("elastic", "correspondence", "thermoelastic", "beam"), "m"), "heat": "K"}
 
 # Tables that no class describes: what is in them has names of `KEYS`.
 _PLAIN_TABLES = ("initial", "rectangle", "disc")

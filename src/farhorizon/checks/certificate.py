@@ -263,7 +263,8 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf) -> Cer
     """
     if sim.model.bond_law is not None:
         found = certify(sim.remade(model=sim.given["model"].linearised, balance=False, loads=()), budget, until)
-        return replace(found, reason=f"{found.reason}; that of the linear form, in which no bond breaks")
+        still = " and nothing heats" if any(getattr(load, "coupled", False) for load in sim.given["loads"]) else ""
+        return replace(found, reason=f"{found.reason}; that of the linear form, in which no bond breaks{still}")
     if any(b.extended for b in sim.sides.values()):
         sides = {AXES[a] + "-+"[s > 0]: Fixed(sim.background) if b.extended else b for (a, s), b in sim.sides.items()}
         found = certify(sim.remade(boundary=sides), budget, until)

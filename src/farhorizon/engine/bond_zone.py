@@ -14,6 +14,7 @@ from farhorizon.engine.bonds import DAMAGED, END, FIRST, PLAIN, RULES, Bonds, Zo
 from farhorizon.engine.field import Field
 from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
 from farhorizon.engine.rows.build import load_bonds
+from farhorizon.engine.warmth import add_traces
 
 _SET_BITS = np.array([number.bit_count() for number in range(256)], np.uint8)
 
@@ -230,11 +231,25 @@ class BondZone:
         """Add the energy, for a unit of mass a node, of bonds that were cut."""
         self.table.broken[0, 0, 0] += energy * self.engine.stages.numbers[0][2]
 
-    def energy(self, first: tuple[int, ...], end: tuple[int, ...], nodes: np.ndarray, whole: np.ndarray) -> float:
+    def traces(self, level: np.ndarray) -> np.ndarray:
+        """What a strain of each place that heat brings is multiplied with in the energy of a level, for a unit of mass
+        a node: the sum of the normal stresses over the density. Zero outside the zone. Fills the halo of `level`.
+        """
+        engine = self.engine
+        engine.complete(level)
+        xi, scaled = self.table.table[:, : engine.components], self.table.table[:, engine.components + 1 :]
+        found, block = np.zeros(engine.layout.size), engine.tables.sweep.block
+        vectors = xi.astype(float) * scaled / engine.stages.numbers[0][2]
+        add_traces(found, level, engine.components, block, engine.tables.material, self.table, vectors)
+        return found
+
+    def energy(
+        self, first: tuple[int, ...], end: tuple[int, ...], nodes: np.ndarray, whole: np.ndarray, cold: bool = False
+    ) -> float:
         """Energy of the bonds of some nodes from the elongations now and a step ago, for a unit of mass a node.
 
         `nodes`, of the box from `first` to `end` of the core, says which; bonds to nodes beyond the box count half,
-        across sides that are `whole`, shape (3, 2), fully.
+        across sides that are `whole`, shape (3, 2), fully. If `cold`, elongations are whole, without what heat strains.
         """
         self.engine.complete(self.engine.current)
         low = np.array(self.engine.layout.low)
@@ -248,7 +263,7 @@ class BondZone:
             whole,
             self.engine.components,
             self.engine.tables.material,
-            self.table,
+            self.table._replace(warmth=self.table.warmth[:1] * 0) if cold else self.table,
         )
         return float(total) / self.engine.stages.numbers[0][2]
 

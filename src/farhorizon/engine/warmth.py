@@ -49,6 +49,38 @@ def warm_up(thread, heat):
     barrier(thread)
 
 
+@njit(error_model="numpy", cache=True)
+def add_traces(found, level, components, block, material, bonds, vectors):
+    """Add to `found`, one number a place, half the sum over the bonds that are there of their stretch along `vectors`:
+    what a strain that heat brings to the node takes of the energy. It is the adjoint of what pushes the nodes: the sum
+    over all nodes of strain times trace is that of displacement times push.
+    """
+    zone, coefficient, apart = bonds.zone, material.coefficient, level.size // components
+    width = zone[END + 2] - zone[FIRST + 2]
+    for i0 in range(zone[FIRST], zone[END]):
+        for i1 in range(zone[FIRST + 1], zone[END + 1]):
+            node = block[0] + i0 * block[4] + i1 * block[5] + zone[FIRST + 2]
+            sums = found[node : node + width]
+            for k in range(vectors.shape[0]):
+                distance, bit, one = bonds.places[k, 0], np.uint64(k & 63), np.uint64(1)
+                alive = bonds.alive[k >> 6, node : node + width]
+                for a in range(components):
+                    half = 0.5 * np.float64(vectors[k, a])
+                    if half == 0:
+                        continue
+                    here, there = level[node + a * apart :], level[node + distance + a * apart :]
+                    if coefficient.size > 1:
+                        for i in range(width):
+                            at = node + i
+                            factor = bond_factor(material.rule, coefficient[at], coefficient[at + distance])
+                            stretch = half * factor * (np.float64(there[i]) - np.float64(here[i]))
+                            sums[i] += stretch * np.float64((alive[i] >> bit) & one)
+                    else:
+                        for i in range(width):
+                            stretch = half * (np.float64(there[i]) - np.float64(here[i]))
+                            sums[i] += stretch * np.float64((alive[i] >> bit) & one)
+
+
 @njit(error_model="numpy", cache=True, counted=False)
 def push_springs(thread, stage, block, material, bonds, heat):
     """Take from the forces of springs what they would be strained by if they were free, over the bonds that are there.

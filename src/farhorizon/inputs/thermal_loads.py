@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,8 +22,8 @@ class ThermalLoad(Storable):
 
     No force answers to them: the force of a bond follows from its stretch less the mean of what both ends would be
     strained, and so it breaks; a state, of state-based and correspondence materials, from the strain of its node less
-    that. The temperature strains the solid, but the solid does not heat itself as it is deformed: what that would bring
-    is of the order of :math:`T_0\,E\,\alpha^2/(\rho c)`, about a percent in metals.
+    that. The temperature strains the solid; that the solid heats itself as it is deformed, of the order of
+    :math:`T_0\,E\,\alpha^2/(\rho c)`, about a percent in metals, is left out unless `coupled`.
 
     Parameters
     ----------
@@ -36,6 +38,11 @@ class ThermalLoad(Storable):
     every : float, optional
         Time between two looks at a temperature that changes, between which it changes evenly; each time step unless
         given, and each step of a run.
+    coupled : bool
+        The temperature is a run of `Heat` on the nodes of the solid, bond-based; it makes its steps with the solid, and
+        what is deformed heats and cools: :math:`\rho c\,T_t = \kappa \Delta T - T_0\,\alpha\,\mathrm{tr}\,\sigma_t`,
+        with the stress at the temperature `reference`, which is absolute, and c at constant strain. `Thermoelastic` is
+        the model of both.
 
     Raises
     ------
@@ -65,6 +72,7 @@ class ThermalLoad(Storable):
     expansion: Any = None
     reference: float | None = None
     every: float | None = None
+    coupled: bool = False
 
     def __post_init__(self) -> None:
         given = {"expansion": self.expansion, "reference": self.reference}
@@ -89,6 +97,30 @@ class ThermalLoad(Storable):
             expansion=material_constant(self.expansion, "load.expansion", positive=False),
             reference=kinds.number(self.reference, "load.reference"),
             every=None if self.every is None else kinds.number(self.every, "load.every", above=0),
+            coupled=kinds.flag(self.coupled, "load.coupled"),
+        )
+        if self.coupled:
+            self._check_coupling()
+
+    def _check_coupling(self) -> None:
+        """What a temperature needs that the deformation changes."""
+        if not self.of_run(self.temperature):
+            raise InputError(
+                "a temperature that is given does not follow the deformation",
+                value=kinds.said(self.temperature),
+                key="load.temperature",
+                limit="a run of Heat, or its set-up",
+                remedy="coupled=False",
+            )
+        if self.every is not None:
+            raise InputError(
+                "a temperature that follows the deformation makes its steps",
+                value=self.every,
+                key="load.every",
+                remedy="leave it out",
+            )
+        kinds.number(
+            self.reference, "load.reference", above=0, remedy="heat of deformation goes by the absolute temperature"
         )
 
     @staticmethod
@@ -104,3 +136,12 @@ class ThermalLoad(Storable):
     def steady(self) -> bool:
         """Whether it is known to be the same at all times."""
         return isinstance(self.temperature, float | np.ndarray) or getattr(self.temperature, "uses_time", None) is False
+
+
+@contextmanager
+def of_the_heat() -> Iterator[None]:
+    """Within it the key of an InputError says that it is one of the heat beside a solid, whose field is T."""
+    try:
+        yield
+    except InputError as error:
+        raise error.at("initial.T" if error.key == "initial.u" else f"heat.{error.key}".rstrip(".")) from None

@@ -7,6 +7,7 @@ from farhorizon.models.diffusion import Diffusion
 from farhorizon.models.elastic import Elastic
 from farhorizon.models.heat import Heat
 from farhorizon.models.model import LatticeModel
+from farhorizon.models.thermoelastic import Thermoelastic
 from farhorizon.models.wave import Wave
 
 __all__ = [
@@ -17,6 +18,7 @@ __all__ = [
     "Elastic",
     "Heat",
     "LatticeModel",
+    "Thermoelastic",
     "Wave",
     "speed_of_current",
 ]

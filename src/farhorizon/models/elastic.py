@@ -278,7 +278,7 @@ class Elastic(LatticeModel):
         model.softening, model.warm = None, False
         return model
 
-    def heated(self) -> Elastic:
+    def heated(self, coupled: bool = False) -> Elastic:
         """The same material where heat strains it: bonds are looked at one by one then."""
         if self.material not in _BREAKABLE or not isinstance(self.kernel, Kernel) or self.nonlinear:
             raise InputError(
@@ -287,6 +287,14 @@ class Elastic(LatticeModel):
                 limit=f"{', '.join(_BREAKABLE)} with a kernel",
                 key="load",
                 remedy="nonlinear=False" if self.nonlinear else 'material="bond-based"',
+            )
+        if coupled and (not self.bonds or self.contact):
+            raise InputError(
+                "what is deformed heats in materials of bonds that carry nothing once they are broken",
+                value="contact = True" if self.contact else self.material,
+                limit="bond-based, without contact",
+                key="load.coupled",
+                remedy="contact=False" if self.contact else "coupled=False",
             )
         model = copy.copy(self)
         model.warm = True

@@ -72,13 +72,9 @@ class Heat(LatticeModel):
         self.conductivity = kinds.number(conductivity, "model.conductivity", above=0, remedy=varies)
         self.self_term = kinds.one_of(self_term, "model.self_term", SELF_TERMS, "unknown self term")
         self.integrator = first_order(integrator)
+        self.heat_capacity: float = self.density * self.specific_heat
         self.coefficient = self.conductivity / self.heat_capacity
         self.source_factor = 1 / self.heat_capacity
-
-    @property
-    def heat_capacity(self) -> float:
-        """Heat per volume and temperature, density times specific heat."""
-        return self.density * self.specific_heat
 
     def stencil(self, spacing: float, dim: int) -> Stencil:
         """Dimensionless stencil on a lattice, the self term in the weights of the nearest neighbours."""

@@ -90,6 +90,10 @@ class LatticeModel:
         Whether loads and tractions act on it.
     warm : bool
         Whether heat strains it, see `heated`.
+    heat_capacity : float or None
+        Heat per volume and temperature, where its field is a temperature.
+    of_temperature : LatticeModel or None
+        The model of a temperature that is its second field; None where there is one field alone.
     speed_ratio : float
         Of the fastest long waves to the slowest.
     target : float
@@ -124,6 +128,8 @@ class LatticeModel:
     strongest: float = 1.0
     mechanical: bool = False
     warm: bool = False
+    heat_capacity: float | None = None
+    of_temperature: LatticeModel | None = None
     speed_ratio: float = 1.0
     target: float = 1e-5
     tag: ClassVar[str]
@@ -255,8 +261,8 @@ class LatticeModel:
         """The same model, linear and unbreakable."""
         return self
 
-    def heated(self) -> Self:
-        """The same model where heat strains the medium.
+    def heated(self, coupled: bool = False) -> Self:
+        """The same model where heat strains the medium; `coupled`: and what is deformed heats.
 
         Raises
         ------

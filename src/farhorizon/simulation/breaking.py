@@ -148,8 +148,10 @@ class Breaking:
         """Mass of a node."""
         return self.near.lattice.spacing**self.near.lattice.dim / self.near.model.source_factor
 
-    def strain_energy(self) -> float:
-        """Strain energy of the bonds of the near field; those across its edge count half, to a held side whole."""
+    def strain_energy(self, cold: bool = False) -> float:
+        """Strain energy of the bonds of the near field; those across its edge count half, to a held side whole. If
+        `cold`, that of the strains as they are, without what heat would make of them.
+        """
         lattice, lead = self.near.lattice, self.grid.lead
         first = [0] * lead + [self.grid.margins[a, -1] for a in range(lattice.dim)]
         box = (1,) * lead + lattice.shape
@@ -158,7 +160,7 @@ class Breaking:
         for (axis, side), boundary in self.sides.items():
             whole[lead + axis, int(side > 0)] = boundary.held is not None
         return self.mass * self.grid.engine.bonds.energy(
-            tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, whole
+            tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, whole, cold
         )
 
     def margin(self) -> IntactMargin | None:

@@ -26,9 +26,17 @@ def _kinetic(near: NearField, rate: np.ndarray) -> float:
 
 
 def energies(
-    near: NearField, sides: Sides, grid: Grid, ends: ExactEnds | None, breaking: Breaking | None, work: bool
+    near: NearField,
+    sides: Sides,
+    grid: Grid,
+    ends: ExactEnds | None,
+    breaking: Breaking | None,
+    work: bool,
+    cold: bool = False,
 ) -> dict[str, float]:
-    """Energies by name, see `farhorizon.Simulation.energies`; `work` says whether that of the sources is recorded."""
+    """Energies by name, see `farhorizon.Simulation.energies`; `work` says whether that of the sources is recorded.
+    `cold`: the strain energy is that of the strains as they are, without what heat would make of them.
+    """
     engine, lattice = grid.engine, near.lattice
     if near.model.order == 1:
         total = (_shown(near, grid, engine.current).astype(float) ** 2).sum()
@@ -41,7 +49,7 @@ def energies(
     if breaking is not None and engine.bonds.forces:
         return own | {
             "kinetic": kinetic_energy(near, grid),
-            "strain": breaking.strain_energy(),
+            "strain": breaking.strain_energy(cold),
             "work": mass * engine.work,
             "broken": mass * engine.bonds.broken[0],
         }
@@ -51,7 +59,7 @@ def energies(
         ends.fill(u, old)
     rate = (_shown(near, grid, u) - _shown(near, grid, old)) / near.dt
     strain = _shown(near, grid, _strain(near, sides, grid, u, old))
-    if engine.tables.heat.warmth.size:  # what heat brings, less what giving way to it takes
+    if engine.tables.heat.warmth.size and not cold:  # what heat brings, less what giving way to it takes
         forces, resisted = engine.forces_of_heat()
         strain = strain - 2 * _shown(near, grid, forces * (u + old))
         strain[0] += _there(near, resisted[grid.nodes].reshape(near.lattice.shape))

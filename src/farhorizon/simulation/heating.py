@@ -10,13 +10,13 @@ import numpy as np
 from farhorizon.engine.settings import give_heat
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.expressions import as_given
-from farhorizon.inputs.sources import field, split
-from farhorizon.inputs.thermal_loads import ThermalLoad
+from farhorizon.inputs.sources import split
+from farhorizon.inputs.thermal_loads import ThermalLoad, of_the_heat
+from farhorizon.simulation.coupling import expansion_of
 from farhorizon.simulation.course import warn
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.setup import Setup, Sides, side_name
+from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 
 _STRIP = 2  # reaches beside a side in which no bond sees heat, or one of its ends does not
 
@@ -49,11 +49,10 @@ class Heating:
         self, load: ThermalLoad, near: NearField, grid: Grid, sides: Sides, run_of: Callable[[Setup], Any]
     ) -> None:
         self.load, self.near, self.grid, self.sides = load, near, grid, sides
-        key, lattice = "load.expansion", near.lattice
-        self._expansion = field(as_given(load.expansion, lattice.dim, key, time=False), lattice, 1, key) * _held(near)
+        self._expansion = expansion_of(load, near.lattice, near.model, near.lame)
         self._largest, self._told = 0.0, False
-        run = RunBeside(load, lattice, run_of) if load.of_run(load.temperature) else None
-        self._temperature = _given(load, lattice) if run is None else run.at
+        run = RunBeside(load, near.lattice, run_of) if load.of_run(load.temperature) else None
+        self._temperature = _given(load, near.lattice) if run is None else run.at
         between = load.every or (0.0 if run is None else run.dt)
         self.every = 0 if load.steady else max(1, int(between / near.dt * (1 + 1e-9)))
         self._known: dict[int, np.ndarray] = {}
@@ -66,6 +65,11 @@ class Heating:
         now = self._strain(start)
         rate = (self._strain(start + self.every) - now) / self.every if self.every else np.zeros_like(now)
         give_heat(self.grid.engine, self.grid.grown(now), self.grid.grown(rate), step - start)
+        return self.explained
+
+    @property
+    def explained(self) -> float:
+        """The displacements that all strains so far explain."""
         return self._largest * self.near.lattice.spacing * max(self.near.lattice.shape)
 
     def due(self, step: int) -> bool:
@@ -82,25 +86,63 @@ class Heating:
         warmth = self.grid.engine.tables.heat.warmth[self.grid.nodes]
         return warmth.astype(float).reshape(self.near.lattice.shape)
 
-    def _strain(self, step: int) -> np.ndarray:
-        """The strains at a step: those of the last look are known at the next one."""
-        if step not in self._known:
-            changed = self._temperature(step * self.near.dt) - self.load.reference
-            values = self.near.inside(self._expansion * changed)
-            self._check_sides(values, step)
-            self._known = {k: v for k, v in self._known.items() if k == step - self.every} | {step: values}
-        return self._known[step]
+    def begin(self) -> None:
+        """The displacements are those of the start, and of one step before it: nothing follows from it here."""
 
-    def _check_sides(self, strains: np.ndarray, step: int) -> None:
-        """Beside sides that are neither free nor periodic no bond knows of heat."""
+    def follow(self, step: int) -> None:
+        """A step has been made, after so many: nothing follows from it here."""
+
+    @property
+    def fields(self) -> dict[str, np.ndarray]:
+        """What is shown of it: copies."""
+        return {"T": self.temperature, "thermal_strain": self.strains}
+
+    def energies(self) -> dict[str, float]:
+        """Those that the heat has: of a temperature that is given none is known."""
+        return {}
+
+    @property
+    def coupled(self) -> bool:
+        """Whether what is deformed heats."""
+        return False
+
+    def state(self, step: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """All that does not follow from the set-up, before a step: arrays, and facts as JSON."""
+        return {}, {}
+
+    def take(self, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> None:
+        """Be in a state that `state` gave."""
+
+    def _strain(self, step: int) -> np.ndarray:
+        """The strains at a step: the temperature of the last look is known at the next one."""
+        known = step in self._known
+        if not known:
+            found = np.broadcast_to(self._temperature(step * self.near.dt), self.near.lattice.shape)
+            self._known = {k: v for k, v in self._known.items() if k == step - self.every} | {step: found}
+        strains = self.near.inside(self._expansion * (self._known[step] - self.load.reference))
+        if not known:
+            self._check_sides(strains, step)
+        return strains
+
+    @property
+    def temperature(self) -> np.ndarray:
+        """It at the nodes now; it changes evenly from one look to the next."""
+        step = self.grid.engine.steps_done
+        part = step % self.every / self.every if self.every else 0.0
+        start = step - step % self.every if self.every else 0
+        return (1 - part) * self._known[start] + (part * self._known[start + self.every] if part else 0.0)
+
+    def _check_sides(self, strains: np.ndarray, step: int, rise: int = 0, most: float = 0.0) -> None:
+        """Beside sides that are neither free nor periodic no bond knows of heat, nor do those of some nodes more, where
+        the medium goes on, know of all of it: the target of it, or `most` where that is more, may be missed.
+        """
         self._largest = max(self._largest, float(np.abs(strains).max(initial=0)))
-        for (axis, side), boundary in self.sides.items():
-            if boundary.periodic or not boundary.bonded:
-                continue
-            wide = _STRIP * self.near.stencil.reach[axis]
+        for (axis, side), boundary, cold in cold_strips(self.near, self.sides):
+            wide = min(cold + rise * boundary.endless, strains.shape[axis])
             strip = np.take(strains, range(wide) if side < 0 else range(-wide, 0), axis)
             share = float(np.abs(strip).max(initial=0)) / max(self._largest, 1e-300)
-            target = boundary.wanted(self.near.model.target) if boundary.endless else self.near.model.target
+            wanted = boundary.wanted(self.near.model.target) if boundary.endless else self.near.model.target
+            target = max(wanted, most)
             if share <= target:
                 continue
             words = f"the temperature near the side {side_name(axis, side)} is not that of the solid free of stress"
@@ -156,16 +198,11 @@ class RunBeside:
         self._begin()
         unknown = ~np.isfinite(self._run.fields["u"])
         unknown &= True if lattice.mask is None else lattice.mask[self._part]
-        if unknown.any():
-            raise InputError(
-                "the temperature is not known on nodes of the solid",
-                value=f"{int(unknown.sum())} nodes",
-                key="load.temperature",
-                remedy='conditions of another kind than "mirror", whose images lie there, and the body of the solid',
-            )
+        check_known(int(unknown.sum()))
 
     def _begin(self) -> None:
-        self._run = self._run_of(self._setup)
+        with of_the_heat():
+            self._run = self._run_of(self._setup)
         self.dt = float(self._run.dt)
         self._before = self._after = self._field()
 
@@ -186,16 +223,32 @@ class RunBeside:
         return self._after + min(part, 1.0) * (self._before - self._after)
 
 
+def cold_strips(near: NearField, sides: Sides) -> list[tuple[Key, Any, int]]:
+    """The sides that are neither free nor periodic, and how many nodes beside each bonds know of no heat."""
+    return [
+        (key, boundary, _STRIP * near.stencil.reach[key[0]])
+        for key, boundary in sides.items()
+        if boundary.bonded and not boundary.periodic
+    ]
+
+
+def check_known(unknown: int) -> None:
+    """Refuse a heat without a temperature on so many nodes of the solid.
+
+    Raises
+    ------
+    InputError
+    """
+    if unknown:
+        raise InputError(
+            "the temperature is not known on nodes of the solid",
+            value=f"{unknown} nodes",
+            key="load.temperature",
+            remedy='conditions of another kind than "mirror", whose images lie there, and the body of the solid',
+        )
+
+
 def _given(load: ThermalLoad, lattice: Lattice) -> Callable[[float], Any]:
     """A temperature as a function of time."""
     space, time = split(load.temperature, lattice)
     return time if space is None else lambda t: space * time(t)
-
-
-def _held(near: NearField) -> Any:
-    """What strains in the plane are over those that are free: more where none is free across it."""
-    if near.lattice.dim != 2 or getattr(near.model, "plane", None) == "stress":
-        return 1.0
-    lame, shear = near.lame
-    total = lame + shear
-    return 1 + np.divide(lame, 2 * total, out=np.zeros_like(total), where=total > 0)

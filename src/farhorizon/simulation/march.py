@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from farhorizon.simulation.assembly import Parts
+from farhorizon.inputs.thermal_loads import of_the_heat
+from farhorizon.simulation.assembly import Parts, assemble
 from farhorizon.simulation.checkpoint import Arrays, state_of, take_rest, take_state
 from farhorizon.simulation.drives import Moving
 from farhorizon.simulation.energies import energies, kinetic_energy
 from farhorizon.simulation.feed import Feed
 from farhorizon.simulation.flow_balance import FlowBalance
+from farhorizon.simulation.heat_of_deformation import HeatOfDeformation
 from farhorizon.simulation.heating import Heating
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.start import Motion, begun, continued
@@ -69,7 +72,7 @@ class March:
         largest = float(np.abs(self._begun.u).max()), float(np.abs(self._begun.v).max()) * near.dt
         self.feed = Feed(near, grid, parts.driving, parts.phases, max([*largest, 1e-300, *held]))
         self._motion = Motion(near, grid, parts.ends, self.feed.force)
-        self.heating = None if setup.heat is None else Heating(setup.heat, near, grid, sides, run_of)
+        self.heating = self._heating(run_of)
         self._lay_start()
         if parts.breaking is not None:
             with team.agreed():
@@ -77,11 +80,26 @@ class March:
         self.first_energy = 0.0
         if setup.balance and setup.lasting:
             found = self.energies()
-            self.first_energy = found["kinetic"] + found["strain"]
+            self.first_energy = sum(found.get(name, 0.0) for name in ("kinetic", "strain", "thermal"))
         elif setup.balance:
             count = len(parts.drives.sources)
             self.flow_balance = FlowBalance(setup, near, sides, grid, parts.phases, parts.ends, self.feed, count)
         self._find_margin()
+
+    def _heating(self, run_of: Callable[[Setup], Any]) -> Heating | None:
+        """What heat strains the medium."""
+        load, near, grid, sides = self.setup.heat, self.parts.near, self.parts.grid, self.parts.around.sides
+        if load is None:
+            return None
+        if not load.coupled:
+            return Heating(load, near, grid, sides, run_of)
+
+        def driven(setup: Setup, source: Callable[[float], np.ndarray]) -> March:
+            with of_the_heat():
+                parts = assemble(setup)
+                return March(setup, replace(parts, driving=[*parts.driving, (None, source)]), run_of)
+
+        return HeatOfDeformation(load, near, grid, sides, driven)
 
     def _lay_start(self) -> None:
         """Give the engine the level of the start, and that one step before it."""
@@ -101,6 +119,8 @@ class March:
             self._motion.step_back(start.v, np.concatenate([self.parts.held, outside]), beyond["v"])
         if closure is not None:
             closure.start()
+        if self.heating is not None:
+            self.heating.begin()
 
     def _warm(self, step: int) -> None:
         """Look at what heat strains the medium, if it does, and what displacements that explains."""
@@ -110,8 +130,9 @@ class March:
     def energies(self) -> dict[str, float]:
         """Energies of the near field by name, see `farhorizon.Simulation.energies`."""
         parts = self.parts
-        found = energies(parts.near, parts.around.sides, parts.grid, parts.ends, parts.breaking, self.setup.lasting)
-        return self.team.total(found)
+        cold, lasting = self.heating is not None and self.heating.coupled, self.setup.lasting
+        found = energies(parts.near, parts.around.sides, parts.grid, parts.ends, parts.breaking, lasting, cold)
+        return self.team.total(found if self.heating is None else found | self.heating.energies())
 
     @property
     def slow_crossing(self) -> float:
@@ -146,7 +167,7 @@ class March:
         if parts.breaking is not None:
             out["damage"] = near.visible(parts.breaking.damage)
         if self.heating is not None:
-            out["thermal_strain"] = near.visible(self.heating.strains)
+            out |= {name: near.visible(values) for name, values in self.heating.fields.items()}
         if parts.phases is not None:
             solid = parts.phases.solid
             out["solid"] = near.visible(solid.astype(float))
@@ -195,6 +216,8 @@ class March:
         if self.heating is not None and self.heating.due(step):
             self._warm(step)
         for batch in self.feed.advance(step, steps):
+            if self.heating is not None:
+                self.heating.follow(step)
             if self.flow_balance is not None:
                 self.flow_balance.add(batch)
             yield batch.steps
@@ -214,6 +237,9 @@ class March:
         """All that is not in the set-up, before a step: arrays, and facts as JSON."""
         self.open_cracks(step)  # as the next step begins: `take` opens what is due at that time
         arrays, meta = state_of(self.parts, self.flow_balance)
+        if self.heating is not None:
+            more, facts = self.heating.state(step)
+            arrays, meta = arrays | more, meta | facts
         return arrays, meta | {"step": step, "scale": self.feed.scale}
 
     def go_on(self, step: int) -> None:
@@ -225,6 +251,8 @@ class March:
         """Be in a state that `state` gave; returns its step."""
         step, self.feed.scale = int(meta["step"]), float(meta["scale"])
         take_state(self.parts, arrays, meta, step)
+        if self.heating is not None:
+            self.heating.take(arrays, meta)
         self._warm(step)
         self.feed.hold(step)
         self.open_cracks(step)

@@ -19,6 +19,7 @@ from farhorizon.inputs.sources import field, largest_component
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation, lightest_bond
 from farhorizon.models import LatticeModel
+from farhorizon.simulation.coupling import Coupling, expansion_of
 from farhorizon.simulation.setup import Setup, Sides
 from farhorizon.simulation.validation import closed_window
 
@@ -59,6 +60,8 @@ class NearField:
         Nodes that follow a value for a while.
     whole : Extremes or None
         Of a part of a near field, those of all of it.
+    coupling : Coupling or None
+        With a temperature that the deformation changes.
     """
 
     lattice: Lattice
@@ -73,6 +76,7 @@ class NearField:
     dt: float
     prescribed: PrescribedNodes
     whole: Extremes | None = None
+    coupling: Coupling | None = None
 
     @property
     def extremes(self) -> Extremes:
@@ -82,6 +86,8 @@ class NearField:
     @property
     def step_limit(self) -> float:
         """Largest stable time step."""
+        if self.coupling is not None:
+            return self.coupling.step_limit(self.model, self.rate_limit)
         return self.model.step_limit(self.rate_limit)
 
     @property
@@ -133,10 +139,7 @@ class NearField:
     @property
     def lame(self) -> np.ndarray:
         """Lame's constants at each node; of a scalar field 0 and what its gradient is multiplied with in the flux."""
-        if self.variation.lame is not None:
-            return self.variation.lame
-        factor = np.ones(self.lattice.shape) if self.factor is None else self.factor
-        return np.multiply.outer(self.model.moduli or (0.0, 0.0), factor)
+        return _lame(self.lattice, self.model, self.variation)
 
     @property
     def fastest_rate(self) -> float:
@@ -269,7 +272,11 @@ def near_field(
     rate *= stiffer
     rate += stencil.reaction * model.coefficient / lattice.spacing**2 + float(_leak(model, conditions).max(initial=0))
     rate = rate if whole is None else whole.rate_limit
-    dt = _choose_step(setup, sides, model.step_limit(rate))
+    coupling = _coupling(setup, stencil, variation)
+    if coupling is None:
+        dt = _choose_step(setup, sides, model.step_limit(rate))
+    else:
+        dt = _choose_step(setup, sides, coupling.step_limit(model, rate), coupling.dt)
     prescribed = tuple(c for c in setup.constraints if isinstance(c, Prescribed))
     return NearField(
         lattice,
@@ -284,6 +291,7 @@ def near_field(
         dt,
         PrescribedNodes(prescribed, lattice, stencil.components, model.integrator, dt, setup.background),
         whole,
+        coupling,
     )
 
 
@@ -353,12 +361,35 @@ def _resolve(setup: Setup, stencil: Stencil, factor: np.ndarray | None) -> Condi
     return resolve(setup.constraints, setup.lattice, stencil.reach, conductivity, setup.background)
 
 
-def _choose_step(setup: Setup, sides: Sides, limit: float) -> float:
-    """The time step that is given, or half the stable limit and what the sides bear."""
+def _lame(lattice: Lattice, model: LatticeModel, variation: Variation) -> np.ndarray:
+    if variation.lame is not None:
+        return variation.lame
+    factor = np.ones(lattice.shape) if variation.stiffness is None else variation.stiffness
+    return np.multiply.outer(model.moduli or (0.0, 0.0), factor)
+
+
+def _coupling(setup: Setup, stencil: Stencil, variation: Variation) -> Coupling | None:
+    """With a temperature that the deformation changes, if there is one."""
+    load, law, lattice = setup.heat, setup.model.bond_law, setup.lattice
+    if load is None or not load.coupled or law is None or load.reference is None:
+        return None
+    heat, of_heat = varied(load.temperature)
+    medium = heat.model.medium(lattice.spacing, lattice.dim)
+    alone = near_field(replace(heat, dt=None), heat.sides, medium, of_heat.times(node_factor(heat)))
+    expansion = expansion_of(load, lattice, setup.model, _lame(lattice, setup.model, variation))
+    lengths = (lattice.spacing * stencil.offsets) ** 2 @ np.ones(lattice.dim)
+    strained = 0.5 * float(law.bond_stiffness(stencil, lattice.spacing) @ lengths)
+    strained *= _strongest(setup.model, variation.stiffness)
+    stiffening = load.reference * float((expansion**2).max()) * strained * heat.model.source_factor
+    return Coupling(stiffening, strained, alone.rate_limit, alone.dt, heat.model.integrator)
+
+
+def _choose_step(setup: Setup, sides: Sides, limit: float, most: float = np.inf) -> float:
+    """The time step that is given, or half the stable limit and what the sides bear, but `most`."""
     dt, model, lattice = setup.dt, setup.model, setup.lattice
     if dt is None or callable(dt):
         borne = [b.step_limit(model.order, model.coefficient, lattice.spacing, lattice.dim) for b in sides.values()]
-        default = 0.5 * min(limit, *borne)
+        default = min(0.5 * min(limit, *borne), most)
         if dt is None:
             return default
         dt = kinds.function(dt, "run.dt", "the default step")(default)

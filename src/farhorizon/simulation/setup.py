@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+import numpy as np
+
 from farhorizon import kinds
 from farhorizon.boundaries import LatticePML, Side, sides
 from farhorizon.engine.engine import available_threads
@@ -23,6 +25,7 @@ from farhorizon.inputs.sources import as_source
 from farhorizon.inputs.specimens import Specimen
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.models import LatticeModel
+from farhorizon.simulation.two_fields import of_one_field
 
 Key = tuple[int, int]  # axis and side, -1 or +1
 Sides = dict[Key, Any]  # what stands there
@@ -59,6 +62,25 @@ def _settled_source(source: Any, dim: int, key: str) -> Any:
     if isinstance(source, Incident):
         return source.on(dim)
     return source if isinstance(source, LocalSource) else as_source(source, dim, key)
+
+
+def _check_coupled(heat: Setup, lattice: Lattice, key: str) -> None:
+    """A temperature that follows the deformation is that of what has a heat capacity, on the same nodes."""
+    if heat.model.heat_capacity is None:
+        raise InputError(
+            "only what has a heat capacity is heated by a deformation", value=heat.model.title, key=key, limit="Heat"
+        )
+    own = heat.lattice
+    alike = own.shape == lattice.shape and np.allclose([own.lower, own.upper], [lattice.lower, lattice.upper])
+    masks = [np.ones(one.shape, bool) if one.mask is None else one.mask for one in (own, lattice)]
+    if not alike or not np.array_equal(masks[0], masks[1]):
+        raise InputError(
+            "the temperature is computed on nodes that are not those of the solid",
+            value=f"{own.shape} nodes from {own.lower.tolist()}",
+            limit=f"{lattice.shape} nodes from {lattice.lower.tolist()}",
+            key=key,
+            remedy="the same lattice, or coupled=False",
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,9 +133,15 @@ constraints, balance, specimens, loads
     def __post_init__(self) -> None:
         lattice = kinds.instance(self.lattice, "lattice", Lattice, "a Lattice")
         kinds.instance(
-            self.model, "model", LatticeModel, "a model", remedy="Wave, Diffusion, Heat, Corrosion, Elastic or Beam"
+            self.model,
+            "model",
+            LatticeModel,
+            "a model",
+            remedy="Wave, Diffusion, Heat, Corrosion, Elastic, Thermoelastic or Beam",
         )
         self.model.check()
+        if self.model.of_temperature is not None:
+            kinds.settle(self, **of_one_field(self.arguments, Setup))
         initial = {} if self.initial is None else self.initial
         kinds.settle(self, background=kinds.number(self.background, "background"))
         kinds.instance(initial, "initial", Mapping, "a mapping of fields to their values", remedy='{"u": ...}')
@@ -165,8 +193,10 @@ constraints, balance, specimens, loads
                 raise InputError(
                     "a temperature is a field that diffuses", value=given.model.title, key=key, limit="Heat, Diffusion"
                 )
+            if load.coupled:
+                _check_coupled(given, self.lattice, key)
             loads = [replace(one, temperature=given) if one is load else one for one in self.loads]
-            kinds.settle(self, model=self.model.heated(), loads=tuple(loads))
+            kinds.settle(self, model=self.model.heated(load.coupled), loads=tuple(loads))
 
     @property
     def heat(self) -> ThermalLoad | None:

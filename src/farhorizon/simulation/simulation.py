@@ -51,7 +51,7 @@ class Simulation(Run):
     ----------
     lattice : Lattice
         The near field.
-    model : Wave, Diffusion, Heat, Corrosion, Beam or Elastic
+    model : Wave, Diffusion, Heat, Corrosion, Beam, Elastic or Thermoelastic
     boundary : Side or mapping
         One for all sides, or ``{"x-": ..., "x+": ..., "y": ..., "all": ...}``.
     initial : mapping
@@ -117,8 +117,8 @@ class Simulation(Run):
         The near field, "u", vectors as (dim, n..), and for waves "v" (half a step late, (u(n) - u(n-1))/dt); nan
         outside a window or body, and on the nodes beyond a wall that conditions set as images of those inside. Of bonds
         that are nonlinear or break "damage", the part of a node's bonds that are cut or broken. Of a solid that heat
-        strains "thermal_strain". Of a corrosion "solid", 1 in the metal and 0 in the liquid, and "dissolved", the time
-        at which a node became liquid: 0 where it was from the start, nan in the metal.
+        strains "T" and "thermal_strain". Of a corrosion "solid", 1 in the metal and 0 in the liquid, and "dissolved",
+        the time at which a node became liquid: 0 where it was from the start, nan in the metal.
 
     Raises
     ------
@@ -301,7 +301,7 @@ class Simulation(Run):
 
     def energy(self) -> float:
         """Energy of the near field, kinetic and strain or stored, of `energies`."""
-        held = ("kinetic", "strain", "reaction", "stored")
+        held = ("kinetic", "strain", "reaction", "stored", "thermal")
         return sum(value for name, value in self.energies().items() if name in held)
 
     def energies(self) -> dict[str, float]:
@@ -310,7 +310,10 @@ class Simulation(Run):
         Waves: "kinetic" and "strain", half a step ago, ``1/2 v . v`` and ``1/4 sum_k (u_k - u) . w_k (u_k^- - u^-)``
         times the density of an elastic medium, and with a reaction r "reaction", ``1/2 r u . u^-``; the undamped scheme
         conserves their sum exactly. Of an elastic medium with ``balance=True`` "work", done by sources and loads since
-        the start. Diffusion: "stored", ``1/2 integral (u - background)^2``.
+        the start, and of a solid that heats as it is deformed "thermal", that of its temperature half a step ago,
+        ``rho c theta . theta^- / 2 T0``; the strain energy is then that of the strains as they are, and without
+        conduction the sum of all three stays as it is, exactly. Diffusion: "stored",
+        ``1/2 integral (u - background)^2``.
 
         Bonds that are nonlinear or break: the strain energy is ``c d d^- / 2`` of the elongations d and d^- now and a
         step ago, and there are "work", done by the sources since the start, and "broken", what bonds held when they

@@ -1,0 +1,90 @@
+"""How much the temperature that a deformation changes stiffens a solid, and what time step that bears."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.expressions import as_given
+from farhorizon.inputs.sources import field
+from farhorizon.inputs.thermal_loads import ThermalLoad
+from farhorizon.medium.integrators import Integrator, RungeKuttaChebyshev
+from farhorizon.models import LatticeModel
+
+_SAMPLES, _HALVINGS = 400, 60
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A temperature that is computed with the displacements, in numbers.
+
+    Attributes
+    ----------
+    stiffening : float
+        ``T0 alpha^2 s / rho c``, s the sum of the normal stresses of a unit of strain in all directions, where it is
+        largest: the part by which the adiabatic stiffness is larger than the isothermal one, at most.
+    stiffness : float
+        s.
+    rate : float
+        Largest rate of the conduction (1/time).
+    dt : float
+        The step that it takes by itself.
+    integrator : Integrator
+        Of the conduction.
+    """
+
+    stiffening: float
+    stiffness: float
+    rate: float
+    dt: float
+    integrator: Integrator
+
+    def softest(self, dt: float) -> float:
+        """``1/M`` where it is largest, M of `farhorizon.simulation.heat_of_deformation`; 1 for slow conduction."""
+        stages = self.integrator.chebyshev if isinstance(self.integrator, RungeKuttaChebyshev) else 1
+        rates = self.rate * np.linspace(0, 1, 1 + max(_SAMPLES, 40 * stages))[1:]
+        growth = self.integrator.growth(rates, dt)  # type: ignore[union-attr]
+        with np.errstate(divide="ignore"):
+            found = np.where(growth > -1, 2 * (1 - growth) / (dt * rates * (1 + growth)), np.inf)
+        return float(max(1.0, found.max()))
+
+    def step_limit(self, model: LatticeModel, rate: float) -> float:
+        """Largest stable step of both fields for the largest rate of the operator of the displacements (1/time^2)."""
+        low, high = 0.0, min(self.integrator.step_limit(self.rate), model.step_limit(rate * (1 + self.stiffening)))
+        if self._bears(high, model, rate):
+            return high
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            low, high = (middle, high) if self._bears(middle, model, rate) else (low, middle)
+        return low
+
+    def _bears(self, dt: float, model: LatticeModel, rate: float) -> bool:
+        softest = self.softest(dt)
+        return bool(np.isfinite(softest) and dt <= model.step_limit(rate * (1 + self.stiffening * softest)))
+
+
+def expansion_of(load: ThermalLoad, lattice: Lattice, model: LatticeModel, lame: np.ndarray) -> np.ndarray:
+    """What a unit of the temperature strains each node, more in the plane where none is free across it.
+
+    Parameters
+    ----------
+    load : ThermalLoad
+    lattice : Lattice
+    model : LatticeModel
+    lame : ndarray, shape (2, ...)
+        Lame's constants at the nodes.
+    """
+    key = "load.expansion"
+    return field(as_given(load.expansion, lattice.dim, key, time=False), lattice, 1, key) * _held(lattice, model, lame)
+
+
+def _held(lattice: Lattice, model: LatticeModel, lame: np.ndarray) -> Any:
+    """What strains in the plane are over those that are free: more where none is free across it."""
+    if lattice.dim != 2 or getattr(model, "plane", None) == "stress":
+        return 1.0
+    first, shear = lame
+    total = first + shear
+    return 1 + np.divide(first, 2 * total, out=np.zeros_like(total), where=total > 0)

@@ -1,0 +1,174 @@
+r"""A temperature that is computed step by step with the displacements, and that the deformation changes.
+
+Of the free energy per volume :math:`\frac12 \varepsilon : C : \varepsilon - \alpha \Theta\, \mathrm{tr}\, \sigma(u) -
+\rho c\,\Theta^2 / 2 T_0`, with :math:`\Theta = T - T_0` and the stress :math:`\sigma = C : \varepsilon` at the
+reference temperature, follow the forces and, from the entropy,
+
+.. math:: \rho c\,\Theta_t = \kappa \Delta \Theta - T_0\,\alpha\,\mathrm{tr}\,\sigma(u_t) + w
+
+(Biot 1956, Journal of Applied Physics 27, 240; c at constant strain). On the lattice the sum over bonds that stands for
+the trace is the adjoint of that by which heat pushes the nodes, so that what the one field loses the other one gains. A
+step of the displacements takes the temperature at its start; one of the temperature the trace at its end less that at
+its start, and each is of second order if the integrator of the heat is. Then, with the operator A of the heat (its
+integrator multiplies the modes by R, and M = dt A (1 + R) / 2 (1 - R), which is 1 for long waves), the form
+
+.. math:: \frac12 v \cdot \Big(1 - \frac{dt^2}{4} (K + B M^{-1} B^T)\Big) v + \frac12 \bar u \cdot K \bar u +
+          \frac12 \bar\Theta \cdot \Big(M + \frac{dt^2}{4} A M^{-1} A\Big) \bar\Theta
+
+of the velocities half a step ago and of the means over that step never grows (units of mass, and of rho c / T0): a step
+is stable where it is positive. For :math:`|B^T u|^2 \le \epsilon\, u \cdot K u` with the :math:`\epsilon` of
+`farhorizon.simulation.coupling`, by Cauchy's and Schwarz's inequality bond by bond, whatever bonds are absent or vary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from farhorizon.engine.settings import give_heat
+from farhorizon.inputs.thermal_loads import ThermalLoad
+from farhorizon.simulation.coupling import expansion_of
+from farhorizon.simulation.grid import Grid
+from farhorizon.simulation.heating import Heating, check_known, cold_strips
+from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.setup import Setup, Sides
+
+_RISE = 12  # nodes over which the expansion rises from nothing beside a side that continues the medium without heat
+_NAMES = ("now", "before", "traces")
+
+
+class HeatOfDeformation(Heating):
+    """A temperature that is computed with the displacements.
+
+    Parameters
+    ----------
+    load : ThermalLoad
+        Coupled, with the set-up of the heat.
+    near : NearField
+        Of the solid, as `grid` and `sides`.
+    grid : Grid
+    sides : dict of (axis, side) to Side
+    march_of : callable
+        Puts the parts of a set-up in motion, given what drives it beside its sources: a function of the time.
+    """
+
+    def __init__(
+        self,
+        load: ThermalLoad,
+        near: NearField,
+        grid: Grid,
+        sides: Sides,
+        march_of: Callable[[Setup, Callable[[float], np.ndarray]], Any],
+    ) -> None:
+        self.load, self.near, self.grid, self.sides = load, near, grid, sides
+        assert near.coupling is not None and load.reference is not None
+        self._coupling, self._zero = near.coupling, load.reference
+        self._whole = expansion_of(load, near.lattice, near.model, near.lame)
+        self._expansion = self._whole * rising(near, sides)
+        self._largest, self._told = 0.0, False
+        self.every = 1
+        self._power = np.zeros(near.lattice.shape)
+        self._heat = march_of(beside(load, near.dt), lambda _: self._power)
+        check_known(len(self._heat.parts.near.conditions.images))
+        self._traces: np.ndarray | None = None
+        self._now = self._before = self._temperature_now()
+
+    def _temperature_now(self) -> np.ndarray:
+        parts = self._heat.parts
+        found = parts.grid.view(parts.grid.engine.current).reshape(self.near.lattice.shape).astype(float)
+        return np.asarray(found + parts.near.background)
+
+    def _traces_of(self, level: np.ndarray) -> np.ndarray:
+        """Sum of the normal stresses of each node, as they are without heat."""
+        found = self.grid.engine.bonds.traces(level)[self.grid.nodes].reshape(self.near.lattice.shape)
+        return np.asarray(found / self.near.model.source_factor)
+
+    def _released(self, traces: np.ndarray, before: np.ndarray) -> np.ndarray:
+        """Power per volume that the deformation sets free in a step."""
+        return -self._zero * self._expansion * (traces - before) / self.near.dt
+
+    def lay(self, step: int) -> float:
+        """Tell the engine what heat strains the nodes now; the displacements that all strains so far explain."""
+        changed = self._now - self._zero
+        strains = self.near.inside(self._expansion * changed)
+        self._check_heat(changed, step)
+        give_heat(self.grid.engine, self.grid.grown(strains), self.grid.grown(np.zeros_like(strains)))
+        return self.explained
+
+    def begin(self) -> None:
+        """The displacements are those of the start, and of one step before it."""
+        engine = self.grid.engine
+        self._traces = self._traces_of(engine.current)
+        power = self._released(self._traces, self._traces_of(engine.older))
+        self._before = self._now - self.near.dt / self._capacity * power
+
+    def follow(self, step: int) -> None:
+        """The displacements have made a step, after so many; the temperature makes it, too."""
+        assert self._traces is not None
+        traces = self._traces_of(self.grid.engine.current)
+        self._power, self._traces = self._released(traces, self._traces), traces
+        for _ in self._heat.advance(step, 1):
+            pass
+        self._before, self._now = self._now, self._temperature_now()
+
+    @property
+    def _capacity(self) -> float:
+        return float(1 / self.load.temperature.model.source_factor)
+
+    @property
+    def coupled(self) -> bool:
+        return True
+
+    @property
+    def fields(self) -> dict[str, np.ndarray]:
+        return {"T": self._now.copy(), "thermal_strain": self._expansion * (self._now - self._zero)}
+
+    def energies(self) -> dict[str, float]:
+        """That of the temperature, half a step ago: ``rho c theta theta^- / 2 T0``."""
+        product = self.near.inside((self._now - self._zero) * (self._before - self._zero))
+        volume = self.near.lattice.spacing**self.near.lattice.dim
+        return {"thermal": float(volume * self._capacity / (2 * self._zero) * product.sum())}
+
+    def state(self, step: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        assert self._traces is not None
+        arrays, meta = self._heat.state(step)
+        own = dict(zip(_NAMES, (self._now, self._before, self._traces), strict=True))
+        return {f"heat/{name}": values for name, values in {**arrays, **own}.items()}, {"heat": meta}
+
+    def take(self, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> None:
+        mine = {name.removeprefix("heat/"): a for name, a in arrays.items() if name.startswith("heat/")}
+        self._heat.take(mine, meta["heat"])
+        self._now, self._before, self._traces = (mine[name] for name in _NAMES)
+
+    def _check_heat(self, changed: np.ndarray, step: int) -> None:
+        """No heat flows to where the solid knows of none, or not of all, so that strains would be missed. What waves do
+        to the temperature there, and leave behind as it was, is not counted.
+        """
+        flowed, strains = changed, self._whole * changed
+        if self._traces is not None:
+            flowed = changed + self._zero / self._capacity * self._expansion * self._traces
+            strains = np.maximum(np.abs(strains), np.abs(self._traces) / self._coupling.stiffness)
+        self._largest = max(self._largest, float(np.abs(strains).max(initial=0)))
+        most = self._coupling.stiffening if step else 0.0  # by more waves are changed there
+        self._check_sides(self.near.inside(self._whole * flowed), step, _RISE, most)
+
+
+def rising(near: NearField, sides: Sides) -> np.ndarray:
+    """Factor of the expansion at each node: none beside sides where the solid knows of no heat; beside those where the
+    medium goes on it rises smoothly, so that waves hardly notice. Shape of the lattice.
+    """
+    found = np.ones(near.lattice.shape)
+    for (axis, side), boundary, cold in cold_strips(near, sides):
+        far = np.arange(near.lattice.shape[axis])[::-side]
+        part = np.clip((far - cold + 1) / (1 + _RISE * boundary.endless), 0, 1)
+        shape = [-1 if a == axis else 1 for a in range(near.lattice.dim)]
+        found *= (np.sin(np.pi / 2 * part) ** 2).reshape(shape)
+    return found
+
+
+def beside(load: ThermalLoad, dt: float) -> Setup:
+    """The set-up of the heat, whose steps are those of the solid."""
+    return replace(load.temperature, dt=dt, balance=False)
