@@ -129,8 +129,24 @@ CASES |= {
                 fh.Temperature("y-", "exp(-x**2)*t", kind="mirror", within=fh.Box((-3.0, -8.0), (3.0, 0.0))),
                 fh.Convection("y+", 1.0, "sin(t)", within=fh.Box((-3.0, 0.0), (3.0, 8.0))),
             ],
+            sources=["exp(-((x - 0.1*t)**2 + y**2)*4)"],
+            cracks=[[(-1.0, 2.1), (1.3, 2.7)], fh.Crack([(-2.0, -1.4), (2.0, -1.4)], opens=1.5)],
+            balance=True,
         ),
         ALONG_Y,
+    ),
+    "metal that corrodes": (
+        plane(
+            fh.Corrosion(KERNEL, saturation=0.8),
+            initial={},
+            specimens=[
+                fh.Specimen(fh.Disc(4.0, (0.3, 0.2)) - fh.Disc(1.0, (2.0, 2.0))),
+                fh.Specimen(fh.Disc(0.9, (-5.0, -5.0)), 1.1),  # in the box of one process
+            ],
+            sources=[fh.Source("where((x + 5)**2 + (y - 5)**2 < 1, 0.02, 0)", "sin(t)**2")],
+            balance=True,
+        ),
+        ALONG_X + ALONG_Y,
     ),
     "an incident wave": (
         plane(initial={}, cracks=CRACKS, sources=[fh.IncidentWave((1.0, 0.4), ARRIVES, 6.0)]),
@@ -188,6 +204,36 @@ SLOW = {
     "state-based in space": (fh.Setup(lattice(53, 54, 55), STATES, FOUR, {"u": [pulse(3), 0.0, 0.0]}), SPACE),
     "state-based, periodic": (fh.Setup(lattice(21, 22, 23), STATES, fh.Periodic(), {"u": [pulse(3), 0.0, 0.0]}), SPACE),
     "heat": (plane(fh.Heat(KERNEL)), ALONG_Y),
+    "diffusion in a body, counted": (
+        fh.Setup(
+            fh.Lattice(0.3, (-7.2, -7.2), (7.2, 7.2), body=fh.Disc(6.5, (0.0, 0.0)) - fh.Disc(1.0, (0.5, 0.2))),
+            fh.Diffusion(KERNEL),
+            fh.Free(),
+            {"u": pulse(2)},
+            rim="fixed",
+            balance=True,
+        ),
+        ALONG_X + ALONG_Y,
+    ),
+    "metal that corrodes, across a periodic side": (
+        plane(
+            fh.Corrosion(KERNEL, saturation=0.8, limited=True, integrator="euler"),
+            {"x": fh.Periodic(), "y": FOUR},
+            initial={},
+            specimens=[fh.Specimen(np.hypot(*(np.indices((47, 49)) - np.array([[[0]], [[24]]]))) < 15)],
+            balance=True,
+        ),
+        ALONG_X + ALONG_Y,
+    ),
+    "metal that corrodes in space": (
+        fh.Setup(
+            lattice(21, 22, 23),
+            fh.Corrosion(KERNEL, saturation=0.3, integrator=fh.RungeKuttaChebyshev(3)),
+            fh.LatticePML(nodes=3),
+            specimens=[fh.Specimen(fh.Ball(2.0, (0.0, 0.0, 0.1)))],
+        ),
+        SPACE,
+    ),
     "stages": (plane(fh.Diffusion(KERNEL, integrator=fh.RungeKuttaChebyshev(5))), ALONG_Y),
     "beam": (fh.Setup(lattice(241), fh.Beam(), fh.Fixed(), {"u": pulse(1)}), [None]),
 }
@@ -213,6 +259,11 @@ def apart(one, other):
     return max(abs(one[name] - value) for name, value in other.items()) / max(map(abs, other.values()))
 
 
+def sums_of(run):
+    """Energies, and what is balanced of them or of what diffuses."""
+    return run.energies() | (run.balance() if run.setup.balance else {})
+
+
 def compared():
     """Each case against one process: whether fields are the same to the last bit, and the error of the energy."""
     cases = {"wave": CASES["wave"]} if "few" in sys.argv else CASES | (SLOW if "slow" in sys.argv else {})
@@ -221,7 +272,7 @@ def compared():
             together = fh.Simulation.of(setup, communicator=WORLD, topology=topology)
             together.run(4.0)
             found = {one: together.team.joined(together.lattice, field) for one, field in together.fields.items()}
-            energies, sent = together.energies(), WORLD.gather(really_sent(together.engine))
+            energies, sent = sums_of(together), WORLD.gather(really_sent(together.engine))
             broken = together.broken_bonds
             if WORLD.rank == 0:
                 alone = fh.Simulation.of(setup)
@@ -238,7 +289,7 @@ def compared():
                     "same": same,
                     "off": float(off),
                     "moves": moves,
-                    "energy": apart(energies, alone.energies()),
+                    "energy": apart(energies, sums_of(alone)),
                     "broken": [broken, alone.broken_bonds],
                 }
             asleep_until_all_are_here()
@@ -250,11 +301,14 @@ POINTS = [(0.0, 0.0), (0.1, 0.13), (-2.2, 1.9), (2.15, -2.0)]
 
 def files():
     """Results files, receivers and probes of runs on all processes, and of the same on one."""
+    strata = plane(fh.Elastic(KERNEL, "where(y > 1, 1.5, 1)"), dt=0.1, **WIDE)
     kinds = {"waves": (plane(dt=0.1), POINTS), "solid": (SMALL_SOLID, [(*point, 0.1) for point in POINTS[:2]])}
+    kinds |= {"strata": (strata, POINTS)}
     for name, (setup, points) in list(kinds.items())[: 1 if "few" in sys.argv else None]:
         heard = []
         for together in (True, False) if WORLD.rank == 0 else (True,):
-            receivers = fh.Receivers(points, record=["u", "v", "gradient"], interpolation="linear")
+            record = ["u", "v", "gradient", *["stress"] * setup.model.mechanical]
+            receivers = fh.Receivers(points, record=record, interpolation="linear")
             run = fh.Simulation.of(setup, [receivers], communicator=WORLD if together else None)
             run.record(points)
             path = FOLDER / f"{name}-{'together' if together else 'alone'}.h5"
@@ -284,17 +338,24 @@ def kept():
         runs = {"as it was": start.run(4.0), "other boxes": heard(setup, WORLD, other)}
         if WORLD.rank == 0:
             runs["one process"] = heard(setup)
-        found, steps, answers = {}, set(), set()
+        found, sums, steps, answers = {}, {}, set(), set()
         for how, run in runs.items():
             if how != "as it was":
                 answers.add(run.load(path)["answer"])
                 run.run(4.0)
             steps.add(run.step_count)
             found[how] = run.team.joined(run.lattice, run.fields["u"]), run.recorders[0].data["u"]
+            sums[how] = sums_of(run)
         if WORLD.rank == 0:
-            whole = found.pop("as it was")
-            same = {how: all(map(np.array_equal, values, whole)) for how, values in found.items()}
-            yield {"kept": name, "same": same, "answers": list(answers), "steps": list(steps)}
+            whole, summed = found.pop("as it was"), sums.pop("as it was")
+            same = {
+                how: all(np.array_equal(*pair, equal_nan=True) for pair in zip(values, whole, strict=True))
+                for how, values in found.items()
+            }
+            off = max(np.nanmax(np.abs(one[0] - whole[0])) / np.nanmax(np.abs(whole[0])) for one in found.values())
+            energy = max(apart(one, summed) for one in sums.values())
+            line = {"kept": name, "same": same, "off": float(off), "energy": energy}
+            yield line | {"answers": list(answers), "steps": list(steps)}
         asleep_until_all_are_here()
     other, told = fh.Simulation.of(plane(dt=0.01), [], WORLD), ""
     try:
@@ -329,7 +390,10 @@ OTHER_BOXES = {
     (2, 3): ([1, 2, 1], [1, 1, 2]),
     (4, 3): ([2, 2, 1], [1, 2, 2]),
 }
-KEPT = "wave", "single precision", "diffusion", "space", "strata", "held and pulled", "breaking, nonlinear"
+KEPT = (
+    *("wave", "single precision", "diffusion", "space", "strata", "held and pulled", "breaking, nonlinear"),
+    *("held at temperatures", "metal that corrodes"),
+)
 SMALL_SOLID = fh.Setup(
     lattice(13, 22, 14), fh.Elastic(fh.Kernel(0.3), 1.0), fh.Fixed(), {"u": [pulse(3), 0.0, 0.0]}, dt=0.1
 )
@@ -371,6 +435,15 @@ PLACES = ("static", "together", "blocked", "goes_on", "cut", "one")
 def refused():
     """What is refused on all processes, with one message."""
     for what, make in {
+        "wet": lambda: plane(
+            fh.Corrosion(KERNEL, saturation=0.8),
+            initial={},
+            specimens=[fh.Specimen(fh.Disc(2.0, (3.0, 2.0)))],
+            sources=["where((x - 3)**2 + (y - 2)**2 < 1, t, 0)"],
+        ),
+        "no metal": lambda: plane(
+            fh.Corrosion(KERNEL, saturation=0.8), initial={}, specimens=[fh.Specimen(fh.Disc(0.1, (0.15, 0.15)))]
+        ),
         "no node": lambda: plane(constraints=[fh.Prescribed(fh.Disc(0.1, (0.15, 0.15)), 1.0)]),
         "no load": lambda: plane(SOLID, fh.Free(), initial={}, loads=[fh.Traction("x+", (1, 0), between=[(0.1, 0.2)])]),
         "spectra": plane,
@@ -385,7 +458,7 @@ def refused():
         told = ""
         observe = [fh.Spectra([(0.0, 0.0)], [0.1])] if what == "spectra" else []
         try:
-            fh.Simulation.of(make(), observe, communicator=WORLD, topology=[WORLD.size, 1])
+            fh.Simulation.of(make(), observe, communicator=WORLD, topology=[WORLD.size, 1]).step(3)
         except fh.InputError as error:
             told = str(error)
         yield {"refused": what, "told": WORLD.gather(told)}

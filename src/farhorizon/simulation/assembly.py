@@ -44,6 +44,24 @@ from farhorizon.simulation.validation import check_model, check_stencil, check_v
 
 
 @dataclass(frozen=True, eq=False)
+class Whole:
+    """What recorders look at where several processes have parts of a run: all of it, on each of them.
+
+    Attributes
+    ----------
+    near : NearField
+        Its time step may be another one.
+    sides : dict of (axis, side) to Side
+    team : Team
+        The processes, which look at the same time.
+    """
+
+    near: NearField
+    sides: Sides
+    team: Team = ALONE
+
+
+@dataclass(frozen=True, eq=False)
 class Parts:
     """What a run is made of.
 
@@ -73,6 +91,8 @@ class Parts:
     incident : list of Incidence
     driving : list of Drive
         All that drives the near field: sources and loads, conditions, incident waves.
+    whole : Whole
+        The near field with its sides; of several processes the recorders' parts have that of all.
     """
 
     near: NearField
@@ -91,6 +111,7 @@ class Parts:
     ends: ExactEnds | None
     incident: list[Incidence]
     driving: list[Drive]
+    whole: Whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +215,7 @@ def assemble(whole: Setup, stiffer: float | None = None, team: Team = ALONE, sha
     phases = None
     if model.dissolution is not None:
         phases = SolidAndLiquid(grid, model.dissolution, setup.background, solid)
+        team.gather(None)  # those of one that has failed nobody receives
         phases.start()
         if solid.any():
             phases.refuse_wet(_acted_on(near, driving))
@@ -237,6 +259,7 @@ def assemble(whole: Setup, stiffer: float | None = None, team: Team = ALONE, sha
         ends,
         incident,
         driving,
+        Whole(near, around.sides),
     )
 
 
@@ -273,9 +296,10 @@ def _acted_on(near: NearField, driving: Sequence[Drive]) -> np.ndarray:
     return busy
 
 
-def shared(setup: Setup, team: Team, topology: Sequence[int] | None, observers: Sequence[Any]) -> Share:
-    """The share of this process in a run. What follows from the whole follows from it on all processes, or on the first
-    one, where layers look at all data.
+def shared(setup: Setup, team: Team, topology: Sequence[int] | None, observers: Sequence[Any]) -> tuple[Share, Whole]:
+    """The share of this process in a run, and what recorders look at.
+
+    What follows from the whole follows from it on all processes, or on the first one, where layers look at all data.
 
     Raises
     ------
@@ -296,4 +320,5 @@ def shared(setup: Setup, team: Team, topology: Sequence[int] | None, observers: 
             made = assemble(setup) if found == "medium" else survey(setup)
             chosen = made.around, made.near.extremes
         around, extremes = team.first(chosen)
-    return share_of(setup, uniform.model, variation, around, extremes, near.conditions, waves, team, topology)
+    share = share_of(setup, uniform.model, variation, around, extremes, near.conditions, waves, team, topology)
+    return share, Whole(near, setup.sides, team)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
+from farhorizon.engine.pieces import sums_of, take_sums
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.checkpoint import Arrays, state_of, take_rest, take_state
 from farhorizon.simulation.drives import Moving
@@ -67,7 +68,7 @@ class March:
         held = [abs(b.held - near.background) for b in sides.values() if b.held is not None]
         self._begun = begun(start, parts.incident)
         largest = float(np.abs(self._begun.u).max()), float(np.abs(self._begun.v).max()) * near.dt
-        self.feed = Feed(near, grid, parts.driving, parts.phases, max([*largest, 1e-300, *held]))
+        self.feed = Feed(near, grid, parts.driving, parts.phases, max([*largest, 1e-300, *held]), team)
         self._motion = Motion(near, grid, parts.ends, self.feed.force)
         self.heating = None if setup.heat is None else Heating(setup.heat, near, grid, sides, run_of)
         self._lay_start()
@@ -80,7 +81,7 @@ class March:
             self.first_energy = found["kinetic"] + found["strain"]
         elif setup.balance:
             count = len(parts.drives.sources)
-            self.flow_balance = FlowBalance(setup, near, sides, grid, parts.phases, parts.ends, self.feed, count)
+            self.flow_balance = FlowBalance(setup, near, sides, grid, parts.phases, parts.ends, self.feed, count, team)
         self._find_margin()
 
     def _lay_start(self) -> None:
@@ -215,6 +216,21 @@ class March:
         self.open_cracks(step)  # as the next step begins: `take` opens what is due at that time
         arrays, meta = state_of(self.parts, self.flow_balance)
         return arrays, meta | {"step": step, "scale": self.feed.scale}
+
+    def sums(self) -> dict[str, float]:
+        """What has been added up on the way, of all processes."""
+        balance = self.flow_balance
+        found = sums_of(self.parts.grid.engine) | ({} if balance is None else balance.sums())
+        return self.team.total(found)
+
+    def take_sums(self, given: Mapping[str, float], first: Mapping[str, float]) -> None:
+        """Go on adding up from what `sums` has told, of which the first process takes all, and from the amounts at the
+        start.
+        """
+        own = given if self.team.number == 0 else dict.fromkeys(given, 0.0)
+        take_sums(self.parts.grid.engine, own)
+        if self.flow_balance is not None:
+            self.flow_balance.take_sums(own, first)
 
     def go_on(self, step: int) -> None:
         """Hold, and cut, what is to be at a step of a state that was put together from those of several processes."""

@@ -67,7 +67,7 @@ class Recording:
         known = self.doubts
         self._wanted: list[Wanted] = []
         for one in self.recorders:
-            with self._naming(one):
+            with self._naming(one), team.agreed():
                 self._wanted.append(one.begin(setup, parts))
         for text in self.doubts:
             if text not in known:  # the recorders of a run that is made anew have told it
@@ -193,9 +193,10 @@ class Recording:
         near, engine = self._near, self._grid.engine
         own, which = self._own_probed
         values = engine.seen[:, : self._width(own)] + near.background
-        found = self._team.completed(_by_component(values, engine.components), which, len(self._probed), 1)
+        values = _by_component(values, engine.components)
         if near.hidden is not None:
-            found[:, near.hidden.ravel()[self._probed]] = np.nan
+            values[:, near.hidden.ravel()[own]] = np.nan
+        found = self._team.completed(values, which, len(self._probed), 1)
         return np.asarray(found[..., 0] if engine.components == 1 else found)
 
     @property
