@@ -117,6 +117,23 @@ CASES |= {
         ),
         ALONG_Y,
     ),
+    "pumped and heated": (
+        plane(
+            fh.Elastic(KERNEL, "where(y > 1, 1.2, 1)"),
+            initial={},
+            cracks=[[(-1.0, 0.1), (1.3, 0.7)]],
+            loads=[
+                fh.Pressure([(-1.0, 0.1), (1.3, 0.7)], 0.01, fh.Step(3.0)),
+                fh.ThermalLoad("0.01*exp(-2*(x**2 + y**2))*sin(t)", expansion=1.0, reference=0.0),
+            ],
+            shape=(79, 81),
+        ),
+        ALONG_X + ALONG_Y,
+    ),
+    "a window": (
+        fh.Setup(fh.Lattice(0.3, window=fh.Disc(6.5, (0.0, 0.0))), WAVE, FOUR, {"u": pulse(2)}),
+        ALONG_X + ALONG_Y,
+    ),
     "breaking, nonlinear": (torn(critical_stretch=0.005, nonlinear=True, contact=True), ALONG_X),
     "states that break": (torn(critical_stretch=0.005, poisson=0.3, material="state-based"), ALONG_Y),
     "held at temperatures": (
@@ -171,6 +188,24 @@ SLOW = {
     ),
     "states with a crack": (plane(CORRESPONDENCE, cracks=CRACKS, **WIDE), ALONG_Y),
     "states at free sides": (plane(CORRESPONDENCE, {"x": FOUR, "y": fh.Free()}, **WIDE), ALONG_Y),
+    "states that are heated": (
+        plane(
+            fh.Correspondence(KERNEL, 1.0, 0.3, stabilisation=0.3),
+            initial={},
+            loads=[fh.ThermalLoad("0.01*exp(-2*(x**2 + y**2))", expansion=1.0, reference=0.0)],
+            shape=(79, 81),
+        ),
+        ALONG_Y,
+    ),
+    "a hole under pressure": (
+        fh.Setup(
+            fh.Lattice(0.3, (-7.2, -7.2), (7.2, 7.2), body=fh.Box((-9.0, -9.0), (9.0, 9.0)) - fh.Disc(1.5, (0.5, 0.2))),
+            SOLID,
+            {"x": fh.Periodic(), "y": fh.Free()},
+            loads=[fh.Pressure(fh.Disc(1.5, (0.5, 0.2)), 0.01, fh.Step(3.0))],
+        ),
+        ALONG_X + ALONG_Y,
+    ),
     "states that vary": (
         plane(fh.Correspondence(KERNEL, "where(y > 1, 2, 1)", 0.3, stabilisation=0.3), **WIDE),
         ALONG_Y,
@@ -259,6 +294,11 @@ def apart(one, other):
     return max(abs(one[name] - value) for name, value in other.items()) / max(map(abs, other.values()))
 
 
+def relative(one, other):
+    """The largest difference of two fields, over the largest value."""
+    return float(np.nanmax(np.abs(one - other)) / max(np.nanmax(np.abs(other)), 1e-300))
+
+
 def sums_of(run):
     """Energies, and what is balanced of them or of what diffuses."""
     return run.energies() | (run.balance() if run.setup.balance else {})
@@ -279,7 +319,7 @@ def compared():
                 alone.run(4.0)
                 every = [(found[one], field) for one, field in alone.fields.items()]
                 same = all(np.array_equal(one, other, equal_nan=True) for one, other in every)
-                off = max(np.nanmax(np.abs(one - other)) / np.nanmax(np.abs(other)) for one, other in every)
+                off = max(relative(one, other) for one, other in every)
                 moves = float(np.nanmax(np.abs(alone.fields["u"])))
                 boxes = together.share.decomposition
                 yield {
@@ -287,7 +327,7 @@ def compared():
                     "bytes": [sum(sent), sum(sent_by(boxes, number, alone) for number in range(WORLD.size))],
                     "topology": together.share.decomposition.topology,
                     "same": same,
-                    "off": float(off),
+                    "off": off,
                     "moves": moves,
                     "energy": apart(energies, sums_of(alone)),
                     "broken": [broken, alone.broken_bonds],
@@ -352,9 +392,9 @@ def kept():
                 how: all(np.array_equal(*pair, equal_nan=True) for pair in zip(values, whole, strict=True))
                 for how, values in found.items()
             }
-            off = max(np.nanmax(np.abs(one[0] - whole[0])) / np.nanmax(np.abs(whole[0])) for one in found.values())
+            off = max(relative(one[0], whole[0]) for one in found.values())
             energy = max(apart(one, summed) for one in sums.values())
-            line = {"kept": name, "same": same, "off": float(off), "energy": energy}
+            line = {"kept": name, "same": same, "off": off, "energy": energy}
             yield line | {"answers": list(answers), "steps": list(steps)}
         asleep_until_all_are_here()
     other, told = fh.Simulation.of(plane(dt=0.01), [], WORLD), ""
@@ -392,6 +432,7 @@ OTHER_BOXES = {
 }
 KEPT = (
     *("wave", "single precision", "diffusion", "space", "strata", "held and pulled", "breaking, nonlinear"),
+    "pumped and heated",
     *("held at temperatures", "metal that corrodes"),
 )
 SMALL_SOLID = fh.Setup(
@@ -449,7 +490,13 @@ def refused():
         "spectra": plane,
         "too many": lambda: plane(shape=(7, 7)),
         "one alone": lambda: plane(initial={"u": lambda x, y: np.where(x > 0, np.nan, 0.0) + 0 * y}),
-        "window": lambda: fh.Setup(fh.Lattice(0.3, window=fh.Disc(5.0, (0.0, 0.0))), WAVE, fh.Higdon(2)),
+        "hot": lambda: plane(
+            SOLID, initial={}, loads=[fh.ThermalLoad("0.01*x", expansion=1.0, reference=0.0)], shape=(79, 81)
+        ),
+        "heat of a run": lambda: plane(
+            SOLID, initial={}, loads=[fh.ThermalLoad(plane(fh.Diffusion(KERNEL)), expansion=1.0, reference=0.0)]
+        ),
+        "window, closed": lambda: fh.Setup(fh.Lattice(0.3, window=fh.Disc(5.0, (0.0, 0.0))), WAVE, fh.Higdon(2)),
         "layers": lambda: plane(sides=fh.Higdon(2)),
         "derivatives": lambda: fh.Setup(
             fh.Lattice(0.3, (-3, -3), (3, 3)), fh.Correspondence(KERNEL, 1.0, 0.3), fh.NonlocalPML(6)

@@ -87,10 +87,12 @@ def set_heat(engine: Engine, spacing: float) -> None:
 
 
 def give_heat(engine: Engine, strain: np.ndarray, rate: np.ndarray, steps: int = 0) -> None:
-    """Say what heat strains the nodes of the core, some steps ago, and what is added to that in each step."""
+    """Say what heat strains the nodes of the core, some steps ago, and what is added to that in each step; all
+    processes that fill halos do.
+    """
     heat = engine.tables.heat
-    heat.warmth[:] = engine.spread(strain) * engine.absent.exists
-    heat.rate[:] = engine.spread(rate) * engine.absent.exists
+    heat.warmth[:] = engine.spread(strain, jointly=True) * engine.absent.exists
+    heat.rate[:] = engine.spread(rate, jointly=True) * engine.absent.exists
     for _ in range(steps):
         heat.warmth[:] += heat.rate
 

@@ -17,6 +17,7 @@ from farhorizon.simulation.course import warn
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Setup, Sides, side_name
+from farhorizon.simulation.team import ALONE, Team
 
 _STRIP = 2  # reaches beside a side in which no bond sees heat, or one of its ends does not
 
@@ -33,6 +34,8 @@ class Heating:
     sides : dict of (axis, side) to Side
     run_of : callable
         Makes a run of a set-up.
+    team : Team
+        The processes that compute the run, which all look at the same steps.
 
     Attributes
     ----------
@@ -46,9 +49,15 @@ class Heating:
     """
 
     def __init__(
-        self, load: ThermalLoad, near: NearField, grid: Grid, sides: Sides, run_of: Callable[[Setup], Any]
+        self,
+        load: ThermalLoad,
+        near: NearField,
+        grid: Grid,
+        sides: Sides,
+        run_of: Callable[[Setup], Any],
+        team: Team = ALONE,
     ) -> None:
-        self.load, self.near, self.grid, self.sides = load, near, grid, sides
+        self.load, self.near, self.grid, self.sides, self._team = load, near, grid, sides, team
         key, lattice = "load.expansion", near.lattice
         self._expansion = field(as_given(load.expansion, lattice.dim, key, time=False), lattice, 1, key) * _held(near)
         self._largest, self._told = 0.0, False
@@ -66,7 +75,7 @@ class Heating:
         now = self._strain(start)
         rate = (self._strain(start + self.every) - now) / self.every if self.every else np.zeros_like(now)
         give_heat(self.grid.engine, self.grid.grown(now), self.grid.grown(rate), step - start)
-        return self._largest * self.near.lattice.spacing * max(self.near.lattice.shape)
+        return self._largest * self.near.lattice.spacing * max(self.near.lattice.whole.shape)
 
     def due(self, step: int) -> bool:
         """Whether there is a look at the temperature before a step."""
@@ -93,17 +102,15 @@ class Heating:
 
     def _check_sides(self, strains: np.ndarray, step: int) -> None:
         """Beside sides that are neither free nor periodic no bond knows of heat."""
-        self._largest = max(self._largest, float(np.abs(strains).max(initial=0)))
-        for (axis, side), boundary in self.sides.items():
-            if boundary.periodic or not boundary.bonded:
-                continue
-            wide = _STRIP * self.near.stencil.reach[axis]
-            strip = np.take(strains, range(wide) if side < 0 else range(-wide, 0), axis)
-            share = float(np.abs(strip).max(initial=0)) / max(self._largest, 1e-300)
-            target = boundary.wanted(self.near.model.target) if boundary.endless else self.near.model.target
+        found = {None: float(np.abs(strains).max(initial=0))} | self._beside(strains)
+        every = self._team.gather(found)
+        self._largest = max(self._largest, *(one[None] for one in every))
+        for key in dict.fromkeys(key for one in every for key in one if key is not None):
+            wide, strain, target = max(one[key] for one in every if key in one)
+            share = strain / max(self._largest, 1e-300)
             if share <= target:
                 continue
-            words = f"the temperature near the side {side_name(axis, side)} is not that of the solid free of stress"
+            words = f"the temperature near the side {side_name(*key)} is not that of the solid free of stress"
             if step == 0:
                 raise InputError(
                     words,
@@ -117,6 +124,20 @@ class Heating:
                 warn(
                     f"{words}: from t = {step * self.near.dt:.3g} on {share:.2g} of the largest change is missed there"
                 )
+
+    def _beside(self, strains: np.ndarray) -> dict[Any, Any]:
+        """Of each side that must see no heat how many nodes beside it are looked at, the largest strain of them, and
+        what it may be over the largest of all.
+        """
+        found = {}
+        for (axis, side), boundary in self.sides.items():
+            if boundary.periodic or boundary.shared or not boundary.bonded:
+                continue
+            wide = _STRIP * self.near.stencil.reach[axis]
+            strip = np.take(strains, range(wide) if side < 0 else range(-wide, 0), axis)
+            target = boundary.wanted(self.near.model.target) if boundary.endless else self.near.model.target
+            found[axis, side] = wide, float(np.abs(strip).max(initial=0)), target
+        return found
 
 
 class RunBeside:

@@ -70,7 +70,7 @@ class March:
         largest = float(np.abs(self._begun.u).max()), float(np.abs(self._begun.v).max()) * near.dt
         self.feed = Feed(near, grid, parts.driving, parts.phases, max([*largest, 1e-300, *held]), team)
         self._motion = Motion(near, grid, parts.ends, self.feed.force)
-        self.heating = None if setup.heat is None else Heating(setup.heat, near, grid, sides, run_of)
+        self.heating = None if setup.heat is None else Heating(setup.heat, near, grid, sides, run_of, team)
         self._lay_start()
         if parts.breaking is not None:
             with team.agreed():
@@ -233,7 +233,8 @@ class March:
             self.flow_balance.take_sums(own, first)
 
     def go_on(self, step: int) -> None:
-        """Hold, and cut, what is to be at a step of a state that was put together from those of several processes."""
+        """Warm, hold and cut what is to be at a step of a state that was put together from those of processes."""
+        self._warm(step)
         self.feed.hold(step)
         self.open_cracks(step)
 

@@ -17,8 +17,8 @@ from farhorizon.geometry.decomposition import Decomposition, decompose
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.conditions import Conditions
 from farhorizon.inputs.incidence import Incident
-from farhorizon.inputs.loads import Traction, force_density
-from farhorizon.inputs.pressure import Pressure
+from farhorizon.inputs.loads import BodyForce, Traction, force_density
+from farhorizon.inputs.pressure import Pressure, pressing_force
 from farhorizon.inputs.sources import Source
 from farhorizon.inputs.specimens import check_held
 from farhorizon.inputs.thermal_loads import ThermalLoad
@@ -173,7 +173,7 @@ def share_of(
             replace(one, value=own(one.value)) if isinstance(one, Source) else own(one) for one in setup.sources
         ),
         specimens=tuple(replace(one, where=own(one.where)) for one in setup.specimens),
-        loads=tuple(replace(one, value=own(one.value)) for one in setup.loads if not isinstance(one, ThermalLoad)),
+        loads=tuple(_load_on(part, one, number, setup, model) for number, one in enumerate(setup.loads)),
     )
     good_for = min((found.until for found in around.thickness.values()), default=np.inf)
     kept = model, variation.part(part.within), whole, around.coefficients, conditions.part(part), waves
@@ -216,6 +216,19 @@ def _part(value: Any, lattice: Lattice, within: tuple[slice, ...]) -> Any:
     return value
 
 
+def _load_on(
+    part: Lattice, load: BodyForce | Traction | Pressure | ThermalLoad, number: int, setup: Setup, model: LatticeModel
+) -> BodyForce | Traction | ThermalLoad:
+    """A load on a part of the lattice; a pressure, which looks at both sides of its faces, as the forces that it is."""
+    lattice = setup.lattice
+    if isinstance(load, Pressure):
+        periodic = {axis: setup.sides[axis, -1].periodic for axis in range(lattice.dim)}
+        force = pressing_force(load, part, model, setup.cracks, setup.rim, periodic, f"load[{number}]")
+        return BodyForce(list(force), load.time)
+    names = ("temperature", "expansion") if isinstance(load, ThermalLoad) else ("value",)
+    return replace(load, **{name: _part(getattr(load, name), lattice, part.within) for name in names})
+
+
 def _missing(what: str, key: str) -> InputError:
     return InputError(f"{what} are not computed on several processes yet", key=key, remedy="one process")
 
@@ -232,10 +245,8 @@ def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
     varies = _varies(setup)
     refused = [
         (f"recorders of the kind {type(recorders[0]).__name__}" if recorders else "", "observe", bool(recorders)),
-        ("thermal loads", "load", setup.heat is not None),
+        ("thermal loads of a run", "load", setup.heat is not None and setup.heat.of_run(setup.heat.temperature)),
         ("sponges beside media that vary", "boundary", varies and any(b.damped for b in setup.sides.values())),
-        ("windows", "lattice.window", lattice.window is not None),
-        ("pressures on faces", "load", any(isinstance(one, Pressure) for one in setup.loads)),
     ]
     for what, key, given in refused:
         if given:

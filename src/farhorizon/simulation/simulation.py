@@ -205,7 +205,8 @@ class Simulation(Run):
         self._end = 0.0  # of the run, as far as it is known
         self._incident_notes: list[str] = []
         self._settling = Settling(parts.autos, [key for key, b in self.sides.items() if b.open_ended])
-        self.resting = self._march = March(setup, parts, self.of, team)
+        with team.agreed():
+            self.resting = self._march = March(setup, parts, self.of, team)
         seen = replace(parts, whole=whole) if team else parts  # nobody holds on to what all have
         self._recording = Recording(setup, seen, self.recorders, team)
 
