@@ -423,6 +423,60 @@ def tips():
     asleep_until_all_are_here()
 
 
+def recorded():
+    """What recorders have of runs on all processes, and on one."""
+    if "few" in sys.argv:
+        return
+    pull = fh.Source("0.5*y*exp(-y**2 - x**2/4)", fh.Step(2.0))
+    crack = [(-2.0, 0.13), (1.9, 0.13)]
+    disc = fh.Disc(2.5, (0.4, 0.3))
+    strata = {"initial": {"u": pulse(2)}, "cracks": [crack]}
+    for name, setup, make in (
+        (
+            "a wave",
+            plane(fh.Wave(KERNEL, "where(x**2 + y**2 < 4, 1.5, 1)"), **strata),
+            lambda: [
+                fh.Spectra(disc, [0.1, 0.3]),
+                fh.Spectra(("y", 0.7), [0.2], name="plane"),
+                fh.Spectra([(0.31, 0.92), (-3.0, 2.0)], [0.2], ["gradient"], interpolation="linear", name="points"),
+                fh.PowerThrough([disc, ("x", 0.1)], [0.2]),
+                fh.FarField(frequencies=[0.1, 0.3], points=[(9.0, 4.0)]),
+            ],
+        ),
+        (
+            "across a periodic side",
+            plane(sides={"x": fh.Periodic(), "y": FOUR}, initial={"u": "exp(-2*y**2)*(1 + x)"}),
+            lambda: [fh.PowerThrough([fh.Box((-9.0, -1.0), (9.0, 1.0)), ("x", 1.1), ("y", -0.2)])],
+        ),
+        ("a crack", plane(initial={}, sources=[pull], cracks=[crack]), lambda: [fh.StressIntensity(every=3)]),
+        (
+            "a solid",
+            plane(STATES, initial={"u": [pulse(2), 0.0]}, shape=(79, 81)),
+            lambda: [fh.PowerThrough(disc), fh.Spectra(disc, [0.2])],
+        ),
+        (
+            "a record for another run",
+            plane(initial={}, sources=[fh.Source("exp(-9*(x + 5)**2 - 9*y**2)", fh.Ricker(0.4))]),
+            lambda: [fh.ShellRecorder(fh.Box((-3.0, -4.0), (5.0, 4.0)))],
+        ),
+    ):
+        for topology in ALONG_X + ALONG_Y:
+            told = []
+            for together in (True, False) if WORLD.rank == 0 else (True,):
+                recorders, team = make(), WORLD if together else None
+                run = fh.Simulation.of(setup, recorders, team, topology if together else None)
+                run.run(20.0 if name == "a wave" else 4.0)
+                records = [part for one in run.recorders for part in (one.recorded, *one.concluded())]
+                told.append({(r.name, key): v for r in records for key, v in [*r.data.items(), *r.spectra.items()]})
+            every = WORLD.gather(list(told[0].values()))
+            if WORLD.rank == 0:
+                off = {" ".join(key): relative(told[0][key], value) for key, value in told[1].items()}
+                alike = all(np.array_equal(*pair) for one in every for pair in zip(every[0], one, strict=True))
+                size = min(float(np.abs(value).max()) for value in told[1].values())
+                yield {"recorded": name, "off": off, "alike": alike, "least": size, "keys": len(told[0])}
+            asleep_until_all_are_here()
+
+
 #: Of so many processes, in so many dimensions: boxes from which a run goes on on others.
 OTHER_BOXES = {
     (2, 2): ([2, 1], [1, 2]),
@@ -473,6 +527,12 @@ STATIC = ["--set", "run.until=static", "--set", "run.limit=60.0", "--set", "run.
 PLACES = ("static", "together", "blocked", "goes_on", "cut", "one")
 
 
+class Unshared(fh.Spectra):
+    """A recorder that looks at one process alone."""
+
+    shared = False
+
+
 def refused():
     """What is refused on all processes, with one message."""
     for what, make in {
@@ -487,7 +547,7 @@ def refused():
         ),
         "no node": lambda: plane(constraints=[fh.Prescribed(fh.Disc(0.1, (0.15, 0.15)), 1.0)]),
         "no load": lambda: plane(SOLID, fh.Free(), initial={}, loads=[fh.Traction("x+", (1, 0), between=[(0.1, 0.2)])]),
-        "spectra": plane,
+        "unshared": plane,
         "too many": lambda: plane(shape=(7, 7)),
         "one alone": lambda: plane(initial={"u": lambda x, y: np.where(x > 0, np.nan, 0.0) + 0 * y}),
         "hot": lambda: plane(
@@ -503,7 +563,7 @@ def refused():
         ),
     }.items():
         told = ""
-        observe = [fh.Spectra([(0.0, 0.0)], [0.1])] if what == "spectra" else []
+        observe = [Unshared([(0.0, 0.0)], [0.1])] if what == "unshared" else []
         try:
             fh.Simulation.of(make(), observe, communicator=WORLD, topology=[WORLD.size, 1]).step(3)
         except fh.InputError as error:
@@ -525,7 +585,7 @@ def unstable():
 
 
 if __name__ == "__main__":
-    for part in (compared, refused, unstable, files, kept, tips, commands):
+    for part in (compared, refused, unstable, files, kept, tips, recorded, commands):
         for line in part():
             if WORLD.rank == 0:
                 print(json.dumps(line), flush=True)

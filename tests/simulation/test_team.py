@@ -98,7 +98,7 @@ def test_fields_are_those_of_one_process(told, processes, arguments):
     found, _ = told(processes, *arguments)
     check_all(found, 1 if arguments else 22)
     for line in (line for line in found if "refused" in line):
-        words = {"too many": "so many", "one alone": "finite", "spectra": "Spectra"}
+        words = {"too many": "so many", "one alone": "finite", "unshared": "Unshared"}
         words |= {"wet": "acts on solid nodes", "no metal": "a specimen holds no node"}
         words |= {"hot": "free of stress", "heat of a run": "thermal loads of a run"}
         words |= {"no node": "a constraint holds no node", "no load": "the traction meets no node"}
@@ -145,6 +145,16 @@ def test_crack_tips_are_those_of_one_process(told, processes, arguments):
     (line,) = (line for line in found if "tips" in line)
     assert line["tips"] and line["sums"] < 1e-12
     assert line["length"][1] > line["length"][0] + 0.6, line  # by a horizon
+
+
+def test_records_are_those_of_one_process(told):
+    """Spectra, power, intensities, far fields and shells; sums over nodes of several boxes to rounding."""
+    found, _ = told(2)
+    records = [line for line in found if "recorded" in line]
+    assert len(records) == 10
+    for line in records:
+        assert line["alike"] and line["keys"] == len(line["off"]) and line["least"] > 1e-4, line
+        assert max(line["off"].values()) < 1e-13, line
 
 
 def assert_same_results(one, other):

@@ -11,6 +11,7 @@ import numpy as np
 from farhorizon.boundaries import Auto, Closure, ExactEnds
 from farhorizon.engine.settings import set_drag
 from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.incidence import Incidence
 from farhorizon.inputs.outside import Beyond, gradients
@@ -50,7 +51,6 @@ class Whole:
     Attributes
     ----------
     near : NearField
-        Its time step may be another one.
     sides : dict of (axis, side) to Side
     team : Team
         The processes, which look at the same time.
@@ -59,6 +59,14 @@ class Whole:
     near: NearField
     sides: Sides
     team: Team = ALONE
+
+    def numbers(self, inside: np.ndarray, part: Lattice) -> np.ndarray:
+        """Flat numbers, in order, of the nodes that are inside something, as each process knows of those of its part
+        alone.
+        """
+        own = np.argwhere(inside) + np.array(part.first)
+        flat = np.ravel_multi_index(tuple(own.T), self.near.lattice.shape)
+        return np.sort(np.concatenate(self.team.gather(flat)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,4 +329,5 @@ def shared(setup: Setup, team: Team, topology: Sequence[int] | None, observers: 
             chosen = made.around, made.near.extremes
         around, extremes = team.first(chosen)
     share = share_of(setup, uniform.model, variation, around, extremes, near.conditions, waves, team, topology)
-    return share, Whole(near, setup.sides, team)
+    known = replace(near, rate_limit=extremes.rate_limit, dt=extremes.dt, whole=extremes)
+    return share, Whole(known, setup.sides, team)

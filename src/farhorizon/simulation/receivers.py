@@ -180,8 +180,8 @@ class Receivers(Recorder):
         blocks = [interpolation_blocks(lattice, *options, axis, "receivers.points") for axis in axes]
         for one in blocks:
             check_blocks(setup, near, self.points, one, self.interpolation, "receivers.points")
-        self._medium, self._background, self._dt = moduli_at(near, self.points), near.background, parts.near.dt
-        self.doubts = self._aliased(parts.near)
+        self._medium, self._background, self._dt = moduli_at(near, self.points), near.background, near.dt
+        self.doubts = self._aliased(near)
         self._moving = any(QUANTITIES[name].moving for name in self.record)  # these take the step before, too
         return Wanted(np.zeros(0, np.int64), tuple(blocks), 1 if self._moving else self.every)
 

@@ -159,8 +159,9 @@ class Recording:
 
     def foresee(self, until: float, steps: int) -> None:
         """Let the recorders look at a run to a time, of so many steps in all."""
-        for one in self.recorders:
-            one.foresee(until, steps)
+        with self._team.agreed():
+            for one in self.recorders:
+                one.foresee(until, steps)
 
     def allow(self, step: int, wanted: int) -> int:
         """How many of the wanted steps to make from one on: to where a recorder has to see the run; so few that what is
