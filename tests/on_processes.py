@@ -117,6 +117,23 @@ CASES |= {
         ),
         ALONG_Y,
     ),
+    "pumped and heated": (
+        plane(
+            fh.Elastic(KERNEL, "where(y > 1, 1.2, 1)"),
+            initial={},
+            cracks=[[(-1.0, 0.1), (1.3, 0.7)]],
+            loads=[
+                fh.Pressure([(-1.0, 0.1), (1.3, 0.7)], 0.01, fh.Step(3.0)),
+                fh.ThermalLoad("0.01*exp(-2*(x**2 + y**2))*sin(t)", expansion=1.0, reference=0.0),
+            ],
+            shape=(79, 81),
+        ),
+        ALONG_X + ALONG_Y,
+    ),
+    "a window": (
+        fh.Setup(fh.Lattice(0.3, window=fh.Disc(6.5, (0.0, 0.0))), WAVE, FOUR, {"u": pulse(2)}),
+        ALONG_X + ALONG_Y,
+    ),
     "breaking, nonlinear": (torn(critical_stretch=0.005, nonlinear=True, contact=True), ALONG_X),
     "breaking as bonds soften": (
         torn(critical_stretch=0.004, fracture_energy="6e-5*(1.2 + 0.1*sin(x))", softening="linear", nonlinear=True),
@@ -133,8 +150,24 @@ CASES |= {
                 fh.Temperature("y-", "exp(-x**2)*t", kind="mirror", within=fh.Box((-3.0, -8.0), (3.0, 0.0))),
                 fh.Convection("y+", 1.0, "sin(t)", within=fh.Box((-3.0, 0.0), (3.0, 8.0))),
             ],
+            sources=["exp(-((x - 0.1*t)**2 + y**2)*4)"],
+            cracks=[[(-1.0, 2.1), (1.3, 2.7)], fh.Crack([(-2.0, -1.4), (2.0, -1.4)], opens=1.5)],
+            balance=True,
         ),
         ALONG_Y,
+    ),
+    "metal that corrodes": (
+        plane(
+            fh.Corrosion(KERNEL, saturation=0.8),
+            initial={},
+            specimens=[
+                fh.Specimen(fh.Disc(4.0, (0.3, 0.2)) - fh.Disc(1.0, (2.0, 2.0))),
+                fh.Specimen(fh.Disc(0.9, (-5.0, -5.0)), 1.1),  # in the box of one process
+            ],
+            sources=[fh.Source("where((x + 5)**2 + (y - 5)**2 < 1, 0.02, 0)", "sin(t)**2")],
+            balance=True,
+        ),
+        ALONG_X + ALONG_Y,
     ),
     "an incident wave": (
         plane(initial={}, cracks=CRACKS, sources=[fh.IncidentWave((1.0, 0.4), ARRIVES, 6.0)]),
@@ -159,6 +192,24 @@ SLOW = {
     ),
     "states with a crack": (plane(CORRESPONDENCE, cracks=CRACKS, **WIDE), ALONG_Y),
     "states at free sides": (plane(CORRESPONDENCE, {"x": FOUR, "y": fh.Free()}, **WIDE), ALONG_Y),
+    "states that are heated": (
+        plane(
+            fh.Correspondence(KERNEL, 1.0, 0.3, stabilisation=0.3),
+            initial={},
+            loads=[fh.ThermalLoad("0.01*exp(-2*(x**2 + y**2))", expansion=1.0, reference=0.0)],
+            shape=(79, 81),
+        ),
+        ALONG_Y,
+    ),
+    "a hole under pressure": (
+        fh.Setup(
+            fh.Lattice(0.3, (-7.2, -7.2), (7.2, 7.2), body=fh.Box((-9.0, -9.0), (9.0, 9.0)) - fh.Disc(1.5, (0.5, 0.2))),
+            SOLID,
+            {"x": fh.Periodic(), "y": fh.Free()},
+            loads=[fh.Pressure(fh.Disc(1.5, (0.5, 0.2)), 0.01, fh.Step(3.0))],
+        ),
+        ALONG_X + ALONG_Y,
+    ),
     "states that vary": (
         plane(fh.Correspondence(KERNEL, "where(y > 1, 2, 1)", 0.3, stabilisation=0.3), **WIDE),
         ALONG_Y,
@@ -192,6 +243,36 @@ SLOW = {
     "state-based in space": (fh.Setup(lattice(53, 54, 55), STATES, FOUR, {"u": [pulse(3), 0.0, 0.0]}), SPACE),
     "state-based, periodic": (fh.Setup(lattice(21, 22, 23), STATES, fh.Periodic(), {"u": [pulse(3), 0.0, 0.0]}), SPACE),
     "heat": (plane(fh.Heat(KERNEL)), ALONG_Y),
+    "diffusion in a body, counted": (
+        fh.Setup(
+            fh.Lattice(0.3, (-7.2, -7.2), (7.2, 7.2), body=fh.Disc(6.5, (0.0, 0.0)) - fh.Disc(1.0, (0.5, 0.2))),
+            fh.Diffusion(KERNEL),
+            fh.Free(),
+            {"u": pulse(2)},
+            rim="fixed",
+            balance=True,
+        ),
+        ALONG_X + ALONG_Y,
+    ),
+    "metal that corrodes, across a periodic side": (
+        plane(
+            fh.Corrosion(KERNEL, saturation=0.8, limited=True, integrator="euler"),
+            {"x": fh.Periodic(), "y": FOUR},
+            initial={},
+            specimens=[fh.Specimen(np.hypot(*(np.indices((47, 49)) - np.array([[[0]], [[24]]]))) < 15)],
+            balance=True,
+        ),
+        ALONG_X + ALONG_Y,
+    ),
+    "metal that corrodes in space": (
+        fh.Setup(
+            lattice(21, 22, 23),
+            fh.Corrosion(KERNEL, saturation=0.3, integrator=fh.RungeKuttaChebyshev(3)),
+            fh.LatticePML(nodes=3),
+            specimens=[fh.Specimen(fh.Ball(2.0, (0.0, 0.0, 0.1)))],
+        ),
+        SPACE,
+    ),
     "stages": (plane(fh.Diffusion(KERNEL, integrator=fh.RungeKuttaChebyshev(5))), ALONG_Y),
     "beam": (fh.Setup(lattice(241), fh.Beam(), fh.Fixed(), {"u": pulse(1)}), [None]),
 }
@@ -217,6 +298,16 @@ def apart(one, other):
     return max(abs(one[name] - value) for name, value in other.items()) / max(map(abs, other.values()))
 
 
+def relative(one, other):
+    """The largest difference of two fields, over the largest value."""
+    return float(np.nanmax(np.abs(one - other)) / max(np.nanmax(np.abs(other)), 1e-300))
+
+
+def sums_of(run):
+    """Energies, and what is balanced of them or of what diffuses."""
+    return run.energies() | (run.balance() if run.setup.balance else {})
+
+
 def compared():
     """Each case against one process: whether fields are the same to the last bit, and the error of the energy."""
     cases = {"wave": CASES["wave"]} if "few" in sys.argv else CASES | (SLOW if "slow" in sys.argv else {})
@@ -225,14 +316,14 @@ def compared():
             together = fh.Simulation.of(setup, communicator=WORLD, topology=topology)
             together.run(4.0)
             found = {one: together.team.joined(together.lattice, field) for one, field in together.fields.items()}
-            energies, sent = together.energies(), WORLD.gather(really_sent(together.engine))
+            energies, sent = sums_of(together), WORLD.gather(really_sent(together.engine))
             broken = together.broken_bonds
             if WORLD.rank == 0:
                 alone = fh.Simulation.of(setup)
                 alone.run(4.0)
                 every = [(found[one], field) for one, field in alone.fields.items()]
                 same = all(np.array_equal(one, other, equal_nan=True) for one, other in every)
-                off = max(np.nanmax(np.abs(one - other)) / np.nanmax(np.abs(other)) for one, other in every)
+                off = max(relative(one, other) for one, other in every)
                 moves = float(np.nanmax(np.abs(alone.fields["u"])))
                 boxes = together.share.decomposition
                 yield {
@@ -240,9 +331,9 @@ def compared():
                     "bytes": [sum(sent), sum(sent_by(boxes, number, alone) for number in range(WORLD.size))],
                     "topology": together.share.decomposition.topology,
                     "same": same,
-                    "off": float(off),
+                    "off": off,
                     "moves": moves,
-                    "energy": apart(energies, alone.energies()),
+                    "energy": apart(energies, sums_of(alone)),
                     "broken": [broken, alone.broken_bonds],
                 }
             asleep_until_all_are_here()
@@ -254,11 +345,14 @@ POINTS = [(0.0, 0.0), (0.1, 0.13), (-2.2, 1.9), (2.15, -2.0)]
 
 def files():
     """Results files, receivers and probes of runs on all processes, and of the same on one."""
+    strata = plane(fh.Elastic(KERNEL, "where(y > 1, 1.5, 1)"), dt=0.1, **WIDE)
     kinds = {"waves": (plane(dt=0.1), POINTS), "solid": (SMALL_SOLID, [(*point, 0.1) for point in POINTS[:2]])}
+    kinds |= {"strata": (strata, POINTS)}
     for name, (setup, points) in list(kinds.items())[: 1 if "few" in sys.argv else None]:
         heard = []
         for together in (True, False) if WORLD.rank == 0 else (True,):
-            receivers = fh.Receivers(points, record=["u", "v", "gradient"], interpolation="linear")
+            record = ["u", "v", "gradient", *["stress"] * setup.model.mechanical]
+            receivers = fh.Receivers(points, record=record, interpolation="linear")
             run = fh.Simulation.of(setup, [receivers], communicator=WORLD if together else None)
             run.record(points)
             path = FOLDER / f"{name}-{'together' if together else 'alone'}.h5"
@@ -288,17 +382,24 @@ def kept():
         runs = {"as it was": start.run(4.0), "other boxes": heard(setup, WORLD, other)}
         if WORLD.rank == 0:
             runs["one process"] = heard(setup)
-        found, steps, answers = {}, set(), set()
+        found, sums, steps, answers = {}, {}, set(), set()
         for how, run in runs.items():
             if how != "as it was":
                 answers.add(run.load(path)["answer"])
                 run.run(4.0)
             steps.add(run.step_count)
             found[how] = run.team.joined(run.lattice, run.fields["u"]), run.recorders[0].data["u"]
+            sums[how] = sums_of(run)
         if WORLD.rank == 0:
-            whole = found.pop("as it was")
-            same = {how: all(map(np.array_equal, values, whole)) for how, values in found.items()}
-            yield {"kept": name, "same": same, "answers": list(answers), "steps": list(steps)}
+            whole, summed = found.pop("as it was"), sums.pop("as it was")
+            same = {
+                how: all(np.array_equal(*pair, equal_nan=True) for pair in zip(values, whole, strict=True))
+                for how, values in found.items()
+            }
+            off = max(relative(one[0], whole[0]) for one in found.values())
+            energy = max(apart(one, summed) for one in sums.values())
+            line = {"kept": name, "same": same, "off": off, "energy": energy}
+            yield line | {"answers": list(answers), "steps": list(steps)}
         asleep_until_all_are_here()
     other, told = fh.Simulation.of(plane(dt=0.01), [], WORLD), ""
     try:
@@ -326,6 +427,60 @@ def tips():
     asleep_until_all_are_here()
 
 
+def recorded():
+    """What recorders have of runs on all processes, and on one."""
+    if "few" in sys.argv:
+        return
+    pull = fh.Source("0.5*y*exp(-y**2 - x**2/4)", fh.Step(2.0))
+    crack = [(-2.0, 0.13), (1.9, 0.13)]
+    disc = fh.Disc(2.5, (0.4, 0.3))
+    strata = {"initial": {"u": pulse(2)}, "cracks": [crack]}
+    for name, setup, make in (
+        (
+            "a wave",
+            plane(fh.Wave(KERNEL, "where(x**2 + y**2 < 4, 1.5, 1)"), **strata),
+            lambda: [
+                fh.Spectra(disc, [0.1, 0.3]),
+                fh.Spectra(("y", 0.7), [0.2], name="plane"),
+                fh.Spectra([(0.31, 0.92), (-3.0, 2.0)], [0.2], ["gradient"], interpolation="linear", name="points"),
+                fh.PowerThrough([disc, ("x", 0.1)], [0.2]),
+                fh.FarField(frequencies=[0.1, 0.3], points=[(9.0, 4.0)]),
+            ],
+        ),
+        (
+            "across a periodic side",
+            plane(sides={"x": fh.Periodic(), "y": FOUR}, initial={"u": "exp(-2*y**2)*(1 + x)"}),
+            lambda: [fh.PowerThrough([fh.Box((-9.0, -1.0), (9.0, 1.0)), ("x", 1.1), ("y", -0.2)])],
+        ),
+        ("a crack", plane(initial={}, sources=[pull], cracks=[crack]), lambda: [fh.StressIntensity(every=3)]),
+        (
+            "a solid",
+            plane(STATES, initial={"u": [pulse(2), 0.0]}, shape=(79, 81)),
+            lambda: [fh.PowerThrough(disc), fh.Spectra(disc, [0.2])],
+        ),
+        (
+            "a record for another run",
+            plane(initial={}, sources=[fh.Source("exp(-9*(x + 5)**2 - 9*y**2)", fh.Ricker(0.4))]),
+            lambda: [fh.ShellRecorder(fh.Box((-3.0, -4.0), (5.0, 4.0)))],
+        ),
+    ):
+        for topology in ALONG_X + ALONG_Y:
+            told = []
+            for together in (True, False) if WORLD.rank == 0 else (True,):
+                recorders, team = make(), WORLD if together else None
+                run = fh.Simulation.of(setup, recorders, team, topology if together else None)
+                run.run(20.0 if name == "a wave" else 4.0)
+                records = [part for one in run.recorders for part in (one.recorded, *one.concluded())]
+                told.append({(r.name, key): v for r in records for key, v in [*r.data.items(), *r.spectra.items()]})
+            every = WORLD.gather(list(told[0].values()))
+            if WORLD.rank == 0:
+                off = {" ".join(key): relative(told[0][key], value) for key, value in told[1].items()}
+                alike = all(np.array_equal(*pair) for one in every for pair in zip(every[0], one, strict=True))
+                size = min(float(np.abs(value).max()) for value in told[1].values())
+                yield {"recorded": name, "off": off, "alike": alike, "least": size, "keys": len(told[0])}
+            asleep_until_all_are_here()
+
+
 #: Of so many processes, in so many dimensions: boxes from which a run goes on on others.
 OTHER_BOXES = {
     (2, 2): ([2, 1], [1, 2]),
@@ -333,8 +488,11 @@ OTHER_BOXES = {
     (2, 3): ([1, 2, 1], [1, 1, 2]),
     (4, 3): ([2, 2, 1], [1, 2, 2]),
 }
-KEPT = "wave", "single precision", "diffusion", "space", "strata", "held and pulled", "breaking, nonlinear"
-KEPT += ("breaking as bonds soften",)
+KEPT = (
+    *("wave", "single precision", "diffusion", "space", "strata", "held and pulled", "breaking, nonlinear"),
+    "pumped and heated",
+    *("held at temperatures", "metal that corrodes", "breaking as bonds soften"),
+)
 SMALL_SOLID = fh.Setup(
     lattice(13, 22, 14), fh.Elastic(fh.Kernel(0.3), 1.0), fh.Fixed(), {"u": [pulse(3), 0.0, 0.0]}, dt=0.1
 )
@@ -373,24 +531,45 @@ STATIC = ["--set", "run.until=static", "--set", "run.limit=60.0", "--set", "run.
 PLACES = ("static", "together", "blocked", "goes_on", "cut", "one")
 
 
+class Unshared(fh.Spectra):
+    """A recorder that looks at one process alone."""
+
+    shared = False
+
+
 def refused():
     """What is refused on all processes, with one message."""
     for what, make in {
+        "wet": lambda: plane(
+            fh.Corrosion(KERNEL, saturation=0.8),
+            initial={},
+            specimens=[fh.Specimen(fh.Disc(2.0, (3.0, 2.0)))],
+            sources=["where((x - 3)**2 + (y - 2)**2 < 1, t, 0)"],
+        ),
+        "no metal": lambda: plane(
+            fh.Corrosion(KERNEL, saturation=0.8), initial={}, specimens=[fh.Specimen(fh.Disc(0.1, (0.15, 0.15)))]
+        ),
         "no node": lambda: plane(constraints=[fh.Prescribed(fh.Disc(0.1, (0.15, 0.15)), 1.0)]),
         "no load": lambda: plane(SOLID, fh.Free(), initial={}, loads=[fh.Traction("x+", (1, 0), between=[(0.1, 0.2)])]),
-        "spectra": plane,
+        "unshared": plane,
         "too many": lambda: plane(shape=(7, 7)),
         "one alone": lambda: plane(initial={"u": lambda x, y: np.where(x > 0, np.nan, 0.0) + 0 * y}),
-        "window": lambda: fh.Setup(fh.Lattice(0.3, window=fh.Disc(5.0, (0.0, 0.0))), WAVE, fh.Higdon(2)),
+        "hot": lambda: plane(
+            SOLID, initial={}, loads=[fh.ThermalLoad("0.01*x", expansion=1.0, reference=0.0)], shape=(79, 81)
+        ),
+        "heat of a run": lambda: plane(
+            SOLID, initial={}, loads=[fh.ThermalLoad(plane(fh.Diffusion(KERNEL)), expansion=1.0, reference=0.0)]
+        ),
+        "window, closed": lambda: fh.Setup(fh.Lattice(0.3, window=fh.Disc(5.0, (0.0, 0.0))), WAVE, fh.Higdon(2)),
         "layers": lambda: plane(sides=fh.Higdon(2)),
         "derivatives": lambda: fh.Setup(
             fh.Lattice(0.3, (-3, -3), (3, 3)), fh.Correspondence(KERNEL, 1.0, 0.3), fh.NonlocalPML(6)
         ),
     }.items():
         told = ""
-        observe = [fh.Spectra([(0.0, 0.0)], [0.1])] if what == "spectra" else []
+        observe = [Unshared([(0.0, 0.0)], [0.1])] if what == "unshared" else []
         try:
-            fh.Simulation.of(make(), observe, communicator=WORLD, topology=[WORLD.size, 1])
+            fh.Simulation.of(make(), observe, communicator=WORLD, topology=[WORLD.size, 1]).step(3)
         except fh.InputError as error:
             told = str(error)
         yield {"refused": what, "told": WORLD.gather(told)}
@@ -410,7 +589,7 @@ def unstable():
 
 
 if __name__ == "__main__":
-    for part in (compared, refused, unstable, files, kept, tips, commands):
+    for part in (compared, refused, unstable, files, kept, tips, recorded, commands):
         for line in part():
             if WORLD.rank == 0:
                 print(json.dumps(line), flush=True)

@@ -39,6 +39,28 @@ def test_messages_to_itself_are_periodic_sides(more):
     assert other.energy() == plain.energy() and np.abs(plain.fields["u"]).max() > 1e-3
 
 
+@pytest.mark.parametrize("model", [{}, {"integrator": fh.RungeKuttaChebyshev(3)}], ids=str)
+def test_metal_dissolves_beyond_a_side_as_before_it(model):
+    """Metal across a periodic side: the halo becomes liquid by the values that are sent, as periodic sides copy it."""
+
+    def corrosion():
+        lattice = fh.Lattice(1.0, (0.0, 0.0), (16.0, 40.0))
+        disc = fh.Specimen(fh.Disc(5.0, (0.0, 17.0)) | fh.Disc(5.0, (17.0, 17.0)))
+        sides = {"x": fh.Periodic(), "y": fh.LatticePML(nodes=4)}
+        corrodes = fh.Corrosion(fh.Kernel(2.0), saturation=0.8, **model)
+        return fh.Simulation(lattice, corrodes, sides, specimens=[disc], threads=1)
+
+    plain, other = corrosion(), connected(corrosion())
+    other.parts.phases.start()
+    assert len(other.engine.tables.phases.halo) > 10
+    for sim in (plain, other):
+        sim.step(150)
+        assert (sim.engine.tables.material.coefficient[sim.engine.tables.phases.halo[:, 0]] > 0).all()
+    for name, values in plain.fields.items():
+        np.testing.assert_array_equal(other.fields[name], values)
+    assert np.nanmax(plain.fields["dissolved"]) > 0 and plain.fields["solid"].sum() < 40
+
+
 @pytest.mark.slow
 def test_in_space_and_with_states():
     """The slots of layers and the states of two passes are exchanged, too."""

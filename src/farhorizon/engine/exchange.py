@@ -149,6 +149,12 @@ class Exchange:
         for _ in range(times):
             call(table, level.ctypes.data, components, level.nbytes // components)
 
+    @property
+    def filled(self) -> np.ndarray:
+        """Places of a level's first component that other processes fill, shape (n,)."""
+        places = [filled for _, source, _, filled, _ in self.messages[LEVEL].rows if source >= 0]
+        return np.unique(np.concatenate([np.zeros(0, np.int64), *places]))
+
     def volume(self, components: int) -> int:
         """Bytes of a level that this process sends to others."""
         return self.messages[LEVEL].volume * components * self._size

@@ -44,6 +44,7 @@ class Interpreter:
         self.methods: dict[int, Callable[..., None]] = {
             op.COPY: self._copy,
             op.EXCHANGE: self.exchange,
+            op.MELT: self._melt,
             op.DAMP_OLD: self._damp_old,
             op.LINES: lambda: None,  # `_stretch` continues the field itself
             op.SWEEP: self._sweep,
@@ -481,6 +482,10 @@ class Interpreter:
         phases.total[0] += len(gone)
         for to, source in self.tables.copies.T:
             material.coefficient[to] = material.coefficient[source]
+
+    def _melt(self) -> None:
+        halo, coefficient = self.tables.phases.halo[:, 0], self.tables.material.coefficient
+        coefficient[halo[self.stage.src[halo] < self.tables.phases.saturation]] = 1
 
 
 class _States:

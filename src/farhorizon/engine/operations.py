@@ -53,6 +53,7 @@ STRETCH_FORCES = 24  # and those of what the law has made of the states
 DRAG = 25  # velocities move towards the mean of their neighbours
 HEAT = 26  # springs beside states lose what heat strains them
 WARM = 27  # the strains of heat become those of the next step
+MELT = 28  # nodes of the halo become liquid as other processes have made them
 
 # Passes of the operator: the springs, sums over bonds that make states, sums over states that make forces.
 SPRINGS, GATHER, SCATTER = range(3)
@@ -159,7 +160,7 @@ def _stage(tables: Tables, inputs: Inputs, stage: int) -> list[Operation]:
     damped, fed, flows = tables.damping.nodes.size, len(inputs.source_fields), tables.flows.effects[stage] != 0
     return (
         _chosen((DAMP_OLD, damped))
-        + operator_operations(tables)
+        + operator_operations(tables, melting=stage == 0)
         + _chosen(
             (ENDS, len(tables.ends.nodes)),
             (FEED, fed),
@@ -177,10 +178,11 @@ def _stage(tables: Tables, inputs: Inputs, stage: int) -> list[Operation]:
     )
 
 
-def operator_operations(tables: Tables) -> list[Operation]:
-    """The operator: its halo filled, layers included."""
+def operator_operations(tables: Tables, melting: bool = False) -> list[Operation]:
+    """The operator: its halo filled, layers included; if `melting`, the phases of the halo are those of this step."""
     breaks = not tables.bonds.forces
-    found = _halo(tables, SPRINGS) + _chosen((BREAK, breaks), number=GATHER)
+    found = _halo(tables, SPRINGS) + _chosen((MELT, melting and len(tables.phases.halo)))
+    found += _chosen((BREAK, breaks), number=GATHER)
     found += _sums(tables, tables.cuts, tables.layers, SPRINGS)
     if tables.gather.sweep.law.values.size:
         gather, scatter, stretched = tables.gather, tables.scatter, tables.stretches.runs.size

@@ -4,8 +4,9 @@ The coefficient of a node is its phase: 1 in the liquid, minus the factor of int
 (`bonds.bond_factor`, rule "phases"). A *tile* is a stretch of `TILE` nodes of up to `TILE_ROWS` neighbouring rows,
 small, so that few nodes share one with a front. It knows how many solid nodes lie in it or within one reach of it:
 none, and the stencil's plain rows serve; all, and nothing changes there; else bonds are looked at one by one. A node
-that becomes liquid is taken off these counts. What a step goes through are *runs*, neighbouring tiles of one kind in a
-row of tiles; they are found anew in the rows whose counts have changed.
+that becomes liquid is taken off these counts. So is one of the halo that other processes fill: they send its value, and
+it becomes liquid here by the same rule as there. What a step goes through are *runs*, neighbouring tiles of one kind in
+a row of tiles; they are found anew in the rows whose counts have changed.
 """
 
 from __future__ import annotations
@@ -42,7 +43,9 @@ class Phases(NamedTuple):
     saturation : float
         Below it a solid node dissolves.
     period : ndarray of int, shape (3,)
-        Nodes after which an axis repeats itself, 0 for those that do not.
+        Nodes after which an axis repeats itself, 0 for those that do not, and where other processes fill halos.
+    halo : ndarray of int, shape (n, 4)
+        Solid nodes of the halo that other processes fill: places, and coordinates in the box.
     """
 
     runs: np.ndarray
@@ -53,16 +56,21 @@ class Phases(NamedTuple):
     total: np.ndarray
     saturation: float
     period: np.ndarray
+    halo: np.ndarray
 
 
 def phases_table(
-    solids: np.ndarray, volumes: np.ndarray, dissolved: np.ndarray, saturation: float, period: np.ndarray
+    solids: np.ndarray,
+    volumes: np.ndarray,
+    dissolved: np.ndarray,
+    saturation: float,
+    period: np.ndarray,
+    halo: np.ndarray,
 ) -> Phases:
     """What the loop knows, from the counts of tiles; the arrays are kept."""
     runs, changed = np.zeros((*solids.shape, 2), np.int32), np.ones(len(solids), bool)
-    phases = Phases(
-        runs, solids, volumes, changed, dissolved, np.zeros(2, np.int64), float(saturation), period.astype(np.int64)
-    )
+    counts = runs, solids, volumes, changed, dissolved, np.zeros(2, np.int64)
+    phases = Phases(*counts, float(saturation), period.astype(np.int64), halo.astype(np.int64))
     if len(solids):
         find_runs(ALONE, Struct(phases))
     return phases
@@ -71,7 +79,7 @@ def phases_table(
 def one_phase() -> Phases:
     """None: there is but one."""
     none = np.zeros((0, 0), np.int64)
-    return phases_table(none, none, np.zeros(0, np.int64), 0.0, np.zeros(3))
+    return phases_table(none, none, np.zeros(0, np.int64), 0.0, np.zeros(3), np.zeros((0, 4)))
 
 
 def count_solid(solid: np.ndarray, reach: tuple[int, ...], sizes: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
@@ -178,3 +186,15 @@ def dissolve(thread, u, coefficient, sweep, phases, step):
                         phases.dissolved[row + i2] = step
                         uncount((i0, i1, i2), nodes, sweep.reach, phases)
                         add(np.int64(phases.total.ctypes.data), 1)
+
+
+@njit(error_model="numpy", cache=True, entry=False)
+def melt(u, coefficient, sweep, phases):
+    """Solid nodes of the halo whose value is below the saturation become liquid, as they have where they belong."""
+    block, halo, limit = sweep.block, phases.halo, u.dtype.type(phases.saturation)
+    for i in range(halo.shape[0]):
+        place = halo[i, 0]
+        if coefficient[place] <= 0 and u[place] < limit:
+            coefficient[place] = 1
+            uncount((halo[i, 1], halo[i, 2], halo[i, 3]), (block[1], block[2], block[3]), sweep.reach, phases)
+            phases.total[0] += 1

@@ -43,12 +43,14 @@ def pieces_of(engine: Engine) -> dict[str, Piece]:
         found[f"bonds/{word}"] = Piece(bits, every[0], (0, 1, 2))
     for bond, shares in enumerate(engine.bonds.table.shares):
         found[f"shares/{bond}"] = Piece(shares, every[0], (0, 1, 2))
+    if engine.tables.phases.dissolved.size:
+        found["dissolved"] = Piece(engine.tables.phases.dissolved, every[0], (0, 1, 2))
     return found
 
 
 def sums_of(engine: Engine) -> dict[str, float]:
     """What has been added up on the way by name: energy and number of the bonds that broke, the work of sources, what
-    drag has taken; in units of the update.
+    drag has taken, what has flowed into each account; in units of the update.
     """
     return {f"{name}/{i}": float(one.sum()) for name, sums in _sums(engine).items() for i, one in enumerate(sums)}
 
@@ -68,6 +70,7 @@ def _sums(engine: Engine) -> dict[str, np.ndarray]:
         "broken": np.moveaxis(tables.bonds.broken, -1, 0),
         "work": tables.work[None],
         "drag": tables.drag.lost[None],
+        "flows": tables.flows.totals.T,
     }
     return {name: sums for name, sums in every.items() if sums.size}
 

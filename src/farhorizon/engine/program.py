@@ -56,13 +56,14 @@ from farhorizon.engine.operations import (
     INERTIA,
     KEEP,
     LAW,
+    MELT,
     STRETCH_FORCES,
     STRETCH_STATES,
     SWEEP,
     WARM,
     WORK,
 )
-from farhorizon.engine.phases import LIQUID, SOLID, dissolve, find_runs
+from farhorizon.engine.phases import LIQUID, SOLID, dissolve, find_runs, melt
 from farhorizon.engine.point_law import apply_to_rows
 from farhorizon.engine.rows.calls import call_operation, call_with
 from farhorizon.engine.rows.compiled import njit
@@ -721,6 +722,21 @@ def dissolve_nodes(thread, stage, sums, tables, inputs, step, number):
         if thread.number == 0:
             phases.total[1] = phases.total[0]
             copy(coefficient, tables.copies, ONE)
+        barrier(thread)
+
+
+@operation(MELT)
+def melt_halo(thread, stage, sums, tables, inputs, step, number):
+    """The same of the halo, as other processes have just filled it."""
+    phases = tables.phases
+    if thread.number == 0:
+        melt(stage.src, sums.material.coefficient, sums.sweep, phases)
+    barrier(thread)
+    if phases.total[0] != phases.total[1]:
+        find_runs(thread, phases)
+        barrier(thread)
+        if thread.number == 0:
+            phases.total[1] = phases.total[0]
         barrier(thread)
 
 

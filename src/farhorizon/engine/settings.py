@@ -87,10 +87,12 @@ def set_heat(engine: Engine, spacing: float) -> None:
 
 
 def give_heat(engine: Engine, strain: np.ndarray, rate: np.ndarray, steps: int = 0) -> None:
-    """Say what heat strains the nodes of the core, some steps ago, and what is added to that in each step."""
+    """Say what heat strains the nodes of the core, some steps ago, and what is added to that in each step; all
+    processes that fill halos do.
+    """
     heat = engine.tables.heat
-    heat.warmth[:] = engine.spread(strain) * engine.absent.exists
-    heat.rate[:] = engine.spread(rate) * engine.absent.exists
+    heat.warmth[:] = engine.spread(strain, jointly=True) * engine.absent.exists
+    heat.rate[:] = engine.spread(rate, jointly=True) * engine.absent.exists
     for _ in range(steps):
         heat.warmth[:] += heat.rate
 
@@ -132,7 +134,7 @@ def set_phases(
 ) -> None:
     """Two phases: bonds between solid nodes carry nothing, those between phases `interface` times their weight, and
     a solid node becomes liquid once its value is below `saturation`. All beyond the core is liquid, beyond a
-    periodic side what it repeats.
+    periodic side what it repeats, and where other processes fill the halo what they have: all of them call it.
 
     Parameters
     ----------
@@ -146,13 +148,18 @@ def set_phases(
     steps = np.zeros(engine.layout.size, np.int64)
     engine.core.view(steps)[...] = dissolved
     factors = (engine.dtype.type(v) for v in (interface, saturation if limited else np.inf))
-    coefficient = engine.spread(np.where(solid, -interface, 1.0), beyond)
+    coefficient = engine.spread(np.where(solid, -interface, 1.0), beyond, jointly=True)
     engine.replace(material=Material(coefficient, RULES.index("phases"), *factors))
     engine.sweep_in_pieces(TILE_ROWS)
     solid = engine.layout.box.all(coefficient) < 0
     solids, volumes = count_solid(solid, engine.layout.reach, (1, TILE_ROWS, TILE))
     period = np.array([n if a in engine.layout.periodic else 0 for a, n in enumerate(engine.layout.box.nodes)])
-    engine.replace(phases=phases_table(solids, volumes, steps, saturation, period))
+    halo = np.zeros((0, 4), np.int64)
+    if engine.exchange is not None:
+        filled = engine.exchange.filled
+        filled, period = filled[coefficient[filled] < 0], np.zeros(3)
+        halo = np.column_stack([filled, engine.layout.box.coordinates(filled)])
+    engine.replace(phases=phases_table(solids, volumes, steps, saturation, period, halo))
 
 
 def set_dependents(

@@ -120,6 +120,7 @@ def pressing_force(
     ----------
     load : Pressure
     lattice : Lattice
+        Whole, or a part, to whose nodes the force on the whole is restricted.
     model : LatticeModel
         Of the medium, or of its host where it varies.
     cracks : sequence of Crack
@@ -154,13 +155,16 @@ def pressing_force(
     offsets = stencil.offsets if stencil is not None else states.offsets  # type: ignore[union-attr]
     pulls = forces_under_stress(offsets, _of_strains(stencil, states), load.tensor(dim, key)) / spacing
     if isinstance(load.on, Shape):
-        faces = _around(load.on, lattice, offsets, rim, periodic, key)
+        faces = _around(load.on, lattice.whole, offsets, rim, periodic, key)
     else:
-        faces = _across(as_crack(load.on, dim).cut, lattice, offsets, cracks, key)
-    found = np.zeros((dim, *lattice.shape))
+        faces = _across(as_crack(load.on, dim).cut, lattice.whole, offsets, cracks, key)
+    found, met = np.zeros((dim, *lattice.shape)), False
     for nodes, pull in zip(faces, pulls, strict=True):
-        found[:, *nodes.T] -= pull[:, None]
-    if not found.any() and load.tensor(dim, key).any():
+        own = nodes - np.array(lattice.first)
+        own = own[((own >= 0) & (own < lattice.shape)).all(1)]
+        found[:, *own.T] -= pull[:, None]
+        met |= bool(len(nodes) and pull.any())
+    if not met and load.tensor(dim, key).any():
         raise InputError(
             "the pressure meets no face", value=repr(load.on), key=f"{key}.on", remedy="a larger or another region"
         )

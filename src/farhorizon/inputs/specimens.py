@@ -51,8 +51,8 @@ class Specimen(Storable):
         kinds.settle(self, concentration=kinds.number(self.concentration, "specimen.concentration"))
 
     def nodes(self, lattice: Lattice, key: str = "specimen") -> np.ndarray:
-        """Which nodes of a lattice it holds, mask of the lattice's shape; InputError if there are none, or shape and
-        lattice do not fit.
+        """Which nodes of a lattice it holds, mask of the lattice's shape; InputError if there are none, unless it is a
+        part of a lattice, or shape and lattice do not fit.
         """
         if isinstance(self.where, Shape):
             if self.where.dim != lattice.dim:
@@ -68,13 +68,19 @@ class Specimen(Storable):
                 )
         if lattice.body is not None and lattice.mask is not None:
             found = found & lattice.mask
-        if not found.any():
-            raise InputError(
-                "a specimen holds no node",
-                key=f"{key}.where",
-                remedy="move it into the near field, enlarge it or refine the lattice",
-            )
+        if lattice.whole is lattice:
+            check_held(bool(found.any()), key)
         return found
+
+
+def check_held(any_node: bool, key: str) -> None:
+    """InputError for a specimen that holds no node."""
+    if not any_node:
+        raise InputError(
+            "a specimen holds no node",
+            key=f"{key}.where",
+            remedy="move it into the near field, enlarge it or refine the lattice",
+        )
 
 
 def place(

@@ -11,6 +11,7 @@ import numpy as np
 from farhorizon.boundaries import Auto, Closure, ExactEnds
 from farhorizon.engine.settings import set_drag
 from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.incidence import Incidence
 from farhorizon.inputs.outside import Beyond, gradients
@@ -44,6 +45,31 @@ from farhorizon.simulation.validation import check_model, check_stencil, check_v
 
 
 @dataclass(frozen=True, eq=False)
+class Whole:
+    """What recorders look at where several processes have parts of a run: all of it, on each of them.
+
+    Attributes
+    ----------
+    near : NearField
+    sides : dict of (axis, side) to Side
+    team : Team
+        The processes, which look at the same time.
+    """
+
+    near: NearField
+    sides: Sides
+    team: Team = ALONE
+
+    def numbers(self, inside: np.ndarray, part: Lattice) -> np.ndarray:
+        """Flat numbers, in order, of the nodes that are inside something, as each process knows of those of its part
+        alone.
+        """
+        own = np.argwhere(inside) + np.array(part.first)
+        flat = np.ravel_multi_index(tuple(own.T), self.near.lattice.shape)
+        return np.sort(np.concatenate(self.team.gather(flat)))
+
+
+@dataclass(frozen=True, eq=False)
 class Parts:
     """What a run is made of.
 
@@ -73,6 +99,8 @@ class Parts:
     incident : list of Incidence
     driving : list of Drive
         All that drives the near field: sources and loads, conditions, incident waves.
+    whole : Whole
+        The near field with its sides; of several processes the recorders' parts have that of all.
     """
 
     near: NearField
@@ -91,6 +119,7 @@ class Parts:
     ends: ExactEnds | None
     incident: list[Incidence]
     driving: list[Drive]
+    whole: Whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +223,7 @@ def assemble(whole: Setup, stiffer: float | None = None, team: Team = ALONE, sha
     phases = None
     if model.dissolution is not None:
         phases = SolidAndLiquid(grid, model.dissolution, setup.background, solid)
+        team.gather(None)  # those of one that has failed nobody receives
         phases.start()
         if solid.any():
             phases.refuse_wet(_acted_on(near, driving))
@@ -237,6 +267,7 @@ def assemble(whole: Setup, stiffer: float | None = None, team: Team = ALONE, sha
         ends,
         incident,
         driving,
+        Whole(near, around.sides),
     )
 
 
@@ -273,9 +304,10 @@ def _acted_on(near: NearField, driving: Sequence[Drive]) -> np.ndarray:
     return busy
 
 
-def shared(setup: Setup, team: Team, topology: Sequence[int] | None, observers: Sequence[Any]) -> Share:
-    """The share of this process in a run. What follows from the whole follows from it on all processes, or on the first
-    one, where layers look at all data.
+def shared(setup: Setup, team: Team, topology: Sequence[int] | None, observers: Sequence[Any]) -> tuple[Share, Whole]:
+    """The share of this process in a run, and what recorders look at.
+
+    What follows from the whole follows from it on all processes, or on the first one, where layers look at all data.
 
     Raises
     ------
@@ -296,4 +328,6 @@ def shared(setup: Setup, team: Team, topology: Sequence[int] | None, observers: 
             made = assemble(setup) if found == "medium" else survey(setup)
             chosen = made.around, made.near.extremes
         around, extremes = team.first(chosen)
-    return share_of(setup, uniform.model, variation, around, extremes, near.conditions, waves, team, topology)
+    share = share_of(setup, uniform.model, variation, around, extremes, near.conditions, waves, team, topology)
+    known = replace(near, rate_limit=extremes.rate_limit, dt=extremes.dt, whole=extremes)
+    return share, Whole(known, setup.sides, team)

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from farhorizon.engine.pieces import Assembly, common, pieces_of, sums_of, take_sums
+from farhorizon.engine.pieces import Assembly, common, pieces_of
 from farhorizon.errors import FileFormatError
 from farhorizon.files.parts import folder_of
 from farhorizon.files.results import read_checkpoint, write_checkpoint
@@ -22,7 +22,9 @@ from farhorizon.simulation.march import March
 from farhorizon.simulation.resume import check_alike
 
 # facts that are others on each process
-_OF_A_BOX = "levels", "memory", "shape", "lower", "held", "cuts", "conditions", "density", "strength", "toughness"
+_OF_A_BOX = (
+    *("levels", "memory", "shape", "lower", "held", "cuts", "conditions", "density", "strength", "toughness", "solid"),
+)
 
 
 def write_state(
@@ -74,6 +76,8 @@ def read_state(path: Path, march: March) -> tuple[int, Arrays, dict[str, Any]]:
             step = march.take(arrays, meta)
     for level in march.parts.grid.engine.levels if jointly else ():
         march.parts.grid.engine.complete(level)  # no file has the halos
+    if jointly and march.parts.phases is not None:
+        march.parts.phases.set(march.parts.phases.steps)
     return step, arrays, meta
 
 
@@ -85,7 +89,8 @@ def _write_jointly(path: Path, march: March, step: int, arrays: Arrays, kept: Ma
         "phase": int(engine.phase),
         "scale": team.largest(march.feed.scale),
         "fingerprint": _facts(march),
-        "sums": team.total(sums_of(engine)),
+        "sums": march.sums(),
+        "first_amounts": {} if march.flow_balance is None else march.flow_balance.first,
         **kept,
     }
     team.by_first(lambda: folder.mkdir(exist_ok=True))
@@ -116,14 +121,14 @@ def _read_jointly(path: Path, march: March, meta: dict[str, Any]) -> int:
             )
         if not state.add(other, read_checkpoint(part)[0]):
             raise _unlike(path)
+    march.team.gather(None)  # of one that lacks a part nothing else comes
     march.go_on(step)
     if not state.put():
         raise _unlike(path)
     grid.engine.phase, grid.engine.steps_done = int(meta["phase"]), step
     if grid.engine.bonds:
         grid.engine.bonds.find_kinds()
-    sums = meta.get("sums", {})
-    take_sums(grid.engine, sums if march.team.number == 0 else dict.fromkeys(sums, 0.0))
+    march.take_sums(meta.get("sums", {}), meta.get("first_amounts", {}))
     march.feed.scale = float(meta["scale"])
     return step
 

@@ -37,8 +37,8 @@ def medium_outside(parts: Parts) -> Scheme:
     InputError
         A medium that ends at some side, or is not linear.
     """
-    near = parts.near
-    ends = [side_name(*key) for key, side in parts.around.sides.items() if not side.endless]
+    near = parts.whole.near
+    ends = [side_name(*key) for key, side in parts.whole.sides.items() if not side.endless]
     if ends:
         raise InputError(
             "the far field is that of a medium without end: what walls, free surfaces and periods send on is not in it",
@@ -250,26 +250,38 @@ def is_around(box: Box, wave: Incident) -> bool:
 def _inner(lattice: Lattice, box: Box, more: np.ndarray) -> np.ndarray:
     """Nodes of the lattice in a box that is smaller by some lengths on each side."""
     found = np.ones(lattice.shape, bool)
-    for axis, low, high in zip(np.ix_(*lattice.axes), box.lower + more, box.upper - more, strict=True):
-        found = found & (axis > low - 1e-6 * lattice.spacing) & (axis < high + 1e-6 * lattice.spacing)
+    for along in np.meshgrid(*_between(lattice, box, more), indexing="ij", sparse=True):
+        found = found & along
     return found
 
 
+def _between(lattice: Lattice, box: Box, more: np.ndarray) -> list[np.ndarray]:
+    """The same along each axis."""
+    close = 1e-6 * lattice.spacing
+    bounds = zip(lattice.axes, box.lower + more - close, box.upper - more + close, strict=True)
+    return [(axis > low) & (axis < high) for axis, low, high in bounds]
+
+
+def _less(parts: Parts, reach: np.ndarray) -> np.ndarray:
+    """By how much the box is smaller whose nodes a step of several stages does not see on its way through a face."""
+    return np.asarray(reach - parts.near.lattice.spacing * np.array(parts.near.stencil.reach))
+
+
 def _core(parts: Parts, box: Box, reach: np.ndarray) -> np.ndarray:
-    """Nodes of the box without those that a step of several stages sees on its way through a face."""
-    lattice = parts.near.lattice
-    return _inner(lattice, box, reach - lattice.spacing * np.array(parts.near.stencil.reach))
+    """The nodes of this smaller box, of this part of the lattice."""
+    return _inner(parts.near.lattice, box, _less(parts, reach))
 
 
 def _check_medium(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> None:
     """No bond through a face, and none outside, knows of cracks, holes, other materials, conditions or metal."""
-    near, lattice = parts.near, parts.near.lattice
+    near, lattice, whole = parts.near, parts.near.lattice, parts.whole.near.lattice
     limit = f"{shown(box.lower + reach)} to {shown(box.upper - reach)}"
     core, deep = _core(parts, box, reach), _inner(lattice, box, reach)
+    along = _between(whole, box, _less(parts, reach))
     for crack in setup.cracks:
-        ends = cut_ends(crack.cut, lattice, near.stencil.offsets)
-        seen = ((ends >= 0) & (ends < lattice.shape)).all(1)
-        if not (seen.all() and core[tuple(ends.T)].all()):
+        ends = cut_ends(crack.cut, whole, near.stencil.offsets)
+        seen = ((ends >= 0) & (ends < whole.shape)).all(1)
+        if not (seen.all() and all(one[at].all() for one, at in zip(along, ends.T, strict=True))):
             raise InputError(
                 "the box of a far field cuts a crack, or lies within one reach of it",
                 value=[np.asarray(bound).tolist() for bound in crack.cut.bounds()],
@@ -278,8 +290,9 @@ def _check_medium(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> No
                 remedy="a larger box, or a shorter crack",
             )
     material = near.material
+    corner = parts.whole.team.first(material.flat[0])
     for wrong, message in (
-        (~deep & ~(material == material.flat[0]), "cuts a hole, the rim of a body or another material"),
+        (~deep & ~(material == corner), "cuts a hole, the rim of a body or another material"),
         (~core & near.conditioned, "leaves out nodes that a condition holds"),
         (~deep & parts.start.solid, "cuts metal"),
     ):
@@ -301,12 +314,13 @@ def _place(lattice: Lattice, where: np.ndarray) -> np.ndarray:
 def _missed(parts: Parts, sizes: np.ndarray, outside: np.ndarray, key: str) -> list[str]:
     """InputError where more lies outside than the sides may miss, a note of what is less."""
     beyond = sizes.reshape(-1, *outside.shape).max(0)
-    peak, missed = float(beyond.max(initial=0)), float(beyond[outside].max(initial=0))
-    target = min(parts.beyond.targets.values())
-    if missed > target * peak:
+    own, team, model = float(beyond[outside].max(initial=0)), parts.whole.team, parts.near.model
+    peak, missed = team.largest(float(beyond.max(initial=0))), team.largest(own)
+    target = min(side.wanted(model.target) for side in parts.whole.sides.values())
+    if own > target * peak:
         raise InputError(
             "not zero outside the box of a far field, which would miss it",
-            value=f"{missed:.3g} at {shown(_place(parts.near.lattice, outside & (beyond == missed)))}",
+            value=f"{own:.3g} at {shown(_place(parts.near.lattice, outside & (beyond == own)))}",
             limit=f"{target * peak:.3g} ({target:g} of the largest)",
             key=key,
             remedy="a larger box, or narrower data",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -125,6 +126,8 @@ class FarField(Recorder):
     (1, 1, 8)
     """
 
+    shared = True
+
     def __init__(
         self,
         box: Box | None = None,
@@ -154,7 +157,7 @@ class FarField(Recorder):
     # --- in a run ----------------------------------------------------------------------------------------------
 
     def begin(self, setup: Setup, parts: Parts) -> Wanted:
-        near = parts.near
+        near = parts.whole.near
         self._lattice, self._background, self._density = near.lattice, near.background, 1 / near.model.source_factor
         self._scheme = medium_outside(parts)
         self.frequencies = checked_frequencies(self._scheme, self.frequencies, "far_field.frequencies")
@@ -168,7 +171,8 @@ class FarField(Recorder):
         if self.points is not None:
             self._receivers(self.points)
         as_directions(self.directions, near.lattice.dim, "far_field.directions")
-        self._parts, self._judged = parts, list[str]()
+        self._parts = replace(parts, whole=replace(parts.whole, near=parts.near))  # all of the medium is not kept
+        self._judged = list[str]()
         self._end = -1  # the last step of the run, once it is known
         self._incident: list[tuple[Any, Region]] = [(one.wave, one.region) for one in parts.incident]
         check_window(near.hidden, self._shell.nodes, self._faces)

@@ -14,6 +14,7 @@ from farhorizon.simulation.drives import Drive
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
+from farhorizon.simulation.team import ALONE, Team
 
 _TABLE = 1 << 20  # numbers in one table of source amplitudes
 
@@ -50,6 +51,8 @@ class Feed:
         Metal, which no source acts on.
     scale : float
         What the initial data explain.
+    team : Team
+        The processes that compute the run.
 
     Attributes
     ----------
@@ -58,9 +61,16 @@ class Feed:
     """
 
     def __init__(
-        self, near: NearField, grid: Grid, drives: Sequence[Drive], phases: SolidAndLiquid | None, scale: float
+        self,
+        near: NearField,
+        grid: Grid,
+        drives: Sequence[Drive],
+        phases: SolidAndLiquid | None,
+        scale: float,
+        team: Team = ALONE,
     ) -> None:
         self.near, self.grid, self.drives, self.phases, self.scale = near, grid, list(drives), phases, scale
+        self._team = team
         self._nodes = grid.indices if self.drives else np.zeros(0, np.int64)
         self._lasting: tuple[np.ndarray, np.ndarray] | None = None  # what `_strengths` finds, where it stays as it is
 
@@ -110,7 +120,8 @@ class Feed:
             if general and self.phases is not None:
                 busy = np.zeros(near.lattice.shape, bool)
                 busy.ravel()[places] = True
-                self.phases.refuse_wet(busy)
+                with self._team.agreed():
+                    self.phases.refuse_wet(busy)
             values = _rows(self._fields(held.drives, held.nodes.shape, step, prescribed_samples), every)
             times = self._amplitudes(held.drives, step, prescribed_samples, held_weights, n)
             engine.advance(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Setup, Sides, side_name
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
+from farhorizon.simulation.team import ALONE, Team
 
 
 class FlowBalance:
@@ -32,15 +34,17 @@ class FlowBalance:
     feed : Feed
     sources : int
         Number of drives that are sources; conditions come after them.
+    team : Team
+        The processes that compute the run; each counts what flows into the nodes of its box.
 
     Attributes
     ----------
     names : list of str
-        Of the accounts.
+        Of the accounts, on all processes.
     powers : ndarray
-        What each drive has brought.
+        What each drive has brought here.
     first : dict of str to float
-        What was there at the start.
+        What was there at the start, on all processes together.
 
     Raises
     ------
@@ -58,6 +62,7 @@ class FlowBalance:
         ends: ExactEnds | None,
         feed: Feed,
         sources: int,
+        team: Team = ALONE,
     ) -> None:
         if near.model.order != 1:
             raise InputError(
@@ -66,12 +71,15 @@ class FlowBalance:
                 key="balance",
             )
         self.near, self.sides, self.grid, self.phases, self.ends, self.feed = near, sides, grid, phases, ends, feed
-        self._setup = setup
+        self._setup, self._team = setup, team
+        outer = [side_name(*key) for key, side in sides.items() if not (side.periodic or side.shared)]
+        every = [name for one in team.gather(outer) for name in one]
+        self._outer = [side_name(*key) for key in sides if side_name(*key) in every]
         self._owners = [f"source[{i}]" for i in range(sources)]
         self._owners += [f"constraint[{i}]" for i, _ in near.conditions.sources]
         self._open()
         self.powers = np.zeros(len(feed.drives))
-        self.first = self._amounts()
+        self.first = team.total(self._amounts())
 
     def reopen(self) -> None:
         """Go on with other bonds, as a crack has opened."""
@@ -85,17 +93,17 @@ class FlowBalance:
         """
         near, grid, engine, lead = self.near, self.grid, self.grid.engine, self.grid.lead
         lattice, rim = near.lattice, self._setup.rim
-        names = [f"constraint[{i}]" for i in range(len(self._setup.constraints))]
+        names = [f"constraint[{i}]" for i in range(len(self._setup.constraints))] + self._outer
         core = np.zeros(engine.core.nodes)
         beyond = {}
         for (axis, side), boundary in self.sides.items():
-            if boundary.periodic:
+            if boundary.periodic or boundary.shared:
                 continue
-            names.append(side_name(axis, side))
-            beyond[lead + axis, side] = float(len(names))
+            number = names.index(side_name(axis, side)) + 1
+            beyond[lead + axis, side] = float(number)
             width = grid.margins[axis, side]
             strip = slice(0, width) if side < 0 else slice(core.shape[lead + axis] - width, None)
-            core[tuple(strip if a == lead + axis else slice(None) for a in range(3))] = len(names)
+            core[tuple(strip if a == lead + axis else slice(None) for a in range(3))] = number
         inner = core[grid.near].reshape(lattice.shape)
         inner.flat[near.conditions.nodes] = near.conditions.owner + 1  # also where it is no whole array
         if lattice.mask is not None and (lattice.body is not None or near.closed is not None):
@@ -105,7 +113,7 @@ class FlowBalance:
                 number = len(names)
             inner[~lattice.mask] = number
         core[grid.near] = inner.reshape(core[grid.near].shape)
-        return names, np.round(engine.spread(core, beyond)).astype(int), inner == 0
+        return names, np.round(engine.spread(core, beyond, jointly=True)).astype(int), inner == 0
 
     def _open(self) -> None:
         """Tell the engine which bonds belong to which account."""
@@ -150,7 +158,7 @@ class FlowBalance:
 
     def _amounts(self) -> dict[str, float]:
         """Sums of the field over the free nodes of the near field: "stored", and "metal" and "dissolved" of a
-        corrosion.
+        corrosion; of the box of this process.
         """
         values = self.grid.view(self.grid.engine.current).reshape(self.near.lattice.shape)
 
@@ -175,13 +183,23 @@ class FlowBalance:
             self.powers[number] += totals[row : row + count].sum()
             row += count
 
+    def sums(self) -> dict[str, float]:
+        """What each drive has brought here, by name."""
+        return {f"power/{number}": float(power) for number, power in enumerate(self.powers)}
+
+    def take_sums(self, given: Mapping[str, float], first: Mapping[str, float]) -> None:
+        """Go on from what `sums` has told, and from what was there at the start."""
+        self.powers[:] = [given[f"power/{number}"] for number in range(len(self.powers))]
+        self.first = dict(first)
+
     def balance(self) -> dict[str, float]:
         """What the near field has gained since the start, and from where; see `farhorizon.Simulation.balance`."""
         lattice = self.near.lattice
         unit = lattice.spacing**lattice.dim / self.near.model.source_factor
-        flows = self.grid.engine.flows.sum(0)
+        flows, powers = self._team.summed(self.grid.engine.flows.sum(0)), self._team.summed(self.powers)
         inflow = {name: unit * float(value) for name, value in zip(self.names, flows, strict=True)}
-        for name, power in zip(self._owners, self.powers, strict=True):
+        for name, power in zip(self._owners, powers, strict=True):
             inflow[name] = inflow.get(name, 0.0) + unit * float(power)
-        gains = {name: unit * (amount - self.first[name]) for name, amount in self._amounts().items()}
+        amounts = self._team.total(self._amounts())
+        gains = {name: unit * (amount - self.first[name]) for name, amount in amounts.items()}
         return {**gains, **inflow, "residual": gains["stored"] - math.fsum(inflow.values())}

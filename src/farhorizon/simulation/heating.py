@@ -17,6 +17,7 @@ from farhorizon.simulation.course import warn
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
+from farhorizon.simulation.team import ALONE, Team
 
 _STRIP = 2  # reaches beside a side in which no bond sees heat, or one of its ends does not
 
@@ -33,6 +34,8 @@ class Heating:
     sides : dict of (axis, side) to Side
     run_of : callable
         Makes a run of a set-up.
+    team : Team
+        The processes that compute the run, which all look at the same steps.
 
     Attributes
     ----------
@@ -46,9 +49,15 @@ class Heating:
     """
 
     def __init__(
-        self, load: ThermalLoad, near: NearField, grid: Grid, sides: Sides, run_of: Callable[[Setup], Any]
+        self,
+        load: ThermalLoad,
+        near: NearField,
+        grid: Grid,
+        sides: Sides,
+        run_of: Callable[[Setup], Any],
+        team: Team = ALONE,
     ) -> None:
-        self.load, self.near, self.grid, self.sides = load, near, grid, sides
+        self.load, self.near, self.grid, self.sides, self._team = load, near, grid, sides, team
         self._expansion = expansion_of(load, near.lattice, near.model, near.lame)
         self._largest, self._told = 0.0, False
         run = RunBeside(load, near.lattice, run_of) if load.of_run(load.temperature) else None
@@ -70,7 +79,7 @@ class Heating:
     @property
     def explained(self) -> float:
         """The displacements that all strains so far explain."""
-        return self._largest * self.near.lattice.spacing * max(self.near.lattice.shape)
+        return self._largest * self.near.lattice.spacing * max(self.near.lattice.whole.shape)
 
     def due(self, step: int) -> bool:
         """Whether there is a look at the temperature before a step."""
@@ -136,16 +145,15 @@ class Heating:
         """Beside sides that are neither free nor periodic no bond knows of heat, nor do those of some nodes more, where
         the medium goes on, know of all of it: the target of it, or `most` where that is more, may be missed.
         """
-        self._largest = max(self._largest, float(np.abs(strains).max(initial=0)))
-        for (axis, side), boundary, cold in cold_strips(self.near, self.sides):
-            wide = min(cold + rise * boundary.endless, strains.shape[axis])
-            strip = np.take(strains, range(wide) if side < 0 else range(-wide, 0), axis)
-            share = float(np.abs(strip).max(initial=0)) / max(self._largest, 1e-300)
-            wanted = boundary.wanted(self.near.model.target) if boundary.endless else self.near.model.target
-            target = max(wanted, most)
+        found = {None: float(np.abs(strains).max(initial=0))} | self._beside(strains, rise, most)
+        every = self._team.gather(found)
+        self._largest = max(self._largest, *(one[None] for one in every))
+        for key in dict.fromkeys(key for one in every for key in one if key is not None):
+            wide, strain, target = max(one[key] for one in every if key in one)
+            share = strain / max(self._largest, 1e-300)
             if share <= target:
                 continue
-            words = f"the temperature near the side {side_name(axis, side)} is not that of the solid free of stress"
+            words = f"the temperature near the side {side_name(*key)} is not that of the solid free of stress"
             if step == 0:
                 raise InputError(
                     words,
@@ -159,6 +167,18 @@ class Heating:
                 warn(
                     f"{words}: from t = {step * self.near.dt:.3g} on {share:.2g} of the largest change is missed there"
                 )
+
+    def _beside(self, strains: np.ndarray, rise: int, most: float) -> dict[Any, Any]:
+        """Of each side that must see no heat how many nodes beside it are looked at, the largest strain of them, and
+        what it may be over the largest of all.
+        """
+        found = {}
+        for (axis, side), boundary, cold in cold_strips(self.near, self.sides):
+            wide = min(cold + rise * boundary.endless, strains.shape[axis])
+            strip = np.take(strains, range(wide) if side < 0 else range(-wide, 0), axis)
+            wanted = boundary.wanted(self.near.model.target) if boundary.endless else self.near.model.target
+            found[axis, side] = wide, float(np.abs(strip).max(initial=0)), max(wanted, most)
+        return found
 
 
 class RunBeside:
@@ -224,11 +244,13 @@ class RunBeside:
 
 
 def cold_strips(near: NearField, sides: Sides) -> list[tuple[Key, Any, int]]:
-    """The sides that are neither free nor periodic, and how many nodes beside each bonds know of no heat."""
+    """The sides that are neither free, periodic nor those of other processes, and beside how many nodes of each bonds
+    know of no heat.
+    """
     return [
         (key, boundary, _STRIP * near.stencil.reach[key[0]])
         for key, boundary in sides.items()
-        if boundary.bonded and not boundary.periodic
+        if boundary.bonded and not boundary.periodic and not boundary.shared
     ]
 
 

@@ -81,6 +81,8 @@ class StressIntensity(Recorder):
     True
     """
 
+    shared = True
+
     def __init__(
         self, tips: Any = None, radii: tuple[float, float] | None = None, every: int = 1, name: str = "stress_intensity"
     ) -> None:
@@ -133,7 +135,7 @@ class StressIntensity(Recorder):
     # --- in a run ----------------------------------------------------------------------------------------------
 
     def begin(self, setup: Setup, parts: Parts) -> Wanted:
-        near = parts.near
+        near = parts.whole.near
         _check_medium(setup, near)
         ends = _ends([crack.cut for crack in setup.cracks], near)
         chosen = range(len(ends)) if self.tips is None else [_nearest(tip, ends, near) for tip in self.tips]
@@ -188,8 +190,9 @@ def _shares(domain: InteractionDomain, parts: Parts, loads: Sequence[Any]) -> tu
     spacing only. So there must be no load: to the field a linear one is added, which has no intensity, and whose
     tractions on the faces are those of the load.
     """
-    near, engine, grid = parts.near, parts.grid.engine, parts.grid
+    near, engine, grid, team = parts.whole.near, parts.grid.engine, parts.grid, parts.whole.team
     lattice, components = near.lattice, engine.components
+    mine = np.flatnonzero(parts.near.lattice.own(np.arange(int(np.prod(lattice.shape))))[0])
     busy = np.abs(domain.loaded).any((0, 2))
     here = domain.nodes[busy]
     linear = np.eye(2 * components).reshape(-1, components, 2)  # gradients of linear fields
@@ -197,8 +200,11 @@ def _shares(domain: InteractionDomain, parts: Parts, loads: Sequence[Any]) -> tu
     def pulled(values: np.ndarray) -> np.ndarray:
         """What the bonds of a field, shape (nodes, components), exert on nodes."""
         level = np.zeros(engine.levels.shape[1], engine.dtype)
-        level[grid.indices] = values.T.reshape(grid.indices.shape)
-        return np.asarray(engine.apply_core(level)[grid.indices]).reshape(components, -1).T
+        level[grid.indices] = values[mine].T.reshape(grid.indices.shape)
+        if team:
+            engine.complete(level)
+        found = np.asarray(engine.apply_core(level)[grid.indices], float).reshape(components, -1).T
+        return team.completed(found, mine, len(values), 0)
 
     grid_points = np.stack(lattice.coordinates(), axis=-1).reshape(-1, 2)
     total = np.zeros((len(grid_points), len(domain.modes), components))
@@ -211,7 +217,9 @@ def _shares(domain: InteractionDomain, parts: Parts, loads: Sequence[Any]) -> tu
     often = np.sqrt(1 / np.maximum(at_tip, lattice.spacing / 2))[:, None]
     forces = np.array([pulled((grid_points - domain.tip) @ gradient.T)[here] for gradient in linear])
     table = (forces / near.model.source_factor * often).reshape(len(linear), -1).T
-    wanted = [(np.asarray(load, float).reshape(components, -1).T[here] * often).ravel() for load in loads]
+    inside, own = parts.near.lattice.own(here)
+    on_nodes = [np.asarray(load, float).reshape(components, -1).T[own] for load in loads]
+    wanted = [(team.completed(load, np.flatnonzero(inside), len(here), 0) * often).ravel() for load in on_nodes]
     columns = np.array(wanted).reshape(len(loads), len(table)).T
     fitted = np.linalg.lstsq(table, columns, rcond=_UNEVEN)[0]  # (fields, loads)
     of_linear = np.einsum("nkc,mcb,nb->mk", total, linear, grid_points - domain.tip)
@@ -301,7 +309,7 @@ def _edges(parts: Parts) -> tuple[np.ndarray, np.ndarray]:
     """Between which the field is the whole one: those of the near field, and of the boxes of incident waves, outside of
     which is what they scatter alone.
     """
-    lattice, regions = parts.near.lattice, [one.region for one in parts.incident]
+    lattice, regions = parts.whole.near.lattice, [one.region for one in parts.incident]
     lower = np.max([lattice.lower, *(lattice.lower + lattice.spacing * region.first for region in regions)], axis=0)
     upper = np.min([lattice.upper, *(lattice.lower + lattice.spacing * region.last for region in regions)], axis=0)
     return lower, upper

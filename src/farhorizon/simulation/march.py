@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from farhorizon.engine.pieces import sums_of, take_sums
 from farhorizon.inputs.thermal_loads import of_the_heat
 from farhorizon.simulation.assembly import Parts, assemble
 from farhorizon.simulation.checkpoint import Arrays, state_of, take_rest, take_state
@@ -70,7 +71,7 @@ class March:
         held = [abs(b.held - near.background) for b in sides.values() if b.held is not None]
         self._begun = begun(start, parts.incident)
         largest = float(np.abs(self._begun.u).max()), float(np.abs(self._begun.v).max()) * near.dt
-        self.feed = Feed(near, grid, parts.driving, parts.phases, max([*largest, 1e-300, *held]))
+        self.feed = Feed(near, grid, parts.driving, parts.phases, max([*largest, 1e-300, *held]), team)
         self._motion = Motion(near, grid, parts.ends, self.feed.force)
         self.heating = self._heating(run_of)
         self._lay_start()
@@ -83,7 +84,7 @@ class March:
             self.first_energy = sum(found.get(name, 0.0) for name in ("kinetic", "strain", "thermal"))
         elif setup.balance:
             count = len(parts.drives.sources)
-            self.flow_balance = FlowBalance(setup, near, sides, grid, parts.phases, parts.ends, self.feed, count)
+            self.flow_balance = FlowBalance(setup, near, sides, grid, parts.phases, parts.ends, self.feed, count, team)
         self._find_margin()
 
     def _heating(self, run_of: Callable[[Setup], Any]) -> Heating | None:
@@ -92,7 +93,7 @@ class March:
         if load is None:
             return None
         if not load.coupled:
-            return Heating(load, near, grid, sides, run_of)
+            return Heating(load, near, grid, sides, run_of, self.team)
 
         def driven(setup: Setup, source: Callable[[float], np.ndarray]) -> March:
             with of_the_heat():
@@ -242,8 +243,24 @@ class March:
             arrays, meta = arrays | more, meta | facts
         return arrays, meta | {"step": step, "scale": self.feed.scale}
 
+    def sums(self) -> dict[str, float]:
+        """What has been added up on the way, of all processes."""
+        balance = self.flow_balance
+        found = sums_of(self.parts.grid.engine) | ({} if balance is None else balance.sums())
+        return self.team.total(found)
+
+    def take_sums(self, given: Mapping[str, float], first: Mapping[str, float]) -> None:
+        """Go on adding up from what `sums` has told, of which the first process takes all, and from the amounts at the
+        start.
+        """
+        own = given if self.team.number == 0 else dict.fromkeys(given, 0.0)
+        take_sums(self.parts.grid.engine, own)
+        if self.flow_balance is not None:
+            self.flow_balance.take_sums(own, first)
+
     def go_on(self, step: int) -> None:
-        """Hold, and cut, what is to be at a step of a state that was put together from those of several processes."""
+        """Warm, hold and cut what is to be at a step of a state that was put together from those of processes."""
+        self._warm(step)
         self.feed.hold(step)
         self.open_cracks(step)
 

@@ -103,7 +103,7 @@ class RunResults:
             "components": {name: len(values) if values.ndim > lattice.dim else 1 for name, values in held.items()},
         }
         accounts = list(run.balance()) if run.given.get("balance") else []
-        boxes = team.gather(_box_of(run))
+        boxes, regions = team.gather(_box_of(run)), regions_of(run, materials)
         writer = team.by_first(
             lambda: ResultsWriter.create(
                 path,
@@ -115,7 +115,7 @@ class RunResults:
                 units=units,
                 provenance={**(command or {}), **dict(computed_with())},
                 outlines=outlines_of(run),
-                regions=regions_of(run, materials),
+                regions=regions,
                 boxes=boxes if team else (),
                 **alike,
             )

@@ -81,6 +81,8 @@ class PowerThrough(Recorder):
     True
     """
 
+    shared = True
+
     def __init__(self, surfaces: Any, frequencies: Any = (), name: str = "power") -> None:
         alone = isinstance(surfaces, Shape) or (
             isinstance(surfaces, tuple) and bool(surfaces) and isinstance(surfaces[0], str)
@@ -152,11 +154,8 @@ class PowerThrough(Recorder):
     def begin(self, setup: Setup, parts: Parts) -> Wanted:
         _check_bonds(setup, parts)
         check_frequencies(self.frequencies, parts.near, "power.frequencies")
-        lattice = parts.near.lattice
-        bonds = [
-            _crossing(parts, *(_within(one, lattice) if isinstance(one, Shape) else _before(one, lattice)))
-            for one in self.surfaces
-        ]
+        lattice = parts.whole.near.lattice
+        bonds = [_crossing(parts, *_side_of(one, parts)) for one in self.surfaces]
         nodes = np.unique(np.concatenate([ends.ravel() for ends, _ in bonds]))
         self.points = np.array([_middle(lattice, nodes) for nodes, _ in bonds])
         self._dt = parts.near.dt
@@ -188,29 +187,40 @@ class PowerThrough(Recorder):
             self._sums.take({name[5:]: array for name, array in state.items() if name.startswith("sums.")})
 
 
-def _within(region: Shape, lattice: Lattice) -> tuple[np.ndarray, None]:
-    """Nodes in a region, of the lattice's shape; it has no plane."""
-    inside = np.asarray(region.contains(np.stack(lattice.coordinates(), axis=-1)))
-    if not inside.any():
+def _side_of(surface: Any, parts: Parts) -> tuple[np.ndarray, int | None]:
+    """Which nodes of this part of the lattice, and within one reach around it, lie in a region or before a plane, and
+    the axis that the plane is normal to; across the sides of the whole lattice it repeats itself.
+
+    Raises
+    ------
+    InputError
+        No node in the region, no such plane.
+    """
+    part, lattice, team = parts.near.lattice, parts.whole.near.lattice, parts.whole.team
+    more = parts.near.stencil.reach
+    around = [
+        np.arange(first - m, first + n + m) % count
+        for first, n, m, count in zip(part.first, part.shape, more, lattice.shape, strict=True)
+    ]
+    if not isinstance(surface, Shape):
+        try:
+            axis, row = plane(lattice, *surface)
+        except InputError as error:
+            raise error.at("power.surfaces") from None
+        others = [a for a in range(lattice.dim) if a != axis]
+        shape = [len(along) for along in around]
+        return np.broadcast_to(np.expand_dims(around[axis] <= row, others), shape), axis
+    axes = [along[places] for along, places in zip(lattice.axes, around, strict=True)]
+    inside = np.asarray(surface.contains(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)))
+    if not team.any(bool(inside[tuple(slice(m, -m or None) for m in more)].any())):
         raise InputError(
             "no node of the near field lies in the region",
-            value=repr(region),
+            value=repr(surface),
             limit=f"{shown(lattice.lower)} to {shown(lattice.upper)}",
             key="power.surfaces",
             remedy="move it inside or enlarge the lattice",
         )
     return inside, None
-
-
-def _before(surface: Any, lattice: Lattice) -> tuple[np.ndarray, int]:
-    """Nodes before a plane, of the lattice's shape, and the axis that it is normal to."""
-    try:
-        axis, row = plane(lattice, *surface)
-    except InputError as error:
-        raise error.at("power.surfaces") from None
-    before = np.arange(lattice.shape[axis]) <= row
-    others = [a for a in range(lattice.dim) if a != axis]
-    return np.broadcast_to(np.expand_dims(before, others), lattice.shape), axis
 
 
 def _check_bonds(setup: Setup, parts: Parts) -> None:
@@ -228,7 +238,7 @@ def _check_bonds(setup: Setup, parts: Parts) -> None:
         wrong = "the weights of bonds are no symmetric matrices", receivers
     elif parts.near.variation.moduli is not None:
         wrong = "the power of forces by states is known where the moduli are the same everywhere", receivers
-    elif engine.passes is not None and engine.absent.count:
+    elif engine.passes is not None and parts.whole.team.any(engine.absent.count > 0):
         message = "the power of forces by states is known where all bonds are there: no free sides, holes or cracks"
         wrong = message, receivers
     if wrong is not None:
@@ -248,29 +258,37 @@ def _bonds(parts: Parts) -> tuple[np.ndarray, np.ndarray]:
 
 def _crossing(parts: Parts, inside: np.ndarray, normal: int | None) -> tuple[np.ndarray, np.ndarray]:
     """Bonds of the near field from nodes inside to nodes that are not, and what is left of their weights: flat indices
-    (bonds, 2), weights (bonds, c, c).
+    (bonds, 2), weights (bonds, c, c). Each process looks at those of its nodes.
 
     Bonds across periodic sides are among them, but along the normal of a plane, which they do not cross.
+
+    Parameters
+    ----------
+    parts : Parts
+    inside : ndarray of bool
+        Of the nodes of this part and within one reach around it.
+    normal : int or None
 
     Raises
     ------
     InputError
         Of a closed surface, if bonds lead from nodes inside beyond the near field.
     """
-    grid, engine, lattice = parts.grid, parts.grid.engine, parts.near.lattice
-    shape, flat = np.array(lattice.shape), np.flatnonzero(inside)
-    index, places = np.stack(np.unravel_index(flat, lattice.shape), axis=-1), grid.nodes.ravel()
-    wraps = np.array([parts.around.sides[a, -1].periodic and a != normal for a in range(lattice.dim)])
-    ends, found = [np.zeros((0, 2), np.int64)], [np.zeros((0, engine.components, engine.components))]
-    for offset, weight in zip(*_bonds(parts), strict=True):
-        there = index + offset[grid.lead :]
-        there = np.where(wraps, there % shape, there)
+    grid, engine, part, lattice = parts.grid, parts.grid.engine, parts.near.lattice, parts.whole.near.lattice
+    more, shape = np.array(parts.near.stencil.reach), np.array(lattice.shape)
+    own = np.argwhere(inside[tuple(slice(m, -m or None) for m in more)])
+    index, here = own + np.array(part.first), grid.nodes.reshape(part.shape)[tuple(own.T)]
+    wraps = np.array([parts.whole.sides[a, -1].periodic and a != normal for a in range(lattice.dim)])
+    ends, found = [np.zeros((0, 3), np.int64)], [np.zeros((0, engine.components, engine.components))]
+    for number, (offset, weight) in enumerate(zip(*_bonds(parts), strict=True)):
+        step = offset[grid.lead :]
+        there = np.where(wraps, (index + step) % shape, index + step)
         near = ((there >= 0) & (there < shape)).all(axis=1)
-        other = np.ravel_multi_index(tuple(np.where(near[:, None], there, 0).T), lattice.shape)
-        crosses = near & ~inside.ravel()[other]
+        crosses = near & ~inside[tuple((own + more + step).T)]
         beyond = ~near & (normal is None)
-        here = places[flat]
-        left = bonds_left(engine, here, here + int(offset @ np.array(engine.core.stride)), weight)
+        left = np.ones(len(here))  # of those by states, which reach farther than one pass, none is absent
+        if engine.passes is None:
+            left = bonds_left(engine, here, here + int(offset @ np.array(engine.core.stride)), weight)
         if (left[beyond] > 0).any():
             raise InputError(
                 "bonds lead out of the region beyond the near field",
@@ -280,9 +298,13 @@ def _crossing(parts: Parts, inside: np.ndarray, normal: int | None) -> tuple[np.
                 remedy="a smaller region or a larger near field",
             )
         kept = crosses & (left > 0)
-        ends.append(np.stack([flat[kept], other[kept]], axis=-1))
+        pair = (np.ravel_multi_index(tuple(one[kept].T), lattice.shape) for one in (index, there))
+        ends.append(np.stack([*pair, np.full(kept.sum(), number)], axis=-1))
         found.append(left[kept, None, None] * weight.reshape(engine.components, engine.components))
-    return np.concatenate(ends), np.concatenate(found)
+    every = parts.whole.team.gather((np.concatenate(ends), np.concatenate(found)))
+    bonds, weights = (np.concatenate(one) for one in zip(*every, strict=True))
+    order = np.lexsort((bonds[:, 0], bonds[:, 2]))  # that of one process
+    return bonds[order, :2], weights[order]
 
 
 def _form(ends: np.ndarray, weights: np.ndarray, count: int) -> csr_array:

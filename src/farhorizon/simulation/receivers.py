@@ -170,8 +170,8 @@ class Receivers(Recorder):
     # --- in a run ----------------------------------------------------------------------------------------------
 
     def begin(self, setup: Setup, parts: Parts) -> Wanted:
-        near = parts.near
-        lattice = near.lattice.whole
+        near = parts.whole.near
+        lattice = near.lattice
         self._check_model(near)
         self.points = as_points(self.points, lattice.dim, "receivers.points")
         derived = any(QUANTITIES[name].derived for name in self.record)

@@ -67,7 +67,7 @@ class Recording:
         known = self.doubts
         self._wanted: list[Wanted] = []
         for one in self.recorders:
-            with self._naming(one):
+            with self._naming(one), team.agreed():
                 self._wanted.append(one.begin(setup, parts))
         for text in self.doubts:
             if text not in known:  # the recorders of a run that is made anew have told it
@@ -159,8 +159,9 @@ class Recording:
 
     def foresee(self, until: float, steps: int) -> None:
         """Let the recorders look at a run to a time, of so many steps in all."""
-        for one in self.recorders:
-            one.foresee(until, steps)
+        with self._team.agreed():
+            for one in self.recorders:
+                one.foresee(until, steps)
 
     def allow(self, step: int, wanted: int) -> int:
         """How many of the wanted steps to make from one on: to where a recorder has to see the run; so few that what is
@@ -193,9 +194,10 @@ class Recording:
         near, engine = self._near, self._grid.engine
         own, which = self._own_probed
         values = engine.seen[:, : self._width(own)] + near.background
-        found = self._team.completed(_by_component(values, engine.components), which, len(self._probed), 1)
+        values = _by_component(values, engine.components)
         if near.hidden is not None:
-            found[:, near.hidden.ravel()[self._probed]] = np.nan
+            values[:, near.hidden.ravel()[own]] = np.nan
+        found = self._team.completed(values, which, len(self._probed), 1)
         return np.asarray(found[..., 0] if engine.components == 1 else found)
 
     @property

@@ -17,9 +17,10 @@ from farhorizon.geometry.decomposition import Decomposition, decompose
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.conditions import Conditions
 from farhorizon.inputs.incidence import Incident
-from farhorizon.inputs.loads import Traction, force_density
-from farhorizon.inputs.pressure import Pressure
+from farhorizon.inputs.loads import BodyForce, Traction, force_density
+from farhorizon.inputs.pressure import Pressure, pressing_force
 from farhorizon.inputs.sources import Source
+from farhorizon.inputs.specimens import check_held
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
@@ -89,8 +90,11 @@ class Share:
         return " x ".join(map(str, self.decomposition.topology))
 
     def check_places(self, team: Team) -> None:
-        """Refuse forces on sides that act on no node of any process."""
+        """Refuse forces on sides that act on no node of any process, and metal on none."""
         part, sides = self.setup.lattice, self.setup.sides
+        for number, specimen in enumerate(self.setup.specimens):
+            key = f"specimen[{number}]"
+            check_held(team.any(bool(specimen.nodes(part, key).any())), key)
         for number, load in enumerate(self.setup.loads):
             key = f"load[{number}]"
             if isinstance(load, Traction) and not team.any(bool(force_density(load, part, sides, key).any())):
@@ -168,7 +172,8 @@ def share_of(
         sources=tuple(
             replace(one, value=own(one.value)) if isinstance(one, Source) else own(one) for one in setup.sources
         ),
-        loads=tuple(replace(one, value=own(one.value)) for one in setup.loads if not isinstance(one, ThermalLoad)),
+        specimens=tuple(replace(one, where=own(one.where)) for one in setup.specimens),
+        loads=tuple(_load_on(part, one, number, setup, model) for number, one in enumerate(setup.loads)),
     )
     good_for = min((found.until for found in around.thickness.values()), default=np.inf)
     kept = model, variation.part(part.within), whole, around.coefficients, conditions.part(part), waves
@@ -211,6 +216,19 @@ def _part(value: Any, lattice: Lattice, within: tuple[slice, ...]) -> Any:
     return value
 
 
+def _load_on(
+    part: Lattice, load: BodyForce | Traction | Pressure | ThermalLoad, number: int, setup: Setup, model: LatticeModel
+) -> BodyForce | Traction | ThermalLoad:
+    """A load on a part of the lattice; a pressure, which looks at both sides of its faces, as the forces that it is."""
+    lattice = setup.lattice
+    if isinstance(load, Pressure):
+        periodic = {axis: setup.sides[axis, -1].periodic for axis in range(lattice.dim)}
+        force = pressing_force(load, part, model, setup.cracks, setup.rim, periodic, f"load[{number}]")
+        return BodyForce(list(force), load.time)
+    names = ("temperature", "expansion") if isinstance(load, ThermalLoad) else ("value",)
+    return replace(load, **{name: _part(getattr(load, name), lattice, part.within) for name in names})
+
+
 def _missing(what: str, key: str) -> InputError:
     return InputError(f"{what} are not computed on several processes yet", key=key, remedy="one process")
 
@@ -222,17 +240,13 @@ def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
     ------
     InputError
     """
-    model, lattice = setup.model, setup.lattice
+    lattice = setup.lattice
     recorders = [one for one in observers if isinstance(one, Recorder) and not one.shared]
     varies = _varies(setup)
     refused = [
         (f"recorders of the kind {type(recorders[0]).__name__}" if recorders else "", "observe", bool(recorders)),
-        ("thermal loads", "load", setup.heat is not None),
-        ("corrosion and its specimens", "model", model.dissolution is not None),
+        ("thermal loads of a run", "load", setup.heat is not None and setup.heat.of_run(setup.heat.temperature)),
         ("sponges beside media that vary", "boundary", varies and any(b.damped for b in setup.sides.values())),
-        ("windows", "lattice.window", lattice.window is not None),
-        ("balances of what diffuses", "output.balance", setup.balance and not model.mechanical),
-        ("pressures on faces", "load", any(isinstance(one, Pressure) for one in setup.loads)),
     ]
     for what, key, given in refused:
         if given:

@@ -67,6 +67,8 @@ class ShellRecorder(Recorder):
     True
     """
 
+    shared = True
+
     def __init__(self, box: Box | None = None, name: str = "shell") -> None:
         self.box = None if box is None else kinds.instance(box, _KEY, Box, "a Box")
         self.name = recorder_name(name)
@@ -102,7 +104,7 @@ class ShellRecorder(Recorder):
     # --- in a run ----------------------------------------------------------------------------------------------
 
     def begin(self, setup: Setup, parts: Parts) -> Wanted:
-        near, law = parts.near, parts.near.model.bond_law
+        near, law = parts.whole.near, parts.near.model.bond_law
         if not isinstance(near.model.integrator, Verlet) or (law is not None and law.nonlinear):
             raise InputError(
                 "waves for another run are those of linear bonds and of second order",
@@ -111,7 +113,7 @@ class ShellRecorder(Recorder):
                 limit="Wave or Elastic with linear bonds",
                 remedy="Receivers for other models",
             )
-        ends = ends_of(parts.around.sides)
+        ends = ends_of(parts.whole.sides)
         box = resolved_box(self.box, near.lattice, near.stencil.reach, ends, _KEY)
         scheme = scheme_of(near, 1.0)
         region = region_of(box, near.lattice, scheme, [end for end, free in ends.items() if free])
@@ -154,7 +156,7 @@ def _factor(setup: Setup, parts: Parts, nodes: np.ndarray) -> float:
     """What the bonds at the nodes of a shell are multiplied with: no crack, hole or other material, and no condition,
     is there.
     """
-    near, lattice = parts.near, parts.near.lattice
+    near, lattice = parts.whole.near, parts.whole.near.lattice
     on = np.zeros(lattice.shape, bool)
     on[tuple(nodes.T)] = True
     material = near.material[on]
@@ -176,24 +178,28 @@ def _factor(setup: Setup, parts: Parts, nodes: np.ndarray) -> float:
 
 def _check_rest(parts: Parts, region: Region) -> list[str]:
     """Refuse data and sources inside a box; returns notes of what cannot be known."""
-    inside = np.zeros(parts.near.lattice.shape, bool)
-    inside[tuple(region.nodes.T)] = True
+    part, largest = parts.near.lattice, parts.whole.team.largest
+    inside = np.zeros(part.shape, bool)
+    ends = zip(region.first, region.last, part.first, strict=True)
+    inside[tuple(slice(max(low - first, 0), max(high + 1 - first, 0)) for low, high, first in ends)] = True
     for key, values in [("initial.u", parts.start.u), ("initial.v", parts.start.v)] + [
         ("source", space) for space, _ in parts.drives.sources if space is not None
     ]:
         sizes = np.abs(values).reshape(-1, *inside.shape).max(0)
-        if sizes[inside].max() > _ROUNDING * max(float(sizes.max()), 1e-300):
+        most, within = largest(float(sizes.max())), largest(float(sizes[inside].max(initial=0)))
+        if within > _ROUNDING * max(most, 1e-300):
             raise InputError(
                 "does not begin at rest in the box whose shell is recorded: the waves of another run come into it"
                 if key != "source"
                 else "acts inside the box whose shell is recorded: the waves of another run come into it",
-                value=f"{sizes[inside].max():.3g}",
-                limit=f"{_ROUNDING:g} of the largest value, {sizes.max():.3g}",
+                value=f"{within:.3g}",
+                limit=f"{_ROUNDING:g} of the largest value, {most:.3g}",
                 key=key,
                 remedy="a smaller box, or data farther away",
             )
     for one in parts.incident:
-        if inside[tuple(one.region.shell.nodes.T)].any() or not one.passage.rests:
+        nodes = one.region.shell.nodes
+        if ((nodes >= region.first) & (nodes <= region.last)).all(1).any() or not one.passage.rests:
             raise InputError(
                 "an incident wave comes in inside the box whose shell is recorded",
                 value="its box reaches into this one",

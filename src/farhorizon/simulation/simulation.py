@@ -182,7 +182,7 @@ class Simulation(Run):
         self.share: Share | None = None
         with team.agreed():
             if team:
-                self.share = shared(setup, team, topology, observe)
+                self.share, whole = shared(setup, team, topology, observe)
                 setup = self.share.setup
             self.parts = parts = assemble(setup, None, team, self.share)
         near, around = parts.near, parts.around
@@ -205,8 +205,10 @@ class Simulation(Run):
         self._end = 0.0  # of the run, as far as it is known
         self._incident_notes: list[str] = []
         self._settling = Settling(parts.autos, [key for key, b in self.sides.items() if b.open_ended])
-        self.resting = self._march = March(setup, parts, self.of, team)
-        self._recording = Recording(setup, parts, self.recorders, team)
+        with team.agreed():
+            self.resting = self._march = March(setup, parts, self.of, team)
+        seen = replace(parts, whole=whole) if team else parts  # nobody holds on to what all have
+        self._recording = Recording(setup, seen, self.recorders, team)
 
     # --- running -----------------------------------------------------------------------------------------------
 
@@ -284,9 +286,10 @@ class Simulation(Run):
                 scale = self.team.largest(march.feed.scale)
                 place = origin, self.lattice.spacing, scale, self.step_count, self.time
                 refuse_explosion(values, *place, lambda: likely_cause(self))
-            warning = None if self.parts.phases is None or self.cautions else self.parts.phases.warning()
-            if warning is not None:
-                say_doubt(self, "supersaturated", warning)
+            if self.parts.phases is not None and self.setup.specimens and not self.cautions:
+                warning = self.parts.phases.warning(self.team.largest(self.parts.phases.most))
+                if warning is not None:
+                    say_doubt(self, "supersaturated", warning)
             look_at(self, march.margin, march.every, self.engine.current)
 
     def _watch(self, nodes: np.ndarray) -> None:

@@ -85,12 +85,16 @@ class SolidAndLiquid:
                 remedy="keep sources and conditions in the liquid",
             )
 
-    def warning(self) -> str | None:
-        """What is said where the liquid holds more than can be dissolved in it; None where it does not."""
-        if not self.first.any():
-            return None
+    @property
+    def most(self) -> float:
+        """The most that the liquid holds, over what can be dissolved in it."""
         liquid = np.where(self.solid, -np.inf, self.grid.view(self.grid.engine.current).reshape(self.first.shape))
-        most = float(liquid.max()) / (self.dissolution.saturation - self.background)
+        return float(liquid.max()) / (self.dissolution.saturation - self.background)
+
+    def warning(self, most: float) -> str | None:
+        """What is said where the liquid of the whole run holds so much more than can be dissolved in it; None where it
+        does not.
+        """
         if most <= 1 + _SUPERSATURATED:
             return None
         remedy = (

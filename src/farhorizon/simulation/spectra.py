@@ -79,6 +79,8 @@ class Spectra(Recorder):
     True
     """
 
+    shared = True
+
     def __init__(
         self,
         where: Any,
@@ -131,7 +133,7 @@ class Spectra(Recorder):
     # --- in a run ----------------------------------------------------------------------------------------------
 
     def begin(self, setup: Setup, parts: Parts) -> Wanted:
-        near = parts.near
+        near = parts.whole.near
         lattice = near.lattice
         for name in self.record:
             kinds.one_of(
@@ -144,8 +146,7 @@ class Spectra(Recorder):
         self._check_stride(near)
         nodes = None
         if self._plane or isinstance(self.where, Shape):
-            inside = _on_plane(self.where, lattice) if self._plane else _in_region(self.where, lattice)
-            nodes = _nodes(inside, self.where, lattice)
+            nodes = _nodes(self.where, self._plane, parts)
         if nodes is None:
             self.points = as_points(self.where, lattice.dim, "spectra.where")
         else:
@@ -255,15 +256,18 @@ def _on_plane(plane: tuple[str, float], lattice: Lattice) -> np.ndarray:
     """Which nodes belong to the layer of nodes nearest to a plane, of the lattice's shape."""
     axis, position = plane
     number = AXES.index(kinds.one_of(axis, "spectra.where", AXES[: lattice.dim], "the lattice has no such axis"))
-    place = (kinds.number(position, "spectra.where") - lattice.lower[number]) / lattice.spacing
-    return np.asarray(np.indices(lattice.shape)[number] == np.round(place))
+    place = (kinds.number(position, "spectra.where") - lattice.whole.lower[number]) / lattice.spacing
+    return np.asarray(np.indices(lattice.shape)[number] + lattice.first[number] == np.round(place))
 
 
-def _nodes(inside: np.ndarray, where: Any, lattice: Lattice) -> np.ndarray:
-    """Flat indices of the nodes of the near field among some; InputError if there is none."""
-    if lattice.mask is not None:
-        inside = inside & lattice.mask
-    if not inside.any():
+def _nodes(where: Any, is_plane: bool, parts: Parts) -> np.ndarray:
+    """Flat indices of the nodes of the near field in a region or on a plane; InputError if there is none."""
+    part, lattice = parts.near.lattice, parts.whole.near.lattice
+    inside = _on_plane(where, part) if is_plane else _in_region(where, part)
+    if part.mask is not None:
+        inside = inside & part.mask
+    nodes = parts.whole.numbers(inside, part)
+    if not nodes.size:
         raise InputError(
             "no node of the near field lies in the region, or on the plane",
             value=repr(where),
@@ -271,4 +275,4 @@ def _nodes(inside: np.ndarray, where: Any, lattice: Lattice) -> np.ndarray:
             key="spectra.where",
             remedy="move it inside or enlarge the lattice",
         )
-    return np.flatnonzero(inside)
+    return nodes
