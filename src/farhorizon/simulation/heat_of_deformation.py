@@ -35,6 +35,7 @@ from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.heating import Heating, check_known, cold_strips
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Setup, Sides
+from farhorizon.simulation.team import ALONE
 
 _RISE = 12  # nodes over which the expansion rises from nothing beside a side that continues the medium without heat
 _NAMES = ("now", "before", "traces")
@@ -63,7 +64,7 @@ class HeatOfDeformation(Heating):
         sides: Sides,
         march_of: Callable[[Setup, Callable[[float], np.ndarray]], Any],
     ) -> None:
-        self.load, self.near, self.grid, self.sides = load, near, grid, sides
+        self.load, self.near, self.grid, self.sides, self._team = load, near, grid, sides, ALONE
         assert near.coupling is not None and load.reference is not None
         self._coupling, self._zero = near.coupling, load.reference
         self._whole = expansion_of(load, near.lattice, near.model, near.lame)
