@@ -558,6 +558,9 @@ def refused():
         ),
         "window, closed": lambda: fh.Setup(fh.Lattice(0.3, window=fh.Disc(5.0, (0.0, 0.0))), WAVE, fh.Higdon(2)),
         "layers": lambda: plane(sides=fh.Higdon(2)),
+        "exact": lambda: fh.Setup(lattice(61), WAVE, fh.Exact(), {"u": pulse(1)}),
+        "extended": lambda: plane(sides=fh.Extended()),
+        "auto": lambda: plane(sides=fh.Auto()),
         "derivatives": lambda: fh.Setup(
             fh.Lattice(0.3, (-3, -3), (3, 3)), fh.Correspondence(KERNEL, 1.0, 0.3), fh.NonlocalPML(6)
         ),
@@ -565,7 +568,9 @@ def refused():
         told = ""
         observe = [Unshared([(0.0, 0.0)], [0.1])] if what == "unshared" else []
         try:
-            fh.Simulation.of(make(), observe, communicator=WORLD, topology=[WORLD.size, 1]).step(3)
+            setup = make()
+            topology = [WORLD.size, 1][: setup.lattice.dim]
+            fh.Simulation.of(setup, observe, communicator=WORLD, topology=topology).step(3)
         except fh.InputError as error:
             told = str(error)
         yield {"refused": what, "told": WORLD.gather(told)}

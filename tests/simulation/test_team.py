@@ -101,6 +101,8 @@ def test_fields_are_those_of_one_process(told, processes, arguments):
         words = {"too many": "so many", "one alone": "finite", "unshared": "Unshared"}
         words |= {"wet": "acts on solid nodes", "no metal": "a specimen holds no node"}
         words |= {"hot": "free of stress", "heat of a run": "thermal loads of a run"}
+        words |= {"layers": "nodes along the outline", "exact": "whole past", "derivatives": "remembered on all nodes"}
+        words |= dict.fromkeys(("extended", "auto"), "the domain grows")
         words |= {"no node": "a constraint holds no node", "no load": "the traction meets no node"}
         assert len(set(line["told"])) == 1, line  # the same on all
         assert words.get(line["refused"], "LatticePML") in line["told"][0], line
