@@ -7,9 +7,13 @@ Each part starts programs one after the other, round by round, and prints median
   process. Target: processes reach 95 % of what threads reach, and the exchange takes 5 % of a step.
 - strong: waves in 100^3 nodes with layers, one thread over two processes of one. Target: 1.8.
 
-It says how many bytes a process sends in each step. Both want a quiet machine.
+- messages: what one message takes between two processes, in both directions at once, packed and unpacked: the least
+  of many times for messages of 168 bytes and of 24 MB. `check --details` predicts efficiencies from them
+  (`farhorizon.simulation.sent`).
 
-Run: ``python benchmarks/scaling.py [weak] [strong] [--quick] [--rounds N]``; it needs mpi4py and mpiexec.
+It says how many bytes a process sends in each step. All want a quiet machine.
+
+Run: ``python benchmarks/scaling.py [weak] [strong] [messages] [--quick] [--rounds N]``; it needs mpi4py and mpiexec.
 """
 
 from __future__ import annotations
@@ -57,6 +61,42 @@ def measure(kind: str, size: int, dim: int, threads: int, parts: int) -> None:
         print(json.dumps(facts), flush=True)
 
 
+def measure_messages(size: int) -> None:
+    """Print the bytes of a message along a line of so many nodes, and the least time that one takes, in seconds."""
+    from mpi4py import MPI
+
+    import farhorizon as fh
+
+    world = MPI.COMM_WORLD
+    lattice = fh.Lattice(1.0, [0.0, 0.0], [13.0, size - 1.0])
+    sides = {"x": fh.Periodic(), "y": fh.Fixed()}
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(3.0)), sides, threads=1, communicator=world, topology=[2, 1])
+    exchange, level = sim.engine.exchange, sim.engine.current
+    assert exchange is not None
+    count, least = max(1, 20_000 // size), float("inf")
+    for _ in range(40):
+        world.Barrier()
+        began = time.perf_counter()
+        exchange.fill(level, 1, count)
+        least = min(least, (time.perf_counter() - began) / count / 2)  # one to either side
+    seconds = world.allreduce(least, MPI.MAX)
+    if world.rank == 0:
+        print(json.dumps({"bytes": exchange.volume(1) / 2, "seconds": seconds}), flush=True)
+
+
+def messages(rounds: int) -> None:
+    """Latency and bandwidth."""
+    found = []
+    for size in (7, 1_000_000):
+        every = [started(2, "messages", size) for _ in range(rounds)]
+        found.append((every[0]["bytes"], median(one["seconds"] for one in every)))
+    (few, latency), (many, long) = found
+    print(
+        f"messages between two processes: one of {few:.0f} bytes takes {1e6 * latency:.3g} us, one of {many:.0f} bytes "
+        f"{1e3 * long:.3g} ms: {1e-9 * (many - few) / (long - latency):.3g} GB/s"
+    )
+
+
 def started(processes: int, *words: object) -> dict[str, float]:
     """What `measure` prints on so many processes."""
     command = ["mpiexec", "-n", str(processes), sys.executable, __file__, "--measure", *map(str, words)]
@@ -92,11 +132,14 @@ def strong(size: int, rounds: int) -> None:
 
 def main() -> None:
     """The command line."""
+    if sys.argv[1:3] == ["--measure", "messages"]:
+        measure_messages(int(sys.argv[3]))
+        return
     if sys.argv[1:2] == ["--measure"]:
         measure(sys.argv[2], *map(int, sys.argv[3:]))
         return
     parser = argparse.ArgumentParser()
-    parser.add_argument("parts", nargs="*", default=["weak", "strong"])
+    parser.add_argument("parts", nargs="*", default=["weak", "strong", "messages"])
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--rounds", type=int, default=5)
     options = parser.parse_args()
@@ -105,6 +148,8 @@ def main() -> None:
             weak(size, dim, options.rounds)
     if "strong" in options.parts:
         strong(60 if options.quick else 100, options.rounds)
+    if "messages" in options.parts:
+        messages(options.rounds)
 
 
 if __name__ == "__main__":

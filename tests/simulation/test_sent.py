@@ -3,24 +3,39 @@
 import pytest
 
 import farhorizon as fh
-from farhorizon.simulation.sent import rows_on_processes
+from farhorizon.simulation.sent import _BANDWIDTH, _LATENCY, efficiency, rows_on_processes
+from farhorizon.simulation.share import boxes_of
 
 
 def square(**more):
     given = {"initial": {"u": "exp(-x**2 - y**2)"}} | more
     lattice, model = fh.Lattice(0.5, (-10, -10), (10, 10)), fh.Wave(fh.Kernel(0.5))
-    return fh.Simulation(lattice, model, fh.Fixed(), **given)
+    return fh.Simulation(lattice, model, **({"boundary": fh.Fixed()} | given))
 
 
 def test_what_is_sent_by_hand():
     """A square of 41 nodes with reach 1, cut in the middle: 41 values are sent, of 41 times 20 or 21."""
     rows = dict(rows_on_processes(square()))
-    assert rows["1 process"] == "nothing is sent"
+    assert rows["1 process"].startswith("nothing is sent; ")
     words = f"2 x 1 boxes; each sends at most {41 * 8 / 1024:.3g} KiB a step"
-    assert rows["2 processes"].startswith(words) and rows["2 processes"].endswith("of the values that it computes")
+    assert rows["2 processes"].startswith(words) and "% of the values that it computes; " in rows["2 processes"]
+    assert rows["2 processes"].endswith("% efficient, as predicted") and " MiB each; " in rows["2 processes"]
     assert rows["8 processes"].startswith("4 x 2 boxes") and rows["64 processes"].startswith("8 x 8 boxes")
     # boxes of three nodes at least
     assert rows["512 processes"] == "cannot be cut into so many boxes" or "at most 13 x 13" in rows["512 processes"]
+
+
+def test_efficiencies_by_hand():
+    """41 rows cut into 21 and 20: the slower process takes 21/41 of the time, and that of one message of 41 values."""
+    run = square()
+    boxes = boxes_of(run.setup, run.parts.around, 2)
+    for seconds in (1e-6, 1e-3, 10.0):
+        message = _LATENCY + 41 * 8 / _BANDWIDTH
+        assert efficiency(boxes, run, seconds) == pytest.approx(seconds / 2 / (seconds * 21 / 41 + message), rel=1e-12)
+    # layers are work: the box with one is smaller
+    layer = square(boundary={"x-": fh.LatticePML(nodes=10), "all": fh.Fixed()}, initial={})
+    two = boxes_of(layer.setup, layer.parts.around, 2, [2, 1])
+    assert 0.95 < efficiency(two, layer, 10.0) <= 1 and two.size(0, {})[0] < two.size(1, {})[0]
 
 
 def test_boxes_that_are_asked_for():
@@ -31,7 +46,7 @@ def test_boxes_that_are_asked_for():
 def test_what_runs_on_one_process_alone_is_said():
     disc = fh.Lattice(0.5, window=fh.Disc(5.0, (0.0, 0.0)))
     ((name, why),) = rows_on_processes(fh.Simulation(disc, fh.Wave(fh.Kernel(0.5)), fh.Higdon(2)))
-    assert name == "several processes" and "windows are not computed on several processes yet" in why
+    assert name == "several processes" and "Higdon are not computed on several processes" in why
 
 
 @pytest.mark.parametrize("budget", [0.05])

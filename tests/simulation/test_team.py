@@ -101,6 +101,8 @@ def test_fields_are_those_of_one_process(told, processes, arguments):
         words = {"too many": "so many", "one alone": "finite", "unshared": "Unshared"}
         words |= {"wet": "acts on solid nodes", "no metal": "a specimen holds no node"}
         words |= {"hot": "free of stress", "heat of a run": "thermal loads of a run"}
+        words |= {"layers": "nodes along the outline", "exact": "whole past", "derivatives": "remembered on all nodes"}
+        words |= dict.fromkeys(("extended", "auto"), "the domain grows")
         words |= {"no node": "a constraint holds no node", "no load": "the traction meets no node"}
         assert len(set(line["told"])) == 1, line  # the same on all
         assert words.get(line["refused"], "LatticePML") in line["told"][0], line
@@ -147,11 +149,12 @@ def test_crack_tips_are_those_of_one_process(told, processes, arguments):
     assert line["length"][1] > line["length"][0] + 0.6, line  # by a horizon
 
 
-def test_records_are_those_of_one_process(told):
+@pytest.mark.parametrize(("processes", "arguments"), [(2, ()), pytest.param(4, ("slow",), marks=pytest.mark.slow)])
+def test_records_are_those_of_one_process(told, processes, arguments):
     """Spectra, power, intensities, far fields and shells; sums over nodes of several boxes to rounding."""
-    found, _ = told(2)
+    found, _ = told(processes, *arguments)
     records = [line for line in found if "recorded" in line]
-    assert len(records) == 10
+    assert len(records) == 9
     for line in records:
         assert line["alike"] and line["keys"] == len(line["off"]) and line["least"] > 1e-4, line
         assert max(line["off"].values()) < 1e-13, line

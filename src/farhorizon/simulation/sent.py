@@ -11,14 +11,19 @@ import numpy as np
 from farhorizon.engine.engine import Engine
 from farhorizon.errors import InputError
 from farhorizon.geometry.decomposition import Decomposition, Key
-from farhorizon.simulation.share import boxes_of, check_shareable
+from farhorizon.simulation.share import boxes_of, check_shareable, work_beyond
+from farhorizon.simulation.steps import seconds_of
 
 _COUNTS = 1, 2, 8, 64, 512
+#: Of a message between two processes of one machine, both ways at once: seconds whatever its size, and bytes a second
+#: (`python benchmarks/scaling.py messages`, on two busy cores; `docs/howto/processes.md`).
+_LATENCY, _BANDWIDTH = 15e-6, 1.3e9
 
 
 def rows_on_processes(run: Any, topology: Sequence[int] | None = None) -> list[tuple[str, str]]:
-    """For numbers of processes the boxes that a run makes, what a process sends in a step, and how much that is beside
-    what it computes, as rows of a report; or why it does not run on several.
+    """For numbers of processes the boxes that a run makes, what a process sends in a step, how much that is beside what
+    it computes, what it holds in memory and how efficient it would be, as rows of a report; or why it does not run on
+    several.
 
     Parameters
     ----------
@@ -31,7 +36,8 @@ def rows_on_processes(run: Any, topology: Sequence[int] | None = None) -> list[t
     except InputError as error:
         return [("several processes", str(error))]
     wanted = [] if topology is None else [(int(np.prod(topology)), topology)]
-    found = []
+    found, seconds = [], seconds_of(run.engine)
+    whole = float(np.prod(run.engine.layout.box.nodes))
     for count, given in [*((count, None) for count in _COUNTS), *wanted]:
         try:
             boxes = boxes_of(replace(run.setup, model=run.model), run.parts.around, count, given)
@@ -43,10 +49,41 @@ def rows_on_processes(run: Any, topology: Sequence[int] | None = None) -> list[t
         own = size * sum(numbers_sent(run.engine)) * run.engine.dtype.itemsize
         words = f"sends at most {sent / 1024:.3g} KiB a step, {100 * sent / own:.3g} % of the values that it computes"
         name = f"{count} process{'es' * (count > 1)}"
-        found.append(
-            (name, f"{' x '.join(map(str, boxes.topology))} boxes; each {words}" if sent else "nothing is sent")
-        )
+        each = max(np.prod(boxes.size(number, nodes_beyond(run))) for number in boxes.corners())
+        words = f"{' x '.join(map(str, boxes.topology))} boxes; each {words}" if sent else "nothing is sent"
+        words += f"; {run.engine.nbytes * each / whole / 2**20:.3g} MiB each"
+        if count > 1:
+            words += f"; {100 * efficiency(boxes, run, seconds):.3g} % efficient, as predicted"
+        found.append((name, words))
     return found
+
+
+def efficiency(boxes: Decomposition, run: Any, seconds: float) -> float:
+    """The time of a step on one process over that on so many, times their number, as far as it can be foreseen.
+
+    A process takes the time of its part of the work, layers counted, and then that of its messages one after the other,
+    each a latency and its bytes over a bandwidth, which are those of two processes on one machine. What processes on
+    one processor take from each other's memory is not in it.
+
+    Parameters
+    ----------
+    boxes : Decomposition
+    run : Simulation
+        On one process.
+    seconds : float
+        Of a step of the run.
+    """
+    work = {key: round(nodes) for key, nodes in work_beyond(run.parts.around, run.stencil, run.lattice).items()}
+    all_of_it = np.prod([n + work[a, -1] + work[a, 1] for a, n in enumerate(run.lattice.shape)])
+    shares = {number: np.prod(np.array(boxes.size(number, work))) / all_of_it for number in boxes.corners()}
+    slowest = max(seconds * share + _seconds_of_messages(boxes, number, run) for number, share in shares.items())
+    return float(seconds / (slowest * int(np.prod(boxes.topology))))
+
+
+def _seconds_of_messages(boxes: Decomposition, number: int, run: Any) -> float:
+    others = [other for other in boxes.neighbours(number).values() if other not in (-1, number)]
+    count = len(others) * len(numbers_sent(run.engine))
+    return count * _LATENCY + sent_by(boxes, number, run) / _BANDWIDTH
 
 
 def nodes_beyond(run: Any) -> dict[Key, int]:

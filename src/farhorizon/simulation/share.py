@@ -261,13 +261,26 @@ def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
             remedy="a larger spacing, or a uniform medium without incident waves and conditions",
         )
     for at, side in setup.sides.items():
-        if side.exact or side.closing or side.extended or side.derivatives or isinstance(side, Auto):
+        if why := _of_one_process(side):
             raise InputError(
-                f"sides of the kind {side.label} are not computed on several processes yet",
+                f"sides of the kind {side.label} are not computed on several processes yet: {why}",
                 key=f"boundary.{side_name(*at)}",
                 limit="LatticePML, Sponge, Fixed, Free, Periodic",
                 remedy="LatticePML, or one process",
             )
+
+
+def _of_one_process(side: Side) -> str:
+    """Why a side is for one process, "" where it is not."""
+    if side.exact:
+        return "they sum over the whole past of the nodes at the end, step by step"
+    if side.closing:
+        return "they follow from nodes along the outline, which several processes have"
+    if side.derivatives:
+        return "stretched derivatives are remembered on all nodes beyond them, cut across, too"
+    if side.extended or isinstance(side, Auto):
+        return "the domain grows by what all data need until the end of the run"
+    return ""
 
 
 def check_choosable(setup: Setup, model: LatticeModel, around: Surroundings) -> None:
