@@ -21,6 +21,7 @@ from farhorizon.engine.layout import Layout, aligned, aligned_zeros
 from farhorizon.engine.loop import CompiledLoop
 from farhorizon.engine.nested import Layers
 from farhorizon.engine.operations import (
+    GATHER,
     Operation,
     Tables,
     beginning_operations,
@@ -215,6 +216,7 @@ class Engine:
         self.watch_stride = 1
         self._repeats = Repeats()
         self._own_loop = CompiledLoop()
+        self._gathering: tuple[Tables, Tables, np.ndarray, CompiledLoop] | None = None
         self.exchange: Exchange | None = None
         self.loop: Loop | None = None
 
@@ -416,6 +418,24 @@ class Engine:
         forces = self._operate(np.zeros_like(self.current), sweep_operations(self.tables))
         return forces, 4 * self.passes.energy_of_heat()
 
+    def states(self, level: np.ndarray) -> np.ndarray:
+        """What the law makes of the states of a level, without heat, as a level of so many components that the next
+        step writes over.
+        """
+        kept = self._gathering
+        if kept is None or kept[0] is not self.tables:
+            operations = [one for one in sweep_operations(self.tables) if one[2] == GATHER]
+            levels = np.zeros((3, level.size), self.dtype)
+            kept = self.tables, without_heat(self._once(operations)), levels, CompiledLoop(self._own_loop)
+            self._gathering = kept
+        _, tables, levels, loop = kept
+        levels[0] = level
+        if self.loop is None:
+            loop(1, 0, levels, tables, self._no_inputs(1), 1)
+        else:
+            self.loop(1, 0, levels, tables, self._no_inputs(1))
+        return self.tables.gather.sweep.law.values
+
     def _operate(
         self, level: np.ndarray, operations: list[Operation], apart: bool = False, cold: bool = False
     ) -> np.ndarray:
@@ -423,15 +443,8 @@ class Engine:
 
         If `apart`, the layers remember nothing of it.
         """
-        scale = self.stages.numbers[0][2]  # the last stage may be without operator
         levels = np.stack([level, np.zeros_like(level), np.zeros_like(level)])
-        tables = self.tables._replace(
-            operations=table_of(operations),
-            starts=np.array([0, len(operations)]),
-            rotation=np.arange(3).reshape(1, 1, 3),
-            numbers=np.array([numbers_of(self, float(self.stages.increments), 0.0, scale, 0.0)], self.dtype),
-            bonds=self.tables.bonds._replace(limit=np.array([np.inf, np.inf], self.dtype)),
-        )
+        tables = self._once(operations)
         if cold:
             tables = without_heat(tables)
         if apart:
@@ -439,6 +452,17 @@ class Engine:
         (self.loop or self._compiled)(1, 0, levels, tables, self._no_inputs(1))
         level[:] = levels[0]
         return levels[1 if self.stages.increments else 2] / tables.numbers[0, 3]
+
+    def _once(self, operations: list[Operation]) -> Tables:
+        """Tables of one stage of some operations, in which no bond breaks."""
+        scale = self.stages.numbers[0][2]  # the last stage may be without operator
+        return self.tables._replace(
+            operations=table_of(operations),
+            starts=np.array([0, len(operations)]),
+            rotation=np.arange(3).reshape(1, 1, 3),
+            numbers=np.array([numbers_of(self, float(self.stages.increments), 0.0, scale, 0.0)], self.dtype),
+            bonds=self.tables.bonds._replace(limit=np.array([np.inf, np.inf], self.dtype)),
+        )
 
     def _with_memory(self, tables: Tables, memory: np.ndarray) -> Tables:
         """Tables whose layers have another memory."""

@@ -289,11 +289,21 @@ class Passes:
             spring = law.arms[k] @ engine.weights[k] @ law.arms[k]
             found[nodes] += there * factors * spring * (warmth[nodes] + warmth[nodes + distance]) ** 2 / 16
         states = law.values.reshape(len(self.sums.signs), -1)[:, nodes]
-        divergence = self.sums.divergence[:, 0, 0] @ self.sums.gradient[:, 0, 0]
-        unit = divergence / (self.sums.gradient[:, 0, 0] @ self.sums.gradient[:, 0, 0])  # of the operator
         strained = float(law.spacing) * warmth[nodes, None] * self._units(shapes)
-        found[nodes] -= unit * (states.T * strained).sum(1) / 2
+        found[nodes] -= self._unit * (states.T * strained).sum(1) / 2
         return found
+
+    @property
+    def _unit(self) -> float:
+        """The unit of the operator: the divergence is so many times the transposed gradient."""
+        gradient, divergence = self.sums.gradient[:, 0, 0], self.sums.divergence[:, 0, 0]
+        return float(divergence @ gradient / (gradient @ gradient))
+
+    def units_of_bonds(self) -> np.ndarray:
+        """What each bond adds to the state of a unit of strain in all directions, shape (K, n), times what a state
+        counts for in the energy.
+        """
+        return self._unit * float(self.engine.tables.gather.sweep.law.spacing) * self._units(self.sums.shapes)
 
     def moduli_at(self, nodes: np.ndarray) -> np.ndarray:
         """Moduli that the law of some nodes goes by, shape (S, 3)."""
