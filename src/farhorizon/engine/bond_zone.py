@@ -217,7 +217,9 @@ class BondZone:
             vectors = xi.astype(float) * scaled / engine.stages.numbers[0][2]
         else:
             vectors = engine.tables.heat.vectors
-            add_traces_of_states(found, engine.states(level), block, self.table, engine.passes.units_of_bonds())
+            add_traces_of_states(
+                found, engine.passes.states_of(level), block, self.table, engine.passes.units_of_bonds()
+            )
         add_traces(found, level, engine.components, block, material, self.table, vectors)
         return found
 
