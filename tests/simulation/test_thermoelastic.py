@@ -305,6 +305,20 @@ def test_the_step_limit_is_safe_and_near(coupling, conductivity, above):
         assert caught.value.key == "run.dt"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("more", [{"material": "state-based", "poisson": 0.05}, MATERIALS["correspondence"]])
+def test_the_step_limit_is_safe_for_states(more):
+    """At it noise keeps its energy for three hundred steps, beside a hole, also where the dilatation softens."""
+    lattice, more = square(15, body=BODY), {"material": "correspondence"} | more
+    model = both(coupling=0.5, conductivity=STILL, **more)
+    limit = fh.Simulation(lattice, model, fh.Free()).step_limit
+    sim = fh.Simulation(lattice, model, fh.Free(), noise(lattice), dt=0.999 * limit)
+    first = total(sim)
+    sim.step(300)
+    assert total(sim) == pytest.approx(first, rel=1e-11)
+    assert np.nanmax(np.abs(sim.fields["u"])) < 5
+
+
 def shock(coupling, coupled=True, spacing=0.5):
     """The face of a half-space is heated at once by one, with a thermal strain that is the same for all couplings."""
     lattice = fh.Lattice(spacing, (-1.5 * spacing, 0.0), (40.0 - spacing / 2, 4 * spacing))
