@@ -47,13 +47,20 @@ SOLIDS = {
     "held": (square(23), {}, {"x": fh.Fixed(), "y": fh.Free()}, {}),
     "hole and crack": (square(15, body=BODY), {}, fh.Free(), {"cracks": [[(-1.0, 3.5), (8.0, 3.5)]]}),
     "in space": (fh.Lattice(1.0, (0.0,) * 3, (5.0,) * 3), {}, fh.Free(), {}),
+    "state-based": (square(), {"material": "state-based", "poisson": 0.3}, fh.Periodic(), {}),
+    "correspondence, hole and crack": (
+        square(15, body=BODY),
+        {"material": "correspondence", "poisson": 0.1, "stabilisation": 0.5},
+        fh.Free(),
+        {"cracks": [[(-1.0, 3.5), (8.0, 3.5)]]},
+    ),
 }
 
 
 @pytest.mark.parametrize("name", SOLIDS)
 def test_nothing_is_lost_without_conduction(name):
     """Kinetic and strain energy and that of the temperature add up to rounding, in noise, which moves ten orders more
-    between them.
+    between them; of bonds and of states.
     """
     lattice, more, sides, others = SOLIDS[name]
     start = noise(lattice)
@@ -70,10 +77,11 @@ def test_nothing_is_lost_without_conduction(name):
 
 
 @pytest.mark.slow
-def test_nothing_is_lost_where_the_material_varies():
+@pytest.mark.parametrize("more", [{}, {"material": "state-based", "poisson": 0.3}], ids=["bonds", "states"])
+def test_nothing_is_lost_where_the_material_varies(more):
     """Stiffness, density and expansion from node to node: each bond pushes as it is pushed."""
     x, y = square().coordinates()
-    solid = fh.Elastic(BONDS, young=1 + 0.5 * np.sin(x), density=1 + 0.3 * np.cos(y))
+    solid = fh.Elastic(BONDS, young=1 + 0.5 * np.sin(x), density=1 + 0.3 * np.cos(y), **more)
     heat = fh.Heat(FAMILY, conductivity=STILL)
     model = fh.Thermoelastic(solid, heat, 0.02 + 0.01 * np.cos(x + y), ZERO)
     sim = fh.Simulation(square(), model, fh.Free(), noise(square()))
@@ -222,6 +230,30 @@ def test_plane_waves_are_those_of_the_continuum(dim, plane, conductivity):
     assert np.max(errors[-1]) < 1e-3
 
 
+MATERIALS = {
+    "bond-based": {},
+    "state-based": {"poisson": 0.3},
+    "correspondence": {"poisson": 0.1, "stabilisation": 0.5},
+}
+
+
+@pytest.mark.parametrize("material", MATERIALS)
+@pytest.mark.parametrize("dim, plane", [(2, None), (2, "stress"), (3, None)])
+def test_what_is_stretched_cools_as_the_classical_solution_says(material, dim, plane):
+    """By ``T0 beta tr e / rho c`` inside, in one step of an even dilatation: beta is ``E alpha / (1 - 2 nu)``, in plane
+    stress ``E alpha / (1 - nu)``.
+    """
+    lattice = fh.Lattice(1.0, (-5.0,) * dim, (5.0,) * dim)
+    model = both(conductivity=STILL, material=material, plane=plane, **MATERIALS[material])
+    rate, capacity, solid = 1e-3, 2.0, model.elastic
+    sim = fh.Simulation(lattice, model, fh.Free(), {"v": [rate * x for x in lattice.coordinates()]})
+    sim.step()
+    beta = model.expansion * solid.young / (1 - (2 if plane is None else 1) * solid.poisson)
+    inside = (slice(4, -4),) * dim
+    expected = -ZERO * beta * dim * rate * sim.dt / capacity
+    np.testing.assert_allclose(sim.fields["T"][inside] - ZERO, expected, rtol=1e-9)  # of a sum with 300
+
+
 @pytest.mark.parametrize("dim, plane", [(2, None), (2, "stress"), (3, None)])
 def test_a_free_body_grows_without_stress(dim, plane):
     """Warmed evenly and displaced as it would be: no forces, and nothing moves nor cools, with a hole in it."""
@@ -271,6 +303,20 @@ def test_the_step_limit_is_safe_and_near(coupling, conductivity, above):
         with pytest.raises(fh.InputError, match="above the stable limit") as caught:
             fh.Simulation(lattice, model, sides, dt=dt)
         assert caught.value.key == "run.dt"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("more", [{"material": "state-based", "poisson": 0.05}, MATERIALS["correspondence"]])
+def test_the_step_limit_is_safe_for_states(more):
+    """At it noise keeps its energy for three hundred steps, beside a hole, also where the dilatation softens."""
+    lattice, more = square(15, body=BODY), {"material": "correspondence"} | more
+    model = both(coupling=0.5, conductivity=STILL, **more)
+    limit = fh.Simulation(lattice, model, fh.Free()).step_limit
+    sim = fh.Simulation(lattice, model, fh.Free(), noise(lattice), dt=0.999 * limit)
+    first = total(sim)
+    sim.step(300)
+    assert total(sim) == pytest.approx(first, rel=1e-11)
+    assert np.nanmax(np.abs(sim.fields["u"])) < 5
 
 
 def shock(coupling, coupled=True, spacing=0.5):
@@ -425,7 +471,6 @@ def heat_of(lattice):
     return fh.Setup(lattice, fh.Heat(FAMILY), fh.Free(), background=ZERO)
 
 
-STATES = {"material": "state-based", "poisson": 0.3}
 BAD = {
     "an expansion": ("model.expansion", lambda: thermoelastic(expansion=None)),
     "a reference": ("model.reference", lambda: thermoelastic(reference=None)),

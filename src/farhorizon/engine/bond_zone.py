@@ -14,7 +14,7 @@ from farhorizon.engine.bonds import DAMAGED, END, FIRST, PLAIN, RULES, Bonds, Zo
 from farhorizon.engine.field import Field
 from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
 from farhorizon.engine.rows.build import load_bonds
-from farhorizon.engine.warmth import add_traces
+from farhorizon.engine.warmth import add_traces, add_traces_of_states
 
 _SET_BITS = np.array([number.bit_count() for number in range(256)], np.uint8)
 
@@ -236,11 +236,17 @@ class BondZone:
         a node: the sum of the normal stresses over the density. Zero outside the zone. Fills the halo of `level`.
         """
         engine = self.engine
+        found, block, material = np.zeros(engine.layout.size), engine.tables.sweep.block, engine.tables.material
         engine.complete(level)
-        xi, scaled = self.table.table[:, : engine.components], self.table.table[:, engine.components + 1 :]
-        found, block = np.zeros(engine.layout.size), engine.tables.sweep.block
-        vectors = xi.astype(float) * scaled / engine.stages.numbers[0][2]
-        add_traces(found, level, engine.components, block, engine.tables.material, self.table, vectors)
+        if engine.passes is None:
+            xi, scaled = self.table.table[:, : engine.components], self.table.table[:, engine.components + 1 :]
+            vectors = xi.astype(float) * scaled / engine.stages.numbers[0][2]
+        else:
+            vectors = engine.tables.heat.vectors
+            add_traces_of_states(
+                found, engine.passes.states_of(level), block, self.table, engine.passes.units_of_bonds()
+            )
+        add_traces(found, level, engine.components, block, material, self.table, vectors)
         return found
 
     def energy(

@@ -25,9 +25,9 @@ from farhorizon.engine.operations import (
     Tables,
     beginning_operations,
     check_room,
+    once,
     operator_operations,
     sweep_operations,
-    table_of,
     without_heat,
 )
 from farhorizon.engine.passes import Passes, StateSums
@@ -215,6 +215,7 @@ class Engine:
         self.watch_stride = 1
         self._repeats = Repeats()
         self._own_loop = CompiledLoop()
+        self._asked: dict[tuple[Any, ...], tuple[Tables, Tables, np.ndarray, CompiledLoop]] = {}
         self.exchange: Exchange | None = None
         self.loop: Loop | None = None
 
@@ -361,13 +362,6 @@ class Engine:
         """Work of the sources, for a unit of mass a node."""
         return float(self.tables.work.sum())
 
-    def _compiled(self, steps: int, phase: int, levels: np.ndarray, tables: Tables, inputs: Inputs) -> None:
-        """Work off the table of operations, on all threads for those of the engine's own levels."""
-        if levels is self.levels:
-            self._own_loop(steps, phase, levels, tables, inputs, self.threads)
-        else:
-            CompiledLoop(self._own_loop)(steps, phase, levels, tables, inputs, 1)
-
     @property
     def current(self) -> np.ndarray:
         """The flat level that holds the state."""
@@ -393,52 +387,62 @@ class Engine:
 
     def remind(self, level: np.ndarray) -> None:
         """The layers' memory goes through one step in which the field is `level`."""
-        self._operate(level, operator_operations(self.tables))
+        self.operate(level, operator_operations(self.tables))
 
     def begin(self, level: np.ndarray) -> None:
         """What stretched derivatives remember begins, at zero, in the state `level`."""
         if self.tables.stretches.runs.size:
-            self._operate(level, beginning_operations(self.tables))
+            self.operate(level, beginning_operations(self.tables))
 
     def apply(self, level: np.ndarray) -> np.ndarray:
         """The operator L on a level, as a level (its nodes only are meaningful); fills the halo of `level`."""
-        return self._operate(level, operator_operations(self.tables), apart=True)
+        return self.operate(level, operator_operations(self.tables), apart=True)
 
     def apply_core(self, level: np.ndarray) -> np.ndarray:
         """The operator L on a level with whatever its halo holds, with plain shifts everywhere, and without heat."""
-        return self._operate(level, sweep_operations(self.tables), cold=True)
+        return self.operate(level, sweep_operations(self.tables), cold=True)
 
     def forces_of_heat(self) -> tuple[np.ndarray, np.ndarray]:
         """What heat does to nodes with states that are where they were, as a level, and four times the energy of each
         place for a unit of mass a node.
         """
         assert self.passes is not None
-        forces = self._operate(np.zeros_like(self.current), sweep_operations(self.tables))
+        forces = self.operate(np.zeros_like(self.current), sweep_operations(self.tables))
         return forces, 4 * self.passes.energy_of_heat()
 
-    def _operate(
-        self, level: np.ndarray, operations: list[Operation], apart: bool = False, cold: bool = False
+    def operate(
+        self,
+        level: np.ndarray,
+        operations: list[Operation],
+        apart: bool = False,
+        cold: bool = False,
+        again: bool = False,
     ) -> np.ndarray:
         """What some operations make of a level, without the rest of a stage, as a level: of bonds none breaks.
 
-        If `apart`, the layers remember nothing of it.
+        If `apart`, the layers remember nothing of it; if `cold`, heat strains nothing. What is made for it is kept if
+        the same operations are asked for `again` and again.
         """
-        scale = self.stages.numbers[0][2]  # the last stage may be without operator
-        levels = np.stack([level, np.zeros_like(level), np.zeros_like(level)])
-        tables = self.tables._replace(
-            operations=table_of(operations),
-            starts=np.array([0, len(operations)]),
-            rotation=np.arange(3).reshape(1, 1, 3),
-            numbers=np.array([numbers_of(self, float(self.stages.increments), 0.0, scale, 0.0)], self.dtype),
-            bonds=self.tables.bonds._replace(limit=np.array([np.inf, np.inf], self.dtype)),
-        )
-        if cold:
-            tables = without_heat(tables)
-        if apart:
-            tables = self._with_memory(tables, self.memory.copy())
-        (self.loop or self._compiled)(1, 0, levels, tables, self._no_inputs(1))
+        kept = self._asked.get((cold, *operations)) if again else None
+        if kept is None or kept[0] is not self.tables:
+            scale = self.stages.numbers[0][2]  # the last stage may be without operator
+            numbers = np.array([numbers_of(self, float(self.stages.increments), 0.0, scale, 0.0)], self.dtype)
+            tables = once(self.tables, operations, numbers)
+            if cold:
+                tables = without_heat(tables)
+            if apart:
+                tables = self._with_memory(tables, self.memory.copy())
+            kept = self.tables, tables, np.zeros((3, level.size), level.dtype), CompiledLoop(self._own_loop)
+            if again:
+                self._asked[cold, *operations] = kept
+        _, tables, levels, loop = kept
+        levels[0], levels[1:] = level, 0
+        if self.loop is None:
+            loop(1, 0, levels, tables, self._no_inputs(1), 1)
+        else:
+            self.loop(1, 0, levels, tables, self._no_inputs(1))
         level[:] = levels[0]
-        return levels[1 if self.stages.increments else 2] / tables.numbers[0, 3]
+        return np.asarray(levels[1 if self.stages.increments else 2] / tables.numbers[0, 3])
 
     def _with_memory(self, tables: Tables, memory: np.ndarray) -> Tables:
         """Tables whose layers have another memory."""
@@ -491,7 +495,10 @@ class Engine:
             inputs = inputs._replace(dependent_fields=dependent_fields, dependent_times=times)
         check_room(self.tables, inputs, steps)
         tables = self._repeats.planned(self.tables, inputs)
-        (self.loop or self._compiled)(steps, self.phase, self.levels, tables, inputs)
+        if self.loop is None:
+            self._own_loop(steps, self.phase, self.levels, tables, inputs, self.threads)
+        else:
+            self.loop(steps, self.phase, self.levels, tables, inputs)
         self.phase = (self.phase + steps) % len(tables.rotation)
         self.steps_done += steps
 

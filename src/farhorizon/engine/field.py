@@ -9,7 +9,7 @@ import numpy as np
 
 from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import Block, Layout
-from farhorizon.engine.operations import Tables
+from farhorizon.engine.operations import Operation, Tables
 
 
 class Field(Protocol):
@@ -42,5 +42,13 @@ class Field(Protocol):
         self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None, jointly: bool = False
     ) -> np.ndarray: ...
     def complete(self, level: np.ndarray) -> None: ...
+    def operate(
+        self,
+        level: np.ndarray,
+        operations: list[Operation],
+        apart: bool = False,
+        cold: bool = False,
+        again: bool = False,
+    ) -> np.ndarray: ...
     def replace(self, **tables: Any) -> None: ...
     def sweep_in_pieces(self, rows: int) -> None: ...

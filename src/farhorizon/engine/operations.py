@@ -220,6 +220,17 @@ def sweep_operations(tables: Tables) -> list[Operation]:
     ]
 
 
+def once(tables: Tables, operations: list[Operation], numbers: np.ndarray) -> Tables:
+    """The same tables for one stage of some operations, with its numbers, in which no bond breaks."""
+    return tables._replace(
+        operations=table_of(operations),
+        starts=np.array([0, len(operations)]),
+        rotation=np.arange(3).reshape(1, 1, 3),
+        numbers=numbers,
+        bonds=tables.bonds._replace(limit=np.full(2, np.inf, numbers.dtype)),
+    )
+
+
 def without_heat(tables: Tables) -> Tables:
     """The same tables where heat strains nothing: the operator is linear with them."""
     if not tables.heat.warmth.size:

@@ -22,7 +22,7 @@ from farhorizon.engine.field import Field
 from farhorizon.engine.layer_cuts import cut_layers
 from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import aligned_zeros
-from farhorizon.engine.operations import Pass
+from farhorizon.engine.operations import GATHER, Pass, sweep_operations
 from farhorizon.engine.point_law import CHUNK, PointLaw
 from farhorizon.engine.rows.build import load_law
 from farhorizon.engine.rows.choose import compiled_sums
@@ -290,11 +290,30 @@ class Passes:
             spring = law.arms[k] @ engine.weights[k] @ law.arms[k]
             found[nodes] += there * factors * spring * (warmth[nodes] + warmth[nodes + distance]) ** 2 / 16
         states = law.values.reshape(len(self.sums.signs), -1)[:, nodes]
-        divergence = self.sums.divergence[:, 0, 0] @ self.sums.gradient[:, 0, 0]
-        unit = divergence / (self.sums.gradient[:, 0, 0] @ self.sums.gradient[:, 0, 0])  # of the operator
         strained = float(law.spacing) * warmth[nodes, None] * self._units(shapes)
-        found[nodes] -= unit * (states.T * strained).sum(1) / 2
+        found[nodes] -= self._unit * (states.T * strained).sum(1) / 2
         return found
+
+    @property
+    def _unit(self) -> float:
+        """The unit of the operator: the divergence is so many times the transposed gradient."""
+        gradient, divergence = self.sums.gradient[:, 0, 0], self.sums.divergence[:, 0, 0]
+        return float(divergence @ gradient / (gradient @ gradient))
+
+    def states_of(self, level: np.ndarray) -> np.ndarray:
+        """What the law makes of the states of a level without heat, as a level of so many components; the next step
+        writes over it. Fills the halo of `level`.
+        """
+        tables = self.engine.tables
+        gathers = [one for one in sweep_operations(tables) if one[2] == GATHER]
+        self.engine.operate(level, gathers, cold=True, again=True)
+        return tables.gather.sweep.law.values
+
+    def units_of_bonds(self) -> np.ndarray:
+        """What each bond adds to the state of a unit of strain in all directions, shape (K, n), times what a state
+        counts for in the energy.
+        """
+        return self._unit * float(self.engine.tables.gather.sweep.law.spacing) * self._units(self.sums.shapes)
 
     def moduli_at(self, nodes: np.ndarray) -> np.ndarray:
         """Moduli that the law of some nodes goes by, shape (S, 3)."""

@@ -81,6 +81,27 @@ def add_traces(found, level, components, block, material, bonds, vectors):
                             sums[i] += stretch * np.float64((alive[i] >> bit) & one)
 
 
+@njit(error_model="numpy", cache=True)
+def add_traces_of_states(found, values, block, bonds, units):
+    """Add to `found` what the law has made of the states of nodes, along what each bond that is there adds to the state
+    of a unit of strain in all directions: `units`, of each bond.
+    """
+    zone, size = bonds.zone, values.size // units.shape[1]
+    width = zone[END + 2] - zone[FIRST + 2]
+    for i0 in range(zone[FIRST], zone[END]):
+        for i1 in range(zone[FIRST + 1], zone[END + 1]):
+            node = block[0] + i0 * block[4] + i1 * block[5] + zone[FIRST + 2]
+            sums = found[node : node + width]
+            for k in range(units.shape[0]):
+                bit, one = np.uint64(k & 63), np.uint64(1)
+                alive = bonds.alive[k >> 6, node : node + width]
+                for row in range(units.shape[1]):
+                    unit, own = units[k, row], values[row * size + node :]
+                    if unit != 0:
+                        for i in range(width):
+                            sums[i] += unit * np.float64(own[i]) * np.float64((alive[i] >> bit) & one)
+
+
 @njit(error_model="numpy", cache=True, counted=False)
 def push_springs(thread, stage, block, material, bonds, heat):
     """Take from the forces of springs what they would be strained by if they were free, over the bonds that are there.

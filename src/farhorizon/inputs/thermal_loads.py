@@ -39,8 +39,8 @@ class ThermalLoad(Storable):
         Time between two looks at a temperature that changes, between which it changes evenly; each time step unless
         given, and each step of a run.
     coupled : bool
-        The temperature is a run of `Heat` on the nodes of the solid, bond-based; it makes its steps with the solid, and
-        what is deformed heats and cools: :math:`\rho c\,T_t = \kappa \Delta T - T_0\,\alpha\,\mathrm{tr}\,\sigma_t`,
+        The temperature is a run of `Heat` on the nodes of the solid; it makes its steps with the solid, and what is
+        deformed heats and cools: :math:`\rho c\,T_t = \kappa \Delta T - T_0\,\alpha\,\mathrm{tr}\,\sigma_t`,
         with the stress at the temperature `reference`, which is absolute, and c at constant strain. `Thermoelastic` is
         the model of both.
 

@@ -288,13 +288,13 @@ class Elastic(LatticeModel):
                 key="load",
                 remedy="nonlinear=False" if self.nonlinear else 'material="bond-based"',
             )
-        if coupled and (not self.bonds or self.contact):
+        if coupled and self.contact:
             raise InputError(
-                "what is deformed heats in materials of bonds that carry nothing once they are broken",
-                value="contact = True" if self.contact else self.material,
-                limit="bond-based, without contact",
+                "what is deformed heats where bonds carry nothing once they are broken",
+                value="contact = True",
+                limit="contact = False",
                 key="load.coupled",
-                remedy="contact=False" if self.contact else "coupled=False",
+                remedy="contact=False, or coupled=False",
             )
         model = copy.copy(self)
         model.warm = True

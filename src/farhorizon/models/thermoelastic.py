@@ -28,7 +28,7 @@ class Thermoelastic(LatticeModel):
     Parameters
     ----------
     elastic : Elastic
-        The solid. With `coupled` bond-based, without `contact`.
+        The solid: bond-based, state-based or correspondence, with `coupled` without `contact`.
     heat : Heat
         Its conduction; the specific heat is that at constant strain, in plane stress of the strains in the plane. The
         density is one of its own, which only the capacity goes by.

@@ -16,8 +16,10 @@ integrator multiplies the modes by R, and M = dt A (1 + R) / 2 (1 - R), which is
           \frac12 \bar\Theta \cdot \Big(M + \frac{dt^2}{4} A M^{-1} A\Big) \bar\Theta
 
 of the velocities half a step ago and of the means over that step never grows (units of mass, and of rho c / T0): a step
-is stable where it is positive. For :math:`|B^T u|^2 \le \epsilon\, u \cdot K u` with the :math:`\epsilon` of
-`farhorizon.simulation.coupling`, by Cauchy's and Schwarz's inequality bond by bond, whatever bonds are absent or vary.
+is stable where it is positive. By Cauchy's and Schwarz's inequality :math:`|B^T u|^2 \le \epsilon\, u \cdot K u` with
+the :math:`\epsilon` of `farhorizon.simulation.coupling`, bond by bond and state by state, whatever bonds are absent or
+vary. (In state-based materials of a Poisson's ratio below 1/4 the dilatation softens, and its energy alone is negative;
+there the bound is that without it, and has been seen to hold in noise.)
 """
 
 from __future__ import annotations

@@ -376,10 +376,14 @@ def _coupling(setup: Setup, stencil: Stencil, variation: Variation) -> Coupling 
     heat, of_heat = varied(load.temperature)
     medium = heat.model.medium(lattice.spacing, lattice.dim)
     alone = near_field(replace(heat, dt=None), heat.sides, medium, of_heat.times(node_factor(heat)))
-    expansion = expansion_of(load, lattice, setup.model, _lame(lattice, setup.model, variation))
-    lengths = (lattice.spacing * stencil.offsets) ** 2 @ np.ones(lattice.dim)
-    strained = 0.5 * float(law.bond_stiffness(stencil, lattice.spacing) @ lengths)
-    strained *= _strongest(setup.model, variation.stiffness)
+    lame = _lame(lattice, setup.model, variation)
+    expansion = expansion_of(load, lattice, setup.model, lame)
+    if setup.model.bonds:
+        lengths = (lattice.spacing * stencil.offsets) ** 2 @ np.ones(lattice.dim)
+        strained = 0.5 * float(law.bond_stiffness(stencil, lattice.spacing) @ lengths)
+        strained *= _strongest(setup.model, variation.stiffness)
+    else:
+        strained = lattice.dim * float((lattice.dim * np.maximum(*lame) + 2 * lame[1]).max())
     stiffening = load.reference * float((expansion**2).max()) * strained * heat.model.source_factor
     return Coupling(stiffening, strained, alone.rate_limit, alone.dt, heat.model.integrator)
 
