@@ -123,7 +123,7 @@ def test_runs_go_on_on_other_boxes_and_on_one_process(told, processes, arguments
     """As if nothing had happened, what layers remember included."""
     found, _ = told(processes, *arguments)
     kept = [line for line in found if "kept" in line]
-    assert len(kept) == (1 if arguments else 7)
+    assert len(kept) == (1 if arguments else 8)
     for line in kept:
         assert line["same"] == {"other boxes": True, "one process": True}, line
         assert line["answers"] == [42] and len(line["steps"]) == 1, line
