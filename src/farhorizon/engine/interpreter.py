@@ -162,6 +162,8 @@ class Interpreter:
         for distance, weight in zip(self.engine.offsets @ self.box.stride, self.matrices, strict=True):
             gaps = self.factors(nodes, nodes + distance) * self._gaps(nodes, nodes + distance)
             total += weight @ (gaps if forces else gaps * self.present(nodes, nodes + distance))
+        if np.ndim(self.engine.reaction):
+            total -= self.engine.reaction @ self.split(stage.src)[:, nodes]
         if forces:
             total += self._released()
         total *= stage.scale
