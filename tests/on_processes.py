@@ -135,7 +135,7 @@ CASES |= {
         ALONG_X + ALONG_Y,
     ),
     "breaking, nonlinear": (torn(critical_stretch=0.005, nonlinear=True, contact=True), ALONG_X),
-    "breaking as bonds soften": (
+    "bonds that soften": (
         torn(critical_stretch=0.004, fracture_energy="6e-5*(1.2 + 0.1*sin(x))", softening="linear", nonlinear=True),
         ALONG_X,
     ),
@@ -491,7 +491,7 @@ OTHER_BOXES = {
 KEPT = (
     *("wave", "single precision", "diffusion", "space", "strata", "held and pulled", "breaking, nonlinear"),
     "pumped and heated",
-    *("held at temperatures", "metal that corrodes", "breaking as bonds soften"),
+    *("held at temperatures", "metal that corrodes", "bonds that soften"),
 )
 SMALL_SOLID = fh.Setup(
     lattice(13, 22, 14), fh.Elastic(fh.Kernel(0.3), 1.0), fh.Fixed(), {"u": [pulse(3), 0.0, 0.0]}, dt=0.1

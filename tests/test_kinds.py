@@ -112,6 +112,7 @@ RIGHT = {
         "nonlinear": False,
         "critical_stretch": None,
         "fracture_energy": None,
+        "softening": None,
         "contact": False,
     },
     "Elements": {"elements": (TETRAHEDRON, [(0, 1, 2, 3)]), "group": None, "scale": 1.0},

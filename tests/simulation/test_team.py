@@ -131,7 +131,7 @@ def test_runs_go_on_on_other_boxes_and_on_one_process(told, processes, arguments
     """As if nothing had happened, what layers remember included."""
     found, _ = told(processes, *arguments)
     kept = [line for line in found if "kept" in line]
-    assert len(kept) == (1 if arguments else 10)
+    assert len(kept) == (1 if arguments else 11)
     for line in kept:
         same = line["same"] == {"other boxes": True, "one process": True}
         assert same if line["kept"] not in TO_ROUNDING else line["off"] < 1e-13, line

@@ -624,9 +624,10 @@ def content(sim: Examined, until: float | None = None) -> Band | None:
         (sim.start_u, sim.model.order - 1, None),
         (sim.start_v, 0, None),
     ]
+    lowest = float(np.linalg.eigvalsh(np.atleast_2d(sim.engine.reaction))[0])
     for space, factor in sim.sources:
         if space is not None:
-            found.append((space, 0, _gain(factor, until, rate, sim.engine.reaction) if waves else None))
+            found.append((space, 0, _gain(factor, until, rate, lowest) if waves else None))
     found += [
         (one.field(one.passage.midway), sim.model.order - 1, None) for one in sim.incident if one.passage.everywhere
     ]

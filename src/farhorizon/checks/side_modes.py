@@ -14,7 +14,7 @@ import numpy as np
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.layer import LatticeMedium
-from farhorizon.analysis.layers.reflection import TYPES, by_type, reflection
+from farhorizon.analysis.layers.reflection import by_type, reflection, types_of
 from farhorizon.analysis.stability import Growth, dense_growth, fastest
 from farhorizon.boundaries import Fixed, LatticePML, Periodic, Side
 from farhorizon.checks.examined import Examined
@@ -298,7 +298,7 @@ class Strip:
     @property
     def types(self) -> tuple[str, ...]:
         """Types of waves: one without a name of a scalar field, P and S, in 3D SV and SH, of vectors."""
-        return TYPES[self.sim.stencil.components]
+        return types_of(self.sim.stencil.components, self.sim.stencil.dim)
 
     def reflection(self, wavelength: float, angle: float, azimuth: float = 0.0) -> complex:
         """Amplitude of the wave that the high side sends back for a plane wave of amplitude 1, of a scalar field; see

@@ -140,8 +140,10 @@ class Engine:
     threads : int
     coefficient : ndarray, shape `core`, optional
         Factor on bonds, combined by `rule`.
-    reaction : float
+    reaction : float or ndarray, shape (d, d)
         In units of the operator: what it takes of each node's own value, whatever the coefficient.
+    signs : Signs, optional
+        Whether each component changes its sign in mirrors across the three axes; those of a vector unless given.
     sums : StateSums, optional
         Two passes beside the stencil, on its offsets; coefficients are those of the stencil's own bonds.
 
@@ -179,11 +181,12 @@ class Engine:
         threads: int = 1,
         coefficient: np.ndarray | None = None,
         rule: str = "both",
-        reaction: float = 0.0,
+        reaction: float | np.ndarray = 0.0,
+        signs: Signs | None = None,
         sums: StateSums | None = None,
     ) -> None:
         self.dtype = np.dtype(real)
-        self.stages, self.dt, self.reaction = stages, dt, float(reaction)
+        self.stages, self.dt, self.reaction = stages, dt, reaction
         self.offsets, self.weights = np.asarray(offsets, np.int64), np.asarray(weights, float)
         self.components = 1 if self.weights.ndim == 1 else self.weights.shape[1]
         self.layers = dict(layers)
@@ -193,7 +196,7 @@ class Engine:
         self.remember = any(np.any(layer.sigma) for layer in self.layers.values())
         recursion = {name: layer.recursion(dt) for name, layer in self.layers.items()}
         matrices = self.weights.reshape(len(self.weights), self.components, self.components)
-        signs = signs_of(self.components)
+        self.signs = signs = signs_of(self.components) if signs is None else signs
         springs = recursion if self.weights.any() else {}  # of two passes there may be none
         kept = self.dtype, self.remember, coefficient is None
         self.layer_tables = LayerTables(self.layout, self.offsets, matrices, signs, signs, springs, *kept)

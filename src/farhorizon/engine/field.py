@@ -10,6 +10,7 @@ import numpy as np
 from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import Block, Layout
 from farhorizon.engine.operations import Operation, Tables
+from farhorizon.engine.rows.matrices import Signs
 
 
 class Field(Protocol):
@@ -19,7 +20,8 @@ class Field(Protocol):
     core: Block
     stages: Any
     dt: float
-    reaction: float
+    reaction: float | np.ndarray
+    signs: Signs
     dtype: np.dtype
     components: int
     threads: int

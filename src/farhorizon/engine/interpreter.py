@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from farhorizon.engine import operations as op
-from farhorizon.engine.bonds import LAW_EXTENT, LAW_FIRST, PHASES, factors_of
+from farhorizon.engine.bonds import LAW_EXTENT, LAW_FIRST, PHASES, Bonds, factors_of
 from farhorizon.engine.engine import Engine
 from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.passes import Passes
@@ -163,6 +163,8 @@ class Interpreter:
         for distance, weight in zip(self.engine.offsets @ self.box.stride, self.matrices, strict=True):
             gaps = self.factors(nodes, nodes + distance) * self._gaps(nodes, nodes + distance)
             total += weight @ (gaps if forces else gaps * self.present(nodes, nodes + distance))
+        if np.ndim(self.engine.reaction):
+            total -= self.engine.reaction @ self.split(stage.src)[:, nodes]
         if forces:
             total += self._released()
         total *= stage.scale
@@ -239,9 +241,11 @@ class Interpreter:
         total[:, inside] = 0
         for bond, nodes, alive, curved, ahead, e in self.stretches():
             place, xi, stiffness = bonds.places[bond, 0], bonds.table[bond, :d, None], bonds.table[bond, d + 1]
-            over = alive & curved & (e > self.limits(nodes, nodes + place))
+            limit = self.limits(nodes, nodes + place)
+            over = alive & curved & (e > limit)
             before = bonds.shares[bond, nodes] if bonds.shares.size else np.ones(len(nodes))
-            left = np.where(over, np.minimum(before, self._shares(nodes, nodes + place, e)), before)
+            now = _shares(bonds, self.engine.bonds.softening, nodes, nodes + place, e, limit)
+            left = np.where(over, np.minimum(before, now), before)
             gone = over & (left <= 0)
             self.clear(bond, nodes[gone])
             if bonds.shares.size:
@@ -253,20 +257,6 @@ class Interpreter:
             closing = bonds.closing[bond >> 6, nodes] if bonds.closing.size else np.zeros(len(nodes), np.uint64)
             pushes = (closing & np.uint64(1) << np.uint64(bond & 63) != 0) & curved & (e < 0)
             total[:, inside] += np.where(pushes, 1.0, (alive & ~gone) * left) * c * e * pull * ahead
-
-    def _shares(self, nodes: np.ndarray, others: np.ndarray, e: np.ndarray) -> np.ndarray:
-        """What strains beyond the limit leave of the stiffness of bonds."""
-        bonds = self.tables.bonds
-        if not bonds.shares.size:
-            return np.zeros(len(nodes))
-        limit, final = self.limits(nodes, others), np.minimum(bonds.final[nodes], bonds.final[others])
-        with np.errstate(divide="ignore", invalid="ignore"):  # of bonds below the limit, whose shares do not count
-            stretch, onset = (np.sqrt(1 + x) - 1 if bonds.nonlinear else x / 2 for x in (e, limit))
-            if self.engine.bonds.softening == "linear":
-                falls = (final - stretch) / (final - onset)
-            else:
-                falls = np.exp(-2 * (stretch - onset) / (final - onset))
-            return np.asarray(np.fmax(onset / stretch * falls, 0))
 
     def _count_broken(self, nodes: np.ndarray, place: int, xi: np.ndarray, stiffness: np.ndarray) -> None:
         """Half the energy of bonds whose stiffness falls by so much, from their elongations now and a step ago."""
@@ -635,3 +625,19 @@ def _follow_law(zone: np.ndarray, at: np.ndarray) -> np.ndarray:
     """At which places, shape (3, n), bonds within the zone follow the law."""
     within = at - zone[LAW_FIRST : LAW_FIRST + 3, None]
     return ((within >= 0) & (within < zone[LAW_EXTENT : LAW_EXTENT + 3, None])).all(0)
+
+
+def _shares(
+    bonds: Bonds, softening: str | None, nodes: np.ndarray, others: np.ndarray, e: np.ndarray, limit: np.ndarray
+) -> np.ndarray:
+    """What strains beyond the limit leave of the stiffness of bonds."""
+    if softening is None:
+        return np.zeros(len(nodes))
+    final = np.minimum(bonds.final[nodes], bonds.final[others])
+    with np.errstate(divide="ignore", invalid="ignore"):  # of bonds below the limit, whose shares do not count
+        stretch, onset = (np.sqrt(1 + x) - 1 if bonds.nonlinear else x / 2 for x in (e, limit))
+        if softening == "linear":
+            falls = (final - stretch) / (final - onset)
+        else:
+            falls = np.exp(-2 * (stretch - onset) / (final - onset))
+        return np.asarray(np.fmax(onset / stretch * falls, 0))

@@ -73,10 +73,12 @@ def _scratch(engine: Field) -> int:
 
 
 def _sweep(engine: Field, heterogeneous: bool) -> Sweep:
+    own = np.asarray(engine.reaction) if np.ndim(engine.reaction) else np.zeros((0, 0))  # numbers stand in `numbers_of`
+    centre = engine.signs, own
     function, row = (
         (0, np.zeros(1))
         if heterogeneous
-        else compiled_rows(engine.offsets, engine.weights, engine.dtype.name, engine.stages.increments)
+        else compiled_rows(engine.offsets, engine.weights, engine.dtype.name, engine.stages.increments, *centre)
     )
     scale = np.array([n[2] for n in engine.stages.numbers])
     there = engine.weights.any(axis=tuple(range(1, engine.weights.ndim)))  # of two passes there may be no springs
@@ -88,7 +90,7 @@ def _sweep(engine: Field, heterogeneous: bool) -> Sweep:
         _depth(engine),
         (scale[:, None] * row).astype(engine.dtype),
         offsets @ np.array(engine.layout.box.stride),
-        (scale[:, None] * weights.ravel()).astype(engine.dtype),
+        (scale[:, None] * np.concatenate([weights.ravel(), -own.ravel()])).astype(engine.dtype),
         np.array(engine.layout.reach),
         no_law(engine),
     )
@@ -99,7 +101,7 @@ def numbers_of(engine: Field, a: float, b: float, scale: float, source_scale: fl
     beside differences, and the rest. Rows of increments are differences, and leave out the value that stays.
     """
     increments = engine.stages.increments
-    own = a - float(increments) - scale * engine.reaction
+    own = a - float(increments) - (0.0 if np.ndim(engine.reaction) else scale * float(engine.reaction))
     rows = -float(engine.weights.sum()) if engine.components == 1 and not increments else 0.0
     return own + scale * rows, own, b, scale, source_scale
 

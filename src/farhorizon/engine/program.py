@@ -165,6 +165,11 @@ def general_matrix_rows(stage, sums, start, to, count):
                     if w != 0:
                         for i in range(n):
                             acc[row, i] += w * factor[i] * (there[i] - here[i])
+        own = offsets.size * rows * components
+        for place in range(own, weights.size):
+            row, here = (place - own) // components, src[origin + (place - own) % components * read :]
+            for i in range(n):
+                acc[row, i] += weights[place] * here[i]
         for row in range(rows):
             old, new = base[node + row * written :], out[node + row * written :]
             if a != 0:

@@ -61,8 +61,8 @@ class Sweep(NamedTuple):
         Of the compiled rows.
     offsets : ndarray of int, shape (K,)
         Distances to the neighbours in a level.
-    general : ndarray, shape (stages, K * components**2)
-        Weights of the neighbours.
+    general : ndarray, shape (stages, K * components**2), or (stages, (K + 1) * components**2)
+        Weights of the neighbours, and what a reaction that is a matrix adds of the nodes' own values.
     reach : ndarray of int, shape (3,)
     law : PointLaw
         What nodes make of the sums; without values where these are all.

@@ -583,8 +583,8 @@ class ResultsWriter:
             raise InputError("probes have the shape (n, dim)", value=places.shape, limit=f"(n, {dim})")
         width = dict.fromkeys(fields, components) if isinstance(components, int) else dict(components)
         probed_width = width.get("u", width[fields[0]])
-        if not set(width.values()) <= {1, dim}:
-            raise InputError("fields are scalars or have a component an axis", value=components, limit=f"1 or {dim}")
+        if not set(width.values()) <= {1, 2, 3}:
+            raise InputError("fields in results files have up to three components", value=components, limit="1 to 3")
         padded = (*shape, 1, 1)[:3]
         with created(path) as draft, _hdf5(draft, "w") as file:
             vtk = file.create_group("VTKHDF")

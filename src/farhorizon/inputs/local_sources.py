@@ -374,10 +374,10 @@ class MomentTensor(LocalSource):
 
     def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
         """What it is on the nodes."""
-        if components == 1:
+        if components == 1 or components != lattice.dim:
             raise InputError(
                 "a moment tensor acts on an elastic medium",
-                value="a scalar field",
+                value="a scalar field" if components == 1 else f"{components} components",
                 limit="Elastic",
                 key=key,
                 remedy="PointSource for a scalar field",

@@ -159,15 +159,15 @@ def field(value: Any, lattice: Lattice, components: int, key: str = "source") ->
             value="one for all" if entries is None else f"{entries} entries",
             limit=f"a list of {components}",
             key=key,
-            remedy=LISTED[components],
+            remedy=_listed(components, lattice.dim),
         )
     return np.stack([field(part, lattice, 1, f"{key}[{i}]") for i, part in enumerate(found)])
 
 
-LISTED = {
-    2: '["exp(-x**2 - y**2)", 0.0] for a field along x',
-    3: '["exp(-x**2 - y**2 - z**2)", 0.0, 0.0] for a field along x',
-}
+def _listed(components: int, dim: int) -> str:
+    """How a field of several components is given."""
+    bell = "exp(-" + " - ".join(f"{axis}**2" for axis in "xyz"[:dim]) + ")"
+    return f'["{bell}", {", ".join(["0.0"] * (components - 1))}] for a field along x'
 
 
 def largest_component(value: Any) -> Callable[..., np.ndarray]:

@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -44,22 +45,27 @@ class Stencil(Storable):
     """A translation-invariant operator ``(L u)_i = sum_k w_k (u_(i+k) - u_i) - r u_i``, for unit spacing and
     coefficient.
 
+    Every operator with a finite reach is of this form: what a node feels of its neighbours' values and of its own is in
+    the differences and in r.
+
     Parameters
     ----------
     offsets : array_like of int, shape (K, dim)
         Neighbours, without the centre.
-    weights : array_like, shape (K,), or (K, dim, dim) for a field of dim components
-        A model scales them by ``coefficient / spacing^2``.
-    reaction : float
+    weights : array_like, shape (K,), or (K, d, d) for a field of d components, in two or three dimensions
+        A model scales them by ``coefficient / spacing^2``. A field of as many components as axes is taken for a vector
+        along them.
+    reaction : float, or array_like, shape (d, d)
         r, what a node's own value is drawn back by, scaled as the weights are: the squared mass of a Klein-Gordon
         field, the stiffness of an elastic foundation, the rate of a decay. A coefficient that varies from node to node
-        is one of the bonds and does not touch it.
+        is one of the bonds and does not touch it. A symmetric matrix where components are drawn back in ways of their
+        own, as rotations of nodes are.
 
     Raises
     ------
     InputError
         Repeated or zero offsets, weights that are not finite, a stencil that is not symmetric, ``w_(-k) = w_k`` (of
-        matrices the transpose), a reaction below zero.
+        matrices the transpose), a reaction below zero (a matrix that is not symmetric or has an eigenvalue below zero).
 
     Examples
     --------
@@ -70,7 +76,7 @@ class Stencil(Storable):
     8.0
     """
 
-    def __init__(self, offsets: np.ndarray, weights: np.ndarray, reaction: float = 0.0) -> None:
+    def __init__(self, offsets: np.ndarray, weights: np.ndarray, reaction: float | np.ndarray = 0.0) -> None:
         given = np.atleast_2d(kinds.array(offsets, "stencil.offsets"))
         weights, offsets = (
             kinds.array(weights, "stencil.weights"),
@@ -84,9 +90,10 @@ class Stencil(Storable):
                 key="stencil.offsets",
             )
         count, dim = offsets.shape
-        if weights.shape not in ((count,), (count, dim, dim)) or not 1 <= dim <= 3 or (weights.ndim == 3 and dim == 1):
+        matrices = weights.ndim == 3 and dim > 1 and weights.shape[1] == weights.shape[2] > 1
+        if len(weights) != count or not (weights.ndim == 1 or matrices) or not 1 <= dim <= 3:
             raise InputError(
-                "a stencil needs one weight an offset in 1 to 3 dimensions, or one dim x dim matrix in 2 or 3",
+                "a stencil needs one weight an offset in 1 to 3 dimensions, or one square matrix in 2 or 3",
                 value=(offsets.shape, weights.shape),
             )
         if len(np.unique(offsets, axis=0)) != count or not offsets.any(1).all():
@@ -94,7 +101,7 @@ class Stencil(Storable):
         order = np.lexsort(offsets.T[::-1])
         self.offsets, self.weights = offsets[order], weights[order]
         self.dim = dim
-        self.reaction = kinds.number(reaction, "stencil.reaction", least=0)
+        self.reaction = _reaction(reaction, self.components)
         unlike = self._unlike(-self.offsets, np.swapaxes(self.weights, 1, 2) if weights.ndim == 3 else self.weights)
         if unlike is not None:
             raise InputError(
@@ -108,21 +115,56 @@ class Stencil(Storable):
             isinstance(other, Stencil)
             and np.array_equal(self.offsets, other.offsets)
             and np.array_equal(self.weights, other.weights)
-            and self.reaction == other.reaction
+            and np.array_equal(self.reaction, other.reaction)
         )
 
     def __hash__(self) -> int:
-        return hash((self.offsets.tobytes(), self.weights.tobytes(), self.reaction))
+        return hash((self.offsets.tobytes(), self.weights.tobytes(), np.asarray(self.reaction).tobytes()))
 
     @property
     def components(self) -> int:
-        """Components of the field: 1 with numbers, dim with matrices."""
-        return 1 if self.weights.ndim == 1 else self.dim
+        """Components of the field: 1 with numbers, as many as matrices have rows."""
+        return 1 if self.weights.ndim == 1 else self.weights.shape[1]
 
     @property
-    def own(self) -> float | np.ndarray:
+    def own(self) -> Any:
         """What the reaction takes of a node's own value, of matrices one."""
-        return self.reaction if self.components == 1 else self.reaction * np.eye(self.dim)
+        return (
+            self.reaction if self.components == 1 or np.ndim(self.reaction) else self.reaction * np.eye(self.components)
+        )
+
+    @property
+    def strongest_reaction(self) -> float:
+        """Its largest value, or eigenvalue."""
+        return float(np.linalg.eigvalsh(self.reaction)[-1]) if np.ndim(self.reaction) else float(self.reaction)
+
+    @cached_property
+    def signs(self) -> np.ndarray:
+        """For each component and axis whether it changes its sign (-1) or not (1) in a mirror across that axis: of a
+        vector the component along it, of others what the weights tell, so that the stencil goes over into itself if it
+        can.
+        """
+        if self.components in (1, self.dim):
+            return np.ones((1, self.dim), int) if self.components == 1 else 1 - 2 * np.eye(self.dim, dtype=int)
+        return np.stack([self._signs_along(axis) for axis in range(self.dim)], axis=-1)
+
+    def _signs_along(self, axis: int) -> np.ndarray:
+        """Of components that are coupled the product of their signs is known from the weights at mirror images."""
+        table = dict(zip(map(tuple, self.offsets.tolist()), self.weights, strict=True))
+        mirror = self.offsets * np.where(np.arange(self.dim) == axis, -1, 1)
+        missing = np.full_like(self.weights[0], np.inf)
+        images = np.stack([table.get(tuple(o), missing) for o in mirror.tolist()])
+        limit = 1e-12 * np.abs(self.weights).max()
+        coupled = np.abs(self.weights).max(0) + np.abs(self.own) > limit
+        even = np.abs(images - self.weights).max(0) <= limit
+        signs = np.zeros(self.components, int)
+        for first in range(self.components):
+            signs[first] = signs[first] or 1
+            for _ in range(self.components):
+                for one, other in np.argwhere(coupled):
+                    if signs[one] and not signs[other]:
+                        signs[other] = signs[one] * (1 if even[one, other] else -1)
+        return signs
 
     def _unlike(self, offsets: np.ndarray, weights: np.ndarray) -> list[int] | None:
         """The first offset at which another table differs from this one; None if they are alike."""
@@ -134,26 +176,23 @@ class Stencil(Storable):
         return None
 
     def even_along(self, axis: int) -> bool:
-        """Whether the stencil goes over into itself in a mirror across an axis, in which the component along it changes
-        its sign.
+        """Whether the stencil goes over into itself in a mirror across an axis, in which components change their
+        `signs`.
         """
-        sign = np.where(np.arange(self.dim) == axis, -1, 1)
-        return (
-            self._unlike(
-                self.offsets * sign, self.weights if self.components == 1 else self.weights * np.outer(sign, sign)
-            )
-            is None
-        )
+        turn, sign = np.where(np.arange(self.dim) == axis, -1, 1), self.signs[:, axis]
+        turned = self.weights if self.components == 1 else self.weights * np.outer(sign, sign)
+        return self._unlike(self.offsets * turn, turned) is None
 
     def same_along(self, axis: int, other: int) -> bool:
-        """Whether two axes may be exchanged, and with them the components."""
+        """Whether two axes may be exchanged, and with them the components of a vector."""
         order = np.arange(self.dim)
         order[[axis, other]] = other, axis
         return self._unlike(self.offsets[:, order], self._reordered(order)) is None
 
     def _reordered(self, order: Sequence[int] | np.ndarray) -> np.ndarray:
-        """Weights with the components in another order."""
-        return self.weights if self.components == 1 else self.weights[:, order][:, :, order]
+        """Weights with the components of a vector in another order."""
+        vector = self.components == self.dim > 1
+        return self.weights[:, order][:, :, order] if vector else self.weights
 
     @cached_property
     def positive(self) -> bool:
@@ -243,13 +282,15 @@ class Stencil(Storable):
         return cls(grid[used], weights[used])
 
     def along(self, axis: int) -> Stencil:
-        """The same stencil with another axis (and component) first, the rest in their order."""
+        """The same stencil with another axis (and component of a vector) first, the rest in their order."""
         order = [axis, *(a for a in range(self.dim) if a != axis)]
-        return Stencil(self.offsets[:, order], self._reordered(order), self.reaction)
+        moved = np.ndim(self.reaction) and self.components == self.dim
+        reaction = self.own[order][:, order] if moved else self.reaction
+        return Stencil(self.offsets[:, order], self._reordered(order), reaction)
 
-    def with_reaction(self, reaction: float) -> Stencil:
+    def with_reaction(self, reaction: float | np.ndarray) -> Stencil:
         """The same bonds with another reaction."""
-        return self if reaction == self.reaction else Stencil(self.offsets, self.weights, reaction)
+        return self if np.array_equal(reaction, self.reaction) else Stencil(self.offsets, self.weights, reaction)
 
     def beside(self, factor: float) -> Stencil:
         """The stencil of a medium whose bonds are stronger by a factor, in units of these: the reaction is the same."""
@@ -365,8 +406,28 @@ class Stencil(Storable):
         )
 
     def __repr__(self) -> str:
-        more = f", reaction={self.reaction:g}" if self.reaction else ""
+        more = f", reaction={self.strongest_reaction:g}" if np.any(self.reaction) else ""
         return f"Stencil(dim={self.dim}, neighbours={len(self.weights)}, reach={self.reach}{more})"
+
+
+def _reaction(given: Any, components: int) -> Any:
+    """A number, or a matrix that draws a field of several components back."""
+    if np.ndim(given) == 0:
+        return kinds.number(given, "stencil.reaction", least=0)
+    matrix = kinds.array(given, "stencil.reaction")
+    size = np.abs(matrix).max(initial=0)
+    if (
+        matrix.shape != (components, components)
+        or np.abs(matrix - matrix.T).max(initial=0) > 1e-12 * size
+        or np.linalg.eigvalsh(matrix).min(initial=0) < -1e-12 * size
+    ):
+        raise InputError(
+            "a reaction is a number or a symmetric matrix that draws nothing away",
+            value=matrix.tolist(),
+            limit=f"{components} x {components}, no eigenvalue below 0",
+            key="stencil.reaction",
+        )
+    return (matrix + matrix.T) / 2
 
 
 @lru_cache(maxsize=32)  # each copy of a set-up asks again
@@ -378,14 +439,14 @@ def _symbol_maximum(stencil: Stencil) -> float:
     best = float(values.max())
 
     def largest(angles: np.ndarray) -> float:  # all offsets at once: a search asks for hundreds of single points
-        symbol = np.tensordot(1 - np.exp(1j * stencil.offsets @ angles), stencil.weights, 1)
+        symbol = np.tensordot(1 - np.exp(1j * stencil.offsets @ angles), stencil.weights, 1) + stencil.own
         return float(symbol.real if stencil.components == 1 else np.linalg.eigvalsh(symbol)[-1])
 
     for flat in np.argsort(values, axis=None)[-3:]:
         index = np.unravel_index(flat, values.shape)
         start = [float(axis.ravel()[i]) for axis, i in zip(zone, index, strict=True)]
         found = minimize(lambda a: -largest(a), start, method="BFGS", options={"gtol": 1e-12})
-        best = max(best, stencil.reaction - float(found.fun))
+        best = max(best, -float(found.fun))
     return best
 
 

@@ -356,7 +356,8 @@ class LatticeModel:
             return self._given.beside(self._stronger)
         bonds = self.stencil(spacing, dim).beside(self._stronger)
         reaction = kinds.number(self.reaction, "model.reaction", least=0)
-        return bonds.with_reaction(bonds.reaction + reaction * spacing**2 / self.coefficient)
+        more = reaction * spacing**2 / self.coefficient
+        return bonds.with_reaction(bonds.reaction + more * (np.eye(bonds.components) if np.ndim(bonds.reaction) else 1))
 
     def stencil(self, spacing: float, dim: int) -> Stencil:
         """Dimensionless stencil of the operator on a lattice."""

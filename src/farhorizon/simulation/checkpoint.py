@@ -41,8 +41,8 @@ def fingerprint(setup: Setup, parts: Parts, cuts: int) -> dict[str, Any]:
     }
     if model.drag:
         found["drag"] = model.drag
-    if engine.reaction:
-        found["reaction"] = engine.reaction
+    if np.any(engine.reaction):
+        found["reaction"] = np.asarray(engine.reaction).tolist()
     if near.density is not None:
         found["density"] = float(near.density.sum())
     if parts.ends is not None:

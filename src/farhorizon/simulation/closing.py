@@ -97,7 +97,7 @@ def exact_ends_of(near: NearField, sides: Sides, grid: Grid) -> ExactEnds | None
             key="coefficient",
             remedy="Free",
         )
-    recursion = Recursion.of(near.model.integrator, near.dt, near.model.damping, grid.engine.reaction)
+    recursion = Recursion.of(near.model.integrator, near.dt, near.model.damping, float(grid.engine.reaction))
     bonds = half_weights(near.stencil, near.model.coefficient / near.lattice.spacing**2)
     line = grid.engine.core.node_indices().ravel()
     return ExactEnds(

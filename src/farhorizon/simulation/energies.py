@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from farhorizon.boundaries import ExactEnds
+from farhorizon.engine.engine import Engine
 from farhorizon.simulation.breaking import Breaking
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
@@ -43,9 +44,9 @@ def energies(
         return {"stored": float(0.5 * lattice.spacing**lattice.dim * total)}
     mass = lattice.spacing**lattice.dim / near.model.source_factor
     own = {"drag": mass * engine.dragged} if near.model.drag else {}
-    if engine.reaction:
-        squared = _shown(near, grid, engine.current).astype(float) * _shown(near, grid, engine.older)
-        own["reaction"] = float(mass * 0.5 * engine.reaction * squared.sum())
+    if np.any(engine.reaction):
+        now, ago = (_shown(near, grid, level).astype(float) for level in (engine.current, engine.older))
+        own["reaction"] = float(mass * 0.5 * (now * _drawn_back(engine, ago)).sum())
     if breaking is not None and engine.bonds.forces:
         return own | {
             "kinetic": kinetic_energy(near, grid),
@@ -74,7 +75,7 @@ def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.nd
     engine = grid.engine
 
     def apply(level: np.ndarray) -> np.ndarray:  # the bonds alone
-        return engine.apply_core(level.astype(engine.dtype)).astype(float) + engine.reaction * level
+        return engine.apply_core(level.astype(engine.dtype)).astype(float) + _drawn_back(engine, level)
 
     strain = -u * apply(old) - old * apply(u)
     each, ago = u.reshape(engine.components, -1), old.reshape(engine.components, -1)
@@ -89,6 +90,13 @@ def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.nd
         ):  # sum_b (L there)_ba u_a old_b: L is symmetric
             strain -= (now * ago * apply(np.multiply.outer(unit, there).ravel()).reshape(each.shape)).ravel()
     return strain
+
+
+def _drawn_back(engine: Engine, values: np.ndarray) -> np.ndarray:
+    """What a reaction takes of values, component by component."""
+    if np.ndim(engine.reaction):
+        return np.reshape(engine.reaction @ values.reshape(engine.components, -1), values.shape)
+    return engine.reaction * values
 
 
 def _shown(near: NearField, grid: Grid, level: np.ndarray) -> np.ndarray:

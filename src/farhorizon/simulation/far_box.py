@@ -35,7 +35,7 @@ def medium_outside(parts: Parts) -> Scheme:
     Raises
     ------
     InputError
-        A medium that ends at some side, or is not linear.
+        A medium that ends at some side, or is not linear, or a field that is no scalar or vector.
     """
     near = parts.whole.near
     ends = [side_name(*key) for key, side in parts.whole.sides.items() if not side.endless]
@@ -46,6 +46,14 @@ def medium_outside(parts: Parts) -> Scheme:
             limit="sides beyond which the medium goes on",
             key="far_field",
             remedy="LatticePML there; or, where the medium does end, Receivers in a larger near field",
+        )
+    if near.stencil.components not in (1, near.lattice.dim):
+        raise InputError(
+            "the far field is that of scalars and of vectors",
+            value=f"{near.stencil.components} components",
+            limit=f"1 or {near.lattice.dim}",
+            key="far_field",
+            remedy="Receivers in a larger near field",
         )
     law = near.model.bond_law
     if law is not None and law.nonlinear:

@@ -138,7 +138,7 @@ class FlowBalance:
             free = grid.indices[self._free.ravel()]
             accounts = np.append(accounts, np.full(free.size, len(self.names) - 1))
             nodes, neighbours = np.append(nodes, free), np.append(neighbours, np.full(free.size, -1))
-            weights = np.append(weights, np.full(free.size, engine.reaction))
+            weights = np.append(weights, np.full(free.size, float(engine.reaction)))
         layers = {}
         for axis, side in engine.layers:
             reach = engine.layout.reach[axis]

@@ -12,12 +12,14 @@ import numpy as np
 from farhorizon.engine.engine import Engine
 from farhorizon.engine.exchange import Link
 from farhorizon.engine.passes import StateSums
+from farhorizon.engine.rows.matrices import Signs
 from farhorizon.engine.settings import connect, set_density
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.integrators import Verlet
+from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, Setup, Sides, wanted_threads
 from farhorizon.simulation.surroundings import Surroundings
@@ -224,6 +226,7 @@ def make_grid(
         coefficient=grown,
         rule=setup.bond_rule if near.variation.moduli is None else "arithmetic",  # each end has forces of its own
         reaction=stencil.reaction * scale,
+        signs=None if stencil.components in (1, lattice.dim) else _signs(stencil),
         sums=None if states is None else _sums(states, scale, lead, moduli, _stretch(near, around, margins)),
     )
     if link is not None and neighbours is not None:
@@ -238,6 +241,11 @@ def make_grid(
         if boundary.held is not None and boundary.held != near.background:
             _hold_beyond(grid, near, around, (axis, side), boundary.held)
     return grid
+
+
+def _signs(stencil: Stencil) -> Signs:
+    """Whether components change their signs in mirrors across the three axes."""
+    return tuple((0,) * (3 - stencil.dim) + tuple(int(sign < 0) for sign in row) for row in stencil.signs)
 
 
 def _sums(

@@ -270,7 +270,8 @@ def near_field(
         fastest = lightest_bond(factor, density, stencil.offsets, setup.bond_rule, around)
         rate *= model.coefficient / lattice.spacing**2 * max(fastest, 1e-300)
     rate *= stiffer
-    rate += stencil.reaction * model.coefficient / lattice.spacing**2 + float(_leak(model, conditions).max(initial=0))
+    drawn = stencil.strongest_reaction * model.coefficient / lattice.spacing**2
+    rate += drawn + float(_leak(model, conditions).max(initial=0))
     rate = rate if whole is None else whole.rate_limit
     coupling = _coupling(setup, stencil, variation)
     if coupling is None:

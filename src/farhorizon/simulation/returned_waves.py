@@ -98,7 +98,7 @@ class ReturnedWaves:
             No layer keeps it.
         """
         coefficient, facing = self.coefficients[axis, side], self._facing(axis, side)
-        if not facing.reaction and (boundary.target is None or until > self.foreseen):
+        if not facing.strongest_reaction and (boundary.target is None or until > self.foreseen):
             data = [datum.values for datum in self._turned(axis, side)]
             found = by_formula(facing, np.sqrt(coefficient) / self.spacing, until, data, wanted)
             if found is None and boundary.target is None:

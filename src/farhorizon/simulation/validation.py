@@ -107,8 +107,16 @@ def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
     """
     if stencil.components > 1:
         _check_vector(setup, sides)
-    if stencil.reaction:
-        _check_reaction(setup, sides, stencil.reaction)
+    if stencil.components not in (1, stencil.dim) and any(isinstance(source, Incident) for source in setup.sources):
+        raise InputError(
+            "an incident wave is one of a scalar or of a vector",
+            value=f"{stencil.components} components",
+            limit=f"1 or {stencil.dim}",
+            key="incident",
+            remedy="a source, or initial data",
+        )
+    if stencil.strongest_reaction:
+        _check_reaction(setup, sides, stencil.strongest_reaction)
     _check_closing(setup, sides)
     for axis, (n, m) in enumerate(zip(setup.lattice.shape, stencil.reach, strict=True)):
         if n < 2 * m + 1:

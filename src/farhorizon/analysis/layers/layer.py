@@ -22,7 +22,6 @@ import numpy as np
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.reflection import (
-    TYPES,
     Modes,
     by_type,
     chain_modes,
@@ -30,6 +29,7 @@ from farhorizon.analysis.layers.reflection import (
     eigenvalue_of_type,
     factor_of_wave,
     polarisations,
+    types_of,
 )
 from farhorizon.engine.engine import Layer
 from farhorizon.engine.filter import line_damping
@@ -113,7 +113,7 @@ class LatticeMedium:
         Parameters
         ----------
         kind : int
-            Number of the type among `TYPES`.
+            Number of the type among `types_of`.
 
         Returns
         -------
@@ -125,7 +125,8 @@ class LatticeMedium:
         # speeds along the normal, P first
         squared = 0.5 * np.einsum("kii,k->i", stencil.weights, stencil.offsets[:, 0] ** 2)
         weights = np.trace(stencil.weights, axis1=1, axis2=2) * squared[kind] / squared.sum()
-        return replace(self, stencil=Stencil(stencil.offsets[weights != 0], weights[weights != 0], stencil.reaction))
+        reaction = float(np.diag(stencil.own)[kind])
+        return replace(self, stencil=Stencil(stencil.offsets[weights != 0], weights[weights != 0], reaction))
 
     def wave(
         self,
@@ -165,7 +166,7 @@ class LatticeMedium:
         azimuth : float
             In 3D, of its tangential part against the first axis along the side, in degrees.
         number : int
-            Of its type among `TYPES`.
+            Of its type among `types_of`.
 
         Raises
         ------
@@ -176,7 +177,7 @@ class LatticeMedium:
         wavenumber, tilt, turn = 2 * np.pi / wavelength, np.radians(angle), np.radians(azimuth)
         along = wavenumber * np.sin(tilt) * np.array([np.cos(turn), np.sin(turn)])[: self.stencil.dim - 1]
         normal = wavenumber * np.cos(tilt)
-        shape = polarisations(self.stencil.components, float(tilt), float(turn))
+        shape = polarisations(self.stencil.components, self.stencil.dim, float(tilt), float(turn))
         factor = factor_of_wave(
             -self.rate * eigenvalue_of_type(self.stencil.symbol(normal, *along), shape, number), self.recursion
         )
@@ -344,8 +345,8 @@ class LayerSide:
 
     @property
     def types(self) -> tuple[str, ...]:
-        """Types of waves, see `farhorizon.analysis.layers.reflection.TYPES`."""
-        return TYPES[self.medium.stencil.components]
+        """Types of waves, see `farhorizon.analysis.layers.reflection.types_of`."""
+        return types_of(self.medium.stencil.components, self.medium.stencil.dim)
 
     def reflections(
         self, wavelength: float, angle: float, azimuth: float = 0.0, incoming: str | None = None

@@ -20,7 +20,7 @@ from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.errors import InputError
 from farhorizon.medium.stencil import Stencil
 
-TYPES = {1: ("",), 2: ("P", "S"), 3: ("P", "SV", "SH")}  # of waves, by components of the field
+_TYPES = {1: ("",), 2: ("P", "S"), 3: ("P", "SV", "SH")}  # of waves, by components of the field
 _UNIT = 1e-8  # a mode whose modulus differs less from 1 propagates
 _ALIKE = 1e-6  # modes whose factors differ less are polarisations of one
 _MEANT = 0.1  # of the largest overlap with a polarisation: a wave that has it
@@ -75,19 +75,34 @@ def chain_weights(stencil: Stencil, angles: Sequence[float]) -> np.ndarray:
     return found
 
 
-def polarisations(components: int, angle: float, azimuth: float = 0.0) -> np.ndarray:
-    """Polarisations of long waves in an isotropic medium, in the order of `TYPES`, as rows of shape (components,
+def types_of(components: int, dim: int) -> tuple[str, ...]:
+    """Types of the waves of a field in so many dimensions: of a scalar one without a name, P and S, in space SV and SH,
+    of a vector; where there are more components the first are one, and the waves of the others have their numbers.
+    """
+    if components in (1, dim):
+        return _TYPES[components]
+    vector = _TYPES[dim] if components > dim else ()
+    return vector + tuple(f"u{number}" for number in range(len(vector) + 1, components + 1))
+
+
+def polarisations(components: int, dim: int, angle: float, azimuth: float = 0.0) -> np.ndarray:
+    """Polarisations of long waves in an isotropic medium, in the order of `types_of`, as rows of shape (components,
     components).
 
     Parameters
     ----------
-    components : int
+    components, dim : int
     angle : float
         Of the wave vector against the normal, the first axis, in radians.
     azimuth : float
         In 3D, of its tangential part against the second axis, in radians. SV lies in the plane of incidence, SH along
         the side.
     """
+    if components != dim:
+        found = np.eye(components)
+        if components > dim:
+            found[:dim, :dim] = polarisations(dim, dim, angle, azimuth)
+        return found
     if components == 1:
         return np.ones((1, 1))
     along = [1.0] if components == 2 else [np.cos(azimuth), np.sin(azimuth)]
@@ -257,16 +272,16 @@ def by_type(modes: Modes, amplitudes: np.ndarray, along: np.ndarray, azimuth: fl
         Without the types that do not travel.
     """
     found: dict[str, complex] = {}
-    components, left = len(modes.vector), modes.travels.copy()
+    components, dim, left = len(modes.vector), len(along) + 1, modes.travels.copy()
     while left.any():
         alike = left & (np.abs(modes.leaving - modes.leaving[np.argmax(left)]) < _ALIKE)
         left &= ~alike
         field = amplitudes[alike] @ modes.vectors[alike]
         angle = np.arctan2(np.linalg.norm(along), np.angle(modes.leaving[alike][0]))
         basis = linalg.qr(modes.vectors[alike].T, mode="economic")[0]
-        shadows = polarisations(components, float(angle), azimuth) @ basis.conj() @ basis.T
+        shadows = polarisations(components, dim, float(angle), azimuth) @ basis.conj() @ basis.T
         lengths = np.linalg.norm(shadows, axis=1)
         for number in np.argsort(-lengths)[: basis.shape[1]]:
-            name, share = TYPES[components][number], complex(np.vdot(shadows[number], field) / lengths[number])
+            name, share = types_of(components, dim)[number], complex(np.vdot(shadows[number], field) / lengths[number])
             found[name] = complex(np.sqrt(found[name] ** 2 + share**2)) if name in found else share
     return found

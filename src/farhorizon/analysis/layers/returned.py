@@ -82,7 +82,7 @@ class Sample:
     ----------
     medium : LatticeMedium
     kind : int
-        Number of the type among `farhorizon.analysis.layers.reflection.TYPES`.
+        Number of the type among `farhorizon.analysis.layers.reflection.types_of`.
     """
 
     def __init__(self, medium: LatticeMedium, kind: int = 0) -> None:
@@ -117,11 +117,11 @@ class Sample:
 
     def _wave(self, root: complex, factor: complex, along: np.ndarray) -> ArrivingWave | None:
         """A wave with all modes of the medium; None where none comes to the side."""
-        azimuth = float(np.arctan2(along[-1], along[0])) if len(along) > 1 else 0.0
+        stencil, azimuth = self.medium.stencil, float(np.arctan2(along[-1], along[0])) if len(along) > 1 else 0.0
         angle = float(np.arctan2(np.linalg.norm(along), np.abs(np.log(root))))
         try:
             return self.medium.wave(
-                along, factor, root, polarisations(self.medium.stencil.components, angle, azimuth)[self.kind]
+                along, factor, root, polarisations(stencil.components, stencil.dim, angle, azimuth)[self.kind]
             )
         except InputError:
             return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from farhorizon.engine.rows.build import load_rows
-from farhorizon.engine.rows.matrices import Signs, parity, signs_of
+from farhorizon.engine.rows.matrices import Signs, parity
 
 UNROLLED_LIMIT = 1200  # products in straight-line code beyond which compiling takes longer than a run
 _ROUNDING = 1e-14  # of the largest weight: mirror images that differ by less are alike
@@ -13,7 +13,9 @@ _ROUNDING = 1e-14  # of the largest weight: mirror images that differ by less ar
 Offset = tuple[int, int, int]
 
 
-def compiled_rows(offsets: np.ndarray, weights: np.ndarray, real: str, increments: bool) -> tuple[int, np.ndarray]:
+def compiled_rows(
+    offsets: np.ndarray, weights: np.ndarray, real: str, increments: bool, signs: Signs, own: np.ndarray
+) -> tuple[int, np.ndarray]:
     """Compiled rows of a stencil, and the weights they take.
 
     Parameters
@@ -21,6 +23,10 @@ def compiled_rows(offsets: np.ndarray, weights: np.ndarray, real: str, increment
     offsets, weights : ndarray, shapes (K, 3) and (K,) or (K, d, d)
     real : {"float64", "float32"}
     increments : bool
+    signs : Signs
+        Of the components of a field of several.
+    own : ndarray, shape (d, d), or empty
+        What a reaction takes of a node's own value.
 
     Returns
     -------
@@ -32,8 +38,8 @@ def compiled_rows(offsets: np.ndarray, weights: np.ndarray, real: str, increment
         return 0, np.zeros(1)
     table = dict(zip(map(tuple, offsets.tolist()), weights, strict=True))
     if weights.ndim > 1:  # the centre has what the others leave it
-        signs = signs_of(weights.shape[1])
-        return _matrix_rows(table | {(0, 0, 0): -np.sum(weights, axis=0)}, signs, signs, "step", real, increments)
+        centre = -np.sum(weights, axis=0) - (own if own.size else 0)
+        return _matrix_rows(table | {(0, 0, 0): centre}, signs, signs, "step", real, increments)
     shape, row = _scalar_row(table)
     if not shape:
         return 0, np.zeros(1)
