@@ -154,6 +154,11 @@ MEASUREMENTS = {
     "kalthoff": validated("kalthoff", ours={"one": 2, "two": 3, "one-order": 4, "two-order": 5}),
     "lattice-crack": validated("lattice-crack", ours={"coarse": 2, "fine": 5}),
     "lattice-line": validated("lattice-line", ours={"coarse": 2, "fine": 5}),
+    "lattice-fracture": validated(
+        "lattice-fracture",
+        ours={"slow": 1, "fast": 22, "history": 11, "slow-history": 3},
+        off={"load": 8, "goes-on": 24, "heals": 25},
+    ),
     "griffith-crack": validated("griffith-crack", ours={"sliding": 3, "opening": 5}, off={"intensity": 2}),
     "penny-pressure": validated("penny-pressure", off={"opening": 1, "intensity": 2}),
     "branching": validated("branching", ours={"time": 0, "echo": 2, "boxed": 4, "speed": 5}),

@@ -13,6 +13,7 @@ from farhorizon.validation import (
     cross_sections,
     dissolution,
     explosion,
+    lattice_fracture,
     moving_load,
     nonlocal_waves,
     stress_intensity,
@@ -151,6 +152,18 @@ def test_command_computes(capsys, tmp_path):
     assert all(abs(row["ours"] / row["printed"] - 1) < 0.005 for row in found["rows"])
 
 
+def steady_cracks():
+    """Of each speed of lattice-fracture load, longest bonds ahead and beside, how far the history may be off. A load
+    10 nodes behind is one far away but for 1/10^2; the layers are made for 1e-6 of a largest value that is several
+    times the elongation of the bond that opens.
+    """
+    for speed in lattice_fracture.SPEEDS:
+        steps = int(np.ceil(1 / (speed * lattice_fracture.LONGEST)))
+        exact = lattice_fracture.read(lattice_fracture.exact_rows(speed, steps), steps)
+        yield (lattice_fracture.ratio_of_steps(speed, steps), 0.01)
+        yield from [(exact.before, 1e-5), (exact.beside, 1e-5), (0.0, 1e-5)]
+
+
 #: By name, what each row's number must be: the exact value and how far from it. Ratios, orders and angles, and what the
 #: layers' target or rounding bounds, are held to what theory or their design says; errors of one grid, of which theory
 #: gives the order alone, to what was measured, rounded up, so that a change for the worse is told.
@@ -180,6 +193,7 @@ BOUNDS = {
     # the target is one of the largest value, six times the incident wave at the tip
     "lattice-crack": [(0.0, 1e-5)] * 3 + [(0.0, 1e-7)] * 3 + [(1.0, 1e-6)],
     "lattice-line": [(0.0, 1e-5)] * 3 + [(0.0, 1e-7)] * 3 + [(1.0, 1e-6)],
+    "lattice-fracture": [*steady_cracks(), (np.sqrt(2) - 1, 0.005), (np.sqrt(2) + 1, 0.005)],
     "griffith-crack": [
         (1.0, 0.02),
         (0.0, 0.01),
