@@ -52,6 +52,18 @@ def test_curve_panels(tmp_path, number):
     assert is_picture(tmp_path / "c.png")
 
 
+def test_values_between_gaps_are_points(tmp_path, monkeypatch):
+    """Which a line between its values alone would not show."""
+    from matplotlib.axes import Axes
+
+    markers, plotted = [], Axes.plot
+    monkeypatch.setattr(Axes, "plot", lambda *a, **options: markers.append(options["marker"]) or plotted(*a, **options))
+    x, gap = np.arange(4.0), np.array([1.0, np.nan, 2.0, np.nan])
+    panels = [("panel", [("line", x, x), ("points", x, gap), ("broken line", x, np.array([1.0, 2.0, np.nan, 3.0]))])]
+    drawing.curve_panels(panels, tmp_path / "c.png", xlabel="x", ylabel="y")
+    assert markers == ["", "o", ""]
+
+
 @pytest.mark.parametrize("panels", [[], [("empty", [])]])
 def test_no_curves_are_refused(tmp_path, panels):
     for draw in (drawing.curve_panels, drawing.log_panels):

@@ -100,7 +100,7 @@ def curve_panels(
     ----------
     panels : sequence of (title, curves)
         Curves are (name, x, y); one name has one style in all panels. A single curve is named at its axis, several in
-        one legend.
+        one legend. Values with gaps between all of them are drawn as points.
     path : str or Path
         The PNG file.
     xlabel, ylabel : str or sequence of str
@@ -146,7 +146,9 @@ def curve_panels(
             axes = figure.add_subplot(rows, columns, number + 1)
             for name, x, y in curves:
                 style = {"color": COLORS[0], "linewidth": 1.1} if len(curves) == 1 else styles[name]
-                (line,) = axes.plot(x, y, **{"linestyle": "-", **style})
+                known = np.isfinite(y)
+                marker = "" if (known[1:] & known[:-1]).any() else "o"
+                (line,) = axes.plot(x, y, **{"linestyle": "-", "marker": marker, **style})
                 if len(curves) > 1:
                     legend.setdefault(name, line)
             own = "" if shared else ylabel if isinstance(ylabel, str) else ylabel[number]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -42,6 +42,7 @@ class CutBonds:
     closure: Closure | None
     free_rim: bool
     notes: list[str]
+    _known: dict[int, tuple[Crack, list[_Bonds]]] = field(default_factory=dict, init=False)
 
     def cut(self, cracks: Sequence[Crack]) -> None:
         """Leave out the bonds across some cracks, and those that are absent in any case.
@@ -51,27 +52,8 @@ class CutBonds:
         InputError
             A crack that what stands on a side cannot continue, or does not bear.
         """
-        engine, block, lead = self.grid.engine, self.grid.engine.core, self.grid.lead
-        offsets = engine.offsets
-        found: list[_Bonds] = []
-        for crack in cracks:
-            cut, lost = crack.cut, 1 - crack.factor
-            crossed = self._crossed(cut)
-            nodes, bonds = cut_bonds(
-                cut, self.grid.origin, self.near.lattice.spacing, block.nodes[lead:], offsets[:, lead:]
-            )
-            flat = block.origin + nodes @ np.array(block.stride[lead:])
-            found.append((flat, flat + offsets[bonds] @ np.array(block.stride), lost * engine.weights[bonds]))
-            if self.closure is not None and np.isin(flat, self.closure.nodes).any():
-                raise InputError(
-                    "a crack cuts bonds of nodes that a condition along the outline reads",
-                    key="crack",
-                    value=[b.tolist() for b in cut.bounds()],
-                    remedy="enlarge the near field, or use a LatticePML",
-                )
-            for key in crossed:
-                *ends, weights = self._continued(cut, nodes, bonds, key)
-                found.append((ends[0], ends[1], lost * weights))
+        engine = self.grid.engine
+        found = [bonds for crack in cracks for bonds in self._lost(crack)]
         if self.closure is not None:
             found += self._beyond_halo(self.closure)
         found.append((np.zeros(0, np.int64), np.zeros(0, np.int64), engine.weights[:0]))
@@ -84,6 +66,33 @@ class CutBonds:
         engine.absent.set(
             nodes[first], neighbours[first], weights[first], self.existing(self.free_rim) if bare else None
         )
+
+    def _lost(self, crack: Crack) -> list[_Bonds]:
+        """The bonds across a crack, those beyond the near field apart; of one that was asked for before as they were
+        found then, for cracks may open one after the other.
+        """
+        if id(crack) in self._known:
+            return self._known[id(crack)][1]
+        engine, block, lead = self.grid.engine, self.grid.engine.core, self.grid.lead
+        cut, lost = crack.cut, 1 - crack.factor
+        crossed = self._crossed(cut)
+        nodes, bonds = cut_bonds(
+            cut, self.grid.origin, self.near.lattice.spacing, block.nodes[lead:], engine.offsets[:, lead:]
+        )
+        flat = block.origin + nodes @ np.array(block.stride[lead:])
+        found = [(flat, flat + engine.offsets[bonds] @ np.array(block.stride), lost * engine.weights[bonds])]
+        if self.closure is not None and np.isin(flat, self.closure.nodes).any():
+            raise InputError(
+                "a crack cuts bonds of nodes that a condition along the outline reads",
+                key="crack",
+                value=[b.tolist() for b in cut.bounds()],
+                remedy="enlarge the near field, or use a LatticePML",
+            )
+        for key in crossed:
+            *ends, weights = self._continued(cut, nodes, bonds, key)
+            found.append((ends[0], ends[1], lost * weights))
+        self._known[id(crack)] = crack, found  # which keeps the crack, and with it its id
+        return found
 
     def existing(self, body: bool) -> np.ndarray:
         """True where a node of the medium is, False beyond free sides and, if wanted, outside the body; over a

@@ -15,6 +15,7 @@ VALIDATIONS = Collection(
         "stress_intensity",
         "crack_impact",
         "lattice_diffraction",
+        "lattice_fracture",
         "pressurised",
         "penny",
         "dissolution",
