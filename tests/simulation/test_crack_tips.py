@@ -34,6 +34,13 @@ def test_a_crack_runs():
     advance, speed = tips.data["advance"], tips.data["speed"]
     assert advance[-1, 0] > 1.0 and advance[-1, 0] == pytest.approx(advance[-1, 1], abs=0.05)  # but for the thinning
     assert 0 < np.nanmax(speed) < 0.9194 * sim.model.s_speed  # Rayleigh's
+    window = 10 * 1.0 / sim.model.p_speed  # in which P waves travel ten horizons
+    whole = tips.times >= window
+    assert whole.any() and (np.isfinite(speed[:, :2]).all(1) == whole).all()
+    place = tips.data["position"][:, 0]
+    before = np.searchsorted(tips.times, tips.times[-1] - window, side="right") - 1
+    come = np.linalg.norm(place[-1] - place[before]) / (tips.times[-1] - tips.times[before])
+    assert speed[-1, 0] == pytest.approx(come, rel=1e-12)
     assert tips.dissipated[-1] > 0 and tips.energy_release() > 0
     assert tips.now.length == tips.length[-1] > 6.5
     assert np.isnan(tips.data["position"][:, 2:]).all()
