@@ -72,6 +72,12 @@ def validated(name: str, *, ours: dict[str, int] | None = None, off: dict[str, i
     return Measurement(("farhorizon", "validate", name), readers)
 
 
+def ends(found: Any, what: str) -> tuple[float, float]:
+    """The least and the largest number of those rows of a table that are of this."""
+    given = [float(row["ours"]) for row in found["rows"] if what in row["what"]]
+    return min(given), max(given)
+
+
 def reach(m: int, nodes: int) -> Callable[[Any], float]:
     """Error of a layer beside a stencil of this reach."""
     return lambda found: next(
@@ -157,6 +163,22 @@ MEASUREMENTS = {
     "griffith-crack": validated("griffith-crack", ours={"sliding": 3, "opening": 5}, off={"intensity": 2}),
     "penny-pressure": validated("penny-pressure", off={"opening": 1, "intensity": 2}),
     "branching": validated("branching", ours={"time": 0, "echo": 2, "boxed": 4, "speed": 5}),
+    "branching-patterns": Measurement(
+        ("farhorizon", "validate", "branching-patterns"),
+        {
+            "branching-patterns.before": lambda found: ends(found, "speed before"),
+            "branching-patterns.ever": lambda found: ends(found, "any time")[1],
+            **{
+                f"branching-patterns.{key}": partial(lambda what, found: ends(found, what)[0], what)
+                for key, what in {
+                    "coarse-three": "horizon 0.5, 3 spacings: branches",
+                    "coarse-four": "horizon 0.5, 4 spacings: branches",
+                    "three": "horizon 0.25, 3 spacings: branches",
+                    "four": "horizon 0.25, 4 spacings: branches",
+                }.items()
+            },
+        },
+    ),
     "penny-crack": validated("penny-crack", ours={"order": 2}, off={"jump": 1}),
     "pencil-electrode": validated("pencil-electrode", off={"rate": 2}),
     "open-electrolyte": validated("open-electrolyte", off={"rate": 2}),

@@ -20,6 +20,7 @@ VALIDATIONS = Collection(
         "dissolution",
         "thermal_shock",
         "branching",
+        "branching_patterns",
     ),
     "exact",
 )
