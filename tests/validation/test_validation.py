@@ -220,7 +220,7 @@ BOUNDS = {
     "penny-pressure": [(1.0, 0.1), (1.0, 0.03), (1.0, 0.03)],
     # the speeds of waves alone are known: no echo is felt before it comes, tips are slower than Rayleigh waves
     "branching": [(25.0, 5.0), (1.0, 0.02), (21.0, 0.1), (23.0, 2.0), (25.0, 5.0), (0.5, 0.5), (45.0, 25.0)],
-    # the bound on speeds alone is known, 1 in the second row and the third; the others are what was measured, rounded up
+    # the bound on speeds alone is known, 1 in the second row and the third; the others are as measured, rounded up
     "branching-patterns": [(25.0, 5.0), (0.5, 0.5), (0.5, 0.5), (45.0, 25.0), (1.5, 0.5)] * 6,
     "penny-crack": [(1.0, 0.15), (1.0, 0.06), (1.0, 0.5)],
     "pencil-electrode": [(1.0, 0.02), (1.0, 0.01), (7.881, 0.08)],

@@ -24,14 +24,12 @@ HORIZONS = (0.5, 0.25)
 SMALLEST = 0.125  # horizon, of the full size
 REACHES = (2, 3, 4)  # spacings in a horizon
 HALF = 16.5  # of the near field: a whole number of all spacings
-LAYER = 3.0  # how thick it is at least
 SHOWN = 13.0, 3.5  # half edges of the part that is drawn
 
 
 def pattern(horizon: float, reach: int) -> tuple[Simulation, CrackTips]:
     """The crack at the end, and its tips."""
-    spacing = horizon / reach
-    return running(LatticePML(nodes=max(24, round(LAYER / spacing))), HALF, spacing, reach)
+    return running(LatticePML(nodes=24), HALF, horizon / reach, reach)
 
 
 def speeds(sim: Simulation, tips: CrackTips) -> np.ndarray:
