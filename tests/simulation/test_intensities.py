@@ -191,8 +191,17 @@ def pulled(spacing, turn, stress, model, observe):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("reach", "plane"), [(2, "strain"), (3, "stress")])
-def test_turned_cracks_under_random_loads_converge(reach, plane):
+@pytest.mark.parametrize(
+    ("reach", "options"),
+    [
+        (2, {}),
+        (3, {"plane": "stress"}),
+        (2, {"material": "state-based", "poisson": 0.38}),
+        (2, {"material": "correspondence", "poisson": 0.3, "stabilisation": 0.5}),
+    ],
+    ids=["bond-based", "plane stress", "state-based", "correspondence"],
+)
+def test_turned_cracks_under_random_loads_converge(reach, options):
     """To the infinite plane's, at first order: a tip is known to a part of the spacing, in one crack more than in
     another, so that the order is that of the mean of some.
     """
@@ -203,39 +212,20 @@ def test_turned_cracks_under_random_loads_converge(reach, plane):
     for spacing in spacings:
         errors = []
         for turn, stress in cracks:
-            model = fh.Elastic(fh.Kernel(reach * spacing, exponent=1), young=1.0, plane=plane)
-            large, small = fh.StressIntensity(every=50), fh.StressIntensity(radii=(1.5, 2.5), every=50, name="small")
-            exact = pulled(spacing, turn, stress + stress.T + 1.5 * np.eye(2), model, [large, small])
-            found, inner = (np.array([one.data["K_I"][-1], one.data["K_II"][-1]]) for one in (large, small))
+            model = fh.Elastic(fh.Kernel(reach * spacing, exponent=1), young=1.0, **options)
+            observers = [fh.StressIntensity(every=50)]
+            if model.bonds:  # states, which reach twice as far, leave no room for it on the coarse lattice
+                observers.append(fh.StressIntensity(radii=(1.5, 2.5), every=50, name="small"))
+            exact = pulled(spacing, turn, stress + stress.T + 1.5 * np.eye(2), model, observers)
+            found, *inner = (np.array([one.data["K_I"][-1], one.data["K_II"][-1]]) for one in observers)
             errors.append(np.abs(found - exact[:, None]).max() / np.linalg.norm(exact))
             assert errors[-1] < reach * spacing / 4 / HALF  # half a horizon of the length, whose root K is
-            assert np.abs(inner - found).max() < reach * spacing / 2 / 1.5 * np.linalg.norm(exact)
+            for one in inner:
+                assert np.abs(one - found).max() < reach * spacing / 2 / 1.5 * np.linalg.norm(exact)
         means.append(np.sqrt(np.mean(np.square(errors))))
     order = np.polyfit(np.log(spacings), np.log(means), 1)[0]
     print(means, "order", order)
     assert order > 0.6
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"material": "state-based", "poisson": 0.38},
-        {"material": "correspondence", "poisson": 0.3, "stabilisation": 0.5},
-    ],
-)
-def test_cracks_in_materials_of_states(options):
-    """As in bonds: both modes of a crack across the lattice, closer on the finer one."""
-    stress, errors = np.array([[0.3, 0.5], [0.5, 1.2]]), []
-    for spacing in (0.25, 0.125):
-        model = fh.Elastic(fh.Kernel(2 * spacing, exponent=1), young=1.0, **options)
-        observer = fh.StressIntensity(every=50)
-        exact = pulled(spacing, 0.4, stress, model, [observer])
-        found = np.array([observer.data["K_I"][-1], observer.data["K_II"][-1]])
-        errors.append(np.abs(found - exact[:, None]).max() / np.linalg.norm(exact))
-        assert errors[-1] < spacing / 2 / HALF
-    print("errors", errors)
-    assert errors[1] < 0.7 * errors[0]
 
 
 @pytest.mark.slow
