@@ -76,7 +76,7 @@ def draw_patterns(found: dict[tuple[float, int], Simulation], picture: Path) -> 
             if row == 0:
                 panel.set_title(f"{reach} spacings in the horizon")
             if column == 0:
-                panel.set_ylabel(f"horizon {horizon:g}")
+                panel.set_ylabel(f"horizon\n{horizon:g}")
         figure.colorbar(image, ax=panels, label="damage", aspect=8 * len(horizons))
 
 
