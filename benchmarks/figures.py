@@ -78,6 +78,12 @@ def apart(numbers: tuple[int, ...], found: Any) -> tuple[float, float]:
     return min(off), max(off)
 
 
+def ends(found: Any, what: str) -> tuple[float, float]:
+    """The least and the largest number of those rows of a table that are of this."""
+    given = [float(row["ours"]) for row in found["rows"] if what in row["what"]]
+    return min(given), max(given)
+
+
 def reach(m: int, nodes: int) -> Callable[[Any], float]:
     """Error of a layer beside a stencil of this reach."""
     return lambda found: next(
@@ -175,6 +181,22 @@ MEASUREMENTS = {
         {
             f"fracture-energy.{key}": partial(apart, (first, first + 3))
             for first, key in ((0, "bonds"), (6, "states"), (12, "correspondence"))
+        },
+    ),
+    "branching-patterns": Measurement(
+        ("farhorizon", "validate", "branching-patterns"),
+        {
+            "branching-patterns.before": lambda found: ends(found, "speed before"),
+            "branching-patterns.ever": lambda found: ends(found, "any time")[1],
+            **{
+                f"branching-patterns.{key}": partial(lambda what, found: ends(found, what)[0], what)
+                for key, what in {
+                    "coarse-three": "horizon 0.5, 3 spacings: branches",
+                    "coarse-four": "horizon 0.5, 4 spacings: branches",
+                    "three": "horizon 0.25, 3 spacings: branches",
+                    "four": "horizon 0.25, 4 spacings: branches",
+                }.items()
+            },
         },
     ),
     "penny-crack": validated("penny-crack", ours={"order": 2}, off={"jump": 1}),

@@ -1,11 +1,15 @@
 """Crack tips of runs: that they stay, run, branch, and what they spend."""
 
+import os
+
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import farhorizon as fh
 from farhorizon.case.case import Case
 
+SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
 BOX = fh.Lattice(0.5, (-8.25, -6.25), (8.25, 6.25))
 
 
@@ -34,6 +38,13 @@ def test_a_crack_runs():
     advance, speed = tips.data["advance"], tips.data["speed"]
     assert advance[-1, 0] > 1.0 and advance[-1, 0] == pytest.approx(advance[-1, 1], abs=0.05)  # but for the thinning
     assert 0 < np.nanmax(speed) < 0.9194 * sim.model.s_speed  # Rayleigh's
+    window = 10 * 1.0 / sim.model.p_speed  # in which P waves travel ten horizons
+    whole = tips.times >= window
+    assert whole.any() and (np.isfinite(speed[:, :2]).all(1) == whole).all()
+    place = tips.data["position"][:, 0]
+    before = np.searchsorted(tips.times, tips.times[-1] - window, side="right") - 1
+    come = np.linalg.norm(place[-1] - place[before]) / (tips.times[-1] - tips.times[before])
+    assert speed[-1, 0] == pytest.approx(come, rel=1e-12)
     assert tips.dissipated[-1] > 0 and tips.energy_release() > 0
     assert tips.now.length == tips.length[-1] > 6.5
     assert np.isnan(tips.data["position"][:, 2:]).all()
@@ -45,6 +56,51 @@ def test_a_crack_runs():
     for name, values in tips.data.items():  # what was written in parts is what there is
         np.testing.assert_array_equal(np.concatenate([record.data[name], later.data[name]]), values)
     assert set(record.data) == {"position", "advance", "speed"} and len(record.points) == tips.most
+
+
+def rayleigh_speed(model):
+    """Where (2 - s)^2 = 4 sqrt((1 - s)(1 - k s)), s the square of the speed over that of S waves."""
+    k = (model.s_speed / model.p_speed) ** 2
+    square = brentq(lambda s: (2 - s) ** 2 - 4 * np.sqrt((1 - s) * (1 - k * s)), 0.1, 1 - 1e-12)
+    return model.s_speed * np.sqrt(square)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"material": "state-based", "poisson": 0.33},
+        {"material": "correspondence", "poisson": 0.2, "stabilisation": 1.0},
+    ],
+    ids=["bond-based", "state-based", "correspondence"],
+)
+def test_cracks_in_mode_one_are_slower_than_rayleigh_waves(options):
+    """Whatever pulls evenly on both sides, as hard as it may, until they branch: at that speed no energy comes to a
+    tip. A speed is known as well as a tip's place is, half a spacing and a quarter of the horizon, over its time.
+    """
+    print(f"seed {SEED}")
+    assert rayleigh_speed(fh.Elastic(fh.Kernel(1.0, 1), 1.0)) == pytest.approx(0.9194 * 0.4**0.5, rel=1e-4)  # known
+    rng = np.random.default_rng(SEED)
+    spacing, horizon, fastest = 0.5, 1.0, []
+    lattice = fh.Lattice(spacing, (-14.25, -9.25), (14.25, 9.25))
+    for _ in range(8):
+        model = fh.Elastic(fh.Kernel(horizon, 1), 1.0, critical_stretch=0.02, **options)
+        least, most = (0.008, 1.0, 0.8, 4.0, -1.5, 3.5), (0.02, 6.0, 1.3, 6.5, 1.5, 5.0)
+        pull, rise, width, length, shift, place = rng.uniform(least, most)
+        bands = f"exp(-((y-{place})/{width})**2)-exp(-((y+{place})/{width})**2)"
+        load = [0.0, f"{pull}*({bands})*exp(-((x-{shift})/{length})**4)*(1-exp(-t/{rise}))"]
+        tips = fh.CrackTips(every=2)
+        sim = fh.Simulation(
+            lattice, model, fh.LatticePML(nodes=12), sources=[load], cracks=[[(-3.0, 0.0), (3.0, 0.0)]], observe=[tips]
+        )
+        sim.run(30.0, progress=False)
+        branched = np.isfinite(tips.data["position"][:, 2:, 0]).any(1)
+        before = tips.times < (tips.times[branched.argmax()] if branched.any() else np.inf)
+        fastest.append(np.nanmax(tips.data["speed"][before]) / rayleigh_speed(model))
+    known = (spacing / 2 + horizon / 4) / (10 * horizon / model.p_speed) / rayleigh_speed(model)
+    print(np.round(fastest, 3), "known to", known)
+    assert 0.3 < min(fastest) and max(fastest) < 1 + known
 
 
 def test_records_do_not_change_the_run_and_resume(tmp_path):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.analysis.fracture.opening import face_jumps, opening_intensity
 from farhorizon.case.case import Case
 from farhorizon.inputs.pressure import pressing_force
 from farhorizon.validation.stress_intensity import intensity, opened, pressure_step
@@ -17,19 +18,18 @@ BOX = fh.Lattice(0.5, *ENDS)
 CRACK = [(-HALF, 0.0), (HALF, 0.0)]
 
 
-def sheared(observe, crack=CRACK, **given):
-    """A membrane with a crack, whose faces are pulled apart as by a unit gradient from far away."""
-    load = np.zeros(BOX.shape)
-    model = fh.Wave(fh.Kernel(1.0))
-    stencil, cut = model.stencil(BOX.spacing, 2), fh.Polyline(crack)
-    x, y = BOX.coordinates()
-    here = np.stack([x, y], axis=-1)
+def sheared(observe, crack=CRACK, lattice=BOX, gradient=(0.0, 1.0), **given):
+    """A membrane with a crack, whose faces are pulled apart as by that gradient from far away."""
+    load = np.zeros(lattice.shape)
+    model = fh.Wave(fh.Kernel(2 * lattice.spacing))
+    stencil, cut = model.stencil(lattice.spacing, 2), fh.Polyline(crack)
+    here = np.stack(lattice.coordinates(), axis=-1)
     for offset, weight in zip(stencil.offsets, stencil.weights, strict=True):
-        crosses = cut.cuts(here, here + BOX.spacing * offset)
-        load -= crosses * weight * offset[1] / BOX.spacing
+        crosses = cut.cuts(here, here + lattice.spacing * offset)
+        load -= crosses * weight * (offset @ gradient) / lattice.spacing
     sides = fh.LatticePML(nodes=12)
     return fh.Simulation(
-        BOX, model, sides, sources=[fh.Source(load, fh.Step(4.0))], cracks=[crack], observe=observe, **given
+        lattice, model, sides, sources=[fh.Source(load, fh.Step(4.0))], cracks=[crack], observe=observe, **given
     )
 
 
@@ -46,6 +46,35 @@ def test_mode_three_comes_to_its_static_value():
     assert large.data["G"][-1] == pytest.approx(right**2 / 2, rel=1e-9)
     assert len(small.times) == sim.step_count // 4 + 1 and small.times[1] == pytest.approx(4 * sim.dt)
     assert large.data["K_III"][0].tolist() == [0.0, 0.0]
+
+
+@pytest.mark.slow
+def test_mode_three_converges_by_the_ring_and_by_the_opening():
+    """Turned cracks under random gradients, tau_n sqrt(pi a): at first order, for a tip is known to a part of the
+    spacing; the opening tells it less well, from the faces between a horizon and half of a half length.
+    """
+    print(f"seed {SEED}")
+    rng = np.random.default_rng(SEED)
+    cracks = [(rng.uniform(0.1, 1.4), rng.uniform(-1.0, 1.0, 2)) for _ in range(6)]
+    spacings, means, half = (0.5, 0.25, 0.125), [], 8.5
+    r = np.linspace(0.2, 3.0, 57)
+    for spacing in spacings:
+        lattice, errors = fh.Lattice(spacing, (spacing / 2 - half,) * 2, (half - spacing / 2,) * 2), []
+        for turn, gradient in cracks:
+            ahead = np.array([np.cos(turn), np.sin(turn)])
+            normal, tip = np.array([-ahead[1], ahead[0]]), HALF * ahead
+            gradient = gradient + 2 * normal  # it opens, whatever was drawn
+            intensity = fh.StressIntensity([tip], every=50)
+            sim = sheared([intensity], [-tip, tip], lattice, gradient, threads=1)
+            sim.run("static", tolerance=2e-3, limit=300.0, progress=False)
+            jumps = face_jumps(sim.fields["u"], lattice, fh.Polyline([-tip, tip]), 2 * HALF - r)
+            found = intensity.data["K_III"][-1, 0], opening_intensity(r, jumps, 2.0, (2 * spacing, 2.0))
+            errors.append(np.array(found) / (gradient @ normal * np.sqrt(np.pi * HALF)) - 1)
+            assert abs(errors[-1][0]) < spacing / HALF  # half a horizon of the length, whose root K is
+        means.append(np.sqrt(np.mean(np.square(errors), axis=0)))
+    orders = np.polyfit(np.log(spacings), np.log(means), 1)[0]
+    print(means, "orders", orders)
+    assert (orders > 0.4).all()  # errors of one crack scatter by their own size: 0.3 in the order of the mean of six
 
 
 def test_a_run_in_parts_is_the_whole_run(tmp_path):
@@ -162,51 +191,41 @@ def pulled(spacing, turn, stress, model, observe):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("reach", "plane"), [(2, "strain"), (3, "stress")])
-def test_turned_cracks_under_random_loads_converge(reach, plane):
+@pytest.mark.parametrize(
+    ("reach", "options"),
+    [
+        (2, {}),
+        (3, {"plane": "stress"}),
+        (2, {"material": "state-based", "poisson": 0.38}),
+        (2, {"material": "correspondence", "poisson": 0.3, "stabilisation": 0.5}),
+    ],
+    ids=["bond-based", "plane stress", "state-based", "correspondence"],
+)
+def test_turned_cracks_under_random_loads_converge(reach, options):
     """To the infinite plane's, at first order: a tip is known to a part of the spacing, in one crack more than in
     another, so that the order is that of the mean of some.
     """
     print(f"seed {SEED}")
     rng = np.random.default_rng(SEED)
-    cracks = [(rng.uniform(0.1, 1.4), rng.uniform(-1.0, 1.0, (2, 2))) for _ in range(3)]
+    cracks = [(rng.uniform(0.1, 1.4), rng.uniform(-1.0, 1.0, (2, 2))) for _ in range(6)]
     spacings, means = (0.5, 0.25, 0.125), []
     for spacing in spacings:
         errors = []
         for turn, stress in cracks:
-            model = fh.Elastic(fh.Kernel(reach * spacing, exponent=1), young=1.0, plane=plane)
-            large, small = fh.StressIntensity(every=50), fh.StressIntensity(radii=(1.5, 2.5), every=50, name="small")
-            exact = pulled(spacing, turn, stress + stress.T + 1.5 * np.eye(2), model, [large, small])
-            found, inner = (np.array([one.data["K_I"][-1], one.data["K_II"][-1]]) for one in (large, small))
+            model = fh.Elastic(fh.Kernel(reach * spacing, exponent=1), young=1.0, **options)
+            observers = [fh.StressIntensity(every=50)]
+            if model.bonds:  # states, which reach twice as far, leave no room for it on the coarse lattice
+                observers.append(fh.StressIntensity(radii=(1.5, 2.5), every=50, name="small"))
+            exact = pulled(spacing, turn, stress + stress.T + 1.5 * np.eye(2), model, observers)
+            found, *inner = (np.array([one.data["K_I"][-1], one.data["K_II"][-1]]) for one in observers)
             errors.append(np.abs(found - exact[:, None]).max() / np.linalg.norm(exact))
             assert errors[-1] < reach * spacing / 4 / HALF  # half a horizon of the length, whose root K is
-            assert np.abs(inner - found).max() < reach * spacing / 2 / 1.5 * np.linalg.norm(exact)
+            for one in inner:
+                assert np.abs(one - found).max() < reach * spacing / 2 / 1.5 * np.linalg.norm(exact)
         means.append(np.sqrt(np.mean(np.square(errors))))
     order = np.polyfit(np.log(spacings), np.log(means), 1)[0]
     print(means, "order", order)
-    assert order > 0.6
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"material": "state-based", "poisson": 0.38},
-        {"material": "correspondence", "poisson": 0.3, "stabilisation": 0.5},
-    ],
-)
-def test_cracks_in_materials_of_states(options):
-    """As in bonds: both modes of a crack across the lattice, closer on the finer one."""
-    stress, errors = np.array([[0.3, 0.5], [0.5, 1.2]]), []
-    for spacing in (0.25, 0.125):
-        model = fh.Elastic(fh.Kernel(2 * spacing, exponent=1), young=1.0, **options)
-        observer = fh.StressIntensity(every=50)
-        exact = pulled(spacing, 0.4, stress, model, [observer])
-        found = np.array([observer.data["K_I"][-1], observer.data["K_II"][-1]])
-        errors.append(np.abs(found - exact[:, None]).max() / np.linalg.norm(exact))
-        assert errors[-1] < spacing / 2 / HALF
-    print("errors", errors)
-    assert errors[1] < 0.7 * errors[0]
+    assert order > 0.4  # errors of one crack scatter by their own size: 0.3 in the order of the mean of six
 
 
 @pytest.mark.slow

@@ -178,12 +178,10 @@ def _merge(sub: argparse.ArgumentParser) -> None:
 def _entry(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("name", nargs="?", help="name in the list")
     sub.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
-    sub.set_defaults(full=False)
-
-
-def _full(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
-        "--full", action="store_true", help="the published size, where the default is a smaller one; takes minutes"
+        "--full",
+        action="store_true",
+        help="the largest size, that of a paper, where the default is smaller; takes minutes",
     )
 
 
@@ -252,7 +250,7 @@ _COMMANDS: dict[str, tuple[Callable[..., int], tuple[Callable[[argparse.Argument
     "merge": (merge_command, (_merge,), "write the results of several processes as one file"),
     "reproduce": (
         reproduce_command,
-        (_entry, _full, _computing),
+        (_entry, _computing),
         "compute a published table or figure anew, ours beside theirs; without a name, list them",
     ),
     "validate": (

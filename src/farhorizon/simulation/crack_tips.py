@@ -16,7 +16,7 @@ from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, reco
 from farhorizon.simulation.setup import Setup
 
 _JUMP = 2.0  # times as far as the fastest wave comes between two records, and horizons: tips farther apart are others
-_WINDOW = 10.0  # horizons that the fastest wave travels in the time that speeds are means of
+_WINDOW = 10.0  # horizons that the fastest wave travels in the time of a speed: places are known to a part of one
 
 
 class CrackTips(Recorder):
@@ -41,8 +41,9 @@ class CrackTips(Recorder):
         Numbers of the tips, from 1 on.
     times : ndarray, shape (rows,)
     data : dict of str to ndarray
-        "position", shape (rows, most, 2); "advance", the way of each tip since its first record, and "speed", its mean
-        rate over the time before in which P waves travel ten horizons, of shape (rows, most). nan where no tip is.
+        "position", shape (rows, most, 2); "advance", the way of each tip since its first record, and "speed", how far
+        it has come in the time before in which P waves travel ten horizons, over that time, of shape (rows, most). nan
+        where no tip is, and of speeds until it has been followed for so long.
     length : ndarray, shape (rows,)
         Of all cracks together, those that were there at the start, too.
     dissipated : ndarray, shape (rows,)
@@ -99,7 +100,7 @@ class CrackTips(Recorder):
         steps = np.linalg.norm(np.diff(places, axis=0), axis=-1)
         advance = np.concatenate([np.zeros((min(1, len(places)), self.most)), np.nancumsum(steps, axis=0)])
         advance = np.where(np.isnan(places[..., 0]), np.nan, advance)
-        return {"position": places, "advance": advance, "speed": _speeds(self.times, advance, self._window)}
+        return {"position": places, "advance": advance, "speed": _speeds(self.times, places, self._window)}
 
     @property
     def length(self) -> np.ndarray:
@@ -212,12 +213,16 @@ def _latest(last: np.ndarray, now: np.ndarray) -> np.ndarray:
     return np.where(np.isnan(now), last, now)
 
 
-def _speeds(times: np.ndarray, advance: np.ndarray, window: float) -> np.ndarray:
-    """Mean rates of advances over a window before each record, as far as the tip was there."""
-    found = np.where(np.isnan(advance), np.nan, 0.0)
-    for column, way in enumerate(advance.T):
-        known = np.flatnonzero(np.isfinite(way))
-        first = known[np.searchsorted(times[known], times[known] - window * (1 + 1e-9))]
-        some = known > first
-        found[known[some], column] = (way[known] - way[first])[some] / (times[known] - times[first])[some]
+def _speeds(times: np.ndarray, places: np.ndarray, window: float) -> np.ndarray:
+    """How far apart each tip's places are now and a window before, over the time between, as far as it was there.
+
+    Not the mean rate of its way: where a crack splits the end of its thinned line moves from side to side, and no tip.
+    """
+    found = np.full(places.shape[:2], np.nan)
+    for column in range(places.shape[1]):
+        known = np.flatnonzero(np.isfinite(places[:, column, 0]))
+        before = np.searchsorted(times[known], times[known] - window * (1 - 1e-9), side="right") - 1
+        now, then = known[before >= 0], known[before[before >= 0]]
+        come = np.linalg.norm(places[now, column] - places[then, column], axis=1)
+        found[now, column] = come / (times[now] - times[then])
     return found

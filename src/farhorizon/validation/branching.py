@@ -27,14 +27,15 @@ SPACING = 0.125
 HALF, WIDER = 16.0, 18.0  # of the near field
 BAND = 9.0  # where it is pulled
 END = 36.0
+TOUGHNESS = 3e-5
 RAYLEIGH = 0.9194  # over the speed of S waves, for a Poisson's ratio of 1/4
 
 
-def running(boundary: Side, half: float) -> tuple[Simulation, CrackTips]:
-    """A crack that has run and branched, and its tips."""
-    edge = half - SPACING / 2
-    lattice = Lattice(SPACING, (-half, -edge), (half, edge))
-    model = Elastic(Kernel(3 * SPACING, exponent=1), young=1.0, fracture_energy=3e-5)
+def running(boundary: Side, half: float, spacing: float = SPACING, reach: int = 3) -> tuple[Simulation, CrackTips]:
+    """A crack that has run and branched, and its tips; the horizon is so many spacings."""
+    edge = half - spacing / 2
+    lattice = Lattice(spacing, (-half, -edge), (half, edge))
+    model = Elastic(Kernel(reach * spacing, exponent=1), young=1.0, fracture_energy=TOUGHNESS)
     bands = f"0.004*(exp(-(y-{BAND})**2)-exp(-(y+{BAND})**2))*exp(-(x/7)**4)*(1-exp(-t/3))"
     tips = CrackTips(every=4)
     sim = Simulation(lattice, model, boundary, sources=[["0", bands]], cracks=[[(-2, 0), (2, 0)]], observe=[tips])
@@ -47,10 +48,9 @@ def time_of_branching(tips: CrackTips) -> float:
     return float(tips.times[np.argmax(seen[:, 2:].any(1))]) if seen[:, 2:].any() else np.inf
 
 
-def angle_of_branches(tips: CrackTips) -> float:
-    """Degrees between the two tips that are farthest to the right, seen from the branch that is."""
+def angle_of_branches(tips: CrackTips, place: np.ndarray) -> float:
+    """Degrees between the two tips that are farthest to the right, seen from there."""
     last = tips.now.tips[np.argsort(tips.now.tips[:, 0])[-2:]]
-    place = tips.now.branches[np.argmax(tips.now.branches[:, 0])]
     return float(np.ptp(np.degrees(np.arctan2(*(last - place).T[::-1]))))
 
 
@@ -80,6 +80,7 @@ def branching(folder: Path) -> Outcome:
     echo = 2 * (HALF - BAND) / model.p_speed + BAND / model.p_speed
     first = time_of_branching(tips)
     fastest = float(np.nanmax(tips.data["speed"][tips.times < first])) / (RAYLEIGH * model.s_speed)
+    place = tips.now.branches[np.argmax(tips.now.branches[:, 0])]
     rows = [
         Row("branches in the infinite medium at t", first),
         Row("the same in a near field wider by an eighth, over it", time_of_branching(more) / first, 1.0),
@@ -87,7 +88,7 @@ def branching(folder: Path) -> Outcome:
         Row("tips with free edges and without are a quarter of a horizon apart at t", time_of_parting(tips, boxed)),
         Row("branches between free edges at t", time_of_branching(boxed)),
         Row("largest speed before branching over that of Rayleigh waves", fastest),
-        Row("angle between the last branches, degrees", angle_of_branches(tips)),
+        Row("angle between the last branches, degrees", angle_of_branches(tips, place)),
     ]
     picture = folder / "branching.png"
     rayleigh, both = RAYLEIGH * model.s_speed, (("infinite medium", tips), ("free edges", boxed))

@@ -21,6 +21,7 @@ VALIDATIONS = Collection(
         "dissolution",
         "thermal_shock",
         "branching",
+        "branching_patterns",
         "fracture_energy",
     ),
     "exact",
