@@ -182,6 +182,23 @@ def test_a_fixed_rim_is_the_medium_with_zeros_outside(make, dim):
     assert np.isnan(np.delete(sim.fields["u"].ravel(), inside)).all()
 
 
+@pytest.mark.parametrize("coefficient", [0.5, "0.5 + 0*x"])
+def test_a_body_whose_rim_is_held_conducts_there_by_its_own_coefficient(coefficient):
+    """Half the coefficient everywhere is half the diffusivity."""
+    lattice = fh.Lattice(1.0, (-10.0, -10.0), (10.0, 10.0), body=fh.Disc(8.3))
+
+    def cooled(diffusivity, **options):
+        model = fh.Diffusion(fh.Kernel(2.0), diffusivity)
+        sim = fh.Simulation(lattice, model, fh.Fixed(), {"u": 1.0}, rim="fixed", dt=0.1, balance=True, **options)
+        sim.step(40)
+        return sim
+
+    found, wanted = cooled(1.0, coefficient=coefficient), cooled(0.5)
+    np.testing.assert_allclose(found.fields["u"], wanted.fields["u"], atol=1e-13)
+    assert found.balance()["rim"] == pytest.approx(wanted.balance()["rim"], rel=1e-12)
+    assert wanted.balance()["rim"] < -10  # what has left through the rim, of the 221 nodes' 1
+
+
 def test_fixed_sides_reach_the_linear_profile():
     """Steady diffusion between two fixed sides, periodic along them: linear up to the boundary layer of width one
     horizon.

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
@@ -297,7 +298,10 @@ def near_field(
 
 
 def node_factor(setup: Setup) -> np.ndarray | None:
-    """The factor on bonds at each node; None without. InputError where it is negative."""
+    """The factor on bonds at each node; None without. InputError where it is negative.
+
+    Beyond a rim that is held it is that of the nearest node of the body, for bonds lead there.
+    """
     if setup.coefficient is None:
         return None
     factor = field(setup.coefficient, setup.lattice, 1, "coefficient")
@@ -305,6 +309,8 @@ def node_factor(setup: Setup) -> np.ndarray | None:
         raise InputError(
             "a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient"
         )
+    if setup.rim == "fixed" and setup.lattice.mask is not None:
+        factor = factor[tuple(distance_transform_edt(~setup.lattice.mask, return_distances=False, return_indices=True))]
     return factor
 
 
