@@ -412,7 +412,8 @@ class Stencil(Storable):
 
 def _reaction(given: Any, components: int) -> Any:
     """A number, or a matrix that draws a field of several components back."""
-    if np.ndim(given) == 0:
+    several = isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim > 0)
+    if components == 1 or not several:
         return kinds.number(given, "stencil.reaction", least=0)
     matrix = kinds.array(given, "stencil.reaction")
     size = np.abs(matrix).max(initial=0)
