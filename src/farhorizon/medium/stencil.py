@@ -91,7 +91,7 @@ class Stencil(Storable):
             )
         count, dim = offsets.shape
         matrices = weights.ndim == 3 and dim > 1 and weights.shape[1] == weights.shape[2] > 1
-        if len(weights) != count or not (weights.ndim == 1 or matrices) or not 1 <= dim <= 3:
+        if weights.shape[:1] != (count,) or not (weights.ndim == 1 or matrices) or not 1 <= dim <= 3:
             raise InputError(
                 "a stencil needs one weight an offset in 1 to 3 dimensions, or one square matrix in 2 or 3",
                 value=(offsets.shape, weights.shape),
@@ -412,7 +412,8 @@ class Stencil(Storable):
 
 def _reaction(given: Any, components: int) -> Any:
     """A number, or a matrix that draws a field of several components back."""
-    if np.ndim(given) == 0:
+    several = isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim > 0)
+    if components == 1 or not several:
         return kinds.number(given, "stencil.reaction", least=0)
     matrix = kinds.array(given, "stencil.reaction")
     size = np.abs(matrix).max(initial=0)
