@@ -192,6 +192,13 @@ BOUNDS = {
     "penny-pressure": [(1.0, 0.1), (1.0, 0.03), (1.0, 0.03)],
     # the speeds of waves alone are known: no echo is felt before it comes, tips are slower than Rayleigh waves
     "branching": [(25.0, 5.0), (1.0, 0.02), (21.0, 0.1), (23.0, 2.0), (25.0, 5.0), (0.5, 0.5), (45.0, 25.0)],
+    # three materials: what slow cracks spend, along the lattice and across, and on a finer one, beside what flows into
+    # the tip, short waves with it; faster ones break bonds beside the plane, too. No tip is faster than Rayleigh waves
+    "fracture-energy": [
+        *[*[(1.0, 0.05)] * 3, (1.1, 0.2), (1.1, 0.15)] * 2,
+        *[(1.0, 0.05), (1.2, 0.1), (1.0, 0.05), (1.1, 0.2), (1.1, 0.15)],
+        (0.5, 0.5),
+    ],
     "penny-crack": [(1.0, 0.15), (1.0, 0.06), (1.0, 0.5)],
     "pencil-electrode": [(1.0, 0.02), (1.0, 0.01), (7.881, 0.08)],
     "open-electrolyte": [(1.0, 0.005), (1.0, 0.005), (1.189, 0.006)],

@@ -19,6 +19,7 @@ VALIDATIONS = Collection(
         "dissolution",
         "thermal_shock",
         "branching",
+        "fracture_energy",
     ),
     "exact",
 )

@@ -1,0 +1,75 @@
+r"""What a running crack spends on new area, over the fracture energy that it is given.
+
+In the infinite plane a crack follows a pair of forces, straight and as fast as they move
+(`farhorizon.studies.toughness`). The energy of the bonds that break for each new length is to be the fracture energy of
+the material, whatever the forces and at any angle of the crack to the lattice; the critical stretch is that of
+`calibrated_stretch`, from one crack along an axis. It goes up with the speed, for nodes that are let go swing and break
+bonds beside the plane. Beside it stands what flows into the tip, by the domain J integral of displacements, velocities
+and accelerations around it. No tip in mode I is faster than Rayleigh waves, at whose speed there is no energy left for
+it (Freund, 1990, Dynamic Fracture Mechanics).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from farhorizon.medium.kernel import Kernel
+from farhorizon.models import Elastic
+from farhorizon.studies.collection import Outcome, Row
+from farhorizon.studies.toughness import RunningCrack, calibrated_stretch, rayleigh_speed, running_crack
+from farhorizon.validation.validations import validation
+
+FREUND = "Freund (1990), Dynamic Fracture Mechanics; Griffith (1921)"
+ENERGY = 2e-4
+MATERIALS: dict[str, dict[str, Any]] = {
+    "bond-based": {},
+    "state-based": {"material": "state-based", "poisson": 0.3},
+    "correspondence": {"material": "correspondence", "poisson": 0.3, "stabilisation": 1.0},
+}
+#: Nodes in the horizon, speed over that of Rayleigh waves, angle to the lattice, forces over those expected.
+SLOW = ((3, 0.2, 0.0, 1.3), (3, 0.3, 0.4, 1.2), (4, 0.3, 0.0, 1.3))
+FAST = (3, 0.4, 0.0, 1.2)
+
+
+def material(name: str, nodes: int) -> tuple[Elastic, float]:
+    """One whose cracks spend the fracture energy, and the spacing of its lattice."""
+    kernel, spacing = Kernel(1.0, exponent=1), 1.0 / nodes
+    stretch = calibrated_stretch(Elastic(kernel, young=1.0, **MATERIALS[name]), spacing, ENERGY)
+    return Elastic(kernel, young=1.0, critical_stretch=stretch, **MATERIALS[name]), spacing
+
+
+def pulled(model: Elastic, spacing: float, speed: float, turn: float, push: float) -> tuple[RunningCrack, float]:
+    """A crack that has run, and the largest speed of its tips over that of Rayleigh waves."""
+    found = running_crack(model, spacing, ENERGY, speed, turn, push)
+    fastest = float(np.nanmax(found.tips.data["speed"]))
+    return found, fastest / rayleigh_speed(model.lame, model.shear, model.density)
+
+
+@validation(
+    "fracture-energy", FREUND, "what cracks that run spend, of three materials in the infinite plane", "minutes"
+)
+def fracture_energy(folder: Path) -> Outcome:
+    """Energy of broken bonds for each new length, the flux of energy into the tip, and speeds."""
+    from farhorizon.pictures.curves import curve_panels
+
+    rows, panels, largest = [], [], 0.0
+    for name in MATERIALS:
+        models = {nodes: material(name, nodes) for nodes in (3, 4)}
+        curves = [("fracture energy", np.array([0.0, 16.0]), np.array([0.0, 16.0]))]
+        for nodes, speed, turn, push in (*SLOW, FAST):
+            found, fastest = pulled(*models[nodes], speed, turn, push)
+            largest = max(largest, fastest)
+            what = f"{name}, {nodes} nodes in the horizon, {speed:g} c_R" + (f", at {turn:g} rad" if turn else "")
+            rows.append(Row(f"spent over the fracture energy: {what}", found.spent / ENERGY, 1.0))
+            used = found.tips.dissipated - found.tips.dissipated[0]
+            curves.append((f"{nodes} nodes, {speed:g} $c_R$, {turn:g} rad", found.way, used / ENERGY))
+            if nodes == 4:
+                rows.append(Row(f"flux into the tip over what is spent: {what}", found.flux() / found.spent))
+        panels.append((name, curves))
+    rows.append(Row("largest speed of a tip over that of Rayleigh waves", largest))
+    picture = folder / "fracture-energy.png"
+    curve_panels(panels, picture, xlabel="way of the tip / horizon", ylabel="energy / (fracture energy x horizon)")
+    return Outcome(rows, pictures=[picture])
