@@ -24,6 +24,7 @@ from farhorizon.validation.validations import validation
 
 FREUND = "Freund (1990), Dynamic Fracture Mechanics; Griffith (1921)"
 ENERGY = 2e-4
+START = 3.0  # of the picture, in horizons of way
 MATERIALS: dict[str, dict[str, Any]] = {
     "bond-based": {},
     "state-based": {"material": "state-based", "poisson": 0.3},
@@ -58,18 +59,19 @@ def fracture_energy(folder: Path) -> Outcome:
     rows, panels, largest = [], [], 0.0
     for name in MATERIALS:
         models = {nodes: material(name, nodes) for nodes in (3, 4)}
-        curves = [("fracture energy", np.array([0.0, 16.0]), np.array([0.0, 16.0]))]
+        curves = [("fracture energy", np.array([START, 22.0]), np.ones(2))]
         for nodes, speed, turn, push in (*SLOW, FAST):
             found, fastest = pulled(*models[nodes], speed, turn, push)
             largest = max(largest, fastest)
             what = f"{name}, {nodes} nodes in the horizon, {speed:g} c_R" + (f", at {turn:g} rad" if turn else "")
             rows.append(Row(f"spent over the fracture energy: {what}", found.spent / ENERGY, 1.0))
-            used = found.tips.dissipated - found.tips.dissipated[0]
-            curves.append((f"{nodes} nodes, {speed:g} $c_R$, {turn:g} rad", found.way, used / ENERGY))
+            some = found.way > START
+            used = found.tips.dissipated[some] / (ENERGY * found.way[some])
+            curves.append((f"{nodes} nodes, {speed:g} $c_R$, {turn:g} rad", found.way[some], used))
             if nodes == 4:
                 rows.append(Row(f"flux into the tip over what is spent: {what}", found.flux() / found.spent))
         panels.append((name, curves))
     rows.append(Row("largest speed of a tip over that of Rayleigh waves", largest))
     picture = folder / "fracture-energy.png"
-    curve_panels(panels, picture, xlabel="way of the tip / horizon", ylabel="energy / (fracture energy x horizon)")
+    curve_panels(panels, picture, xlabel="way of the tip / horizon", ylabel="spent / fracture energy")
     return Outcome(rows, pictures=[picture])
