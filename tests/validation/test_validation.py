@@ -195,8 +195,8 @@ BOUNDS = {
     # three materials: what slow cracks spend, along the lattice and across, and on a finer one, beside what flows into
     # the tip, short waves with it; faster ones break bonds beside the plane, too. No tip is faster than Rayleigh waves
     "fracture-energy": [
-        *[*[(1.0, 0.05)] * 3, (1.1, 0.2), (1.1, 0.15)] * 2,
-        *[(1.0, 0.05), (1.2, 0.1), (1.0, 0.05), (1.1, 0.2), (1.1, 0.15)],
+        *[*[(1.0, 0.05)] * 3, (1.1, 0.15), (1.0, 0.15)] * 2,
+        *[(1.0, 0.05), (1.2, 0.1), (1.0, 0.05), (1.1, 0.15), (1.0, 0.15)],
         (0.5, 0.5),
     ],
     "penny-crack": [(1.0, 0.15), (1.0, 0.06), (1.0, 0.5)],

@@ -109,8 +109,9 @@ class RunningCrack:
         return float(np.polyfit(self.tips.times[self.steady], self.way[self.steady], 1)[0])
 
     def flux(self) -> float:
-        """Energy that flows into the tip for each new length, the domain J integral in the mean over some moments; the
-        run goes on by four horizons. For a crack along an axis.
+        """Energy that flows into the tip for each new length, the domain J integral, the median over some moments; the
+        run goes on by four horizons. For a crack along an axis, beside which no node has lost all of its bonds: such
+        nodes fly, and have no part in the field.
         """
         sim, model = self.sim, self.sim.model
         assert isinstance(model, Elastic)
@@ -125,14 +126,21 @@ class RunningCrack:
             before, u, after = levels
             velocity, acceleration = (after - before) / (2 * sim.dt), (after - 2 * u + before) / sim.dt**2
             load = self.load.value(*sim.lattice.coordinates(), sim.time - sim.dt)
-            tips = self.tips.now.tips
-            tip = tips[np.argmax(tips @ self.ahead)]
-            crack = Polyline([tip + 2 * _LEFT * self.horizon * self.ahead, tip])
             radii = _RINGS[0] * self.horizon, _RINGS[1] * self.horizon
+            tip = self._straightened(*radii)
+            crack = Polyline([tip + 2 * _LEFT * self.horizon * self.ahead, tip])
             domain = InteractionDomain(sim.lattice, tip, self.ahead, radii, [crack], medium)
             force = model.density * acceleration - load
             found.append(domain.energy_release(u, velocity, model.density, force))
-        return float(np.mean(found))
+        return float(np.median(found))  # where the crack changes its row within the circles it is no straight one
+
+    def _straightened(self, inner: float, outer: float) -> np.ndarray:
+        """The foremost tip, moved across to the line on which its crack crosses the circles."""
+        across = np.array([-self.ahead[1], self.ahead[0]])
+        far = float((self.tips.now.tips @ self.ahead).max())
+        points = np.concatenate(self.tips.now.paths)
+        behind = far - points @ self.ahead
+        return far * self.ahead + (points @ across)[(behind > inner) & (behind < outer)].mean() * across
 
 
 def running_crack(
