@@ -72,12 +72,6 @@ def validated(name: str, *, ours: dict[str, int] | None = None, off: dict[str, i
     return Measurement(("farhorizon", "validate", name), readers)
 
 
-def apart(numbers: tuple[int, ...], found: Any) -> tuple[float, float]:
-    """How far some rows of a table are off their exact values, of these: the least and the largest."""
-    off = [abs(found["rows"][row]["ours"] / found["rows"][row]["printed"] - 1) for row in numbers]
-    return min(off), max(off)
-
-
 def ends(found: Any, what: str) -> tuple[float, float]:
     """The least and the largest number of those rows of a table that are of this."""
     given = [float(row["ours"]) for row in found["rows"] if what in row["what"]]
@@ -176,13 +170,6 @@ MEASUREMENTS = {
     "griffith-crack": validated("griffith-crack", ours={"sliding": 3, "opening": 5}, off={"intensity": 2}),
     "penny-pressure": validated("penny-pressure", off={"opening": 1, "intensity": 2}),
     "branching": validated("branching", ours={"time": 0, "echo": 2, "boxed": 4, "speed": 5}),
-    "fracture-energy": Measurement(
-        ("farhorizon", "validate", "fracture-energy"),
-        {
-            f"fracture-energy.{key}": partial(apart, (first, first + 3))
-            for first, key in ((0, "bonds"), (6, "states"), (12, "correspondence"))
-        },
-    ),
     "branching-patterns": Measurement(
         ("farhorizon", "validate", "branching-patterns"),
         {

@@ -1,11 +1,18 @@
-"""Critical stretches of fracture energies, from cracks that run: bonds' own sum, another strip, bad input."""
+"""Cracks that run after a pair of forces, and critical stretches of fracture energies from them: bonds' own sum,
+another load, way and strip, Rayleigh's speed, bad input.
+"""
 
+import os
+
+import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.studies.toughness import calibrated_stretch, spent_energy
+from farhorizon.studies.toughness import calibrated_stretch, rayleigh_speed, running_crack
 
+SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))
 MATERIALS = {
+    "bond-based": {},
     "state-based": {"material": "state-based", "poisson": 0.33},
     "plane stress": {"material": "state-based", "poisson": 0.2, "plane": "stress"},
     "correspondence": {"material": "correspondence", "poisson": 0.2, "stabilisation": 1.0},
@@ -16,41 +23,108 @@ def material(**options):
     return fh.Elastic(**{"kernel": fh.Kernel(1.5, 1), "young": 1.0, **options})
 
 
-@pytest.mark.slow
-def test_a_state_based_material_of_bonds_alone_has_their_sum():
-    """With a Poisson's ratio of 1/4 its dilatation has no force, and a crack along an axis spends what the bonds across
-    it hold: within the 6 % of a crack in bonds (`test_breaking`).
+def spent_in_a_strip(model, spacing, stress):
+    """Energy per area that a crack spends in a notched strip of 32 by 18 horizons with free edges, whose long sides
+    are pulled apart with a stress over Young's modulus and the critical stretch.
     """
-    spacing = 0.5
-    bonds = material()
-    stencil = bonds.stencil(spacing, 2)
-    xi, stiffness = spacing * stencil.offsets, bonds.bond_stiffness(stencil, spacing)
-    up = xi[:, 1] > 0
-    of_one = 0.5 * (stiffness * xi[:, 1] * (xi**2).sum(1))[up].sum()
-    found = calibrated_stretch(material(material="state-based", poisson=0.25), spacing, 3e-4)
-    assert found**2 * of_one == pytest.approx(3e-4, rel=0.06)
+    horizon = model.kernel.horizon
+    end, edge = (spacing * (np.floor(n * horizon / spacing) + 0.5) for n in (16.0, 9.0))
+    lattice = fh.Lattice(spacing, (-end, -edge), (end, edge))
+    notch = 6.5 * horizon - end
+    unit = horizon / np.sqrt(model.young / model.density)
+    pull = stress * model.young * model.critical_stretch
+    loads = [
+        fh.Traction(f"y{sign}", (0.0, force), time=lambda t: min(t / (40 * unit), 1.0))
+        for sign, force in (("+", pull), ("-", -pull))
+    ]
+    sim = fh.Simulation(lattice, model, fh.Free(), loads=loads, cracks=[[(-end - spacing, 0.0), (notch, 0.0)]])
+    middle, rows, ahead = lattice.shape[1] // 2, [], 0.0
+    while ahead < 5.5 * horizon:
+        sim.run(sim.time + 2 / 3 * unit, progress=False)
+        gone = sim.fields["damage"][:, middle]
+        ahead = lattice.axes[0][gone > 0.5 * gone[: lattice.shape[0] // 8].max()].max() - notch
+        if ahead > 0.75 * horizon:
+            rows.append((ahead, sim.energies()["broken"]))
+    tip, spent = np.array(rows).T
+    return np.polyfit(tip, spent, 1)[0]
+
+
+@pytest.mark.parametrize(("poisson", "squares"), [(0.25, 2 - 2 / np.sqrt(3)), (0.5 - 1e-9, 0.912622)])
+def test_speed_of_rayleigh_waves(poisson, squares):
+    """Closed for a Poisson's ratio of 1/4, ``(c / c_S)^2 = 2 - 2 / sqrt(3)``; the root of ``x^3 - 8 x^2 + 24 x - 16``
+    where the medium is incompressible (Rayleigh, 1885).
+    """
+    assert rayleigh_speed(2 * poisson / (1 - 2 * poisson), 1.0, 1.0) ** 2 == pytest.approx(squares, rel=1e-5)
+
+
+@pytest.mark.slow
+def test_a_state_based_material_of_bonds_alone_is_one_of_bonds():
+    """With a Poisson's ratio of 1/4 its dilatation has no force, and the stretch is that of bonds; it is theirs by the
+    sum over a plane but for the bonds beside it that break, too, and what they spend beyond their limit.
+    """
+    bonds = material(fracture_energy=3e-4)
+    by_sum = bonds.critical_stretch_on(0.5, 2)
+    found = [calibrated_stretch(one, 0.5, 3e-4) for one in (bonds, material(material="state-based", poisson=0.25))]
+    print(by_sum, found)
+    assert found[1] == pytest.approx(found[0], rel=0.02)
+    assert 0.9 * by_sum < found[0] < 1.02 * by_sum
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("options", MATERIALS.values(), ids=MATERIALS)
-def test_a_crack_in_another_strip_spends_the_fracture_energy(options):
-    """Larger, pulled harder, in other units: the energy depends a little on how fast the crack runs."""
-    model = material(**options)
-    stretch = calibrated_stretch(model, 0.5, 2e-4)
+def test_other_cracks_spend_the_fracture_energy(options):
+    """Up to the speed at which the stretch was found, by other forces, at an angle to the lattice; in other units;
+    below the speed of Rayleigh waves at any moment. In a correspondence material along an axis alone: across the
+    lattice it spends a fifth more.
+    """
+    print(f"seed {SEED}")
+    rng = np.random.default_rng(SEED)
+    stretch = calibrated_stretch(material(**options), 0.5, 2e-4)
+    energy = 2e-4 * 50 * 0.02
     other = material(**options | {"kernel": fh.Kernel(0.03, 1), "young": 50.0, "density": 3.0})
-    again = calibrated_stretch(other, 0.01, 2e-4 * 50 * 0.02)
-    assert again == pytest.approx(stretch, rel=1e-6)
-    spent = spent_energy(other, 0.01, 0.11, half=16.0, high=9.0)
-    assert spent * (stretch / 0.01) ** 2 == pytest.approx(2e-4 * 50 * 0.02, rel=0.06)
+    # which bond breaks first goes by rounding where two are alike, and the energy by a part of one in a hundred
+    assert calibrated_stretch(other, 0.01, energy) == pytest.approx(stretch, rel=0.01)
+    other.critical_stretch = stretch
+    fastest = rayleigh_speed(other.lame, other.shear, other.density)
+    spent = []
+    for _ in range(2):
+        speed, turn, push = rng.uniform((0.2, 0.0, 1.1), (0.3, 0.0 if "stabilisation" in options else 0.7, 1.5))
+        found = running_crack(other, 0.01, energy, speed, turn, push)
+        assert found.follows and np.nanmax(found.tips.data["speed"]) < fastest
+        spent.append(found.spent / energy)
+        print(speed, turn, push, spent[-1], found.speed / fastest)
+    assert spent == pytest.approx([1.0, 1.0], abs=0.05)
+
+
+@pytest.mark.slow
+def test_what_flows_into_the_tip_is_what_is_spent_and_short_waves():
+    """The domain J integral, from displacements, velocities and accelerations away from the tip, is no less than what
+    bonds lose; what is more leaves as waves as short as the lattice, a part of it.
+    """
+    model = material(kernel=fh.Kernel(1.0, 1), fracture_energy=2e-4)
+    found = running_crack(model, 0.25, 2e-4, 0.3, push=1.2)
+    ratio = found.flux() / found.spent
+    print(ratio)
+    assert 0.95 < ratio < 1.35
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", MATERIALS.values(), ids=MATERIALS)
+def test_a_crack_in_a_strip_spends_the_fracture_energy(options):
+    """With free edges, pulled at its sides: faster as it goes on, whose energy goes with the speed a little."""
+    model = material(**options)
+    model.critical_stretch = calibrated_stretch(model, 0.5, 2e-4)
+    assert spent_in_a_strip(model, 0.5, 0.11) == pytest.approx(2e-4, rel=0.15)
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ((material(), 0.5, 1.0), "have to be calibrated; .*remedy: fracture_energy"),
         ((material(young="1 + x**2", poisson=0.2, material="state-based"), 0.5, 1.0), "one set of constants"),
         ((material(material="state-based", poisson=0.2), 0.5, 0.0), "fracture_energy"),
         ((material(material="state-based", poisson=0.2), -0.5, 1.0), "spacing"),
+        ((material(), 1.0, 1.0), "1.5 spacings in the horizon; limit: 2 to 12"),
+        ((material(), 0.01, 1.0), "150 spacings in the horizon"),
         ((fh.Wave(fh.Kernel(1.0)), 0.5, 1.0), "model: must be an Elastic model"),
     ],
 )

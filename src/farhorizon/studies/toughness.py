@@ -1,49 +1,219 @@
-"""The critical stretch of a fracture energy, where no formula has it: from cracks that run."""
+r"""The energy that cracks spend on new area: of one that follows a pair of forces, and the critical stretch for it.
+
+Two opposite forces P that move along the faces of a crack at a speed V hold its tip at the distance d ahead of them at
+which :math:`K_I = P\sqrt{2/\pi d}` is what the tip wants at that speed: nearer to them K rises and it runs ahead,
+farther on K falls. So the crack runs straight and, once it has settled, as fast as the forces do (Freund, 1990, Dynamic
+Fracture Mechanics: the stress ahead of a steady tip under forces that move along does not depend on the speed). The
+medium has no edges, and no echo comes back.
+"""
 
 from __future__ import annotations
 
 import copy
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
 from farhorizon import kinds
-from farhorizon.boundaries import Free, LatticePML
+from farhorizon.analysis.fracture.interaction import InteractionDomain
+from farhorizon.analysis.fracture.near_tip import NearTip
+from farhorizon.boundaries import LatticePML
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.loads import Traction
-from farhorizon.inputs.pressure import Pressure
+from farhorizon.geometry.shapes import Polyline
+from farhorizon.inputs.sources import Source
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Elastic
 from farhorizon.simulation.crack_tips import CrackTips
 from farhorizon.simulation.simulation import Simulation
 
 _STRETCH = 0.01  # any: forces are linear in it
-_HALF, _HIGH, _NOTCH = 13.0, 6.5, 6.5  # in horizons: half length and half height of the strip, length of the notch
-_RISE, _LATEST = 40.0, 110.0  # of the load, in horizons over the speed of a bar
-_FROM, _TO = 0.75, 5.5  # how far the crack has run, in horizons, where it is looked at
-_STRESSES = 0.1, 0.13, 0.17, 0.22, 0.29, 0.38  # of the sides, over Young's modulus and critical stretch
-# Of the crack in the plane, in horizons: half its length, how far beyond its tips and beside it the near field goes on,
-# and how near to the edge it runs.
-_CRACK, _AHEAD, _BESIDE, _NEAR = 5.0, 11.0, 7.0, 4.0
-_RATE = 0.05  # of the pressure, over one at which it would run, in horizons over the speed of a bar
-_ENERGY = 0.75  # of a crack in bonds, over Young's modulus, horizon and squared critical stretch: sets the pressure
-_STEADY = 2.0  # horizons that tips have run together before the energy is looked at
+_SPEED = 0.3  # of Rayleigh waves: below, tips wait at each bond; above, bonds beside the plane break, too
+_TRIES, _AGREES = 5, 0.15  # runs, until what was expected is spent to this part
+# In horizons: how far the crack reaches and runs, and the room around it; breadths of the forces and their distance
+# from the plane, and from the tip, at first and with the K that the energy takes; the circles around the tip.
+_LEFT, _TIP, _WAY, _BESIDE, _HIGH = -20.0, -6.0, 24.0, 9.0, 10.0
+_ALONG, _ACROSS, _OFF, _FIRST, _LEAD = 2.0, 1.5, 3.0, 7.0, 5.0
+_RINGS = 2.5, 4.5
+_SETTLED = 9.0  # horizons of way until a tip runs steadily
+_RISE = 10.0  # of the forces, in horizons over the speed of a bar
+_COARSEST, _FINEST = 2.0, 12.0  # spacings in the horizon
+_MOMENTS, _ONWARD = 12, 4.0  # at which the flux of energy is looked at, on so many horizons
 
 
-def calibrated_stretch(model: Elastic, spacing: float, fracture_energy: float) -> float:
-    r"""The critical stretch with which a running crack spends a fracture energy, in state-based and correspondence
-    materials in the plane.
+def rayleigh_speed(lame: float, shear: float, density: float) -> float:
+    """Speed of surface waves of a half-space (Rayleigh, 1885).
 
-    The energy that such a material loses with a bond goes by all bonds of the two nodes, so that what a crack spends
-    depends on how it breaks them, one after the other. It is found from two cracks that run, and is the mean of both: a
-    notched strip of 26 by 13 horizons is pulled apart, and a crack in the infinite plane is pressed open. The energy of
-    the bonds that break is fitted by the way of the tips. As forces are linear, that energy goes with the square of the
-    critical stretch, and one run of each is enough. It takes some twenty seconds with three nodes in the horizon.
+    Examples
+    --------
+    >>> round(rayleigh_speed(1.0, 1.0, 1.0), 4)  # Poisson's ratio 1/4
+    0.9194
+    """
+    p, s = (lame + 2 * shear) / density, shear / density
+
+    def missing(square: float) -> float:
+        return 4 * float(np.sqrt((1 - square / p) * (1 - square / s))) - (2 - square / s) ** 2
+
+    return float(np.sqrt(brentq(missing, 0.1 * s, (1 - 1e-12) * s)))
+
+
+@dataclass(frozen=True)
+class RunningCrack:
+    """A crack in the infinite plane that runs after a pair of forces.
+
+    Attributes
+    ----------
+    sim : Simulation
+        At its end.
+    tips : CrackTips
+    ahead : ndarray, shape (2,)
+        The way in which the forces move.
+    horizon : float
+    load : callable
+        The forces per volume, of coordinates and time.
+    """
+
+    sim: Simulation
+    tips: CrackTips
+    ahead: np.ndarray
+    horizon: float
+    load: Source
+
+    @property
+    def way(self) -> np.ndarray:
+        """Of the foremost tip along the way of the forces, from where the crack ended, shape (rows,); -inf where no tip
+        is seen.
+        """
+        along = np.nan_to_num(self.tips.data["position"] @ self.ahead, nan=-np.inf)
+        return np.asarray(along.max(1) - _TIP * self.horizon)
+
+    @property
+    def steady(self) -> np.ndarray:
+        """Rows in which the tip has settled, shape (rows,)."""
+        return self.way > _SETTLED * self.horizon
+
+    @property
+    def follows(self) -> bool:
+        """Whether the tip has come as far as it was to."""
+        return bool(self.way[-1] > 0.9 * _WAY * self.horizon)
+
+    @property
+    def spent(self) -> float:
+        """Energy of broken bonds for each length of steady way."""
+        return float(np.polyfit(self.way[self.steady], self.tips.dissipated[self.steady], 1)[0])
+
+    @property
+    def speed(self) -> float:
+        """Of the tip on its steady way."""
+        return float(np.polyfit(self.tips.times[self.steady], self.way[self.steady], 1)[0])
+
+    def flux(self) -> float:
+        """Energy that flows into the tip for each new length, the domain J integral, the median over some moments; the
+        run goes on by four horizons. For a crack along an axis, beside which no node has lost all of its bonds: such
+        nodes fly, and have no part in the field.
+        """
+        sim, model = self.sim, self.sim.model
+        assert isinstance(model, Elastic)
+        medium, found = NearTip(model.lame, model.shear), []
+        every = max(1, round(_ONWARD * self.horizon / _MOMENTS / (self.speed * sim.dt)))
+        for _ in range(_MOMENTS):
+            sim.step(every)
+            levels = [sim.fields["u"]]
+            for _ in range(2):
+                sim.step()
+                levels.append(sim.fields["u"])
+            before, u, after = levels
+            velocity, acceleration = (after - before) / (2 * sim.dt), (after - 2 * u + before) / sim.dt**2
+            load = self.load.value(*sim.lattice.coordinates(), sim.time - sim.dt)
+            radii = _RINGS[0] * self.horizon, _RINGS[1] * self.horizon
+            tip = self._straightened(*radii)
+            crack = Polyline([tip + 2 * _LEFT * self.horizon * self.ahead, tip])
+            domain = InteractionDomain(sim.lattice, tip, self.ahead, radii, [crack], medium)
+            force = model.density * acceleration - load
+            found.append(domain.energy_release(u, velocity, model.density, force))
+        return float(np.median(found))  # where the crack changes its row within the circles it is no straight one
+
+    def _straightened(self, inner: float, outer: float) -> np.ndarray:
+        """The foremost tip, moved across to the line on which its crack crosses the circles."""
+        across = np.array([-self.ahead[1], self.ahead[0]])
+        far = float((self.tips.now.tips @ self.ahead).max())
+        points = np.concatenate(self.tips.now.paths)
+        behind = far - points @ self.ahead
+        return far * self.ahead + (points @ across)[(behind > inner) & (behind < outer)].mean() * across
+
+
+def running_crack(
+    model: Elastic, spacing: float, energy: float, speed: float = _SPEED, turn: float = 0.0, push: float = 1.2
+) -> RunningCrack:
+    """A crack that follows a pair of forces.
 
     Parameters
     ----------
     model : Elastic
-        The material; its own critical stretch does not matter. The crack runs along an axis.
+        Whose bonds break.
+    spacing : float
+        Of the lattice.
+    energy : float
+        What it is expected to spend for each area, by which the forces are chosen.
+    speed : float
+        Of the forces, over that of Rayleigh waves.
+    turn : float
+        Angle of the crack to the lattice.
+    push : float
+        The forces over those with which the tip is five horizons ahead of them if it spends what is expected.
+    """
+    assert isinstance(model.kernel, Kernel)
+    size, young, density = model.kernel.horizon, model.young, model.density
+    ahead = np.array([np.cos(turn), np.sin(turn)])
+    across = np.array([-ahead[1], ahead[0]])
+    ends = _LEFT - _BESIDE, _TIP + _WAY + _BESIDE
+    corners = size * np.array([x * ahead + y * across for x in ends for y in (-_HIGH, _HIGH)])
+    # between two rows of nodes, or right across the lattice
+    lower, upper = (spacing * (np.floor(one / spacing) + 0.5) for one in (corners.min(0), corners.max(0)))
+    medium = NearTip(model.lame, model.shear)
+    total = push * np.sqrt(medium.stiffness * energy * np.pi * _LEAD * size / 2)
+    amplitude = total / (np.pi * _ALONG * _ACROSS * size**2)
+    moving = speed * rayleigh_speed(model.lame, model.shear, density)
+    first, rise = (_TIP - _FIRST) * size, _RISE * size / np.sqrt(young / density)
+
+    def load(x: np.ndarray, y: np.ndarray, t: float) -> np.ndarray:
+        s, n = ahead[0] * x + ahead[1] * y - first - moving * t, across[0] * x + across[1] * y
+        sides = [np.exp(-(((n - sign * _OFF * size) / (_ACROSS * size)) ** 2)) for sign in (1, -1)]
+        risen = amplitude * (1 - np.exp(-((t / rise) ** 2)))
+        shape = risen * np.exp(-((s / (_ALONG * size)) ** 2)) * (sides[0] - sides[1])
+        return np.multiply.outer(across, shape)
+
+    tips, source = CrackTips(every=10), Source(load)
+    sim = Simulation(
+        Lattice(spacing, tuple(lower), tuple(upper)),
+        model,
+        LatticePML(nodes=12),
+        sources=[source],
+        cracks=[[_LEFT * size * ahead, _TIP * size * ahead]],
+        observe=[tips],
+    )
+    found = RunningCrack(sim, tips, ahead, size, source)
+    latest = (_FIRST + _WAY) * size / moving
+    while not found.follows and sim.time < latest:
+        sim.run(min(sim.time + size / moving, latest), progress=False)
+    return found
+
+
+def calibrated_stretch(model: Elastic, spacing: float, fracture_energy: float) -> float:
+    r"""The critical stretch with which a running crack spends a fracture energy, in the plane.
+
+    The energy that a state-based or correspondence material loses with a bond goes by all bonds of the two nodes, so
+    that what a crack spends depends on how it breaks them, one after the other; a crack in bonds breaks some beside its
+    plane. It is found from a crack that runs along an axis of the lattice at 0.3 of the speed of Rayleigh waves through
+    the infinite plane, after a pair of forces (`running_crack`). As forces are linear, that energy goes with the square
+    of the critical stretch. The pair is chosen by the energy, and another crack runs where that is found to be another
+    one. It takes some ten seconds with three nodes in the horizon.
+
+    Parameters
+    ----------
+    model : Elastic
+        The material; its own critical stretch does not matter.
     spacing : float
         Of the lattice.
     fracture_energy : float
@@ -56,7 +226,7 @@ def calibrated_stretch(model: Elastic, spacing: float, fracture_energy: float) -
     Raises
     ------
     InputError
-        A bond-based material, whose `fracture_energy` is known; constants that vary; a strip in which no crack runs, or
+        Constants that vary; less than 2 or more than 12 spacings in the horizon; a material in which no crack runs, or
         energy is not spent, as in a correspondence material without stabilisation.
 
     Examples
@@ -70,12 +240,17 @@ def calibrated_stretch(model: Elastic, spacing: float, fracture_energy: float) -
     kinds.instance(model, "model", Elastic, "an Elastic model")
     spacing = kinds.number(spacing, "spacing", above=0)
     wanted = kinds.number(fracture_energy, "fracture_energy", above=0)
-    if model.material not in ("state-based", "correspondence") or not isinstance(model.kernel, Kernel):
+    if not isinstance(model.kernel, Kernel):
         raise InputError(
-            "only state-based and correspondence materials have to be calibrated",
-            value=model.title,
-            key="model.material",
-            remedy="fracture_energy of the model, for bonds",
+            "a critical stretch is calibrated for a material with a kernel", value=model.title, key="model.kernel"
+        )
+    reach = model.kernel.horizon / spacing
+    if not _COARSEST * (1 - 1e-9) <= reach <= _FINEST:
+        raise InputError(
+            "a crack is run on lattices that are fine enough to let it pass, and no finer than takes minutes",
+            value=f"{reach:.3g} spacings in the horizon",
+            limit=f"{_COARSEST:g} to {_FINEST:g}",
+            key="spacing",
         )
     if model.uneven:
         raise InputError(
@@ -84,120 +259,20 @@ def calibrated_stretch(model: Elastic, spacing: float, fracture_energy: float) -
             key="model",
             remedy="numbers; once for each material",
         )
-    for stress in _STRESSES:
-        spent = spent_energy(model, spacing, stress)
-        if spent is not None:
+    breaking = copy.copy(model)
+    breaking.critical_stretch, breaking.fracture_energy, breaking.nonlinear = _STRETCH, None, False
+    # of bonds in plane strain, see `farhorizon.medium.fracture`
+    expected = 12 / (5 * np.pi) * model.young * model.kernel.horizon * _STRETCH**2
+    for _ in range(_TRIES):
+        found = running_crack(breaking, spacing, expected)
+        if found.follows and abs(found.spent - expected) <= _AGREES * expected:
             break
-    if spent is not None and spent > 0:
-        pressed = steady_energy(pressed_crack(_breaking(model), spacing), model.kernel.horizon)
-        spent = None if pressed is None else (spent + pressed) / 2
-    if spent is None or spent <= 0:
+        expected = found.spent if found.follows and found.spent > 0 else 1.5 * expected  # by which the forces go
+    if not found.follows or found.spent <= 0:
         raise InputError(
-            "no crack runs through this material" if spent is None else "bonds that break spend no energy",
-            value="none" if spent is None else spent,
+            "bonds that break spend no energy" if found.follows else "no crack runs through this material",
+            value=found.spent if found.follows else "none",
             key="model",
             remedy="a larger horizon, or of a correspondence material a stabilisation",
         )
-    return float(_STRETCH * np.sqrt(wanted / spent))
-
-
-def spent_energy(
-    model: Elastic, spacing: float, stress: float, half: float = _HALF, high: float = _HIGH
-) -> float | None:
-    """Energy per area that a crack spends with a critical stretch of 0.01, or None where none runs.
-
-    Parameters
-    ----------
-    model : Elastic
-    spacing : float
-    stress : float
-        On the long sides, over Young's modulus and the critical stretch.
-    half, high : float
-        Half length and half height of the strip, in horizons.
-    """
-    assert isinstance(model.kernel, Kernel)
-    horizon = model.kernel.horizon
-    end, edge = (spacing * (np.floor(n * horizon / spacing) + 0.5) for n in (half, high))
-    lattice = Lattice(spacing, (-end, -edge), (end, edge))
-    notch = _NOTCH * horizon - end
-    unit = horizon / np.sqrt(model.young / model.density)
-    pull = stress * model.young * _STRETCH
-    sim = Simulation(
-        lattice,
-        _breaking(model),
-        Free(),
-        loads=[
-            Traction(f"y{sign}", (0.0, force), time=lambda t: min(t / (_RISE * unit), 1.0))
-            for sign, force in (("+", pull), ("-", -pull))
-        ],
-        cracks=[[(-end - spacing, 0.0), (notch, 0.0)]],
-    )
-    middle, rows = lattice.shape[1] // 2, []
-    for time in np.arange(0.5 * _RISE, _LATEST, 2 / 3) * unit:
-        sim.run(time, progress=False)
-        gone = sim.fields["damage"][:, middle]
-        ahead = lattice.axes[0][gone > 0.5 * gone[: lattice.shape[0] // 8].max()].max() - notch
-        if ahead > _TO * horizon:
-            break
-        if ahead > _FROM * horizon:
-            rows.append((ahead, sim.energies()["broken"]))
-    else:
-        return None
-    if len(rows) < 4:
-        return None
-    tip, spent = np.array(rows).T
-    return float(np.polyfit(tip, spent, 1)[0])
-
-
-def _breaking(model: Elastic) -> Elastic:
-    """The material with a critical stretch of 0.01."""
-    breaking = copy.copy(model)
-    breaking.critical_stretch, breaking.fracture_energy = _STRETCH, None
-    return breaking
-
-
-def pressed_crack(model: Elastic, spacing: float, rate: float = _RATE, half: float = _CRACK) -> CrackTips:
-    """Tips of a crack in the infinite plane that a growing pressure in it drives, along an axis, up to the edge of the
-    near field or its first branch.
-
-    Its intensity falls as it grows, so that its speed follows the pressure.
-
-    Parameters
-    ----------
-    model : Elastic
-        With bonds that break.
-    spacing : float
-    rate : float
-        Of the pressure, over the one at which the crack would run, in horizons over the speed of a bar.
-    half : float
-        Half the length of the crack, in horizons.
-    """
-    assert isinstance(model.kernel, Kernel)
-    horizon = model.kernel.horizon
-    unit = horizon / np.sqrt(model.young / model.density)
-    wide, high = (spacing * (np.ceil(n * horizon / spacing) - 0.5) for n in (half + _AHEAD, _BESIDE))
-    stretch = model.critical_stretch_on(spacing, 2)
-    press = stretch * model.young * np.sqrt(_ENERGY / (1 - model.poisson**2) / (np.pi * half))
-    crack, tips = [(-half * horizon, 0.0), (half * horizon, 0.0)], CrackTips(every=5)
-    pressure = Pressure(crack, press, time=lambda t: rate * t / unit)
-    sim = Simulation(
-        Lattice(spacing, (-wide, -high), (wide, high)),
-        model,
-        LatticePML(nodes=16),
-        loads=[pressure],
-        cracks=[crack],
-        observe=[tips],
-    )
-    for time in np.arange(0.5 / rate, 10 / rate) * unit:
-        sim.run(time, progress=False)
-        places = tips.data["position"][-1]
-        if np.isfinite(places[2:]).any() or np.nanmax(np.abs(places)) > wide - _NEAR * horizon:
-            break
-    return tips
-
-
-def steady_energy(tips: CrackTips, horizon: float) -> float | None:
-    """Energy per area of new crack that tips spend once they run; None where they hardly do."""
-    way = np.nansum(tips.data["advance"], axis=1)
-    run = way > _STEADY * horizon
-    return float(np.polyfit(way[run], tips.dissipated[run], 1)[0]) if run.sum() >= 4 else None
+    return float(_STRETCH * np.sqrt(wanted / found.spent))
