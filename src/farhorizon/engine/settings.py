@@ -90,7 +90,7 @@ def give_heat(engine: Engine, strain: np.ndarray, rate: np.ndarray, steps: int =
     """Say what heat strains the nodes of the core, some steps ago, and what is added to that in each step."""
     heat = engine.tables.heat
     heat.warmth[:] = engine.spread(strain) * engine.absent.exists
-    heat.rate[:] = engine.spread(rate) * engine.absent.exists if np.any(rate) else 0
+    heat.rate[:] = engine.spread(rate) * engine.absent.exists
     for _ in range(steps):
         heat.warmth[:] += heat.rate
 
