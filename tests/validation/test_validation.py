@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from farhorizon import InputError
+from farhorizon.analysis.fracture.opening import opening_intensity
 from farhorizon.cli import main
 from farhorizon.validation import (
     cross_sections,
@@ -17,6 +18,7 @@ from farhorizon.validation import (
     moving_load,
     nonlocal_waves,
     pressed_cavity,
+    pressurised,
     stress_intensity,
     thermal_shock,
 )
@@ -214,6 +216,25 @@ def steady_cracks():
         exact = lattice_fracture.read(lattice_fracture.exact_rows(speed, steps), steps)
         yield (lattice_fracture.ratio_of_steps(speed, steps), 0.01)
         yield from [(exact.before, 1e-5), (exact.beside, 1e-5), (0.0, 1e-5)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("material", [{"material": "state-based", "poisson": 0.35}], ids=["state-based"])
+def test_a_penny_in_a_material_of_states_opens_as_in_bonds(material):
+    """The static opening in the middle, 8 p a / pi E', and K from it, within half a horizon of the radius; the opening
+    at first order, of two lattices to a third of it.
+    """
+    stiffness, errors = pressurised.YOUNG / (1 - material["poisson"] ** 2), []
+    for spacing in pressurised.COARSE:
+        r, found, radius = pressurised.penny_at_rest(spacing, **material)
+        inside, near = r < pressurised.SIZE, (1.5 * spacing, 0.75 * pressurised.SIZE)
+        intensity = opening_intensity(radius - r[inside], found[inside], stiffness, near)
+        exact = 8 * radius / (np.pi * stiffness), 2 * np.sqrt(radius / np.pi)
+        errors.append(np.abs(np.array([found.flat[r.argmin()], intensity]) / exact - 1))
+        assert (errors[-1] < spacing / pressurised.SIZE).all()
+    order = np.log2(errors[0][0] / errors[1][0])
+    print(errors, "order", order)
+    assert order > 2 / 3
 
 
 #: By name, what each row's number must be: the exact value and how far from it. Ratios, orders and angles, and what the

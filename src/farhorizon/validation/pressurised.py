@@ -12,6 +12,7 @@ kinetic energy has left through the layers.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -98,13 +99,14 @@ def griffith(folder: Path) -> Outcome:
     return Outcome(rows, pictures=[picture])
 
 
-def penny_at_rest(spacing: float) -> tuple[np.ndarray, np.ndarray, float]:
+def penny_at_rest(spacing: float, **material: Any) -> tuple[np.ndarray, np.ndarray, float]:
     """Distances from the middle of the nodes beside a penny-shaped crack, how far its faces are apart there, and the
-    radius of a disc as large as what is cut of the lattice.
+    radius of a disc as large as what is cut of the lattice; of bonds, or of such a material.
     """
-    wide, high = SIZE + 2 * spacing, SIZE / 2 + spacing / 2
+    model = Elastic(Kernel(2 * spacing, exponent=1), young=YOUNG, **material)
+    reach = spacing * model.stencil(spacing, 3).reach[2]
+    wide, high = SIZE + 2 * spacing, max(SIZE / 2, reach) + spacing / 2
     lattice = Lattice(spacing, (-wide, -wide, -high), (wide, wide, high))
-    model = Elastic(Kernel(2 * spacing, exponent=1), young=YOUNG)
     crack = DiscCut((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), SIZE)
     press = Pressure(crack, 1.0, time=Step(2 * SIZE))
     sim = Simulation(lattice, model, LatticePML(nodes=8), loads=[press], cracks=[crack])
