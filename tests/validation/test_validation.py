@@ -282,11 +282,11 @@ BOUNDS = {
     "penny-pressure": [(1.0, 0.1), (1.0, 0.03), (1.0, 0.03)],
     # the speeds of waves alone are known: no echo is felt before it comes, tips are slower than Rayleigh waves
     "branching": [(25.0, 5.0), (1.0, 0.02), (21.0, 0.1), (23.0, 2.0), (25.0, 5.0), (0.5, 0.5), (45.0, 25.0)],
-    # three materials: what slow cracks spend, along the lattice and across, and on a finer one, beside what flows into
-    # the tip, short waves with it; faster ones break bonds beside the plane, too. No tip is faster than Rayleigh waves
+    # three materials: what slow cracks spend, along the lattice and across it; faster ones break bonds beside the
+    # plane, too; what flows into the tip has short waves with it. No tip is faster than Rayleigh waves
     "fracture-energy": [
-        *[*[(1.0, 0.05)] * 3, (1.1, 0.15), (1.0, 0.15)] * 2,
-        *[(1.0, 0.05), (1.2, 0.1), (1.0, 0.05), (1.1, 0.15), (1.0, 0.15)],
+        *[*[(1.0, 0.05)] * 2, (1.1, 0.15), (1.0, 0.15)] * 2,
+        *[(1.0, 0.05), (1.2, 0.1), (1.1, 0.15), (1.0, 0.15)],
         (0.5, 0.5),
     ],
     # the bound on speeds alone is known, 1 in the second row and the third; the others are as measured, rounded up
