@@ -139,6 +139,12 @@ def good():
         "Temperature": {"where": "x-", "value": 1.0},
         "Text": {"text": "a", "height": 1.0},
         "ToneBurst": {"frequency": 0.1, "cycles": 2},
+        "Thermoelastic": {
+            "elastic": fh.Elastic(fh.Kernel(1.0, 1), 1.0),
+            "heat": fh.Heat(kernel),
+            "expansion": 1e-5,
+            "reference": 300.0,
+        },
         "ThermalLoad": {"temperature": 20.0, "expansion": 1e-5, "reference": 20.0},
         "Pressure": {"on": [(-1.0, 0.1), (1.0, 0.1)], "value": 1.0},
         "Traction": {"side": "x-", "value": [1.0, 0.0]},

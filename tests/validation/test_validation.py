@@ -190,7 +190,7 @@ def test_command_lists_and_refuses(capsys, tmp_path):
     assert main(["validate", "--json", str(tmp_path / "list.json")]) == 0
     listed = written(tmp_path / "list.json", "validate")
     assert set(listed) == set(VALIDATIONS.entries())
-    assert {name for name, entry in listed.items() if entry["full"]} == {"branching-patterns"}
+    assert {name for name, entry in listed.items() if entry["full"]} == {"branching-patterns", "fracture-energy"}
     assert main(["validate", "mach-coen"]) == 2
     assert "did you mean 'mach-cone'" in capsys.readouterr().err
     with pytest.raises(InputError):

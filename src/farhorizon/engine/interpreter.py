@@ -15,6 +15,7 @@ from farhorizon.engine import operations as op
 from farhorizon.engine.bonds import LAW_EXTENT, LAW_FIRST, PHASES, Bonds, factors_of
 from farhorizon.engine.engine import Engine
 from farhorizon.engine.exchange import LEVEL
+from farhorizon.engine.filter import Filter
 from farhorizon.engine.passes import Passes
 from farhorizon.engine.stretched_shifts import StretchedShifts
 from farhorizon.engine.tables import Inputs, Material, Stage
@@ -385,29 +386,12 @@ class Interpreter:
             src, base, out = (self.split(level)[c] for level in stage[:3])
             if tables.whole:
                 for level in (out, base if stage.increments else src):
-                    level -= self._passed(level)
+                    level -= _passed(self.tables.filter, level)
             else:
-                taken = self._passed(out - src)
+                taken = _passed(self.tables.filter, out - src)
                 out -= taken
                 if stage.increments:
                     base -= taken
-
-    def _passed(self, values: np.ndarray) -> np.ndarray:
-        """What a filter takes of the values of one component."""
-        taps, steps, box, strengths, runs, copies, *_ = self.tables.filter
-        index = [(place + i, node + i, first + i) for place, node, first, count in runs for i in range(count)]
-        places, nodes, entries = np.array(index).T
-        weighed = np.zeros_like(box)
-        weighed[places] = strengths[entries] * values[nodes]
-        weighed[copies[0]] = weighed[copies[1]]
-        passed = np.zeros(len(places))
-        for distance in steps:
-            passed += taps[0] * weighed[places]
-            for k, tap in enumerate(taps[1:], 1):
-                passed += tap * (weighed[places + k * distance] + weighed[places - k * distance])
-        taken = np.zeros_like(values)
-        taken[nodes] = strengths[entries] * passed
-        return taken
 
     def _work(self) -> None:
         stage, inputs = self.stage, self.inputs
@@ -476,6 +460,24 @@ class Interpreter:
     def _melt(self) -> None:
         halo, coefficient = self.tables.phases.halo[:, 0], self.tables.material.coefficient
         coefficient[halo[self.stage.src[halo] < self.tables.phases.saturation]] = 1
+
+
+def _passed(tables: Filter, values: np.ndarray) -> np.ndarray:
+    """What a filter takes of the values of one component."""
+    taps, steps, box, strengths, runs, copies, *_ = tables
+    index = [(place + i, node + i, first + i) for place, node, first, count in runs for i in range(count)]
+    places, nodes, entries = np.array(index).T
+    weighed = np.zeros_like(box)
+    weighed[places] = strengths[entries] * values[nodes]
+    weighed[copies[0]] = weighed[copies[1]]
+    passed = np.zeros(len(places))
+    for distance in steps:
+        passed += taps[0] * weighed[places]
+        for k, tap in enumerate(taps[1:], 1):
+            passed += tap * (weighed[places + k * distance] + weighed[places - k * distance])
+    taken = np.zeros_like(values)
+    taken[nodes] = strengths[entries] * passed
+    return taken
 
 
 class _States:

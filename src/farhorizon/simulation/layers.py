@@ -124,7 +124,8 @@ class _Choice:
         Raises
         ------
         InputError
-            There are more of them than the target of a layer that chooses for itself.
+            Scalar data have more of them than the target of a layer that chooses for itself; elastic layers keep theirs
+            beside them, as far as was seen.
         """
         near, model = self.near, self.near.model
         if not layers:
@@ -143,11 +144,11 @@ class _Choice:
         share = max((short_share(datum.values, first) for datum in self._initial()), default=0.0)
         say = f"of the data {share:.1g} are waves of less than {2 * np.pi / first:.2g} nodes, {say}"
         asked = [b.target for b in layers.values() if b.target is not None and b.open_ended]
-        if share > min(asked, default=np.inf):
+        if near.stencil.components == 1 and share > min(asked, default=np.inf):
             raise InputError(
                 say,
-                value=share,
-                limit=f"the target, {min(asked):g}",
+                value=min(asked),
+                limit=f">= {share:.1g}",
                 key="boundary.target",
                 remedy=f"{remedy}; nodes in place of the target, and 'farhorizon compare' for the error",
             )
