@@ -370,3 +370,23 @@ def test_rayleigh_waves_run_at_the_classical_speed(options, at_20, order):
     errors = [abs(surface_wave_speed(model, nodes) - 1) for nodes in (20, 30, 40)]
     assert errors[0] < at_20
     assert fitted_rate([1 / 20, 1 / 30, 1 / 40], errors) > order
+
+
+def test_what_is_lost_with_bonds_is_the_same_with_more_threads():
+    """A crack that splits breaks bonds in several tiles of one row at once: no loss may be written over another."""
+
+    def torn(count):
+        lattice = fh.Lattice(1 / 3, (-8 + 1 / 6, -5 + 1 / 6), (8 - 1 / 6, 5 - 1 / 6))
+        kernel, options = fh.Kernel(1.0, exponent=1), {"poisson": 0.3, "stabilisation": 1.0}
+        solid = fh.Elastic(kernel, young=1.0, material="correspondence", critical_stretch=0.012, **options)
+        pull = "0.02*{}*exp(-(x/3)**2 - ({}*y - 2.5)**2)*where(t < 5, t/5, 1)*where({}*y > 0, 1, 0)"
+        up, down = pull.format(1, 1, 1), pull.format(-1, -1, -1)
+        sides, cracks = fh.LatticePML(nodes=12), [[(-2.1, 0.0), (2.1, 0.0)]]
+        sim = fh.Simulation(lattice, solid, sides, sources=[["0", f"{up} + {down}"]], cracks=cracks, threads=count)
+        sim.step(150)
+        return sim
+
+    one, several = torn(1), torn(2)
+    assert one.energies()["broken"] != 0
+    np.testing.assert_array_equal(one.fields["u"], several.fields["u"])
+    assert several.energies() == one.energies()

@@ -243,29 +243,31 @@ def redo_damaged(thread, stage, springs, material, gather, scatter, bonds, force
     law, numbers = gather.sweep.law, gather.sweep.law.room[thread.number, 0]
     high = _ROWS_3 if gather.columns == 3 else _ROWS_2
     size = law.values.size // gather.rows
-    count = changed.shape[1] * changed.shape[2]
-    for number in range(thread.number, changed.shape[0] * count, thread.threads):
-        i0, row, tile = number // count, number % count // changed.shape[2], number % changed.shape[2]
-        kind = changed[i0, row, tile]
-        if kind == UNCHANGED:
-            continue
-        start = zone[FIRST + 2] + tile * LANES
-        for i1 in range(max(row * high, zone[FIRST + 1]), min((row + 1) * high, zone[END + 1])):
-            for i2 in range(start, min(start + LANES, zone[END + 2])):
-                node, full = block[0] + i0 * block[4] + i1 * block[5] + i2, True
-                for word in range(alive.shape[0]):
-                    full &= alive[word, node] == bonds.full[word]
-                if full:
-                    continue
-                if forces:
-                    node_force(stage, node, bonds, springs, material, gather, scatter)
-                    continue
-                if kind == JUST_CHANGED:
-                    weigh_broken(stage, bonds, springs, material, gather, scatter, node, numbers, bonds.broken[i0, row])
-                sum_state(stage.src, node, alive, gather, numbers)
-                law_of_node(law, node, numbers, gather.rows)
-                for c in range(gather.rows):
-                    law.values[c * size + node] = numbers[_STATE + c]
-        if not forces:
-            changed[i0, row, tile] = CHANGED
+    rows = changed.shape[1]
+    # whole rows of tiles, whose losses are added up in one place
+    for number in range(thread.number, changed.shape[0] * rows, thread.threads):
+        i0, row = number // rows, number % rows
+        for tile in range(changed.shape[2]):
+            kind = changed[i0, row, tile]
+            if kind == UNCHANGED:
+                continue
+            start, losses = zone[FIRST + 2] + tile * LANES, bonds.broken[i0, row]
+            for i1 in range(max(row * high, zone[FIRST + 1]), min((row + 1) * high, zone[END + 1])):
+                for i2 in range(start, min(start + LANES, zone[END + 2])):
+                    node, full = block[0] + i0 * block[4] + i1 * block[5] + i2, True
+                    for word in range(alive.shape[0]):
+                        full &= alive[word, node] == bonds.full[word]
+                    if full:
+                        continue
+                    if forces:
+                        node_force(stage, node, bonds, springs, material, gather, scatter)
+                        continue
+                    if kind == JUST_CHANGED:
+                        weigh_broken(stage, bonds, springs, material, gather, scatter, node, numbers, losses)
+                    sum_state(stage.src, node, alive, gather, numbers)
+                    law_of_node(law, node, numbers, gather.rows)
+                    for c in range(gather.rows):
+                        law.values[c * size + node] = numbers[_STATE + c]
+            if not forces:
+                changed[i0, row, tile] = CHANGED
     barrier(thread)
