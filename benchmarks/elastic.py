@@ -20,8 +20,9 @@ multiply-adds, layers against the infinite lattice.
 - layers: largest error of the near field against the infinite lattice, relative to the largest initial value, over four
   crossings of the P wave; pulses of all components that meet sides and corners. Targets in 3D: 1e-5 with 10 nodes, 1e-7
   with 20.
+- heated: a step of a solid and its temperature with the heat of deformation, over one without.
 
-Run: ``python benchmarks/elastic.py [speed] [breaking] [passes] [layers] [--json FILE] [--repeats N]``. Takes four
+Run: ``python benchmarks/elastic.py [speed] [breaking] [passes] [heated] [layers] [--json FILE] [--repeats N]``. Takes four
 minutes and 2 GB.
 """
 
@@ -37,7 +38,20 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from farhorizon import Ball, Box, Disc, Elastic, Free, Kernel, Lattice, LatticePML, Periodic, Simulation
+from farhorizon import (
+    Ball,
+    Box,
+    Disc,
+    Elastic,
+    Free,
+    Heat,
+    Kernel,
+    Lattice,
+    LatticePML,
+    Periodic,
+    Simulation,
+    Thermoelastic,
+)
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.engine.bonds import DAMAGED
 from farhorizon.engine.engine import Engine, Zone
@@ -288,6 +302,25 @@ def passes(given: argparse.Namespace) -> list[dict[str, Any]]:
     return rows
 
 
+def heated(given: argparse.Namespace) -> list[dict[str, Any]]:
+    """One row a lattice: a solid and its temperature, with the heat of deformation and without."""
+    rows = []
+    for n in (61, 201):
+        box = Lattice(1.0, (0.0, 0.0), (n - 1.0, n - 1.0))
+        solid = Elastic(Kernel(2.0, 1), 70.0, density=2.7)
+        heat = Heat(Kernel(2.0), density=2.7, specific_heat=0.9, conductivity=0.5)
+        warm = {"T": f"300 + exp(-((x-{n // 2})**2 + (y-{n // 2})**2)/9)"}
+        runs = {
+            coupled: Simulation(box, Thermoelastic(solid, heat, 2e-5, 300.0, coupled), Free(), warm, threads=1)
+            for coupled in (True, False)
+        }
+        times = interleaved(
+            {str(key): lambda count, run=run: run.step(count) for key, run in runs.items()}, given.repeats
+        )
+        rows.append({"lattice": f"{n}^2", "coupled/not": ratio(times, "True", "False")})
+    return rows
+
+
 def _far_crack(n: int) -> list[list[tuple[float, float]]]:
     """A crack that cuts a bond or two, for which both passes are worked off in the plane, too."""
     return [[(n / 2 + 0.4, n / 2 + 0.6), (n / 2 + 0.6, n / 2 + 0.6)]]
@@ -300,6 +333,7 @@ if __name__ == "__main__":
             "speed": ("Steps on one thread", speed),
             "breaking": ("Bonds that break, one thread", breaking),
             "passes": ("Two passes, one thread", passes),
+            "heated": ("A solid and its temperature, one thread", heated),
             "layers": ("Errors against the infinite lattice", layers),
         },
     )
