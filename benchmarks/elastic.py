@@ -22,8 +22,8 @@ multiply-adds, layers against the infinite lattice.
   with 20.
 - heated: a step of a solid and its temperature with the heat of deformation, over one without.
 
-Run: ``python benchmarks/elastic.py [speed] [breaking] [passes] [heated] [layers] [--json FILE] [--repeats N]``. Takes four
-minutes and 2 GB.
+Run: ``python benchmarks/elastic.py [speed] [breaking] [passes] [heated] [layers] [--json FILE] [--repeats N]``. Takes
+five minutes and 2 GB.
 """
 
 from __future__ import annotations
