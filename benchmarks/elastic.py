@@ -189,6 +189,8 @@ def breaking(given: argparse.Namespace) -> list[dict[str, Any]]:
             "1 % cut": (True, 0.01),
             "5 % cut": (True, 0.05),
             "all damaged": (True, 0.0),
+            "contact, whole": (True, 0.0),
+            "contact, 5 % cut": (True, 0.05),
             "softening, whole": (True, 0.0),
             "softening, all damaged": (True, 0.0),
             "softening, all beyond": (True, 0.0),
@@ -196,12 +198,14 @@ def breaking(given: argparse.Namespace) -> list[dict[str, Any]]:
         for name, (nonlinear, share) in laws.items():
             engines[name] = engine = bare_engine(stencil, (n,) * dim, 1, lasting=True)
             engine.levels *= 1e-4  # of the spacing: far from breaking
-            limit, softens = 0.2, {}
+            limit, more = 0.2, {}
             if name.startswith("softening"):
-                softens = {"softening": "linear", "final": np.full(engine.core.nodes, 1.0)}
+                more = {"softening": "linear", "final": np.full(engine.core.nodes, 1.0)}
+            if name.startswith("contact"):
+                more = {"contact": True}
             if name == "softening, all beyond":
                 limit = 1e-12  # nearly each bond that is longer than before
-            engine.bonds.set(stiffness, 1.0, zone, nonlinear, limit, **softens)
+            engine.bonds.set(stiffness, 1.0, zone, nonlinear, limit, **more)
             if name == "linear, not calm":
                 engine.tables.bonds.limit[1] = 0
             if share:

@@ -113,7 +113,7 @@ RIGHT = {
         "critical_stretch": None,
         "fracture_energy": None,
         "softening": None,
-        "contact": False,
+        "contact": None,
     },
     "Elements": {"elements": (TETRAHEDRON, [(0, 1, 2, 3)]), "group": None, "scale": 1.0},
     "Exact": {"compress": 1e-12},

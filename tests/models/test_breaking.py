@@ -182,10 +182,10 @@ def test_a_straight_crack_spends_its_fracture_energy(nonlinear):
 def test_a_pulse_crosses_a_closed_crack_in_compression_alone(sign, nonlinear):
     """A plane P pulse meets a crack across the whole body. In the middle, which does not know of the free faces yet:
     compression goes through as if there were no crack, but for the tension in the tail that a lattice's dispersion
-    makes; tension comes back whole.
+    makes; tension comes back whole. Nonlinear bonds do so unless they are told not to.
     """
     lattice = fh.Lattice(0.25, (-16.0, -18.0), (16.0, 18.0))
-    model = material(0.25, nonlinear=nonlinear, contact=True)
+    model = material(0.25, nonlinear=nonlinear, contact=None if nonlinear else True)
     x, y = lattice.coordinates()
     place, width, size = (x + 7) / 2, 2.0, sign * 1e-4
     u = size * width * np.sqrt(np.pi) / 2 * (np.vectorize(math.erf)(place) - 1)  # its strain is a bell
@@ -205,18 +205,27 @@ def test_a_pulse_crosses_a_closed_crack_in_compression_alone(sign, nonlinear):
 
 
 @pytest.mark.slow
-def test_energies_of_pieces_that_collide_add_up_to_the_square_of_the_step():
+@pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
+def test_energies_of_pieces_that_collide_add_up_to_the_square_of_the_step(nonlinear):
     """A blast shatters a block, whose broken bonds carry compression."""
     lattice = fh.Lattice(0.5, (-4.0,) * 3, (4.0,) * 3)
     x = np.stack(lattice.coordinates())
     blast = fh.Source(0.15 * x * np.exp(-(x**2).sum(0)), lambda t: np.exp(-((t - 4) ** 2)))
-    model, lost, factors = material(critical_stretch=0.02, contact=True), [], np.array([1.0, 0.5, 0.25])
+    model = material(nonlinear=nonlinear, critical_stretch=0.02, contact=True)
+    lost, factors = [], np.array([1.0, 0.5, 0.25])
     for factor in factors:
         step = lambda default, factor=factor: factor * default  # noqa: E731
         sim = fh.Simulation(lattice, model, fh.Free(), sources=[blast], balance=True, dt=step).run(16.0)
         assert sim.broken_bonds > 500
         lost.append(abs(sim.balance()["lost"]) / sim.balance()["work"])
     assert lost[0] < 0.05 and fitted_rate(factors, lost) > 1.5
+
+
+def test_cracks_in_nonlinear_bonds_close_unless_told_not_to():
+    """Linear bonds, which know no large displacements, pass through each other unless told not to."""
+    assert material(nonlinear=True).contact and not material(nonlinear=True, contact=False).contact
+    assert not material(critical_stretch=0.01).contact and material(critical_stretch=0.01, contact=True).contact
+    assert not material(nonlinear=True).linearised.contact
 
 
 def test_what_is_refused_of_cracks_that_close():
@@ -234,14 +243,14 @@ def test_what_is_refused_of_cracks_that_close():
 @pytest.mark.parametrize("dim", [2, 3])
 def test_energies_add_up(dim, side, nonlinear):
     """A blast breaks bonds in a closed box with a crack: exactly for the linear law, but for what a load that is not
-    zero at the start did before.
+    zero at the start did before. Pieces that collide have a test of their own.
     """
     half = 8.0 if dim == 2 else 4.0
     lattice = fh.Lattice(0.5, (-half,) * dim, (half,) * dim)
     x = np.stack(lattice.coordinates())
     blast = fh.Source(0.15 * x * np.exp(-(x**2).sum(0)), lambda t: np.exp(-((t - 4) ** 2)))
     crack = fh.Polyline([[-4, 0.3], [4, 0.3]]) if dim == 2 else fh.Rectangle([-2, -2, 0.3], [4, 0, 0], [0, 4, 0])
-    model = material(nonlinear=nonlinear, critical_stretch=0.02)
+    model = material(nonlinear=nonlinear, critical_stretch=0.02, contact=False)
     sim = fh.Simulation(lattice, model, side, sources=[blast], cracks=[crack], balance=True)
     for t in (4.0, 8.0, 16.0):
         sim.run(t, progress=False)
@@ -333,14 +342,14 @@ def test_energies_of_two_materials_add_up(nonlinear):
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 def test_weak_waves_leave_as_those_of_the_stencil(nonlinear):
     """Without a stretch that matters the run is that of the linear medium with its layers, up to the square of the
-    strain.
+    strain; of a crack that stays open.
     """
     lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 8.0))
     start = {"u": lambda x, y: [1e-8 * np.exp(-(x**2) - (y - 1) ** 2), -2e-8 * np.exp(-(x**2 + y**2) / 2)]}
     crack = [[[-3.0, 0.2], [2.0, -1.1]]]
     runs = [
         fh.Simulation(lattice, m, fh.LatticePML(nodes=10), start, cracks=crack)
-        for m in (material(), material(nonlinear=nonlinear, critical_stretch=0.1))
+        for m in (material(), material(nonlinear=nonlinear, critical_stretch=0.1, contact=False))
     ]
     for sim in runs:
         sim.run(20.0, progress=False)

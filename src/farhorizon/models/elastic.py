@@ -83,9 +83,9 @@ class Elastic(LatticeModel):
         Bond-based, with a critical stretch and a fracture energy: bonds do not break at that stretch, but begin to
         soften there (a bilinear law, or an exponential one), so that a new crack takes the fracture energy; they unload
         along the secant.
-    contact : bool
+    contact : bool, optional
         Bond-based: bonds that are cut or broken carry compression, where they are shorter than in the beginning, so
-        that faces of a crack which closes do not pass through each other.
+        that faces of a crack which closes do not pass through each other. As `nonlinear` unless given.
 
     Attributes
     ----------
@@ -145,7 +145,7 @@ class Elastic(LatticeModel):
         critical_stretch: Constant | None = None,
         fracture_energy: Constant | None = None,
         softening: str | None = None,
-        contact: bool = False,
+        contact: bool | None = None,
     ) -> None:
         kinds.one_of(material, "model.material", MATERIALS, "unknown material")
         if plane is not None:
@@ -178,7 +178,7 @@ class Elastic(LatticeModel):
         if softening is not None:
             kinds.one_of(softening, "model.softening", SOFTENINGS, "unknown softening")
         self.softening = softening
-        self.contact = kinds.flag(contact, "model.contact")
+        self.contact = self.nonlinear if contact is None else kinds.flag(contact, "model.contact")
         self._check_law()
         self.damping = kinds.number(damping, "model.damping", least=0)
         self.integrator = Verlet()
