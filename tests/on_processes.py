@@ -52,8 +52,12 @@ CASES = {
     "single precision": (plane(dtype="float32"), ALONG_X),
     "layers that choose themselves": (plane(sides=fh.LatticePML(target=1e-4, until=20.0)), [None]),
     "periodic beside layers": (
-        plane(sides={"x": fh.Periodic(), "y": FOUR}, initial={"u": "exp(-2*y**2)*(1 + x)"}),
-        ALONG_Y,
+        plane(
+            sides={"x": fh.Periodic(), "y": FOUR},
+            initial={"u": "exp(-2*y**2)*(1 + x)"},
+            cracks=[[(-99.0, 1.1), (99.0, 1.1)]],
+        ),
+        ALONG_X + ALONG_Y,
     ),
     "sources": (
         plane(

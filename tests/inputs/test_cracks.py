@@ -8,8 +8,10 @@ from farhorizon import (
     Diffusion,
     Disc,
     DiscCut,
+    Elastic,
     Free,
     InputError,
+    Kernel,
     Lattice,
     LatticePML,
     Periodic,
@@ -181,6 +183,48 @@ def test_a_crack_in_an_unbounded_medium_spares_the_layer():
         Simulation(lattice, model, LatticePML(), {"u": gauss}, cracks=[[(0.3, -3.1), (4.3, 19.1)]])
     with pytest.raises(InputError, match="crosses a side that cannot continue it"):
         Simulation(lattice, model, {"x": Periodic(), "y": Free()}, {"u": gauss}, cracks=[[(-8.1, -3.1), (-8.1, 3.1)]])
+
+
+BONDS = Kernel(1.0, 1)
+ACROSS = {
+    "scalar": lambda: Wave(BONDS),
+    "bonds that break": lambda: Elastic(BONDS, 1.0, critical_stretch=0.01),
+    "states": lambda: Elastic(BONDS, 1.0, 0.3, material="state-based", critical_stretch=0.01),
+    "correspondence": lambda: Elastic(BONDS, 1.0, 0.3, material="correspondence", stabilisation=0.5),
+}
+
+
+@pytest.mark.parametrize("material", ACROSS.values(), ids=ACROSS)
+@pytest.mark.parametrize("tooth", [0.0, 1.5], ids=["along", "saw"])
+def test_a_crack_across_periodic_sides_is_one_of_two_periods(material, tooth):
+    """Two periods, in which a crack without end is the same one, do as one of them does: to rounding."""
+    period, high = 12, 13
+    found, broken = [], []
+    for periods in (1, 2):
+        shape = (period * periods, high)
+        lattice = Lattice(0.5, (0.0, 0.0), tuple(0.5 * (n - 1) for n in shape))
+        start = 0.02 * np.random.default_rng(4).standard_normal((2, period, high))
+        start = np.concatenate([start] * periods, axis=1)
+        points = [(3.0 * n, 2.05 + tooth * (n % 2)) for n in range(-4, 9)]  # a period is 6 long
+        model = material()
+        given = start if isinstance(model, Elastic) else start[0]
+        sides = {"x": Periodic(), "y": Free()}
+        sim = Simulation(lattice, model, sides, {"v": given}, cracks=[points], dt=0.1)
+        sim.step(40)
+        found.append(sim.fields["u"][..., :period, :])
+        broken.append(sim.broken_bonds / periods)
+        assert sim.engine.absent.count or sim.fields["damage"].max() > 0.2
+    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-12 * np.abs(found[0]).max())
+    assert broken[0] == broken[1]
+
+
+def test_a_crack_that_does_not_come_back_in_is_refused():
+    """Out through one side, not in through the other; elsewhere; by less than the bonds reach. One that ends at the last nodes stays inside."""
+    lattice = Lattice(0.5, (0.0, 0.0), (5.5, 6.0))
+    for points in ([(3.0, 3.1), (9.0, 3.1)], [(-9.0, 2.1), (9.0, 2.6)], [(-0.6, 3.1), (3.0, 3.1)]):
+        with pytest.raises(InputError, match="comes in through the opposite one"):
+            Simulation(lattice, Wave(BONDS), {"x": Periodic(), "y": Free()}, cracks=[points])
+    Simulation(lattice, Wave(BONDS), {"x": Periodic(), "y": Free()}, cracks=[[(0.0, 3.1), (5.5, 3.1)]])
 
 
 def test_body_is_cut_from_what_surrounds_it():

@@ -299,7 +299,7 @@ BAD = [
     ),
     ({"cracks": [[(-5, 0.1), (5, 1.1)]]}, "across the absorbing side"),
     ({"cracks": [[(-5, 0.1), (-3.1, 0.1)]]}, "across the absorbing side"),
-    ({"cracks": [[(-5, 0.1), (5, 0.1)]], "boundary": fh.Periodic()}, "cannot continue it"),
+    ({"cracks": [[(-5, 0.1), (5, 1.1)]], "boundary": fh.Periodic()}, "cannot continue it"),
     ({"coefficient": -np.ones(LATTICE.shape)}, "negative"),
     ({"rule": "geometric"}, "bond rule"),
     ({"rim": "clamped"}, "unknown surface"),

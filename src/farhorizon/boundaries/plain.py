@@ -68,6 +68,8 @@ class Free(Side):
 class Periodic(Side):
     """The field repeats itself beyond the opposite side.
 
+    A crack across it comes back in on the opposite side: it is given beyond both, such as one along the axis.
+
     Examples
     --------
     >>> import farhorizon as fh
@@ -81,3 +83,4 @@ class Periodic(Side):
 
     periodic: ClassVar[bool] = True
     passive: ClassVar[bool] = True
+    cracks: ClassVar[Literal["repeat"]] = "repeat"

@@ -50,9 +50,9 @@ class Side:
         Whatever comes to it, it gives no energy.
     shared : bool
         Another process has what lies beyond it.
-    cracks : {"end", "continue", "refuse"}
-        What becomes of a crack that crosses it: it is cut as it is given, goes on straight along the normal, or none
-        may.
+    cracks : {"end", "continue", "repeat", "refuse"}
+        What becomes of a crack that crosses it: it is cut as it is given, goes on straight along the normal, has to
+        come back in on the opposite side, or none may.
     vectors : bool
         Fields of several components have it.
     reactive : bool
@@ -99,7 +99,7 @@ class Side:
     closing: ClassVar[bool] = False
     passive: ClassVar[bool] = False
     shared: ClassVar[bool] = False
-    cracks: ClassVar[Literal["end", "continue", "refuse"]] = "refuse"
+    cracks: ClassVar[Literal["end", "continue", "repeat", "refuse"]] = "refuse"
     vectors: ClassVar[bool] = True
     reactive: ClassVar[bool] = True
     dims: ClassVar[tuple[int, ...]] = (1, 2, 3)

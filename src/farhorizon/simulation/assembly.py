@@ -41,7 +41,7 @@ from farhorizon.simulation.start import Start, start_of
 from farhorizon.simulation.surfaces import check_conditions, rest_and_damp
 from farhorizon.simulation.surroundings import Surroundings, by_target, check_memory
 from farhorizon.simulation.team import ALONE, Team
-from farhorizon.simulation.validation import check_model, check_stencil, check_variation
+from farhorizon.simulation.validation import check_model, check_repeats, check_stencil, check_variation
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +156,7 @@ def survey(whole: Setup, stiffer: float | None = None, share: Share | None = Non
     check_model(setup, sides)
     stencil = model.medium(lattice.spacing, lattice.dim)
     check_stencil(setup, sides, stencil)
+    check_repeats(setup, sides, stencil)
     check_memory(setup, stencil, by_target(setup, sides, stencil))
     coefficient = node_factor(setup)
     variation = variation.times(coefficient)
@@ -318,6 +319,7 @@ def shared(setup: Setup, team: Team, topology: Sequence[int] | None, observers: 
     uniform, variation = varied(setup)
     bare = replace(uniform, initial={}, loads=())
     stencil = uniform.model.medium(setup.lattice.spacing, setup.lattice.dim)
+    check_repeats(setup, setup.sides, stencil)
     near = near_field(bare, setup.sides, stencil, variation.times(node_factor(uniform)))
     waves = incident_waves(bare, near, setup.sides, _cuts(setup))
     around = by_target(uniform, setup.sides, stencil, near.squared_speed)

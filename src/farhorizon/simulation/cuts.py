@@ -122,13 +122,13 @@ class CutBonds:
     def _crossed(self, cut: Cut) -> list[Key]:
         """Sides with a layer that a crack runs into; InputError where it crosses a sponge or a periodic side.
 
-        Beyond an extended side it is cut as it is given.
+        Beyond an extended side, or a periodic one, it is cut as it is given.
         """
         lattice, crossed = self.near.lattice, []
         for (axis, side), boundary in self.around.sides.items():
             edge = (lattice.lower, lattice.upper)[(side + 1) // 2][axis]
             end = cut.bounds()[(side + 1) // 2][axis]
-            if side * (end - edge) > 1e-9 * lattice.spacing and boundary.cracks != "end":
+            if side * (end - edge) > 1e-9 * lattice.spacing and boundary.cracks not in ("end", "repeat"):
                 if boundary.cracks == "refuse":
                     raise InputError(
                         "a crack crosses a side that cannot continue it",

@@ -7,6 +7,7 @@ import numpy as np
 from farhorizon.boundaries import names
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES
+from farhorizon.inputs.cracks import cut_bonds
 from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.integrators import Euler, Verlet
@@ -126,6 +127,38 @@ def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
                 limit=f">= {2 * m + 1}",
                 key="lattice",
                 remedy="enlarge the lattice or refine it",
+            )
+
+
+def check_repeats(setup: Setup, sides: Sides, stencil: Stencil) -> None:
+    """Refuse a crack across a periodic side that does not come back in on the opposite one: of a bond across that side
+    both ends have to lose it.
+
+    Raises
+    ------
+    InputError
+    """
+    lattice, around = setup.lattice, sorted({axis for (axis, _), side in sides.items() if side.cracks == "repeat"})
+    shape = np.array(lattice.shape)
+    for crack in setup.cracks:
+        low, high = crack.cut.bounds()
+        if not any(low[a] < lattice.lower[a] or high[a] > lattice.upper[a] for a in around):
+            continue
+        nodes, bonds = cut_bonds(crack.cut, lattice.lower, lattice.spacing, lattice.shape, stencil.offsets)
+        ends = nodes + stencil.offsets[bonds]
+        beyond = (ends < 0) | (ends >= shape)
+        ends[:, around] %= shape[around]
+        across = beyond[:, around].any(1) & ((ends >= 0) & (ends < shape)).all(1)
+        there = np.concatenate([nodes, stencil.offsets[bonds]], 1)
+        back = np.concatenate([ends, -stencil.offsets[bonds]], 1)[across]
+        if len(np.unique(np.concatenate([there, back]), axis=0)) > len(there):
+            raise InputError(
+                "a crack crosses a side that cannot continue it: what goes out through a periodic side comes in "
+                "through the opposite one",
+                value=[b.tolist() for b in crack.cut.bounds()],
+                limit=f"{lattice.lower.tolist()} to {lattice.upper.tolist()}",
+                key="crack",
+                remedy="a crack that goes on beyond both sides, by the reach of the bonds, or ends inside",
             )
 
 
