@@ -219,7 +219,9 @@ def test_a_crack_across_periodic_sides_is_one_of_two_periods(material, tooth):
 
 
 def test_a_crack_that_does_not_come_back_in_is_refused():
-    """Out through one side, not in through the other; elsewhere; by less than the bonds reach. One that ends at the last nodes stays inside."""
+    """Out through one side, not in through the other; elsewhere; by less than the bonds reach. One that ends at the
+    last nodes stays inside.
+    """
     lattice = Lattice(0.5, (0.0, 0.0), (5.5, 6.0))
     for points in ([(3.0, 3.1), (9.0, 3.1)], [(-9.0, 2.1), (9.0, 2.6)], [(-0.6, 3.1), (3.0, 3.1)]):
         with pytest.raises(InputError, match="comes in through the opposite one"):
