@@ -1,5 +1,7 @@
 """Cracks: which bonds they cut, and that a cut body conserves what it should."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -21,6 +23,7 @@ from farhorizon import (
     Rectangle,
     Simulation,
     Stencil,
+    ValidityWarning,
     Wave,
 )
 from farhorizon.inputs.cracks import as_cut, cut_bonds
@@ -190,7 +193,9 @@ ACROSS = {
     "scalar": lambda: Wave(BONDS),
     "bonds that break": lambda: Elastic(BONDS, 1.0, critical_stretch=0.01),
     "states": lambda: Elastic(BONDS, 1.0, 0.3, material="state-based", critical_stretch=0.01),
-    "correspondence": lambda: Elastic(BONDS, 1.0, 0.3, material="correspondence", stabilisation=0.5),
+    "correspondence": lambda: Elastic(
+        BONDS, 1.0, 0.3, material="correspondence", stabilisation=0.5, critical_stretch=0.01
+    ),
 }
 
 
@@ -216,6 +221,31 @@ def test_a_crack_across_periodic_sides_is_one_of_two_periods(material, tooth):
         assert sim.engine.absent.count or sim.fields["damage"].max() > 0.2
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-12 * np.abs(found[0]).max())
     assert broken[0] == broken[1]
+
+
+@pytest.mark.parametrize("material", ACROSS.values(), ids=ACROSS)
+def test_one_node_is_a_slab_in_plane_strain(material):
+    """Thinner than bonds reach, with a crack through it, near a layer: as one that is thicker than that, bit by bit."""
+    found, broken = [], []
+    for thick in (9, 1):
+        shape = (thick, 14, 17)
+        start = np.zeros((3, *shape))
+        start[1:] = 0.02 * np.random.default_rng(3).standard_normal((2, 1, *shape[1:]))
+        model = material()
+        sim = Simulation(
+            Lattice(0.5, (0.0, 0.0, 0.0), tuple(0.5 * (n - 1) for n in shape)),
+            model,
+            {"x": Periodic(), "y": Free(), "z": LatticePML(nodes=5)},
+            {"v": start if isinstance(model, Elastic) else start[1]},
+            cracks=[Rectangle([-99.0, 3.3, 2.1], [199.0, 0.0, 0.0], [0.0, 0.0, 3.0])],
+            dt=0.05,
+        )
+        with warnings.catch_warnings(action="ignore", category=ValidityWarning):
+            sim.step(50)
+        found.append(sim.fields["u"][..., 0, :, :])
+        broken.append(sim.broken_bonds / thick)
+    np.testing.assert_array_equal(*found)
+    assert broken[0] == broken[1] and (isinstance(model, Wave) or broken[0] > 10)
 
 
 def test_a_crack_that_does_not_come_back_in_is_refused():

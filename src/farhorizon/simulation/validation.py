@@ -100,7 +100,8 @@ def check_variation(sides: Sides, variation: Variation) -> None:
 
 def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
     """What fields of several components and media with a reaction do not have, integrators that conditions along an
-    outline do not serve, and a near field that is thinner than the stencil.
+    outline do not serve, and a near field that is thinner than the stencil. Along periodic axes, where the stencil
+    may go round several times, it may be.
 
     Raises
     ------
@@ -120,7 +121,7 @@ def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
         _check_reaction(setup, sides, stencil.strongest_reaction)
     _check_closing(setup, sides)
     for axis, (n, m) in enumerate(zip(setup.lattice.shape, stencil.reach, strict=True)):
-        if n < 2 * m + 1:
+        if n < 2 * m + 1 and not sides[axis, -1].periodic:
             raise InputError(
                 "the near field is thinner than the stencil",
                 value=f"{n} nodes along {AXES[axis]}",
