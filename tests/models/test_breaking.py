@@ -541,10 +541,7 @@ BREAKING = {"critical_stretch": 0.01}
         ({"fracture_energy": -1.0}, "fracture_energy: must be finite and positive"),
         ({"critical_stretch": 0.01, "fracture_energy": 1.0}, "two names of one thing"),
         ({"nonlinear": True, "material": "state-based", "poisson": 0.3}, "have no nonlinear; .* limit: bond-based "),
-        (
-            {"fracture_energy": 1.0, "material": "correspondence", "poisson": 0.3},
-            "have no fracture_energy; value: c.*calibrated_stretch",
-        ),
+        ({"contact": True, "critical_stretch": 0.1, "material": "correspondence", "poisson": 0.3}, "have no contact"),
     ],
 )
 def test_impossible_materials(options, message):

@@ -25,8 +25,9 @@ import os
 import re
 import struct
 import threading
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,8 @@ from farhorizon.errors import InputError
 
 _MARK = b"farhorizon journal 1\n"
 _PIECE = struct.Struct("<QQ")  # sizes of the file before and after the change; offset and length of each piece
+
+_PAUSE = 0.2  # seconds between two looks at a lock that somebody holds
 
 Change = tuple[int, bytes]
 
@@ -357,6 +360,18 @@ def locked(path: Path) -> Iterator[None]:
         with suppress(OSError):
             path.unlink()
         os.close(descriptor)
+
+
+@contextmanager
+def awaited(path: Path) -> Iterator[None]:
+    """Hold a lock on a name, as `locked`, as soon as nobody else does."""
+    with ExitStack() as held:
+        while True:
+            with suppress(InputError):
+                held.enter_context(locked(path))
+                break
+            time.sleep(_PAUSE)
+        yield
 
 
 def _lock(descriptor: int, path: Path) -> None:

@@ -28,6 +28,22 @@ def fracture_energy(bonds: np.ndarray, stiffness: np.ndarray, stretch: float) ->
     return float(stretch**2 / 4 * (stiffness * lengths**3).sum() * (2 / np.pi if bonds.shape[1] == 2 else 0.5))
 
 
+def stretch_that_spends(energy: Any, factor: float, young: float, horizon: float) -> Any:
+    """The critical stretch at which a crack takes an energy per area, of which it is known what it takes over Young's
+    modulus, the horizon and the square of that stretch.
+
+    Parameters
+    ----------
+    energy : float or ndarray
+    factor, young, horizon : float
+
+    Returns
+    -------
+    float or ndarray
+    """
+    return np.sqrt(energy / (factor * young * horizon))
+
+
 def final_stretch(bonds: np.ndarray, stiffness: np.ndarray, onset: Any, energy: Any) -> Any:
     """The stretch s1 at which bonds that soften carry nothing any more, so that a plane takes an energy per area.
 

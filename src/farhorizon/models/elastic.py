@@ -18,6 +18,7 @@ from farhorizon.engine.rows.bond_sweeps import SOFTENINGS
 from farhorizon.errors import InputError
 from farhorizon.medium.force_states import ForceStates, correspondence_states, dilatation_states
 from farhorizon.medium.fracture import fracture_energy as energy_of_fracture
+from farhorizon.medium.fracture import stretch_that_spends
 from farhorizon.medium.integrators import Verlet
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.moduli import Moduli, moduli_of
@@ -77,8 +78,8 @@ class Elastic(LatticeModel):
         Bonds whose length has grown by more than this part break for good; not of finite elements. Where it varies, as
         `young`: a bond breaks as the weaker of its ends does.
     fracture_energy : float, str, ndarray or callable, optional
-        Bond-based: instead of the critical stretch the energy that a new crack takes per area; see
-        `critical_stretch_on`. Beside it where bonds soften.
+        Instead of the critical stretch the energy that a new crack takes per area; see `critical_stretch_on`. In
+        bond-based materials beside it where bonds soften.
     softening : {"linear", "exponential"}, optional
         Bond-based, with a critical stretch and a fracture energy: bonds do not break at that stretch, but begin to
         soften there (a bilinear law, or an exponential one), so that a new crack takes the fracture energy; they unload
@@ -126,6 +127,7 @@ class Elastic(LatticeModel):
     shear: Any
     lame: Any
     density: Any
+    energy_factor: float | None = None  # see `farhorizon.simulation.running_cracks.energy_factor`
     target = 1e-4  # a tenth of it costs as many nodes again: strong backward waves decide
 
     def __init__(
@@ -222,17 +224,15 @@ class Elastic(LatticeModel):
         for name, value in self._strength.items():
             setattr(self, name, material_constant(value, f"model.{name}"))
         flags = {"nonlinear": self.nonlinear, "contact": self.contact, "softening": self.softening}
-        given = sorted([*(name for name, value in flags.items() if value), *self._strength], reverse=True)
-        served = ("bond-based",) if given != ["critical_stretch"] else _BREAKABLE
+        given = [*(name for name, value in flags.items() if value), *self._strength]
+        served = _BREAKABLE if given in (["critical_stretch"], ["fracture_energy"]) else ("bond-based",)
         if given and (self.material not in served or not isinstance(self.kernel, Kernel)):
             raise InputError(
                 f"bonds of this material have no {given[0]}",
                 value=self.material,
                 limit=f"{' or '.join(served)} with a kernel",
                 key=f"model.{given[0]}",
-                remedy="in the plane critical_stretch=fh.calibrated_stretch(model, spacing, fracture_energy)"
-                if given == ["fracture_energy"] and self.material in _BREAKABLE
-                else 'material="bond-based", or critical_stretch alone',
+                remedy='material="bond-based", or critical_stretch or fracture_energy alone',
             )
         if self.softening is not None and len(self._strength) < 2:
             raise InputError(
@@ -308,8 +308,10 @@ class Elastic(LatticeModel):
         """The stretch at which bonds break: the one given, or from the fracture energy and the bonds of the lattice;
         infinite without.
 
-        The bonds' energy across a plane, averaged over its directions (`medium.fracture.fracture_energy`), is the
-        fracture energy. That of a crack along an axis of the lattice differs by what the lattice is not a continuum.
+        Of a bond-based material their energy across a plane, averaged over its directions
+        (`medium.fracture.fracture_energy`), is the fracture energy. That of a crack along an axis of the lattice
+        differs by what the lattice is not a continuum. Of the others it is what a crack spends that runs
+        (`farhorizon.simulation.running_cracks`), which a simulation lets do so when it is set up.
 
         Parameters
         ----------
@@ -323,11 +325,26 @@ class Elastic(LatticeModel):
         Returns
         -------
         float or ndarray
+
+        Raises
+        ------
+        InputError
+            A fracture energy of which nobody has told yet what a crack spends.
         """
         if self.critical_stretch is not None:
             return self.critical_stretch * strength
         if self.fracture_energy is None:
             return np.inf
+        if not self.bonds:
+            if self.energy_factor is None or not isinstance(self.kernel, Kernel):
+                raise InputError(
+                    "what a crack spends in this material is found when a simulation is set up",
+                    value=self.title,
+                    key="model.fracture_energy",
+                    remedy="Simulation(...).model, or fh.calibrated_stretch",
+                )
+            energy = self.fracture_energy * strength / np.asarray(stiffness, float)
+            return stretch_that_spends(energy, self.energy_factor, self.young, self.kernel.horizon)
         stencil = self.stencil(spacing, dim)
         of_one = energy_of_fracture(spacing * stencil.offsets, self.bond_stiffness(stencil, spacing), 1.0)
         with np.errstate(divide="ignore"):  # where there are no bonds none breaks

@@ -35,6 +35,7 @@ class BondLaw(Protocol):
     density: float
     softening: str | None
     fracture_energy: Any
+    energy_factor: float | None
 
     @property
     def p_modulus(self) -> float:

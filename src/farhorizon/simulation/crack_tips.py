@@ -20,7 +20,8 @@ _WINDOW = 10.0  # horizons that the fastest wave travels in the time of a speed:
 
 
 class CrackTips(Recorder):
-    """Tips of cracks in the plane as bonds break; given to a run in ``observe=[...]``.
+    """Tips of cracks in the plane as bonds break; given to a run in ``observe=[...]``. In space those of a slab of one
+    node, in the plane of its other two axes.
 
     A tip lies where the damage ahead of a crack falls to half of what a long crack leaves beside itself; see
     `farhorizon.analysis.fracture.crack_paths`. It keeps its number as it runs. At a branch one tip goes on, and each of
@@ -54,7 +55,7 @@ class CrackTips(Recorder):
     Raises
     ------
     InputError
-        When a run is made: another dimension than two, bonds that do not break.
+        When a run is made: more or less than two axes longer than a node, bonds that do not break.
 
     Examples
     --------
@@ -141,7 +142,8 @@ class CrackTips(Recorder):
 
     def begin(self, setup: Setup, parts: Parts) -> Wanted:
         near = parts.near
-        if near.lattice.dim != 2 or parts.breaking is None:
+        self._axes = [axis for axis, n in enumerate(near.lattice.whole.shape) if n > 1]
+        if len(self._axes) != 2 or parts.breaking is None:
             raise InputError(
                 "tips are found in the plane, where bonds break",
                 value=f"{near.model.title} in {near.lattice.dim}D",
@@ -151,7 +153,7 @@ class CrackTips(Recorder):
         self._breaking: Breaking = parts.breaking
         self._bonds, self._lattice, self._dt = parts.grid.engine.bonds, near.lattice, near.dt
         spacing = near.lattice.spacing
-        offsets = parts.grid.engine.offsets[:, parts.grid.lead :]
+        offsets = parts.grid.engine.offsets[:, parts.grid.lead :][:, self._axes]
         self._horizon = int(np.abs(offsets).max()) * spacing
         self._threshold = saturated_damage(offsets) / 2
         fast = np.sqrt(self._breaking.law.p_modulus / self._breaking.law.density * near.strongest)
@@ -191,7 +193,9 @@ class CrackTips(Recorder):
         found = breaking.team.first(
             None
             if damage is None  # the first process has it
-            else find_cracks(damage, lattice.lower, lattice.spacing, self._threshold, self._horizon)
+            else find_cracks(
+                np.squeeze(damage), lattice.lower[self._axes], lattice.spacing, self._threshold, self._horizon
+            )
         )
         places = self._nowhere.copy()
         free = [number for number in range(self.most) if np.isnan(self._last[number]).all()]

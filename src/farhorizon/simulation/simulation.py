@@ -36,6 +36,7 @@ from farhorizon.simulation.recorder import Observer
 from farhorizon.simulation.recording import Recording
 from farhorizon.simulation.remaking import remade_setup
 from farhorizon.simulation.run import Run
+from farhorizon.simulation.running_cracks import with_energy_factor
 from farhorizon.simulation.sent import rows_on_processes
 from farhorizon.simulation.settling import Settling, outlasted, settled_sides
 from farhorizon.simulation.setup import Key, Setup, side_name
@@ -181,6 +182,7 @@ class Simulation(Run):
         self.setup, self.team, self.topology = setup, team, topology
         self.share: Share | None = None
         with team.agreed():
+            setup = with_energy_factor(setup, self.of, team)
             if team:
                 self.share, whole = shared(setup, team, topology, observe)
                 setup = self.share.setup
