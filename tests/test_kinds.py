@@ -263,6 +263,7 @@ RIGHT = {
     "speed_of_current": {"density": 10.0, "metal": 143000.0, "electrons": 2.0},
     "calibrated_stretch": {"model": fh.Elastic(KERNEL, 1.0), "spacing": 1.0, "fracture_energy": 1.0, "dim": 2},
     "convergence": {"case": float, "spacings": [0.4, 0.2, 0.1], "quantity": float, "exact": 0.0},
+    "surface_factor": {"lattice": PLANE, "model": fh.Elastic(KERNEL, 1.0), "boundary": None},
     "sweep": {
         "case": TINY,
         "changes": {"model.speed": [1.0]},

@@ -93,6 +93,7 @@ from farhorizon.simulation.shell_recorder import ShellRecorder as ShellRecorder
 from farhorizon.simulation.simulation import Simulation as Simulation
 from farhorizon.simulation.spectra import Spectra as Spectra
 from farhorizon.simulation.steps import WholeSteps as WholeSteps
+from farhorizon.simulation.surface_factors import surface_factor as surface_factor
 from farhorizon.studies.convergence import convergence as convergence
 from farhorizon.studies.sweep import sweep as sweep
 from farhorizon.studies.toughness import calibrated_stretch as calibrated_stretch

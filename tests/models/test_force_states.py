@@ -327,9 +327,9 @@ def test_a_uniform_stretch_breaks_no_bond_below_the_critical_one(name):
 # --- surface waves ---------------------------------------------------------------------------------------------
 
 
-def surface_wave_speed(model, nodes):
+def surface_wave_speed(model, nodes, corrected=False):
     """Of a Rayleigh wave so many nodes long, over that of the classical theory: a period of the free half-space, on
-    which the displacements oscillate like the cosine.
+    which the displacements oscillate like the cosine; with a surface that is made up for.
     """
     length, depth = float(nodes), 2.5 * nodes
     ratio = model.shear / model.p_modulus
@@ -343,7 +343,10 @@ def surface_wave_speed(model, nodes):
     ]
     lattice = fh.Lattice(1.0, (0.0, -depth), (length - 1, 0.0))
     sides = {"x": fh.Periodic(), "y-": fh.Fixed(), "y+": fh.Free()}
-    sim = fh.Simulation(lattice, model, sides, {"u": initial}, threads=1)
+    solid = model
+    if corrected:
+        solid = model.with_constants({"young": model.young * fh.surface_factor(lattice, model, sides)})
+    sim = fh.Simulation(lattice, solid, sides, {"u": initial}, threads=1)
     start, times, sizes = sim.fields["u"].copy(), [], []
     while sim.time < 3 * length / speed:
         sim.step(1)
@@ -370,6 +373,20 @@ def test_rayleigh_waves_run_at_the_classical_speed(options, at_20, order):
     errors = [abs(surface_wave_speed(model, nodes) - 1) for nodes in (20, 30, 40)]
     assert errors[0] < at_20
     assert fitted_rate([1 / 20, 1 / 30, 1 / 40], errors) > order
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("reach", [2, 3])
+@pytest.mark.parametrize("exponent", [1, 2])
+@pytest.mark.parametrize("options", [{}, {"poisson": 0.3}, {"poisson": 0.4}], ids=["bonds", "states", "softer states"])
+def test_rayleigh_waves_on_corrected_surfaces(reach, exponent, options):
+    """Within 1 % at 20 nodes a wavelength, and no farther off at 40, where the surface is made up for."""
+    states = {"material": "state-based"} if options else {}
+    model = fh.Elastic(fh.Kernel(float(reach), exponent), 1.0, **options, **states)
+    found = {n: (surface_wave_speed(model, n) - 1, surface_wave_speed(model, n, True) - 1) for n in (20, 40)}
+    print(reach, exponent, options, {n: [f"{one:.2%}" for one in pair] for n, pair in found.items()})
+    assert abs(found[20][1]) < 0.01 and abs(found[40][1]) < 0.01
+    assert abs(found[20][1]) < 0.4 * abs(found[20][0])
 
 
 def test_what_is_lost_with_bonds_is_the_same_with_more_threads():

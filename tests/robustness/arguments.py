@@ -155,6 +155,7 @@ def good():
         "convergence": {"case": float, "spacings": [0.4, 0.2, 0.1], "quantity": float, "exact": 0.0},
         "open_results": {"path": "none.h5"},
         "read_case": {"path": machinery.HERE.parents[1] / "examples" / "blob.toml", "changes": {"run.until": 1.0}},
+        "surface_factor": {"lattice": fh.Lattice(1.0, (-4.0, -4.0), (4.0, 4.0)), "model": fh.Elastic(kernel, 1.0)},
         "sweep": {"case": float, "changes": {"model.speed": [1.0]}, "table": "no such folder/table.csv"},
         "speed_of_current": {"density": 1.0, "metal": 143.0, "electrons": 2.0},
     }
