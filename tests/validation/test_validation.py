@@ -219,7 +219,14 @@ def steady_cracks():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("material", [{"material": "state-based", "poisson": 0.35}], ids=["state-based"])
+@pytest.mark.parametrize(
+    "material",
+    [
+        {"material": "state-based", "poisson": 0.35},
+        {"material": "correspondence", "poisson": 0.3, "stabilisation": 0.3},
+    ],
+    ids=["state-based", "correspondence"],
+)
 def test_a_penny_in_a_material_of_states_opens_as_in_bonds(material):
     """The static opening in the middle, 8 p a / pi E', and K from it, within half a horizon of the radius; the opening
     at first order, of two lattices to a third of it.

@@ -84,6 +84,25 @@ def correspondence(
     return sum_of(made, (offsets, 2 * stabilisation / moment * weights[:, None, None] * eye)) if stabilisation else made
 
 
+def neutral_stabilisation(lame: np.ndarray | float, shear: np.ndarray | float) -> np.ndarray:
+    r"""The stabilisation of a correspondence material above which S waves grow faster as they grow shorter.
+
+    With b the fourth moment of the weights over the second the gradient of a wave along an axis is ``k - b k^3/6`` and
+    the springs of the stabilisation ``k^2 - b k^4/12``, so that ``rho omega^2 = mu k^2 + b k^4 (G/4 - mu/3)``: no S
+    wave is faster than long ones where G is at most 4 mu/3, and no P wave where it is at most 4/3 of its modulus.
+
+    Parameters
+    ----------
+    lame, shear : ndarray or float
+
+    Returns
+    -------
+    ndarray
+        Over the P modulus.
+    """
+    return np.asarray(4 * shear / (3 * (lame + 2 * shear)))
+
+
 def finite_element(lame: float, shear: float, dim: int) -> Table:
     """Bilinear or trilinear elements with lumped mass: products of one-dimensional stiffness, mass and difference."""
     stiffness, mass, difference = (

@@ -29,6 +29,7 @@ from farhorizon.medium.solids import (
     dilatation,
     finite_element,
     isotropic,
+    neutral_stabilisation,
     stable_solid,
     stencil_of,
     sum_of,
@@ -269,6 +270,17 @@ class Elastic(LatticeModel):
     def cuttable(self) -> bool:
         """Whether bonds may be absent."""
         return self.bonds or isinstance(self.kernel, Kernel)
+
+    @property
+    def caution(self) -> str | None:
+        """That a strong stabilisation makes short S waves faster than long ones, see `neutral_stabilisation`."""
+        neutral = float(np.min(neutral_stabilisation(self.lame, self.shear)))
+        if self.stabilisation <= neutral * (1 + 1e-9):
+            return None
+        return (
+            f"a stabilisation of {self.stabilisation:g} makes short S waves faster than long ones: above {neutral:.3g} "
+            "cracks may outrun Rayleigh waves, and spend more across the lattice than along it"
+        )
 
     @property
     def linearised(self) -> Elastic:

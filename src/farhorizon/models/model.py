@@ -41,6 +41,10 @@ class BondLaw(Protocol):
     def p_modulus(self) -> float:
         """Modulus of longitudinal waves."""
 
+    @property
+    def caution(self) -> str | None:
+        """What cracks in it may do that none does in a continuum."""
+
     def critical_stretch_on(self, spacing: float, dim: int, strength: Any = 1.0, stiffness: Any = 1.0) -> Any:
         """The stretch at which bonds break, or begin to soften; infinite where none does. Where the medium varies, that
         at the nodes, from the strengths and the factors on bonds over those of the model.

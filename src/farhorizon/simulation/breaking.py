@@ -206,6 +206,8 @@ class Breaking:
         limit, near = self.critical_stretch, self.near
         if not np.isfinite(limit):
             return
+        if self.law.caution is not None:
+            self.cuts.notes.append(self.law.caution)
         strain = self.grid.engine.bonds.largest_strain()
         stretch = float(np.sqrt(1 + strain) - 1 if self.law.nonlinear else strain / 2)
         if stretch > limit:

@@ -131,8 +131,7 @@ class RunningCrack:
 
     def flux(self) -> float:
         """Energy that flows into the tip for each new length in the plane, the domain J integral, the median over some
-        moments; the run goes on by four horizons. For a crack along an axis, beside which no node has lost all of its
-        bonds: such nodes fly, and have no part in the field.
+        moments; the run goes on by four horizons. For a crack along an axis.
         """
         sim, model = self.sim, self.sim.model
         assert isinstance(model, Elastic)
@@ -152,7 +151,8 @@ class RunningCrack:
             crack = Polyline([tip + 2 * _LEFT * self.horizon * self.ahead, tip])
             domain = InteractionDomain(sim.lattice, tip, self.ahead, radii, [crack], medium)
             force = model.density * acceleration - load
-            found.append(domain.energy_release(u, velocity, model.density, force))
+            held = sim.fields["damage"] < 1
+            found.append(domain.energy_release(u, velocity, model.density, force, held))
         return float(np.median(found))  # where the crack changes its row within the circles it is no straight one
 
     def _straightened(self, inner: float, outer: float) -> np.ndarray:

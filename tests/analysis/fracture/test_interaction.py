@@ -113,6 +113,24 @@ def test_energy_of_a_mixture_at_rest():
     assert found == pytest.approx(medium.release(np.array([1.0, -0.7])), rel=5e-3)
 
 
+def test_nodes_that_fly_have_no_part_in_the_energy():
+    """A few at the faces, within and between the circles, that are anywhere and as fast as can be."""
+    rng = np.random.default_rng(SEED)
+    lattice, medium = fh.Lattice(0.125, (-4.0625, -4.0625), (4.0625, 4.0625)), NearTip(1.1, 0.6)
+    domain = InteractionDomain(lattice, (0.0, 0.0), (1.0, 0.0), (1.2, 3.0), [fh.Polyline([(-9, 0), (0, 0)])], medium)
+    x, y = lattice.coordinates()
+    u = medium.fields(np.hypot(x, y).ravel(), np.arctan2(y, x).ravel())[0][0].T.reshape(2, *lattice.shape)
+    v, force, held = np.zeros_like(u), np.zeros_like(u), np.ones(lattice.shape, bool)
+    faces = np.argwhere((np.abs(y) < 0.1) & (x < -0.5) & (x > -2.9))
+    held[tuple(faces[rng.choice(len(faces), 4, replace=False)].T)] = False
+    before = domain.energy_release(u, v, 1.0, force)
+    assert domain.energy_release(u, v, 1.0, force, held) == pytest.approx(before, rel=5e-3)
+    for one in (u, v, force):
+        one[:, ~held] = rng.normal(0.0, 1e3, (2, 4))
+    assert domain.energy_release(u, v, 1.0, force, held) == pytest.approx(before, rel=5e-3)
+    assert domain.energy_release(u, v, 1.0, force) != pytest.approx(before, rel=0.5)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -122,7 +122,9 @@ class InteractionDomain:
         found = np.einsum("knc,...nc->...k", self.static, u)
         return found if force is None else found + np.einsum("knc,...nc->...k", self.loaded, force)
 
-    def energy_release(self, u: np.ndarray, v: np.ndarray, density: float, force: np.ndarray) -> float:
+    def energy_release(
+        self, u: np.ndarray, v: np.ndarray, density: float, force: np.ndarray, held: np.ndarray | None = None
+    ) -> float:
         r"""Energy that flows into the tip for each new area, of a crack at rest or running: the domain J integral
 
         .. math:: \int \left(\sigma_{ij} u_{i,1} - (W + T)\,\delta_{1j}\right) q_{,j}\,dA
@@ -140,10 +142,14 @@ class InteractionDomain:
             Mass per volume; of scalar waves 1.
         force : ndarray of the same shape
             Density times acceleration, less the load.
+        held : ndarray of bool, shape (nx, ny), optional
+            Nodes that hang together with the medium; all unless given. Those that have lost all their bonds fly, and
+            what they do is no field.
         """
         lattice, components = self._lattice, 1 if self.medium.antiplane else 2
-        grid = np.stack(lattice.coordinates(), axis=-1).reshape(-1, 2)
-        fields = [np.reshape(one, (components, -1)) for one in (u, v, force)]
+        part = slice(None) if held is None else np.flatnonzero(held)
+        grid = np.stack(lattice.coordinates(), axis=-1).reshape(-1, 2)[part]
+        fields = [np.reshape(one, (components, -1))[:, part] for one in (u, v, force)]
         where, area = self._quadrature(lattice.spacing)
         strain, _, motion = self._read(where, grid, fields)
         _, theta = self._polar(where)
