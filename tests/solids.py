@@ -84,6 +84,9 @@ class Dense:
         good = np.linalg.det(tensor) >= 1e-3
         self.inverse = np.zeros_like(tensor)
         self.inverse[good] = np.linalg.inv(tensor[good])
+        mean = np.where(good, self.dim / (1 / np.maximum(np.linalg.eigvalsh(tensor), 1e-9)).sum(1), 1.0)
+        self.first = getattr(self, "first", mean)
+        self.left = np.minimum(1, (2 * mean / self.first) ** 2)[:, None, None]
 
     def gradient(self):
         return np.einsum("ij,ija,ijb->iab", self.w, self.u[None] - self.u[:, None], self.xi) @ self.inverse
@@ -99,7 +102,7 @@ class Dense:
             stress = self.shear * (e + np.swapaxes(e, 1, 2)) + self.lame * np.trace(e, axis1=1, axis2=2)[
                 :, None, None
             ] * np.eye(self.dim)
-            p = stress @ self.inverse - self.pull * e
+            p = self.left * stress @ self.inverse - self.pull * e
             a = np.einsum("ij,ijab,ijb->ia", self.w, p[:, None] + p[None], self.xi)
             a += np.einsum("ij,ija->ia", self.w * (self.pull[:, 0] + self.pull[:, 0].T), self.u[None] - self.u[:, None])
             a[:, 0] += load

@@ -15,8 +15,9 @@ MATERIALS = {
     "bond-based": {},
     "state-based": {"material": "state-based", "poisson": 0.33},
     "plane stress": {"material": "state-based", "poisson": 0.2, "plane": "stress"},
-    "correspondence": {"material": "correspondence", "poisson": 0.2, "stabilisation": 1.0},
+    "correspondence": {"material": "correspondence", "poisson": 0.2, "stabilisation": 0.2},
 }
+NODES = {"correspondence": 4}  # in the horizon, whose cracks feel a coarser lattice; else 3
 
 
 def material(**options):
@@ -71,29 +72,39 @@ def test_a_state_based_material_of_bonds_alone_is_one_of_bonds():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("options", MATERIALS.values(), ids=MATERIALS)
-def test_other_cracks_spend_the_fracture_energy(options):
+@pytest.mark.parametrize("name", MATERIALS)
+def test_other_cracks_spend_the_fracture_energy(name):
     """Up to the speed at which the stretch was found, by other forces, at an angle to the lattice; in other units;
-    below the speed of Rayleigh waves at any moment. In a correspondence material along an axis alone: across the
-    lattice it spends a fifth more.
+    below the speed of Rayleigh waves at any moment.
     """
     print(f"seed {SEED}")
     rng = np.random.default_rng(SEED)
-    stretch = calibrated_stretch(material(**options), 0.5, 2e-4)
+    options, nodes = MATERIALS[name], NODES.get(name, 3)
+    stretch = calibrated_stretch(material(**options), 1.5 / nodes, 2e-4)
     energy = 2e-4 * 50 * 0.02
     other = material(**options | {"kernel": fh.Kernel(0.03, 1), "young": 50.0, "density": 3.0})
     # which bond breaks first goes by rounding where two are alike, and the energy by a part of one in a hundred
-    assert calibrated_stretch(other, 0.01, energy) == pytest.approx(stretch, rel=0.01)
+    assert calibrated_stretch(other, 0.03 / nodes, energy) == pytest.approx(stretch, rel=0.01)
     other.critical_stretch = stretch
     fastest = rayleigh_speed(other.lame, other.shear, other.density)
     spent = []
     for _ in range(2):
-        speed, turn, push = rng.uniform((0.2, 0.0, 1.1), (0.3, 0.0 if "stabilisation" in options else 0.7, 1.5))
-        found = running_crack(other, 0.01, energy, speed, turn, push)
+        speed, turn, push = rng.uniform((0.2, 0.0, 1.1), (0.3, 0.7, 1.5))
+        found = running_crack(other, 0.03 / nodes, energy, speed, turn, push)
         assert found.follows and np.nanmax(found.tips.data["speed"]) < fastest
         spent.append(found.spent / energy)
         print(speed, turn, push, spent[-1], found.speed / fastest)
     assert spent == pytest.approx([1.0, 1.0], abs=0.05)
+
+
+@pytest.mark.slow
+def test_a_weak_stabilisation_lets_no_crack_gain_energy():
+    """Across the lattice nodes lose most of their bonds; what is left bears less stress, and nothing grows."""
+    model = material(**MATERIALS["correspondence"] | {"stabilisation": 0.1}, critical_stretch=0.01)
+    expected = 0.5 * model.young * model.kernel.horizon * model.critical_stretch**2  # about what it spends
+    found = running_crack(model, 0.5, expected, turn=0.2)
+    assert found.follows and (np.diff(found.tips.dissipated) >= 0).all()
+    assert found.spent == pytest.approx(expected, rel=0.3)
 
 
 @pytest.mark.slow

@@ -26,9 +26,9 @@ from farhorizon.engine.bonds import (
 from farhorizon.engine.point_law import first_special
 from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
 from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.shape_tensors import FACE, SINGULAR
 from farhorizon.engine.threads import barrier
 
-SINGULAR = 1e-3  # determinant of a shape tensor, over that of an intact node, below which a node has no gradient
 _STATE, _SHAPE, _INVERSE, _LAST, _NUMBERS = 0, 9, 18, 27, 36  # of the numbers that a thread works with
 
 _ROWS_2, _ROWS_3 = ROWS[2], ROWS[3]
@@ -126,6 +126,20 @@ def kept_law(law, node, numbers, rows):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
+def stress_left(law, node, inverse, dim):
+    """What a node bears of its stress as its bonds break, see `farhorizon.engine.shape_tensors.stress_left`."""
+    odd, whole = first_special(law.nodes, node), law.firmness[0]
+    first = whole
+    if odd < law.nodes.size and law.nodes[odd] == node:
+        first = law.firmness[law.numbers[odd]]
+    trace = inverse[0] + inverse[dim + 1]
+    if dim == 3:
+        trace += inverse[8]
+    left = dim / (trace * FACE * first)  # infinite of a node without a gradient, which has no stress
+    return left * left if left < 1 else whole
+
+
+@njit(error_model="numpy", cache=True, counted=False)
 def law_of_node(law, node, numbers, rows):
     """What a node makes of its state, in the place of the state."""
     if law.kept:
@@ -141,6 +155,8 @@ def law_of_node(law, node, numbers, rows):
     dim = 2 if rows == 4 else 3
     invert_shape(numbers, dim)
     inverse, strain = numbers[_INVERSE:_LAST], numbers[_LAST:_NUMBERS]
+    left = stress_left(law, node, inverse, dim)
+    lame, shear = left * lame, left * shear
     trace = inverse[0] * 0
     for a in range(dim):
         for b in range(dim):

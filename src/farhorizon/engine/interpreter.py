@@ -17,6 +17,7 @@ from farhorizon.engine.engine import Engine
 from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.filter import Filter
 from farhorizon.engine.passes import Passes
+from farhorizon.engine.shape_tensors import stress_left
 from farhorizon.engine.stretched_shifts import StretchedShifts
 from farhorizon.engine.tables import Inputs, Material, Stage
 
@@ -580,8 +581,13 @@ class _States:
 
     def _laws(self, nodes: np.ndarray) -> np.ndarray:
         """Matrices by which nodes that lack bonds make something of their states."""
-        passes = self.passes
-        return passes.sums.law(self._shapes(nodes, passes.sums.kept), passes.moduli_at(nodes))
+        passes, law = self.passes, self.loop.tables.gather.sweep.law
+        shapes, moduli = self._shapes(nodes, passes.sums.kept), passes.moduli_at(nodes)
+        if len(law.unit) > 1 and not passes.sums.kept:  # else the law does not go by the shape tensor
+            numbers = np.zeros(law.values.size // len(law.intact), np.int64)
+            numbers[law.nodes] = law.numbers
+            moduli[:, :2] *= stress_left(shapes, law.firmness[numbers[nodes]])[:, None]
+        return passes.sums.law(shapes, moduli)
 
     def _shapes(self, nodes: np.ndarray, kept: bool) -> np.ndarray:
         """Their shape tensors; `kept`, those of a medium in which no bond has been cut or has broken."""

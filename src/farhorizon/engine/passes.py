@@ -27,6 +27,7 @@ from farhorizon.engine.point_law import CHUNK, PointLaw
 from farhorizon.engine.rows.build import load_law
 from farhorizon.engine.rows.choose import compiled_sums
 from farhorizon.engine.rows.matrices import Signs, signs_of
+from farhorizon.engine.shape_tensors import firmness
 from farhorizon.engine.stretches import Stretches, no_stretches, stretches_of, without_bonds
 from farhorizon.engine.surface import surface_of
 from farhorizon.engine.tables import Cuts, Surface, Sweep
@@ -207,6 +208,7 @@ class Passes:
             nodes=odd.astype(np.int64),
             numbers=of_node,
             matrices=matrices,
+            firmness=np.append(1.0, firmness(of_law)).astype(self.dtype),
             first=first,
             end=end,
             units=np.vstack([nothing[0, :1], self._units(present)]).astype(self.dtype),
@@ -261,6 +263,7 @@ class Passes:
             none,
             none,
             np.zeros((1, count, count), self.dtype),
+            np.ones(1, self.dtype),
             middle.astype(self.dtype),
             local.astype(self.dtype),
             bases.astype(self.dtype),
@@ -344,5 +347,6 @@ def no_law(engine: Field) -> PointLaw:
     none, nothing = np.zeros(0, np.int64), np.zeros((1, 1), engine.dtype)
     room = np.zeros((1, 1, CHUNK), engine.dtype)
     empty, local = np.zeros(0, engine.dtype), np.zeros((3, 0), engine.dtype)
-    plain = none, nothing, none, none, nothing[None], nothing[0], local, nothing[None], nothing, False, none, none, room
-    return PointLaw(empty, *plain, empty, engine.dtype.type(1), empty, nothing, nothing)
+    matrices = none, nothing, none, none, nothing[None], empty, empty, local, nothing[None]
+    heat = empty, engine.dtype.type(1), empty, nothing, nothing
+    return PointLaw(empty, *matrices, nothing, False, none, none, room, *heat)

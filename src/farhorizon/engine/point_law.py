@@ -31,6 +31,9 @@ class PointLaw(NamedTuple):
     numbers : ndarray of int, shape (S,)
         Of each which of the matrices it has.
     matrices : ndarray, shape (m, n, n)
+    firmness : ndarray, shape (m,)
+        Of the shape tensors that the matrices are for, see `farhorizon.engine.shape_tensors.firmness`; the first, of
+        places without a node, is 1, that of all other nodes.
     moduli : ndarray, shape (3,)
         Lame's constant, the shear modulus and what stabilises, from which the matrices are.
     local : ndarray, shape (3, places)
@@ -62,6 +65,7 @@ class PointLaw(NamedTuple):
     nodes: np.ndarray
     numbers: np.ndarray
     matrices: np.ndarray
+    firmness: np.ndarray
     moduli: np.ndarray
     local: np.ndarray
     bases: np.ndarray

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from farhorizon.engine.damage import SINGULAR
+from farhorizon.engine.shape_tensors import inverse_shapes
 
 
 @dataclass(frozen=True)
@@ -118,11 +118,3 @@ def dilatation_states(
         (lame, 0.0, 0.0),
         ((0,) * dim,),
     )
-
-
-def inverse_shapes(shapes: np.ndarray) -> np.ndarray:
-    """Inverse shape tensors, zero where the bonds that are there hardly span the space; shape (S, dim, dim)."""
-    whole = np.linalg.det(shapes) > SINGULAR
-    found = np.zeros_like(shapes)
-    found[whole] = np.linalg.inv(shapes[whole])
-    return found

@@ -25,22 +25,24 @@ from farhorizon.validation.validations import validation
 FREUND = "Freund (1990), Dynamic Fracture Mechanics; Griffith (1921)"
 ENERGY = 2e-4
 START = 3.0  # of the picture, in horizons of way
-MATERIALS: dict[str, dict[str, Any]] = {
-    "bond-based": {},
-    "state-based": {"material": "state-based", "poisson": 0.3},
-    "correspondence": {"material": "correspondence", "poisson": 0.3, "stabilisation": 1.0},
+#: With the nodes in their horizon: a correspondence crack feels a coarser lattice, on which it spends up to 30 % more
+#: across its axes, and a stronger stabilisation, above which short waves are faster than long ones.
+MATERIALS: dict[str, tuple[int, dict[str, Any]]] = {
+    "bond-based": (3, {}),
+    "state-based": (3, {"material": "state-based", "poisson": 0.3}),
+    "correspondence": (4, {"material": "correspondence", "poisson": 0.3, "stabilisation": 0.2}),
 }
-#: Nodes in the horizon, speed over that of Rayleigh waves, angle to the lattice, forces over those expected.
-SLOW = ((3, 0.2, 0.0, 1.3), (3, 0.3, 0.4, 1.2))
-FINER = (4, 0.3, 0.0, 1.3)
-FAST = (3, 0.4, 0.0, 1.2)
+#: Speed over that of Rayleigh waves, angle to the lattice, forces over those expected.
+SLOW = ((0.2, 0.0, 1.3), (0.3, 0.4, 1.2))
+FINER = (0.3, 0.0, 1.3)  # with a node more in the horizon
+FAST = (0.4, 0.0, 1.2)
 
 
 def material(name: str, nodes: int) -> tuple[Elastic, float]:
     """One whose cracks spend the fracture energy, and the spacing of its lattice."""
     kernel, spacing = Kernel(1.0, exponent=1), 1.0 / nodes
-    stretch = calibrated_stretch(Elastic(kernel, young=1.0, **MATERIALS[name]), spacing, ENERGY)
-    return Elastic(kernel, young=1.0, critical_stretch=stretch, **MATERIALS[name]), spacing
+    stretch = calibrated_stretch(Elastic(kernel, young=1.0, **MATERIALS[name][1]), spacing, ENERGY)
+    return Elastic(kernel, young=1.0, critical_stretch=stretch, **MATERIALS[name][1]), spacing
 
 
 def pulled(model: Elastic, spacing: float, speed: float, turn: float, push: float) -> tuple[RunningCrack, float]:
@@ -63,8 +65,9 @@ def fracture_energy(folder: Path, full: bool = False) -> Outcome:
     """
     from farhorizon.pictures.curves import curve_panels
 
-    rows, panels, largest, cases = [], [], 0.0, (*SLOW, *([FINER] if full else []), FAST)
-    for name in MATERIALS:
+    rows, panels, largest = [], [], 0.0
+    for name, (reach, _) in MATERIALS.items():
+        cases = [(reach, *SLOW[0]), (reach, *SLOW[1]), *([(reach + 1, *FINER)] if full else []), (reach, *FAST)]
         models = {nodes: material(name, nodes) for nodes in {nodes for nodes, *_ in cases}}
         curves = [("fracture energy", np.array([START, 22.0]), np.ones(2))]
         for nodes, speed, turn, push in cases:
@@ -75,7 +78,7 @@ def fracture_energy(folder: Path, full: bool = False) -> Outcome:
             some = found.way > START
             used = found.tips.dissipated[some] / (ENERGY * found.way[some])
             curves.append((f"{nodes} nodes, {speed:g} $c_R$, {turn:g} rad", found.way[some], used))
-            if speed == FAST[1]:
+            if speed == FAST[0]:
                 rows.append(Row(f"flux into the tip over what is spent: {what}", found.flux() / found.spent))
         panels.append((name, curves))
     rows.append(Row("largest speed of a tip over that of Rayleigh waves", largest))
