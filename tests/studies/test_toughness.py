@@ -94,8 +94,8 @@ def test_other_cracks_spend_the_fracture_energy(name):
         assert found.follows and np.nanmax(found.tips.data["speed"]) < fastest
         spent.append(found.spent / energy)
         print(speed, turn, push, spent[-1], found.speed / fastest)
-    # how a correspondence crack is held up by the lattice depends on its angle and its speed
-    assert spent == pytest.approx([1.0, 1.0], abs=0.1 if name == "correspondence" else 0.05)
+    # how the lattice holds up a correspondence crack goes by its angle and its speed: docs/limits.md
+    assert spent == pytest.approx([1.0, 1.0], abs=0.15 if name == "correspondence" else 0.05)
 
 
 @pytest.mark.slow
