@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 FORMAT = "farhorizon results"
 CHECKPOINT_FORMAT = "farhorizon checkpoint"
-VERSION = 1  # of a checkpoint
+VERSION = 2  # of a checkpoint
 RESULTS_VERSION = 2
 # Names that the Dataset of `Results.to_xarray` and the pictures of `farhorizon.pictures` use for something else.
 RESERVED = frozenset(
@@ -1527,9 +1527,13 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, 
                 remedy="give a file written by Simulation.save",
             )
         version = int(file.attrs["version"])
-        if version > VERSION:
+        if version != VERSION:
+            older = version < VERSION
             raise FileFormatError(
-                f"{path} has a newer format", value=version, limit=VERSION, remedy="update farhorizon"
+                f"{path} has {'an older' if older else 'a newer'} format",
+                value=version,
+                limit=VERSION,
+                remedy="go on with the version of farhorizon that wrote it" if older else "update farhorizon",
             )
         if not file.attrs["complete"]:
             raise FileFormatError(f"{path} is incomplete: its writing was interrupted", remedy=remedy)

@@ -66,6 +66,8 @@ class Share:
         On the nodes of the box.
     waves : list of Arriving
         Incident waves.
+    boundary : dict of str to Side
+        The sides of the whole by name, with their layers.
     """
 
     setup: Setup
@@ -78,6 +80,7 @@ class Share:
     coefficients: dict[Key, float]
     conditions: Conditions
     waves: list[Arriving]
+    boundary: dict[str, Side]
 
     @property
     def uniform(self) -> Setup:
@@ -149,13 +152,12 @@ def share_of(
     """
     lattice, boxes = setup.lattice, boxes_of(replace(setup, model=model), around, team.size, topology)
     ranges, place = boxes.ranges(team.number), boxes.place(team.number)
-    sides: dict[str, Side] = {}
+    whole_sides, sides = _chosen(around), {}
     for (axis, side), boundary in around.sides.items():
         outer = place[axis] == (0 if side < 0 else boxes.topology[axis] - 1)
         alone = boxes.topology[axis] == 1
-        chosen = around.layers.get((axis, side))
-        kept = boundary if chosen is None else replace(boundary, nodes=chosen.columns, profile=chosen)
-        sides[side_name(axis, side)] = kept if alone or (outer and not boundary.periodic) else Neighbour()
+        own_side = alone or (outer and not boundary.periodic)
+        sides[side_name(axis, side)] = whole_sides[side_name(axis, side)] if own_side else Neighbour()
     part = lattice.part(ranges)
 
     def own(value: Any) -> Any:
@@ -176,10 +178,19 @@ def share_of(
         loads=tuple(_load_on(part, one, number, setup, model) for number, one in enumerate(setup.loads)),
     )
     good_for = min((found.until for found in around.thickness.values()), default=np.inf)
-    kept = model, variation.part(part.within), whole, around.coefficients, conditions.part(part), waves
+    kept = model, variation.part(part.within), whole, around.coefficients, conditions.part(part), waves, whole_sides
     share = Share(mine, boxes, boxes.neighbours(team.number), good_for, *kept)
     share.check_places(team)
     return share
+
+
+def _chosen(around: Surroundings) -> dict[str, Side]:
+    """The sides by name, with the layers that were chosen."""
+    found = {}
+    for key, side in around.sides.items():
+        layer = around.layers.get(key)
+        found[side_name(*key)] = side if layer is None else replace(side, nodes=layer.columns, profile=layer)
+    return found
 
 
 def boxes_of(

@@ -204,7 +204,8 @@ class Simulation(Run):
         self._at_start(observe, int(team.largest(float(np.prod(self.engine.core.nodes)))))
         self._end = 0.0  # of the run, as far as it is known
         self._incident_notes: list[str] = []
-        self._settling = Settling(parts.autos, [key for key, b in self.sides.items() if b.open_ended])
+        sides_given = self.setup.sides if team else self.sides
+        self._settling = Settling(parts.autos, [key for key, b in sides_given.items() if b.open_ended])
         with team.agreed():
             self.resting = self._march = March(setup, parts, self.of, team)
         seen = replace(parts, whole=whole) if team else parts  # nobody holds on to what all have
@@ -254,11 +255,12 @@ class Simulation(Run):
         InputError
             Sides that do not serve; the run is as it was.
         """
-        named = {side_name(*key): boundary for key, boundary in {**self.settled.sides, **sides}.items()}
-        other = self.of(replace(self.settled, boundary=named))
-        kept = ("setup", "observers", "recorders", "stop_requested", "probes", "_settling")
+        settled = self.setup if self.team else self.settled  # of several processes that is the part of each
+        named = {side_name(*key): boundary for key, boundary in {**settled.sides, **sides}.items()}
+        observers: list[Observer] = [*self.observers, *self.recorders]
+        other = self.of(replace(settled, boundary=named), observers, self.team, self.topology)
+        kept = ("setup", "stop_requested", "probes", "_settling")
         self.__dict__ = other.__dict__ | {name: getattr(self, name) for name in kept}
-        self._recording = Recording(self.setup, self.parts, self.recorders, self.team)
         if self.probes is not None:
             self._watch(self.probes.nodes)
 
@@ -481,10 +483,12 @@ class Simulation(Run):
         """Write the complete state, boundary memory included, under a temporary name and rename it."""
         kept = {"cautions": self.cautions, "peak": self.peak, "extra": extra}
         path = kinds.path(path, "path")
-        write_state(path, self._march, self.step_count, self._recording.state(), kept, self.given)
+        given = self.given if self.share is None else {"boundary": self.share.boundary}
+        write_state(path, self._march, self.step_count, self._recording.state(), kept, given)
 
     def load(self, path: str | Path) -> dict[str, Any]:
-        self._settling.adopt(self, path)
+        with self.team.agreed():
+            self._settling.adopt(self, path)
         step, arrays, meta = read_state(kinds.path(path, "path"), self._march)
         self.step_count = 0
         tick(self, step)
