@@ -91,7 +91,9 @@ def torn(**model):
     return plane(fh.Elastic(KERNEL, 1.0, **model), initial={}, cracks=cracks, loads=[pull], shape=shape)
 
 
+BAND = [[(-5.0, y), (5.0, y)] for y in (-5.9, -5.0, -4.1)]
 CASES |= {
+    "a band of cracks": (plane(cracks=BAND), [[1, WORLD.size]]),
     "cracks in a solid": (plane(SOLID, initial={"u": [pulse(2), 0.0]}, cracks=CRACKS, balance=True), ALONG_Y),
     "strata": (plane(fh.Wave(KERNEL, "where(y > 0.4, 1.5, 1)", density="1 + 0.5*(x > 1)")), ALONG_Y),
     "a body": (
@@ -329,7 +331,7 @@ def compared():
                 yield {
                     "case": name,
                     "bytes": [sum(sent), sum(sent_by(boxes, number, alone) for number in range(WORLD.size))],
-                    "topology": together.share.decomposition.topology,
+                    "cuts": boxes.cuts,
                     "same": same,
                     "off": off,
                     "moves": moves,

@@ -29,9 +29,10 @@ from farhorizon.simulation.drives import Arriving
 from farhorizon.simulation.grid import states_of
 from farhorizon.simulation.near_field import Extremes
 from farhorizon.simulation.recorder import Observer, Recorder
-from farhorizon.simulation.setup import Key, Setup, Sides, side_name
+from farhorizon.simulation.setup import Key, Setup, Sides, part_of, side_name
 from farhorizon.simulation.surroundings import Surroundings
-from farhorizon.simulation.team import Team
+from farhorizon.simulation.team import ALONE, Team
+from farhorizon.simulation.work import work_along
 
 #: Work of a node of a layer over that of one of the near field.
 _LAYER = 2.0
@@ -150,7 +151,7 @@ def share_of(
     InputError
         As `farhorizon.geometry.decomposition.decompose`.
     """
-    lattice, boxes = setup.lattice, boxes_of(replace(setup, model=model), around, team.size, topology)
+    lattice, boxes = setup.lattice, boxes_of(setup, model, around, team.size, topology, team)
     ranges, place = boxes.ranges(team.number), boxes.place(team.number)
     whole_sides, sides = _chosen(around), {}
     for (axis, side), boundary in around.sides.items():
@@ -161,7 +162,7 @@ def share_of(
     part = lattice.part(ranges)
 
     def own(value: Any) -> Any:
-        return _part(value, lattice, part.within)
+        return part_of(value, lattice, part.within)
 
     mine = replace(
         setup,
@@ -194,13 +195,20 @@ def _chosen(around: Surroundings) -> dict[str, Side]:
 
 
 def boxes_of(
-    setup: Setup, around: Surroundings, processes: int, topology: Sequence[int] | None = None
+    setup: Setup,
+    model: LatticeModel,
+    around: Surroundings,
+    processes: int,
+    topology: Sequence[int] | None = None,
+    team: Team = ALONE,
+    work: Sequence[np.ndarray] | None = None,
 ) -> Decomposition:
-    """The boxes of so many processes; see `share_of`."""
-    lattice, stencil = setup.lattice, setup.model.medium(setup.lattice.spacing, setup.lattice.dim)
+    """The boxes of so many processes, see `share_of`; `work` is that along the axes, where it is known already."""
+    lattice, stencil = setup.lattice, model.medium(setup.lattice.spacing, setup.lattice.dim)
     filtered = max((len(layer.taps) - 1 for layer in around.layers.values() if layer.damping.any()), default=1)
     beyond, wraps = work_beyond(around, stencil, lattice), wrapping(around.sides)
-    return decompose(lattice.shape, processes, stencil.reach, beyond, wraps, topology, filtered)
+    work = work_along(setup, model, beyond, team) if work is None else work
+    return decompose(lattice.shape, processes, stencil.reach, beyond, wraps, topology, filtered, work)
 
 
 def wrapping(sides: Sides) -> frozenset[int]:
@@ -217,16 +225,6 @@ def work_beyond(around: Surroundings, stencil: Stencil, lattice: Lattice) -> dic
     return found
 
 
-def _part(value: Any, lattice: Lattice, within: tuple[slice, ...]) -> Any:
-    """Of an array over the lattice, of one or more components, what lies in a box; all else as it is."""
-    if isinstance(value, np.ndarray) and value.shape[-lattice.dim :] == lattice.shape:
-        place: tuple[Any, ...] = (..., *within)
-        return value[place]
-    if isinstance(value, list | tuple):
-        return type(value)(_part(one, lattice, within) for one in value)
-    return value
-
-
 def _load_on(
     part: Lattice, load: BodyForce | Traction | Pressure | ThermalLoad, number: int, setup: Setup, model: LatticeModel
 ) -> BodyForce | Traction | ThermalLoad:
@@ -237,7 +235,7 @@ def _load_on(
         force = pressing_force(load, part, model, setup.cracks, setup.rim, periodic, f"load[{number}]")
         return BodyForce(list(force), load.time)
     names = ("temperature", "expansion") if isinstance(load, ThermalLoad) else ("value",)
-    return replace(load, **{name: _part(getattr(load, name), lattice, part.within) for name in names})
+    return replace(load, **{name: part_of(getattr(load, name), lattice, part.within) for name in names})
 
 
 def _missing(what: str, key: str) -> InputError:
