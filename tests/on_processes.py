@@ -9,6 +9,7 @@ import json
 import sys
 import time
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -350,17 +351,22 @@ def files():
     strata = plane(fh.Elastic(KERNEL, "where(y > 1, 1.5, 1)"), dt=0.1, **WIDE)
     kinds = {"waves": (plane(dt=0.1), POINTS), "solid": (SMALL_SOLID, [(*point, 0.1) for point in POINTS[:2]])}
     kinds |= {"strata": (strata, POINTS)}
+    if "few" not in sys.argv:  # stresses beside cracks, broken bonds, holes and heat
+        kinds |= {
+            name: (replace(CASES[name][0], dt=0.1), POINTS[2:3])
+            for name in ("breaking, nonlinear", "a body", "pumped and heated")
+        }
     for name, (setup, points) in list(kinds.items())[: 1 if "few" in sys.argv else None]:
         heard = []
         for together in (True, False) if WORLD.rank == 0 else (True,):
-            record = ["u", "v", "gradient", *["stress"] * setup.model.mechanical]
+            record = ["u", "v"] if name in CASES else ["u", "v", "gradient", *["stress"] * setup.model.mechanical]
             receivers = fh.Receivers(points, record=record, interpolation="linear")
             run = fh.Simulation.of(setup, [receivers], communicator=WORLD if together else None)
             run.record(points)
             path = FOLDER / f"{name}-{'together' if together else 'alone'}.h5"
-            for until in (0.5, 1.0):  # the file goes on
+            for until in (0.5, 2.5):  # the file goes on
                 run.run(until, every=0.5, output=path)
-            run.write(path.with_suffix(".now.h5"), ["v"])
+            run.write(path.with_suffix(".now.h5"), ["v", *["stress"] * setup.model.mechanical])
             heard.append({"probes": run.probes.values, **receivers.data})
         if WORLD.rank == 0:
             apart = [float(np.abs(one - heard[1][key]).max() / np.abs(one).max()) for key, one in heard[0].items()]

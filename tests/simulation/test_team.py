@@ -120,7 +120,7 @@ def test_files_are_those_of_one_process(told, tmp_path, processes, arguments):
     """Fields and probes to the last bit; what receivers hear of nodes of several boxes is a sum in another order."""
     found, folder = told(processes, *arguments)
     files = [line for line in found if "files" in line]
-    assert len(files) == (1 if arguments else 3)
+    assert len(files) == (1 if arguments else 6)
     for line in files:
         assert line["probes"] == 0 and line["receivers"] < 1e-14, line
         for ending in (".h5", ".now.h5"):

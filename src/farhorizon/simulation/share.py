@@ -93,6 +93,31 @@ class Share:
         """Numbers of boxes along the axes, as they are written: "2 x 2"."""
         return " x ".join(map(str, self.decomposition.topology))
 
+    def wider(self, field: np.ndarray, width: int, team: Team) -> tuple[Lattice, np.ndarray]:
+        """A field with so many nodes more where other processes have them, but none across periodic sides, and the
+        part of the lattice that it then covers.
+
+        Parameters
+        ----------
+        field : ndarray
+            Its last axes are those of the lattice.
+        width : int
+            At most the nodes of a box.
+        team : Team
+            All processes, which give theirs at the same time.
+        """
+        lattice, boxes = self.setup.lattice, self.decomposition
+        ends = boxes.ranges(team.number)
+        for axis, (count, place) in enumerate(zip(boxes.topology, boxes.place(team.number), strict=True)):
+            along = field.ndim - lattice.dim + axis
+            outer = {-1: place == 0, 1: place == count - 1}
+            beside = {side: -1 if outer[side] else self.neighbours[axis, side] for side in (-1, 1)}
+            edges = {-1: np.take(field, range(width), along), 1: np.take(field, range(-width, 0), along)}
+            low, high = (team.passed(edges[-side], beside[-side], beside[side]) for side in (-1, 1))
+            field = np.concatenate([one for one in (low, field, high) if one is not None], along)
+            ends[axis] = ends[axis][0] - width * (low is not None), ends[axis][1] + width * (high is not None)
+        return lattice.whole.part(ends), field
+
     def check_places(self, team: Team) -> None:
         """Refuse forces on sides that act on no node of any process, and metal on none."""
         part, sides = self.setup.lattice, self.setup.sides

@@ -370,6 +370,7 @@ class Simulation(Run):
         -------
         ndarray, shape (dim, n..)
         """
+        self.team.alone("fluxes at nodes")
         tables = flux_tables(self.parts.near, self.parts.grid, self.parts.phases)
         found = nodal_flux(*tables, self.lattice.spacing)
         return found if self.lattice.mask is None else np.where(self.lattice.mask, found, np.nan)
@@ -390,6 +391,7 @@ class Simulation(Run):
         InputError
             An axis that the lattice has not, a plane outside it.
         """
+        self.team.alone("powers across a plane (PowerThrough records them)")
         place = plane(self.lattice, axis, position)
         tables = flux_tables(self.parts.near, self.parts.grid, self.parts.phases)
         return power_across(*tables, self.lattice.spacing, *place)
