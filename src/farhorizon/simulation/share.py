@@ -14,10 +14,11 @@ from farhorizon.boundaries.neighbour import Neighbour
 from farhorizon.boundaries.side import Side
 from farhorizon.errors import InputError
 from farhorizon.geometry.decomposition import Decomposition, decompose
-from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.lattice import Lattice, check_any
 from farhorizon.inputs.conditions import Conditions
 from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.loads import BodyForce, Traction, force_density
+from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.pressure import Pressure, pressing_force
 from farhorizon.inputs.sources import Source
 from farhorizon.inputs.specimens import check_held
@@ -29,7 +30,7 @@ from farhorizon.simulation.drives import Arriving
 from farhorizon.simulation.grid import states_of
 from farhorizon.simulation.near_field import Extremes
 from farhorizon.simulation.recorder import Observer, Recorder
-from farhorizon.simulation.setup import Key, Setup, Sides, part_of, side_name
+from farhorizon.simulation.setup import Key, Setup, Sides, side_name, within_part
 from farhorizon.simulation.surroundings import Surroundings
 from farhorizon.simulation.team import ALONE, Team
 from farhorizon.simulation.work import work_along
@@ -89,6 +90,11 @@ class Share:
         return replace(self.setup, model=self.model, rule=self.setup.bond_rule)
 
     @property
+    def given(self) -> dict[str, Any]:
+        """What a checkpoint of several processes has of what was given for the run: the sides, as they were chosen."""
+        return {"boundary": self.boundary}
+
+    @property
     def words(self) -> str:
         """Numbers of boxes along the axes, as they are written: "2 x 2"."""
         return " x ".join(map(str, self.decomposition.topology))
@@ -119,8 +125,9 @@ class Share:
         return lattice.whole.part(ends), field
 
     def check_places(self, team: Team) -> None:
-        """Refuse forces on sides that act on no node of any process, and metal on none."""
+        """Refuse bodies, forces on sides and metal without a node on any process."""
         part, sides = self.setup.lattice, self.setup.sides
+        check_any(part.mask is None or team.any(bool(part.mask.any())))
         for number, specimen in enumerate(self.setup.specimens):
             key = f"specimen[{number}]"
             check_held(team.any(bool(specimen.nodes(part, key).any())), key)
@@ -187,7 +194,7 @@ def share_of(
     part = lattice.part(ranges)
 
     def own(value: Any) -> Any:
-        return part_of(value, lattice, part.within)
+        return within_part(value, lattice, part.within)
 
     mine = replace(
         setup,
@@ -260,7 +267,7 @@ def _load_on(
         force = pressing_force(load, part, model, setup.cracks, setup.rim, periodic, f"load[{number}]")
         return BodyForce(list(force), load.time)
     names = ("temperature", "expansion") if isinstance(load, ThermalLoad) else ("value",)
-    return replace(load, **{name: part_of(getattr(load, name), lattice, part.within) for name in names})
+    return replace(load, **{name: within_part(getattr(load, name), lattice, part.within) for name in names})
 
 
 def _missing(what: str, key: str) -> InputError:
@@ -279,16 +286,21 @@ def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
     varies = _varies(setup)
     refused = [
         (f"recorders of the kind {type(recorders[0]).__name__}" if recorders else "", "observe", bool(recorders)),
-        ("thermal loads of a run", "load", setup.heat is not None and setup.heat.of_run(setup.heat.temperature)),
+        (
+            "thermal loads of a run and thermoelastic solids, whose heat a second run computes,",
+            "load",
+            setup.heat is not None and setup.heat.of_run(setup.heat.temperature),
+        ),
         ("sponges beside media that vary", "boundary", varies and any(b.damped for b in setup.sides.values())),
     ]
     for what, key, given in refused:
         if given:
             raise _missing(what, key)
     scattered = any(isinstance(one, Incident) for one in setup.sources)
-    if (varies or scattered or setup.constraints) and (nodes := int(np.prod(lattice.shape))) > _VARIED:
+    conditions = any(not isinstance(one, Prescribed) for one in setup.constraints)
+    if (varies or scattered or conditions) and (nodes := int(np.prod(lattice.shape))) > _VARIED:
         raise InputError(
-            "each process looks at all of a medium that varies, scatters a wave, or has conditions: none can hold it",
+            "each process looks at all of a medium that varies, scatters a wave or has conditions of heat: none holds it",
             value=f"{nodes:.3g} nodes",
             limit=f"{_VARIED:.3g}",
             key="model",

@@ -204,8 +204,8 @@ class Simulation(Run):
         self._at_start(observe, int(team.largest(float(np.prod(self.engine.core.nodes)))))
         self._end = 0.0  # of the run, as far as it is known
         self._incident_notes: list[str] = []
-        sides_given = self.setup.sides if team else self.sides
-        self._settling = Settling(parts.autos, [key for key, b in sides_given.items() if b.open_ended])
+        given = self.setup.sides if team else self.sides
+        self._settling = Settling(parts.autos, [key for key, b in given.items() if b.open_ended])
         with team.agreed():
             self.resting = self._march = March(setup, parts, self.of, team)
         seen = replace(parts, whole=whole) if team else parts  # nobody holds on to what all have
@@ -248,17 +248,13 @@ class Simulation(Run):
         return last
 
     def take(self, sides: Mapping[Key, Side]) -> None:
-        """Be at the start of the same run with some other sides.
-
-        Raises
-        ------
-        InputError
-            Sides that do not serve; the run is as it was.
+        """Be at the start of the same run with some other sides; InputError where these do not serve, and the run is as
+        it was.
         """
-        settled = self.setup if self.team else self.settled  # of several processes that is the part of each
+        settled = self.setup if self.team else self.settled  # of several that is the part of each
         named = {side_name(*key): boundary for key, boundary in {**settled.sides, **sides}.items()}
-        observers: list[Observer] = [*self.observers, *self.recorders]
-        other = self.of(replace(settled, boundary=named), observers, self.team, self.topology)
+        seen: list[Observer] = [*self.observers, *self.recorders]
+        other = self.of(replace(settled, boundary=named), seen, self.team, self.topology)
         kept = ("setup", "stop_requested", "probes", "_settling")
         self.__dict__ = other.__dict__ | {name: getattr(self, name) for name in kept}
         if self.probes is not None:
@@ -306,7 +302,7 @@ class Simulation(Run):
 
     def energy(self) -> float:
         """Energy of the near field, kinetic and strain or stored, of `energies`."""
-        held = ("kinetic", "strain", "reaction", "stored", "thermal")
+        held = "kinetic", "strain", "reaction", "stored", "thermal"
         return sum(value for name, value in self.energies().items() if name in held)
 
     def energies(self) -> dict[str, float]:
@@ -485,7 +481,7 @@ class Simulation(Run):
         """Write the complete state, boundary memory included, under a temporary name and rename it."""
         kept = {"cautions": self.cautions, "peak": self.peak, "extra": extra}
         path = kinds.path(path, "path")
-        given = self.given if self.share is None else {"boundary": self.share.boundary}
+        given = self.given if self.share is None else self.share.given
         write_state(path, self._march, self.step_count, self._recording.state(), kept, given)
 
     def load(self, path: str | Path) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from farhorizon.geometry.decomposition import Key
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.cracks import cut_bonds
 from farhorizon.models import LatticeModel
-from farhorizon.simulation.setup import Setup, part_of
+from farhorizon.simulation.setup import Setup, within_part
 from farhorizon.simulation.team import ALONE, Team
 
 #: A node whose bonds are swept one by one, and of a row of a linear material whose bonds may break.
@@ -93,7 +93,7 @@ def work_of(setup: Setup, model: LatticeModel, part: Lattice) -> np.ndarray:
     if setup.specimens:
         solid = np.zeros(around.shape, bool)
         for number, specimen in enumerate(setup.specimens):
-            there = replace(specimen, where=part_of(specimen.where, whole, around.within))
+            there = replace(specimen, where=within_part(specimen.where, whole, around.within))
             solid |= there.nodes(around, f"specimen[{number}]")
         alone = minimum_filter(solid, box, mode="nearest")
         front = maximum_filter(solid, box, mode="nearest") & ~alone
