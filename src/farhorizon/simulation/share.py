@@ -300,7 +300,7 @@ def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
     conditions = any(not isinstance(one, Prescribed) for one in setup.constraints)
     if (varies or scattered or conditions) and (nodes := int(np.prod(lattice.shape))) > _VARIED:
         raise InputError(
-            "each process looks at all of a medium that varies, scatters a wave or has conditions of heat: none holds it",
+            "each process looks at all of a medium that varies, scatters a wave or has conditions: none can hold it",
             value=f"{nodes:.3g} nodes",
             limit=f"{_VARIED:.3g}",
             key="model",
