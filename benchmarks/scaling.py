@@ -11,9 +11,13 @@ Each part starts programs one after the other, round by round, and prints median
   of many times for messages of 168 bytes and of 24 MB. `check --details` predicts efficiencies from them
   (`farhorizon.simulation.sent`).
 
+- curves: both over numbers of processes of one thread each, those of `--processes`: a table of the efficiencies and of
+  the bytes that a process sends, and a plot of it with `--plot FILE`. Not among those that run unless asked for.
+
 It says how many bytes a process sends in each step. All want a quiet machine.
 
-Run: ``python benchmarks/scaling.py [weak] [strong] [messages] [--quick] [--rounds N]``; it needs mpi4py and mpiexec.
+Run: ``python benchmarks/scaling.py [weak] [strong] [messages] [curves] [--quick] [--rounds N] [--processes 1 2 4 8]
+[--plot FILE]``; it needs mpi4py and mpiexec.
 """
 
 from __future__ import annotations
@@ -37,7 +41,7 @@ def measure(kind: str, size: int, dim: int, threads: int, parts: int) -> None:
     shape = [size * (parts if kind == "weak" else 1)] + [size] * (dim - 1)
     lattice = fh.Lattice(1.0, [0.0] * dim, [n - 1.0 for n in shape])
     sides = fh.Fixed() if kind == "weak" else fh.LatticePML(nodes=10)
-    grid = [world.size] + [1] * (dim - 1)
+    grid = [world.size] + [1] * (dim - 1) if kind == "weak" else None
     given: Any = {"communicator": world, "topology": grid} if world.size > 1 else {}
     start = {"u": "exp(-" + "-".join(f"({axis}-{size // 2})**2" for axis in "xyz"[:dim]) + ")"}
     sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(3.0)), sides, start, threads=threads, **given)
@@ -130,6 +134,35 @@ def strong(size: int, rounds: int) -> None:
     print(f"strong, {size}^3 with layers of 10: {median(found):.2f} on two processes")
 
 
+def curves(counts: list[int], quick: bool, rounds: int, plot: str | None) -> None:
+    """Efficiencies over numbers of processes, the first of them taken for 1."""
+    sizes = dict.fromkeys(("weak", "strong"), (60, 3) if quick else (200, 3))
+    found: dict[str, list[float]] = {kind: [] for kind in sizes}
+    print("processes  weak  strong  bytes sent by one (weak, strong)")
+    for count in counts:
+        sent = []
+        for kind, (size, dim) in sizes.items():
+            every = [started(count, kind, size, dim, 1, count if kind == "weak" else 1) for _ in range(rounds)]
+            step = median(one["step"] for one in every)
+            found[kind].append(step if kind == "weak" else step * count)
+            sent.append(every[0]["bytes"])
+        shares = [values[0] / values[-1] for values in found.values()]
+        print(f"{count:9d}  {shares[0]:4.2f}  {shares[1]:6.2f}  {sent[0]:.0f}, {sent[1]:.0f}", flush=True)
+    if plot is not None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(5, 3.5), layout="constrained")
+        FigureCanvasAgg(figure)
+        axes = figure.add_subplot(xlabel="processes", ylabel="efficiency", xscale="log", ylim=(0, 1.1))
+        for kind, values in found.items():
+            axes.plot(counts, [values[0] / one for one in values], "o-", label=kind)
+        axes.set_xticks(counts, [str(count) for count in counts])
+        axes.minorticks_off()
+        axes.legend()
+        figure.savefig(plot)
+
+
 def main() -> None:
     """The command line."""
     if sys.argv[1:3] == ["--measure", "messages"]:
@@ -142,6 +175,8 @@ def main() -> None:
     parser.add_argument("parts", nargs="*", default=["weak", "strong", "messages"])
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--processes", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--plot")
     options = parser.parse_args()
     if "weak" in options.parts:
         for size, dim in ((500, 2), (60, 3)) if options.quick else ((2000, 2), (200, 3)):
@@ -150,6 +185,8 @@ def main() -> None:
         strong(60 if options.quick else 100, options.rounds)
     if "messages" in options.parts:
         messages(options.rounds)
+    if "curves" in options.parts:
+        curves(options.processes, options.quick, options.rounds, options.plot)
 
 
 if __name__ == "__main__":

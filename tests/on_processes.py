@@ -9,6 +9,7 @@ import json
 import sys
 import time
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -95,7 +96,9 @@ def torn(**model):
     return plane(fh.Elastic(KERNEL, 1.0, **model), initial={}, cracks=cracks, loads=[pull], shape=shape)
 
 
+BAND = [[(-5.0, y), (5.0, y)] for y in (-5.9, -5.0, -4.1)]
 CASES |= {
+    "a band of cracks": (plane(cracks=BAND), [[1, WORLD.size]]),
     "cracks in a solid": (plane(SOLID, initial={"u": [pulse(2), 0.0]}, cracks=CRACKS, balance=True), ALONG_Y),
     "strata": (plane(fh.Wave(KERNEL, "where(y > 0.4, 1.5, 1)", density="1 + 0.5*(x > 1)")), ALONG_Y),
     "a body": (
@@ -333,7 +336,7 @@ def compared():
                 yield {
                     "case": name,
                     "bytes": [sum(sent), sum(sent_by(boxes, number, alone) for number in range(WORLD.size))],
-                    "topology": together.share.decomposition.topology,
+                    "cuts": boxes.cuts,
                     "same": same,
                     "off": off,
                     "moves": moves,
@@ -352,17 +355,22 @@ def files():
     strata = plane(fh.Elastic(KERNEL, "where(y > 1, 1.5, 1)"), dt=0.1, **WIDE)
     kinds = {"waves": (plane(dt=0.1), POINTS), "solid": (SMALL_SOLID, [(*point, 0.1) for point in POINTS[:2]])}
     kinds |= {"strata": (strata, POINTS)}
+    if "few" not in sys.argv:  # stresses beside cracks, broken bonds, holes and heat
+        kinds |= {
+            name: (replace(CASES[name][0], dt=0.1), POINTS[2:3])
+            for name in ("breaking, nonlinear", "a body", "pumped and heated")
+        }
     for name, (setup, points) in list(kinds.items())[: 1 if "few" in sys.argv else None]:
         heard = []
         for together in (True, False) if WORLD.rank == 0 else (True,):
-            record = ["u", "v", "gradient", *["stress"] * setup.model.mechanical]
+            record = ["u", "v"] if name in CASES else ["u", "v", "gradient", *["stress"] * setup.model.mechanical]
             receivers = fh.Receivers(points, record=record, interpolation="linear")
             run = fh.Simulation.of(setup, [receivers], communicator=WORLD if together else None)
             run.record(points)
             path = FOLDER / f"{name}-{'together' if together else 'alone'}.h5"
-            for until in (0.5, 1.0):  # the file goes on
+            for until in (0.5, 2.5):  # the file goes on
                 run.run(until, every=0.5, output=path)
-            run.write(path.with_suffix(".now.h5"), ["v"])
+            run.write(path.with_suffix(".now.h5"), ["v", *["stress"] * setup.model.mechanical])
             heard.append({"probes": run.probes.values, **receivers.data})
         if WORLD.rank == 0:
             apart = [float(np.abs(one - heard[1][key]).max() / np.abs(one).max()) for key, one in heard[0].items()]
@@ -376,41 +384,78 @@ def heard(setup, communicator=None, topology=None):
 
 
 def kept():
-    """Runs that go on from checkpoints on other boxes, and on one process, beside those that were not interrupted."""
+    """Runs that go on from checkpoints on other boxes, and on one process, beside those that were not interrupted; from
+    those of several processes and of one.
+    """
     names = ["wave"] if "few" in sys.argv else [*KEPT, *["state-based in space"] * ("slow" in sys.argv)]
     for name in names:
         setup, path = (CASES | SLOW)[name][0], FOLDER / f"{name}.ckpt"
         first, other = OTHER_BOXES[WORLD.size, setup.lattice.dim]
         start = heard(setup, WORLD, first).run(2.0)
         start.save(path, answer=42)
-        runs = {"as it was": start.run(4.0), "other boxes": heard(setup, WORLD, other)}
+        broken = start.broken_bonds
         if WORLD.rank == 0:
-            runs["one process"] = heard(setup)
+            heard(setup).run(2.0).save(path.with_suffix(".one.ckpt"), answer=42)
+        asleep_until_all_are_here()
+        runs = {"as it was": (start.run(4.0), None), "other boxes": (heard(setup, WORLD, other), path)}
+        for boxes in (first, other):
+            runs[f"{boxes} from one"] = heard(setup, WORLD, boxes), path.with_suffix(".one.ckpt")
+        if WORLD.rank == 0:
+            runs["one process"] = heard(setup), path
+            runs["one from one"] = heard(setup), path.with_suffix(".one.ckpt")
         found, sums, steps, answers = {}, {}, set(), set()
-        for how, run in runs.items():
-            if how != "as it was":
-                answers.add(run.load(path)["answer"])
+        for how, (run, kept) in runs.items():
+            if kept is not None:
+                answers.add(run.load(kept)["answer"])
                 run.run(4.0)
             steps.add(run.step_count)
-            found[how] = run.team.joined(run.lattice, run.fields["u"]), run.recorders[0].data["u"]
-            sums[how] = sums_of(run)
+            fields = [run.team.joined(run.lattice, field) for field in run.fields.values()]
+            found[how] = *fields, run.recorders[0].data["u"]
+            sums[how] = {**sums_of(run), "broken bonds": run.broken_bonds}
         if WORLD.rank == 0:
             whole, summed = found.pop("as it was"), sums.pop("as it was")
             same = {
                 how: all(np.array_equal(*pair, equal_nan=True) for pair in zip(values, whole, strict=True))
                 for how, values in found.items()
             }
-            off = max(relative(one[0], whole[0]) for one in found.values())
+            off = max(relative(*pair) for one in found.values() for pair in zip(one, whole, strict=True))
             energy = max(apart(one, summed) for one in sums.values())
-            line = {"kept": name, "same": same, "off": off, "energy": energy}
+            line = {"kept": name, "same": same, "off": off, "energy": energy, "broken": broken}
             yield line | {"answers": list(answers), "steps": list(steps)}
         asleep_until_all_are_here()
+    yield from adopted()
     other, told = fh.Simulation.of(plane(dt=0.01), [], WORLD), ""
     try:
         other.load(FOLDER / "wave.ckpt")
     except fh.InputError as error:
         told = str(error)
     yield {"unlike": WORLD.gather(told)}
+
+
+def adopted():
+    """A run goes on with the layers that were chosen for its length, by one process or by several; one that is restored
+    is given what the file has.
+    """
+    setup, path = plane(sides=fh.LatticePML(target=1e-4, until=4.0)), FOLDER / "adopted.ckpt"
+    if WORLD.rank == 0:
+        alone = heard(setup).run(12.0)
+        alone.save(path)
+    asleep_until_all_are_here()
+    one, other = (heard(setup, WORLD, boxes) for boxes in OTHER_BOXES[WORLD.size, 2])
+    restored = fh.Simulation.restore(path, communicator=WORLD).run(14.0)
+    again = restored.team.joined(restored.lattice, restored.fields["u"])
+    one.load(path)
+    one.run(13.0).save(path)
+    other.load(path)
+    whole = other.team.joined(other.lattice, other.run(14.0).fields["u"])
+    if WORLD.rank == 0:
+        back = heard(setup)
+        back.load(path)
+        found = alone.run(14.0).fields["u"]
+        nodes = alone.engine.layout.low[2], heard(setup).engine.layout.low[2]
+        same = [np.array_equal(one, found) for one in (whole, again, back.run(14.0).fields["u"])]
+        yield {"adopted": same, "nodes": nodes}
+    asleep_until_all_are_here()
 
 
 def tips():
@@ -495,7 +540,7 @@ OTHER_BOXES = {
 KEPT = (
     *("wave", "single precision", "diffusion", "space", "strata", "held and pulled", "breaking, nonlinear"),
     "pumped and heated",
-    *("held at temperatures", "metal that corrodes", "bonds that soften"),
+    *("held at temperatures", "metal that corrodes", "bonds that soften", "states that break"),
 )
 SMALL_SOLID = fh.Setup(
     lattice(13, 22, 14), fh.Elastic(fh.Kernel(0.3), 1.0), fh.Fixed(), {"u": [pulse(3), 0.0, 0.0]}, dt=0.1
@@ -518,6 +563,7 @@ def commands():
         ["run", "case.toml", "--until", "0.5", "--out", "cut", "--no-report"],
         ["run", "case.toml", "--resume", "--out", "cut", "--set", f"run.topology=[1, {WORLD.size}]", "--no-report"],
         ["run", "case.toml", "--until", "0.5", "--out", "one", "--no-report"],
+        ["run", "case.toml", "--resume", "--out", "from_one", "--no-report"],
         ["run", "case.toml", *STATIC, "--out", "static", "--no-report"],
         ["check", "case.toml"],
     ):
@@ -532,7 +578,7 @@ def commands():
 
 
 STATIC = ["--set", "run.until=static", "--set", "run.limit=60.0", "--set", "run.tolerance=0.1"]
-PLACES = ("static", "together", "blocked", "goes_on", "cut", "one")
+PLACES = ("static", "together", "blocked", "goes_on", "cut", "one", "from_one")
 
 
 class Unshared(fh.Spectra):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -322,7 +322,7 @@ class ExactEnds:
                 arrays |= {f"exact{end}_{name}": getattr(found, name) for name in ("poles", "inputs", "outputs")}
         return arrays, meta
 
-    def load(self, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> None:
+    def load(self, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
         """The state that `save` gave."""
         steps = int(meta["steps"])
         sums: list[ExponentialSum | None] = []

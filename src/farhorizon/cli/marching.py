@@ -54,9 +54,10 @@ def march(
         output = _taken_up(sim, files) if options.resume else _begun(options, case, sim, files)
         for note in (*sim.notes, *sim.probes.notes):
             print(f"note: {note}", file=sys.stderr)
+        nodes = round(sim.team.total({"nodes": sim.lattice.nodes})["nodes"])
         boxes = "" if sim.share is None else f" on {sim.team.size} processes in {sim.share.words} boxes"
         print(
-            f"{case.name}: {case.lattice.nodes} nodes{boxes}, dt = {sim.dt:.6g}, {'at most ' * _to_rest(options, case)}"
+            f"{case.name}: {nodes} nodes{boxes}, dt = {sim.dt:.6g}, {'at most ' * _to_rest(options, case)}"
             f"{last} steps to t = {last * sim.dt:g}; "
             f"outputs {case.schedule(sim.dt)}"
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -141,7 +142,7 @@ def _tell(
         print(f"warning: not valid from t = {caution.time:.6g} on: {caution.brief}", file=options.errors)
     moments = [time for time in case.parts.output.pictures or () if time <= until]
     view = View(times=moments or None, cracks=results.outlines.get("cracks", ()), quantities=case.quantities)
-    fits = not sim.team or _DRAWN * case.lattice.nodes < available_memory()
+    fits = not sim.team or _DRAWN * math.prod(case.lattice.shape) < available_memory()
     pictures = plot_results(results, files.pictures, view, print) if fits else []
     made_folder(str(files.pictures))
     results.write_outlines(files.pictures / "outlines.vtp")

@@ -10,7 +10,19 @@ import weakref
 import numpy as np
 
 from farhorizon.engine import bonds as laws
-from farhorizon.engine.bonds import DAMAGED, END, FIRST, PLAIN, RULES, Bonds, Zone, all_bits, factors_of
+from farhorizon.engine.bonds import (
+    CHANGED,
+    DAMAGED,
+    END,
+    FIRST,
+    PLAIN,
+    RULES,
+    UNCHANGED,
+    Bonds,
+    Zone,
+    all_bits,
+    factors_of,
+)
 from farhorizon.engine.field import Field
 from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
 from farhorizon.engine.rows.build import load_bonds
@@ -167,12 +179,7 @@ class BondZone:
 
     def find_kinds(self) -> None:
         """Find the plain tiles of the zone: all bonds are there, and none leaves the box where bonds follow the law."""
-        block, high, kinds, zone = (
-            self.engine.layout.box,
-            ROWS[self.engine.components],
-            self.table.kinds,
-            self.table.zone,
-        )
+        block, kinds, zone = self.engine.layout.box, self.table.kinds, self.table.zone
         full = all_bits(len(self.table.places))[:, None, None, None]
         damaged = (self.table.alive[:, block.node_indices()] != full).any(0)
         for shares in self.table.shares:
@@ -184,12 +191,27 @@ class BondZone:
             )
         first, end = zone[FIRST:END], zone[END:]
         damaged[:, : first[1]] = damaged[:, end[1] :] = False  # rows of tiles that are not in the zone
-        damaged = damaged[:, :, first[2] : end[2]]
+        kinds[...] = np.where(self._tiles_with(damaged), DAMAGED, PLAIN)
+
+    def _tiles_with(self, nodes: np.ndarray) -> np.ndarray:
+        """The tiles that have one of some nodes, which are given on the box."""
+        kinds, zone, high = self.table.kinds, self.table.zone, ROWS[self.engine.components]
+        nodes = nodes[:, :, zone[FIRST + 2] : zone[END + 2]]
         missing = [
-            (0, count * size - n) for n, count, size in zip(damaged.shape, kinds.shape, (1, high, LANES), strict=True)
+            (0, count * size - n) for n, count, size in zip(nodes.shape, kinds.shape, (1, high, LANES), strict=True)
         ]
-        tiles = np.pad(damaged, missing).reshape(kinds.shape[0], kinds.shape[1], high, kinds.shape[2], LANES)
-        kinds[...] = np.where(tiles.any((2, 4)), DAMAGED, PLAIN)
+        tiles = np.pad(nodes, missing).reshape(kinds.shape[0], kinds.shape[1], high, kinds.shape[2], LANES)
+        return np.asarray(tiles.any((2, 4)))
+
+    def break_since(self, alive: np.ndarray) -> None:
+        """Go on with the bits as they were put here: since they were `alive`, bonds have broken whose energy is
+        known.
+        """
+        self.find_kinds()
+        if not self.table.forces:
+            gone = (self.table.alive != alive)[:, self.engine.layout.box.node_indices()].any(0)
+            self.table.changed[...] = np.where(self._tiles_with(gone), CHANGED, UNCHANGED)
+            self._remember()
 
     @property
     def left(self) -> np.ndarray:
@@ -207,8 +229,8 @@ class BondZone:
 
     @property
     def state(self) -> dict[str, np.ndarray]:
-        """What a checkpoint holds of the bonds: bits, shares, kinds of tiles, and what has been added up of broken
-        bonds and of work; they share memory.
+        """What is kept of the bonds: bits, shares, kinds of tiles, and what has been added up of broken bonds and of
+        work; they share memory.
         """
         table = self.table
         bonds = {"bonds": table.alive, "kinds": table.kinds, "broken": table.broken} if self else {}

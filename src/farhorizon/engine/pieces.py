@@ -48,23 +48,32 @@ def pieces_of(engine: Engine) -> dict[str, Piece]:
     return found
 
 
+def values_of(engine: Engine) -> dict[str, np.ndarray]:
+    """Copies of the values of all pieces by name."""
+    return {name: piece.held[piece.places] for name, piece in pieces_of(engine).items()}
+
+
 def sums_of(engine: Engine) -> dict[str, float]:
     """What has been added up on the way by name: energy and number of the bonds that broke, the work of sources, what
     drag has taken, what has flowed into each account; in units of the update.
     """
-    return {f"{name}/{i}": float(one.sum()) for name, sums in _sums(engine).items() for i, one in enumerate(sums)}
+    return {
+        f"{name}/{i}": float(one.sum()) for name, sums in parts_of_sums(engine).items() for i, one in enumerate(sums)
+    }
 
 
 def take_sums(engine: Engine, given: Mapping[str, float]) -> None:
     """Go on adding up from what `sums_of` has told."""
-    for name, sums in _sums(engine).items():
+    for name, sums in parts_of_sums(engine).items():
         for i, one in enumerate(sums):
             one[...] = 0
             one.flat[0] = given[f"{name}/{i}"]
 
 
-def _sums(engine: Engine) -> dict[str, np.ndarray]:
-    """Arrays of parts of sums, whose first axis is that of the sums; they share memory."""
+def parts_of_sums(engine: Engine) -> dict[str, np.ndarray]:
+    """What is added up to `sums_of`, by places or threads, by name: the first axis is that of the sums; they share
+    memory.
+    """
     tables = engine.tables
     every = {
         "broken": np.moveaxis(tables.bonds.broken, -1, 0),
@@ -95,7 +104,7 @@ class Assembly:
     """
 
     def __init__(self, engine: Engine, box: Box) -> None:
-        self._pieces, self._box = pieces_of(engine), box
+        self._engine, self._pieces, self._box = engine, pieces_of(engine), box
         self._values = {name: piece.held[piece.places] for name, piece in self._pieces.items()}
         self._lacks = {
             name: np.ones(piece.places.shape[-len(piece.axes) :], bool) for name, piece in self._pieces.items()
@@ -121,6 +130,10 @@ class Assembly:
         """Give it to the engine, if nothing lacks; returns whether."""
         if any(one.any() for one in self._lacks.values()):
             return False
+        bonds = self._engine.bonds
+        alive = bonds.table.alive.copy()
         for name, piece in self._pieces.items():
             piece.held[piece.places] = self._values[name]
+        if bonds:
+            bonds.break_since(alive)
         return True

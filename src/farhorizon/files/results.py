@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 FORMAT = "farhorizon results"
 CHECKPOINT_FORMAT = "farhorizon checkpoint"
-VERSION = 1  # of a checkpoint
+VERSION = 2  # of a checkpoint
 RESULTS_VERSION = 2
 # Names that the Dataset of `Results.to_xarray` and the pictures of `farhorizon.pictures` use for something else.
 RESERVED = frozenset(
@@ -1243,7 +1243,10 @@ class Results:
         FileFormatError
             A part is missing or damaged.
         """
-        dtype = self._part(0, self._boxes[0]).field(self.field_names[0], 0).dtype if outputs else np.dtype(float)
+        one = self._part(0, self._boxes[0]).path if len(self._boxes) else self.path
+        with _opened(one, "r", "results file") as file:
+            data = file["VTKHDF/PointData"][self.field_names[0]]
+            dtype, compress = data.dtype, data.compression is not None
         writer = ResultsWriter.create(
             path,
             shape=[last - first for first, last in box],
@@ -1253,13 +1256,15 @@ class Results:
             dtype=dtype,
             components=self.components,
             program=self.program,
+            compress=compress,
         )
         for index, (step, time) in enumerate(zip(self.steps[:outputs], self.times[:outputs], strict=True)):
             rows = slice(index, index + 1)
             writer.append(int(step), float(time), {n: self._values(n, rows, box)[0] for n in self.field_names})
 
     def take_parts(self, boxes: Sequence[Box], folder: Path) -> None:
-        """Put parts of other boxes, which `cut` has written into a folder, in the place of those that there are.
+        """Put parts of other boxes, which `cut` has written into a folder, in the place of those that there are, or of
+        the fields in this file.
 
         What is stopped in the middle of it leaves either parts in their folders.
         """
@@ -1269,10 +1274,12 @@ class Results:
             for name in self.field_names:
                 data.create_dataset(name, (0, *source[name].shape[1:]), source[name].dtype)
             _put_fixed(made["farhorizon"], "parts", np.array(boxes, np.int64))
-        old = folder.with_name(f"{folder.name}.old")
-        folder_of(self.path).rename(old)
-        folder.rename(folder_of(self.path))
-        shutil.rmtree(old)
+        old, own = folder.with_name(f"{folder.name}.old"), folder_of(self.path)
+        if own.is_dir():
+            own.rename(old)
+        folder.rename(own)
+        if old.is_dir():
+            shutil.rmtree(old)
 
     def _copy_field(self, source: Any, data: Any, outputs: int) -> None:
         """Copy the outputs of a field into a group, chunk by chunk."""
@@ -1527,9 +1534,13 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, 
                 remedy="give a file written by Simulation.save",
             )
         version = int(file.attrs["version"])
-        if version > VERSION:
+        if version != VERSION:
+            older = version < VERSION
             raise FileFormatError(
-                f"{path} has a newer format", value=version, limit=VERSION, remedy="update farhorizon"
+                f"{path} has {'an older' if older else 'a newer'} format",
+                value=version,
+                limit=VERSION,
+                remedy="go on with the version of farhorizon that wrote it" if older else "update farhorizon",
             )
         if not file.attrs["complete"]:
             raise FileFormatError(f"{path} is incomplete: its writing was interrupted", remedy=remedy)

@@ -103,8 +103,10 @@ def decompose(
     periodic: frozenset[int],
     topology: Sequence[int] | None = None,
     least: int = 1,
+    work: Sequence[np.ndarray] | None = None,
 ) -> Decomposition:
-    """Share a lattice out: of all grids of boxes the one whose boxes exchange least, balanced by work.
+    """Share a lattice out: of all grids of boxes the one whose boxes exchange least, cut along each axis into the same
+    work.
 
     Parameters
     ----------
@@ -119,6 +121,8 @@ def decompose(
         Boxes along each axis, in place of the best ones.
     least : int
         Nodes that a box has along an axis that is cut, more than twice the reach in any case.
+    work : sequence of ndarray, optional
+        Of the nodes at each place along each axis, in units of `more`; 1 everywhere unless given.
 
     Raises
     ------
@@ -148,7 +152,8 @@ def decompose(
             key="run.topology" if topology is not None else "processes",
             remedy="fewer processes",
         )
-    made = [_cut(shape, one, fewest, more, periodic) for one in fitting]
+    summed = [np.cumsum(np.ones(n) if work is None else work[a]) for a, n in enumerate(shape)]
+    made = [_cut(summed, one, fewest, more, periodic) for one in fitting]
     width = {key: int(np.ceil(nodes)) for key, nodes in more.items()}
 
     def cost(one: Decomposition) -> tuple[int, tuple[int, ...]]:
@@ -169,7 +174,7 @@ def _grids(count: int, axes: int) -> Iterator[tuple[int, ...]]:
 
 
 def _cut(
-    shape: Sequence[int],
+    summed: Sequence[np.ndarray],
     topology: Sequence[int],
     fewest: Sequence[int],
     more: Mapping[Key, float],
@@ -177,9 +182,10 @@ def _cut(
 ) -> Decomposition:
     """Boxes of the same work, what lies beyond the outer ones counted, but never thinner than they may be."""
     cuts = []
-    for axis, (n, count, least) in enumerate(zip(shape, topology, fewest, strict=True)):
-        low, high = more.get((axis, -1), 0.0), more.get((axis, 1), 0.0)
-        ends = [round(i * (low + n + high) / count - low) for i in range(count + 1)]
+    for axis, (sums, count, least) in enumerate(zip(summed, topology, fewest, strict=True)):
+        low, high, n = more.get((axis, -1), 0.0), more.get((axis, 1), 0.0), len(sums)
+        shares = np.arange(count + 1) * (low + sums[-1] + high) / count - low
+        ends = np.interp(shares, np.append(0.0, sums), np.arange(n + 1)).round().astype(int).tolist()
         ends[0], ends[-1] = 0, n
         for i in range(1, count):
             ends[i] = min(max(ends[i], ends[i - 1] + least), n - (count - i) * least)

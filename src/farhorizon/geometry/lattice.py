@@ -17,6 +17,7 @@ from farhorizon.machine import available_memory
 
 AXES = ("x", "y", "z")
 _LARGE = 2.0**28  # bytes that need no look at the memory, which takes longer than to fill a few nodes
+_AT_ONCE = 2**22  # nodes of a body or window that are looked at before anyone asks: of more each process takes its own
 _COUNTED = 2.0**53  # nodes: beyond it their numbers are not exact in double precision
 _SHAPES = (
     "Disc, Ball, Box, Polygon, Mesh, Voxels, of a body an array of bool of the lattice's shape, "
@@ -94,9 +95,10 @@ class Lattice(Storable):
                 for name, bound in (("lower", lower), ("upper", upper))
             )
             first, last = self._whole_spacings(lower, upper)
-        region = window if window is not None else self.body
-        if region is not None or np.prod(last - first + 1) > _COUNTED:
-            _check_size(last - first + 1, 3 * len(first) + 2)
+        self._region, self._mask = window if window is not None else self.body, None
+        count = np.prod(last - first + 1)
+        if self._region is not None or count > _COUNTED:
+            _check_size(last - first + 1, 1 / 8)
         self._whole: Lattice | None = None
         self.shape: tuple[int, ...] = tuple(int(n) for n in last - first + 1)
         self.first = (0,) * len(self.shape)
@@ -112,25 +114,41 @@ class Lattice(Storable):
         self.upper = self.lower + (np.array(self.shape) - 1) * self.spacing
         if mask is not None and mask.shape != self.shape:
             raise InputError("has another shape", value=mask.shape, limit=self.shape, key="lattice.body")
-        self.mask: np.ndarray | None = None
-        if region is not None:
-            if region.dim != self.dim:
-                raise InputError(
-                    "shape and lattice differ in dimension", value=region.dim, limit=self.dim, key="lattice"
-                )
-            inside = kinds.function(region.contains, "lattice", "points")(np.stack(self.coordinates(), axis=-1))
-            if not isinstance(inside, np.ndarray) or inside.dtype != bool or inside.shape != self.shape:
-                raise InputError(
-                    "contains(points) of a shape tells true or false for each point",
-                    value=kinds.said(inside),
-                    key="lattice",
-                    limit=f"an array of bool of shape {self.shape} for points of shape {(*self.shape, self.dim)}",
-                )
-            self.mask = inside
-            if not self.mask.any():
-                raise InputError(
-                    "no node lies in the window or body", key="lattice", remedy="a smaller spacing or a larger shape"
-                )
+        if self._region is not None and self._region.dim != self.dim:
+            raise InputError(
+                "shape and lattice differ in dimension", value=self._region.dim, limit=self.dim, key="lattice"
+            )
+        if self._region is not None and count <= _AT_ONCE:
+            self._mask = self._inside()
+
+    @property
+    def mask(self) -> np.ndarray | None:
+        """The nodes inside the window or body, of the lattice's shape; None where there is neither.
+
+        Raises
+        ------
+        InputError
+            There are none, unless this is a part of a lattice; of large lattices nobody has looked before.
+        """
+        if self._mask is None and self._region is not None:
+            self._mask = self._inside()
+        return self._mask
+
+    def _inside(self) -> np.ndarray:
+        """The nodes inside the window or body."""
+        assert self._region is not None
+        _check_size(np.array(self.shape), 3 * self.dim + 2)
+        inside = kinds.function(self._region.contains, "lattice", "points")(np.stack(self.coordinates(), axis=-1))
+        if not isinstance(inside, np.ndarray) or inside.dtype != bool or inside.shape != self.shape:
+            raise InputError(
+                "contains(points) of a shape tells true or false for each point",
+                value=kinds.said(inside),
+                key="lattice",
+                limit=f"an array of bool of shape {self.shape} for points of shape {(*self.shape, self.dim)}",
+            )
+        if self._whole is None:
+            check_any(bool(inside.any()))
+        return inside
 
     def _whole_spacings(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if lower.shape != upper.shape or lower.ndim != 1 or not 1 <= len(lower) <= 3:
@@ -184,13 +202,27 @@ class Lattice(Storable):
         made.shape = tuple(last - first for first, last in ranges)
         made.lower = np.array([along[first] for along, (first, _) in zip(self.axes, ranges, strict=True)])
         made.upper = np.array([along[last - 1] for along, (_, last) in zip(self.axes, ranges, strict=True)])
-        made.mask = None if self.mask is None else self.mask[made.within]
+        made._mask = None if self._mask is None else self._mask[made.within]
         return made
 
     @property
     def within(self) -> tuple[slice, ...]:
         """Where the nodes lie among those of the `whole`."""
         return tuple(slice(first, first + n) for first, n in zip(self.first, self.shape, strict=True))
+
+    def inside(self, shape: Shape) -> np.ndarray:
+        """Flat numbers of the nodes in a shape, of a body those that are there; only the box around the shape is
+        looked at.
+        """
+        low, high = (np.asarray(bound, float) for bound in shape.bounds())
+        first = np.clip(np.floor((low - self.lower) / self.spacing) - 1, 0, self.shape).astype(int)
+        last = np.clip(np.ceil((high - self.lower) / self.spacing) + 2, first, self.shape).astype(int)
+        if (first == last).any():
+            return np.zeros(0, np.int64)
+        box = self.part(list(zip(first.tolist(), last.tolist(), strict=True)))
+        found = shape.contains(np.stack(box.coordinates(), axis=-1))
+        found = found if box.mask is None else found & box.mask
+        return np.ravel_multi_index(tuple((np.argwhere(found) + first).T), self.shape)
 
     def own(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which nodes of the `whole` (flat numbers) are among those of this part, and their flat numbers here."""
@@ -237,7 +269,7 @@ class Lattice(Storable):
         low, high = (np.array([p[i] for p in pads]) * self.spacing for i in range(2))
         grown = Lattice(self.spacing, self.lower - low, self.upper + high)
         if self.body is not None and self.mask is not None:
-            grown.body, grown.mask = self.body, np.pad(self.mask, pads, mode="edge")
+            grown.body, grown._mask = self.body, np.pad(self.mask, pads, mode="edge")
         return grown
 
     @property
@@ -252,13 +284,21 @@ class Lattice(Storable):
         )
 
 
+def check_any(inside: bool) -> None:
+    """InputError for a window or body that holds no node."""
+    if not inside:
+        raise InputError(
+            "no node lies in the window or body", key="lattice", remedy="a smaller spacing or a larger shape"
+        )
+
+
 def _cells(mask: np.ndarray, spacing: float, lower: ArrayLike | None) -> Voxels:
     """The nodes of a mask as a shape: a cell around each."""
     first = np.zeros(mask.ndim) if lower is None else np.atleast_1d(kinds.array(lower, "lattice.lower"))
     return Voxels(kinds.mask(mask, "lattice.body"), spacing, first - spacing / 2)
 
 
-def _check_size(count: np.ndarray, fields: int) -> None:
+def _check_size(count: np.ndarray, fields: float) -> None:
     """InputError unless so many fields on so many nodes along each axis fit into memory."""
     need = 8.0 * fields * float(np.prod(np.maximum(count, 1.0)))
     if need > _LARGE and need > available_memory():

@@ -624,6 +624,8 @@ def _join(out: Conditions, found: Sequence[_Held], lattice: Lattice) -> None:
     different axes meet, one wins: a plain value, else the layer of the later axis, which reads that of the earlier one
     (the mirror image of a mirror image).
     """
+    if not found:
+        return
     shape = lattice.shape
     owner = np.full(int(np.prod(shape)), -1)
     by_number = {h.number: h for h in found}

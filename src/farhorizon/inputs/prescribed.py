@@ -106,34 +106,33 @@ class Prescribed(Storable):
         """Flat indices of the nodes in the lattice, or in a part of one; InputError if the whole has none, or a point
         lies outside.
         """
-        if isinstance(self.where, Shape):
-            mask = self.where.contains(np.stack(lattice.coordinates(), axis=-1))
-        else:
-            given = (
-                np.asarray(self.where)
-                if isinstance(self.where, np.ndarray)
-                else kinds.array(self.where, "constraint.where")
-            )
-            if given.dtype == bool:
-                if given.shape != lattice.whole.shape:
-                    raise InputError(
-                        "a mask must have the lattice's shape",
-                        value=given.shape,
-                        limit=lattice.whole.shape,
-                        key="constraint.where",
-                    )
-                mask = given[lattice.within]
-            else:
-                mask = np.zeros(lattice.shape, bool)
-                points = kinds.array(given, "constraint.where")
-                points = points.reshape(-1, 1) if lattice.dim == 1 else np.atleast_2d(points)
-                nodes = np.array([lattice.whole.index(point) for point in points], int).reshape(-1, lattice.dim)
-                mask.flat[lattice.own(np.ravel_multi_index(tuple(nodes.T), lattice.whole.shape))[1]] = True
-        if lattice.mask is not None:
-            mask = mask & lattice.mask
-        if lattice.whole is lattice and not mask.any():
+        found = lattice.inside(self.where) if isinstance(self.where, Shape) else self._listed(lattice)
+        if lattice.whole is lattice and not found.size:
             raise InputError("a constraint holds no node", key="constraint.where", remedy="move it into the near field")
-        return np.flatnonzero(mask)
+        return found
+
+    def _listed(self, lattice: Lattice) -> np.ndarray:
+        """Flat indices of the nodes that a mask or points tell."""
+        given = (
+            np.asarray(self.where)
+            if isinstance(self.where, np.ndarray)
+            else kinds.array(self.where, "constraint.where")
+        )
+        if given.dtype != bool:
+            points = kinds.array(given, "constraint.where")
+            points = points.reshape(-1, 1) if lattice.dim == 1 else np.atleast_2d(points)
+            nodes = np.array([lattice.whole.index(point) for point in points], int).reshape(-1, lattice.dim)
+            found = np.unique(lattice.own(np.ravel_multi_index(tuple(nodes.T), lattice.whole.shape))[1])
+            return found if lattice.mask is None else found[lattice.mask.flat[found]]
+        if given.shape != lattice.whole.shape:
+            raise InputError(
+                "a mask must have the lattice's shape",
+                value=given.shape,
+                limit=lattice.whole.shape,
+                key="constraint.where",
+            )
+        mask = given[lattice.within]
+        return np.flatnonzero(mask if lattice.mask is None else mask & lattice.mask)
 
     def keeps(self, component: int, background: float) -> bool:
         """Whether a component is held at the background for ever; of a Python function that is not known."""

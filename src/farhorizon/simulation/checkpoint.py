@@ -4,15 +4,20 @@ it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from farhorizon.engine.pieces import parts_of_sums
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.flow_balance import FlowBalance
 from farhorizon.simulation.setup import Setup
 
 Arrays = dict[str, np.ndarray]
+
+
+#: What a process knows of its own nodes alone: of checkpoints of several processes it is left out.
+OF_A_BOX = "shape", "lower", "held", "cuts", "conditions", "density", "strength", "toughness", "solid"
 
 
 def fingerprint(setup: Setup, parts: Parts, cuts: int) -> dict[str, Any]:
@@ -22,8 +27,7 @@ def fingerprint(setup: Setup, parts: Parts, cuts: int) -> dict[str, Any]:
     near, engine, model = parts.near, parts.grid.engine, parts.near.model
     lattice, law, dissolution = near.lattice, model.bond_law, model.dissolution
     found = {
-        "levels": list(engine.levels.shape),
-        "memory": int(engine.memory.size),
+        "levels": len(engine.levels),
         "dtype": engine.dtype.name,
         "dt": near.dt,
         "shape": list(lattice.shape),
@@ -67,48 +71,31 @@ def fingerprint(setup: Setup, parts: Parts, cuts: int) -> dict[str, Any]:
     return found
 
 
-def state_of(parts: Parts, balance: FlowBalance | None) -> tuple[Arrays, dict[str, Any]]:
-    """The state of a run that cannot be had from its set-up: arrays, and facts as JSON."""
-    engine = parts.grid.engine
-    meta: dict[str, Any] = {"phase": int(engine.phase)}
-    arrays = {"levels": engine.levels, "memory": engine.memory, "start_u": parts.start.u, "start_v": parts.start.v}
+def whole_of(parts: Parts) -> tuple[Arrays, dict[str, Any]]:
+    """What the state of a run on one process has beside that of its nodes: the start, sums in the order in which they
+    were added up, and what sides remember that are for one process; arrays, and facts as JSON.
+    """
+    engine, meta = parts.grid.engine, {}
+    arrays = {"start_u": parts.start.u, "start_v": parts.start.v}
+    arrays |= {f"sums/{name}": sums for name, sums in parts_of_sums(engine).items()}
     if parts.ends is not None:
         more, meta["exact"] = parts.ends.save()
         arrays |= more
-    arrays |= engine.bonds.state
-    if engine.tables.drag.rate.size:
-        arrays["drag"] = engine.tables.drag.lost
-    if parts.phases is not None:
-        arrays["dissolved"] = np.ascontiguousarray(engine.dissolved[parts.grid.near])
     if parts.closure is not None:
         arrays["fringe"] = engine.fringe_history
-    if balance is not None:
-        arrays |= {"flows": engine.flows, "powers": balance.powers}
-        meta["first_amounts"] = balance.first
+    if engine.tables.stretches.memory.size:
+        arrays["stretches"] = engine.tables.stretches.memory
     return arrays, meta
 
 
-def take_state(parts: Parts, arrays: Arrays, meta: dict[str, Any], step: int) -> None:
-    """Be in a state, of a step, but for what depends on the cracks that are open then: see `take_rest`."""
+def take_whole(parts: Parts, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
+    """Go on with what `whole_of` gave."""
     engine = parts.grid.engine
-    engine.levels[...] = arrays["levels"]
-    engine.memory[...] = arrays["memory"]
     if parts.ends is not None:
         parts.ends.load(arrays, meta["exact"])
     if parts.closure is not None:
         engine.fringe_history[...] = arrays["fringe"]
-    if engine.tables.drag.rate.size:
-        engine.tables.drag.lost[...] = arrays["drag"]
-    engine.phase, engine.steps_done = int(meta["phase"]), step
-    if parts.phases is not None:
-        parts.phases.set(arrays["dissolved"])
-
-
-def take_rest(parts: Parts, balance: FlowBalance | None, arrays: Arrays, meta: dict[str, Any]) -> None:
-    """What `take_state` leaves out, once the cracks are open."""
-    engine = parts.grid.engine
-    for name, array in engine.bonds.state.items():
-        array[...] = arrays[name]
-    if balance is not None:
-        engine.flows[...], balance.powers[...] = arrays["flows"], arrays["powers"]
-        balance.first = meta["first_amounts"]
+    if engine.tables.stretches.memory.size:
+        engine.tables.stretches.memory[...] = arrays["stretches"]
+    for name, sums in parts_of_sums(engine).items():
+        sums[...] = arrays[f"sums/{name}"]

@@ -24,7 +24,7 @@ there the bound is that without it, and has been seen to hold in noise.)
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -141,9 +141,11 @@ class HeatOfDeformation(Heating):
         own = dict(zip(_NAMES, (self._now, self._before, self._traces), strict=True))
         return {f"heat/{name}": values for name, values in {**arrays, **own}.items()}, {"heat": meta}
 
-    def take(self, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> None:
+    def take(self, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
         mine = {name.removeprefix("heat/"): a for name, a in arrays.items() if name.startswith("heat/")}
-        self._heat.take(mine, meta["heat"])
+        facts = meta["heat"]
+        self._heat.take([(facts["boxes"][0], mine)], facts)
+        self._heat.complete()
         self._now, self._before, self._traces = (mine[name] for name in _NAMES)
 
     def _check_heat(self, changed: np.ndarray, step: int) -> None:

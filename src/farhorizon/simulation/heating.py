@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -119,7 +119,7 @@ class Heating:
         """All that does not follow from the set-up, before a step: arrays, and facts as JSON."""
         return {}, {}
 
-    def take(self, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> None:
+    def take(self, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
         """Be in a state that `state` gave."""
 
     def _strain(self, step: int) -> np.ndarray:

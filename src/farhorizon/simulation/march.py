@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from farhorizon.engine.pieces import sums_of, take_sums
+from farhorizon.engine.pieces import Assembly, Box, common, sums_of, take_sums, values_of
 from farhorizon.inputs.thermal_loads import of_the_heat
 from farhorizon.simulation.assembly import Parts, assemble
-from farhorizon.simulation.checkpoint import Arrays, state_of, take_rest, take_state
+from farhorizon.simulation.checkpoint import Arrays, take_whole, whole_of
 from farhorizon.simulation.drives import Moving
 from farhorizon.simulation.energies import energies, kinetic_energy
 from farhorizon.simulation.feed import Feed
@@ -234,14 +234,35 @@ class March:
         found = self.energies()
         return {**found, "lost": self.first_energy + 2 * found["work"] - sum(found.values())}
 
+    @property
+    def box(self) -> Box:
+        """Where the box of this process lies in that of the whole, layers counted, along the engine's axes; all
+        processes ask for theirs together.
+        """
+        grid, lattice = self.parts.grid, self.parts.near.lattice
+        low = [grid.engine.layout.low[a] + (grid.margins[a - grid.lead, -1] if a >= grid.lead else 0) for a in range(3)]
+        every = self.team.gather(low)
+        first = (0,) * grid.lead + lattice.first
+        starts = [f + max(one[a] for one in every) - low[a] for a, f in enumerate(first)]
+        return [(int(start), int(start) + n) for start, n in zip(starts, grid.engine.layout.box.nodes, strict=True)]
+
     def state(self, step: int) -> tuple[Arrays, dict[str, Any]]:
-        """All that is not in the set-up, before a step: arrays, and facts as JSON."""
+        """All that is not in the set-up, before a step: arrays of the nodes of this process, and facts of all as JSON;
+        on one process what is of the whole, too.
+        """
         self.open_cracks(step)  # as the next step begins: `take` opens what is due at that time
-        arrays, meta = state_of(self.parts, self.flow_balance)
+        engine, balance = self.parts.grid.engine, self.flow_balance
+        arrays: Arrays = values_of(engine)
+        meta: dict[str, Any] = {"step": step, "phase": int(engine.phase)}
+        meta |= {"boxes": self.team.gather(self.box), "scale": self.team.largest(self.feed.scale), "sums": self.sums()}
+        meta["first_amounts"] = {} if balance is None else balance.first
+        if not self.team:
+            more, facts = whole_of(self.parts)
+            arrays, meta = arrays | more, meta | facts
         if self.heating is not None:
             more, facts = self.heating.state(step)
             arrays, meta = arrays | more, meta | facts
-        return arrays, meta | {"step": step, "scale": self.feed.scale}
+        return arrays, meta
 
     def sums(self) -> dict[str, float]:
         """What has been added up on the way, of all processes."""
@@ -249,29 +270,41 @@ class March:
         found = sums_of(self.parts.grid.engine) | ({} if balance is None else balance.sums())
         return self.team.total(found)
 
-    def take_sums(self, given: Mapping[str, float], first: Mapping[str, float]) -> None:
-        """Go on adding up from what `sums` has told, of which the first process takes all, and from the amounts at the
-        start.
+    def take(self, states: Iterable[tuple[Box, Mapping[str, np.ndarray]]], meta: Mapping[str, Any]) -> bool:
+        """Be in a state that `state` gave, on whichever processes: the boxes of these and their arrays, read one after
+        the other. Returns whether they cover the box of this process, and fit to it.
         """
-        own = given if self.team.number == 0 else dict.fromkeys(given, 0.0)
-        take_sums(self.parts.grid.engine, own)
-        if self.flow_balance is not None:
-            self.flow_balance.take_sums(own, first)
-
-    def go_on(self, step: int) -> None:
-        """Warm, hold and cut what is to be at a step of a state that was put together from those of processes."""
-        self._warm(step)
-        self.feed.hold(step)
-        self.open_cracks(step)
-
-    def take(self, arrays: Arrays, meta: dict[str, Any]) -> int:
-        """Be in a state that `state` gave; returns its step."""
-        step, self.feed.scale = int(meta["step"]), float(meta["scale"])
-        take_state(self.parts, arrays, meta, step)
+        engine, step, own = self.parts.grid.engine, int(meta["step"]), self.box
+        made = Assembly(engine, own)
+        arrays: Mapping[str, np.ndarray] = {}
+        for box, arrays in states:
+            if common(own, box, (0, 1, 2)) is not None and not made.add(box, arrays):
+                return False
+        self.team.gather(None)  # of one that lacks a part nothing else comes
+        engine.phase, engine.steps_done, self.feed.scale = int(meta["phase"]), step, float(meta["scale"])
+        alone = not self.team and len(meta["boxes"]) == 1
         if self.heating is not None:
             self.heating.take(arrays, meta)
         self._warm(step)
         self.feed.hold(step)
         self.open_cracks(step)
-        take_rest(self.parts, self.flow_balance, arrays, meta)
-        return step
+        if not made.put():
+            return False
+        first = self.team.number == 0
+        self._take_sums(meta["sums"] if first else dict.fromkeys(meta["sums"], 0.0), meta["first_amounts"])
+        if alone:
+            take_whole(self.parts, arrays, meta)
+        return True
+
+    def _take_sums(self, given: Mapping[str, float], first: Mapping[str, float]) -> None:
+        """Go on adding up from what `sums` has told, and from the amounts at the start."""
+        take_sums(self.parts.grid.engine, given)
+        if self.flow_balance is not None:
+            self.flow_balance.take_sums(given, first)
+
+    def complete(self) -> None:
+        """Fill what no state has, once all processes are in theirs: halos, and what follows from them."""
+        for level in self.parts.grid.engine.levels:
+            self.parts.grid.engine.complete(level)
+        if self.parts.phases is not None:
+            self.parts.phases.set(self.parts.phases.steps)

@@ -18,6 +18,7 @@ from farhorizon.simulation.quantities import QUANTITIES, LocalModuli, Reading
 NAME = "stress"
 """What is asked for where all of its components are wanted."""
 _MISES = "stress_von_mises"
+_BESIDE = 2  # nodes that a difference at a node looks at, to either side
 
 
 def stress_names(dim: int) -> list[str]:
@@ -32,7 +33,7 @@ def fields_of(run: Any, names: Iterable[str]) -> dict[str, np.ndarray]:
     Raises
     ------
     InputError
-        No field of this name; a stress on several processes.
+        No field of this name.
     """
     wanted = list(names)
     held = shown_fields(run, next((name for name in wanted if name.startswith(NAME)), ""))
@@ -55,21 +56,20 @@ def nodal_stress(run: Any) -> dict[str, np.ndarray]:
     """Components of the stress at the nodes, and von Mises' stress, by name; nan where there is none.
 
     In two dimensions the components are those in the plane; von Mises' stress has the normal one across it, too.
-
-    Raises
-    ------
-    InputError
-        On several processes, none of which has all neighbours.
+    Several processes ask for it together.
     """
-    if run.team:
-        raise InputError("the stress is not computed on several processes yet", key="fields", remedy="one process")
     near, lattice = run.parts.near, run.lattice
     dim = lattice.dim
     u = run.fields["u"].reshape(dim, *lattice.shape)
     if "damage" in run.fields:
         u = np.where(run.fields["damage"] > 0, np.nan, u)
     cuts = [crack.cut for crack in run.setup.cracks if crack.opens <= run.time]
-    slopes = [_slope(u, axis, lattice, cuts) for axis in range(dim)]
+    around, wide = (lattice, u) if run.share is None else run.share.wider(u, _BESIDE, run.team)
+    own: tuple[Any, ...] = (
+        ...,
+        *(slice(f - low, f - low + n) for f, low, n in zip(lattice.first, around.first, lattice.shape, strict=True)),
+    )
+    slopes = [_slope(wide, axis, around, cuts)[own] for axis in range(dim)]
     warmth = run.fields.get("thermal_strain", np.zeros(lattice.shape))
     for axis, slope in enumerate(slopes):
         slope[axis] -= warmth  # no force answers to it

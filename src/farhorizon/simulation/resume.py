@@ -32,7 +32,7 @@ def stored(path: str | Path, kind: str, left_out: Container[str]) -> dict[str, A
         A damaged or foreign file.
     """
     arrays, meta = read_checkpoint(path)
-    if "boxes" in meta:
+    if len(meta.get("boxes", ())) > 1:
         raise FileFormatError(
             "a checkpoint of several processes does not hold what was given for the run",
             value=str(path),
@@ -50,15 +50,17 @@ def stored(path: str | Path, kind: str, left_out: Container[str]) -> dict[str, A
     return found
 
 
-def check_alike(path: str | Path, meta: Mapping[str, Any], fingerprint: dict[str, Any]) -> None:
-    """Refuse a checkpoint with such facts that is not that of a set-up with such a fingerprint.
+def check_alike(
+    path: str | Path, meta: Mapping[str, Any], fingerprint: dict[str, Any], left_out: Container[str] = ()
+) -> None:
+    """Refuse a checkpoint with such facts that is not that of a set-up with such a fingerprint, some left out.
 
     Raises
     ------
     FileFormatError
     """
     mine, theirs = json.loads(json.dumps(fingerprint)), meta.get("fingerprint", {})
-    different = sorted(k for k in {*mine, *theirs} if mine.get(k) != theirs.get(k))
+    different = sorted(k for k in {*mine, *theirs} if k not in left_out and mine.get(k) != theirs.get(k))
     if different:
         raise FileFormatError(
             "the checkpoint belongs to another set-up",

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.decomposition import Decomposition, Key
 from farhorizon.simulation.share import boxes_of, check_shareable, work_beyond
 from farhorizon.simulation.steps import seconds_of
+from farhorizon.simulation.work import work_along, work_of
 
 _COUNTS = 1, 2, 8, 64, 512
 #: Of a message between two processes of one machine, both ways at once: seconds whatever its size, and bytes a second
@@ -37,10 +37,13 @@ def rows_on_processes(run: Any, topology: Sequence[int] | None = None) -> list[t
         return [("several processes", str(error))]
     wanted = [] if topology is None else [(int(np.prod(topology)), topology)]
     found, seconds = [], seconds_of(run.engine)
+    beyond = work_beyond(run.parts.around, run.stencil, run.lattice)
+    nodes = work_of(run.setup, run.model, run.lattice)
+    along = work_along(run.setup, run.model, beyond)
     whole = float(np.prod(run.engine.layout.box.nodes))
     for count, given in [*((count, None) for count in _COUNTS), *wanted]:
         try:
-            boxes = boxes_of(replace(run.setup, model=run.model), run.parts.around, count, given)
+            boxes = boxes_of(run.setup, run.model, run.parts.around, count, given, work=along)
         except InputError as error:
             found.append((f"{count} processes", f"{error.message}: {error.limit}"))
             continue
@@ -53,30 +56,51 @@ def rows_on_processes(run: Any, topology: Sequence[int] | None = None) -> list[t
         words = f"{' x '.join(map(str, boxes.topology))} boxes; each {words}" if sent else "nothing is sent"
         words += f"; {run.engine.nbytes * each / whole / 2**20:.3g} MiB each"
         if count > 1:
-            words += f"; {100 * efficiency(boxes, run, seconds):.3g} % efficient, as predicted"
+            work = work_of_boxes(boxes, nodes, beyond)
+            words += f"; the busiest has {work.max() / work.mean():.3g} of the mean work"
+            words += f"; {100 * efficiency(boxes, work, run, seconds):.3g} % efficient, as predicted"
         found.append((name, words))
     return found
 
 
-def efficiency(boxes: Decomposition, run: Any, seconds: float) -> float:
-    """The time of a step on one process over that on so many, times their number, as far as it can be foreseen.
-
-    A process takes the time of its part of the work, layers counted, and then that of its messages one after the other,
-    each a latency and its bytes over a bandwidth, which are those of two processes on one machine. What processes on
-    one processor take from each other's memory is not in it.
+def work_of_boxes(boxes: Decomposition, nodes: np.ndarray, beyond: Mapping[Key, float]) -> np.ndarray:
+    """Work of each box, that of the layers beyond the outer ones counted.
 
     Parameters
     ----------
     boxes : Decomposition
+    nodes : ndarray
+        Work of the nodes of the lattice.
+    beyond : mapping of (axis, side) to float
+        What sides cost, in nodes along their axes.
+    """
+    widths = [(round(beyond.get((a, -1), 0.0)), round(beyond.get((a, 1), 0.0))) for a in range(nodes.ndim)]
+    every = np.pad(nodes, widths, constant_values=1.0)
+    for axis, (ends, (low, _)) in enumerate(zip(boxes.cuts, widths, strict=True)):
+        every = np.add.reduceat(every, [0, *(low + end for end in ends[1:-1])], axis)
+    return every.ravel()
+
+
+def efficiency(boxes: Decomposition, work: np.ndarray, run: Any, seconds: float) -> float:
+    """The time of a step on one process over that on so many, times their number, as far as it can be foreseen.
+
+    A process takes the time of its part of the work, and then that of its messages one after the other, each a latency
+    and its bytes over a bandwidth, which are those of two processes on one machine. What processes on one processor
+    take from each other's memory is not in it.
+
+    Parameters
+    ----------
+    boxes : Decomposition
+    work : ndarray
+        Of the boxes.
     run : Simulation
         On one process.
     seconds : float
         Of a step of the run.
     """
-    work = {key: round(nodes) for key, nodes in work_beyond(run.parts.around, run.stencil, run.lattice).items()}
-    all_of_it = np.prod([n + work[a, -1] + work[a, 1] for a, n in enumerate(run.lattice.shape)])
-    shares = {number: np.prod(np.array(boxes.size(number, work))) / all_of_it for number in boxes.corners()}
-    slowest = max(seconds * share + _seconds_of_messages(boxes, number, run) for number, share in shares.items())
+    shares = work / work.sum()
+    known = {*boxes.corners(), int(shares.argmax())}
+    slowest = max(seconds * shares[number] + _seconds_of_messages(boxes, number, run) for number in known)
     return float(seconds / (slowest * int(np.prod(boxes.topology))))
 
 

@@ -78,8 +78,6 @@ class Settling:
         if run.step_count or not names:
             return
         arrays, meta = read_checkpoint(path)
-        if "setup" not in meta:
-            return
         theirs = rebuild(meta["setup"]["dict"]["boundary"], arrays)
         if all(theirs[name].stretched or theirs[name].extended for name in names.values() if name in theirs):
             run.take({key: theirs[name] for key, name in names.items()})

@@ -225,3 +225,13 @@ constraints, balance, specimens, loads
     def arguments(self) -> dict[str, Any]:
         """What is given, by the names of the arguments of `Simulation`."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+def within_part(value: Any, lattice: Lattice, within: tuple[slice, ...]) -> Any:
+    """Of an array over the lattice, of one or more components, what lies in a box; all else as it is."""
+    if isinstance(value, np.ndarray) and value.shape[-lattice.dim :] == lattice.shape:
+        place: tuple[Any, ...] = (..., *within)
+        return value[place]
+    if isinstance(value, list | tuple):
+        return type(value)(within_part(one, lattice, within) for one in value)
+    return value

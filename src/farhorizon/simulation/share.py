@@ -14,10 +14,11 @@ from farhorizon.boundaries.neighbour import Neighbour
 from farhorizon.boundaries.side import Side
 from farhorizon.errors import InputError
 from farhorizon.geometry.decomposition import Decomposition, decompose
-from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.lattice import Lattice, check_any
 from farhorizon.inputs.conditions import Conditions
 from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.loads import BodyForce, Traction, force_density
+from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.pressure import Pressure, pressing_force
 from farhorizon.inputs.sources import Source
 from farhorizon.inputs.specimens import check_held
@@ -29,9 +30,10 @@ from farhorizon.simulation.drives import Arriving
 from farhorizon.simulation.grid import states_of
 from farhorizon.simulation.near_field import Extremes
 from farhorizon.simulation.recorder import Observer, Recorder
-from farhorizon.simulation.setup import Key, Setup, Sides, side_name
+from farhorizon.simulation.setup import Key, Setup, Sides, side_name, within_part
 from farhorizon.simulation.surroundings import Surroundings
-from farhorizon.simulation.team import Team
+from farhorizon.simulation.team import ALONE, Team
+from farhorizon.simulation.work import work_along
 
 #: Work of a node of a layer over that of one of the near field.
 _LAYER = 2.0
@@ -66,6 +68,8 @@ class Share:
         On the nodes of the box.
     waves : list of Arriving
         Incident waves.
+    boundary : dict of str to Side
+        The sides of the whole by name, with their layers.
     """
 
     setup: Setup
@@ -78,6 +82,7 @@ class Share:
     coefficients: dict[Key, float]
     conditions: Conditions
     waves: list[Arriving]
+    boundary: dict[str, Side]
 
     @property
     def uniform(self) -> Setup:
@@ -85,13 +90,44 @@ class Share:
         return replace(self.setup, model=self.model, rule=self.setup.bond_rule)
 
     @property
+    def given(self) -> dict[str, Any]:
+        """What a checkpoint of several processes has of what was given for the run: the sides, as they were chosen."""
+        return {"boundary": self.boundary}
+
+    @property
     def words(self) -> str:
         """Numbers of boxes along the axes, as they are written: "2 x 2"."""
         return " x ".join(map(str, self.decomposition.topology))
 
+    def wider(self, field: np.ndarray, width: int, team: Team) -> tuple[Lattice, np.ndarray]:
+        """A field with so many nodes more where other processes have them, but none across periodic sides, and the
+        part of the lattice that it then covers.
+
+        Parameters
+        ----------
+        field : ndarray
+            Its last axes are those of the lattice.
+        width : int
+            At most the nodes of a box.
+        team : Team
+            All processes, which give theirs at the same time.
+        """
+        lattice, boxes = self.setup.lattice, self.decomposition
+        ends = boxes.ranges(team.number)
+        for axis, (count, place) in enumerate(zip(boxes.topology, boxes.place(team.number), strict=True)):
+            along = field.ndim - lattice.dim + axis
+            outer = {-1: place == 0, 1: place == count - 1}
+            beside = {side: -1 if outer[side] else self.neighbours[axis, side] for side in (-1, 1)}
+            edges = {-1: np.take(field, range(width), along), 1: np.take(field, range(-width, 0), along)}
+            low, high = (team.passed(edges[-side], beside[-side], beside[side]) for side in (-1, 1))
+            field = np.concatenate([one for one in (low, field, high) if one is not None], along)
+            ends[axis] = ends[axis][0] - width * (low is not None), ends[axis][1] + width * (high is not None)
+        return lattice.whole.part(ends), field
+
     def check_places(self, team: Team) -> None:
-        """Refuse forces on sides that act on no node of any process, and metal on none."""
+        """Refuse bodies, forces on sides and metal without a node on any process."""
         part, sides = self.setup.lattice, self.setup.sides
+        check_any(part.mask is None or team.any(bool(part.mask.any())))
         for number, specimen in enumerate(self.setup.specimens):
             key = f"specimen[{number}]"
             check_held(team.any(bool(specimen.nodes(part, key).any())), key)
@@ -147,19 +183,18 @@ def share_of(
     InputError
         As `farhorizon.geometry.decomposition.decompose`.
     """
-    lattice, boxes = setup.lattice, boxes_of(replace(setup, model=model), around, team.size, topology)
+    lattice, boxes = setup.lattice, boxes_of(setup, model, around, team.size, topology, team)
     ranges, place = boxes.ranges(team.number), boxes.place(team.number)
-    sides: dict[str, Side] = {}
+    whole_sides, sides = _chosen(around), {}
     for (axis, side), boundary in around.sides.items():
         outer = place[axis] == (0 if side < 0 else boxes.topology[axis] - 1)
         alone = boxes.topology[axis] == 1
-        chosen = around.layers.get((axis, side))
-        kept = boundary if chosen is None else replace(boundary, nodes=chosen.columns, profile=chosen)
-        sides[side_name(axis, side)] = kept if alone or (outer and not boundary.periodic) else Neighbour()
+        own_side = alone or (outer and not boundary.periodic)
+        sides[side_name(axis, side)] = whole_sides[side_name(axis, side)] if own_side else Neighbour()
     part = lattice.part(ranges)
 
     def own(value: Any) -> Any:
-        return _part(value, lattice, part.within)
+        return within_part(value, lattice, part.within)
 
     mine = replace(
         setup,
@@ -176,20 +211,36 @@ def share_of(
         loads=tuple(_load_on(part, one, number, setup, model) for number, one in enumerate(setup.loads)),
     )
     good_for = min((found.until for found in around.thickness.values()), default=np.inf)
-    kept = model, variation.part(part.within), whole, around.coefficients, conditions.part(part), waves
+    kept = model, variation.part(part.within), whole, around.coefficients, conditions.part(part), waves, whole_sides
     share = Share(mine, boxes, boxes.neighbours(team.number), good_for, *kept)
     share.check_places(team)
     return share
 
 
+def _chosen(around: Surroundings) -> dict[str, Side]:
+    """The sides by name, with the layers that were chosen."""
+    found = {}
+    for key, side in around.sides.items():
+        layer = around.layers.get(key)
+        found[side_name(*key)] = side if layer is None else replace(side, nodes=layer.columns, profile=layer)
+    return found
+
+
 def boxes_of(
-    setup: Setup, around: Surroundings, processes: int, topology: Sequence[int] | None = None
+    setup: Setup,
+    model: LatticeModel,
+    around: Surroundings,
+    processes: int,
+    topology: Sequence[int] | None = None,
+    team: Team = ALONE,
+    work: Sequence[np.ndarray] | None = None,
 ) -> Decomposition:
-    """The boxes of so many processes; see `share_of`."""
-    lattice, stencil = setup.lattice, setup.model.medium(setup.lattice.spacing, setup.lattice.dim)
+    """The boxes of so many processes, see `share_of`; `work` is that along the axes, where it is known already."""
+    lattice, stencil = setup.lattice, model.medium(setup.lattice.spacing, setup.lattice.dim)
     filtered = max((len(layer.taps) - 1 for layer in around.layers.values() if layer.damping.any()), default=1)
     beyond, wraps = work_beyond(around, stencil, lattice), wrapping(around.sides)
-    return decompose(lattice.shape, processes, stencil.reach, beyond, wraps, topology, filtered)
+    work = work_along(setup, model, beyond, team) if work is None else work
+    return decompose(lattice.shape, processes, stencil.reach, beyond, wraps, topology, filtered, work)
 
 
 def wrapping(sides: Sides) -> frozenset[int]:
@@ -206,16 +257,6 @@ def work_beyond(around: Surroundings, stencil: Stencil, lattice: Lattice) -> dic
     return found
 
 
-def _part(value: Any, lattice: Lattice, within: tuple[slice, ...]) -> Any:
-    """Of an array over the lattice, of one or more components, what lies in a box; all else as it is."""
-    if isinstance(value, np.ndarray) and value.shape[-lattice.dim :] == lattice.shape:
-        place: tuple[Any, ...] = (..., *within)
-        return value[place]
-    if isinstance(value, list | tuple):
-        return type(value)(_part(one, lattice, within) for one in value)
-    return value
-
-
 def _load_on(
     part: Lattice, load: BodyForce | Traction | Pressure | ThermalLoad, number: int, setup: Setup, model: LatticeModel
 ) -> BodyForce | Traction | ThermalLoad:
@@ -226,7 +267,7 @@ def _load_on(
         force = pressing_force(load, part, model, setup.cracks, setup.rim, periodic, f"load[{number}]")
         return BodyForce(list(force), load.time)
     names = ("temperature", "expansion") if isinstance(load, ThermalLoad) else ("value",)
-    return replace(load, **{name: _part(getattr(load, name), lattice, part.within) for name in names})
+    return replace(load, **{name: within_part(getattr(load, name), lattice, part.within) for name in names})
 
 
 def _missing(what: str, key: str) -> InputError:
@@ -245,16 +286,21 @@ def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
     varies = _varies(setup)
     refused = [
         (f"recorders of the kind {type(recorders[0]).__name__}" if recorders else "", "observe", bool(recorders)),
-        ("thermal loads of a run", "load", setup.heat is not None and setup.heat.of_run(setup.heat.temperature)),
+        (
+            "thermal loads of a run and thermoelastic solids, whose heat a second run computes,",
+            "load",
+            setup.heat is not None and setup.heat.of_run(setup.heat.temperature),
+        ),
         ("sponges beside media that vary", "boundary", varies and any(b.damped for b in setup.sides.values())),
     ]
     for what, key, given in refused:
         if given:
             raise _missing(what, key)
     scattered = any(isinstance(one, Incident) for one in setup.sources)
-    if (varies or scattered or setup.constraints) and (nodes := int(np.prod(lattice.shape))) > _VARIED:
+    conditions = any(not isinstance(one, Prescribed) for one in setup.constraints)
+    if (varies or scattered or conditions) and (nodes := int(np.prod(lattice.shape))) > _VARIED:
         raise InputError(
-            "each process looks at all of a medium that varies, scatters a wave, or has conditions: none can hold it",
+            "each process looks at all of a medium that varies, scatters a wave or has conditions: none can hold it",
             value=f"{nodes:.3g} nodes",
             limit=f"{_VARIED:.3g}",
             key="model",

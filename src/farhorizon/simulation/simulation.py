@@ -206,7 +206,8 @@ class Simulation(Run):
         self._at_start(observe, int(team.largest(float(np.prod(self.engine.core.nodes)))))
         self._end = 0.0  # of the run, as far as it is known
         self._incident_notes: list[str] = []
-        self._settling = Settling(parts.autos, [key for key, b in self.sides.items() if b.open_ended])
+        given = self.setup.sides if team else self.sides
+        self._settling = Settling(parts.autos, [key for key, b in given.items() if b.open_ended])
         with team.agreed():
             self.resting = self._march = March(setup, parts, self.of, team)
         seen = replace(parts, whole=whole) if team else parts  # nobody holds on to what all have
@@ -249,18 +250,15 @@ class Simulation(Run):
         return last
 
     def take(self, sides: Mapping[Key, Side]) -> None:
-        """Be at the start of the same run with some other sides.
-
-        Raises
-        ------
-        InputError
-            Sides that do not serve; the run is as it was.
+        """Be at the start of the same run with some other sides; InputError where these do not serve, and the run is as
+        it was.
         """
-        named = {side_name(*key): boundary for key, boundary in {**self.settled.sides, **sides}.items()}
-        other = self.of(replace(self.settled, boundary=named))
-        kept = ("setup", "observers", "recorders", "stop_requested", "probes", "_settling")
+        settled = self.setup if self.team else self.settled  # of several that is the part of each
+        named = {side_name(*key): boundary for key, boundary in {**settled.sides, **sides}.items()}
+        seen: list[Observer] = [*self.observers, *self.recorders]
+        other = self.of(replace(settled, boundary=named), seen, self.team, self.topology)
+        kept = ("setup", "stop_requested", "probes", "_settling")
         self.__dict__ = other.__dict__ | {name: getattr(self, name) for name in kept}
-        self._recording = Recording(self.setup, self.parts, self.recorders, self.team)
         if self.probes is not None:
             self._watch(self.probes.nodes)
 
@@ -306,7 +304,7 @@ class Simulation(Run):
 
     def energy(self) -> float:
         """Energy of the near field, kinetic and strain or stored, of `energies`."""
-        held = ("kinetic", "strain", "reaction", "stored", "thermal")
+        held = "kinetic", "strain", "reaction", "stored", "thermal"
         return sum(value for name, value in self.energies().items() if name in held)
 
     def energies(self) -> dict[str, float]:
@@ -370,6 +368,7 @@ class Simulation(Run):
         -------
         ndarray, shape (dim, n..)
         """
+        self.team.alone("fluxes at nodes")
         tables = flux_tables(self.parts.near, self.parts.grid, self.parts.phases)
         found = nodal_flux(*tables, self.lattice.spacing)
         return found if self.lattice.mask is None else np.where(self.lattice.mask, found, np.nan)
@@ -390,6 +389,7 @@ class Simulation(Run):
         InputError
             An axis that the lattice has not, a plane outside it.
         """
+        self.team.alone("powers across a plane (PowerThrough records them)")
         place = plane(self.lattice, axis, position)
         tables = flux_tables(self.parts.near, self.parts.grid, self.parts.phases)
         return power_across(*tables, self.lattice.spacing, *place)
@@ -483,10 +483,12 @@ class Simulation(Run):
         """Write the complete state, boundary memory included, under a temporary name and rename it."""
         kept = {"cautions": self.cautions, "peak": self.peak, "extra": extra}
         path = kinds.path(path, "path")
-        write_state(path, self._march, self.step_count, self._recording.state(), kept, self.given)
+        given = self.given if self.share is None else self.share.given
+        write_state(path, self._march, self.step_count, self._recording.state(), kept, given)
 
     def load(self, path: str | Path) -> dict[str, Any]:
-        self._settling.adopt(self, path)
+        with self.team.agreed():
+            self._settling.adopt(self, path)
         step, arrays, meta = read_state(kinds.path(path, "path"), self._march)
         self.step_count = 0
         tick(self, step)

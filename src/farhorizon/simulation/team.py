@@ -228,6 +228,15 @@ class Team:
             whole[place] = part
         return whole
 
+    def passed(self, value: Any, to: int, of: int) -> Any:
+        """What one process gives to this one, None for -1, as this one gives a value to another; all call it."""
+        from mpi4py import MPI
+
+        assert self._all is not None
+        self.gather(None)  # of one that has failed nothing else comes
+        dest, source = (MPI.PROC_NULL if number < 0 else number for number in (to, of))
+        return self._all.sendrecv(value, dest=dest, source=source)
+
     def abort(self, code: int) -> None:
         """End all processes at once."""
         if self._all is not None:

@@ -1,0 +1,132 @@
+"""The work that nodes make, by which a lattice is cut into boxes for several processes.
+
+Units are those of a node that a stencil sweeps with all its bonds. What a node costs was measured on one thread
+(`python benchmarks/work.py`, 2D and 3D, nodes of the plane with 28 bonds, those of space with 32): the constants here
+are between what was found, which depends on the stencil and the machine. Nodes outside a body are swept as all others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import maximum_filter, minimum_filter
+
+from farhorizon.geometry.decomposition import Key
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.cracks import cut_bonds
+from farhorizon.models import LatticeModel
+from farhorizon.simulation.setup import Setup, within_part
+from farhorizon.simulation.team import ALONE, Team
+
+#: A node whose bonds are swept one by one, and of a row of a linear material whose bonds may break.
+_ONE_BY_ONE, _WATCHED = 10.0, 3.0
+#: What is added for a node beside a crack, or a rim, that a stencil sweeps; of states two passes of it.
+_CUT, _RIM, _STATES = 50.0, 2.0, 35.0
+#: Bonds between metal and liquid, one by one; of metal alone none is swept.
+_FRONT = 20.0
+
+
+@dataclass(frozen=True)
+class Costs:
+    """What nodes of a set-up cost.
+
+    Attributes
+    ----------
+    node : float
+        With all its bonds.
+    cut, rim : float
+        What is added beside a crack, and beside nodes that are not of the body.
+    """
+
+    node: float
+    cut: float
+    rim: float
+
+
+def costs_of(setup: Setup, model: LatticeModel) -> Costs:
+    """What the operator of a set-up, whose model is made uniform, costs where bonds are there and where they are
+    not.
+    """
+    lattice = setup.lattice
+    law, varies = model.bond_law, bool(setup.model.varying) or setup.coefficient is not None
+    if model.force_states(lattice.spacing, lattice.dim) is not None:
+        return Costs(1.0, _STATES, _RIM)
+    if varies or (law is not None and (law.nonlinear or law.softening is not None or law.warm)):
+        return Costs(_ONE_BY_ONE, 0.0, 0.0)
+    if law is not None:
+        return Costs(_WATCHED, _ONE_BY_ONE, _ONE_BY_ONE)
+    return Costs(1.0, _CUT, _RIM)
+
+
+def work_of(setup: Setup, model: LatticeModel, part: Lattice) -> np.ndarray:
+    """Work of the nodes of a part of the lattice, of its shape.
+
+    Parameters
+    ----------
+    setup : Setup
+        Of the whole.
+    model : LatticeModel
+        Uniform.
+    part : Lattice
+    """
+    costs, whole = costs_of(setup, model), part.whole
+    states = model.force_states(whole.spacing, whole.dim)
+    offsets = (model.medium(whole.spacing, whole.dim) if states is None else states).offsets
+    reach = np.abs(offsets).max(0).tolist()
+    ends = [
+        (max(first - m, 0), min(first + n + m, size))
+        for first, n, m, size in zip(part.first, part.shape, reach, whole.shape, strict=True)
+    ]
+    around = whole.part(ends)  # with what the bonds of its nodes reach
+    own = tuple(slice(f - low, f - low + n) for f, (low, _), n in zip(part.first, ends, part.shape, strict=True))
+    box = [2 * m + 1 for m in reach]
+    found = np.full(around.shape, costs.node)
+    if whole.body is not None and around.mask is not None and setup.rim == "free" and costs.rim:
+        found += costs.rim * (around.mask & ~minimum_filter(around.mask, box, mode="nearest"))
+    if costs.cut:
+        lacks = np.zeros(around.shape, bool)
+        for crack in setup.cracks:
+            lacks[tuple(cut_bonds(crack.cut, around.lower, whole.spacing, around.shape, offsets)[0].T)] = True
+        found += costs.cut * lacks
+    if setup.specimens:
+        solid = np.zeros(around.shape, bool)
+        for number, specimen in enumerate(setup.specimens):
+            there = replace(specimen, where=within_part(specimen.where, whole, around.within))
+            solid |= there.nodes(around, f"specimen[{number}]")
+        alone = minimum_filter(solid, box, mode="nearest")
+        front = maximum_filter(solid, box, mode="nearest") & ~alone
+        found = np.where(alone, 0.0, found + _FRONT * front)
+    return np.asarray(found[own])
+
+
+def work_along(setup: Setup, model: LatticeModel, more: Mapping[Key, float], team: Team = ALONE) -> list[np.ndarray]:
+    """Work of the nodes at each place along each axis, over that of as many plain ones, layers beside them counted.
+
+    Each process looks at a slab of the lattice.
+
+    Parameters
+    ----------
+    setup : Setup
+    model : LatticeModel
+        Uniform.
+    more : mapping of (axis, side) to float
+        Work beyond each side, in nodes along the axis.
+    team : Team
+    """
+    lattice = setup.lattice
+    shape = lattice.shape
+    first, last = (number * shape[0] // team.size for number in (team.number, team.number + 1))
+    sums = [np.zeros(n) for n in shape]
+    if last > first:
+        work = work_of(setup, model, lattice.part([(first, last), *((0, n) for n in shape[1:])]))
+        sums = [work.sum(tuple(b for b in range(lattice.dim) if b != a)) for a in range(lattice.dim)]
+        sums[0] = np.concatenate([np.zeros(first), sums[0], np.zeros(shape[0] - last)])
+    grown = np.array([n + more.get((a, -1), 0.0) + more.get((a, 1), 0.0) for a, n in enumerate(shape)])
+    found = []
+    for axis, one in enumerate(sums):
+        across = float(np.prod(np.delete(grown, axis)))
+        beside = across - float(np.prod(np.delete(shape, axis)))
+        found.append((team.summed(one) + beside) / across)
+    return found

@@ -1,0 +1,97 @@
+"""What goes wrong where several processes were started together: one of them says it, and all end."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import farhorizon as fh
+
+CASE = """
+lattice = { spacing = 0.3, lower = [-7.2, -7.2], upper = [7.2, 7.2] }
+model = { type = "wave", kernel = { horizon = 0.6 } }
+initial = { u = "exp(-2*(x**2 + y**2))" }
+boundary = { all = { type = "fixed" } }
+run = { until = 100.0, threads = 1 }
+output = { every = 10.0 }
+"""
+RUN = "import sys; from farhorizon.cli import main; sys.exit(main(sys.argv[1:]))"
+RANK = "import os; rank = int(os.environ['PMI_RANK']); "
+#: What a process does before it runs the case, its arguments, and what the one that speaks says.
+BAD = {
+    "too many": ("", ["--set", "lattice.upper=[-5.1, -5.1]"], "cannot be cut into so many boxes"),
+    "topology": ("", ["--set", "run.topology=[3, 1]"], "do not multiply to the number of processes"),
+    "no mpi4py": ("import sys; sys.modules['mpi4py'] = None; ", [], "mpi4py is missing"),
+    "versions": (f"{RANK}import farhorizon; farhorizon.__version__ += '.other' * rank; ", [], "different versions"),
+    "folders": (
+        f"{RANK}os.makedirs(str(rank)); os.chdir(str(rank)); ",
+        [],
+        "the folder of the results is not the same",
+    ),
+}
+
+
+@pytest.fixture(autouse=True)
+def mpi():
+    pytest.importorskip("mpi4py", reason="mpi4py is not installed: python -m pip install 'farhorizon[mpi]'")
+    if shutil.which("mpiexec") is None:
+        pytest.skip("there is no mpiexec: python -m pip install mpich")
+
+
+def started(folder, before="", *arguments):
+    (folder / "case.toml").write_text(CASE)
+    command = ["mpiexec", "-n", "2", sys.executable, "-c", before + RUN, "run", str(folder / "case.toml"), *arguments]
+    return subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_bad_input_ends_all_processes(tmp_path, what):
+    before, arguments, words = BAD[what]
+    run = started(tmp_path, before, *arguments)
+    _, said = run.communicate(timeout=120)
+    assert run.returncode == 2 and words in said, said
+    assert said.count("farhorizon: ") - said.count("farhorizon: compil") == 1, said
+
+
+def children(number):
+    """Processes that a process has started, and those of these."""
+    found = []
+    for one in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            text = one.read_text()
+        except OSError:  # it has ended
+            continue
+        if int(text.rpartition(")")[2].split()[1]) == number:
+            found += [int(one.parent.name), *children(int(one.parent.name))]
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+def test_a_killed_process_ends_all_and_the_run_goes_on_from_its_checkpoint(tmp_path):
+    run = started(tmp_path, "", "--until", "100000.0", "--set", "output.every=1000.0", "--no-report")
+    end = time.monotonic() + 120
+    while not (tmp_path / "case.ckpt").exists():
+        assert run.poll() is None and time.monotonic() < end, run.communicate()
+        time.sleep(0.1)
+    every = children(run.pid)
+    ranks = [one for one in every if b"PMI_RANK=1" in Path(f"/proc/{one}/environ").read_bytes().split(b"\0")]
+    os.kill(ranks[0], signal.SIGKILL)
+    out, said = run.communicate(timeout=60)
+    assert run.returncode != 0 and "signal 9" in out + said
+    assert not [one for one in every if Path(f"/proc/{one}/environ").exists() and state(one) not in "ZX"]
+    again = started(tmp_path, "", "--resume", "--until", "10.0", "--no-report")
+    out, said = again.communicate(timeout=120)
+    assert again.returncode == 0 and "resumed at step 0" in out, said
+    assert fh.open_results(tmp_path / "case.h5").finished
+
+
+def state(number):
+    try:
+        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return "X"

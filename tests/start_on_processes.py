@@ -1,0 +1,112 @@
+"""What a process looks at and holds as a run on several is set up: `mpiexec -n 2 python start_on_processes.py`.
+
+There are as many nodes for each process, however many these are. The first one prints a line of JSON for each set-up:
+over this number how often functions of the coordinates are evaluated, and the bytes that are held at most as the
+whole is shared out, and in all.
+"""
+
+import json
+import tracemalloc
+
+import numpy as np
+from mpi4py import MPI
+
+import farhorizon as fh
+from farhorizon.geometry import lattice as lattices
+from farhorizon.simulation import simulation
+
+WORLD, NODES = MPI.COMM_WORLD, 240
+KERNEL = fh.Kernel(2.0)
+LAYERS = fh.LatticePML(nodes=6)
+lattices._AT_ONCE = 0  # bodies and windows as those of large lattices are looked at
+
+
+class Counted:
+    """A function of the coordinates that counts where it is evaluated."""
+
+    points = 0
+
+    def __init__(self, function):
+        self.function = function
+
+    def __call__(self, *at):
+        Counted.points += np.broadcast(*at).size
+        return self.function(*at)
+
+
+class CountedDisc(fh.Disc):
+    """A disc that counts the points that it is asked for."""
+
+    def contains(self, points):
+        Counted.points += points[..., 0].size
+        return super().contains(points)
+
+
+def pulse(x, y):
+    return 0.01 * np.exp(-((x - 120) ** 2 + (y - 120) ** 2) / 200)
+
+
+def lattice(**more):
+    """As many nodes for each process, along x."""
+    return fh.Lattice(1.0, (0.0, 0.0), (NODES * WORLD.size - 1.0, NODES - 1.0), **more)
+
+
+def hole():
+    return fh.Box((-1.0, -1.0), (1e5, 1e5)) - CountedDisc(30.0, (120.0, 120.0))
+
+
+CASES = {
+    "initial data": lambda: fh.Setup(lattice(), fh.Wave(KERNEL), LAYERS, {"u": Counted(pulse)}),
+    "sources": lambda: fh.Setup(
+        lattice(),
+        fh.Wave(KERNEL),
+        LAYERS,
+        sources=[fh.Source(Counted(pulse), "sin(t)"), fh.PointSource((50.2, 60.1), time=fh.Ricker(0.1))],
+    ),
+    "cracks in bonds that break": lambda: fh.Setup(
+        lattice(),
+        fh.Elastic(KERNEL, 1.0, critical_stretch=0.1),
+        fh.LatticePML(nodes=12),
+        {"u": [Counted(pulse), 0.0]},
+        cracks=[[(100.0, 100.5), (200.0, 100.5)]],
+    ),
+    "a body": lambda: fh.Setup(lattice(body=hole()), fh.Wave(KERNEL), fh.Free(), {"u": Counted(pulse)}),
+    "held": lambda: fh.Setup(
+        lattice(), fh.Wave(KERNEL), LAYERS, constraints=[fh.Prescribed(CountedDisc(9.0, (120.0, 120.0)), "sin(t)")]
+    ),
+    "metal": lambda: fh.Setup(
+        lattice(),
+        fh.Corrosion(KERNEL, saturation=0.8),
+        LAYERS,
+        specimens=[fh.Specimen(CountedDisc(50.0, (120.0, 120.0)))],
+    ),
+    "varies": lambda: fh.Setup(lattice(), fh.Wave(KERNEL, Counted(lambda x, y: 1 + 0 * x)), LAYERS),
+}
+
+
+def main():
+    shared, held = simulation.shared, 0
+
+    def watched(*given):
+        nonlocal held
+        tracemalloc.reset_peak()
+        before = tracemalloc.get_traced_memory()[0]
+        found = shared(*given)
+        held = tracemalloc.get_traced_memory()[1] - before
+        return found
+
+    simulation.shared = watched
+    for name, make in CASES.items():
+        Counted.points = 0
+        tracemalloc.start()
+        run = fh.Simulation.of(make(), communicator=WORLD, topology=[WORLD.size, 1])
+        nodes, points, most = NODES**2, Counted.points, tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        every = WORLD.gather((points / nodes, held / nodes, most / nodes))
+        if WORLD.rank == 0:
+            print(json.dumps({"case": name, **dict(zip(("points", "shared", "held"), np.max(every, 0), strict=True))}))
+        del run
+
+
+if __name__ == "__main__":
+    main()
