@@ -8,7 +8,7 @@ from farhorizon.engine.exchange import Link, Messages
 from farhorizon.engine.interpreter import Interpreter
 from farhorizon.engine.settings import connect
 
-ITSELF = Link(0, 0, 0, False, 0)
+ITSELF = Link((0, 0, 0, 0), 0, 0, False, 0)
 
 
 def periodic(dim=2, **more):
@@ -87,7 +87,7 @@ def test_whom_messages_go_to():
     """What would fill my halo if I were periodic fills that of my neighbour on the other side."""
     layout = periodic().engine.layout
     across = {(1, side): layout.across(1, side) for side in (-1, 1)}
-    messages = Messages.between(Link(0, 0, 0, False, 5), {(1, -1): 4, (1, 1): -1}, across)
+    messages = Messages.between(Link((0, 0, 0, 0), 0, 0, False, 5), {(1, -1): 4, (1, 1): -1}, across)
     (down, to_nobody) = messages.rows
     assert down[:2] == (-1, 4) and to_nobody[:2] == (4, -1)
     box = layout.box

@@ -9,7 +9,7 @@ import numpy as np
 from farhorizon.engine.bonds import RULES, all_bits
 from farhorizon.engine.drag import Drag
 from farhorizon.engine.engine import NEVER, Engine
-from farhorizon.engine.exchange import Exchange, Link, Messages
+from farhorizon.engine.exchange import Exchange, Link, Messages, free_of_halos
 from farhorizon.engine.filter import margin_across, without
 from farhorizon.engine.phases import count_solid, phases_table
 from farhorizon.engine.plain_tables import damping_of
@@ -49,8 +49,9 @@ def connect(engine: Engine, link: Link, neighbours: Mapping[tuple[int, int], int
     )
     layers = engine.tables.layers._replace(copies=none)
     filtered = engine.tables.filter._replace(exchange=engine.exchange.numbers[-1])
+    free = free_of_halos(engine.layout, neighbours, 64 // engine.dtype.itemsize)
     sums = {"layers": layers, "gather": gather, "scatter": scatter}
-    engine.replace(exchange=engine.exchange.numbers[:-1], copies=none, filter=filtered, **sums)
+    engine.replace(exchange=engine.exchange.numbers[:-1], free=free, copies=none, filter=filtered, **sums)
 
 
 def set_damping(engine: Engine, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:
