@@ -101,9 +101,11 @@ class Table:
         Bytes of a value.
     components : int
         The most that are sent of a value.
+    kind : int
+        Messages of several kinds may be on their way at once.
     """
 
-    def __init__(self, messages: Messages, size: int, components: int) -> None:
+    def __init__(self, messages: Messages, size: int, components: int, kind: int) -> None:
         link, runs, rows = messages.link, list[np.ndarray](), []
         lengths = [components * len(sent) * size for _, _, sent, *_ in messages.rows]
         self._buffers = [np.zeros((2, length), np.uint8) for length in lengths]
@@ -117,7 +119,7 @@ class Table:
                 runs.append(found.ravel())
                 ends += [start, start + found.size]
                 start += found.size
-            rows.append([to, source, *ends, len(sent) * size, tag, *(one.ctypes.data for one in buffers)])
+            rows.append([to, source, *ends, len(sent) * size, 6 * kind + tag, *(one.ctypes.data for one in buffers)])
         head = [*link.functions, link.communicator, link.kind, link.wide, link.own, len(rows)]
         head += [self._requests.ctypes.data, self._statuses.ctypes.data, 0]
         self.words = np.concatenate([np.array(one, np.int64) for one in (head, *rows, *runs)])
@@ -172,7 +174,7 @@ class Exchange:
         self.messages, self._size = list(kinds), dtype.itemsize
         along = [[one.along(axis) for axis in range(3)] for one in kinds]
         self._tables = [
-            [Table(one, dtype.itemsize, components if kind == LEVEL else 1) for one in axes]
+            [Table(one, dtype.itemsize, components if kind == LEVEL else 1, kind) for one in axes]
             for kind, axes in enumerate(along)
         ]
         functions = load_exchange()
