@@ -6,14 +6,16 @@ Each part starts programs one after the other, round by round, and prints median
   60^3): time of a step on one thread over that on two processes of one thread each, and over that on two threads of one
   process. Target: processes reach 95 % of what threads reach, and the exchange takes 5 % of a step.
 - strong: waves in 100^3 nodes with layers, one thread over two processes of one. Target: 1.8.
-
+- overlap: a step on two processes that sweeps nodes while messages travel over one that waits for them first, in turns,
+  how much of the latter an exchange takes, and how much of the exchange that hides.
 - messages: what one message takes between two processes, in both directions at once, packed and unpacked: the least
   of many times for messages of 168 bytes and of 24 MB. `check --details` predicts efficiencies from them
   (`farhorizon.simulation.sent`).
 
 It says how many bytes a process sends in each step. All want a quiet machine.
 
-Run: ``python benchmarks/scaling.py [weak] [strong] [messages] [--quick] [--rounds N]``; it needs mpi4py and mpiexec.
+Run: ``python benchmarks/scaling.py [weak] [strong] [overlap] [messages] [--quick] [--rounds N]``; it needs mpi4py and
+mpiexec.
 """
 
 from __future__ import annotations
@@ -27,38 +29,95 @@ from statistics import median
 from typing import Any
 
 
-def measure(kind: str, size: int, dim: int, threads: int, parts: int) -> None:
-    """Print the time of a step on these processes, and of an exchange, in seconds."""
+def made(kind: str, size: int, dim: int, threads: int, parts: int, axis: int = 0) -> Any:
+    """Waves on these processes, cut across an axis."""
     from mpi4py import MPI
 
     import farhorizon as fh
 
     world = MPI.COMM_WORLD
-    shape = [size * (parts if kind == "weak" else 1)] + [size] * (dim - 1)
+    shape = [size] * dim
+    shape[axis] *= parts if kind == "weak" else 1
     lattice = fh.Lattice(1.0, [0.0] * dim, [n - 1.0 for n in shape])
     sides = fh.Fixed() if kind == "weak" else fh.LatticePML(nodes=10)
-    grid = [world.size] + [1] * (dim - 1)
+    grid = [1] * dim
+    grid[axis] = world.size
     given: Any = {"communicator": world, "topology": grid} if world.size > 1 else {}
     start = {"u": "exp(-" + "-".join(f"({axis}-{size // 2})**2" for axis in "xyz"[:dim]) + ")"}
     sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(3.0)), sides, start, threads=threads, **given)
-    engine = sim.engine
-    engine.advance_alone(3)
+    sim.engine.advance_alone(3)
+    return sim
+
+
+def seconds_of(work: Any, count: int) -> float:
+    """Of one of so many pieces of work, on the slowest process."""
+    from mpi4py import MPI
+
+    world = MPI.COMM_WORLD
+    world.Barrier()
+    began = time.perf_counter()
+    work(count)
+    return float(world.allreduce((time.perf_counter() - began) / count, MPI.MAX))
+
+
+def measure(kind: str, size: int, dim: int, threads: int, parts: int) -> None:
+    """Print the time of a step on these processes, and of an exchange, in seconds."""
+    from mpi4py import MPI
+
+    engine = made(kind, size, dim, threads, parts).engine
     times, exchanges = [], []
     for _ in range(7):
-        for found, work, count in ((times, engine.advance_alone, 5), (exchanges, None, 20)):
-            if work is None and engine.exchange is None:
-                continue
-            world.Barrier()
-            began = time.perf_counter()
-            if work is not None:
-                work(count)
-            else:
-                engine.exchange.fill(engine.current, engine.components, count)
-            found.append(world.allreduce((time.perf_counter() - began) / count, MPI.MAX))
+        times.append(seconds_of(engine.advance_alone, 5))
+        if engine.exchange is not None:
+            exchanges.append(
+                seconds_of(lambda count: engine.exchange.fill(engine.current, engine.components, count), 20)
+            )
     volume = 0 if engine.exchange is None else engine.exchange.volume(engine.components)
-    if world.rank == 0:
+    if MPI.COMM_WORLD.rank == 0:
         facts = {"step": min(times), "exchange": min(exchanges, default=0.0), "bytes": volume}
         print(json.dumps(facts), flush=True)
+
+
+def measure_overlap(kind: str, size: int, dim: int, axis: int) -> None:
+    """Print the time of a step that sweeps nodes while messages travel over that of one that waits for them first, that
+    of an exchange over the latter, and the part of the exchange that is hidden: medians of what is measured in turns.
+    """
+    import numpy as np
+    from mpi4py import MPI
+
+    engine = made(kind, size, dim, 1, 2, axis).engine
+    free = {True: engine.tables.free, False: np.zeros_like(engine.tables.free)}
+    once = seconds_of(engine.advance_alone, 5)
+    count = max(1, int(0.1 / once))
+    ratios, exchanges, hidden = [], [], []
+    for _ in range(21):
+        found = {}
+        for ahead, box in free.items():
+            engine.replace(free=box)
+            engine.advance_alone(1)
+            found[ahead] = seconds_of(engine.advance_alone, count)
+        exchanges.append(
+            seconds_of(lambda n: engine.exchange.fill(engine.current, engine.components, n), 5 * count) / found[False]
+        )
+        ratios.append(found[True] / found[False])
+        hidden.append((1 - ratios[-1]) / exchanges[-1])
+    if MPI.COMM_WORLD.rank == 0:
+        facts = {"ratio": median(ratios), "exchange": median(exchanges), "hidden": median(hidden)}
+        print(json.dumps(facts), flush=True)
+
+
+def overlap(quick: bool, rounds: int) -> None:
+    """A step with and without what is swept while messages travel."""
+    cases = [("weak", 500, 2, 0), ("weak", 500, 2, 1), ("weak", 60, 3, 0), ("strong", 60, 3, 0)]
+    for kind, size, dim, axis in cases if quick else [*cases, ("weak", 2000, 2, 0), ("weak", 60, 3, 2)]:
+        every = [started(2, "overlap", kind, size, dim, axis) for _ in range(rounds)]
+        ratio, share, hidden = (median(one[name] for one in every) for name in ("ratio", "exchange", "hidden"))
+        told = "each" if kind == "weak" else "with layers of 10"
+        print(
+            f"overlap, {size}^{dim} {told}, cut across {'xyz'[axis]}: a step that sweeps while they travel takes "
+            f"{ratio:.3f} of one that waits for messages, of which an exchange is {100 * share:.1f} %; "
+            f"{100 * hidden:.0f} % of it is hidden"
+        )
 
 
 def measure_messages(size: int) -> None:
@@ -135,11 +194,14 @@ def main() -> None:
     if sys.argv[1:3] == ["--measure", "messages"]:
         measure_messages(int(sys.argv[3]))
         return
+    if sys.argv[1:3] == ["--measure", "overlap"]:
+        measure_overlap(sys.argv[3], *map(int, sys.argv[4:]))
+        return
     if sys.argv[1:2] == ["--measure"]:
         measure(sys.argv[2], *map(int, sys.argv[3:]))
         return
     parser = argparse.ArgumentParser()
-    parser.add_argument("parts", nargs="*", default=["weak", "strong", "messages"])
+    parser.add_argument("parts", nargs="*", default=["weak", "strong", "overlap", "messages"])
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--rounds", type=int, default=5)
     options = parser.parse_args()
@@ -148,6 +210,8 @@ def main() -> None:
             weak(size, dim, options.rounds)
     if "strong" in options.parts:
         strong(60 if options.quick else 100, options.rounds)
+    if "overlap" in options.parts:
+        overlap(options.quick, options.rounds)
     if "messages" in options.parts:
         messages(options.rounds)
 

@@ -3,14 +3,13 @@
 import pytest
 
 import farhorizon as fh
-from farhorizon.simulation.sent import _BANDWIDTH, _LATENCY, efficiency, rows_on_processes
+from farhorizon.simulation.sent import _BANDWIDTH, _HIDDEN, _LATENCY, efficiency, rows_on_processes, swept_ahead
 from farhorizon.simulation.share import boxes_of
 
 
 def square(**more):
-    given = {"initial": {"u": "exp(-x**2 - y**2)"}} | more
-    lattice, model = fh.Lattice(0.5, (-10, -10), (10, 10)), fh.Wave(fh.Kernel(0.5))
-    return fh.Simulation(lattice, model, **({"boundary": fh.Fixed()} | given))
+    given = {"initial": {"u": "exp(-x**2 - y**2)"}, "boundary": fh.Fixed(), "model": fh.Wave(fh.Kernel(0.5))} | more
+    return fh.Simulation(fh.Lattice(0.5, (-10, -10), (10, 10)), **given)
 
 
 def test_what_is_sent_by_hand():
@@ -26,16 +25,30 @@ def test_what_is_sent_by_hand():
 
 
 def test_efficiencies_by_hand():
-    """41 rows cut into 21 and 20: the slower process takes 21/41 of the time, and that of one message of 41 values."""
+    """41 rows cut into 21 and 20: the slower process takes 21/41 of the time, and that of one message of 41 values, of
+    which a part passes while 20 of the rows are swept.
+    """
     run = square()
     boxes = boxes_of(run.setup, run.parts.around, 2)
     for seconds in (1e-6, 1e-3, 10.0):
         message = _LATENCY + 41 * 8 / _BANDWIDTH
-        assert efficiency(boxes, run, seconds) == pytest.approx(seconds / 2 / (seconds * 21 / 41 + message), rel=1e-12)
+        left = message - min(_HIDDEN * message, seconds * 20 / 41)
+        assert efficiency(boxes, run, seconds) == pytest.approx(seconds / 2 / (seconds * 21 / 41 + left), rel=1e-12)
+    assert [swept_ahead(boxes, number, run) for number in range(2)] == [41 * 19, 41 * 20]
     # layers are work: the box with one is smaller
     layer = square(boundary={"x-": fh.LatticePML(nodes=10), "all": fh.Fixed()}, initial={})
     two = boxes_of(layer.setup, layer.parts.around, 2, [2, 1])
     assert 0.95 < efficiency(two, layer, 10.0) <= 1 and two.size(0, {})[0] < two.size(1, {})[0]
+
+
+def test_bonds_that_break_are_swept_ahead_by_whole_rows():
+    """Not across cuts of the last axis, and none of states that break."""
+    run = square(model=fh.Elastic(fh.Kernel(0.5), 1.0, critical_stretch=1.0), initial={"u": ["exp(-x**2 - y**2)", 0.0]})
+    found = [swept_ahead(boxes_of(run.setup, run.parts.around, 2, one), 0, run) for one in ([2, 1], [1, 2])]
+    assert found == [41 * 19, 0]
+    states = fh.Elastic(fh.Kernel(0.5), 1.0, 0.3, material="state-based", critical_stretch=1.0)
+    run = square(model=states, initial={"u": ["exp(-x**2 - y**2)", 0.0]}, boundary=fh.Free())
+    assert swept_ahead(boxes_of(run.setup, run.parts.around, 2, [2, 1]), 0, run) == 0
 
 
 def test_boxes_that_are_asked_for():

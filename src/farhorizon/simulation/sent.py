@@ -18,6 +18,8 @@ _COUNTS = 1, 2, 8, 64, 512
 #: Of a message between two processes of one machine, both ways at once: seconds whatever its size, and bytes a second
 #: (`python benchmarks/scaling.py messages`, on two busy cores; `docs/howto/processes.md`).
 _LATENCY, _BANDWIDTH = 15e-6, 1.3e9
+#: What of that does not count where nodes are swept meanwhile (`python benchmarks/scaling.py overlap`).
+_HIDDEN = 0.5
 
 
 def rows_on_processes(run: Any, topology: Sequence[int] | None = None) -> list[tuple[str, str]]:
@@ -61,9 +63,10 @@ def rows_on_processes(run: Any, topology: Sequence[int] | None = None) -> list[t
 def efficiency(boxes: Decomposition, run: Any, seconds: float) -> float:
     """The time of a step on one process over that on so many, times their number, as far as it can be foreseen.
 
-    A process takes the time of its part of the work, layers counted, and then that of its messages one after the other,
-    each a latency and its bytes over a bandwidth, which are those of two processes on one machine. What processes on
-    one processor take from each other's memory is not in it.
+    A process takes the time of its part of the work, layers counted, and that of its messages one after the other, each
+    a latency and its bytes over a bandwidth, which are those of two processes on one machine. A part of that passes
+    while nodes are swept that need no halo, at most as long as these take. What processes on one processor take from
+    each other's memory is not in it.
 
     Parameters
     ----------
@@ -75,15 +78,33 @@ def efficiency(boxes: Decomposition, run: Any, seconds: float) -> float:
     """
     work = {key: round(nodes) for key, nodes in work_beyond(run.parts.around, run.stencil, run.lattice).items()}
     all_of_it = np.prod([n + work[a, -1] + work[a, 1] for a, n in enumerate(run.lattice.shape)])
-    shares = {number: np.prod(np.array(boxes.size(number, work))) / all_of_it for number in boxes.corners()}
-    slowest = max(seconds * share + _seconds_of_messages(boxes, number, run) for number, share in shares.items())
-    return float(seconds / (slowest * int(np.prod(boxes.topology))))
+
+    def taken(number: int) -> float:
+        own, free = np.prod(np.array(boxes.size(number, work))), swept_ahead(boxes, number, run)
+        messages = _seconds_of_messages(boxes, number, run)
+        return float(seconds * own / all_of_it + messages - min(_HIDDEN * messages, seconds * free / all_of_it))
+
+    return float(seconds / (max(map(taken, boxes.corners())) * int(np.prod(boxes.topology))))
 
 
 def _seconds_of_messages(boxes: Decomposition, number: int, run: Any) -> float:
     others = [other for other in boxes.neighbours(number).values() if other not in (-1, number)]
     count = len(others) * len(numbers_sent(run.engine))
     return count * _LATENCY + sent_by(boxes, number, run) / _BANDWIDTH
+
+
+def swept_ahead(boxes: Decomposition, number: int, run: Any) -> int:
+    """Nodes of a process that are swept while messages travel, see `farhorizon.engine.exchange.free_of_halos`: none
+    where states break, and of bonds with a law of their own and of metal that dissolves whole rows alone.
+    """
+    tables, reach = run.engine.tables, run.engine.layout.reach[-run.lattice.dim :]
+    whole_rows = tables.bonds.places.size or tables.phases.runs.size
+    if not tables.bonds.forces or (whole_rows and (run.lattice.dim - 1, 1) in boxes.neighbours(number)):
+        return 0
+    nodes = boxes.size(number, nodes_beyond(run))
+    for (axis, _), other in boxes.neighbours(number).items():
+        nodes[axis] -= reach[axis] * (other >= 0)
+    return int(np.prod(np.maximum(nodes, 0)))
 
 
 def nodes_beyond(run: Any) -> dict[Key, int]:
