@@ -129,10 +129,9 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
     program, size = load_program(), types.int64
     lists = [table.operations[a:b].tolist() for a, b in zip(table.starts[:-1], table.starts[1:], strict=True)]
     used = sorted({which for operations in lists for _, _, which in operations} | {SPRINGS})
-    parts = {which: _on_parts(program, table, inputs.table, which) for which in used}
-    ahead = {which for operations in lists for operation, _, which in operations if operation == AHEAD}
-    meanwhile = {which: _meanwhile(program, parts[which][0]) if which in ahead else [] for which in used}
-    sums = {which: _sums(table, which, len(parts[which]), len(meanwhile[which])) for which in used}
+    split = {which for operations in lists for operation, _, which in operations if operation == AHEAD}
+    parts = {which: _on_parts(program, table, inputs.table, which, which in split) for which in used}
+    sums = {which: _sums(table, which, *map(len, parts[which])) for which in used}
 
     def address(function: Function, stage: Struct, one: Struct) -> int:
         return _address(function, (ALONE.type, stage.type, one.type, tables.type, inputs.type, size, size))
@@ -144,8 +143,8 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
     with _COMPILING, importing(program.__name__):
         for which, one in sums.items():
             first = stages[0][0][which]
-            one.table.each[:] = [address(function, first, one) for function in parts[which]]
-            one.table.ahead[:] = [address(function, first, one) for function in meanwhile[which]]
+            for places, functions in zip((one.table.each, one.table.ahead), parts[which], strict=True):
+                places[:] = [address(function, first, one) for function in functions]
             _set_called(program, first, one)
         does = [
             [one for operation in operations for one in _does(table, inputs.table, *operation)] for operations in lists
@@ -204,13 +203,19 @@ def _on_axis(layers: Layers, axis: int) -> list[Function]:
     return [program.add_bands] + [program.take_band_cuts] * bool(layers.band_cuts.shape[0])
 
 
-def _on_parts(program: ModuleType, tables: Tables, inputs: Inputs, which: int) -> list[Function]:
-    """What is done with each part of the box as a pass sweeps it."""
+def _on_parts(
+    program: ModuleType, tables: Tables, inputs: Inputs, which: int, split: bool
+) -> tuple[list[Function], list[Function]]:
+    """What is done with each part of the box as a pass sweeps it, and while messages are on their way: if it is `split`
+    what needs no halo has been swept then.
+    """
     one, bonds = pass_of(tables, which), tables.bonds
     if tables.phases.runs.size:
-        sweep = program.phases_part
+        whole, ahead, rest = program.phases_part, program.phases_ahead, program.phases_rest
+    elif bonds.places.shape[0] and bonds.forces:
+        whole, ahead, rest = program.bonds_part, program.bonds_ahead, program.bonds_rest
     else:
-        sweep = program.bonds_part if bonds.places.shape[0] and bonds.forces else program.stencil_part
+        whole, ahead, rest = program.stencil_part, program.stencil_ahead, program.stencil_rest
     watched, heard = _keeps(tables, inputs)
     found = [
         (program.release_part, one.surface.stretches.size),
@@ -218,13 +223,8 @@ def _on_parts(program: ModuleType, tables: Tables, inputs: Inputs, which: int) -
         (program.hear_part, which == SPRINGS and heard),
         (program.law_part, one.sweep.law.values.size),
     ]
-    return [sweep, *(function for function, there in found if there)]
-
-
-def _meanwhile(program: ModuleType, sweep: Function) -> list[Function]:
-    """What is done with each part of the box while messages are on their way, where this is how it is swept."""
-    names = {"stencil_part": "stencil_ahead", "bonds_part": "bonds_ahead", "phases_part": "phases_ahead"}
-    return [program.move_part, getattr(program, names[sweep.__name__])]
+    after = [function for function, there in found if there]
+    return [rest if split else whole, *after], [program.move_part, ahead] if split else []
 
 
 def _set_called(program: ModuleType, stage: Struct, sums: Struct) -> None:

@@ -248,20 +248,26 @@ def sweep_around(stage, sums, i0, first, last, low, high):
 
 
 def stencil_part(thread, stage, sums, tables, inputs, step, number):
-    """The rows of one part of the box, but for what has been swept ahead: bundles one after the other along the slowest
-    axis share most of what they read.
+    """The rows of one part of the box: bundles one after the other along the slowest axis share most of what they
+    read.
     """
     i0, first, last = rows_of(sums.sweep, number)
-    sweep_around(stage, sums, i0, first, last, sums.free[0], sums.free[1])
+    sweep_rows(stage, sums, i0, first, last, ZERO, sums.sweep.block[3])
 
 
 def stencil_ahead(thread, stage, sums, tables, inputs, step, number):
-    """What of one part of the box needs no halo."""
+    """What of them needs no halo."""
     low, high = sums.free[0], sums.free[1]
     i0, first, last = rows_of(sums.sweep, number)
     i1, end = rows_within(i0, first, last, low, high)
     if i1 < end:
         sweep_rows(stage, sums, i0, i1, end, low[2], high[2])
+
+
+def stencil_rest(thread, stage, sums, tables, inputs, step, number):
+    """And what needs one."""
+    i0, first, last = rows_of(sums.sweep, number)
+    sweep_around(stage, sums, i0, first, last, sums.free[0], sums.free[1])
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -274,14 +280,19 @@ def is_free(sums, number):
 
 
 def bonds_part(thread, stage, sums, tables, inputs, step, number):
-    """A part of the box with a zone of bonds that follow a law of their own, unless it has been swept ahead."""
-    if not is_free(sums, number):
-        sweep_bonds(stage, sums, tables.bonds, number)
+    """A part of the box with a zone of bonds that follow a law of their own."""
+    sweep_bonds(stage, sums, tables.bonds, number)
 
 
 def bonds_ahead(thread, stage, sums, tables, inputs, step, number):
     """The same, if it needs no halo."""
     if is_free(sums, number):
+        sweep_bonds(stage, sums, tables.bonds, number)
+
+
+def bonds_rest(thread, stage, sums, tables, inputs, step, number):
+    """The same, if it needs one."""
+    if not is_free(sums, number):
         sweep_bonds(stage, sums, tables.bonds, number)
 
 
@@ -306,14 +317,19 @@ def sweep_bonds(stage, sums, bonds, number):
 
 
 def phases_part(thread, stage, sums, tables, inputs, step, number):
-    """A part of the box in two phases, unless it has been swept ahead."""
-    if not is_free(sums, number):
-        sweep_runs(stage, sums, tables.phases.runs, number)
+    """A part of the box in two phases."""
+    sweep_runs(stage, sums, tables.phases.runs, number)
 
 
 def phases_ahead(thread, stage, sums, tables, inputs, step, number):
     """The same, if it needs no halo."""
     if is_free(sums, number):
+        sweep_runs(stage, sums, tables.phases.runs, number)
+
+
+def phases_rest(thread, stage, sums, tables, inputs, step, number):
+    """The same, if it needs one."""
+    if not is_free(sums, number):
         sweep_runs(stage, sums, tables.phases.runs, number)
 
 
@@ -531,9 +547,11 @@ def go_through(thread, stage, sums, tables, inputs, step, each, turn, shares):
     count = count_parts(sums.sweep)
     for shift in range(thread.threads):
         owner = (thread.number + shift) % thread.threads
-        before, end = owner * count // thread.threads, (owner + 1) * count // thread.threads
-        first = before + turn * (end - before) // shares
-        own = before + (turn + 1) * (end - before) // shares - first
+        first = owner * count // thread.threads
+        own = (owner + 1) * count // thread.threads - first
+        if shares > 1:  # divisions take as long as a short row
+            begin, end = turn * own // shares, (turn + 1) * own // shares
+            first, own = first + begin, end - begin
         size = max(1, own // 8) if thread.threads > 1 else own
         claimed = claim(thread, owner) if thread.threads > 1 else 0
         while claimed * size < own:
