@@ -3,7 +3,15 @@
 import pytest
 
 import farhorizon as fh
-from farhorizon.simulation.sent import _BANDWIDTH, _HIDDEN, _LATENCY, efficiency, rows_on_processes, swept_ahead
+from farhorizon.simulation.sent import (
+    _BANDWIDTH,
+    _HIDDEN,
+    _LATENCY,
+    efficiency,
+    rows_on_processes,
+    sent_along,
+    swept_ahead,
+)
 from farhorizon.simulation.share import boxes_of
 
 
@@ -41,14 +49,20 @@ def test_efficiencies_by_hand():
     assert 0.95 < efficiency(two, layer, 10.0) <= 1 and two.size(0, {})[0] < two.size(1, {})[0]
 
 
-def test_bonds_that_break_are_swept_ahead_by_whole_rows():
-    """Not across cuts of the last axis, and none of states that break."""
-    run = square(model=fh.Elastic(fh.Kernel(0.5), 1.0, critical_stretch=1.0), initial={"u": ["exp(-x**2 - y**2)", 0.0]})
-    found = [swept_ahead(boxes_of(run.setup, run.parts.around, 2, one), 0, run) for one in ([2, 1], [1, 2])]
-    assert found == [41 * 19, 0]
+def test_what_is_swept_ahead():
+    """Not while messages travel along the last axis, and none of states that break."""
+    run, seconds = square(), 1e-3
+    boxes = boxes_of(run.setup, run.parts.around, 2, [1, 2])
+    message = _LATENCY + 41 * 8 / _BANDWIDTH
+    assert efficiency(boxes, run, seconds) == pytest.approx(seconds / 2 / (seconds * 21 / 41 + message), rel=1e-12)
+    # four boxes: along the first axis the halo of the last one is sent, too
+    four = boxes_of(run.setup, run.parts.around, 4)
+    assert four.topology == (2, 2) and sent_along(four, 3, run) == [8 * (21 + 2), 8 * 21]
+    assert swept_ahead(four, 3, run) == 20 * 21
+    bonds = square(model=fh.Elastic(fh.Kernel(0.5), 1.0, critical_stretch=1.0), initial={})
+    assert swept_ahead(four, 3, bonds) == 20 * 21
     states = fh.Elastic(fh.Kernel(0.5), 1.0, 0.3, material="state-based", critical_stretch=1.0)
-    run = square(model=states, initial={"u": ["exp(-x**2 - y**2)", 0.0]}, boundary=fh.Free())
-    assert swept_ahead(boxes_of(run.setup, run.parts.around, 2, [2, 1]), 0, run) == 0
+    assert swept_ahead(four, 3, square(model=states, initial={}, boundary=fh.Free())) == 0
 
 
 def test_boxes_that_are_asked_for():

@@ -1,8 +1,9 @@
 """Halos that other processes fill, and the tables of messages by which they do.
 
 A neighbouring process is one more periodic side: the halo repeats what lies on the other side of an axis, only that
-this lies in the memory of another process. Axis by axis values are packed, sent and unpacked; later axes send the halos
-of earlier ones along, so that those at edges and corners come of themselves.
+this lies in the memory of another process. Axis by axis values are packed, sent and unpacked; later axes
+(`layout.HALOS`) send the halos of earlier ones along, so that those at edges and corners come of themselves. While the
+messages along an axis are on their way, rows are swept that need none of them (`free_of_halos`).
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from farhorizon.engine.layout import Layout
+from farhorizon.engine.layout import HALOS, Layout
 from farhorizon.engine.rows.build import load_exchange
 from farhorizon.engine.rows.exchanges import HEAD, RECEIVES, REQUEST, ROW, STATUS, TABLE, USED
 
@@ -136,19 +137,15 @@ def _runs(places: np.ndarray) -> np.ndarray:
     return np.stack([places[first], np.diff(first, append=len(places))], axis=-1)
 
 
-def free_of_halos(layout: Layout, neighbours: Mapping[Side, int], lanes: int) -> np.ndarray:
-    """The box of nodes whose sums take nothing that other processes fill: first and end along the three axes, shape
-    (2, 3), of no nodes where there are none; along the last axis whole vectors of so many lanes.
+def free_of_halos(layout: Layout, neighbours: Mapping[Side, int]) -> np.ndarray:
+    """Which rows take nothing that other processes fill along the first two axes: first and end, shape (2, 2), of none
+    where there are none. To cut rows would take more vectors than the messages along the last axis take time.
     """
-    found = np.array([(0, 0, 0), layout.box.nodes], np.int64)
+    found = np.array([(0, 0), layout.box.nodes[:2]], np.int64)
     for (axis, side), other in neighbours.items():
-        if other >= 0:
+        if other >= 0 and axis < 2:
             found[int(side > 0), axis] -= side * layout.reach[axis]
-    if neighbours.get((2, -1), -1) >= 0:
-        found[0, 2] = -(-found[0, 2] // lanes) * lanes
-    if neighbours.get((2, 1), -1) >= 0:
-        found[1, 2] = found[1, 2] // lanes * lanes
-    return found if (found[0] < found[1]).all() else np.zeros((2, 3), np.int64)
+    return found if (found[0] < found[1]).all() else np.zeros((2, 2), np.int64)
 
 
 class Exchange:
@@ -191,7 +188,7 @@ class Exchange:
         kind = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * 4)
         calls = [
             (kind(function), numbers[TABLE])
-            for numbers in self.numbers[LEVEL].tolist()
+            for numbers in self.numbers[LEVEL, list(HALOS)].tolist()
             for function in numbers[: RECEIVES + 1]
             if numbers[USED]
         ]

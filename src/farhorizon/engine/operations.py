@@ -19,6 +19,7 @@ from farhorizon.engine.ends import Ends
 from farhorizon.engine.exchange import LEVEL, SLOTS
 from farhorizon.engine.filter import Filter
 from farhorizon.engine.fringe import Fringe
+from farhorizon.engine.layout import HALOS
 from farhorizon.engine.nested import Layers, has_layers
 from farhorizon.engine.phases import Phases
 from farhorizon.engine.rows.exchanges import USED
@@ -55,8 +56,8 @@ DRAG = 25  # velocities move towards the mean of their neighbours
 HEAT = 26  # springs beside states lose what heat strains them
 WARM = 27  # the strains of heat become those of the next step
 MELT = 28  # nodes of the halo become liquid as other processes have made them
-AHEAD = 29  # SWEEP of nodes that need no halo, while messages are on their way: three times the number of a share of
-# them, and how many others there are
+AHEAD = 29  # SWEEP of rows that need no halo, while messages are on their way: twice the number of a share of them,
+# and how many others there are
 RECEIVE = 30  # messages end, by which other processes fill the halo; as SEND
 
 # Passes of the operator: the springs, sums over bonds that make states, sums over states that make forces.
@@ -107,8 +108,8 @@ class Tables(NamedTuple):
         Places of the halo that repeat others, and those.
     exchange : ndarray of int, shape (kinds, 3, 5)
         What other processes fill, by the kind of messages and their axis; see `engine.exchange`.
-    free : ndarray of int, shape (2, 3)
-        The box of nodes that need none of it: first and end along the axes.
+    free : ndarray of int, shape (2, 2)
+        The rows that need none of it but what comes along the last axis: first and end along the others.
     work_space : ndarray, shape (threads, n)
     work : ndarray, shape (n,)
         Where the work of sources is added up, or empty.
@@ -221,7 +222,7 @@ def _sums(
     halo : bool
         Whether the halo of what it reads is to be filled.
     ahead : bool
-        Whether nodes that need none of it may be swept meanwhile.
+        Whether rows that need none of it may be swept meanwhile.
     before : sequence of operations
         Between the halo and the sweep.
     """
@@ -240,19 +241,18 @@ def _exchanged(
     """What other processes fill, axis by axis, as later ones send the halos of earlier ones on. The layers continue
     the field along lines of the last axis, which need no halo, before what they make of them is sent.
     """
-    every = [[3 * kind + axis for kind in kinds if is_used(tables, kind, axis)] for axis in range(3)]
-    axes = [found for found in every if found]
-    if not axes:
-        return lines
-    done: list[Operation] = []
-    for turn, messages in enumerate(axes):
+    every = {axis: [3 * kind + axis for kind in kinds if is_used(tables, kind, axis)] for axis in HALOS}
+    axes = [axis for axis, messages in every.items() if messages]
+    hidden = [axis for axis in axes if axis < 2 and ahead and tables.free.any()]
+    done = [] if axes else lines
+    for axis in axes:
         levels, slots = (
-            [(SEND, one, number) for one in messages if (one // 3 == LEVEL) == level] for level in (True, False)
+            [(SEND, one, number) for one in every[axis] if (one // 3 == LEVEL) == level] for level in (True, False)
         )
-        done += levels + lines * (turn == 0) + slots
-        if ahead and tables.free.any():
-            done.append((AHEAD, 3 * turn + len(axes) - 1, number))
-        done += [(RECEIVE, one, number) for one in messages]
+        done += levels + lines * (axis == axes[0]) + slots
+        if axis in hidden:
+            done.append((AHEAD, 2 * hidden.index(axis) + len(hidden) - 1, number))
+        done += [(RECEIVE, one, number) for one in every[axis]]
     return done
 
 

@@ -44,7 +44,7 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
         work_space=aligned_zeros(_scratch(engine), engine.dtype, engine.threads),
         copies=engine.layout.copies(),
         exchange=np.zeros((0, 3, 5), np.int64),
-        free=np.zeros((2, 3), np.int64),
+        free=np.zeros((2, 2), np.int64),
         material=Material(np.ones(1, engine.dtype), rule, one, engine.dtype.type(np.inf)),
         cuts=cuts,
         surface=surface,

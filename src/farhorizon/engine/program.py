@@ -225,26 +225,11 @@ def sweep_rows(stage, sums, i0, i1, end, first, last):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def rows_within(i0, first, last, low, high):
-    """Which of some rows of a plane lie in a box, given by its first node and its end: first and end, both `last` for
+    """Which of some rows of a plane lie in a box, given by its first row and its end: first and end, both `last` for
     none.
     """
     i1, end = max(first, low[1]), min(last, high[1])
     return (i1, end) if i1 < end and low[0] <= i0 < high[0] else (last, last)
-
-
-@njit(error_model="numpy", cache=True, counted=False)
-def sweep_around(stage, sums, i0, first, last, low, high):
-    """What lies outside such a box of some rows of a plane."""
-    nodes = sums.sweep.block[3]
-    i1, end = rows_within(i0, first, last, low, high)
-    for begin, stop, left, right in (
-        (first, i1, ZERO, nodes),
-        (end, last, ZERO, nodes),
-        (i1, end, ZERO, low[2]),
-        (i1, end, high[2], nodes),
-    ):
-        if begin < stop and left < right:
-            sweep_rows(stage, sums, i0, begin, stop, left, right)
 
 
 def stencil_part(thread, stage, sums, tables, inputs, step, number):
@@ -256,27 +241,29 @@ def stencil_part(thread, stage, sums, tables, inputs, step, number):
 
 
 def stencil_ahead(thread, stage, sums, tables, inputs, step, number):
-    """What of them needs no halo."""
-    low, high = sums.free[0], sums.free[1]
+    """Those that need no halo."""
     i0, first, last = rows_of(sums.sweep, number)
-    i1, end = rows_within(i0, first, last, low, high)
+    i1, end = rows_within(i0, first, last, sums.free[0], sums.free[1])
     if i1 < end:
-        sweep_rows(stage, sums, i0, i1, end, low[2], high[2])
+        sweep_rows(stage, sums, i0, i1, end, ZERO, sums.sweep.block[3])
 
 
 def stencil_rest(thread, stage, sums, tables, inputs, step, number):
-    """And what needs one."""
+    """And those that need one."""
     i0, first, last = rows_of(sums.sweep, number)
-    sweep_around(stage, sums, i0, first, last, sums.free[0], sums.free[1])
+    i1, end = rows_within(i0, first, last, sums.free[0], sums.free[1])
+    if first < i1:
+        sweep_rows(stage, sums, i0, first, i1, ZERO, sums.sweep.block[3])
+    if end < last:
+        sweep_rows(stage, sums, i0, end, last, ZERO, sums.sweep.block[3])
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def is_free(sums, number):
-    """Whether no node of a part of the box needs a halo, so that all of it is swept ahead."""
-    low, high = sums.free[0], sums.free[1]
+    """Whether no row of a part of the box needs a halo, so that all of it is swept ahead."""
     i0, first, last = rows_of(sums.sweep, number)
-    i1, end = rows_within(i0, first, last, low, high)
-    return i1 == first and end == last and low[2] == 0 and high[2] == sums.sweep.block[3]
+    i1, end = rows_within(i0, first, last, sums.free[0], sums.free[1])
+    return i1 == first and end == last
 
 
 def bonds_part(thread, stage, sums, tables, inputs, step, number):
@@ -301,9 +288,16 @@ def sweep_bonds(stage, sums, bonds, number):
     """A part of the box, in the zone tile by tile, around it, and where nothing can break, by the stencil."""
     sweep, material, zone = sums.sweep, sums.material, bonds.zone
     i0, first, last = rows_of(sweep, number)
-    corner, opposite = zone[FIRST : FIRST + 3], zone[END : END + 3]
-    low, high = rows_within(i0, first, last, corner, opposite)
-    sweep_around(stage, sums, i0, first, last, corner, opposite)
+    nodes = sweep.block[3]
+    low, high = rows_within(i0, first, last, zone[FIRST : FIRST + 2], zone[END : END + 2])
+    for i1, end, start, stop in (
+        (first, low, 0, nodes),
+        (high, last, 0, nodes),
+        (low, high, 0, zone[FIRST + 2]),
+        (low, high, zone[END + 2], nodes),
+    ):
+        if i1 < end and start < stop:
+            sweep_rows(stage, sums, i0, i1, end, start, stop)
     for row in range(low // PIECE_ROWS, (high + PIECE_ROWS - 1) // PIECE_ROWS if low < high else 0):
         i1, end = max(row * PIECE_ROWS, low), min((row + 1) * PIECE_ROWS, high)
         stop = zone[FIRST + 2]
@@ -533,7 +527,7 @@ def sweep_box(thread, stage, sums, tables, inputs, step, number):
 @operation(AHEAD)
 def sweep_ahead(thread, stage, sums, tables, inputs, step, number):
     """A share of the parts, as far as they need no halo (`Sums.ahead`)."""
-    go_through(thread, stage, sums, tables, inputs, step, sums.ahead, number // 3, number % 3 + 1)
+    go_through(thread, stage, sums, tables, inputs, step, sums.ahead, number // 2, number % 2 + 1)
 
 
 @njit(error_model="numpy", cache=True, counted=False)

@@ -140,8 +140,8 @@ class Sums(NamedTuple):
     each, ahead : ndarray of int
         Addresses of what is done with each part of the box, one after the other: as it is swept, and while messages are
         on their way.
-    free : ndarray of int, shape (2, 3)
-        The box of nodes that have been swept meanwhile: first and end along the axes.
+    free : ndarray of int, shape (2, 2)
+        The rows that have been swept meanwhile: first and end along the first two axes.
     """
 
     sweep: Sweep

@@ -18,7 +18,7 @@ _COUNTS = 1, 2, 8, 64, 512
 #: Of a message between two processes of one machine, both ways at once: seconds whatever its size, and bytes a second
 #: (`python benchmarks/scaling.py messages`, on two busy cores; `docs/howto/processes.md`).
 _LATENCY, _BANDWIDTH = 15e-6, 1.3e9
-#: What of that does not count where nodes are swept meanwhile (`python benchmarks/scaling.py overlap`).
+#: What of that does not count where rows are swept meanwhile (`python benchmarks/scaling.py overlap`).
 _HIDDEN = 0.5
 
 
@@ -64,9 +64,9 @@ def efficiency(boxes: Decomposition, run: Any, seconds: float) -> float:
     """The time of a step on one process over that on so many, times their number, as far as it can be foreseen.
 
     A process takes the time of its part of the work, layers counted, and that of its messages one after the other, each
-    a latency and its bytes over a bandwidth, which are those of two processes on one machine. A part of that passes
-    while nodes are swept that need no halo, at most as long as these take. What processes on one processor take from
-    each other's memory is not in it.
+    a latency and its bytes over a bandwidth, which are those of two processes on one machine. Of those along all axes
+    but the last one a part passes while rows are swept that need no halo, at most as long as these take. What processes
+    on one processor take from each other's memory is not in it.
 
     Parameters
     ----------
@@ -81,29 +81,30 @@ def efficiency(boxes: Decomposition, run: Any, seconds: float) -> float:
 
     def taken(number: int) -> float:
         own, free = np.prod(np.array(boxes.size(number, work))), swept_ahead(boxes, number, run)
-        messages = _seconds_of_messages(boxes, number, run)
-        return float(seconds * own / all_of_it + messages - min(_HIDDEN * messages, seconds * free / all_of_it))
+        every = _seconds_of_messages(boxes, number, run)
+        hidden = min(_HIDDEN * sum(every[:-1]), seconds * free / all_of_it)
+        return float(seconds * own / all_of_it + sum(every) - hidden)
 
     return float(seconds / (max(map(taken, boxes.corners())) * int(np.prod(boxes.topology))))
 
 
-def _seconds_of_messages(boxes: Decomposition, number: int, run: Any) -> float:
-    others = [other for other in boxes.neighbours(number).values() if other not in (-1, number)]
-    count = len(others) * len(numbers_sent(run.engine))
-    return count * _LATENCY + sent_by(boxes, number, run) / _BANDWIDTH
+def _seconds_of_messages(boxes: Decomposition, number: int, run: Any) -> list[float]:
+    """What a process's messages take along each axis."""
+    others = [axis for (axis, _), other in boxes.neighbours(number).items() if other not in (-1, number)]
+    counts = [others.count(axis) * len(numbers_sent(run.engine)) for axis in range(run.lattice.dim)]
+    found = zip(counts, sent_along(boxes, number, run), strict=True)
+    return [count * _LATENCY + sent / _BANDWIDTH for count, sent in found]
 
 
 def swept_ahead(boxes: Decomposition, number: int, run: Any) -> int:
-    """Nodes of a process that are swept while messages travel, see `farhorizon.engine.exchange.free_of_halos`: none
-    where states break, and of bonds with a law of their own and of metal that dissolves whole rows alone.
+    """Nodes of a process that are swept while messages travel, see `farhorizon.engine.exchange.free_of_halos`: none of
+    states that break.
     """
-    tables, reach = run.engine.tables, run.engine.layout.reach[-run.lattice.dim :]
-    whole_rows = tables.bonds.places.size or tables.phases.runs.size
-    if not tables.bonds.forces or (whole_rows and (run.lattice.dim - 1, 1) in boxes.neighbours(number)):
+    if not run.engine.tables.bonds.forces:
         return 0
-    nodes = boxes.size(number, nodes_beyond(run))
+    nodes, reach = boxes.size(number, nodes_beyond(run)), run.engine.layout.reach[-run.lattice.dim :]
     for (axis, _), other in boxes.neighbours(number).items():
-        nodes[axis] -= reach[axis] * (other >= 0)
+        nodes[axis] -= reach[axis] * (other >= 0 and axis < run.lattice.dim - 1)
     return int(np.prod(np.maximum(nodes, 0)))
 
 
@@ -125,8 +126,13 @@ def numbers_sent(engine: Engine) -> list[int]:
 
 
 def sent_by(boxes: Decomposition, number: int, run: Any) -> int:
-    """Bytes that a process sends to others in a step: of fields the values of nodes, and of layers along the last axis
-    those of the lines that are cut across.
+    """Bytes that a process sends to others in a step; see `sent_along`."""
+    return sum(sent_along(boxes, number, run))
+
+
+def sent_along(boxes: Decomposition, number: int, run: Any) -> list[int]:
+    """Bytes that a process sends to others in a step along each axis: of fields the values of nodes, and of layers
+    along the last axis those of the lines that are cut across.
 
     Parameters
     ----------
@@ -140,9 +146,10 @@ def sent_by(boxes: Decomposition, number: int, run: Any) -> int:
     # of one pass: of a stencil composed of two each pass exchanges its own halo
     reach = np.abs(engine.offsets[:, -run.lattice.dim :]).max(axis=0).tolist()
     nodes = boxes.exchanged(number, reach, beyond)
-    values = sum(nodes) * sum(numbers_sent(engine))
-    lines = sum(nodes[:-1]) // boxes.size(number, beyond)[-1]
     place, last = boxes.place(number)[-1], boxes.topology[-1] - 1
-    for side, outer in ((-1, place == 0), (1, place == last)):
-        values += outer * lines * engine.in_a_line(side) * len(engine.stages.numbers)
-    return values * engine.dtype.itemsize
+    halo = reach[-1] * ((run.lattice.dim - 1, 1) in boxes.neighbours(number))
+    each = boxes.size(number, beyond)[-1] + 2 * halo  # nodes of a line that are sent
+    in_a_line = sum(outer * engine.in_a_line(side) for side, outer in ((-1, place == 0), (1, place == last)))
+    lines = [count // each * in_a_line * len(engine.stages.numbers) for count in nodes[:-1]] + [0]
+    values = [count * sum(numbers_sent(engine)) for count in nodes]
+    return [(one + other) * engine.dtype.itemsize for one, other in zip(values, lines, strict=True)]
