@@ -9,7 +9,8 @@ Each part starts programs one after the other, round by round, and prints median
 - overlap: a step on two processes that sweeps nodes while messages travel over one that waits for them first, how much
   of the latter an exchange takes, and how much of the exchange that hides: the least of many times in turns.
 - messages: what one message takes between two processes, in both directions at once, packed and unpacked: the least
-  of many times for messages of 168 bytes and of 24 MB. `check --details` predicts efficiencies from them
+  of many times for messages of 168 bytes and of 24 MB; and what is left of that beside other work. `check --details`
+  predicts efficiencies from them
   (`farhorizon.simulation.sent`).
 
 It says how many bytes a process sends in each step. All want a quiet machine.
@@ -21,6 +22,7 @@ mpiexec.
 from __future__ import annotations
 
 import argparse
+import ctypes
 import json
 import subprocess
 import sys
@@ -29,19 +31,17 @@ from statistics import median
 from typing import Any
 
 
-def made(kind: str, size: int, dim: int, threads: int, parts: int, axis: int = 0) -> Any:
-    """Waves on these processes, cut across an axis."""
+def made(kind: str, size: int, dim: int, threads: int, parts: int) -> Any:
+    """Waves on these processes, cut across the first axis."""
     from mpi4py import MPI
 
     import farhorizon as fh
 
     world = MPI.COMM_WORLD
-    shape = [size] * dim
-    shape[axis] *= parts if kind == "weak" else 1
+    shape = [size * (parts if kind == "weak" else 1)] + [size] * (dim - 1)
     lattice = fh.Lattice(1.0, [0.0] * dim, [n - 1.0 for n in shape])
     sides = fh.Fixed() if kind == "weak" else fh.LatticePML(nodes=10)
-    grid = [1] * dim
-    grid[axis] = world.size
+    grid = [world.size] + [1] * (dim - 1)
     given: Any = {"communicator": world, "topology": grid} if world.size > 1 else {}
     start = {"u": "exp(-" + "-".join(f"({axis}-{size // 2})**2" for axis in "xyz"[:dim]) + ")"}
     sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(3.0)), sides, start, threads=threads, **given)
@@ -78,14 +78,14 @@ def measure(kind: str, size: int, dim: int, threads: int, parts: int) -> None:
         print(json.dumps(facts), flush=True)
 
 
-def measure_overlap(kind: str, size: int, dim: int, axis: int) -> None:
+def measure_overlap(kind: str, size: int, dim: int) -> None:
     """Print the time of a step that sweeps nodes while messages travel, of one that waits for them first, and of an
     exchange: the least of many that are measured in turns, for a few thousandths of a second each.
     """
     import numpy as np
     from mpi4py import MPI
 
-    engine = made(kind, size, dim, 1, 2, axis).engine
+    engine = made(kind, size, dim, 1, 2).engine
     count = max(1, int(0.005 / seconds_of(engine.advance_alone, 5)))
     least = dict.fromkeys(("ahead", "plain", "exchange"), float("inf"))
     boxes = {"ahead": engine.tables.free, "plain": np.zeros_like(engine.tables.free)}
@@ -102,15 +102,15 @@ def measure_overlap(kind: str, size: int, dim: int, axis: int) -> None:
 
 def overlap(quick: bool, rounds: int) -> None:
     """A step with and without what is swept while messages travel."""
-    cases = [("weak", 500, 2, 0), ("weak", 500, 2, 1), ("weak", 60, 3, 0), ("strong", 60, 3, 0)]
-    for kind, size, dim, axis in cases if quick else [*cases, ("weak", 2000, 2, 0), ("weak", 60, 3, 2)]:
-        every = [started(2, "overlap", kind, size, dim, axis) for _ in range(rounds)]
+    cases = [("weak", 500, 2), ("weak", 60, 3), ("strong", 60, 3)]
+    for kind, size, dim in cases if quick else [*cases, ("weak", 2000, 2), ("weak", 200, 3)]:
+        every = [started(2, "overlap", kind, size, dim) for _ in range(rounds)]
         ratio = median(one["ahead"] / one["plain"] for one in every)
         share = median(one["exchange"] / one["plain"] for one in every)
         hidden = median((one["plain"] - one["ahead"]) / one["exchange"] for one in every)
         told = "each" if kind == "weak" else "with layers of 10"
         print(
-            f"overlap, {size}^{dim} {told}, cut across {'xyz'[axis]}: a step that sweeps while messages travel takes "
+            f"overlap, {size}^{dim} {told}: a step that sweeps while messages travel takes "
             f"{ratio:.3f} of one that waits for them; an exchange takes {share:.3f} of it, and {hidden:.2f} of that is "
             "hidden",
             flush=True,
@@ -118,7 +118,9 @@ def overlap(quick: bool, rounds: int) -> None:
 
 
 def measure_messages(size: int) -> None:
-    """Print the bytes of a message along a line of so many nodes, and the least time that one takes, in seconds."""
+    """Print the bytes of a message along a line of so many nodes, the least time that one takes, and what of it is left
+    where a process computes meanwhile and lets messages move on now and then, in seconds.
+    """
     from mpi4py import MPI
 
     import farhorizon as fh
@@ -136,20 +138,53 @@ def measure_messages(size: int) -> None:
         exchange.fill(level, 1, count)
         least = min(least, (time.perf_counter() - began) / count / 2)  # one to either side
     seconds = world.allreduce(least, MPI.MAX)
+    left = min(left_of(exchange, level, 4 * seconds) / 2 for _ in range(max(20, 8 * count)))
+    left = world.allreduce(left, MPI.MAX)
     if world.rank == 0:
-        print(json.dumps({"bytes": exchange.volume(1) / 2, "seconds": seconds}), flush=True)
+        print(json.dumps({"bytes": exchange.volume(1) / 2, "seconds": seconds, "left": left}), flush=True)
+
+
+def left_of(exchange: Any, level: Any, meanwhile: float) -> float:
+    """Seconds of an exchange along the first axis of the plane, but for those in which the process does something else,
+    as long as is given.
+    """
+    from mpi4py import MPI
+
+    from farhorizon.engine.exchange import LEVEL
+    from farhorizon.engine.rows.exchanges import MOVES, RECEIVES, SENDS, TABLE
+
+    numbers = exchange.numbers[LEVEL, 1].tolist()
+    kind = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * 4)
+    send, move, receive = (kind(numbers[column]) for column in (SENDS, MOVES, RECEIVES))
+    given = numbers[TABLE], level.ctypes.data, 1, level.nbytes
+    now = time.perf_counter
+    MPI.COMM_WORLD.Barrier()
+    began = now()
+    send(*given)
+    spent, until = now() - began, now() + meanwhile
+    while now() < until:
+        pause = now() + meanwhile / 20
+        while now() < pause:
+            pass
+        began = now()
+        move(*given)
+        spent += now() - began
+    began = now()
+    receive(*given)
+    return spent + now() - began
 
 
 def messages(rounds: int) -> None:
-    """Latency and bandwidth."""
-    found = []
-    for size in (7, 1_000_000):
-        every = [started(2, "messages", size) for _ in range(rounds)]
-        found.append((every[0]["bytes"], median(one["seconds"] for one in every)))
-    (few, latency), (many, long) = found
+    """Latency and bandwidth, and what is left of both beside other work."""
+    found = [(size, [started(2, "messages", size) for _ in range(rounds)]) for size in (7, 1_000_000)]
+    (few, many), words = (every[0]["bytes"] for _, every in found), []
+    for name in ("seconds", "left"):
+        latency, long = (median(one[name] for one in every) for _, every in found)
+        bandwidth = 1e-9 * (many - few) / (long - latency)
+        words.append(f"{1e6 * latency:.3g} us and {1e3 * long:.3g} ms, {bandwidth:.3g} GB/s")
     print(
-        f"messages between two processes: one of {few:.0f} bytes takes {1e6 * latency:.3g} us, one of {many:.0f} bytes "
-        f"{1e3 * long:.3g} ms: {1e-9 * (many - few) / (long - latency):.3g} GB/s"
+        f"messages between two processes of {few:.0f} bytes and of {many:.0f}: {words[0]}; beside other work there are "
+        f"left {words[1]}"
     )
 
 

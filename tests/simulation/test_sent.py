@@ -3,15 +3,7 @@
 import pytest
 
 import farhorizon as fh
-from farhorizon.simulation.sent import (
-    _BANDWIDTH,
-    _HIDDEN,
-    _LATENCY,
-    efficiency,
-    rows_on_processes,
-    sent_along,
-    swept_ahead,
-)
+from farhorizon.simulation.sent import _LEFT, _WHOLE, efficiency, rows_on_processes, sent_along, swept_ahead
 from farhorizon.simulation.share import boxes_of
 
 
@@ -39,8 +31,8 @@ def test_efficiencies_by_hand():
     run = square()
     boxes = boxes_of(run.setup, run.parts.around, 2)
     for seconds in (1e-6, 1e-3, 10.0):
-        message = _LATENCY + 41 * 8 / _BANDWIDTH
-        left = message - min(_HIDDEN * message, seconds * 20 / 41)
+        message, least = (latency + 41 * 8 / bandwidth for latency, bandwidth in (_WHOLE, _LEFT))
+        left = max(least, message - seconds * 20 / 41)
         assert efficiency(boxes, run, seconds) == pytest.approx(seconds / 2 / (seconds * 21 / 41 + left), rel=1e-12)
     assert [swept_ahead(boxes, number, run) for number in range(2)] == [41 * 19, 41 * 20]
     # layers are work: the box with one is smaller
@@ -53,7 +45,7 @@ def test_what_is_swept_ahead():
     """Not while messages travel along the last axis, and none of states that break."""
     run, seconds = square(), 1e-3
     boxes = boxes_of(run.setup, run.parts.around, 2, [1, 2])
-    message = _LATENCY + 41 * 8 / _BANDWIDTH
+    message = _WHOLE[0] + 41 * 8 / _WHOLE[1]
     assert efficiency(boxes, run, seconds) == pytest.approx(seconds / 2 / (seconds * 21 / 41 + message), rel=1e-12)
     # four boxes: along the first axis the halo of the last one is sent, too
     four = boxes_of(run.setup, run.parts.around, 4)

@@ -15,11 +15,10 @@ from farhorizon.simulation.share import boxes_of, check_shareable, work_beyond
 from farhorizon.simulation.steps import seconds_of
 
 _COUNTS = 1, 2, 8, 64, 512
-#: Of a message between two processes of one machine, both ways at once: seconds whatever its size, and bytes a second
-#: (`python benchmarks/scaling.py messages`, on two busy cores; `docs/howto/processes.md`).
-_LATENCY, _BANDWIDTH = 15e-6, 1.3e9
-#: What of that does not count where rows are swept meanwhile (`python benchmarks/scaling.py overlap`).
-_HIDDEN = 0.5
+#: Of a message between two processes of one machine, both ways at once: seconds whatever its size, and bytes a second;
+#: and what is left of both where rows are swept meanwhile (`python benchmarks/scaling.py messages`, on two busy cores;
+#: `docs/howto/processes.md`).
+_WHOLE, _LEFT = (20e-6, 1.9e9), (3.5e-6, 3.6e9)
 
 
 def rows_on_processes(run: Any, topology: Sequence[int] | None = None) -> list[tuple[str, str]]:
@@ -81,19 +80,19 @@ def efficiency(boxes: Decomposition, run: Any, seconds: float) -> float:
 
     def taken(number: int) -> float:
         own, free = np.prod(np.array(boxes.size(number, work))), swept_ahead(boxes, number, run)
-        every = _seconds_of_messages(boxes, number, run)
-        hidden = min(_HIDDEN * sum(every[:-1]), seconds * free / all_of_it)
-        return float(seconds * own / all_of_it + sum(every) - hidden)
+        whole, left = (_seconds_of_messages(boxes, number, run, *one) for one in (_WHOLE, _LEFT))
+        hidden = min(sum(whole[:-1]) - sum(left[:-1]), seconds * free / all_of_it)
+        return float(seconds * own / all_of_it + sum(whole) - hidden)
 
     return float(seconds / (max(map(taken, boxes.corners())) * int(np.prod(boxes.topology))))
 
 
-def _seconds_of_messages(boxes: Decomposition, number: int, run: Any) -> list[float]:
+def _seconds_of_messages(boxes: Decomposition, number: int, run: Any, latency: float, bandwidth: float) -> list[float]:
     """What a process's messages take along each axis."""
     others = [axis for (axis, _), other in boxes.neighbours(number).items() if other not in (-1, number)]
     counts = [others.count(axis) * len(numbers_sent(run.engine)) for axis in range(run.lattice.dim)]
     found = zip(counts, sent_along(boxes, number, run), strict=True)
-    return [count * _LATENCY + sent / _BANDWIDTH for count, sent in found]
+    return [count * latency + sent / bandwidth for count, sent in found]
 
 
 def swept_ahead(boxes: Decomposition, number: int, run: Any) -> int:
