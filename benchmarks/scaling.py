@@ -6,23 +6,24 @@ Each part starts programs one after the other, round by round, and prints median
   60^3): time of a step on one thread over that on two processes of one thread each, and over that on two threads of one
   process. Target: processes reach 95 % of what threads reach, and the exchange takes 5 % of a step.
 - strong: waves in 100^3 nodes with layers, one thread over two processes of one. Target: 1.8.
-
+- overlap: a step on two processes that sweeps nodes while messages travel over one that waits for them first, how much
+  of the latter an exchange takes, and how much of the exchange that hides: the least of many times in turns.
 - messages: what one message takes between two processes, in both directions at once, packed and unpacked: the least
-  of many times for messages of 168 bytes and of 24 MB. `check --details` predicts efficiencies from them
-  (`farhorizon.simulation.sent`).
-
+  of many times for messages of 168 bytes and of 24 MB; and what is left of that beside other work. `check --details`
+  predicts efficiencies from them (`farhorizon.simulation.sent`).
 - curves: both over numbers of processes of one thread each, those of `--processes`: a table of the efficiencies and of
   the bytes that a process sends, and a plot of it with `--plot FILE`. Not among those that run unless asked for.
 
 It says how many bytes a process sends in each step. All want a quiet machine.
 
-Run: ``python benchmarks/scaling.py [weak] [strong] [messages] [curves] [--quick] [--rounds N] [--processes 1 2 4 8]
-[--plot FILE]``; it needs mpi4py and mpiexec.
+Run: ``python benchmarks/scaling.py [weak] [strong] [overlap] [messages] [curves] [--quick] [--rounds N]
+[--processes 1 2 4 8] [--plot FILE]``; it needs mpi4py and mpiexec.
 """
 
 from __future__ import annotations
 
 import argparse
+import ctypes
 import json
 import subprocess
 import sys
@@ -31,8 +32,8 @@ from statistics import median
 from typing import Any
 
 
-def measure(kind: str, size: int, dim: int, threads: int, parts: int) -> None:
-    """Print the time of a step on these processes, and of an exchange, in seconds."""
+def made(kind: str, size: int, dim: int, threads: int, parts: int) -> Any:
+    """Waves on these processes, cut across the first axis."""
     from mpi4py import MPI
 
     import farhorizon as fh
@@ -45,28 +46,82 @@ def measure(kind: str, size: int, dim: int, threads: int, parts: int) -> None:
     given: Any = {"communicator": world, "topology": grid} if world.size > 1 else {}
     start = {"u": "exp(-" + "-".join(f"({axis}-{size // 2})**2" for axis in "xyz"[:dim]) + ")"}
     sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(3.0)), sides, start, threads=threads, **given)
-    engine = sim.engine
-    engine.advance_alone(3)
+    sim.engine.advance_alone(3)
+    return sim
+
+
+def seconds_of(work: Any, count: int) -> float:
+    """Of one of so many pieces of work, on the slowest process."""
+    from mpi4py import MPI
+
+    world = MPI.COMM_WORLD
+    world.Barrier()
+    began = time.perf_counter()
+    work(count)
+    return float(world.allreduce((time.perf_counter() - began) / count, MPI.MAX))
+
+
+def measure(kind: str, size: int, dim: int, threads: int, parts: int) -> None:
+    """Print the time of a step on these processes, and of an exchange, in seconds."""
+    from mpi4py import MPI
+
+    engine = made(kind, size, dim, threads, parts).engine
     times, exchanges = [], []
     for _ in range(7):
-        for found, work, count in ((times, engine.advance_alone, 5), (exchanges, None, 20)):
-            if work is None and engine.exchange is None:
-                continue
-            world.Barrier()
-            began = time.perf_counter()
-            if work is not None:
-                work(count)
-            else:
-                engine.exchange.fill(engine.current, engine.components, count)
-            found.append(world.allreduce((time.perf_counter() - began) / count, MPI.MAX))
+        times.append(seconds_of(engine.advance_alone, 5))
+        if engine.exchange is not None:
+            exchanges.append(
+                seconds_of(lambda count: engine.exchange.fill(engine.current, engine.components, count), 20)
+            )
     volume = 0 if engine.exchange is None else engine.exchange.volume(engine.components)
-    if world.rank == 0:
+    if MPI.COMM_WORLD.rank == 0:
         facts = {"step": min(times), "exchange": min(exchanges, default=0.0), "bytes": volume}
         print(json.dumps(facts), flush=True)
 
 
+def measure_overlap(kind: str, size: int, dim: int) -> None:
+    """Print the time of a step that sweeps nodes while messages travel, of one that waits for them first, and of an
+    exchange: the least of many that are measured in turns, for a few thousandths of a second each.
+    """
+    import numpy as np
+    from mpi4py import MPI
+
+    engine = made(kind, size, dim, 1, 2).engine
+    count = max(1, int(0.005 / seconds_of(engine.advance_alone, 5)))
+    least = dict.fromkeys(("ahead", "plain", "exchange"), float("inf"))
+    boxes = {"ahead": engine.tables.free, "plain": np.zeros_like(engine.tables.free)}
+    for _ in range(200):
+        for name, box in boxes.items():
+            engine.replace(free=box)
+            engine.advance_alone(1)
+            least[name] = min(least[name], seconds_of(engine.advance_alone, count))
+        seconds = seconds_of(lambda n: engine.exchange.fill(engine.current, engine.components, n), 5 * count)
+        least["exchange"] = min(least["exchange"], seconds)
+    if MPI.COMM_WORLD.rank == 0:
+        print(json.dumps(least), flush=True)
+
+
+def overlap(quick: bool, rounds: int) -> None:
+    """A step with and without what is swept while messages travel."""
+    cases = [("weak", 500, 2), ("weak", 60, 3), ("strong", 60, 3)]
+    for kind, size, dim in cases if quick else [*cases, ("weak", 2000, 2), ("weak", 200, 3)]:
+        every = [started(2, "overlap", kind, size, dim) for _ in range(rounds)]
+        ratio = median(one["ahead"] / one["plain"] for one in every)
+        share = median(one["exchange"] / one["plain"] for one in every)
+        hidden = median((one["plain"] - one["ahead"]) / one["exchange"] for one in every)
+        told = "each" if kind == "weak" else "with layers of 10"
+        print(
+            f"overlap, {size}^{dim} {told}: a step that sweeps while messages travel takes "
+            f"{ratio:.3f} of one that waits for them; an exchange takes {share:.3f} of it, and {hidden:.2f} of that is "
+            "hidden",
+            flush=True,
+        )
+
+
 def measure_messages(size: int) -> None:
-    """Print the bytes of a message along a line of so many nodes, and the least time that one takes, in seconds."""
+    """Print the bytes of a message along a line of so many nodes, the least time that one takes, and what of it is left
+    where a process computes meanwhile and lets messages move on now and then, in seconds.
+    """
     from mpi4py import MPI
 
     import farhorizon as fh
@@ -84,20 +139,53 @@ def measure_messages(size: int) -> None:
         exchange.fill(level, 1, count)
         least = min(least, (time.perf_counter() - began) / count / 2)  # one to either side
     seconds = world.allreduce(least, MPI.MAX)
+    left = min(left_of(exchange, level, 4 * seconds) / 2 for _ in range(max(20, 8 * count)))
+    left = world.allreduce(left, MPI.MAX)
     if world.rank == 0:
-        print(json.dumps({"bytes": exchange.volume(1) / 2, "seconds": seconds}), flush=True)
+        print(json.dumps({"bytes": exchange.volume(1) / 2, "seconds": seconds, "left": left}), flush=True)
+
+
+def left_of(exchange: Any, level: Any, meanwhile: float) -> float:
+    """Seconds of an exchange along the first axis of the plane, but for those in which the process does something else,
+    as long as is given.
+    """
+    from mpi4py import MPI
+
+    from farhorizon.engine.exchange import LEVEL
+    from farhorizon.engine.rows.exchanges import MOVES, RECEIVES, SENDS, TABLE
+
+    numbers = exchange.numbers[LEVEL, 1].tolist()
+    kind = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * 4)
+    send, move, receive = (kind(numbers[column]) for column in (SENDS, MOVES, RECEIVES))
+    given = numbers[TABLE], level.ctypes.data, 1, level.nbytes
+    now = time.perf_counter
+    MPI.COMM_WORLD.Barrier()
+    began = now()
+    send(*given)
+    spent, until = now() - began, now() + meanwhile
+    while now() < until:
+        pause = now() + meanwhile / 20
+        while now() < pause:
+            pass
+        began = now()
+        move(*given)
+        spent += now() - began
+    began = now()
+    receive(*given)
+    return spent + now() - began
 
 
 def messages(rounds: int) -> None:
-    """Latency and bandwidth."""
-    found = []
-    for size in (7, 1_000_000):
-        every = [started(2, "messages", size) for _ in range(rounds)]
-        found.append((every[0]["bytes"], median(one["seconds"] for one in every)))
-    (few, latency), (many, long) = found
+    """Latency and bandwidth, and what is left of both beside other work."""
+    found = [(size, [started(2, "messages", size) for _ in range(rounds)]) for size in (7, 1_000_000)]
+    (few, many), words = (every[0]["bytes"] for _, every in found), []
+    for name in ("seconds", "left"):
+        latency, long = (median(one[name] for one in every) for _, every in found)
+        bandwidth = 1e-9 * (many - few) / (long - latency)
+        words.append(f"{1e6 * latency:.3g} us and {1e3 * long:.3g} ms, {bandwidth:.3g} GB/s")
     print(
-        f"messages between two processes: one of {few:.0f} bytes takes {1e6 * latency:.3g} us, one of {many:.0f} bytes "
-        f"{1e3 * long:.3g} ms: {1e-9 * (many - few) / (long - latency):.3g} GB/s"
+        f"messages between two processes of {few:.0f} bytes and of {many:.0f}: {words[0]}; beside other work there are "
+        f"left {words[1]}"
     )
 
 
@@ -168,11 +256,14 @@ def main() -> None:
     if sys.argv[1:3] == ["--measure", "messages"]:
         measure_messages(int(sys.argv[3]))
         return
+    if sys.argv[1:3] == ["--measure", "overlap"]:
+        measure_overlap(sys.argv[3], *map(int, sys.argv[4:]))
+        return
     if sys.argv[1:2] == ["--measure"]:
         measure(sys.argv[2], *map(int, sys.argv[3:]))
         return
     parser = argparse.ArgumentParser()
-    parser.add_argument("parts", nargs="*", default=["weak", "strong", "messages"])
+    parser.add_argument("parts", nargs="*", default=["weak", "strong", "overlap", "messages"])
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--processes", type=int, nargs="+", default=[1, 2])
@@ -183,6 +274,8 @@ def main() -> None:
             weak(size, dim, options.rounds)
     if "strong" in options.parts:
         strong(60 if options.quick else 100, options.rounds)
+    if "overlap" in options.parts:
+        overlap(options.quick, options.rounds)
     if "messages" in options.parts:
         messages(options.rounds)
     if "curves" in options.parts:

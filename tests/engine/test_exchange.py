@@ -1,14 +1,17 @@
 """Messages between processes, where a process is its own neighbour: what periodic sides are."""
 
+import ctypes
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.engine.exchange import Link, Messages
+from farhorizon.engine.exchange import Link, Messages, free_of_halos
 from farhorizon.engine.interpreter import Interpreter
 from farhorizon.engine.settings import connect
 
-ITSELF = Link(0, 0, 0, False, 0)
+ITSELF = Link((0, 0, 0, 0), 0, 0, False, 0)
 
 
 def periodic(dim=2, **more):
@@ -22,17 +25,210 @@ def periodic(dim=2, **more):
     return fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), there, {"u": u}, threads=1, **more)
 
 
-def connected(sim):
-    """The same with messages to itself in place of copies."""
-    neighbours = {(axis, side): 0 for axis in sim.engine.layout.periodic for side in (-1, 1)}
-    connect(sim.engine, ITSELF, neighbours)
+class Mailbox:
+    """An MPI in whose world all processes are alike: what one sends to number 1 is what it is sent by number 1, and
+    comes no sooner than in MPI_Waitall, when it has been asked whether it is there often enough.
+
+    Parameters
+    ----------
+    wide : bool
+        Whether handles are pointers.
+
+    Attributes
+    ----------
+    link : Link
+        Of a process whose number is 0.
+    calls : list of str
+    seen : list
+        What `look` found each time when messages were waited for.
+    """
+
+    def __init__(self, wide=False):
+        self.calls, self.sent, self.expected, self.seen = [], {}, {}, []
+        self.look = lambda: None
+        self.handle, self.requests = ctypes.c_void_p if wide else ctypes.c_int, 0
+        self.communicator, self.kind = (0x7F1122334455667, 0x7F1122334455663) if wide else (0x44000001, 0x4C00010D)
+        whole, place = ctypes.c_int, ctypes.c_void_p
+        begins = ctypes.CFUNCTYPE(whole, place, whole, self.handle, whole, whole, self.handle, place)
+        waits = ctypes.CFUNCTYPE(whole, whole, place, place)
+        tests = ctypes.CFUNCTYPE(whole, whole, place, ctypes.POINTER(whole), place)
+        self.kept = begins(self.send), begins(self.receive), waits(self.wait), tests(self.test)
+        functions = tuple(ctypes.cast(one, ctypes.c_void_p).value for one in self.kept)
+        self.link = Link(functions, self.communicator, self.kind, wide, 0)
+
+    def begin(self, kind, other, communicator, request):
+        assert (kind, other, communicator) == (self.kind, 1, self.communicator)
+        self.requests += 1
+        self.handle.from_address(request).value = self.requests
+
+    def send(self, buffer, count, kind, to, tag, communicator, request):
+        self.begin(kind, to, communicator, request)
+        assert tag not in self.sent
+        self.sent[tag] = ctypes.string_at(buffer, count)
+        self.calls.append("send")
+        return 0
+
+    def receive(self, buffer, count, kind, source, tag, communicator, request):
+        self.begin(kind, source, communicator, request)
+        self.expected[tag] = buffer, count
+        self.calls.append("receive")
+        return 0
+
+    def test(self, count, requests, flag, statuses):
+        flag[0] = 0
+        self.calls.append("test")
+        return 0
+
+    def wait(self, count, requests, statuses):
+        found = list((self.handle * count).from_address(requests))
+        assert found == list(range(found[0], found[0] + count)) and found[-1] <= self.requests
+        ctypes.memset(statuses, 0, 64 * count)
+        self.seen.append(self.look())
+        for tag in list(self.expected)[: count // 2]:  # those that were begun first
+            buffer, length = self.expected.pop(tag)
+            assert length == len(self.sent[tag])
+            ctypes.memmove(buffer, self.sent.pop(tag), length)
+        self.calls.append("wait")
+        return 0
+
+
+def connected(sim, mailbox=None):
+    """The same with messages to itself in place of copies, or by a mailbox."""
+    sides = [(axis, side) for axis in sim.engine.layout.periodic for side in (-1, 1)]
+    if mailbox is None:
+        connect(sim.engine, ITSELF, dict.fromkeys(sides, 0))
+    else:
+        connect(sim.engine, mailbox.link, dict.fromkeys(sides, 1))
     return sim
 
 
+def places_of(sim, low, high):
+    """Places of a level of the nodes in a box."""
+    return sim.engine.layout.box.node_indices()[tuple(map(slice, low, high))]
+
+
+def waves(dim, **more):
+    """Waves across sides that are all periodic, from noise."""
+    shape = (53, 41, 37)[:dim]
+    lattice = fh.Lattice(1.0, [0.0] * dim, [n - 1.0 for n in shape])
+    u = np.random.default_rng(3).standard_normal(shape)
+    return fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), fh.Periodic(), {"u": u}, threads=1, **more)
+
+
+@pytest.mark.parametrize(("dim", "real"), [(2, "float64"), (2, "float32"), (3, "float64")])
+def test_rows_that_need_no_halo_are_swept_while_messages_travel(dim, real):
+    """Those along the last axis come first. When the last messages of a step are waited for, these rows have their new
+    values, the others have not.
+    """
+    mailbox = Mailbox()
+    plain, other = waves(dim, dtype=real), connected(waves(dim, dtype=real), mailbox)
+    mailbox.look = other.engine.levels.copy
+    (low, high), nodes = other.engine.tables.free.tolist(), other.engine.layout.box.nodes
+    assert (low, high) == (([0, 2], [1, 51]) if dim == 2 else ([2, 2], [51, 39]))
+    free, every = places_of(other, (*low, 0), (*high, nodes[2])), places_of(other, (0, 0, 0), nodes)
+    late = np.setdiff1d(every, free)
+    for sim in (plain, other):
+        sim.step(2)  # from rest the first step comes back to the one before it
+    for _ in range(3):
+        mailbox.seen.clear()
+        plain.step(1)
+        other.step(1)
+        np.testing.assert_array_equal(other.fields["u"], plain.fields["u"])
+        new = plain.engine.current
+        # of the waits of this step, one an axis, the share of those rows that are swept
+        done = [max((level[free] == new[free]).mean() for level in found) for found in mailbox.seen]
+        assert len(done) == dim and done[0] < 0.05 and done[-1] == 1 and (dim == 2 or 0.3 < done[1] < 0.7), done
+        assert max((level[late] == new[late]).mean() for level in mailbox.seen[-1]) < 0.05
+
+
+@pytest.mark.parametrize("wide", [False, True], ids=["numbers", "pointers"])
+def test_calls_of_mpi(wide):
+    """Receives are there before anything is sent; MPI is called with each part of the box, and no message is left."""
+    mailbox = Mailbox(wide)
+    sim = connected(waves(2), mailbox)
+    mailbox.calls.clear()
+    sim.engine.advance_alone(1)
+    told = "".join(call[0] for call in mailbox.calls)
+    last, other, rest = told.split("w")
+    assert last == "rrss" and other.rstrip("t") == "rrss" and other.count("t") >= 2, told
+    assert not rest and not mailbox.sent and not mailbox.expected
+
+
+def breaking():
+    """A bar that tears across a periodic side."""
+    lattice = fh.Lattice(1.0, (0.0, 0.0), (95.0, 40.0))
+    solid = fh.Elastic(fh.Kernel(2.0), 1.0, critical_stretch=0.005, nonlinear=True)
+    pull = fh.BodyForce([0.0, "0.02*(exp(-(y - 26)**2/4) - exp(-(y - 14)**2/4))*(1 - 0.5*cos(x/15))"], "1 - exp(-t)")
+    return fh.Simulation(lattice, solid, {"x": fh.Periodic(), "y": fh.Free()}, loads=[pull], threads=1)
+
+
+def dissolving():
+    """Metal across a periodic side."""
+    lattice = fh.Lattice(1.0, (0.0, 0.0), (95.0, 40.0))
+    disc = fh.Specimen(fh.Disc(9.0, (0.0, 17.0)) | fh.Disc(9.0, (96.0, 17.0)))
+    sides = {"x": fh.Periodic(), "y": fh.LatticePML(nodes=4)}
+    corrodes = fh.Corrosion(fh.Kernel(2.0), saturation=0.8)
+    return fh.Simulation(lattice, corrodes, sides, specimens=[disc], threads=1)
+
+
+@pytest.mark.parametrize("make", [breaking, dissolving], ids=lambda make: make.__name__)
+def test_parts_with_a_law_of_their_own_are_swept_whole(make):
+    """Bit by bit, and some of them while messages travel."""
+    mailbox = Mailbox()
+    plain, other = make(), make()
+    connected(other, mailbox)
+    if make is dissolving:
+        other.parts.phases.start()
+    mailbox.look = other.engine.levels.copy
+    ahead = 0.0
+    for _ in range(60):
+        mailbox.seen.clear()
+        plain.step(1)
+        other.step(1)
+        new, every = plain.engine.current, places_of(other, (0, 0, 0), other.engine.layout.box.nodes).ravel()
+        moved = every[new[every] != plain.engine.older[every]] if make is breaking else every
+        same = [(level[moved] == new[moved]).sum() for level in mailbox.seen[-1]]
+        ahead = max(ahead, max(same) / max(len(moved), 1))
+    for name, values in plain.fields.items():
+        np.testing.assert_array_equal(other.fields[name], values)
+    if make is breaking:
+        assert plain.broken_bonds == other.broken_bonds > 100
+    assert ahead > 0.3
+
+
+def test_threads_share_what_is_swept_ahead():
+    """Messages are those of one thread, while the others sweep."""
+    u = np.random.default_rng(4).standard_normal((331, 301))
+    lattice = fh.Lattice(1.0, (0.0, 0.0), (330.0, 300.0))
+    sides = {"x": fh.Periodic(), "y": fh.LatticePML(nodes=4)}
+    given = lattice, fh.Wave(fh.Kernel(2.0)), sides, {"u": u * (np.indices(u.shape)[1] % 300 > 20)}
+    mailbox = Mailbox()
+    plain, other = fh.Simulation(*given, threads=1), connected(fh.Simulation(*given, threads=2), mailbox)
+    assert other.engine.threads == 2 and other.engine.tables.free.any()
+    for sim in (plain, other):
+        sim.step(25)
+    np.testing.assert_array_equal(other.fields["u"], plain.fields["u"])
+    assert mailbox.calls.count("wait") == 2 * 25  # of the field, and of what layers make of it
+
+
+def test_boxes_without_a_row_to_spare():
+    """Where all rows need a halo none is swept ahead; that along the last axis does not count."""
+
+    def free(nodes, *sides):
+        layout = SimpleNamespace(box=SimpleNamespace(nodes=nodes), reach=(2, 2, 2))
+        return free_of_halos(layout, dict.fromkeys(sides, 3) | {(2, -1): -1}).tolist()
+
+    assert free((9, 30, 30), (1, -1)) == [[0, 2], [9, 30]]
+    assert free((9, 30, 30), (1, -1), (1, 1), (0, 1)) == [[0, 2], [7, 28]]
+    assert free((9, 30, 4), (2, 1)) == [[0, 0], [9, 30]]
+    assert free((9, 4, 30), (1, -1), (1, 1)) == [[0, 0], [0, 0]]
+
+
+@pytest.mark.parametrize("mailbox", [None, Mailbox()], ids=["itself", "mailbox"])
 @pytest.mark.parametrize("more", [{}, {"dtype": "float32"}], ids=str)
-def test_messages_to_itself_are_periodic_sides(more):
+def test_messages_to_itself_are_periodic_sides(more, mailbox):
     """Bit by bit, energies too."""
-    plain, other = periodic(**more), connected(periodic(**more))
+    plain, other = periodic(**more), connected(periodic(**more), mailbox)
     for sim in (plain, other):
         sim.step(60)
     np.testing.assert_array_equal(other.fields["u"], plain.fields["u"])
@@ -64,12 +260,14 @@ def test_metal_dissolves_beyond_a_side_as_before_it(model):
 @pytest.mark.slow
 def test_in_space_and_with_states():
     """The slots of layers and the states of two passes are exchanged, too."""
-    plain, other = periodic(3), connected(periodic(3))
+    plain, other = periodic(3), periodic(3)
     model = fh.Elastic(fh.Kernel(2.0), young=1.0, poisson=0.3, material="state-based")
     lattice = fh.Lattice(1.0, (0, 0, 0), (9, 10, 11))
     start = {"u": ["exp(-x)", 0.0, "exp(-y)"]}
     pair = [fh.Simulation(lattice, model, fh.Periodic(), start, threads=1) for _ in range(2)]
-    for one, two in ((plain, other), (pair[0], connected(pair[1]))):
+    boxes = Mailbox(), Mailbox()
+    other, pair[1] = connected(other, boxes[0]), connected(pair[1], boxes[1])
+    for one, two in ((plain, other), pair):
         one.step(40)
         two.step(40)
         np.testing.assert_array_equal(two.fields["u"], one.fields["u"])
@@ -86,8 +284,8 @@ def test_the_interpreter_does_the_same():
 def test_whom_messages_go_to():
     """What would fill my halo if I were periodic fills that of my neighbour on the other side."""
     layout = periodic().engine.layout
-    across = {(1, side): layout.across(1, side) for side in (-1, 1)}
-    messages = Messages.between(Link(0, 0, 0, False, 5), {(1, -1): 4, (1, 1): -1}, across)
+    across = {(1, side): layout.across(1, side, {1}) for side in (-1, 1)}
+    messages = Messages.between(Link((0, 0, 0, 0), 0, 0, False, 5), {(1, -1): 4, (1, 1): -1}, across)
     (down, to_nobody) = messages.rows
     assert down[:2] == (-1, 4) and to_nobody[:2] == (4, -1)
     box = layout.box

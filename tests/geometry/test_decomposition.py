@@ -47,7 +47,7 @@ def test_what_is_exchanged_is_counted():
     boxes = made((60, 20), 3, topology=[3, 1])
     assert boxes.exchanged(1, (2, 2), {(1, -1): 5, (1, 1): 4}) == [2 * 2 * (20 + 9), 0]
     assert boxes.size(1, {(1, -1): 5, (1, 1): 4, (0, 1): 7}) == [20, 29]
-    assert made((60, 20), 4, topology=[2, 2]).exchanged(0, (2, 2), {}) == [2 * 10, 2 * (30 + 4)]
+    assert made((60, 20), 4, topology=[2, 2]).exchanged(0, (2, 2), {}) == [2 * (10 + 4), 2 * 30]
 
 
 def test_work_is_balanced():

@@ -3,14 +3,13 @@
 import pytest
 
 import farhorizon as fh
-from farhorizon.simulation.sent import _BANDWIDTH, _LATENCY, efficiency, rows_on_processes
+from farhorizon.simulation.sent import _LEFT, _WHOLE, efficiency, rows_on_processes, sent_along, swept_ahead
 from farhorizon.simulation.share import boxes_of
 
 
 def square(**more):
-    given = {"initial": {"u": "exp(-x**2 - y**2)"}} | more
-    lattice, model = fh.Lattice(0.5, (-10, -10), (10, 10)), fh.Wave(fh.Kernel(0.5))
-    return fh.Simulation(lattice, model, **({"boundary": fh.Fixed()} | given))
+    given = {"initial": {"u": "exp(-x**2 - y**2)"}, "boundary": fh.Fixed(), "model": fh.Wave(fh.Kernel(0.5))} | more
+    return fh.Simulation(fh.Lattice(0.5, (-10, -10), (10, 10)), **given)
 
 
 def test_what_is_sent_by_hand():
@@ -26,16 +25,36 @@ def test_what_is_sent_by_hand():
 
 
 def test_efficiencies_by_hand():
-    """41 rows cut into 21 and 20: the slower process takes 21/41 of the time, and that of one message of 41 values."""
+    """41 rows cut into 21 and 20: the slower process takes 21/41 of the time, and that of one message of 41 values, of
+    which a part passes while 20 of the rows are swept.
+    """
     run = square()
     boxes = boxes_of(run.setup, run.parts.around, 2)
     for seconds in (1e-6, 1e-3, 10.0):
-        message = _LATENCY + 41 * 8 / _BANDWIDTH
-        assert efficiency(boxes, run, seconds) == pytest.approx(seconds / 2 / (seconds * 21 / 41 + message), rel=1e-12)
+        message, least = (latency + 41 * 8 / bandwidth for latency, bandwidth in (_WHOLE, _LEFT))
+        left = max(least, message - seconds * 20 / 41)
+        assert efficiency(boxes, run, seconds) == pytest.approx(seconds / 2 / (seconds * 21 / 41 + left), rel=1e-12)
+    assert [swept_ahead(boxes, number, run) for number in range(2)] == [41 * 19, 41 * 20]
     # layers are work: the box with one is smaller
     layer = square(boundary={"x-": fh.LatticePML(nodes=10), "all": fh.Fixed()}, initial={})
     two = boxes_of(layer.setup, layer.parts.around, 2, [2, 1])
     assert 0.95 < efficiency(two, layer, 10.0) <= 1 and two.size(0, {})[0] < two.size(1, {})[0]
+
+
+def test_what_is_swept_ahead():
+    """Not while messages travel along the last axis, and none of states that break."""
+    run, seconds = square(), 1e-3
+    boxes = boxes_of(run.setup, run.parts.around, 2, [1, 2])
+    message = _WHOLE[0] + 41 * 8 / _WHOLE[1]
+    assert efficiency(boxes, run, seconds) == pytest.approx(seconds / 2 / (seconds * 21 / 41 + message), rel=1e-12)
+    # four boxes: along the first axis the halo of the last one is sent, too
+    four = boxes_of(run.setup, run.parts.around, 4)
+    assert four.topology == (2, 2) and sent_along(four, 3, run) == [8 * (21 + 2), 8 * 21]
+    assert swept_ahead(four, 3, run) == 20 * 21
+    bonds = square(model=fh.Elastic(fh.Kernel(0.5), 1.0, critical_stretch=1.0), initial={})
+    assert swept_ahead(four, 3, bonds) == 20 * 21
+    states = fh.Elastic(fh.Kernel(0.5), 1.0, 0.3, material="state-based", critical_stretch=1.0)
+    assert swept_ahead(four, 3, square(model=states, initial={}, boundary=fh.Free())) == 0
 
 
 def test_boxes_that_are_asked_for():

@@ -264,3 +264,34 @@ def test_the_command_line_runs_a_case_on_all_processes(told, alone, monkeypatch,
 @pytest.mark.parametrize("processes", [2, 4])
 def test_more_models(told, processes):
     check_all(told(processes, "slow")[0], 53)
+
+
+#: Steps without end, which the second process leaves in the midst of one.
+ENDS = """
+import os, signal, threading, time
+from mpi4py import MPI
+import farhorizon as fh
+
+def leave():
+    time.sleep(1.0)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+lattice = fh.Lattice(1.0, (0.0, 0.0), (199.0, 199.0))
+sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(3.0)), fh.Fixed(), communicator=MPI.COMM_WORLD)
+sim.step(1)
+if MPI.COMM_WORLD.rank == 1 and {killed}:
+    threading.Thread(target=leave).start()
+elif MPI.COMM_WORLD.rank == 1:
+    raise RuntimeError("nothing left")
+print("steps", flush=True)
+sim.engine.advance_alone(10**9)
+"""
+
+
+@pytest.mark.parametrize("killed", [True, False], ids=["killed", "failing"])
+def test_a_process_that_is_no_more_ends_all(killed):
+    """None waits for its messages for ever."""
+    command = ["mpiexec", "-n", "2", sys.executable, "-m", "mpi4py", "-c", ENDS.format(killed=killed)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode != 0 and done.stdout.count("steps") == 1 + killed, done.stderr[-2000:]
+    assert killed or "nothing left" in done.stderr

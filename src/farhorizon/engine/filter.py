@@ -19,7 +19,7 @@ import numpy as np
 
 from farhorizon.engine.layout import SLACK, Layout
 from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.exchanges import call_exchange
+from farhorizon.engine.rows.exchanges import NO_MESSAGES, RECEIVES, SENDS, TABLE, USED, call_exchange
 from farhorizon.engine.rows.vectors import take_passed, weigh_change
 from farhorizon.engine.threads import barrier, share
 
@@ -45,8 +45,8 @@ class Filter(NamedTuple):
         Places of the box that repeat what lies across periodic axes, and those.
     whole : bool
         Whether the waves themselves are filtered, not their increments alone.
-    exchange : ndarray of int, shape (3,)
-        By what other processes fill margins of the box, as `Tables.exchange`.
+    exchange : ndarray of int, shape (3, 5)
+        By what other processes fill margins of the box, as a kind of `Tables.exchange`.
     """
 
     taps: np.ndarray
@@ -83,7 +83,7 @@ def filter_tables(
     if not any(np.any(rate) for rate in rates.values()):
         none, empty = np.zeros(0, np.int64), np.zeros(0, real)
         pieces, copies = np.zeros((0, 4), np.int64), np.zeros((2, 0), np.int64)
-        return Filter(np.zeros(1, real), none, empty, empty, pieces, copies, whole, np.zeros(3, np.int64))
+        return Filter(np.zeros(1, real), none, empty, empty, pieces, copies, whole, NO_MESSAGES)
     nodes, axes = layout.box.nodes, [a for a in range(3) if layout.reach[a]]
     pads, extent, step = _extents(layout, taps)
     along = _along(layout, rates)
@@ -102,7 +102,7 @@ def filter_tables(
         _runs(places[damped], layout.box.node_indices()[damped], entries[damped]),
         _wrapped(places[damped], layout, step, pads, extent),
         whole,
-        np.zeros(3, np.int64),
+        NO_MESSAGES,
     )
 
 
@@ -232,11 +232,13 @@ def damp_short_waves(thread, stage, tables):
             for i in range(thread.number, copies.shape[1], thread.threads):
                 box[copies[0, i]] = box[copies[1, i]]
             barrier(thread)
-        if tables.exchange[2] != 0:
-            if thread.number == 0:
-                count = np.int64(box.nbytes)
-                call_exchange(tables.exchange[0], tables.exchange[1], np.int64(places), np.int64(1), count)
-            barrier(thread)
+        for axis in range(3):
+            messages = tables.exchange[axis]
+            if messages[USED] != 0:
+                if thread.number == 0:
+                    for function in (messages[SENDS], messages[RECEIVES]):
+                        call_exchange(function, messages[TABLE], np.int64(places), np.int64(1), np.int64(box.nbytes))
+                barrier(thread)
         for piece in range(own[0], own[1]):
             place, node, first, count = runs[piece]
             here, strength = places + place * size, weights + first * size

@@ -45,7 +45,9 @@ class Interpreter:
         engine.loop = self.run
         self.methods: dict[int, Callable[..., None]] = {
             op.COPY: self._copy,
-            op.EXCHANGE: self.exchange,
+            op.SEND: lambda number: None,  # `receive` has it where it is
+            op.RECEIVE: self.receive,
+            op.AHEAD: lambda: None,  # `_sweep` does all
             op.MELT: self._melt,
             op.DAMP_OLD: self._damp_old,
             op.LINES: lambda: None,  # `_stretch` continues the field itself
@@ -91,7 +93,7 @@ class Interpreter:
                         assert self.states is not None
                         self.states.run(operation, number, which)
                     else:
-                        self.methods[operation](*[number] * (operation in (op.STRETCH, op.EXCHANGE)))
+                        self.methods[operation](*[number] * (operation in (op.STRETCH, op.SEND, op.RECEIVE)))
             phase = (phase + 1) % len(tables.rotation)
         if kept is not None:
             self.memory.clear()
@@ -122,12 +124,13 @@ class Interpreter:
         for to, source in self.tables.copies.T:  # later ones copy what earlier ones have copied
             levels[:, to] = levels[:, source]
 
-    def exchange(self, kind: int, levels: np.ndarray | None = None) -> None:
+    def receive(self, number: int, levels: np.ndarray | None = None) -> None:
         """Where a process is its own neighbour: there are no others here. Slots are not used."""
         assert self.engine.exchange is not None
-        levels = self.split(self.stage.src) if levels is None else levels
-        for to, source, sent, filled, _ in self.engine.exchange.messages[kind].rows if kind == LEVEL else ():
-            assert to == source == self.engine.exchange.messages[kind].link.own
+        levels, (kind, axis) = self.split(self.stage.src) if levels is None else levels, divmod(number, 3)
+        messages = self.engine.exchange.messages[kind].along(axis)
+        for to, source, sent, filled, _ in messages.rows if kind == LEVEL else ():
+            assert to == source == messages.link.own
             levels[:, filled] = levels[:, sent]
 
     def _keep(self) -> None:
@@ -503,7 +506,7 @@ class _States:
         states = law.values.reshape(len(law.intact), -1)
         levels = (self.loop.split(self.loop.stage.src), states, self.loop.split(self.loop.stage.out))
         # the loop may have done it node by node
-        if self.raw and (which == op.SCATTER or operation in (op.COPY, op.EXCHANGE)):
+        if self.raw and which == op.SCATTER:
             states[:, self.loop.nodes] -= self._strained(self.loop.nodes).T
             odd = np.einsum("sab,bs->as", law.matrices[law.numbers], states[:, law.nodes])
             if not self.loop.tables.bonds.forces:
@@ -518,8 +521,8 @@ class _States:
         if operation == op.COPY:
             for to, source in self.loop.tables.copies.T:
                 states[:, to] = states[:, source]
-        elif operation == op.EXCHANGE:
-            self.loop.exchange(axis, states)
+        elif operation == op.RECEIVE:
+            self.loop.receive(axis, states)
         elif operation == op.SWEEP:
             read, sign, nodes = levels[which - op.GATHER], (-1, 1)[which - op.GATHER], self.loop.nodes
             total = np.zeros((len(levels[which]), nodes.size))

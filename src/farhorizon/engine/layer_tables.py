@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 
 import numpy as np
 
 from farhorizon.engine.layer_terms import Slots, Terms
-from farhorizon.engine.layout import ALIGN, SLACK, Layout, aligned_zeros
+from farhorizon.engine.layout import ALIGN, HALOS, SLACK, Layout, aligned_zeros
 from farhorizon.engine.nested import (
     AXIS,
     BAND_MEMORY,
@@ -284,17 +284,17 @@ class LayerTables:
         fields = self.columns * self.sets[2] * self.layout.reach[2]
         return sum(fields * int(band[WIDTH]) for band in self.bands if band[COLUMNS] and band[STEP] == side)
 
-    def across(self, axis: int, side: int) -> np.ndarray:
-        """Places of the slots in the halo on a side, and those that they repeat if the axis is periodic; shape (2,
-        n)."""
+    def across(self, axis: int, side: int, shared: Set[int]) -> np.ndarray:
+        """Places of the slots in the halo on a side, and those that they repeat if the axis is periodic, shape (2, n);
+        see `Layout.across`.
+        """
         layout, found = self.layout, [np.zeros((2, 0), np.int64)]
         n, m = layout.box.nodes, layout.reach
         halo = np.arange(-m[axis], 0) if side < 0 else np.arange(n[axis], n[axis] + m[axis])
-        pairs = []
+        pairs, earlier = [], shared & set(HALOS[: HALOS.index(axis)])
         for along in (halo, halo % n[axis]) if axis < 2 else ():
-            parts = [
-                along if a == axis else np.arange(-m[a], n[a] + m[a]) if a < axis else np.arange(n[a]) for a in (0, 1)
-            ]
+            halos = [m[a] * (a in earlier) for a in (0, 1)]
+            parts = [along if a == axis else np.arange(-halos[a], n[a] + halos[a]) for a in (0, 1)]
             pairs.append(self.slots.first + np.add.outer(parts[0] * self.slots.grid[0], parts[1]).ravel())
         for band in self.bands:
             if band[COLUMNS] and pairs:
@@ -308,7 +308,8 @@ class LayerTables:
 
     def _copies(self) -> np.ndarray:
         """Places of the slots that repeat what lies across a periodic axis: (to, from)."""
-        found = [self.across(axis, side) for axis in sorted(self.layout.periodic) for side in (-1, 1)]
+        periodic = self.layout.periodic
+        found = [self.across(axis, side, periodic) for axis in HALOS if axis in periodic for side in (-1, 1)]
         return np.concatenate([np.zeros((2, 0), np.int64), *found], axis=1)
 
     def _sizes(self) -> np.ndarray:

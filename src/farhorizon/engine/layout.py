@@ -6,7 +6,7 @@ A field of several components has one such level for each, one after the other.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,6 +15,10 @@ import numpy as np
 SLACK = 64
 #: Values whose bytes are a whole number of cache lines, in either precision.
 ALIGN = 16
+
+#: Axes in the order in which halos along them repeat what lies elsewhere, those of earlier ones with it. All rows read
+#: the halo of the last axis: once that is there whole rows need none of the others.
+HALOS = (2, 0, 1)
 
 #: Columns of the row that describes a box to the compiled driver; behind them the distances of the components that are
 #: read, and of those that are written.
@@ -168,13 +172,16 @@ class Layout:
             [box.origin, *box.nodes, *box.stride[:2], *box.stride, box.origin, *box.stride[:2], *apart], np.int64
         )
 
-    def across(self, axis: int, side: int) -> np.ndarray:
-        """Places of the halo on a side, and those that it repeats if the axis is periodic; shape (2, n)."""
+    def across(self, axis: int, side: int, shared: Set[int]) -> np.ndarray:
+        """Places of the halo on a side, and those that it repeats if the axis is periodic; shape (2, n). Along the axes
+        that are `shared` halos repeat something, too.
+        """
         n, m = self.box.nodes[axis], self.reach[axis]
         halo = np.arange(-m, 0) if side < 0 else np.arange(n, n + m)
         # Later axes are filled after this one, earlier ones with their halo.
+        earlier = shared & set(HALOS[: HALOS.index(axis)])
         lines = [
-            np.arange(-r, k + r) if a < axis else np.arange(k)
+            np.arange(-r, k + r) if a in earlier else np.arange(k)
             for a, (k, r) in enumerate(zip(self.box.nodes, self.reach, strict=True))
         ]
         places = []
@@ -188,5 +195,6 @@ class Layout:
         """Places of the halo that repeat what lies across a periodic axis and where that is, axis by axis: (to, from),
         shape (2, n).
         """
-        found = [self.across(axis, side) for axis in sorted(self.periodic) for side in (-1, 1)]
+        axes = [axis for axis in HALOS if axis in self.periodic]
+        found = [self.across(axis, side, self.periodic) for axis in axes for side in (-1, 1)]
         return np.concatenate([np.zeros((2, 0), np.int64), *found], axis=1)

@@ -15,15 +15,12 @@ import numpy as np
 from numba import types
 
 from farhorizon.engine.bonds import PHASES
-from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.nested import COLUMNS, Layers, has_layers
 from farhorizon.engine.operations import (
+    AHEAD,
     BREAK,
-    COPY,
     DAMAGED,
-    EXCHANGE,
     FLOW_LAYERS,
-    GATHER,
     KEEP,
     LINES,
     SCATTER,
@@ -31,8 +28,8 @@ from farhorizon.engine.operations import (
     STRETCH,
     STRETCH_FORCES,
     STRETCH_STATES,
-    Pass,
     Tables,
+    pass_of,
 )
 from farhorizon.engine.rows.build import load_layer_program, load_program
 from farhorizon.engine.rows.calls import call_operation
@@ -132,8 +129,9 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
     program, size = load_program(), types.int64
     lists = [table.operations[a:b].tolist() for a, b in zip(table.starts[:-1], table.starts[1:], strict=True)]
     used = sorted({which for operations in lists for _, _, which in operations} | {SPRINGS})
-    parts = {which: _on_parts(program, table, inputs.table, which) for which in used}
-    sums = {which: _sums(table, which, len(parts[which])) for which in used}
+    split = {which for operations in lists for operation, _, which in operations if operation == AHEAD}
+    parts = {which: _on_parts(program, table, inputs.table, which, which in split) for which in used}
+    sums = {which: _sums(table, which, *map(len, parts[which])) for which in used}
 
     def address(function: Function, stage: Struct, one: Struct) -> int:
         return _address(function, (ALONE.type, stage.type, one.type, tables.type, inputs.type, size, size))
@@ -145,7 +143,8 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
     with _COMPILING, importing(program.__name__):
         for which, one in sums.items():
             first = stages[0][0][which]
-            one.table.each[:] = [address(function, first, one) for function in parts[which]]
+            for places, functions in zip((one.table.each, one.table.ahead), parts[which], strict=True):
+                places[:] = [address(function, first, one) for function in functions]
             _set_called(program, first, one)
         does = [
             [one for operation in operations for one in _does(table, inputs.table, *operation)] for operations in lists
@@ -168,7 +167,7 @@ def _does(
     """What does an operation, one function after the other: the function, the stage and the sums that it takes, by
     their pass, and a number.
     """
-    layers, on_layers = _pass(tables, which).layers, load_layer_program()
+    layers, on_layers = pass_of(tables, which).layers, load_layer_program()
     if operation == LINES:
         bands = [band for band in range(2) if layers.bands[band, COLUMNS]]
         found = [(on_layers.continue_band, which, which, band) for band in bands]
@@ -191,8 +190,6 @@ def _does(
         asked = zip((program.watch_last, program.hear_last), _keeps(tables, inputs), strict=True)
         return [(function, which, which, number) for function, there in asked if there]
     stage = which
-    if operation in (COPY, EXCHANGE) and which == GATHER and number == LEVEL:
-        stage = SCATTER  # the states are what that one reads
     if operation in _OF_THE_FIELD:
         stage, which, number = SPRINGS, SPRINGS, int(which == SCATTER) if operation == DAMAGED else number
     return [(program.OPERATIONS[operation], stage, which, number)]
@@ -206,13 +203,19 @@ def _on_axis(layers: Layers, axis: int) -> list[Function]:
     return [program.add_bands] + [program.take_band_cuts] * bool(layers.band_cuts.shape[0])
 
 
-def _on_parts(program: ModuleType, tables: Tables, inputs: Inputs, which: int) -> list[Function]:
-    """What is done with each part of the box as a pass sweeps it."""
-    one, bonds = _pass(tables, which), tables.bonds
+def _on_parts(
+    program: ModuleType, tables: Tables, inputs: Inputs, which: int, split: bool
+) -> tuple[list[Function], list[Function]]:
+    """What is done with each part of the box as a pass sweeps it, and while messages are on their way: if it is `split`
+    what needs no halo has been swept then.
+    """
+    one, bonds = pass_of(tables, which), tables.bonds
     if tables.phases.runs.size:
-        sweep = program.phases_part
+        whole, ahead, rest = program.phases_part, program.phases_ahead, program.phases_rest
+    elif bonds.places.shape[0] and bonds.forces:
+        whole, ahead, rest = program.bonds_part, program.bonds_ahead, program.bonds_rest
     else:
-        sweep = program.bonds_part if bonds.places.shape[0] and bonds.forces else program.stencil_part
+        whole, ahead, rest = program.stencil_part, program.stencil_ahead, program.stencil_rest
     watched, heard = _keeps(tables, inputs)
     found = [
         (program.release_part, one.surface.stretches.size),
@@ -220,7 +223,8 @@ def _on_parts(program: ModuleType, tables: Tables, inputs: Inputs, which: int) -
         (program.hear_part, which == SPRINGS and heard),
         (program.law_part, one.sweep.law.values.size),
     ]
-    return [sweep, *(function for function, there in found if there)]
+    after = [function for function, there in found if there]
+    return [rest if split else whole, *after], [program.move_part, ahead] if split else []
 
 
 def _set_called(program: ModuleType, stage: Struct, sums: Struct) -> None:
@@ -245,21 +249,15 @@ def _keeps(tables: Tables, inputs: Inputs) -> tuple[bool, bool]:
     return bool(inputs.watched.size), bool(tables.listening.rows.size)
 
 
-def _pass(tables: Tables, which: int) -> Pass:
-    if which == SPRINGS:
-        n = tables.components
-        return Pass(tables.sweep, tables.layers, tables.cuts, tables.surface, n, n)
-    return tables.gather if which == GATHER else tables.scatter
-
-
-def _sums(tables: Tables, which: int, parts: int) -> Struct:
+def _sums(tables: Tables, which: int, parts: int, ahead: int) -> Struct:
     """What the operations of a pass take, with room for addresses."""
     everywhere = tables.material
     alike = everywhere._replace(coefficient=everywhere.coefficient[:1])
     material = everywhere if which == SPRINGS else alike  # coefficients are those of springs alone
     liquid = alike if everywhere.rule == PHASES else material
-    room = np.zeros(5, np.int64), np.zeros(parts, np.int64)
-    return Struct(Sums(*_pass(tables, which), material, liquid, tables.work_space, *room))
+    room = np.zeros(5, np.int64), np.zeros(parts, np.int64), np.zeros(ahead, np.int64)
+    free = tables.free if ahead else np.zeros_like(tables.free)
+    return Struct(Sums(*pass_of(tables, which), material, liquid, tables.work_space, *room, free))
 
 
 def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool) -> list[Struct]:

@@ -8,7 +8,7 @@ the same lists.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,8 +19,10 @@ from farhorizon.engine.ends import Ends
 from farhorizon.engine.exchange import LEVEL, SLOTS
 from farhorizon.engine.filter import Filter
 from farhorizon.engine.fringe import Fringe
+from farhorizon.engine.layout import HALOS
 from farhorizon.engine.nested import Layers, has_layers
 from farhorizon.engine.phases import Phases
+from farhorizon.engine.rows.exchanges import USED
 from farhorizon.engine.stretches import Stretches
 from farhorizon.engine.tables import Cuts, Damping, Dependents, Flows, Inputs, Listening, Material, Surface, Sweep
 from farhorizon.engine.warmth import Warmth, no_heat
@@ -47,13 +49,16 @@ LAW = 18  # what nodes make of their states
 BREAK = 19  # bonds beyond their limit break
 DAMAGED = 20  # sums of nodes that have lost bonds are made anew
 INERTIA = 21  # what the forces have done to heavy nodes is less
-EXCHANGE = 22  # other processes fill the halo; its number is that of a table of messages
+SEND = 22  # messages to other processes begin; three times their kind and their axis
 STRETCH_STATES = 23  # layers stretch the derivatives that nodes have for states; with 1 beside it their memory begins
 STRETCH_FORCES = 24  # and those of what the law has made of the states
 DRAG = 25  # velocities move towards the mean of their neighbours
 HEAT = 26  # springs beside states lose what heat strains them
 WARM = 27  # the strains of heat become those of the next step
 MELT = 28  # nodes of the halo become liquid as other processes have made them
+AHEAD = 29  # SWEEP of rows that need no halo, while messages are on their way: twice the number of a share of them,
+# and how many others there are
+RECEIVE = 30  # messages end, by which other processes fill the halo; as SEND
 
 # Passes of the operator: the springs, sums over bonds that make states, sums over states that make forces.
 SPRINGS, GATHER, SCATTER = range(3)
@@ -101,8 +106,10 @@ class Tables(NamedTuple):
     components : int
     copies : ndarray of int, shape (2, n)
         Places of the halo that repeat others, and those.
-    exchange : ndarray of int, shape (kinds, 3)
-        What other processes fill: function, table, and whether there is anything; see `engine.exchange`.
+    exchange : ndarray of int, shape (kinds, 3, 5)
+        What other processes fill, by the kind of messages and their axis; see `engine.exchange`.
+    free : ndarray of int, shape (2, 2)
+        The rows that need none of it but what comes along the last axis: first and end along the others.
     work_space : ndarray, shape (threads, n)
     work : ndarray, shape (n,)
         Where the work of sources is added up, or empty.
@@ -121,6 +128,7 @@ class Tables(NamedTuple):
     work_space: np.ndarray
     copies: np.ndarray
     exchange: np.ndarray
+    free: np.ndarray
     material: Material
     cuts: Cuts
     surface: Surface
@@ -181,26 +189,76 @@ def _stage(tables: Tables, inputs: Inputs, stage: int) -> list[Operation]:
 def operator_operations(tables: Tables, melting: bool = False) -> list[Operation]:
     """The operator: its halo filled, layers included; if `melting`, the phases of the halo are those of this step."""
     breaks = not tables.bonds.forces
-    found = _halo(tables, SPRINGS) + _chosen((MELT, melting and len(tables.phases.halo)))
-    found += _chosen((BREAK, breaks), number=GATHER)
-    found += _sums(tables, tables.cuts, tables.layers, SPRINGS)
+    # what breaks is looked at between the levels of two steps, of which the sweep may overwrite one
+    before = _chosen((MELT, melting and len(tables.phases.halo))) + _chosen((BREAK, breaks), number=GATHER)
+    found = _sums(tables, SPRINGS, halo=True, ahead=not breaks, before=before)
     if tables.gather.sweep.law.values.size:
-        gather, scatter, stretched = tables.gather, tables.scatter, tables.stretches.runs.size
-        found += _sums(tables, gather.cuts, gather.layers, GATHER) + _chosen((STRETCH_STATES, stretched), number=GATHER)
-        found += _chosen((LAW, _later(gather)), (DAMAGED, breaks), number=GATHER) + _halo(tables, GATHER)
-        found += _sums(tables, scatter.cuts, scatter.layers, SCATTER)
+        stretched = tables.stretches.runs.size
+        found += _sums(tables, GATHER) + _chosen((STRETCH_STATES, stretched), number=GATHER)
+        found += _chosen((LAW, _later(tables.gather)), (DAMAGED, breaks), number=GATHER)
+        found += _sums(tables, SCATTER, halo=True, ahead=True)
         found += _chosen((STRETCH_FORCES, stretched), (DAMAGED, breaks), number=SCATTER)
     return found + _chosen((HEAT, tables.heat.vectors.size))
 
 
-def _halo(tables: Tables, number: int) -> list[Operation]:
-    """The halo filled, of the field or of its states."""
-    return _chosen((COPY, tables.copies.size), number=number) + _exchanged(tables, LEVEL, number)
+def pass_of(tables: Tables, number: int) -> Pass:
+    """The sums of a pass."""
+    if number == SPRINGS:
+        n = tables.components
+        return Pass(tables.sweep, tables.layers, tables.cuts, tables.surface, n, n)
+    return tables.gather if number == GATHER else tables.scatter
 
 
-def _exchanged(tables: Tables, kind: int, number: int) -> list[Operation]:
-    """What other processes fill, by one kind of messages."""
-    return [(EXCHANGE, kind, number)] if tables.exchange[kind : kind + 1, 2].any() else []
+def _sums(
+    tables: Tables, number: int, halo: bool = False, ahead: bool = False, before: Sequence[Operation] = ()
+) -> list[Operation]:
+    """Those of one pass.
+
+    Parameters
+    ----------
+    tables : Tables
+    number : int
+        Of the pass.
+    halo : bool
+        Whether the halo of what it reads is to be filled.
+    ahead : bool
+        Whether rows that need none of it may be swept meanwhile.
+    before : sequence of operations
+        Between the halo and the sweep.
+    """
+    _, layers, cuts, *_ = pass_of(tables, number)
+    axes = [axis for axis in (2, 1, 0) if has_layers(layers, axis)]
+    lines = _chosen((LINES, 2 in axes), number=number)
+    found = _chosen((COPY, halo and tables.copies.size), number=number)
+    found += _exchanged(tables, number, [LEVEL] * halo + [SLOTS + number], lines, ahead)
+    found += [*before, *_chosen((SWEEP, 1), (CUT, cuts.nodes.size), number=number)]
+    return found + [(STRETCH, axis, number) for axis in axes]
+
+
+def _exchanged(
+    tables: Tables, number: int, kinds: Sequence[int], lines: list[Operation], ahead: bool
+) -> list[Operation]:
+    """What other processes fill, axis by axis, as later ones send the halos of earlier ones on. The layers continue
+    the field along lines of the last axis, which need no halo, before what they make of them is sent.
+    """
+    every = {axis: [3 * kind + axis for kind in kinds if is_used(tables, kind, axis)] for axis in HALOS}
+    axes = [axis for axis, messages in every.items() if messages]
+    hidden = [axis for axis in axes if axis < 2 and ahead and tables.free.any()]
+    done = [] if axes else lines
+    for axis in axes:
+        levels, slots = (
+            [(SEND, one, number) for one in every[axis] if (one // 3 == LEVEL) == level] for level in (True, False)
+        )
+        done += levels + lines * (axis == axes[0]) + slots
+        if axis in hidden:
+            done.append((AHEAD, 2 * hidden.index(axis) + len(hidden) - 1, number))
+        done += [(RECEIVE, one, number) for one in every[axis]]
+    return done
+
+
+def is_used(tables: Tables, kind: int, axis: int) -> bool:
+    """Whether there are messages of a kind along an axis."""
+    return bool(tables.exchange[kind : kind + 1, axis, USED].any())
 
 
 def beginning_operations(tables: Tables) -> list[Operation]:
@@ -216,8 +274,12 @@ def sweep_operations(tables: Tables) -> list[Operation]:
     return [
         one
         for one in operator_operations(tables)
-        if one[0] in (SWEEP, CUT, LAW, DAMAGED, HEAT) or one in ((COPY, 0, GATHER), (EXCHANGE, LEVEL, GATHER))
+        if one[0] in (SWEEP, CUT, LAW, DAMAGED, HEAT) or (one[2] == SCATTER and _fills_level(*one[:2]))
     ]
+
+
+def _fills_level(operation: int, number: int) -> bool:
+    return operation == COPY or (operation in (SEND, RECEIVE) and number // 3 == LEVEL)
 
 
 def once(tables: Tables, operations: list[Operation], numbers: np.ndarray) -> Tables:
@@ -245,13 +307,6 @@ def _later(gather: Pass) -> bool:
     """Whether some states are whole only after all sums have been made."""
     law, nodes = gather.sweep.law, gather.sweep.block[1:4]
     return bool((law.first > 0).any() or (law.end < nodes).any())
-
-
-def _sums(tables: Tables, cuts: Cuts, layers: Layers, number: int) -> list[Operation]:
-    """Those of one pass."""
-    axes = [axis for axis in (2, 1, 0) if has_layers(layers, axis)]
-    found = _chosen((LINES, 2 in axes), (SWEEP, 1), number=number) + _exchanged(tables, SLOTS + number, number)
-    return found + _chosen((CUT, cuts.nodes.size), number=number) + [(STRETCH, axis, number) for axis in axes]
 
 
 def _chosen(*wanted: tuple[int, int], number: int = SPRINGS) -> list[Operation]:

@@ -36,6 +36,7 @@ from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.filter import damp_short_waves
 from farhorizon.engine.fringe import close_fringe
 from farhorizon.engine.operations import (
+    AHEAD,
     BREAK,
     COPY,
     CUT,
@@ -46,7 +47,6 @@ from farhorizon.engine.operations import (
     DISSOLVE,
     DRAG,
     ENDS,
-    EXCHANGE,
     FEED,
     FILTER,
     FLOW,
@@ -57,6 +57,8 @@ from farhorizon.engine.operations import (
     KEEP,
     LAW,
     MELT,
+    RECEIVE,
+    SEND,
     STRETCH_FORCES,
     STRETCH_STATES,
     SWEEP,
@@ -67,7 +69,7 @@ from farhorizon.engine.phases import LIQUID, SOLID, dissolve, find_runs, melt
 from farhorizon.engine.point_law import apply_to_rows
 from farhorizon.engine.rows.calls import call_operation, call_with
 from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.exchanges import call_exchange
+from farhorizon.engine.rows.exchanges import MOVES, RECEIVES, SENDS, TABLE, USED, call_exchange
 from farhorizon.engine.rows.vectors import (
     TILE,
     TILE_ROWS,
@@ -221,6 +223,15 @@ def sweep_rows(stage, sums, i0, i1, end, first, last):
             call_with(sums.called[GENERAL], stage, sums, numbers)
 
 
+@njit(error_model="numpy", cache=True, counted=False)
+def rows_within(i0, first, last, low, high):
+    """Which of some rows of a plane lie in a box, given by its first row and its end: first and end, both `last` for
+    none.
+    """
+    i1, end = max(first, low[1]), min(last, high[1])
+    return (i1, end) if i1 < end and low[0] <= i0 < high[0] else (last, last)
+
+
 def stencil_part(thread, stage, sums, tables, inputs, step, number):
     """The rows of one part of the box: bundles one after the other along the slowest axis share most of what they
     read.
@@ -229,16 +240,56 @@ def stencil_part(thread, stage, sums, tables, inputs, step, number):
     sweep_rows(stage, sums, i0, first, last, ZERO, sums.sweep.block[3])
 
 
+def stencil_ahead(thread, stage, sums, tables, inputs, step, number):
+    """Those that need no halo."""
+    i0, first, last = rows_of(sums.sweep, number)
+    i1, end = rows_within(i0, first, last, sums.free[0], sums.free[1])
+    if i1 < end:
+        sweep_rows(stage, sums, i0, i1, end, ZERO, sums.sweep.block[3])
+
+
+def stencil_rest(thread, stage, sums, tables, inputs, step, number):
+    """And those that need one."""
+    i0, first, last = rows_of(sums.sweep, number)
+    i1, end = rows_within(i0, first, last, sums.free[0], sums.free[1])
+    if first < i1:
+        sweep_rows(stage, sums, i0, first, i1, ZERO, sums.sweep.block[3])
+    if end < last:
+        sweep_rows(stage, sums, i0, end, last, ZERO, sums.sweep.block[3])
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def is_free(sums, number):
+    """Whether no row of a part of the box needs a halo, so that all of it is swept ahead."""
+    i0, first, last = rows_of(sums.sweep, number)
+    i1, end = rows_within(i0, first, last, sums.free[0], sums.free[1])
+    return i1 == first and end == last
+
+
 def bonds_part(thread, stage, sums, tables, inputs, step, number):
-    """A part of the box with a zone of bonds that follow a law of their own: there tile by tile, around it, and where
-    nothing can break, by the stencil.
-    """
-    sweep, material, bonds = sums.sweep, sums.material, tables.bonds
-    zone, nodes = bonds.zone, sweep.block[3]
+    """A part of the box with a zone of bonds that follow a law of their own."""
+    sweep_bonds(stage, sums, tables.bonds, number)
+
+
+def bonds_ahead(thread, stage, sums, tables, inputs, step, number):
+    """The same, if it needs no halo."""
+    if is_free(sums, number):
+        sweep_bonds(stage, sums, tables.bonds, number)
+
+
+def bonds_rest(thread, stage, sums, tables, inputs, step, number):
+    """The same, if it needs one."""
+    if not is_free(sums, number):
+        sweep_bonds(stage, sums, tables.bonds, number)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def sweep_bonds(stage, sums, bonds, number):
+    """A part of the box, in the zone tile by tile, around it, and where nothing can break, by the stencil."""
+    sweep, material, zone = sums.sweep, sums.material, bonds.zone
     i0, first, last = rows_of(sweep, number)
-    low, high = max(first, zone[FIRST + 1]), min(last, zone[END + 1])
-    if low >= high or not zone[FIRST] <= i0 < zone[END]:
-        low, high = last, last
+    nodes = sweep.block[3]
+    low, high = rows_within(i0, first, last, zone[FIRST : FIRST + 2], zone[END : END + 2])
     for i1, end, start, stop in (
         (first, low, 0, nodes),
         (high, last, 0, nodes),
@@ -260,13 +311,31 @@ def bonds_part(thread, stage, sums, tables, inputs, step, number):
 
 
 def phases_part(thread, stage, sums, tables, inputs, step, number):
-    """A part of the box in two phases: runs of liquid tiles by the compiled rows, of mixed ones bond by bond, of solid
-    ones not at all.
+    """A part of the box in two phases."""
+    sweep_runs(stage, sums, tables.phases.runs, number)
+
+
+def phases_ahead(thread, stage, sums, tables, inputs, step, number):
+    """The same, if it needs no halo."""
+    if is_free(sums, number):
+        sweep_runs(stage, sums, tables.phases.runs, number)
+
+
+def phases_rest(thread, stage, sums, tables, inputs, step, number):
+    """The same, if it needs one."""
+    if not is_free(sums, number):
+        sweep_runs(stage, sums, tables.phases.runs, number)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def sweep_runs(stage, sums, runs, number):
+    """A part of the box, runs of liquid tiles by the compiled rows, of mixed ones bond by bond, of solid ones not at
+    all.
 
     Between runs there are addresses only: Numba counts the references to an array that it passes on, which takes longer
     than a tile.
     """
-    sweep, material, runs, src = sums.sweep, sums.material, tables.phases.runs, stage.src
+    sweep, material, src = sums.sweep, sums.material, stage.src
     block = sweep.block
     i0, first, last = rows_of(sweep, number)
     upper, lower = first, last
@@ -439,20 +508,44 @@ def law_part(thread, stage, sums, tables, inputs, step, number):
     state_law(thread, sums.sweep, number, True)
 
 
+def move_part(thread, stage, sums, tables, inputs, step, number):
+    """With each part of the box that is swept ahead the messages move on, by the thread that has begun them."""
+    if thread.number == 0:
+        for kind in range(tables.exchange.shape[0]):
+            for axis in range(3):
+                messages = tables.exchange[kind, axis]
+                if messages[USED] != 0:
+                    call_exchange(messages[MOVES], messages[TABLE], ZERO, ZERO, ZERO)
+
+
 @operation(SWEEP)
 def sweep_box(thread, stage, sums, tables, inputs, step, number):
-    """All parts of the box, each with all that is to be done with it (`Sums.each`); in every other stage the last
-    first: it meets what the last stage left in the cache.
+    """All parts of the box, each with all that is to be done with it (`Sums.each`)."""
+    go_through(thread, stage, sums, tables, inputs, step, sums.each, ZERO, ONE)
 
-    Each thread has a share of its own, the same in all steps, for the threads' caches may lie far apart. It claims some
-    parts as it goes, and when it is through some of the others', so that one whose processor is busy otherwise does
-    less.
+
+@operation(AHEAD)
+def sweep_ahead(thread, stage, sums, tables, inputs, step, number):
+    """A share of the parts, as far as they need no halo (`Sums.ahead`)."""
+    go_through(thread, stage, sums, tables, inputs, step, sums.ahead, number // 2, number % 2 + 1)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def go_through(thread, stage, sums, tables, inputs, step, each, turn, shares):
+    """What is done with each part of the box, of all parts or of a share of them; in every other stage the last first:
+    it meets what the last stage left in the cache.
+
+    Each thread has parts of its own, the same in all steps, for the threads' caches may lie far apart. It claims some
+    as it goes, and when it is through some of the others', so that one whose processor is busy otherwise does less.
     """
-    count, each = count_parts(sums.sweep), sums.each
+    count = count_parts(sums.sweep)
     for shift in range(thread.threads):
         owner = (thread.number + shift) % thread.threads
         first = owner * count // thread.threads
         own = (owner + 1) * count // thread.threads - first
+        if shares > 1:  # divisions take as long as a short row
+            begin, end = turn * own // shares, (turn + 1) * own // shares
+            first, own = first + begin, end - begin
         size = max(1, own // 8) if thread.threads > 1 else own
         claimed = claim(thread, owner) if thread.threads > 1 else 0
         while claimed * size < own:
@@ -481,14 +574,32 @@ def copy_across(thread, stage, sums, tables, inputs, step, number):
     barrier(thread)
 
 
-@operation(EXCHANGE)
-def exchange_halo(thread, stage, sums, tables, inputs, step, number):
-    """Other processes fill the halo of a level, or that of the layers' slots, by a table of messages."""
+@operation(SEND)
+def send_messages(thread, stage, sums, tables, inputs, step, number):
+    """Messages begin, of one kind along one axis; what follows before they end leaves what they are packed from as it
+    is.
+    """
+    if number // 3 != LEVEL:
+        barrier(thread)  # all have filled their slots
     if thread.number == 0:
-        array, components = (stage.src, stage.components) if number == LEVEL else (sums.layers.slots, ONE)
-        function, table = tables.exchange[number, 0], tables.exchange[number, 1]
-        call_exchange(function, table, np.int64(array.ctypes.data), components, array.nbytes // components)
+        exchange_by(SENDS, stage, sums, tables, number)
+
+
+@operation(RECEIVE)
+def receive_messages(thread, stage, sums, tables, inputs, step, number):
+    """Messages end: other processes have filled the halo of a level, or that of the layers' slots."""
+    if thread.number == 0:
+        exchange_by(RECEIVES, stage, sums, tables, number)
     barrier(thread)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def exchange_by(column, stage, sums, tables, number):
+    """Call a part of an exchange, by its column in the table of messages."""
+    messages = tables.exchange[number // 3, number % 3]
+    array, components = (stage.src, stage.components) if number // 3 == LEVEL else (sums.layers.slots, ONE)
+    start, apart = np.int64(array.ctypes.data), array.nbytes // components
+    call_exchange(messages[column], messages[TABLE], start, components, apart)
 
 
 @njit(error_model="numpy", cache=True, counted=False)

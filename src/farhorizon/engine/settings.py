@@ -9,7 +9,7 @@ import numpy as np
 from farhorizon.engine.bonds import RULES, all_bits
 from farhorizon.engine.drag import Drag
 from farhorizon.engine.engine import NEVER, Engine
-from farhorizon.engine.exchange import Exchange, Link, Messages
+from farhorizon.engine.exchange import Exchange, Link, Messages, free_of_halos
 from farhorizon.engine.filter import margin_across, without
 from farhorizon.engine.phases import count_solid, phases_table
 from farhorizon.engine.plain_tables import damping_of
@@ -30,9 +30,9 @@ def connect(engine: Engine, link: Link, neighbours: Mapping[tuple[int, int], int
         Numbers of the processes beyond each side, below 0 for nobody; of axes that nobody shares, none.
     """
     passes = [] if engine.passes is None else [engine.tables.gather, engine.tables.scatter]
-    sides = list(neighbours)
+    shared = {axis for axis, _ in neighbours}
     every = [engine.layout.across, *(tables.across for tables in engine.all_layers)]
-    kinds = [Messages.between(link, neighbours, {one: across(*one) for one in sides}) for across in every]
+    kinds = [Messages.between(link, neighbours, {one: across(*one, shared) for one in neighbours}) for across in every]
     used = engine.tables.filter.runs.size
     apart = {one: other for one, other in neighbours.items() if one[0] not in engine.layout.periodic and used}
     damping = damping_of(engine)
@@ -49,8 +49,9 @@ def connect(engine: Engine, link: Link, neighbours: Mapping[tuple[int, int], int
     )
     layers = engine.tables.layers._replace(copies=none)
     filtered = engine.tables.filter._replace(exchange=engine.exchange.numbers[-1])
+    free = free_of_halos(engine.layout, neighbours)
     sums = {"layers": layers, "gather": gather, "scatter": scatter}
-    engine.replace(exchange=engine.exchange.numbers[:-1], copies=none, filter=filtered, **sums)
+    engine.replace(exchange=engine.exchange.numbers[:-1], free=free, copies=none, filter=filtered, **sums)
 
 
 def set_damping(engine: Engine, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:

@@ -137,8 +137,11 @@ class Sums(NamedTuple):
     called : ndarray of int, shape (5,)
         Addresses of what operations call with a stage, these sums and numbers: rows of a stencil that has no compiled
         ones, and of layers an item of a face, an edge, sums over bonds with coefficients, and absent bonds.
-    each : ndarray of int
-        Addresses of what is done with each part of the box, one after the other.
+    each, ahead : ndarray of int
+        Addresses of what is done with each part of the box, one after the other: as it is swept, and while messages are
+        on their way.
+    free : ndarray of int, shape (2, 2)
+        The rows that have been swept meanwhile: first and end along the first two axes.
     """
 
     sweep: Sweep
@@ -152,6 +155,8 @@ class Sums(NamedTuple):
     work_space: np.ndarray
     called: np.ndarray
     each: np.ndarray
+    ahead: np.ndarray
+    free: np.ndarray
 
 
 class Damping(NamedTuple):

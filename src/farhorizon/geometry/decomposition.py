@@ -65,8 +65,8 @@ class Decomposition:
             )
         ]
 
-    def exchanged(self, number: int, reach: Sequence[int], more: Mapping[Key, int]) -> list[int]:
-        """Nodes whose values a process sends to others each time, along each axis.
+    def exchanged(self, number: int, reach: Sequence[int], more: Mapping[Key, int], edges: bool = True) -> list[int]:
+        """Nodes whose values a process sends to others each time, along each axis, of which the last one goes first.
 
         Parameters
         ----------
@@ -75,15 +75,15 @@ class Decomposition:
             Of the stencil along each axis.
         more : mapping of (axis, side) to int
             Nodes beyond the outer sides.
+        edges : bool
+            Whether later axes send the halos of earlier ones along.
         """
-        sizes, found = self.size(number, more), [0] * len(reach)
-        for (axis, _), other in self.neighbours(number).items():
-            if other not in (-1, number):
-                # earlier axes with their halos
-                across = [
-                    size + 2 * m * (a < axis) for a, (size, m) in enumerate(zip(sizes, reach, strict=True)) if a != axis
-                ]
-                found[axis] += reach[axis] * int(np.prod(across))
+        sizes, neighbours, found = self.size(number, more), self.neighbours(number), [0] * len(reach)
+        for axis in (len(reach) - 1, *range(len(reach) - 1)):
+            others = [other for (a, _), other in neighbours.items() if a == axis]
+            across = int(np.prod([size for a, size in enumerate(sizes) if a != axis]))
+            found[axis] = sum(other not in (-1, number) for other in others) * reach[axis] * across
+            sizes[axis] += 2 * reach[axis] * (edges and bool(others))
         return found
 
     def corners(self) -> Iterator[int]:
@@ -157,7 +157,7 @@ def decompose(
     width = {key: int(np.ceil(nodes)) for key, nodes in more.items()}
 
     def cost(one: Decomposition) -> tuple[int, tuple[int, ...]]:
-        most = max(sum(one.exchanged(number, reach, width)) for number in one.corners())
+        most = max(sum(one.exchanged(number, reach, width, edges=False)) for number in one.corners())
         return most, tuple(-count for count in one.topology)  # of two the one that cuts earlier axes
 
     return min(made, key=cost)

@@ -15,9 +15,10 @@ from farhorizon.simulation.steps import seconds_of
 from farhorizon.simulation.work import work_along, work_of
 
 _COUNTS = 1, 2, 8, 64, 512
-#: Of a message between two processes of one machine, both ways at once: seconds whatever its size, and bytes a second
-#: (`python benchmarks/scaling.py messages`, on two busy cores; `docs/howto/processes.md`).
-_LATENCY, _BANDWIDTH = 15e-6, 1.3e9
+#: Of a message between two processes of one machine, both ways at once: seconds whatever its size, and bytes a second;
+#: and what is left of both where rows are swept meanwhile (`python benchmarks/scaling.py messages`, on two busy cores;
+#: `docs/howto/processes.md`).
+_WHOLE, _LEFT = (20e-6, 1.9e9), (3.5e-6, 3.6e9)
 
 
 def rows_on_processes(run: Any, topology: Sequence[int] | None = None) -> list[tuple[str, str]]:
@@ -84,9 +85,10 @@ def work_of_boxes(boxes: Decomposition, nodes: np.ndarray, beyond: Mapping[Key, 
 def efficiency(boxes: Decomposition, work: np.ndarray, run: Any, seconds: float) -> float:
     """The time of a step on one process over that on so many, times their number, as far as it can be foreseen.
 
-    A process takes the time of its part of the work, and then that of its messages one after the other, each a latency
-    and its bytes over a bandwidth, which are those of two processes on one machine. What processes on one processor
-    take from each other's memory is not in it.
+    A process takes the time of its part of the work, and that of its messages one after the other, each a latency and
+    its bytes over a bandwidth, which are those of two processes on one machine. Of those along all axes but the last
+    one a part passes while rows are swept that need no halo, at most as long as these take. What processes on one
+    processor take from each other's memory is not in it.
 
     Parameters
     ----------
@@ -99,15 +101,34 @@ def efficiency(boxes: Decomposition, work: np.ndarray, run: Any, seconds: float)
         Of a step of the run.
     """
     shares = work / work.sum()
-    known = {*boxes.corners(), int(shares.argmax())}
-    slowest = max(seconds * shares[number] + _seconds_of_messages(boxes, number, run) for number in known)
+
+    def taken(number: int) -> float:
+        free = swept_ahead(boxes, number, run) / work.sum()
+        whole, left = (_seconds_of_messages(boxes, number, run, *one) for one in (_WHOLE, _LEFT))
+        return float(seconds * shares[number] + sum(whole) - min(sum(whole[:-1]) - sum(left[:-1]), seconds * free))
+
+    slowest = max(map(taken, {*boxes.corners(), int(shares.argmax())}))
     return float(seconds / (slowest * int(np.prod(boxes.topology))))
 
 
-def _seconds_of_messages(boxes: Decomposition, number: int, run: Any) -> float:
-    others = [other for other in boxes.neighbours(number).values() if other not in (-1, number)]
-    count = len(others) * len(numbers_sent(run.engine))
-    return count * _LATENCY + sent_by(boxes, number, run) / _BANDWIDTH
+def _seconds_of_messages(boxes: Decomposition, number: int, run: Any, latency: float, bandwidth: float) -> list[float]:
+    """What a process's messages take along each axis."""
+    others = [axis for (axis, _), other in boxes.neighbours(number).items() if other not in (-1, number)]
+    counts = [others.count(axis) * len(numbers_sent(run.engine)) for axis in range(run.lattice.dim)]
+    found = zip(counts, sent_along(boxes, number, run), strict=True)
+    return [count * latency + sent / bandwidth for count, sent in found]
+
+
+def swept_ahead(boxes: Decomposition, number: int, run: Any) -> int:
+    """Nodes of a process that are swept while messages travel, see `farhorizon.engine.exchange.free_of_halos`: none of
+    states that break.
+    """
+    if not run.engine.tables.bonds.forces:
+        return 0
+    nodes, reach = boxes.size(number, nodes_beyond(run)), run.engine.layout.reach[-run.lattice.dim :]
+    for (axis, _), other in boxes.neighbours(number).items():
+        nodes[axis] -= reach[axis] * (other >= 0 and axis < run.lattice.dim - 1)
+    return int(np.prod(np.maximum(nodes, 0)))
 
 
 def nodes_beyond(run: Any) -> dict[Key, int]:
@@ -128,8 +149,13 @@ def numbers_sent(engine: Engine) -> list[int]:
 
 
 def sent_by(boxes: Decomposition, number: int, run: Any) -> int:
-    """Bytes that a process sends to others in a step: of fields the values of nodes, and of layers along the last axis
-    those of the lines that are cut across.
+    """Bytes that a process sends to others in a step; see `sent_along`."""
+    return sum(sent_along(boxes, number, run))
+
+
+def sent_along(boxes: Decomposition, number: int, run: Any) -> list[int]:
+    """Bytes that a process sends to others in a step along each axis: of fields the values of nodes, and of layers
+    along the last axis those of the lines that are cut across.
 
     Parameters
     ----------
@@ -143,9 +169,10 @@ def sent_by(boxes: Decomposition, number: int, run: Any) -> int:
     # of one pass: of a stencil composed of two each pass exchanges its own halo
     reach = np.abs(engine.offsets[:, -run.lattice.dim :]).max(axis=0).tolist()
     nodes = boxes.exchanged(number, reach, beyond)
-    values = sum(nodes) * sum(numbers_sent(engine))
-    lines = sum(nodes[:-1]) // boxes.size(number, beyond)[-1]
     place, last = boxes.place(number)[-1], boxes.topology[-1] - 1
-    for side, outer in ((-1, place == 0), (1, place == last)):
-        values += outer * lines * engine.in_a_line(side) * len(engine.stages.numbers)
-    return values * engine.dtype.itemsize
+    halo = reach[-1] * ((run.lattice.dim - 1, 1) in boxes.neighbours(number))
+    each = boxes.size(number, beyond)[-1] + 2 * halo  # nodes of a line that are sent
+    in_a_line = sum(outer * engine.in_a_line(side) for side, outer in ((-1, place == 0), (1, place == last)))
+    lines = [count // each * in_a_line * len(engine.stages.numbers) for count in nodes[:-1]] + [0]
+    values = [count * sum(numbers_sent(engine)) for count in nodes]
+    return [(one + other) * engine.dtype.itemsize for one, other in zip(values, lines, strict=True)]

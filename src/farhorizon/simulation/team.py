@@ -248,13 +248,18 @@ class Team:
     def link(self) -> Link:
         """How compiled code reaches the others."""
         if self._all is None:
-            return Link(0, 0, 0, False, 0)
+            return Link((0, 0, 0, 0), 0, 0, False, 0)
         from mpi4py import MPI
 
+        # an error that compiled code, which asks for none, left behind it would be a wait for ever
+        self._all.Set_errhandler(MPI.ERRORS_ARE_FATAL)
         library = ctypes.CDLL(MPI.__file__)
-        function = ctypes.cast(library.MPI_Sendrecv, ctypes.c_void_p).value
-        assert function is not None
-        return Link(function, _handle(self._all), _handle(MPI.BYTE), _wide(), self.number)
+        sends, receives, waits, tests = (
+            int(ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0)
+            for name in ("MPI_Isend", "MPI_Irecv", "MPI_Waitall", "MPI_Testall")
+        )
+        functions = sends, receives, waits, tests
+        return Link(functions, _handle(self._all), _handle(MPI.BYTE), _wide(), self.number)
 
     def threads(self) -> int:
         """Threads for each process where none are asked for: those of its machine, shared by the processes that may run

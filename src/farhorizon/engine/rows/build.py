@@ -126,9 +126,12 @@ def load_parts(
     return int(made.tile_parts.address)
 
 
-def load_exchange() -> int:
-    """Address of the exchange of halos with other processes (see `exchanges.exchange_halos`)."""
-    return int(_load("rows/exchange_rows").exchange.address)
+def load_exchange() -> tuple[int, int, int]:
+    """Addresses of what begins and ends messages with other processes, and lets them move on (see
+    `exchanges.send_values`, `receive_values` and `move_messages`).
+    """
+    made = _load("rows/exchange_rows")
+    return int(made.send.address), int(made.receive.address), int(made.move.address)
 
 
 def load_law(entries: tuple[tuple[int, ...], ...], real: str) -> int:

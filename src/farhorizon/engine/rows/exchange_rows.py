@@ -3,10 +3,22 @@
 """
 
 from farhorizon.engine.rows.compiled import cfunc
-from farhorizon.engine.rows.exchanges import EXCHANGE_SIGNATURE, exchange_halos
+from farhorizon.engine.rows.exchanges import EXCHANGE_SIGNATURE, move_messages, receive_values, send_values
 
 
 @cfunc(EXCHANGE_SIGNATURE)
-def exchange(table, array, components, apart):
-    """Fill halos by the messages of a table."""
-    exchange_halos(table, array, components, apart)
+def send(table, array, components, apart):
+    """Begin the messages of a table."""
+    send_values(table, array, components, apart)
+
+
+@cfunc(EXCHANGE_SIGNATURE)
+def receive(table, array, components, apart):
+    """End them, and fill halos by them."""
+    receive_values(table, array, components, apart)
+
+
+@cfunc(EXCHANGE_SIGNATURE)
+def move(table, array, components, apart):
+    """Let them move on."""
+    move_messages(table, array, components, apart)

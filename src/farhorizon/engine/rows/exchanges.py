@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
@@ -23,16 +24,21 @@ EXCHANGE_SIGNATURE = types.void(*_EXCHANGE)
 
 # Numbers of eight bytes, one after the other: a head, then a row for each message, then runs of neighbouring values,
 # each its place from the first value of a component on and its length, in bytes.
-HEAD = 8
-FUNCTION, COMMUNICATOR, TYPE, WIDE, OWN, MESSAGES, OUTGOING, INCOMING = range(HEAD)
-ROW = 8
-TO, FROM, SENT, SENT_END, FILLED, FILLED_END, BYTES, TAG = range(ROW)
-_STATUS = 64  # bytes, more than any implementation takes
+HEAD = 12
+ISEND, IRECV, WAITALL, TESTALL, COMMUNICATOR, TYPE, WIDE, OWN, MESSAGES, REQUESTS, STATUSES, UNDER_WAY = range(HEAD)
+ROW = 10
+TO, FROM, SENT, SENT_END, FILLED, FILLED_END, BYTES, TAG, OUTGOING, INCOMING = range(ROW)
+REQUEST, STATUS = 8, 64  # bytes, as much as any implementation takes
+
+#: Of the messages of one kind along an axis: addresses of what begins them, ends them and lets them move on, and of
+#: their table, and whether there are any.
+SENDS, RECEIVES, MOVES, TABLE, USED = range(5)
+NO_MESSAGES = np.zeros((3, 5), np.int64)  # of none of the axes
 
 
 @intrinsic
 def call_exchange(typingctx, function, table, array, components, apart):
-    """Call a compiled `exchange` by its address."""
+    """Call a compiled part of an exchange by its address."""
     return call_of(_EXCHANGE)
 
 
@@ -41,10 +47,24 @@ def _number(typingctx, table, place):
     """A number of a table."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-        at = builder.add(args[0], builder.mul(args[1], _I64(8)))
-        return builder.load(builder.inttoptr(at, _I64.as_pointer()))
+        return builder.load(_place(builder, *args))
 
     return types.int64(types.int64, types.int64), codegen
+
+
+@intrinsic
+def _note(typingctx, table, place, value):
+    """Write a number into a table."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        builder.store(args[2], _place(builder, *args[:2]))
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, types.int64), codegen
+
+
+def _place(builder: ir.IRBuilder, table: Any, place: Any) -> Any:
+    return builder.inttoptr(builder.add(table, builder.mul(place, _I64(8))), _I64.as_pointer())
 
 
 @intrinsic
@@ -59,37 +79,82 @@ def _move(typingctx, to, source, count):
     return types.void(types.int64, types.int64, types.int64), codegen
 
 
-def _send_and_receive(wide: bool) -> Callable[..., Any]:
-    """MPI_Sendrecv by its address, with handles that are pointers or numbers of four bytes."""
+def _begin(wide: bool) -> Callable[..., Any]:
+    """MPI_Isend or MPI_Irecv by its address, with handles that are pointers or numbers of four bytes."""
 
     @intrinsic
-    def call(typingctx, function, outgoing, incoming, count, to, source, tag, kind, communicator):
+    def call(typingctx, function, buffer, count, kind, other, tag, communicator, request):
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-            function, outgoing, incoming, count, to, source, tag, kind, communicator = args
+            function, buffer, count, kind, other, tag, communicator, request = args
             handle = _POINTER if wide else _I32
-            sends = [_POINTER, _I32, handle, _I32, _I32]
-            form = ir.FunctionType(_I32, [*sends, *sends, handle, _POINTER])
-            status = cgutils.alloca_once(builder, ir.ArrayType(ir.IntType(8), _STATUS))
-            outgoing, incoming = (builder.inttoptr(one, _POINTER) for one in (outgoing, incoming))
-            count, to, source, tag = (builder.trunc(one, _I32) for one in (count, to, source, tag))
+            form = ir.FunctionType(_I32, [_POINTER, _I32, handle, _I32, _I32, handle, _POINTER])
+            count, other, tag = (builder.trunc(one, _I32) for one in (count, other, tag))
+            buffer, request = (builder.inttoptr(one, _POINTER) for one in (buffer, request))
             kind, communicator = (
                 builder.inttoptr(one, _POINTER) if wide else builder.trunc(one, _I32) for one in (kind, communicator)
             )
-            given = [outgoing, count, kind, to, tag, incoming, count, kind, source, tag, communicator]
-            builder.call(builder.inttoptr(function, form.as_pointer()), [*given, builder.bitcast(status, _POINTER)])
+            builder.call(
+                builder.inttoptr(function, form.as_pointer()), [buffer, count, kind, other, tag, communicator, request]
+            )
             return context.get_dummy_value()
 
-        return types.void(*[types.int64] * 9), codegen
+        return types.void(*[types.int64] * 8), codegen
 
     return call
 
 
-_send_by_pointer, _send_by_number = _send_and_receive(True), _send_and_receive(False)
+_begin_by_pointer, _begin_by_number = _begin(True), _begin(False)
+
+
+@intrinsic
+def _wait(typingctx, function, count, requests, statuses):
+    """MPI_Waitall by its address."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        function, count, *places = args
+        form = ir.FunctionType(_I32, [_I32, _POINTER, _POINTER])
+        given = [builder.trunc(count, _I32), *(builder.inttoptr(one, _POINTER) for one in places)]
+        builder.call(builder.inttoptr(function, form.as_pointer()), given)
+        return context.get_dummy_value()
+
+    return types.void(*[types.int64] * 4), codegen
+
+
+@intrinsic
+def _test(typingctx, function, count, requests, statuses):
+    """MPI_Testall by its address; what it finds is not asked for."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        function, count, requests, statuses = args
+        form = ir.FunctionType(_I32, [_I32, _POINTER, _I32.as_pointer(), _POINTER])
+        flag = cgutils.alloca_once(builder, _I32)
+        requests, statuses = (builder.inttoptr(one, _POINTER) for one in (requests, statuses))
+        builder.call(
+            builder.inttoptr(function, form.as_pointer()), [builder.trunc(count, _I32), requests, flag, statuses]
+        )
+        return context.get_dummy_value()
+
+    return types.void(*[types.int64] * 4), codegen
 
 
 @njit(error_model="numpy", counted=False, entry=False)
-def exchange_halos(table, array, components, apart):
-    """Work off the messages of a table, one after the other: later ones send what earlier ones have filled.
+def begin_message(table, function, row, buffer, components, other, count):
+    """Begin to send or to receive the message of a row, as the request of this number; the number of the next one."""
+    wide = _number(table, WIDE)
+    request = _number(table, REQUESTS) + count * (8 if wide != 0 else 4)
+    length, tag = components * _number(table, row + BYTES), _number(table, row + TAG)
+    kind, communicator = _number(table, TYPE), _number(table, COMMUNICATOR)
+    if wide != 0:
+        _begin_by_pointer(function, buffer, length, kind, other, tag, communicator, request)
+    else:
+        _begin_by_number(function, buffer, length, kind, other, tag, communicator, request)
+    return count + 1
+
+
+@njit(error_model="numpy", counted=False, entry=False)
+def send_values(table, array, components, apart):
+    """Begin the messages of a table: values are packed and on their way, and what comes is expected. Messages of a
+    table do not wait for each other.
 
     Parameters
     ----------
@@ -98,36 +163,52 @@ def exchange_halos(table, array, components, apart):
     components, apart : int
         Of the field, and the bytes from one to the next.
     """
-    outgoing, incoming, own = _number(table, OUTGOING), _number(table, INCOMING), _number(table, OWN)
+    own, messages, count = _number(table, OWN), _number(table, MESSAGES), 0
+    for number in range(messages):
+        row = HEAD + number * ROW
+        source = _number(table, row + FROM)
+        if source >= 0 and source != own:
+            function, buffer = _number(table, IRECV), _number(table, row + INCOMING)
+            count = begin_message(table, function, row, buffer, components, source, count)
+    for number in range(messages):
+        row = HEAD + number * ROW
+        to, at = _number(table, row + TO), _number(table, row + OUTGOING)
+        if to < 0:
+            continue
+        for c in range(components):
+            for run in range(_number(table, row + SENT), _number(table, row + SENT_END), 2):
+                length = _number(table, run + 1)
+                _move(at, array + c * apart + _number(table, run), length)
+                at += length
+        if to != own:
+            function, buffer = _number(table, ISEND), _number(table, row + OUTGOING)
+            count = begin_message(table, function, row, buffer, components, to, count)
+    _note(table, UNDER_WAY, count)
+
+
+@njit(error_model="numpy", counted=False, entry=False)
+def receive_values(table, array, components, apart):
+    """End the messages that `send_values` has begun, and put what has come into the places of the field."""
+    own, count = _number(table, OWN), _number(table, UNDER_WAY)
+    if count > 0:
+        _wait(_number(table, WAITALL), count, _number(table, REQUESTS), _number(table, STATUSES))
+        _note(table, UNDER_WAY, 0)
     for number in range(_number(table, MESSAGES)):
         row = HEAD + number * ROW
-        to, source = _number(table, row + TO), _number(table, row + FROM)
-        at = outgoing
-        if to >= 0:
-            for c in range(components):
-                for run in range(_number(table, row + SENT), _number(table, row + SENT_END), 2):
-                    length = _number(table, run + 1)
-                    _move(at, array + c * apart + _number(table, run), length)
-                    at += length
-        at = outgoing
-        if to != own or source != own:
-            at = incoming
-            given = (
-                outgoing,
-                incoming,
-                components * _number(table, row + BYTES),
-                to,
-                source,
-                _number(table, row + TAG),
-            )
-            handles = _number(table, TYPE), _number(table, COMMUNICATOR)
-            if _number(table, WIDE) != 0:
-                _send_by_pointer(_number(table, FUNCTION), *given, *handles)
-            else:
-                _send_by_number(_number(table, FUNCTION), *given, *handles)
-        if source >= 0:
-            for c in range(components):
-                for run in range(_number(table, row + FILLED), _number(table, row + FILLED_END), 2):
-                    length = _number(table, run + 1)
-                    _move(array + c * apart + _number(table, run), at, length)
-                    at += length
+        source = _number(table, row + FROM)
+        if source < 0:
+            continue
+        at = _number(table, row + (OUTGOING if source == own else INCOMING))
+        for c in range(components):
+            for run in range(_number(table, row + FILLED), _number(table, row + FILLED_END), 2):
+                length = _number(table, run + 1)
+                _move(array + c * apart + _number(table, run), at, length)
+                at += length
+
+
+@njit(error_model="numpy", counted=False, entry=False)
+def move_messages(table, array, components, apart):
+    """Let MPI move messages that are under way: most implementations do so only while they are called."""
+    count = _number(table, UNDER_WAY)
+    if count > 0:
+        _test(_number(table, TESTALL), count, _number(table, REQUESTS), _number(table, STATUSES))
