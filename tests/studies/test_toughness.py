@@ -94,8 +94,9 @@ def test_other_cracks_spend_the_fracture_energy(name):
         assert found.follows and np.nanmax(found.tips.data["speed"]) < fastest
         spent.append(found.spent / energy)
         print(speed, turn, push, spent[-1], found.speed / fastest)
-    # how the lattice holds up a correspondence crack goes by its angle and its speed: docs/limits.md
-    assert spent == pytest.approx([1.0, 1.0], abs=0.15 if name == "correspondence" else 0.05)
+    # the stretch is that of a crack along an axis, and others spend 1 to 5 % more; how the lattice holds up one in a
+    # correspondence material goes by its angle and its speed: docs/limits.md
+    assert spent == pytest.approx([1.0, 1.0], abs=0.15 if name == "correspondence" else 0.06)
 
 
 @pytest.mark.slow

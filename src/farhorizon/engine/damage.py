@@ -126,7 +126,7 @@ def kept_law(law, node, numbers, rows):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def stress_left(law, node, inverse, dim):
+def borne_by_node(law, node, inverse, dim):
     """What a node bears of its stress as its bonds break, see `farhorizon.engine.shape_tensors.stress_left`."""
     odd, whole = first_special(law.nodes, node), law.firmness[0]
     first = whole
@@ -155,7 +155,7 @@ def law_of_node(law, node, numbers, rows):
     dim = 2 if rows == 4 else 3
     invert_shape(numbers, dim)
     inverse, strain = numbers[_INVERSE:_LAST], numbers[_LAST:_NUMBERS]
-    left = stress_left(law, node, inverse, dim)
+    left = borne_by_node(law, node, inverse, dim)
     lame, shear = left * lame, left * shear
     trace = inverse[0] * 0
     for a in range(dim):

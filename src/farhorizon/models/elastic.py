@@ -370,13 +370,9 @@ class Elastic(LatticeModel):
                 given.get(name) for name in ("young", "poisson", "bulk", "shear")
             )
             return
-        self.young, self.poisson, self.bulk, self.shear, self.lame = self._moduli_of(given)
+        self.young, self.poisson, self.bulk, self.shear, self.lame = _moduli(self, given)
         self.source_factor = 1 / self.density
         self.coefficient = self.p_modulus / self.density
-
-    def _moduli_of(self, given: Mapping[str, Any]) -> Moduli:
-        fixed = _CAUCHY[self.plane] if self.bonds else None
-        return moduli_of(given, fixed, self.plane, self.material, COMBINATIONS)
 
     @property
     def uneven(self) -> dict[str, Any]:
@@ -421,7 +417,7 @@ class Elastic(LatticeModel):
         if not values:
             return self, Variation()
         given = {name: values.get(name, value) for name, value in self._given_moduli.items()}
-        solids = self._moduli_of(given)
+        solids = _moduli(self, given)
         modulus, density = np.broadcast_arrays(solids.lame + 2 * solids.shear, values.get("density", self.density))
         host = middle_node(modulus / density)
         of_host = {name: float(np.broadcast_to(value, modulus.shape).flat[host]) for name, value in given.items()}
@@ -526,3 +522,8 @@ def _springs(kernel: Kernel | Stencil | None, offsets: np.ndarray, weights: np.n
     """Bonds of a bond-based material, or those beside the dilatation of a state-based one."""
     calibrate = isinstance(kernel, Kernel) and kernel.calibrate
     return central(offsets, isotropic(offsets, weights) if calibrate else weights, shear)
+
+
+def _moduli(model: Elastic, given: Mapping[str, Any]) -> Moduli:
+    fixed = _CAUCHY[model.plane] if model.bonds else None
+    return moduli_of(given, fixed, model.plane, model.material, COMBINATIONS)
