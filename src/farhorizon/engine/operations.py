@@ -189,9 +189,11 @@ def _stage(tables: Tables, inputs: Inputs, stage: int) -> list[Operation]:
 def operator_operations(tables: Tables, melting: bool = False) -> list[Operation]:
     """The operator: its halo filled, layers included; if `melting`, the phases of the halo are those of this step."""
     breaks = not tables.bonds.forces
-    # what breaks is looked at between the levels of two steps, of which the sweep may overwrite one
     before = _chosen((MELT, melting and len(tables.phases.halo))) + _chosen((BREAK, breaks), number=GATHER)
-    found = _sums(tables, SPRINGS, halo=True, ahead=not breaks, before=before)
+    # In all stages or in none: the sweep reads the phases of the halo, and may overwrite one of the two levels by which
+    # bonds break.
+    ahead = not (breaks or len(tables.phases.halo))
+    found = _sums(tables, SPRINGS, halo=True, ahead=ahead, before=before)
     if tables.gather.sweep.law.values.size:
         stretched = tables.stretches.runs.size
         found += _sums(tables, GATHER) + _chosen((STRETCH_STATES, stretched), number=GATHER)
@@ -239,7 +241,8 @@ def _exchanged(
     tables: Tables, number: int, kinds: Sequence[int], lines: list[Operation], ahead: bool
 ) -> list[Operation]:
     """What other processes fill, axis by axis, as later ones send the halos of earlier ones on. The layers continue
-    the field along lines of the last axis, which need no halo, before what they make of them is sent.
+    the field along lines of the last axis, which need no halo, before what they make of them is sent. If `ahead`, rows
+    that need none are swept meanwhile.
     """
     every = {axis: [3 * kind + axis for kind in kinds if is_used(tables, kind, axis)] for axis in HALOS}
     axes = [axis for axis, messages in every.items() if messages]

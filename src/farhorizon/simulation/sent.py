@@ -121,9 +121,9 @@ def _seconds_of_messages(boxes: Decomposition, number: int, run: Any, latency: f
 
 def swept_ahead(boxes: Decomposition, number: int, run: Any) -> int:
     """Nodes of a process that are swept while messages travel, see `farhorizon.engine.exchange.free_of_halos`: none of
-    states that break.
+    states that break, nor, as some of it may lie beside cuts, where there is metal that dissolves.
     """
-    if not run.engine.tables.bonds.forces:
+    if not run.engine.tables.bonds.forces or run.engine.tables.phases.runs.size:
         return 0
     nodes, reach = boxes.size(number, nodes_beyond(run)), run.engine.layout.reach[-run.lattice.dim :]
     for (axis, _), other in boxes.neighbours(number).items():
