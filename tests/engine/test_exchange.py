@@ -290,11 +290,11 @@ def test_the_interpreter_does_the_same():
 def test_whom_messages_go_to():
     """What would fill my halo if I were periodic fills that of my neighbour on the other side."""
     layout = periodic().engine.layout
-    across = {(1, side): layout.across(1, side, {1}) for side in (-1, 1)}
+    across = {(1, side): layout.across(1, side) for side in (-1, 1)}
     messages = Messages.between(Link((0, 0, 0, 0), 0, 0, False, 5), {(1, -1): 4, (1, 1): -1}, across)
     (down, to_nobody) = messages.rows
     assert down[:2] == (-1, 4) and to_nobody[:2] == (4, -1)
     box = layout.box
     assert set(box.coordinates(to_nobody[2])[:, 1]) == {0, 1}  # my first nodes, of a reach of two
     assert set(box.coordinates(down[3])[:, 1]) == {-2, -1}  # my halo before them
-    assert messages.volume == len(to_nobody[2]) == 2 * box.nodes[2]
+    assert messages.volume == len(to_nobody[2]) == 2 * (box.nodes[2] + 2 * 2)  # with the halo of the last axis

@@ -43,9 +43,9 @@ def test_least_is_exchanged(shape, processes, topology):
 
 
 def test_what_is_exchanged_is_counted():
-    """Of the middle of three slabs two faces, with the nodes beyond them; of four columns with their edges."""
+    """Of the middle of three slabs two faces, with the nodes beyond them and the edges; of four columns likewise."""
     boxes = made((60, 20), 3, topology=[3, 1])
-    assert boxes.exchanged(1, (2, 2), {(1, -1): 5, (1, 1): 4}) == [2 * 2 * (20 + 9), 0]
+    assert boxes.exchanged(1, (2, 2), {(1, -1): 5, (1, 1): 4}) == [2 * 2 * (20 + 9 + 4), 0]
     assert boxes.size(1, {(1, -1): 5, (1, 1): 4, (0, 1): 7}) == [20, 29]
     assert made((60, 20), 4, topology=[2, 2]).exchanged(0, (2, 2), {}) == [2 * (10 + 4), 2 * 30]
 

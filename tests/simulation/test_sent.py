@@ -28,10 +28,12 @@ def predicted(boxes, run, seconds):
 
 
 def test_what_is_sent_by_hand():
-    """A square of 41 nodes with reach 1, cut in the middle: 41 values are sent, of 41 times 20 or 21."""
+    """A square of 41 nodes with reach 1, cut in the middle: 41 values and the halo at both ends are sent, of 41 times
+    20 or 21.
+    """
     rows = dict(rows_on_processes(square()))
     assert rows["1 process"].startswith("nothing is sent; ")
-    words = f"2 x 1 boxes; each sends at most {41 * 8 / 1024:.3g} KiB a step"
+    words = f"2 x 1 boxes; each sends at most {43 * 8 / 1024:.3g} KiB a step"
     assert rows["2 processes"].startswith(words) and "% of the values that it computes; " in rows["2 processes"]
     assert rows["2 processes"].endswith("% efficient, as predicted") and " MiB each; " in rows["2 processes"]
     assert rows["8 processes"].startswith("4 x 2 boxes") and rows["64 processes"].startswith("8 x 8 boxes")
@@ -40,13 +42,13 @@ def test_what_is_sent_by_hand():
 
 
 def test_efficiencies_by_hand():
-    """41 rows cut into 21 and 20: the slower process takes 21/41 of the time, and that of one message of 41 values, of
+    """41 rows cut into 21 and 20: the slower process takes 21/41 of the time, and that of one message of 43 values, of
     which a part passes while 20 of the rows are swept.
     """
     run = square()
     boxes = boxes_of(run.setup, run.model, run.parts.around, 2)
     for seconds in (1e-6, 1e-3, 10.0):
-        message, least = (latency + 41 * 8 / bandwidth for latency, bandwidth in (_WHOLE, _LEFT))
+        message, least = (latency + 43 * 8 / bandwidth for latency, bandwidth in (_WHOLE, _LEFT))
         left = max(least, message - seconds * 20 / 41)
         assert predicted(boxes, run, seconds) == pytest.approx(seconds / 2 / (seconds * 21 / 41 + left), rel=1e-12)
     assert [swept_ahead(boxes, number, run) for number in range(2)] == [41 * 19, 41 * 20]

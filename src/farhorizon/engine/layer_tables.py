@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -284,14 +284,14 @@ class LayerTables:
         fields = self.columns * self.sets[2] * self.layout.reach[2]
         return sum(fields * int(band[WIDTH]) for band in self.bands if band[COLUMNS] and band[STEP] == side)
 
-    def across(self, axis: int, side: int, shared: Set[int]) -> np.ndarray:
+    def across(self, axis: int, side: int) -> np.ndarray:
         """Places of the slots in the halo on a side, and those that they repeat if the axis is periodic, shape (2, n);
         see `Layout.across`.
         """
         layout, found = self.layout, [np.zeros((2, 0), np.int64)]
         n, m = layout.box.nodes, layout.reach
         halo = np.arange(-m[axis], 0) if side < 0 else np.arange(n[axis], n[axis] + m[axis])
-        pairs, earlier = [], shared & set(HALOS[: HALOS.index(axis)])
+        pairs, earlier = [], HALOS[: HALOS.index(axis)]
         for along in (halo, halo % n[axis]) if axis < 2 else ():
             halos = [m[a] * (a in earlier) for a in (0, 1)]
             parts = [along if a == axis else np.arange(-halos[a], n[a] + halos[a]) for a in (0, 1)]
@@ -309,7 +309,7 @@ class LayerTables:
     def _copies(self) -> np.ndarray:
         """Places of the slots that repeat what lies across a periodic axis: (to, from)."""
         periodic = self.layout.periodic
-        found = [self.across(axis, side, periodic) for axis in HALOS if axis in periodic for side in (-1, 1)]
+        found = [self.across(axis, side) for axis in HALOS if axis in periodic for side in (-1, 1)]
         return np.concatenate([np.zeros((2, 0), np.int64), *found], axis=1)
 
     def _sizes(self) -> np.ndarray:

@@ -6,7 +6,7 @@ A field of several components has one such level for each, one after the other.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Set
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -172,14 +172,12 @@ class Layout:
             [box.origin, *box.nodes, *box.stride[:2], *box.stride, box.origin, *box.stride[:2], *apart], np.int64
         )
 
-    def across(self, axis: int, side: int, shared: Set[int]) -> np.ndarray:
-        """Places of the halo on a side, and those that it repeats if the axis is periodic; shape (2, n). Along the axes
-        that are `shared` halos repeat something, too.
-        """
+    def across(self, axis: int, side: int) -> np.ndarray:
+        """Places of the halo on a side, and those that it repeats if the axis is periodic; shape (2, n)."""
         n, m = self.box.nodes[axis], self.reach[axis]
         halo = np.arange(-m, 0) if side < 0 else np.arange(n, n + m)
         # Later axes are filled after this one, earlier ones with their halo.
-        earlier = shared & set(HALOS[: HALOS.index(axis)])
+        earlier = HALOS[: HALOS.index(axis)]
         lines = [
             np.arange(-r, k + r) if a in earlier else np.arange(k)
             for a, (k, r) in enumerate(zip(self.box.nodes, self.reach, strict=True))
@@ -196,5 +194,5 @@ class Layout:
         shape (2, n).
         """
         axes = [axis for axis in HALOS if axis in self.periodic]
-        found = [self.across(axis, side, self.periodic) for axis in axes for side in (-1, 1)]
+        found = [self.across(axis, side) for axis in axes for side in (-1, 1)]
         return np.concatenate([np.zeros((2, 0), np.int64), *found], axis=1)

@@ -30,9 +30,8 @@ def connect(engine: Engine, link: Link, neighbours: Mapping[tuple[int, int], int
         Numbers of the processes beyond each side, below 0 for nobody; of axes that nobody shares, none.
     """
     passes = [] if engine.passes is None else [engine.tables.gather, engine.tables.scatter]
-    shared = {axis for axis, _ in neighbours}
     every = [engine.layout.across, *(tables.across for tables in engine.all_layers)]
-    kinds = [Messages.between(link, neighbours, {one: across(*one, shared) for one in neighbours}) for across in every]
+    kinds = [Messages.between(link, neighbours, {one: across(*one) for one in neighbours}) for across in every]
     used = engine.tables.filter.runs.size
     apart = {one: other for one, other in neighbours.items() if one[0] not in engine.layout.periodic and used}
     damping = damping_of(engine)

@@ -83,7 +83,7 @@ class Decomposition:
             others = [other for (a, _), other in neighbours.items() if a == axis]
             across = int(np.prod([size for a, size in enumerate(sizes) if a != axis]))
             found[axis] = sum(other not in (-1, number) for other in others) * reach[axis] * across
-            sizes[axis] += 2 * reach[axis] * (edges and bool(others))
+            sizes[axis] += 2 * reach[axis] * edges
         return found
 
     def corners(self) -> Iterator[int]:

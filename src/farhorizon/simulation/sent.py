@@ -170,8 +170,7 @@ def sent_along(boxes: Decomposition, number: int, run: Any) -> list[int]:
     reach = np.abs(engine.offsets[:, -run.lattice.dim :]).max(axis=0).tolist()
     nodes = boxes.exchanged(number, reach, beyond)
     place, last = boxes.place(number)[-1], boxes.topology[-1] - 1
-    halo = reach[-1] * ((run.lattice.dim - 1, 1) in boxes.neighbours(number))
-    each = boxes.size(number, beyond)[-1] + 2 * halo  # nodes of a line that are sent
+    each = boxes.size(number, beyond)[-1] + 2 * reach[-1]  # nodes of a line that are sent
     in_a_line = sum(outer * engine.in_a_line(side) for side, outer in ((-1, place == 0), (1, place == last)))
     lines = [count // each * in_a_line * len(engine.stages.numbers) for count in nodes[:-1]] + [0]
     values = [count * sum(numbers_sent(engine)) for count in nodes]
