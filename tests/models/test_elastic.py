@@ -343,7 +343,7 @@ def test_a_checkpoint_restores_the_run(tmp_path):
     for one in (sim, again):
         one.step(20)
     np.testing.assert_array_equal(again.engine.levels, sim.engine.levels)
-    np.testing.assert_array_equal(again.engine.memory, sim.engine.memory)
+    np.testing.assert_array_equal(State(again.engine).read(), State(sim.engine).read())  # memory without padding
     assert again.model.bulk == sim.model.bulk
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Callable, Iterator, Mapping, Set
 from contextlib import contextmanager
@@ -268,9 +269,31 @@ class Engine:
                     padded[tuple(strip if a == axis else slice(None) for a in range(3))] = beyond[axis, side]
         values = np.zeros(layout.size, self.dtype)
         layout.box.all(values)[...] = padded
-        if jointly and self.exchange is not None:
-            self.exchange.fill(values, 1)
+        if jointly:
+            self.join(values, beyond or {})
         return values
+
+    def join(self, values: np.ndarray, beyond: Mapping[tuple[int, int], float]) -> None:
+        """Let other processes fill the halo of nodal values; all of them call it. Beyond the sides that nobody fills
+        the values go on as in `spread`, in the halos of the others, too.
+        """
+        if self.exchange is None:
+            return
+        self.exchange.fill(values, 1)
+        reach, mask = self.layout.reach, np.zeros(self.layout.size, bool)
+        mask[self.exchange.filled] = True
+        every, taken = self.layout.box.all(values), self.layout.box.all(mask)
+        inside = tuple(slice(m, n - m) for m, n in zip(reach, every.shape, strict=True))
+        for axis, side in itertools.product(range(3), (-1, 1)):
+            m, n = reach[axis], every.shape[axis] - 2 * reach[axis]
+            halo, edge = (slice(0, m), m) if side < 0 else (slice(m + n, None), m + n - 1)
+            along = np.moveaxis(every, axis, 0)
+            if taken[tuple(halo if a == axis else part for a, part in enumerate(inside))].any():
+                continue
+            if axis in self.layout.periodic:
+                along[halo] = along[n : n + m] if side < 0 else along[m : 2 * m]
+            else:
+                along[halo] = beyond.get((axis, side), along[edge])
 
     def replace(self, **tables: Any) -> None:
         """Put others in the place of some tables."""

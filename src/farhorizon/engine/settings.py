@@ -41,7 +41,7 @@ def connect(engine: Engine, link: Link, neighbours: Mapping[tuple[int, int], int
     rows = max((tables.rows for tables in passes), default=0)
     engine.exchange = Exchange(kinds, max(engine.components, states, rows), engine.dtype)
     if engine.varied:
-        engine.exchange.fill(engine.tables.material.coefficient, 1)
+        engine.join(engine.tables.material.coefficient, {})
     none = np.zeros((2, 0), np.int64)
     gather, scatter = (
         one._replace(layers=one.layers._replace(copies=none)) for one in (engine.tables.gather, engine.tables.scatter)
