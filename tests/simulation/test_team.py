@@ -71,9 +71,10 @@ def told(tmp_path_factory):
 
 
 #: Where the order of a sum is that of a box: parts of rows in which no bond may break, the values of an incident wave,
-#: tiles of the liquid beside those with metal.
+#: tiles of the liquid beside those with metal, tiles in which bonds of states have broken beside a crack that was there.
 TO_ROUNDING = (
     *("breaking", "breaking strata", "an incident wave", "an incident wave below a surface", "states with drag"),
+    "states that break",
     *("metal that corrodes", "metal that corrodes, across a periodic side", "metal that corrodes in space"),
 )
 
