@@ -71,7 +71,7 @@ def told(tmp_path_factory):
 
 
 #: Where the order of a sum is that of a box: parts of rows in which no bond may break, the values of an incident wave,
-#: tiles of the liquid beside those with metal, tiles in which bonds of states have broken beside a crack that was there.
+#: tiles of the liquid beside those with metal, tiles in which bonds of states have broken beside a crack.
 TO_ROUNDING = (
     *("breaking", "breaking strata", "an incident wave", "an incident wave below a surface", "states with drag"),
     "states that break",
