@@ -20,6 +20,8 @@ from farhorizon.cli import main
 from farhorizon.simulation.sent import numbers_sent, sent_by
 
 WORLD, FOLDER = MPI.COMM_WORLD, Path(sys.argv[1])
+#: The first two processes of four, and the first one.
+FEWER = {n: WORLD.Split(0 if WORLD.rank < n else MPI.UNDEFINED) for n in (2, 1) if n < WORLD.size}
 KERNEL, FOUR = fh.Kernel(0.6), fh.LatticePML(nodes=4)
 WAVE = fh.Wave(KERNEL)
 ALONG_X = {2: [[2, 1]], 4: [[4, 1]]}[WORLD.size]
@@ -89,10 +91,10 @@ WIDE = {"initial": {"u": [pulse(2), 0.0]}, "shape": (79, 81)}
 ARRIVES = "sin(2*t)*sin(pi*t/6)**2"
 
 
-def torn(**model):
+def torn(shape=(79, 81), **model):
     """A short crack between two bands that are pulled apart."""
     pull = fh.BodyForce([0.0, "0.02*(exp(-(y - 2)**2) - exp(-(y + 2)**2))*exp(-x**2/4)"], "1 - exp(-t)")
-    cracks, shape = [[(-2.0, 0.13), (0.7, 0.13)]], (79, 81)
+    cracks = [[(-2.0, 0.13), (0.7, 0.13)]]
     return plane(fh.Elastic(KERNEL, 1.0, **model), initial={}, cracks=cracks, loads=[pull], shape=shape)
 
 
@@ -146,7 +148,10 @@ CASES |= {
         torn(critical_stretch=0.004, fracture_energy="6e-5*(1.2 + 0.1*sin(x))", softening="linear", nonlinear=True),
         ALONG_X,
     ),
-    "states that break": (torn(critical_stretch=0.005, poisson=0.3, material="state-based"), ALONG_Y),
+    "states that break": (  # four boxes along x, each wider than the filter of layers, which takes 24 nodes
+        torn((99, 81), critical_stretch=0.005, poisson=0.3, material="state-based"),
+        ALONG_Y,
+    ),
     "held at temperatures": (
         plane(
             fh.Diffusion(KERNEL),
@@ -384,8 +389,8 @@ def heard(setup, communicator=None, topology=None):
 
 
 def kept():
-    """Runs that go on from checkpoints on other boxes, and on one process, beside those that were not interrupted; from
-    those of several processes and of one.
+    """Runs that go on from checkpoints on other boxes and on fewer processes, beside those that were not interrupted;
+    from those of several processes and of one.
     """
     names = ["wave"] if "few" in sys.argv else [*KEPT, *["state-based in space"] * ("slow" in sys.argv)]
     for name in names:
@@ -400,8 +405,10 @@ def kept():
         runs = {"as it was": (start.run(4.0), None), "other boxes": (heard(setup, WORLD, other), path)}
         for boxes in (first, other):
             runs[f"{boxes} from one"] = heard(setup, WORLD, boxes), path.with_suffix(".one.ckpt")
+        for size, team in FEWER.items():
+            if WORLD.rank < size:
+                runs[f"{size} processes"] = heard(setup, team), path
         if WORLD.rank == 0:
-            runs["one process"] = heard(setup), path
             runs["one from one"] = heard(setup), path.with_suffix(".one.ckpt")
         found, sums, steps, answers = {}, {}, set(), set()
         for how, (run, kept) in runs.items():

@@ -115,7 +115,12 @@ def test_what_it_must_answer_is_asked_where_it_is_defined():
         class Layered(fh.Side):
             stretched: ClassVar[bool] = True
 
-    assert not {"Open", "Layered"} & set(Side.known)
+    with pytest.raises(TypeError, match=r"Torn.undecided is true, so that the class needs a method 'as_layer'"):
+
+        class Torn(fh.Side):
+            undecided: ClassVar[bool] = True
+
+    assert not {"Open", "Layered", "Torn"} & set(Side.known)
 
 
 def test_something_else_is_refused():

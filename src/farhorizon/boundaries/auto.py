@@ -35,28 +35,29 @@ class Auto(Side):
     --------
     >>> import farhorizon as fh
     >>> side = fh.Auto(target=1e-4)
-    >>> side.layer(until=30.0, default=1e-5)
+    >>> side.as_layer(until=30.0, default=1e-5)
     LatticePML(target=0.0001, nodes=None, profile=None, until=30.0)
     """
 
     endless: ClassVar[bool] = True
+    undecided: ClassVar[bool] = True
     target: float | None = None
     until: float | None = None
 
     def __post_init__(self) -> None:
-        kinds.settle(self, target=self.domain(None).target, until=self.domain(None).until)
+        kinds.settle(self, target=self.as_domain(None).target, until=self.as_domain(None).until)
 
     def wanted(self, default: float) -> float:
         """The target, or that of the model."""
         return default if self.target is None else self.target
 
-    def layer(self, until: float | None, default: float) -> LatticePML:
+    def as_layer(self, until: float | None, default: float) -> LatticePML:
         """A layer for a run of a length, as far as it is known here or from the side, that keeps the target or that of
         the model.
         """
         return LatticePML(target=self.wanted(default), until=self._longer(until))
 
-    def domain(self, until: float | None) -> Extended:
+    def as_domain(self, until: float | None) -> Extended:
         """An extended domain for a run of a length, as far as it is known here or from the side."""
         return Extended(self.target, until=self._longer(until))
 

@@ -39,6 +39,8 @@ class Side:
         Its nodes are damped by `damping`.
     extended : bool
         Its nodes are as many of the medium as the run needs.
+    undecided : bool
+        A run takes in its place what `as_layer` or `as_domain` gives, whichever takes less time.
     derivatives : bool
         On its nodes derivatives are stretched, see `stretches`, and initial data go on there:
         correspondence materials alone have them.
@@ -75,7 +77,8 @@ class Side:
     ------
     TypeError
         At the definition of an endless side without `wanted`, of a stretched one without `make_layer`, of a damped one
-        without `damping`, of one with derivatives without `stretches`, or of one with the name of another module's.
+        without `damping`, of one with derivatives without `stretches`, of an undecided one without `as_layer` or
+        `as_domain`, or of one with the name of another module's.
 
     Examples
     --------
@@ -94,6 +97,7 @@ class Side:
     stretched: ClassVar[bool] = False
     damped: ClassVar[bool] = False
     extended: ClassVar[bool] = False
+    undecided: ClassVar[bool] = False
     derivatives: ClassVar[bool] = False
     exact: ClassVar[bool] = False
     closing: ClassVar[bool] = False
@@ -118,6 +122,8 @@ class Side:
             ("stretched", "make_layer"),
             ("damped", "damping"),
             ("derivatives", "stretches"),
+            ("undecided", "as_layer"),
+            ("undecided", "as_domain"),
         ):
             if getattr(cls, asked) and getattr(cls, answer) is getattr(Side, answer):
                 raise TypeError(f"{cls.__name__}.{asked} is true, so that the class needs a method {answer!r}")
@@ -160,6 +166,16 @@ class Side:
         """Rates at which derivatives along the normal, and along the side, are stretched on the side's nodes from the
         near field outwards (1/time), shape (nodes,), and their shift, for a speed of longitudinal waves.
         """
+        raise NotImplementedError
+
+    def as_layer(self, until: float | None, default: float) -> Side:
+        """An absorbing side for a run of a length, as far as it is known, that keeps the target or that of the model,
+        `default`.
+        """
+        raise NotImplementedError
+
+    def as_domain(self, until: float | None) -> Side:
+        """An extended domain for a run of a length, as far as it is known."""
         raise NotImplementedError
 
     def undamped(self) -> Side:

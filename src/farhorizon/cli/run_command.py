@@ -52,7 +52,6 @@ def run_command(options: argparse.Namespace) -> int:
         if code == GOOD:
             taken, energy = time.perf_counter() - began, sim.energy()
             broken = sim.broken_bonds if "damage" in sim.fields else None
-            broken = sim.broken_bonds if "damage" in sim.fields else None
             output.conclude()
             kept = options.keep_checkpoint or until < case.end
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.boundaries import Auto, Closure, ExactEnds
+from farhorizon.boundaries import Closure, ExactEnds, Side
 from farhorizon.engine.settings import set_drag
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
@@ -77,7 +77,7 @@ class Parts:
     ----------
     near : NearField
     around : Surroundings
-    autos : dict of (axis, side) to Auto
+    autos : dict of (axis, side) to Side
         The sides that leave it to the run whether they are layers, as they are until it is known how long it is, or
         extend the domain.
     beyond : Beyond
@@ -105,7 +105,7 @@ class Parts:
 
     near: NearField
     around: Surroundings
-    autos: dict[Key, Auto]
+    autos: dict[Key, Side]
     beyond: Beyond
     start: Start
     drives: Drives
@@ -130,7 +130,7 @@ class Survey:
     ----------
     setup : Setup
         With a model that is uniform.
-    autos : dict of (axis, side) to Auto
+    autos : dict of (axis, side) to Side
     near : NearField
     around : Surroundings
     waves : list of Arriving
@@ -139,7 +139,7 @@ class Survey:
     """
 
     setup: Setup
-    autos: dict[Key, Auto]
+    autos: dict[Key, Side]
     near: NearField
     around: Surroundings
     waves: list[Arriving]
@@ -151,8 +151,8 @@ def survey(whole: Setup, stiffer: float | None = None, share: Share | None = Non
     setup, variation = varied(whole) if share is None else (share.uniform, share.variation)
     of_whole = () if share is None else (share.whole, share.conditions)
     lattice, model = setup.lattice, setup.model
-    autos = {key: b for key, b in setup.sides.items() if isinstance(b, Auto)}
-    sides = setup.sides | {key: b.layer(None, model.target) for key, b in autos.items()}
+    autos = {key: b for key, b in setup.sides.items() if b.undecided}
+    sides = setup.sides | {key: b.as_layer(None, model.target) for key, b in autos.items()}
     check_model(setup, sides)
     stencil = model.medium(lattice.spacing, lattice.dim)
     check_stencil(setup, sides, stencil)
@@ -278,7 +278,7 @@ def _cuts(setup: Setup) -> list[Cut]:
 
 
 def _choose_sides(
-    setup: Setup, near: NearField, sides: Sides, autos: dict[Key, Auto], sources: Sequence[Any]
+    setup: Setup, near: NearField, sides: Sides, autos: dict[Key, Side], sources: Sequence[Any]
 ) -> Surroundings:
     """The sides with their layers; where none serves, those that leave the choice extend the domain."""
     try:
@@ -286,7 +286,7 @@ def _choose_sides(
     except InputError:
         if not autos:
             raise
-        return _with_layers(setup, near, sides | {key: b.domain(None) for key, b in autos.items()}, sources)
+        return _with_layers(setup, near, sides | {key: b.as_domain(None) for key, b in autos.items()}, sources)
 
 
 def _with_layers(setup: Setup, near: NearField, sides: Sides, sources: Sequence[Any]) -> Surroundings:

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from farhorizon.boundaries import Auto, Side
+from farhorizon.boundaries import Side
 from farhorizon.checks.examined import Examined
 from farhorizon.checks.price import extended_price, price
 from farhorizon.errors import InputError
@@ -36,7 +36,7 @@ class Settling:
 
     Attributes
     ----------
-    autos : dict of (axis, side) to Auto
+    autos : dict of (axis, side) to Side
         Sides that are layers or extend the domain, whichever takes less time.
     open_ended : list of (axis, side)
         Those that follow from the length of the run.
@@ -46,7 +46,7 @@ class Settling:
         How it was chosen.
     """
 
-    autos: dict[Key, Auto]
+    autos: dict[Key, Side]
     open_ended: list[Key]
     good_for: float = 0.0
     why: list[str] = field(default_factory=list)
@@ -84,8 +84,8 @@ class Settling:
 
     def _decide(self, run: Changeable, until: float) -> None:
         """Take layers or the extended domain on the sides that leave the choice, whichever takes less time."""
-        far_sides: dict[Key, Side] = {key: b.domain(until) for key, b in self.autos.items()}
-        near_sides: dict[Key, Side] = {key: b.layer(until, run.model.target) for key, b in self.autos.items()}
+        far_sides: dict[Key, Side] = {key: b.as_domain(until) for key, b in self.autos.items()}
+        near_sides: dict[Key, Side] = {key: b.as_layer(until, run.model.target) for key, b in self.autos.items()}
         try:
             if any(run.sides[key] != layer for key, layer in near_sides.items()):
                 run.take(near_sides)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.boundaries.auto import Auto
 from farhorizon.boundaries.neighbour import Neighbour
 from farhorizon.boundaries.side import Side
 from farhorizon.errors import InputError
@@ -324,7 +323,7 @@ def _of_one_process(side: Side) -> str:
         return "they follow from nodes along the outline, which several processes have"
     if side.derivatives:
         return "stretched derivatives are remembered on all nodes beyond them, cut across, too"
-    if side.extended or isinstance(side, Auto):
+    if side.extended or side.undecided:
         return "the domain grows by what all data need until the end of the run"
     return ""
 
