@@ -1,7 +1,8 @@
-"""What several processes compute together, beside what one computes: `mpiexec -n 2 python on_processes.py FOLDER`.
+"""What several processes compute together, beside what one computes:
+`mpiexec -n 2 python on_processes.py FOLDER SIZE PART ...`.
 
-The first process prints a line of JSON for each case; files go into the folder. Set-ups are tiny; `slow` as an argument
-adds more, some of them larger, and `few` leaves out all but one.
+The first process prints a line of JSON for each case; files go into the folder. Set-ups are tiny; of the size `slow`
+are more, some of them larger, than of the size `all`, and of the size `few` there is one of a kind.
 """
 
 import io
@@ -19,7 +20,7 @@ import farhorizon as fh
 from farhorizon.cli import main
 from farhorizon.simulation.sent import numbers_sent, sent_by
 
-WORLD, FOLDER = MPI.COMM_WORLD, Path(sys.argv[1])
+WORLD, FOLDER, SIZE = MPI.COMM_WORLD, Path(sys.argv[1]), sys.argv[2]
 #: The first two processes of four, and the first one.
 FEWER = {n: WORLD.Split(0 if WORLD.rank < n else MPI.UNDEFINED) for n in (2, 1) if n < WORLD.size}
 KERNEL, FOUR = fh.Kernel(0.6), fh.LatticePML(nodes=4)
@@ -186,6 +187,8 @@ CASES |= {
         ALONG_Y,
     ),
 }
+#: One of a kind.
+FEW = ("wave", "breaking, nonlinear", "metal that corrodes", "space")
 STATES = fh.Elastic(KERNEL, young=1.0, poisson=0.3, material="state-based")
 CORRESPONDENCE = fh.Correspondence(KERNEL, 1.0, 0.3, stabilisation=0.3)
 SLOW = {
@@ -322,8 +325,9 @@ def sums_of(run):
 
 def compared():
     """Each case against one process: whether fields are the same to the last bit, and the error of the energy."""
-    cases = {"wave": CASES["wave"]} if "few" in sys.argv else CASES | (SLOW if "slow" in sys.argv else {})
-    for name, (setup, grids) in cases.items():
+    names = {"few": FEW, "all": CASES, "slow": CASES | SLOW}[SIZE]
+    for name in names:
+        setup, grids = (CASES | SLOW)[name]
         for topology in grids:
             together = fh.Simulation.of(setup, communicator=WORLD, topology=topology)
             together.run(4.0)
@@ -360,12 +364,12 @@ def files():
     strata = plane(fh.Elastic(KERNEL, "where(y > 1, 1.5, 1)"), dt=0.1, **WIDE)
     kinds = {"waves": (plane(dt=0.1), POINTS), "solid": (SMALL_SOLID, [(*point, 0.1) for point in POINTS[:2]])}
     kinds |= {"strata": (strata, POINTS)}
-    if "few" not in sys.argv:  # stresses beside cracks, broken bonds, holes and heat
+    if SIZE != "few":  # stresses beside cracks, broken bonds, holes and heat
         kinds |= {
             name: (replace(CASES[name][0], dt=0.1), POINTS[2:3])
             for name in ("breaking, nonlinear", "a body", "pumped and heated")
         }
-    for name, (setup, points) in list(kinds.items())[: 1 if "few" in sys.argv else None]:
+    for name, (setup, points) in list(kinds.items())[: 1 if SIZE == "few" else None]:
         heard = []
         for together in (True, False) if WORLD.rank == 0 else (True,):
             record = ["u", "v"] if name in CASES else ["u", "v", "gradient", *["stress"] * setup.model.mechanical]
@@ -392,8 +396,7 @@ def kept():
     """Runs that go on from checkpoints on other boxes and on fewer processes, beside those that were not interrupted;
     from those of several processes and of one.
     """
-    names = ["wave"] if "few" in sys.argv else [*KEPT, *["state-based in space"] * ("slow" in sys.argv)]
-    for name in names:
+    for name in {"few": KEPT[:1], "all": KEPT, "slow": (*KEPT, "state-based in space")}[SIZE]:
         setup, path = (CASES | SLOW)[name][0], FOLDER / f"{name}.ckpt"
         first, other = OTHER_BOXES[WORLD.size, setup.lattice.dim]
         start = heard(setup, WORLD, first).run(2.0)
@@ -430,6 +433,8 @@ def kept():
             line = {"kept": name, "same": same, "off": off, "energy": energy, "broken": broken}
             yield line | {"answers": list(answers), "steps": list(steps)}
         asleep_until_all_are_here()
+    if SIZE == "few":
+        return
     yield from adopted()
     other, told = fh.Simulation.of(plane(dt=0.01), [], WORLD), ""
     try:
@@ -485,8 +490,6 @@ def tips():
 
 def recorded():
     """What recorders have of runs on all processes, and on one."""
-    if "few" in sys.argv:
-        return
     pull = fh.Source("0.5*y*exp(-y**2 - x**2/4)", fh.Step(2.0))
     crack = [(-2.0, 0.13), (1.9, 0.13)]
     disc = fh.Disc(2.5, (0.4, 0.3))
@@ -650,8 +653,17 @@ def unstable():
     yield {"unstable": WORLD.gather(told)}
 
 
+PARTS = {
+    "fields": (compared, refused, unstable),
+    "files": (files,),
+    "kept": (kept,),
+    "records": (tips, recorded),
+    "commands": (commands,),
+}
+
 if __name__ == "__main__":
-    for part in (compared, refused, unstable, files, kept, tips, recorded, commands):
-        for line in part():
-            if WORLD.rank == 0:
-                print(json.dumps(line), flush=True)
+    for name in sys.argv[3:]:
+        for part in PARTS[name]:
+            for line in part():
+                if WORLD.rank == 0:
+                    print(json.dumps(line), flush=True)

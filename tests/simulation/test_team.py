@@ -5,7 +5,6 @@ import re
 import shutil
 import subprocess
 import sys
-from functools import lru_cache
 from pathlib import Path
 
 import h5py
@@ -37,7 +36,6 @@ output = { every = 1.0, fields = ["u", "damage"], pictures = [4.0], balance = tr
 """  # noqa: E501
 
 
-TO_THE_MIDDLE = ["--until", "0.5", "--quiet", "--no-report"]
 STATIC = ["--set", "run.until=static", "--set", "run.limit=60.0", "--set", "run.tolerance=0.1"]
 
 
@@ -48,26 +46,13 @@ def mpi():
         pytest.skip("there is no mpiexec: python -m pip install mpich")
 
 
-@pytest.fixture(scope="module")
-def told(tmp_path_factory):
-    """What the program prints on so many processes, which all must come through, and the folder of its files."""
-
-    @lru_cache
-    def lines(processes, *arguments):
-        folder = tmp_path_factory.mktemp("processes")
-        (folder / "case.toml").write_text(CASE)
-        (folder / "refused.toml").write_text(REFUSED)
-        (folder / "breaks.toml").write_text(BREAKS)
-        assert main(["run", str(folder / "case.toml"), *TO_THE_MIDDLE, "--out", str(folder / "from_one")]) == 0
-        (folder / "blocked" / "case.h5.parts").mkdir(parents=True)
-        (folder / "blocked" / "case.h5.parts" / "0001.h5").write_text("mine")
-        python = [sys.executable, "-m", "mpi4py"]  # which ends all processes where one fails
-        command = ["mpiexec", "-n", str(processes), *python, str(PROGRAM), str(folder), *arguments]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=1500)
-        assert done.returncode == 0, done.stderr[-2000:]
-        return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")], folder
-
-    return lines
+def told(folder, processes, *arguments):
+    """What the program prints on so many processes, which all must come through; its files go into a folder."""
+    python = [sys.executable, "-m", "mpi4py"]  # which ends all processes where one fails
+    command = ["mpiexec", "-n", str(processes), *python, str(PROGRAM), str(folder), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=1500)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
 
 
 #: Where the order of a sum is that of a box: parts of rows in which no bond may break, the values of an incident wave,
@@ -92,17 +77,31 @@ def check_all(found, least):
         assert foreseen == sent > 0, line
 
 
-STARTS = [(2, ()), pytest.param(4, ("few",), marks=pytest.mark.slow)]
+ON_FOUR = pytest.param(4, "slow", marks=pytest.mark.slow)
 
 
-@pytest.mark.parametrize(("processes", "arguments"), STARTS)
-def test_fields_are_those_of_one_process(told, processes, arguments):
+def test_four_processes_compute_what_one_does(tmp_path):
+    """A set-up of a kind; the slow tests have all."""
+    found = told(tmp_path, 4, "few", "fields", "files", "kept")
+    check_all(found, 4)
+    check_refused(found)
+    check_files(found, tmp_path, 4, 1)
+    check_kept(found, 4, 1)
+
+
+@pytest.mark.parametrize(("processes", "size"), [(2, "all"), pytest.param(2, "slow", marks=pytest.mark.slow), ON_FOUR])
+def test_fields_are_those_of_one_process(tmp_path, processes, size):
     """To the last bit: layers cut across, chosen, of either precision; periodic sides, sources, several dimensions."""
-    found, _ = told(processes, *arguments)
-    check_all(found, 1 if arguments else 23)
+    found = told(tmp_path, processes, size, "fields")
+    check_all(found, {"all": 23, "slow": 53}[size])
+    check_refused(found)
     for line in (line for line in found if line.get("case") == "a band of cracks"):
         first, *_, last = np.diff(line["cuts"][1])
         assert first < last - 5, line  # boxes with more work have fewer nodes
+
+
+def check_refused(found):
+    """One message on all, as of a run that explodes."""
     for line in (line for line in found if "refused" in line):
         words = {"too many": "so many", "one alone": "finite", "unshared": "Unshared"}
         words |= {"wet": "acts on solid nodes", "no metal": "a specimen holds no node"}
@@ -116,52 +115,54 @@ def test_fields_are_those_of_one_process(told, processes, arguments):
     assert len(set(line["unstable"])) == 1 and "unstable at step 3" in line["unstable"][0], line
 
 
-@pytest.mark.parametrize(("processes", "arguments"), STARTS)
-def test_files_are_those_of_one_process(told, tmp_path, processes, arguments):
+@pytest.mark.parametrize(("processes", "size"), [(2, "all"), ON_FOUR])
+def test_files_are_those_of_one_process(tmp_path, processes, size):
+    check_files(told(tmp_path, processes, size, "files"), tmp_path, processes, 6)
+
+
+def check_files(found, folder, processes, count):
     """Fields and probes to the last bit; what receivers hear of nodes of several boxes is a sum in another order."""
-    found, folder = told(processes, *arguments)
     files = [line for line in found if "files" in line]
-    assert len(files) == (1 if arguments else 6)
+    assert len(files) == count
     for line in files:
         assert line["probes"] == 0 and line["receivers"] < 1e-14, line
         for ending in (".h5", ".now.h5"):
             one, other = (folder / f"{line['files']}-{name}{ending}" for name in ("together", "alone"))
             assert len(list(Path(f"{one}.parts").iterdir())) == processes
             assert_same_results(one, other)
-            fh.open_results(one).merge(tmp_path / "flat.h5")
-            assert_same_files(tmp_path / "flat.h5", other)
+            fh.open_results(one).merge(folder / "flat.h5")
+            assert_same_files(folder / "flat.h5", other)
 
 
-@pytest.mark.parametrize(("processes", "arguments"), STARTS)
-def test_runs_go_on_on_other_boxes_and_on_fewer_processes(told, processes, arguments):
+@pytest.mark.parametrize(("processes", "size"), [(2, "all"), ON_FOUR])
+def test_runs_go_on_on_other_boxes_and_on_fewer_processes(tmp_path, processes, size):
     """As if nothing had happened, what layers remember included."""
-    found, _ = told(processes, *arguments)
-    kept = [line for line in found if "kept" in line]
-    assert len(kept) == (1 if arguments else 12)
-    for line in kept:
-        assert len(line["same"]) == {2: 5, 4: 6}[processes], line
-        assert all(line["same"].values()) if line["kept"] not in TO_ROUNDING else line["off"] < 1e-13, line
-        assert line["energy"] < 1e-13 or line["kept"] == "single precision", line
-        assert line["answers"] == [42] and len(line["steps"]) == 1, line
-        assert (line["broken"] > 0) == ("break" in line["kept"]), line
+    found = told(tmp_path, processes, size, "kept")
+    check_kept(found, processes, {"all": 12, "slow": 13}[size])
     (line,) = (line for line in found if "adopted" in line)
     assert line["adopted"] == [True] * 3 and line["nodes"][0] > line["nodes"][1], line  # layers for a longer run
     (line,) = (line for line in found if "unlike" in line)
     assert len(set(line["unlike"])) == 1 and "the checkpoint belongs to another set-up" in line["unlike"][0]
 
 
-@pytest.mark.parametrize(("processes", "arguments"), STARTS)
-def test_crack_tips_are_those_of_one_process(told, processes, arguments):
-    found, _ = told(processes, *arguments)
+def check_kept(found, processes, count):
+    kept = [line for line in found if "kept" in line]
+    assert len(kept) == count
+    for line in kept:
+        assert len(line["same"]) == {2: 5, 4: 6}[processes], line
+        assert all(line["same"].values()) if line["kept"] not in TO_ROUNDING else line["off"] < 1e-13, line
+        assert line["energy"] < 1e-13 or line["kept"] == "single precision", line
+        assert line["answers"] == [42] and len(line["steps"]) == 1, line
+        assert (line["broken"] > 0) == ("break" in line["kept"]), line
+
+
+@pytest.mark.parametrize(("processes", "size"), [(2, "all"), ON_FOUR])
+def test_records_are_those_of_one_process(tmp_path, processes, size):
+    """Crack tips, spectra, power, intensities, far fields and shells; sums over nodes of several boxes to rounding."""
+    found = told(tmp_path, processes, size, "records")
     (line,) = (line for line in found if "tips" in line)
     assert line["tips"] and line["sums"] < 1e-12
     assert line["length"][1] > line["length"][0] + 0.6, line  # by a horizon
-
-
-@pytest.mark.parametrize(("processes", "arguments"), [(2, ()), pytest.param(4, ("slow",), marks=pytest.mark.slow)])
-def test_records_are_those_of_one_process(told, processes, arguments):
-    """Spectra, power, intensities, far fields and shells; sums over nodes of several boxes to rounding."""
-    found, _ = told(processes, *arguments)
     records = [line for line in found if "recorded" in line]
     assert len(records) == 9
     for line in records:
@@ -202,22 +203,28 @@ def datasets(path):
     return found
 
 
-@pytest.fixture(scope="module")
-def alone(tmp_path_factory):
-    """The folder of the case on one process."""
-    folder = tmp_path_factory.mktemp("alone")
-    for name, text in (("case", CASE), ("breaks", BREAKS)):
+def on_one(folder):
+    """The folder of results of one process; one run stops in the middle, which others go on with."""
+    for name, text in (("case", CASE), ("breaks", BREAKS), ("refused", REFUSED)):
         (folder / f"{name}.toml").write_text(text)
-        assert main(["run", str(folder / f"{name}.toml"), "--out", str(folder), "--quiet", "--no-report"]) == 0
-    command = ["run", str(folder / "case.toml"), *STATIC, "--out", str(folder / "static"), "--quiet", "--no-report"]
-    assert main(command) == 0
-    return folder
+    for name, out, more in (
+        ("case", "alone", []),
+        ("breaks", "alone", []),
+        ("case", "alone/static", STATIC),
+        ("case", "from_one", ["--until", "0.5"]),
+    ):
+        words = ["run", str(folder / f"{name}.toml"), *more, "--out", str(folder / out), "--quiet", "--no-report"]
+        assert main(words) == 0
+    return folder / "alone"
 
 
-@pytest.mark.parametrize(("processes", "arguments"), STARTS)
-def test_the_command_line_runs_a_case_on_all_processes(told, alone, monkeypatch, processes, arguments):
+@pytest.mark.parametrize(("processes", "size"), [(2, "all"), ON_FOUR])
+def test_the_command_line_runs_a_case_on_all_processes(tmp_path, monkeypatch, processes, size):
     """The first process prints, all return the same; the files are those of one process."""
-    found, folder = told(processes, *arguments)
+    folder, alone = tmp_path, on_one(tmp_path)
+    (folder / "blocked" / "case.h5.parts").mkdir(parents=True)
+    (folder / "blocked" / "case.h5.parts" / "0001.h5").write_text("mine")
+    found = told(folder, processes, size, "commands")
     lines = {line["command"]: line["told"] for line in found if "command" in line}
     for every in lines.values():
         codes, outs, errors = zip(*every, strict=True)
@@ -259,12 +266,6 @@ def test_the_command_line_runs_a_case_on_all_processes(told, alone, monkeypatch,
     }.items():
         code, _, error = lines[command][0]
         assert code == 2 and word in error and error.count("farhorizon:") == 1, lines[command]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("processes", [2, 4])
-def test_more_models(told, processes):
-    check_all(told(processes, "slow")[0], 53)
 
 
 #: Steps without end, which the second process leaves in the midst of one.
