@@ -147,3 +147,14 @@ def test_a_results_file_has_every_step_of_the_probes(tmp_path, monkeypatch, caps
     assert main(["check", "a.toml"]) == 0
     said = capsys.readouterr().out
     assert "outputs" in said and "probes every step" in said and "nearest node" in said
+
+
+def test_probes_show_displacements_that_are_not_written(tmp_path):
+    """A results file of the damage alone has vectors at its probes."""
+    run = elastic()
+    run.record([[0.5, 0.5]])
+    run.run(1.0)
+    run.write(tmp_path / "a.h5", ["damage"])
+    results = open_results(tmp_path / "a.h5")
+    np.testing.assert_array_equal(results.probe_values, run.probes.values)
+    assert results.probe_values.shape == (run.step_count + 1, 1, 2)

@@ -583,7 +583,7 @@ class ResultsWriter:
             raise InputError("probes have the shape (n, dim)", value=places.shape, limit=f"(n, {dim})")
         width = dict.fromkeys(fields, components) if isinstance(components, int) else dict(components)
         probed_width = width.get("u", width[fields[0]])
-        if not set(width.values()) <= {1, 2, 3}:
+        if not {width[name] for name in fields} <= {1, 2, 3}:
             raise InputError("fields in results files have up to three components", value=components, limit="1 to 3")
         padded = (*shape, 1, 1)[:3]
         with created(path) as draft, _hdf5(draft, "w") as file:

@@ -94,13 +94,14 @@ class RunResults:
         else:
             wanted = kinds.sequence(fields, "fields", "names of fields")
             held = fields_of(run, [kinds.text(name, "fields") for name in wanted])
+        shown = {"u": run.fields["u"], **held}  # probes show u, written or not
         alike: dict[str, Any] = {
             "spacing": lattice.spacing,
             "fields": tuple(held),
-            "dtype": dtype or run.fields["u"].dtype,
+            "dtype": dtype or shown["u"].dtype,
             "compress": compress,
             "program": f"farhorizon {__version__}",
-            "components": {name: len(values) if values.ndim > lattice.dim else 1 for name, values in held.items()},
+            "components": {name: len(values) if values.ndim > lattice.dim else 1 for name, values in shown.items()},
         }
         accounts = list(run.balance()) if run.given.get("balance") else []
         boxes, regions = team.gather(_box_of(run)), regions_of(run, materials)
