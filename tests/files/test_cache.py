@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import subprocess
 import sys
 from collections import namedtuple
 from types import ModuleType
@@ -69,6 +70,33 @@ def test_machine_code_of_types_that_are_no_more_is_compiled_again(tmp_path, monk
     assert executed(path).double(before.Pair(3, 4)) == 3
     monkeypatch.delitem(sys.modules, "types_of_before")
     assert executed(path).double((5, 6)) == 5
+
+
+#: Waits as if the function took long to compile, and says that it is compiled.
+SLOWLY = """
+import sys, time
+from numba.core.ccallback import CFunc
+compile_it = CFunc._compile_uncached
+
+def slowly(self):
+    print("compiled", flush=True)
+    time.sleep(1.0)
+    return compile_it(self)
+
+CFunc._compile_uncached = slowly
+sys.path.insert(0, sys.argv[1])
+import compiled_together
+assert compiled_together.triple.ctypes(2.0) == 6.0
+"""
+
+
+def test_of_processes_that_start_together_one_compiles(tmp_path):
+    (tmp_path / "compiled_together.py").write_text(MODULE)
+    command = [sys.executable, "-c", SLOWLY, str(tmp_path)]
+    both = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    said = [one.communicate(timeout=60)[0] for one in both]
+    assert [one.returncode for one in both] == [0, 0] and sorted(said) == ["", "compiled\n"]
+    assert not list((tmp_path / "__pycache__").glob("*.lock"))
 
 
 def test_all_compiled_functions_have_that_cache():

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from numba.core.ccallback import CFunc
 from numba.core.registry import CPUDispatcher
 
 from farhorizon.files.cache import sealed, unsealed
+from farhorizon.files.storage import awaited
 from farhorizon.machine import without_collection
 
 
@@ -54,6 +56,16 @@ class _SealedCache(FunctionCache):
         self._cache_file = _SealedFiles(
             self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp()
         )
+
+    def has(self, made: Any) -> bool:
+        """Whether machine code of a function is there for its signature."""
+        codegen = made._targetdescr.target_context.codegen()
+        return self._index_key(made._sig, codegen) in self._cache_file._load_index()
+
+    @property
+    def lock(self) -> Path:
+        """A file that is locked while the function is compiled."""
+        return Path(f"{self._cache_file._index_path}.lock")
 
 
 def njit(
@@ -96,7 +108,8 @@ def cfunc(signature: Any, *, counted: bool = True) -> Callable[[Callable[..., An
         options = {"error_model": "numpy", "_nrt": counted}
         made: Any = CFunc(function, sigutils.normalize_signature(signature), locals={}, options=options)
         made._cache = _SealedCache(function)
-        with without_collection():
+        # of processes that were started together one compiles it, the others find it then
+        with without_collection(), nullcontext() if made._cache.has(made) else awaited(made._cache.lock):
             made.compile()
         return made
 
