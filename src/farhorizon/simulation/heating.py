@@ -16,7 +16,7 @@ from farhorizon.simulation.coupling import expansion_of
 from farhorizon.simulation.course import warn
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.setup import Key, Setup, Sides, side_name
+from farhorizon.simulation.setup import Key, Sides, side_name
 from farhorizon.simulation.team import ALONE, Team
 
 _STRIP = 2  # reaches beside a side in which no bond sees heat, or one of its ends does not
@@ -54,13 +54,13 @@ class Heating:
         near: NearField,
         grid: Grid,
         sides: Sides,
-        run_of: Callable[[Setup], Any],
+        run_of: Callable[..., Any],
         team: Team = ALONE,
     ) -> None:
         self.load, self.near, self.grid, self.sides, self._team = load, near, grid, sides, team
         self._expansion = expansion_of(load, near.lattice, near.model, near.lame)
         self._largest, self._told = 0.0, False
-        run = RunBeside(load, near.lattice, run_of) if load.of_run(load.temperature) else None
+        run = RunBeside(load, near.lattice, run_of, team) if load.of_run(load.temperature) else None
         self._temperature = _given(load, near.lattice) if run is None else run.at
         between = load.every or (0.0 if run is None else run.dt)
         self.every = 0 if load.steady else max(1, int(between / near.dt * (1 + 1e-9)))
@@ -184,13 +184,17 @@ class Heating:
 class RunBeside:
     """The field of a run beside another one, on a part of its lattice.
 
+    On several processes its boxes are its own: each process is given what is computed on the nodes of its box of the
+    other run, by whichever process.
+
     Parameters
     ----------
     load : ThermalLoad
     lattice : Lattice
-        Of the other run.
+        Of the other run, the part of this process.
     run_of : callable
-        Makes a run of a set-up.
+        Makes a run of a set-up, given what observes it and a team.
+    team : Team
 
     Raises
     ------
@@ -198,9 +202,10 @@ class RunBeside:
         Nodes that are not those of the lattice, or without a temperature.
     """
 
-    def __init__(self, load: ThermalLoad, lattice: Lattice, run_of: Callable[[Setup], Any]) -> None:
-        self._setup, self._run_of, self._reference = load.temperature, run_of, load.reference
-        own = self._setup.lattice
+    def __init__(self, load: ThermalLoad, lattice: Lattice, run_of: Callable[..., Any], team: Team = ALONE) -> None:
+        assert load.reference is not None
+        self._setup, self._run_of, self._team, self._reference = load.temperature, run_of, team, load.reference
+        own, part, lattice = self._setup.lattice, lattice, lattice.whole
         first = (own.lower - lattice.lower) / lattice.spacing if own.dim == lattice.dim else np.full(1, np.nan)
         place = np.round(np.nan_to_num(first, nan=-1)).astype(int)
         last = place + np.array(own.shape) if own.dim == lattice.dim else place
@@ -213,23 +218,34 @@ class RunBeside:
                 key="load.temperature",
                 remedy="the same lattice, or a part of it",
             )
-        self._shape = lattice.shape
-        self._part = tuple(slice(a, b) for a, b in zip(place, last, strict=True))
+        self._shape, self._place = part.shape, place
+        self._boxes = team.gather((part.first, part.shape))
         self._begin()
-        unknown = ~np.isfinite(self._run.fields["u"])
-        unknown &= True if lattice.mask is None else lattice.mask[self._part]
-        check_known(int(unknown.sum()))
+        unknown = ~np.isfinite(self._dealt())
+        unknown &= True if part.mask is None else part.mask
+        check_known(round(team.total({"unknown": float(unknown.sum())})["unknown"]))
 
     def _begin(self) -> None:
         with of_the_heat():
-            self._run = self._run_of(self._setup)
+            self._run = self._run_of(self._setup, (), self._team)
         self.dt = float(self._run.dt)
         self._before = self._after = self._field()
 
     def _field(self) -> np.ndarray:
+        found = self._dealt()
+        return np.where(np.isfinite(found), found, self._reference)
+
+    def _dealt(self) -> np.ndarray:
+        """What the run has of the nodes of this process, the reference on those that are not its own."""
+        values, low = self._run.fields["u"], self._place + self._run.lattice.first
+        pieces = []
+        for first, shape in self._boxes:
+            ends = np.maximum(low, first), np.minimum(low + values.shape, np.add(first, shape))
+            mine, theirs = (tuple(map(slice, *(np.maximum(end - start, 0) for end in ends))) for start in (low, first))
+            pieces.append((theirs, values[mine]))
         found = np.full(self._shape, self._reference)
-        values = self._run.fields["u"]
-        found[self._part] = np.where(np.isfinite(values), values, self._reference)
+        for place, piece in self._team.dealt(pieces):
+            found[place] = piece
         return found
 
     def at(self, t: float) -> np.ndarray:

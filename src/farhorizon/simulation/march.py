@@ -32,7 +32,7 @@ class March:
     setup : Setup
     parts : Parts
     run_of : callable
-        Makes a run of a set-up, for what is computed beside it.
+        Makes a run of a set-up, given what observes it and a team, for what is computed beside it.
     team : Team
         The processes that compute the run.
 
@@ -60,7 +60,7 @@ class March:
         A start that would break bonds at once, a balance of what has none.
     """
 
-    def __init__(self, setup: Setup, parts: Parts, run_of: Callable[[Setup], Any], team: Team = ALONE) -> None:
+    def __init__(self, setup: Setup, parts: Parts, run_of: Callable[..., Any], team: Team = ALONE) -> None:
         self.setup, self.parts, self.team = setup, parts, team
         near, grid, sides, start = parts.near, parts.grid, parts.around.sides, parts.start
         self.moving = Moving(parts.drives.unsplit, parts.beyond, near.dt)
@@ -87,7 +87,7 @@ class March:
             self.flow_balance = FlowBalance(setup, near, sides, grid, parts.phases, parts.ends, self.feed, count, team)
         self._find_margin()
 
-    def _heating(self, run_of: Callable[[Setup], Any]) -> Heating | None:
+    def _heating(self, run_of: Callable[..., Any]) -> Heating | None:
         """What heat strains the medium."""
         load, near, grid, sides = self.setup.heat, self.parts.near, self.parts.grid, self.parts.around.sides
         if load is None:

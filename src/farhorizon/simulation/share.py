@@ -286,9 +286,9 @@ def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
     refused = [
         (f"recorders of the kind {type(recorders[0]).__name__}" if recorders else "", "observe", bool(recorders)),
         (
-            "thermal loads of a run and thermoelastic solids, whose heat a second run computes,",
+            "solids that heat as they are deformed, of which a second run takes what each step sets free,",
             "load",
-            setup.heat is not None and setup.heat.of_run(setup.heat.temperature),
+            setup.heat is not None and setup.heat.coupled,
         ),
         ("sponges beside media that vary", "boundary", varies and any(b.damped for b in setup.sides.values())),
     ]

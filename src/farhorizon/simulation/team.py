@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
@@ -227,6 +227,13 @@ class Team:
             place: tuple[Any, ...] = (..., *box)
             whole[place] = part
         return whole
+
+    def dealt(self, values: Sequence[Any]) -> list[Any]:
+        """What each process gives to this one, as this one gives a value to each; all call it."""
+        if self._all is None:
+            return list(values)
+        self.gather(None)  # of one that has failed nothing else comes
+        return list(self._all.alltoall(values))
 
     def passed(self, value: Any, to: int, of: int) -> Any:
         """What one process gives to this one, None for -1, as this one gives a value to another; all call it."""
