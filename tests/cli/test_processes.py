@@ -28,6 +28,12 @@ BAD = {
     "topology": ("", ["--set", "run.topology=[3, 1]"], "do not multiply to the number of processes"),
     "no mpi4py": ("import sys; sys.modules['mpi4py'] = None; ", [], "mpi4py is missing"),
     "versions": (f"{RANK}import farhorizon; farhorizon.__version__ += '.other' * rank; ", [], "different versions"),
+    "cases": (f"{RANK}import sys; sys.argv += ['--set', f'model.speed={{rank + 1}}']; ", [], "different case files"),
+    "folders of the same name": (
+        f"{RANK}os.makedirs(['0', '1/case.h5.parts'][rank]); os.chdir(str(rank)); ",
+        [],
+        "the folder of the results is not the same",
+    ),
     "folders": (
         f"{RANK}os.makedirs(str(rank)); os.chdir(str(rank)); ",
         [],

@@ -16,6 +16,7 @@ from farhorizon.cli.processes import communicator
 
 if TYPE_CHECKING:
     from farhorizon.cli.outputs import RunFacts
+    from farhorizon.simulation.team import Team
 
 
 _DRAWN = 64  # bytes a node that drawing may take, of what several processes have computed
@@ -34,6 +35,7 @@ def run_command(options: argparse.Namespace) -> int:
     options.team = team = Team(communicator())
     with team.agreed():
         case = case_of(options, together=True)
+        _check_alike(case, team)
         until = case.end if options.until is None else options.until  # of a run to its static state the latest
         if not (np.isfinite(until) and until > 0):
             raise InputError("the end of the run must be positive", value=until, key="--until")
@@ -64,6 +66,21 @@ def run_command(options: argparse.Namespace) -> int:
             if not kept:
                 team.by_first(lambda: remove_checkpoint(files.checkpoint))
     return code
+
+
+def _check_alike(case: Any, team: Team) -> None:
+    """Refuse case files that are not the same on all processes."""
+    from farhorizon.errors import InputError
+
+    texts = team.gather(case.text)
+    other = next((number for number, text in enumerate(texts) if text != texts[0]), 0)
+    if other:
+        raise InputError(
+            "the processes have read different case files",
+            value=f"process {other} another one than process 0",
+            key="case",
+            remedy="a file on a file system that all machines share",
+        )
 
 
 def _look(options: argparse.Namespace, files: RunFiles) -> None:

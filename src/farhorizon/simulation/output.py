@@ -6,6 +6,7 @@ Several processes write a file in parts, each its own; the first one writes the 
 from __future__ import annotations
 
 import os
+import secrets
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -22,6 +23,7 @@ from farhorizon.simulation.nodal_stress import fields_of
 from farhorizon.simulation.outlines import outlines_of
 from farhorizon.simulation.recorder import Recorder
 from farhorizon.simulation.regions import regions_of
+from farhorizon.simulation.team import Team
 
 _FOLLOWS = ("v", "solid")  # from the others, and as large
 
@@ -122,9 +124,10 @@ class RunResults:
             )
         )
         part = None
+        if team:
+            _check_seen(team, path)
         with team.agreed():
             if team:
-                _check_seen(path)
                 part = ResultsWriter.create(
                     part_path(path, team.number), shape=lattice.shape, lower=lattice.lower, **alike
                 )
@@ -267,12 +270,19 @@ def _cut_anew(run: Any, path: Path, outputs: int) -> None:
     team.by_first(lambda: held.take_parts(boxes, folder))
 
 
-def _check_seen(path: Path) -> None:
-    """Refuse a folder that not all processes see."""
-    if not part_path(path, 0).parent.is_dir():
-        raise InputError(
-            "the folder of the results is not the same on all processes",
-            value=path,
-            key="run.output",
-            remedy="a folder of a file system that all machines share",
-        )
+def _check_seen(team: Team, path: Path) -> None:
+    """Refuse a folder that not all processes see: what the first one puts there no other folder of the name has."""
+    mark = folder_of(path) / team.first(f".{secrets.token_hex(8)}.seen")
+    team.by_first(mark.touch)
+    try:
+        with team.agreed():
+            if not mark.exists():
+                raise InputError(
+                    "the folder of the results is not the same on all processes",
+                    value=path,
+                    key="run.output",
+                    remedy="a folder of a file system that all machines share",
+                )
+    finally:
+        if team.number == 0:
+            mark.unlink()
