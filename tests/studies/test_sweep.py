@@ -104,6 +104,8 @@ def test_the_command(case):
 
 def test_refused_before_any_work(case):
     Path("foreign.csv").write_text("a,b\n1,2\n")
+    Path("damaged.csv").write_text("model.speed,energy,failed,case\n1,x,,c\n")
+    Path("binary.csv").write_bytes(bytes(range(256)))
     for changes, more, message in (
         ({}, {}, "nothing to change"),
         ({"model.speed": []}, {}, "nothing to change"),
@@ -115,7 +117,9 @@ def test_refused_before_any_work(case):
         ({"model.speed": [1.0]}, {"quantities": {"a": 3}}, "must be a function"),
         ({"model.speed": [1.0]}, {"jobs": 0}, "jobs"),
         ({"model.speed": [1.0]}, {"jobs": 2, "executor": ThreadPoolExecutor(1)}, "jobs of its own"),
-        ({"model.speed": [1.0]}, {"table": "foreign.csv"}, "another file"),
+        ({"model.speed": [1.0]}, {"table": "foreign.csv"}, "not the table of such a sweep"),
+        ({"model.speed": [1.0]}, {"table": "damaged.csv"}, "is damaged, or no table"),
+        ({"model.speed": [1.0]}, {"table": "binary.csv"}, "is damaged, or no table"),
     ):
         with pytest.raises(fh.InputError, match=message):
             fh.sweep(case, changes, **more)

@@ -293,7 +293,14 @@ class _Table:
         self._rows: dict[str, dict[str, str]] = {}
         self.figures: dict[str, dict[str, float]] = {}
         if path is not None and path.exists():
-            self._read(path)
+            try:
+                self._read(path)
+            except FileFormatError:
+                raise
+            except (ValueError, csv.Error) as error:  # no text, or no number where one is due
+                raise FileFormatError(
+                    f"{path} is damaged, or no table: {error}", remedy="choose another file, or mend it"
+                ) from None
 
     @classmethod
     @contextmanager
