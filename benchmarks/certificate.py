@@ -18,7 +18,7 @@ from common import run_parts
 
 import farhorizon as fh
 from farhorizon.checks.certificate import Certificate, certify
-from farhorizon.checks.side_modes import crossing_steps
+from farhorizon.checks.side_modes import crossing_rounds
 from farhorizon.engine.state import State
 
 SEED = 2026
@@ -103,12 +103,12 @@ def grows(sim: fh.Simulation) -> tuple[bool, float]:
     may be about to turn.
     """
     state = State(sim.engine)
-    part = max(1, CROSSINGS * crossing_steps(sim) // 6)
+    part = max(1, CROSSINGS * crossing_rounds(sim) // 6)
     x, sizes = np.random.default_rng(1).standard_normal(state.size), [1.0]
     end = time.monotonic() + LONGEST
     while True:
         for _ in range(2):
-            x = state.after(x, part)
+            x = state.after_rounds(x, part)
             sizes.append(size(sim, state, x))
             if not 1e-100 < sizes[-1] < 1e100:
                 return sizes[-1] > 1, np.log(sizes[-1] / sizes[-2]) / (part * sim.dt)

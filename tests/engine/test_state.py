@@ -74,8 +74,8 @@ def test_a_state_has_all_that_a_run_needs(name):
     setup = SETUPS[name]
     sim = fh.Simulation(**setup, initial={"u": noise(setup["lattice"])}, threads=1)
     sim.prepare(50 * sim.dt)
-    sim.step(3)
     state = State(sim.engine)
+    sim.step(3 * state.every)
     before = state.read()
     sim.step(5)
     u, after = sim.fields["u"], state.read()

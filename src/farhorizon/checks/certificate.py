@@ -25,7 +25,7 @@ from farhorizon.checks.examined import Examined
 from farhorizon.checks.side_modes import (
     NARROW,
     Strip,
-    crossing_steps,
+    crossing_rounds,
     like_sides,
     one_corner,
     plain_twin,
@@ -628,10 +628,11 @@ def _noise_part(sim: Examined, budget: float, until: float) -> tuple[ExaminedPar
     special = sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None
     whole = special or np.prod(sim.lattice.shape) <= _ALIKE * np.prod(small.shape)
     twin = plain_twin(sim) if whole else plain_twin(sim, small)
-    state, crossing = State(twin.engine), crossing_steps(twin)
-    asked = until / (crossing * twin.dt)
-    growth, crossings = noise_growth(state.after, state.size, twin.dt / sim.crossing, crossing, budget, asked)
-    quiet = float(until if asked <= crossings * (1 + 1e-9) else crossings * crossing * twin.dt)
+    state, crossing = State(twin.engine), crossing_rounds(twin)
+    pace = state.every * twin.dt
+    asked = until / (crossing * pace)
+    growth, crossings = noise_growth(state.after_rounds, state.size, pace / sim.crossing, crossing, budget, asked)
+    quiet = float(until if asked <= crossings * (1 + 1e-9) else crossings * crossing * pace)
     if growth is None:
         return None, quiet
     where = "the complete update" if whole else f"a copy of {' x '.join(map(str, small.shape))} nodes"
@@ -642,12 +643,12 @@ def _noise_part(sim: Examined, budget: float, until: float) -> tuple[ExaminedPar
 
 def _dense_part(name: str, sim: Examined) -> ExaminedPart:
     complete = State(sim.engine)
-    matrix = np.stack([complete.after(unit) for unit in np.eye(complete.size)], axis=1)
-    pace = sim.dt / sim.crossing
+    matrix = np.stack([complete.after_rounds(unit) for unit in np.eye(complete.size)], axis=1)
+    pace = complete.every * sim.dt / sim.crossing
     growth = dense_growth(matrix, pace)
     name, known = f"{name}, all {complete.size} modes", growth
     if growth.stable is not False:
-        growth, verb = _with_noise(growth, matrix, crossing_steps(sim), pace)
+        growth, verb = _with_noise(growth, matrix, crossing_rounds(sim), pace)
         name = f"{verb} ({name})" if verb else name
     return ExaminedPart(name, growth, complete.portrait(growth.mode), growth is not known and growth.stable is False)
 
@@ -677,7 +678,8 @@ def _with_noise(growth: Growth, matrix: np.ndarray, crossing: int, dt: float) ->
 def _krylov_part(name: str, sim: Examined, crossing: float, budget: float) -> ExaminedPart:
     """The fastest mode of a set-up; `crossing` is the time unit of its growth."""
     complete = State(sim.engine)
-    growth = krylov_growth(complete.after, complete.size, sim.dt / crossing, crossing_steps(sim), budget)
+    pace = complete.every * sim.dt
+    growth = krylov_growth(complete.after_rounds, complete.size, pace / crossing, crossing_rounds(sim), budget)
     if growth.hidden and any((layer.sigma[layer.alpha == 0] > 0).any() for layer in sim.engine.layers.values()):
         # every static field is at rest in such a layer: a double factor 1, slower than any run shows
         growth = replace(growth, error=np.inf)

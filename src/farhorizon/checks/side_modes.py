@@ -109,9 +109,9 @@ def small_lattice(sim: Examined) -> Lattice:
     return Lattice(spacing, lattice.lower, lattice.lower + spacing * (np.minimum(lattice.shape, count) - 1))
 
 
-def crossing_steps(sim: Examined) -> int:
-    """Steps in which a wave crosses the core and its layers, or in which what diffuses spreads over a good part of
-    them.
+def crossing_rounds(sim: Examined) -> int:
+    """Rounds of steps (`State.every`) in which a wave crosses the core and its layers, or in which what diffuses
+    spreads over a good part of them.
     """
     nodes = max(
         n + sum(layer.columns for (a, _), layer in sim.engine.layers.items() if a == axis)
@@ -119,7 +119,8 @@ def crossing_steps(sim: Examined) -> int:
     )
     factor = max(sim.strongest, 1e-300) / sim.model.strongest  # of a coefficient; bonds between phases are no medium
     duration = sim.model.crossing(nodes * sim.lattice.spacing, factor)
-    return max(1, int(np.ceil(duration / (1 if sim.model.order == 2 else _SPREADS) / sim.dt)))
+    pace = sim.engine.tables.filter.every * sim.dt
+    return max(1, int(np.ceil(duration / (1 if sim.model.order == 2 else _SPREADS) / pace)))
 
 
 class Strip:
@@ -167,6 +168,7 @@ class Strip:
         ends = sides or (pinned(sim)[axis, -1], pinned(sim)[axis, 1])
         boundary: dict[str, Side] = {"x-": ends[0], "x+": ends[1]} | {AXES[a]: Periodic() for a in range(1, dim)}
         self._filters = {}
+        self._every = sim.engine.tables.filter.every
         if dim > 1:  # the filters of the layers reach farther than the rows that the responses below need
             known = {side: b.profile for side, b in zip((-1, 1), ends, strict=True)}
             self._filters = {side: layer for side, layer in known.items() if isinstance(layer, Layer)}
@@ -220,7 +222,9 @@ class Strip:
                 self._images = None
 
     def matrix(self, *angles: float) -> np.ndarray:
-        """The map of one step for waves of given tangential wavenumbers times spacing."""
+        """The map of one step for waves of given tangential wavenumbers times spacing, each with its share of what
+        filters take.
+        """
         return self._filtered(self._summed(*angles), np.array(angles))
 
     def _summed(self, *angles: float) -> np.ndarray:
@@ -234,12 +238,12 @@ class Strip:
         matrix[self._links[::-1]] = total
         return matrix
 
-    def _filtered(self, matrix: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """The map of a step followed by the filters of the layers, for levels u(n), u(n - 1)."""
+    def _filtered(self, matrix: np.ndarray, angles: np.ndarray, every: int = 1) -> np.ndarray:
+        """The map of so many steps followed by the filters of the layers, for levels u(n), u(n - 1)."""
         matrix = matrix.copy()
         for side, layer in self._filters.items():
             if layer.damping.size:
-                damping = line_damping(layer.damping, layer.taps, self.dt, angles)
+                damping = line_damping(layer.damping, layer.taps, every * self.dt, angles)
                 for new, old in zip(*self._layers[side], strict=True):  # component by component
                     if layer.whole:
                         matrix[new], matrix[old] = (
@@ -252,10 +256,11 @@ class Strip:
 
     def growth(self, *angles: float) -> Growth:
         """The fastest mode at given tangential wavenumbers; between like sides modes are even or odd."""
-        turns = self._turns
-        matrix = self.matrix(*angles) * turns / turns[:, None]
+        turns, pace = self._turns, self._every * self.pace
+        matrix = np.linalg.matrix_power(self._summed(*angles) * turns / turns[:, None], self._every)
+        matrix = self._filtered(matrix, np.array(angles), self._every)
         if self._images is None:
-            growth = dense_growth(matrix, self.pace)
+            growth = dense_growth(matrix, pace)
             return replace(growth, mode=turns * growth.mode)
         number, signs = np.arange(self.size), self._signs
         first = np.flatnonzero(number < self._images)
@@ -266,7 +271,7 @@ class Strip:
             images = self._images[halves]
             part = matrix[np.ix_(halves, halves)]
             part[:, : len(first)] += sign * signs[first] * matrix[np.ix_(halves, images[: len(first)])]
-            growth = dense_growth(part, self.pace)
+            growth = dense_growth(part, pace)
             mode = np.zeros(self.size, complex)
             mode[images], mode[halves] = sign * signs[halves] * growth.mode, growth.mode
             found.append(replace(growth, mode=turns * mode))

@@ -67,6 +67,8 @@ class Layer(Storable):
         High-pass filter along one axis, see `engine.filter`.
     whole : bool
         Whether short waves are damped themselves, not their velocity alone.
+    every : int
+        Steps after which this is made up for at a time; 0: left to the run, see `engine.filter.one_filter`.
     """
 
     kappa: np.ndarray
@@ -75,6 +77,7 @@ class Layer(Storable):
     damping: np.ndarray = field(default_factory=lambda: np.zeros(0))
     taps: np.ndarray = field(default_factory=lambda: np.zeros(1))
     whole: bool = False
+    every: int = 0
 
     def __post_init__(self) -> None:
         for name in ("kappa", "sigma", "alpha", "damping", "taps"):  # a checkpoint has short arrays as lists

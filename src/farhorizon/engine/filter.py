@@ -1,4 +1,4 @@
-"""Damping of short waves in the layers: each step takes from the increments there what a high-pass filter passes.
+"""Damping of short waves in the layers: a step takes from the increments there what a high-pass filter passes.
 
 With the increment d of a step and the layers' nodal strengths D, zero outside, ``d <- d - D F D d``, where F is the sum
 over the axes of one symmetric filter along each of them. F is positive semi-definite and D F D at most 1, so this takes
@@ -6,24 +6,27 @@ energy and never gives any, at every time step. Waves that hardly move, as those
 keep their displacement that way. There both levels of the field are filtered (`whole`), which makes a wave that passes
 decay by itself: s becomes ``s + rate``.
 
+Where little is damped it is enough to do so in one step of several, by as much as in all of them.
+
 The increments are put into a *box*, an array of all nodes in their natural order with margins as wide as the filter, in
 which the layers are a frame.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from farhorizon.engine.layout import SLACK, Layout
+from farhorizon.engine.layout import ALIGN, SLACK, Layout, aligned_zeros
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.exchanges import NO_MESSAGES, RECEIVES, SENDS, TABLE, USED, call_exchange
-from farhorizon.engine.rows.vectors import take_passed, weigh_change
+from farhorizon.engine.rows.vectors import TOGETHER, fetch, take_passed, weigh_change
 from farhorizon.engine.threads import barrier, share
 
 _PIECE = 256  # nodes of a run that one thread takes at a time
+_AHEAD = 8  # pieces between use and prefetch
 
 
 class Filter(NamedTuple):
@@ -39,12 +42,15 @@ class Filter(NamedTuple):
         All nodes in their natural order, with margins; it goes on for `SLACK` values.
     strengths : ndarray
         Lines of them along the last axis, each that occurs once; they go on for `SLACK` values.
-    runs : ndarray of int, shape (P, 4)
-        Pieces of neighbouring nodes: place in the box, place in a level, place of the first strength, nodes.
+    runs : ndarray of int, shape (P, 4 + axes)
+        Pieces of neighbouring nodes: place in the box, place in a level, place of the first strength, nodes; and how
+        far along each axis of the filter there may be damped nodes, for beyond them it meets zeros only.
     copies : ndarray of int, shape (2, C)
         Places of the box that repeat what lies across periodic axes, and those.
     whole : bool
         Whether the waves themselves are filtered, not their increments alone.
+    every : int
+        After how many steps, by as much as in all of them.
     exchange : ndarray of int, shape (3, 5)
         By what other processes fill margins of the box, as a kind of `Tables.exchange`.
     """
@@ -56,6 +62,7 @@ class Filter(NamedTuple):
     runs: np.ndarray
     copies: np.ndarray
     whole: bool
+    every: int
     exchange: np.ndarray
 
 
@@ -66,6 +73,7 @@ def filter_tables(
     dt: float,
     real: np.dtype | str = "float64",
     whole: bool = False,
+    every: int = 1,
 ) -> Filter:
     """What `damp_short_waves` reads; empty runs where nothing is damped.
 
@@ -79,17 +87,18 @@ def filter_tables(
     dt : float
     real : dtype
     whole : bool
+    every : int
     """
     if not any(np.any(rate) for rate in rates.values()):
         none, empty = np.zeros(0, np.int64), np.zeros(0, real)
-        pieces, copies = np.zeros((0, 4), np.int64), np.zeros((2, 0), np.int64)
-        return Filter(np.zeros(1, real), none, empty, empty, pieces, copies, whole, NO_MESSAGES)
+        pieces, copies = np.zeros((0, 7), np.int64), np.zeros((2, 0), np.int64)
+        return Filter(np.zeros(1, real), none, empty, empty, pieces, copies, whole, 1, NO_MESSAGES)
     nodes, axes = layout.box.nodes, [a for a in range(3) if layout.reach[a]]
     pads, extent, step = _extents(layout, taps)
     along = _along(layout, rates)
     across, line = np.unique(np.add.outer(along[0], along[1]), return_inverse=True)
     rate = np.add.outer(across, along[2])
-    strengths = np.sqrt(-np.expm1(-len(axes) * rate * dt) / len(axes))
+    strengths = np.sqrt(-np.expm1(-len(axes) * rate * every * dt) / len(axes))
     parts = [(pad + np.arange(n)) * s for pad, n, s in zip(pads, nodes, step, strict=True)]
     places = np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])
     entries = np.add.outer(line.reshape(nodes[:2]) * nodes[2], np.arange(nodes[2]))
@@ -97,20 +106,44 @@ def filter_tables(
     return Filter(
         np.ascontiguousarray(taps, real),
         step[axes],
-        np.zeros(int(np.prod(extent)) + SLACK, real),
+        aligned_zeros(int(np.prod(extent)) + SLACK, np.dtype(real)),
         np.append(strengths, np.zeros(SLACK)).astype(real),
-        _runs(places[damped], layout.box.node_indices()[damped], entries[damped]),
-        _wrapped(places[damped], layout, step, pads, extent),
+        _runs(
+            np.array([places[damped], layout.box.node_indices()[damped], entries[damped]]),
+            _limits(layout, along, len(taps) - 1)[:, damped],
+        ),
+        _wrapped(places[damped], layout, step, pads, extent, len(taps) - 1),
         whole,
+        every,
         NO_MESSAGES,
     )
 
 
 def _extents(layout: Layout, taps: np.ndarray) -> tuple[list[int], list[int], np.ndarray]:
-    """Margins of the box, its nodes with them, and the distances of neighbours, along the axes."""
+    """Margins of the box before its nodes, its extents with those behind, and the distances of neighbours, along the
+    axes; lines begin on cache lines.
+    """
     pads = [len(taps) - 1 if reach else 0 for reach in layout.reach]
     extent = [n + 2 * pad for n, pad in zip(layout.box.nodes, pads, strict=True)]
+    behind = pads[2]
+    pads[2] = -(-behind // ALIGN) * ALIGN
+    extent[2] = -(-(pads[2] + layout.box.nodes[2] + behind) // ALIGN) * ALIGN
     return pads, extent, np.array([extent[1] * extent[2], extent[2], 1])
+
+
+def _limits(layout: Layout, along: Sequence[np.ndarray], reach: int) -> np.ndarray:
+    """How many nodes off, at most `reach`, there may be damped ones, along each axis, shape (axes, *nodes)."""
+    nodes, found = layout.box.nodes, []
+    for axis in (a for a in range(3) if layout.reach[a]):
+        limit, (core, low, high) = np.full(nodes[axis], reach), (layout.core[axis], layout.low[axis], layout.high[axis])
+        if core >= reach and axis not in layout.periodic:
+            for first, columns in ((0, low), (low + core, high)):
+                i = np.arange(columns)
+                limit[first : first + columns] = np.minimum(np.maximum(i, columns - 1 - i), reach)
+        elsewhere = [np.zeros(1) if a == axis else rate for a, rate in enumerate(along)]
+        whole = np.add.outer(np.add.outer(elsewhere[0], elsewhere[1]), elsewhere[2]) > 0  # another layer damps the line
+        found.append(np.where(whole, reach, limit.reshape([-1 if a == axis else 1 for a in range(3)])))
+    return np.array(np.broadcast_arrays(*found))
 
 
 def _along(layout: Layout, rates: Mapping[tuple[int, int], np.ndarray]) -> list[np.ndarray]:
@@ -131,8 +164,8 @@ def margin_across(
     """
     pads, _, step = _extents(layout, taps)
     along = [rate * (a != axis) for a, rate in enumerate(_along(layout, rates))]
-    n, pad = layout.box.nodes[axis], pads[axis]
-    beyond = np.arange(-pad, 0) if side < 0 else np.arange(n, n + pad)
+    n, far = layout.box.nodes[axis], len(taps) - 1
+    beyond = np.arange(-far, 0) if side < 0 else np.arange(n, n + far)
     found = []
     for lines in (beyond, beyond % n):
         at = [lines if a == axis else np.arange(len(rate)) for a, rate in enumerate(along)]
@@ -169,30 +202,34 @@ def line_damping(rates: np.ndarray, taps: np.ndarray, dt: float, across: np.ndar
     return strengths[:, None] * passed * strengths
 
 
-def _runs(*rows: np.ndarray) -> np.ndarray:
-    """Pieces in which all rows, the place in the box first, go up by one: their first values, and the number of nodes;
-    shape (P, rows + 1).
+def _runs(rows: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    """Pieces in which all rows, the place in the box first, go up by one, as `Filter.runs`; of nodes in their order,
+    shapes (3, nodes) and (axes, nodes).
     """
-    count = len(rows[0])
-    parted = np.any([np.diff(row, prepend=row[:1]) != 1 for row in rows], axis=0)
-    edges = np.flatnonzero(parted)
-    found = []
-    for first, last in zip(edges, np.append(edges, count)[1:], strict=True):
-        found += [(*(row[i] for row in rows), min(_PIECE, last - i)) for i in range(first, last, _PIECE)]
-    return np.array(found, np.int64).reshape(-1, len(rows) + 1)
+    parted = np.flatnonzero((np.diff(rows, prepend=rows[:, :1] - 2) != 1).any(0))
+    ends = np.append(parted, rows.shape[1])[1:]
+    first = np.concatenate([np.zeros(0, np.int64), *(np.arange(*at, _PIECE) for at in zip(parted, ends, strict=True))])
+    if not first.size:
+        return np.zeros((0, 4 + len(limits)), np.int64)
+    counts = np.diff(first, append=rows.shape[1])
+    return np.vstack([rows[:, first], counts, np.maximum.reduceat(limits, first, axis=1)]).T.copy()
 
 
 def without(tables: Filter, spared: Callable[[np.ndarray], np.ndarray]) -> Filter:
     """The same filter, which leaves some nodes alone; `spared` tells by the nodes' places in a level."""
-    rows = [
-        np.concatenate([np.zeros(0, np.int64), *(np.arange(run[column], run[column] + run[3]) for run in tables.runs)])
-        for column in range(3)
-    ]
-    kept = ~spared(rows[1])
-    return tables._replace(runs=_runs(*(row[kept] for row in rows)))
+    run, within = np.repeat(tables.runs, tables.runs[:, 3], axis=0), _numbers_in(tables.runs[:, 3])
+    kept = ~spared(run[:, 1] + within)
+    return tables._replace(runs=_runs(run[kept, :3].T + within[kept], run[kept, 4:].T))
 
 
-def _wrapped(places: np.ndarray, layout: Layout, step: np.ndarray, pads: list[int], extent: list[int]) -> np.ndarray:
+def _numbers_in(counts: np.ndarray) -> np.ndarray:
+    """0, 1, ... in each of so many pieces one after the other."""
+    return np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+
+
+def _wrapped(
+    places: np.ndarray, layout: Layout, step: np.ndarray, pads: list[int], extent: list[int], reach: int
+) -> np.ndarray:
     """Margins of the box that repeat what lies on the other side of a periodic axis: places to and from, shape (2,
     C)."""
     found = [np.zeros((2, 0), np.int64)]
@@ -200,7 +237,7 @@ def _wrapped(places: np.ndarray, layout: Layout, step: np.ndarray, pads: list[in
         count, margin = layout.core[axis], pads[axis]
         at = places // step[axis] % extent[axis]
         lines = places[at == margin] - margin * step[axis]
-        beyond = np.concatenate([np.arange(margin), margin + count + np.arange(margin)])
+        beyond = np.concatenate([margin - reach + np.arange(reach), margin + count + np.arange(reach)])
         inside = margin + (beyond - margin) % count
         found.append(np.array([np.add.outer(a * step[axis], lines).ravel() for a in (beyond, inside)]))
     return np.concatenate(found, axis=1)
@@ -214,17 +251,19 @@ def damp_short_waves(thread, stage, tables):
     like = stage.out[0]
     size, apart = stage.out.itemsize, stage.src.nbytes // stage.components
     out, src, base = stage.out.ctypes.data, stage.src.ctypes.data, stage.base.ctypes.data
-    older = base if stage.increments else src
-    places, weights, filtered, reach = box.ctypes.data, tables.strengths.ctypes.data, taps.ctypes.data, taps.size - 1
+    past = base if stage.increments else src
+    places, weights, filtered = box.ctypes.data, tables.strengths.ctypes.data, taps.ctypes.data
     passes = 2 if tables.whole else 1
     subtracted = stage.out.dtype.type(0 if tables.whole else 1)
-    targets = 2 if stage.increments and not tables.whole else 1  # increments are in the level and by themselves
     own = share(thread, runs.shape[0])
     for turn in range(passes * stage.components):
         shift = turn // passes * apart
-        level = (older if turn % passes else out) + shift
+        level = (past if turn % passes else out) + shift
         for piece in range(own[0], own[1]):
-            place, node, first, count = runs[piece]
+            place, node, first, count = runs[piece, 0], runs[piece, 1], runs[piece, 2], runs[piece, 3]
+            ahead = runs[min(piece + _AHEAD, own[1] - 1), 1] * size  # pieces lie too far apart for the hardware to notice
+            fetch(level + ahead)
+            fetch(src + shift + ahead)
             at, before = level + node * size, src + shift + node * size
             weigh_change(places + place * size, at, before, subtracted, weights + first * size, count)
         barrier(thread)
@@ -239,10 +278,14 @@ def damp_short_waves(thread, stage, tables):
                     for function in (messages[SENDS], messages[RECEIVES]):
                         call_exchange(function, messages[TABLE], np.int64(places), np.int64(1), np.int64(box.nbytes))
                 barrier(thread)
-        for piece in range(own[0], own[1]):
-            place, node, first, count = runs[piece]
-            here, strength = places + place * size, weights + first * size
-            for target in range(targets):
-                at = (base + shift if target else level) + node * size
-                take_passed(here, steps.ctypes.data, steps.size, filtered, reach, strength, at, like, count)
+        # Increments are in the level and by themselves.
+        older = base + shift - level if stage.increments and not tables.whole else 0
+        for piece in range(own[0], own[1], TOGETHER):
+            number = min(TOGETHER, own[1] - piece)
+            for i in range(piece + _AHEAD, min(piece + _AHEAD + TOGETHER, own[1])):
+                fetch(level + runs[i, 1] * size)
+                if older != 0:
+                    fetch(level + older + runs[i, 1] * size)
+            arrays, there = (places, weights, level), runs.ctypes.data + piece * runs.strides[0]
+            take_passed(there, number, arrays, steps.ctypes.data, steps.size, filtered, older, like)
         barrier(thread)

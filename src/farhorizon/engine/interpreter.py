@@ -386,6 +386,8 @@ class Interpreter:
 
     def _filter(self) -> None:
         stage, tables = self.stage, self.tables.filter
+        if (self.inputs.before + self.step + 1) % tables.every:
+            return
         for c in range(self.components):
             src, base, out = (self.split(level)[c] for level in stage[:3])
             if tables.whole:
@@ -469,7 +471,7 @@ class Interpreter:
 def _passed(tables: Filter, values: np.ndarray) -> np.ndarray:
     """What a filter takes of the values of one component."""
     taps, steps, box, strengths, runs, copies, *_ = tables
-    index = [(place + i, node + i, first + i) for place, node, first, count in runs for i in range(count)]
+    index = [(place + i, node + i, first + i) for place, node, first, count in runs[:, :4] for i in range(count)]
     places, nodes, entries = np.array(index).T
     weighed = np.zeros_like(box)
     weighed[places] = strengths[entries] * values[nodes]

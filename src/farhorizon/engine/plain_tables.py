@@ -125,7 +125,8 @@ def _filter(engine: Field) -> Filter:
     """What damps short waves in the layers; all layers share the longest filter, and what it is applied to."""
     rates, taps = damping_of(engine)
     whole = any(layer.whole for layer in engine.layers.values())
-    return filter_tables(engine.layout, rates, taps, engine.dt, engine.dtype, whole)
+    every = max((layer.every for layer in engine.layers.values() if layer.damping.size), default=0) or 1
+    return filter_tables(engine.layout, rates, taps, engine.dt, engine.dtype, whole, every)
 
 
 def damping_of(engine: Field) -> tuple[dict[tuple[int, int], np.ndarray], np.ndarray]:

@@ -805,7 +805,8 @@ def close_ends(thread, stage, sums, tables, inputs, step, number):
 @operation(FILTER)
 def filter_layers(thread, stage, sums, tables, inputs, step, number):
     """Layers damp short waves."""
-    damp_short_waves(thread, stage, tables.filter)
+    if (inputs.before + step + 1) % tables.filter.every == 0:
+        damp_short_waves(thread, stage, tables.filter)
 
 
 @operation(DRAG)

@@ -27,10 +27,12 @@ class State:
     size : int
         Numbers in a state: all nodes that exist, of the time levels that a step reads, the memory of the layers, the
         modes of exact ends, and the earlier values that conditions along an outline read.
+    every : int
+        Steps from one filter of short waves in the layers to the next: the map of so many is the same again.
     """
 
     def __init__(self, engine: Engine) -> None:
-        self.engine = engine
+        self.engine, self.every = engine, engine.tables.filter.every
         nodes = engine.layout.box.node_indices().ravel()
         self._nodes = engine.all_components(nodes[engine.absent.exists[nodes]])
         self._memory = np.concatenate(
@@ -55,7 +57,8 @@ class State:
         """Put the engine into a state."""
         engine, count, levels = self.engine, len(self._nodes), self._levels(0)
         engine.levels[...], engine.memory[...], engine.ends.states[...], engine.fringe_history[...] = 0, 0, 0, 0
-        engine.phase, engine.ends.clock[0] = 0, 1  # a later step than the first, whose sample counts half at exact ends
+        engine.phase, engine.steps_done = 0, 0
+        engine.ends.clock[0] = 1  # a later step than the first, whose sample counts half at exact ends
         for i, level in enumerate(levels):
             engine.levels[level, self._nodes] = values[i * count : (i + 1) * count]
         end = len(levels) * count
@@ -74,12 +77,18 @@ class State:
         )
 
     def after(self, values: np.ndarray, steps: int = 1) -> np.ndarray:
-        """The state that follows a number of steps later, shape (size,); a complex one is advanced by its parts."""
+        """The state that follows a number of steps later, shape (size,), on one at the beginning of a round (`every`);
+        a complex one is advanced by its parts.
+        """
         if np.iscomplexobj(values):
             return self.after(values.real, steps) + 1j * self.after(values.imag, steps)
         self.write(values)
         self.engine.advance_alone(steps)
         return self.read()
+
+    def after_rounds(self, values: np.ndarray, rounds: int = 1) -> np.ndarray:
+        """The same, for whole rounds of `every` steps."""
+        return self.after(values, rounds * self.every)
 
     def field(self, values: np.ndarray) -> np.ndarray:
         """The field of a state on the core, shape of the core, after the components if there are several; complex for
@@ -190,7 +199,7 @@ def digest(engine: Engine) -> str:
         for _, layer in sorted(engine.layers.items())
         for a in (layer.kappa, layer.sigma, layer.alpha, layer.damping, layer.taps)
     ]
-    mark.update(repr([(name, layer.columns, layer.whole) for name, layer in sorted(engine.layers.items())]).encode())
+    mark.update(repr([(name, layer.columns, layer.whole, layer.every) for name, layer in sorted(engine.layers.items())]).encode())
     tables = engine.tables
     law = tables.gather.sweep.law
     ends, fringe = tables.ends, tables.fringe._replace(history=np.zeros(0))

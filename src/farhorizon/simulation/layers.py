@@ -4,7 +4,7 @@ keep.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from farhorizon.analysis.layers.choice import weak
 from farhorizon.analysis.layers.returned import Datum
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
 from farhorizon.analysis.layers.thickness import Thickness, distance_to_side, thinnest_for_diffusion
+from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.sources import by_component, field, split
@@ -25,6 +26,8 @@ from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.solid_and_liquid import placed
 from farhorizon.simulation.surroundings import Surroundings
 
+_SELDOM = (2, 4, 8)  # steps after which a filter of short waves may be applied
+_LITTLE = 0.3  # largest rate times that time: what grows in the meantime is less than that by orders
 _ALIVE = 0.75  # factor of a step from which on waves are still there when they reach a side
 
 
@@ -57,7 +60,35 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
     thickness = {side_name(*key): found for key, found in choice.found.items()}
     notes = [words.format(nodes, ", ".join(named), aim) for (words, nodes, aim), named in choice.missed.items()]
     chosen = {key: found.layer for key, found in choice.found.items()}
-    return replace(around, layers=around.layers | chosen, thickness=thickness, notes=notes + choice.unforeseen(layers))
+    chosen = with_one_filter(around.layers | chosen, near.dt, near.lattice.dim)
+    return replace(around, layers=chosen, thickness=thickness, notes=notes + choice.unforeseen(layers))
+
+
+def with_one_filter(layers: Mapping[Key, Layer], dt: float, dim: int) -> dict[Key, Layer]:
+    """The layers of a run, which share the longest of their filters, and how often it is applied.
+
+    A weak damping of short waves is made up for once in several steps. That needs more than one axis: the analysis of a
+    line takes a step as it is.
+
+    Parameters
+    ----------
+    layers : mapping of (axis, side) to Layer
+        Those that know already how often, as on a process which has some of them, go on with that.
+    dt : float
+    dim : int
+    """
+    damped = [layer for layer in layers.values() if layer.damping.size]
+    if not damped:
+        return dict(layers)
+    whole, taps = any(layer.whole for layer in damped), max((layer.taps for layer in damped), key=len)
+    every = max(layer.every for layer in damped)
+    if not every:
+        most = dim * max(layer.damping.max() for layer in damped) * dt
+        every = 1 if whole or dim == 1 else max([n for n in _SELDOM if n * most <= _LITTLE], default=1)
+    return {
+        key: replace(layer, taps=taps, whole=whole, every=every) if layer.damping.size else layer
+        for key, layer in layers.items()
+    }
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from farhorizon.medium.variation import Variation
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.drives import Arriving
 from farhorizon.simulation.grid import states_of
+from farhorizon.simulation.layers import with_one_filter
 from farhorizon.simulation.near_field import Extremes
 from farhorizon.simulation.recorder import Observer, Recorder
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name, within_part
@@ -183,6 +184,7 @@ def share_of(
         As `farhorizon.geometry.decomposition.decompose`.
     """
     lattice, boxes = setup.lattice, boxes_of(setup, model, around, team.size, topology, team)
+    around = replace(around, layers=with_one_filter(around.layers, whole.dt, lattice.dim))
     ranges, place = boxes.ranges(team.number), boxes.place(team.number)
     whole_sides, sides = _chosen(around), {}
     for (axis, side), boundary in around.sides.items():

@@ -7,6 +7,7 @@ carry the ``contract`` flag only: a fixed order of summation keeps results deter
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -1056,72 +1057,113 @@ def weigh_change(typingctx, to, level, before, share, strengths, count):
     return types.void(types.int64, types.int64, types.int64, share, types.int64, types.int64), codegen
 
 
-@intrinsic
-def take_passed(typingctx, box, steps, axes, taps, reach, strengths, level, like, count):
-    """``level -= strengths * F box`` on `count` neighbouring values, F the sum of one symmetric filter along each axis.
+#: Runs of nodes that `take_passed` works on side by side: sums of one alone wait for each other.
+TOGETHER = 4
 
-    Byte addresses; `steps` (int64) holds the distances between neighbours along the axes, in elements, `taps` the
-    filter's weight of a value itself and of the neighbours on both sides, up to `reach`.
+
+@intrinsic
+def take_passed(typingctx, runs, number, arrays, steps, axes, taps, older, like):
+    """``level -= strengths * F box`` on up to `TOGETHER` runs of neighbouring nodes, F the sum of one symmetric filter
+    along each axis.
+
+    Parameters
+    ----------
+    runs, number : int
+        Address of the first run, see `engine.filter.Filter.runs`, and how many there are, at least 1.
+    arrays : (int, int, int)
+        Byte addresses of the box, the strengths and the level.
+    steps, axes : int
+        Address of the distances in the box between neighbours along the axes (int64, in elements), and their number.
+    taps : int
+        Address of the filter's weights of a value itself and of the neighbours on both sides.
+    older : int
+        Distance in bytes from the level to another one from which the same is taken; 0: there is none.
+    like : float
+        Of the values' type.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-        box, steps, axes, taps, reach, strengths, level, _, count = args
+        runs, number, box, strengths, level, steps, axes, taps, older, _ = flat(builder, args)
         vectors = Vectors.of(builder, str(signature.args[7]))
+        lanes, zero, one = I64(vectors.lanes), I64(0), I64(1)
+
+        def entry(start: Any, i: int) -> Any:
+            return builder.load(vectors.pointer(builder.add(start, I64(8 * i)), I64))
+
+        def bytes_of(count: Any) -> Any:
+            return builder.mul(count, I64(vectors.size))
+
+        def least(a: Any, b: Any) -> Any:
+            return builder.select(builder.icmp_signed("<", a, b), a, b)
+
+        def most(a: Any, b: Any) -> Any:
+            return builder.select(builder.icmp_signed(">", a, b), a, b)
 
         def tap(k: Any) -> Any:
-            return vectors.splat(
-                builder.load(vectors.pointer(builder.add(taps, builder.mul(k, I64(vectors.size))), vectors.scalar))
+            return vectors.splat(builder.load(vectors.pointer(builder.add(taps, bytes_of(k)), vectors.scalar)))
+
+        def along(axes: int) -> None:
+            places, rows = [[], [], []], []
+            for i in range(TOGETHER):
+                there = builder.icmp_signed("<", I64(i), number)
+                row = builder.add(runs, builder.mul(builder.select(there, I64(i), zero), I64(8 * (4 + axes))))
+                for found, start, column in zip(places, (box, level, strengths), range(3), strict=True):
+                    found.append(builder.add(start, bytes_of(entry(row, column))))
+                rows.append([builder.select(there, entry(row, 3), zero), *(entry(row, 4 + axis) for axis in range(axes))])
+            heres, targets, weights = places
+            columns = list(zip(*rows, strict=True))
+            counts, longest, *limits = columns[0], *(functools.reduce(most, column) for column in columns)
+            shortest = functools.reduce(least, counts)
+            whole = builder.sub(shortest, builder.srem(shortest, lanes))
+
+            def passed(at: Any) -> list[Any]:
+                """What the filter leaves of one vector of each run."""
+                centres, found = [vectors.load(builder.add(here, at)) for here in heres], []
+                for axis, limit in enumerate(limits):
+                    step = bytes_of(entry(steps, axis))
+                    start = [builder.fmul(tap(zero), centre) for centre in centres]
+                    found.append(summed(start, [builder.add(here, at) for here in heres], step, limit))
+                return [vectors.sum(parts) for parts in zip(*found, strict=True)]
+
+            def take(x: Any, stores: list[Callable[[Any, Any], None]]) -> None:
+                at = bytes_of(x)
+                for total, weight, target, store in zip(passed(at), weights, targets, stores, strict=True):
+                    taken, new = builder.fmul(vectors.load(builder.add(weight, at)), total), builder.add(target, at)
+                    store(builder.fsub(vectors.load(new), taken), new)
+                    with builder.if_then(builder.icmp_signed("!=", older, zero)):
+                        old = builder.add(new, older)
+                        store(builder.fsub(vectors.load(old), taken), old)
+
+            with cgutils.for_range_slice(builder, zero, whole, lanes, I64) as (x, _):
+                take(x, [vectors.store] * TOGETHER)
+            with cgutils.for_range_slice(builder, whole, longest, lanes, I64) as (x, _):
+                take(x, [vectors.store_first(builder.sub(count, x)) for count in counts])
+
+        def summed(start: list[Any], heres: list[Any], step: Any, limit: Any) -> list[Any]:
+            """Sums along one axis, up to so many neighbours on both sides."""
+            before, test, body, after = (
+                builder.block,
+                *(builder.append_basic_block(name) for name in ("test", "tap", "done")),
             )
+            builder.branch(test)
+            builder.position_at_end(test)
+            k, far, *totals = builder.phi(I64), builder.phi(I64), *(builder.phi(vectors.type) for _ in start)
+            builder.cbranch(builder.icmp_signed("<=", k, limit), body, after)
+            builder.position_at_end(body)
+            weight, coming = tap(k), [builder.add(k, one), builder.add(far, step)]
+            for total, here in zip(totals, heres, strict=True):
+                both = builder.fadd(vectors.load(builder.add(here, far)), vectors.load(builder.sub(here, far)))
+                coming.append(vectors.multiply_add(total, weight, both))
+            for phi, first, later in zip([k, far, *totals], [one, step, *start], coming, strict=True):
+                phi.add_incoming(first, before)
+                phi.add_incoming(later, builder.block)
+            builder.branch(test)
+            builder.position_at_end(after)
+            return totals
 
-        def along(number: int) -> None:
-            apart = [
-                builder.mul(builder.load(vectors.pointer(builder.add(steps, I64(8 * axis)), I64)), I64(vectors.size))
-                for axis in range(number)
-            ]
-
-            def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
-                at = builder.mul(x, I64(vectors.size))
-                here = builder.add(box, at)
-                start = builder.fmul(tap(I64(0)), vectors.load(here))
-                before, test, body, after = (
-                    builder.block,
-                    *(builder.append_basic_block(name) for name in ("test", "tap", "done")),
-                )
-                builder.branch(test)
-                builder.position_at_end(test)
-                k = builder.phi(I64)
-                totals, far = [builder.phi(vectors.type) for _ in apart], [builder.phi(I64) for _ in apart]
-                builder.cbranch(builder.icmp_signed("<=", k, reach), body, after)
-                builder.position_at_end(body)
-                weight = tap(k)
-                grown = [
-                    vectors.multiply_add(
-                        total,
-                        weight,
-                        builder.fadd(vectors.load(builder.add(here, d)), vectors.load(builder.sub(here, d))),
-                    )
-                    for total, d in zip(totals, far, strict=True)
-                ]
-                farther = [builder.add(d, step) for d, step in zip(far, apart, strict=True)]
-                for phi, value, coming in zip(
-                    [k, *totals, *far],
-                    [I64(1), *[start] * number, *apart],
-                    [builder.add(k, I64(1)), *grown, *farther],
-                    strict=True,
-                ):
-                    phi.add_incoming(value, before)
-                    phi.add_incoming(coming, builder.block)
-                builder.branch(test)
-                builder.position_at_end(after)
-                there = builder.add(level, at)
-                taken = builder.fmul(vectors.load(builder.add(strengths, at)), vectors.sum(totals))
-                store(builder.fsub(vectors.load(there), taken), there)
-
-            vectors.in_chunks(count, chunk)
-
-        for number in (1, 2, 3):
-            with builder.if_then(builder.icmp_signed("==", axes, I64(number))):
-                along(number)
+        for dim in (1, 2, 3):
+            with builder.if_then(builder.icmp_signed("==", axes, I64(dim))):
+                along(dim)
         return context.get_dummy_value()
 
-    return types.void(*[types.int64] * 7, like, types.int64), codegen
+    return types.void(types.int64, types.int64, int64s(3), *[types.int64] * 4, like), codegen
