@@ -111,11 +111,11 @@ def grows(sim: fh.Simulation) -> tuple[bool, float]:
             x = state.after_rounds(x, part)
             sizes.append(size(sim, state, x))
             if not 1e-100 < sizes[-1] < 1e100:
-                return sizes[-1] > 1, np.log(sizes[-1] / sizes[-2]) / (part * sim.dt)
+                return sizes[-1] > 1, np.log(sizes[-1] / sizes[-2]) / (part * state.every * sim.dt)
         third = len(sizes) // 3
         ratio = sizes[-1] / sizes[-1 - third]
         if len(sizes) > 6 and (ratio <= 1 or ratio > 2 or time.monotonic() > end):
-            return ratio > 1, np.log(ratio) / (third * part * sim.dt)
+            return ratio > 1, np.log(ratio) / (third * part * state.every * sim.dt)
 
 
 def size(sim: fh.Simulation, state: State, x: np.ndarray) -> float:

@@ -68,7 +68,7 @@ class Layer(Storable):
     whole : bool
         Whether short waves are damped themselves, not their velocity alone.
     every : int
-        Steps after which this is made up for at a time; 0: left to the run, see `engine.filter.one_filter`.
+        Steps after which short waves lose what is due in all of them; 0: left to the run.
     """
 
     kappa: np.ndarray

@@ -6,7 +6,7 @@ energy and never gives any, at every time step. Waves that hardly move, as those
 keep their displacement that way. There both levels of the field are filtered (`whole`), which makes a wave that passes
 decay by itself: s becomes ``s + rate``.
 
-Where little is damped it is enough to do so in one step of several, by as much as in all of them.
+Where little is damped it is enough to do so in every second step, by as much as in both.
 
 The increments are put into a *box*, an array of all nodes in their natural order with margins as wide as the filter, in
 which the layers are a frame.
@@ -261,7 +261,9 @@ def damp_short_waves(thread, stage, tables):
         level = (past if turn % passes else out) + shift
         for piece in range(own[0], own[1]):
             place, node, first, count = runs[piece, 0], runs[piece, 1], runs[piece, 2], runs[piece, 3]
-            ahead = runs[min(piece + _AHEAD, own[1] - 1), 1] * size  # pieces lie too far apart for the hardware to notice
+            ahead = (
+                runs[min(piece + _AHEAD, own[1] - 1), 1] * size
+            )  # pieces lie too far apart for the hardware to notice
             fetch(level + ahead)
             fetch(src + shift + ahead)
             at, before = level + node * size, src + shift + node * size

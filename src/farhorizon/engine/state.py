@@ -199,7 +199,11 @@ def digest(engine: Engine) -> str:
         for _, layer in sorted(engine.layers.items())
         for a in (layer.kappa, layer.sigma, layer.alpha, layer.damping, layer.taps)
     ]
-    mark.update(repr([(name, layer.columns, layer.whole, layer.every) for name, layer in sorted(engine.layers.items())]).encode())
+    mark.update(
+        repr(
+            [(name, layer.columns, layer.whole, layer.every) for name, layer in sorted(engine.layers.items())]
+        ).encode()
+    )
     tables = engine.tables
     law = tables.gather.sweep.law
     ends, fringe = tables.ends, tables.fringe._replace(history=np.zeros(0))

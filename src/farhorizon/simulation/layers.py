@@ -26,8 +26,8 @@ from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.solid_and_liquid import placed
 from farhorizon.simulation.surroundings import Surroundings
 
-_SELDOM = (2, 4, 8)  # steps after which a filter of short waves may be applied
-_LITTLE = 0.3  # largest rate times that time: what grows in the meantime is less than that by orders
+_LITTLE = 0.3  # damping in two steps that may wait for the second
+_TURN = 0.2  # of a period, in a step of the fastest wave, where it may
 _ALIVE = 0.75  # factor of a step from which on waves are still there when they reach a side
 
 
@@ -60,20 +60,24 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
     thickness = {side_name(*key): found for key, found in choice.found.items()}
     notes = [words.format(nodes, ", ".join(named), aim) for (words, nodes, aim), named in choice.missed.items()]
     chosen = {key: found.layer for key, found in choice.found.items()}
-    chosen = with_one_filter(around.layers | chosen, near.dt, near.lattice.dim)
+    chosen = with_one_filter(around.layers | chosen, near.rate_limit, near.dt, near.lattice.dim)
     return replace(around, layers=chosen, thickness=thickness, notes=notes + choice.unforeseen(layers))
 
 
-def with_one_filter(layers: Mapping[Key, Layer], dt: float, dim: int) -> dict[Key, Layer]:
+def with_one_filter(layers: Mapping[Key, Layer], rate: float, dt: float, dim: int) -> dict[Key, Layer]:
     """The layers of a run, which share the longest of their filters, and how often it is applied.
 
-    A weak damping of short waves is made up for once in several steps. That needs more than one axis: the analysis of a
+    A weak damping of short waves is made up for in every second step, if no wave turns by a quarter of a period in a
+    step: at a quarter a standing wave might be without velocity whenever it is looked at, and beyond it the frequencies
+    of the filter and of waves would differ by those of other waves. More than one axis is needed, for the analysis of a
     line takes a step as it is.
 
     Parameters
     ----------
     layers : mapping of (axis, side) to Layer
         Those that know already how often, as on a process which has some of them, go on with that.
+    rate : float
+        Largest squared frequency.
     dt : float
     dim : int
     """
@@ -81,10 +85,10 @@ def with_one_filter(layers: Mapping[Key, Layer], dt: float, dim: int) -> dict[Ke
     if not damped:
         return dict(layers)
     whole, taps = any(layer.whole for layer in damped), max((layer.taps for layer in damped), key=len)
-    every = max(layer.every for layer in damped)
-    if not every:
-        most = dim * max(layer.damping.max() for layer in damped) * dt
-        every = 1 if whole or dim == 1 else max([n for n in _SELDOM if n * most <= _LITTLE], default=1)
+    most = 2 * dim * dt * max(float(layer.damping.max()) for layer in damped)
+    turn = float(np.arcsin(min(1.0, dt * np.sqrt(rate) / 2)) / np.pi)
+    seldom = dim > 1 and not whole and most <= _LITTLE and turn <= _TURN
+    every = max(layer.every for layer in damped) or 1 + seldom
     return {
         key: replace(layer, taps=taps, whole=whole, every=every) if layer.damping.size else layer
         for key, layer in layers.items()

@@ -184,7 +184,7 @@ def share_of(
         As `farhorizon.geometry.decomposition.decompose`.
     """
     lattice, boxes = setup.lattice, boxes_of(setup, model, around, team.size, topology, team)
-    around = replace(around, layers=with_one_filter(around.layers, whole.dt, lattice.dim))
+    around = replace(around, layers=with_one_filter(around.layers, whole.rate_limit, whole.dt, lattice.dim))
     ranges, place = boxes.ranges(team.number), boxes.place(team.number)
     whole_sides, sides = _chosen(around), {}
     for (axis, side), boundary in around.sides.items():

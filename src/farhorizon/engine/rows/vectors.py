@@ -7,7 +7,6 @@ carry the ``contract`` flag only: a fixed order of summation keeps results deter
 from __future__ import annotations
 
 import functools
-import itertools
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -1109,7 +1108,9 @@ def take_passed(typingctx, runs, number, arrays, steps, axes, taps, older, like)
                 row = builder.add(runs, builder.mul(builder.select(there, I64(i), zero), I64(8 * (4 + axes))))
                 for found, start, column in zip(places, (box, level, strengths), range(3), strict=True):
                     found.append(builder.add(start, bytes_of(entry(row, column))))
-                rows.append([builder.select(there, entry(row, 3), zero), *(entry(row, 4 + axis) for axis in range(axes))])
+                rows.append(
+                    [builder.select(there, entry(row, 3), zero), *(entry(row, 4 + axis) for axis in range(axes))]
+                )
             heres, targets, weights = places
             columns = list(zip(*rows, strict=True))
             counts, longest, *limits = columns[0], *(functools.reduce(most, column) for column in columns)

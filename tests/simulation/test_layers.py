@@ -1,0 +1,98 @@
+"""How the layers of a set-up share their filter of short waves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.engine.engine import Layer
+from farhorizon.engine.state import State
+from farhorizon.simulation.layers import with_one_filter
+
+GENTLE, STRONG = ((np.array([0.0, share]), taps) for share, taps in ((0.02, [0.5, 0.25]), (0.5, [0.5, 0.25, 0.1])))
+
+
+def cube(reach=2.0, nodes=11, layers=4, share=0.5, **changes):
+    lattice = fh.Lattice(1.0, (0.0,) * 3, (nodes - 1.0,) * 3)
+    model = fh.Wave(fh.Kernel(reach))
+    free = fh.Simulation(lattice, model, fh.Fixed())
+    pulse = np.zeros(lattice.shape)
+    pulse[(nodes // 2,) * 3] = 1
+    given = {"initial": {"u": pulse}, "dt": share * free.step_limit, "threads": 1} | changes
+    given = {"boundary": fh.LatticePML(nodes=layers)} | given
+    return fh.Simulation(lattice, model, **given)
+
+
+def layer(damped=None, **changes):
+    edges = np.ones(3)
+    return replace(Layer(edges, edges, edges, *damped) if damped else Layer(edges, edges, edges), **changes)
+
+
+def test_little_damping_waits_for_the_second_step_if_waves_turn_little_in_one():
+    assert cube(share=0.5).engine.tables.filter.every == 2
+    assert cube(share=0.7).engine.tables.filter.every == 1
+    flat = fh.Lattice(1.0, (0.0, 0.0), (9.0, 9.0))
+    strong = fh.Simulation(flat, fh.Elastic(fh.Kernel(2.0, exponent=1), 1.0), fh.LatticePML(nodes=6))
+    assert strong.engine.tables.filter.every == 1
+
+
+@pytest.mark.parametrize(
+    ("damped", "dim", "turns", "every"),
+    [(GENTLE, 3, 0.5, 2), (GENTLE, 1, 0.5, 1), (GENTLE, 2, 1.8, 1), (STRONG, 2, 0.5, 1)],
+)
+def test_layers_have_one_filter(damped, dim, turns, every):
+    """The longest, as often in all of them; layers without damping stay as they are."""
+    given = {(0, -1): layer(GENTLE), (0, 1): layer(), (1, 1): layer(damped)}
+    found = with_one_filter(given, turns**2, 1.0, dim)
+    assert found[0, 1] is given[0, 1]
+    for key in ((0, -1), (1, 1)):
+        assert np.array_equal(found[key].taps, given[1, 1].taps)
+        assert np.array_equal(found[key].damping, given[key].damping)
+        assert found[key].every == every
+
+
+def test_a_process_that_has_some_of_the_layers_filters_them_as_often_as_the_others():
+    given = {(0, -1): layer(GENTLE), (1, 1): layer(STRONG)}
+    whole = with_one_filter(given, 0.25, 1.0, 3)
+    part = with_one_filter({(0, -1): whole[0, -1]}, 0.25, 1.0, 3)
+    assert part[0, -1].every == whole[0, -1].every == 1
+    assert np.array_equal(part[0, -1].taps, STRONG[1])
+
+
+def test_a_run_goes_on_bitwise_between_two_filters(tmp_path):
+    whole, first = cube(), cube()
+    whole.step(9)
+    first.step(4)
+    first.step(1)
+    first.save(tmp_path / "checkpoint.npz")
+    resumed = cube()
+    resumed.load(tmp_path / "checkpoint.npz")
+    resumed.step(4)
+    assert np.array_equal(resumed.fields["u"], whole.fields["u"])
+
+
+@pytest.mark.parametrize("reach", [2.0, pytest.param(3.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("layers", [4, pytest.param(8, marks=pytest.mark.slow)])
+def test_noise_does_not_grow_where_it_is_filtered_in_every_second_step(reach, layers):
+    """At the longest step of which this is so, where a wave turns most: what is not uniform dies out as it does where
+    every step is filtered.
+    """
+    sizes = []
+    for every in (2, 1):
+        sim = cube(reach, 7, layers, share=0.999 * np.sin(0.2 * np.pi))
+        if every == 1:
+            sides = {key: replace(one, every=1) for key, one in sim.engine.layers.items()}
+            names = {"xyz"[axis] + "-+"[side > 0]: (axis, side) for axis, side in sides}
+            boundary = {name: fh.LatticePML(nodes=layers, profile=sides[key]) for name, key in names.items()}
+            sim = cube(reach, 7, boundary=boundary, dt=sim.dt)
+        assert sim.engine.tables.filter.every == every
+        state, found = State(sim.engine), []
+        x = np.random.default_rng(1).standard_normal(state.size)
+        for _ in range(6):
+            x = state.after(x, 400)
+            u = sim.engine.core.view(sim.engine.current)
+            found.append(np.linalg.norm(u - u.mean()))
+        sizes.append(found)
+    assert sizes[0][-1] < 0.5 * sizes[0][0]
+    np.testing.assert_allclose(*sizes, rtol=0.01)
