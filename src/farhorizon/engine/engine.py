@@ -20,6 +20,7 @@ from farhorizon.engine.exchange import Exchange
 from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import Layout, aligned, aligned_zeros
 from farhorizon.engine.loop import CompiledLoop
+from farhorizon.engine.media import media_of
 from farhorizon.engine.nested import Layers
 from farhorizon.engine.operations import (
     Operation,
@@ -214,6 +215,7 @@ class Engine:
         self.tables = first_tables(self, coefficient is not None, RULES.index(rule))
         if coefficient is not None:
             self.replace(material=self.tables.material._replace(coefficient=self.spread(coefficient)))
+            self.replace(media=media_of(self))
         self.bonds = BondZone(self)
         self.absent = AbsentBonds(self, self.bonds)
         self.hold(np.zeros(0, np.int64))
@@ -495,6 +497,7 @@ class Engine:
         """From now on sweep whole multiples of some rows at a time."""
         sweep = self.tables.sweep
         self.replace(sweep=sweep._replace(depth=-(-sweep.depth // rows) * rows))
+        self.replace(media=media_of(self))
 
     def advance(
         self,

@@ -36,7 +36,7 @@ from farhorizon.engine.rows.calls import call_operation
 from farhorizon.engine.rows.compiled import cfunc, njit
 from farhorizon.engine.rows.notice import importing
 from farhorizon.engine.rows.structs import Struct
-from farhorizon.engine.tables import ABSENT, EDGE, FACE, GENERAL, WEIGHED, Inputs, Stage, Sums
+from farhorizon.engine.tables import ABSENT, EDGE, FACE, GENERAL, WEIGHED, Inputs, Stage, Sums, one_medium
 from farhorizon.engine.threads import ALONE, side_by_side
 
 _FLOWS = 3  # of the stages the one whose sums go into a level of their own, beside those of the passes
@@ -255,9 +255,10 @@ def _sums(tables: Tables, which: int, parts: int, ahead: int) -> Struct:
     alike = everywhere._replace(coefficient=everywhere.coefficient[:1])
     material = everywhere if which == SPRINGS else alike  # coefficients are those of springs alone
     liquid = alike if everywhere.rule == PHASES else material
+    media = tables.media if which == SPRINGS else one_medium(tables.numbers.dtype)
     room = np.zeros(5, np.int64), np.zeros(parts, np.int64), np.zeros(ahead, np.int64)
     free = tables.free if ahead else np.zeros_like(tables.free)
-    return Struct(Sums(*pass_of(tables, which), material, liquid, tables.work_space, *room, free))
+    return Struct(Sums(*pass_of(tables, which), material, liquid, media, tables.work_space, *room, free))
 
 
 def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool) -> list[Struct]:

@@ -24,7 +24,18 @@ from farhorizon.engine.nested import Layers, has_layers
 from farhorizon.engine.phases import Phases
 from farhorizon.engine.rows.exchanges import USED
 from farhorizon.engine.stretches import Stretches
-from farhorizon.engine.tables import Cuts, Damping, Dependents, Flows, Inputs, Listening, Material, Surface, Sweep
+from farhorizon.engine.tables import (
+    Cuts,
+    Damping,
+    Dependents,
+    Flows,
+    Inputs,
+    Listening,
+    Material,
+    Media,
+    Surface,
+    Sweep,
+)
 from farhorizon.engine.warmth import Warmth, no_heat
 
 COPY = 0  # the halo repeats what lies across periodic axes
@@ -130,6 +141,7 @@ class Tables(NamedTuple):
     exchange: np.ndarray
     free: np.ndarray
     material: Material
+    media: Media
     cuts: Cuts
     surface: Surface
     phases: Phases

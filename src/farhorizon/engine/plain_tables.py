@@ -16,7 +16,17 @@ from farhorizon.engine.passes import no_law
 from farhorizon.engine.phases import one_phase
 from farhorizon.engine.rows.choose import compiled_rows
 from farhorizon.engine.stretches import no_stretches
-from farhorizon.engine.tables import Cuts, Damping, Dependents, Listening, Material, Surface, Sweep, no_flows
+from farhorizon.engine.tables import (
+    Cuts,
+    Damping,
+    Dependents,
+    Listening,
+    Material,
+    Surface,
+    Sweep,
+    no_flows,
+    one_medium,
+)
 from farhorizon.engine.warmth import no_heat
 
 _SECOND_CACHE = 600_000  # bytes of the second cache that a part of the box may take
@@ -46,6 +56,7 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
         exchange=np.zeros((0, 3, 5), np.int64),
         free=np.zeros((2, 2), np.int64),
         material=Material(np.ones(1, engine.dtype), rule, one, engine.dtype.type(np.inf)),
+        media=one_medium(engine.dtype),
         cuts=cuts,
         surface=surface,
         phases=one_phase(),

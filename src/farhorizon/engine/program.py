@@ -197,30 +197,57 @@ def rows_of(sweep, number):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def sweep_rows(stage, sums, i0, i1, end, first, last):
-    """Nodes `first` to `last` of the rows i1 to `end` of a plane."""
-    sweep, src = sums.sweep, stage.src
-    block = sweep.block
-    start, to = block[0] + i0 * block[4] + i1 * block[5] + first, block[9] + i0 * block[10] + i1 * block[11] + first
+    """Nodes `first` to `last` of the rows i1 to `end` of a plane, which belong to one part of the box."""
+    sweep, media = sums.sweep, sums.media
     if sweep.function != 0:
-        size = src.itemsize
-        read, written = src.nbytes // sweep.blocks, stage.out.nbytes // sweep.blocks
-        for number in range(sweep.blocks):
-            here, there = start * size + number * read, to * size + number * written
-            call_sweep(
-                sweep.function,
-                (src.ctypes.data + here, stage.base.ctypes.data + there, stage.out.ctypes.data + there),
-                sweep.weights.ctypes.data + stage.part * sweep.weights.shape[1] * size,
-                stage.a,
-                stage.b,
-                (last - first, end - i1),
-                (block[6], block[7], block[8]),
-                (block[5], block[11]),
-                block.ctypes.data + 8 * SHIFTS,
-            )
+        weights = sweep.weights.ctypes.data + stage.part * sweep.weights.shape[1] * stage.src.itemsize
+        sweep_compiled(stage, sweep, sweep.function, weights, stage.a, i0, i1, end, first, last)
+    elif media.function == 0:
+        sweep_general(stage, sums, i0, i1, end, first, last)
     else:
-        for row in range(end - i1):
-            numbers = start + row * block[5], to + row * block[11], last - first
-            call_with(sums.called[GENERAL], stage, sums, numbers)
+        part, stages = i1 // sweep.depth * sweep.block[1] + i0, media.own.shape[1]
+        for piece in range(media.ranges[part], media.ranges[part + 1]):
+            row, stop = max(i1, media.pieces[piece, 0]), min(end, media.pieces[piece, 1])
+            node, after = max(first, media.pieces[piece, 2]), min(last, media.pieces[piece, 3])
+            medium = media.pieces[piece, 4]
+            if row < stop and node < after:
+                if medium < 0:
+                    sweep_general(stage, sums, i0, row, stop, node, after)
+                else:
+                    at = (medium * stages + stage.part) * media.weights.shape[2] * stage.src.itemsize
+                    weights, own = media.weights.ctypes.data + at, media.own[medium, stage.part]
+                    sweep_compiled(stage, sweep, media.function, weights, own, i0, row, stop, node, after)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def sweep_compiled(stage, sweep, function, weights, a, i0, i1, end, first, last):
+    """The same by compiled rows, with the address of their weights and the factor of a node's own value."""
+    src, block = stage.src, sweep.block
+    start, to = block[0] + i0 * block[4] + i1 * block[5] + first, block[9] + i0 * block[10] + i1 * block[11] + first
+    size = src.itemsize
+    read, written = src.nbytes // sweep.blocks, stage.out.nbytes // sweep.blocks
+    for number in range(sweep.blocks):
+        here, there = start * size + number * read, to * size + number * written
+        call_sweep(
+            function,
+            (src.ctypes.data + here, stage.base.ctypes.data + there, stage.out.ctypes.data + there),
+            weights,
+            a,
+            stage.b,
+            (last - first, end - i1),
+            (block[6], block[7], block[8]),
+            (block[5], block[11]),
+            block.ctypes.data + 8 * SHIFTS,
+        )
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def sweep_general(stage, sums, i0, i1, end, first, last):
+    """The same, bond by bond."""
+    block = sums.sweep.block
+    start, to = block[0] + i0 * block[4] + i1 * block[5] + first, block[9] + i0 * block[10] + i1 * block[11] + first
+    for row in range(end - i1):
+        call_with(sums.called[GENERAL], stage, sums, (start + row * block[5], to + row * block[11], last - first))
 
 
 @njit(error_model="numpy", cache=True, counted=False)

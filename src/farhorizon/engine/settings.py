@@ -11,6 +11,7 @@ from farhorizon.engine.drag import Drag
 from farhorizon.engine.engine import NEVER, Engine
 from farhorizon.engine.exchange import Exchange, Link, Messages, free_of_halos
 from farhorizon.engine.filter import margin_across, without
+from farhorizon.engine.media import media_of
 from farhorizon.engine.phases import count_solid, phases_table
 from farhorizon.engine.plain_tables import damping_of
 from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
@@ -42,6 +43,7 @@ def connect(engine: Engine, link: Link, neighbours: Mapping[tuple[int, int], int
     engine.exchange = Exchange(kinds, max(engine.components, states, rows), engine.dtype)
     if engine.varied:
         engine.join(engine.tables.material.coefficient, {})
+        engine.replace(media=media_of(engine))
     none = np.zeros((2, 0), np.int64)
     gather, scatter = (
         one._replace(layers=one.layers._replace(copies=none)) for one in (engine.tables.gather, engine.tables.scatter)

@@ -98,6 +98,38 @@ class Material(NamedTuple):
     ceiling: Any
 
 
+class Media(NamedTuple):
+    """Where a medium that varies is uniform as far as bonds reach, see `engine.media`.
+
+    Attributes
+    ----------
+    function : int
+        Address of the compiled rows; 0 where the medium does not vary, or is nowhere uniform.
+    pieces : ndarray of int, shape (P, 5)
+        First row and row after the last, first node and node after the last in these rows, and the number of the medium
+        there, -1 where bonds differ.
+    ranges : ndarray of int, shape (parts + 1,)
+        First piece of each part of the box (see `program.rows_of`).
+    weights : ndarray, shape (media, stages, n)
+        Of the compiled rows.
+    own : ndarray, shape (media, stages)
+        Factors of a node's own value, as `Stage.a`.
+    """
+
+    function: int
+    pieces: np.ndarray
+    ranges: np.ndarray
+    weights: np.ndarray
+    own: np.ndarray
+
+
+def one_medium(real: np.dtype) -> Media:
+    """None beside that of the stencil."""
+    return Media(
+        0, np.zeros((0, 5), np.int64), np.zeros(1, np.int64), np.zeros((0, 0, 0), real), np.zeros((0, 0), real)
+    )
+
+
 class Cuts(NamedTuple):
     """Bonds that are absent: places of their nodes and neighbours, sorted, and the weights that are taken away."""
 
@@ -133,6 +165,8 @@ class Sums(NamedTuple):
     ----------
     material, liquid : Material
         Of all nodes, and of those in and beside layers, where all is liquid.
+    media : Media
+        Where these are alike.
     work_space : ndarray, shape (threads, n)
     called : ndarray of int, shape (5,)
         Addresses of what operations call with a stage, these sums and numbers: rows of a stencil that has no compiled
@@ -152,6 +186,7 @@ class Sums(NamedTuple):
     rows: int
     material: Material
     liquid: Material
+    media: Any
     work_space: np.ndarray
     called: np.ndarray
     each: np.ndarray

@@ -1,0 +1,77 @@
+"""Where a medium that varies is uniform as far as bonds reach: there the rows of its stencil are swept as those of a
+uniform one, by weights of its own.
+
+Layers of ground, inclusions, a plate of two metals: most nodes see one medium alone, and their bonds need not be summed
+one by one. Which nodes these are does not depend on how the box is cut into parts, so that all processes and threads
+compute the same sums.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from farhorizon.engine.bonds import PHASES
+from farhorizon.engine.field import Field
+from farhorizon.engine.rows.choose import compiled_rows
+from farhorizon.engine.tables import Media, one_medium
+
+Piece = tuple[int, int, int, int, int]
+
+
+def media_of(engine: Field) -> Media:
+    """The media of an engine whose nodes have coefficients, in their halo, too."""
+    material, sweep, layout = engine.tables.material, engine.tables.sweep, engine.layout
+    if material.coefficient.size == 1 or material.rule == PHASES or np.ndim(engine.reaction):
+        return one_medium(engine.dtype)
+    least = most = layout.box.all(material.coefficient)
+    for axis, m in enumerate(layout.reach):
+        inside = tuple(slice(m, n - m) if a == axis else slice(None) for a, n in enumerate(least.shape))
+        least = minimum_filter1d(least, 2 * m + 1, axis=axis)[inside]
+        most = maximum_filter1d(most, 2 * m + 1, axis=axis)[inside]
+    values, numbers = np.unique(least[least == most], return_inverse=True)
+    function, row = 0, np.zeros(1)
+    if values.size:
+        none = np.zeros((0, 0))
+        given = engine.dtype.name, engine.stages.increments, engine.signs, none
+        function, row = compiled_rows(engine.offsets, engine.weights, *given)
+    if function == 0:
+        return one_medium(engine.dtype)
+    found = np.full(least.shape, -1)
+    found[least == most] = numbers
+    pieces, ranges = [], [0]
+    for first in range(0, layout.box.nodes[1], sweep.depth):
+        for plane in found[:, first : first + sweep.depth]:
+            pieces += [(first + a, first + b, *rest) for a, b, *rest in _pieces(plane)]
+            ranges.append(len(pieces))
+    scale = np.array([stage[2] for stage in engine.stages.numbers])
+    change = scale * (values[:, None] - 1)
+    numbers_of = engine.tables.numbers
+    middle = -float(engine.weights.sum()) if engine.components == 1 and not engine.stages.increments else 0.0
+    return Media(
+        function,
+        np.array(pieces, np.int64),
+        np.array(ranges, np.int64),
+        (np.multiply.outer(values[:, None] * scale, row)).astype(engine.dtype),
+        (numbers_of[:, 0] + change * middle).astype(engine.dtype),
+    )
+
+
+def _pieces(media: np.ndarray) -> Iterator[Piece]:
+    """Those of some rows of nodes: all rows together where they are alike, else row by row."""
+    alike = np.where((media == media[0]).all(0), media[0], -2)
+    for start, stop, medium in _runs(alike):
+        if medium > -2:
+            yield 0, len(media), start, stop, medium
+        else:
+            for i, row in enumerate(media[:, start:stop]):
+                yield from ((i, i + 1, start + a, start + b, one) for a, b, one in _runs(row))
+
+
+def _runs(row: np.ndarray) -> Iterator[tuple[int, int, int]]:
+    """First, last + 1 and value of each run of equal numbers."""
+    edges = np.flatnonzero(np.diff(row)) + 1
+    for start, stop in zip([0, *edges.tolist()], [*edges.tolist(), len(row)], strict=True):
+        yield start, stop, int(row[start])
