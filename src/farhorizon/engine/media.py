@@ -47,15 +47,13 @@ def media_of(engine: Field) -> Media:
             pieces += [(first + a, first + b, *rest) for a, b, *rest in _pieces(plane)]
             ranges.append(len(pieces))
     scale = np.array([stage[2] for stage in engine.stages.numbers])
-    change = scale * (values[:, None] - 1)
-    numbers_of = engine.tables.numbers
     middle = -float(engine.weights.sum()) if engine.components == 1 and not engine.stages.increments else 0.0
     return Media(
         function,
         np.array(pieces, np.int64),
         np.array(ranges, np.int64),
         (np.multiply.outer(values[:, None] * scale, row)).astype(engine.dtype),
-        (numbers_of[:, 0] + change * middle).astype(engine.dtype),
+        (scale * (values[:, None] - 1) * middle).astype(engine.dtype),
     )
 
 

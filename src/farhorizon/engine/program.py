@@ -215,7 +215,7 @@ def sweep_rows(stage, sums, i0, i1, end, first, last):
                     sweep_general(stage, sums, i0, row, stop, node, after)
                 else:
                     at = (medium * stages + stage.part) * media.weights.shape[2] * stage.src.itemsize
-                    weights, own = media.weights.ctypes.data + at, media.own[medium, stage.part]
+                    weights, own = media.weights.ctypes.data + at, stage.a + media.own[medium, stage.part]
                     sweep_compiled(stage, sweep, media.function, weights, own, i0, row, stop, node, after)
 
 

@@ -113,7 +113,7 @@ class Media(NamedTuple):
     weights : ndarray, shape (media, stages, n)
         Of the compiled rows.
     own : ndarray, shape (media, stages)
-        Factors of a node's own value, as `Stage.a`.
+        What is to be added to a node's own factor, `Stage.a`.
     """
 
     function: int
