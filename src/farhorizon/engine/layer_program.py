@@ -33,6 +33,8 @@ from farhorizon.engine.nested import (
     LINE,
     LINES,
     MEMORY,
+    OF_BANDS,
+    OF_EDGES,
     ORIGIN,
     OUTWARDS,
     PARTS,
@@ -60,7 +62,7 @@ from farhorizon.engine.rows.calls import call_with
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.layer_sums import call_mirrored
 from farhorizon.engine.rows.vectors import TURNED, add_lines, call_parts, call_shifts, clear, fetch, turn
-from farhorizon.engine.tables import ABSENT, EDGE, FACE, WEIGHED
+from farhorizon.engine.tables import ABSENT, EDGE, FACE
 from farhorizon.engine.threads import barrier, share
 
 
@@ -77,56 +79,32 @@ def stretch_of(layers, profile):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def weigh(tables, function, number, node, slot, band, to, step, vectors, least):
-    """The sums `number` from k = `least` on, for a tile whose first node is at `node` in the level, and at `slot` where
-    it lies in a band.
-
-    All are addresses; tables: of `Layers.ends`, of its rows their length, of the places, the weights and theirs.
+def weigh(layers, function, number, source, slot, band, to, step, vectors, least):
+    """The sums `number` from k = `least` on, for a tile; source: of its first node in the level, and of the factors of
+    bonds; slot: where it lies in a band. All are addresses.
     """
-    ends, row, places, weights, weight_step = tables
-    call_parts(function, to, step, node, ends + 3 * number * row, places, weights, weight_step, vectors, least, 0)
+    many = layers.ends.shape[1] * 8
+    ends, weights = address(layers.ends) + 3 * number * many, address(layers.weights)
+    places, factors, apart = address(layers.places), address(layers.factors), layers.weights.strides[0]
+    call_parts(function, (to, step), source, (ends, places, factors, weights, apart), vectors, least, 0)
     if band >= 0:
-        call_parts(
-            function,
-            to,
-            step,
-            slot,
-            ends + (3 * number + 1 + band) * row,
-            places,
-            weights,
-            weight_step,
-            vectors,
-            least,
-            1,
-        )
+        ends += (1 + band) * many
+        call_parts(function, (to, step), (slot, source[1]), (ends, places, factors, weights, apart), vectors, least, 1)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def tables_of(layers):
-    """What `weigh` takes."""
-    rows, size = layers.ends.shape[1] * 8, layers.weights.itemsize
-    return address(layers.ends), rows, address(layers.places), address(layers.weights), layers.weights.shape[1] * size
-
-
-def weigh_bonds(stage, sums, worker, number, many, node, slot, band, to, count):
-    """The same as `weigh`, of so many sums, where bonds have coefficients; places in arrays, `to` a row of a thread's
-    work space.
+def weigh_bonds(sums, worker, span, node, count):
+    """The factors of the bonds of some nodes across an axis, which are those of all columns of a layer: coefficients do
+    not vary along its normal. The address of the first.
     """
-    layers, material, src, work = sums.layers, sums.liquid, stage.src, sums.work_space[worker]
-    coefficient, rule, slots = material.coefficient, material.rule, layers.slots
-    work[to * LINES : (to + many) * LINES] = 0
-    for part in range(1 if band < 0 else 2):
-        ends = layers.ends[3 * number + (0 if part == 0 else 1 + band)]
-        source, at = (src, node) if part == 0 else (slots, slot)
-        for term in range(ends[0], ends[many]):
-            other, there = node + layers.materials[term], at + layers.places[term] // src.itemsize
-            for k in range(many):
-                row, w = work[(to + k) * LINES : (to + k + 1) * LINES], layers.weights[term, k]
-                if w != 0:
-                    for i in range(count):
-                        row[i] += (
-                            w * bond_factor(rule, coefficient[node + i], coefficient[other + i]) * source[there + i]
-                        )
+    layers, material, work = sums.layers, sums.liquid, sums.work_space[worker]
+    coefficient, rule, first = material.coefficient, material.rule, layers.sizes[10] * LINES
+    for number in range(layers.spans[span], layers.spans[span + 1]):
+        place, other = first + (number - layers.spans[span]) * LINES, node + layers.neighbours[number]
+        for i in range(count):
+            work[place + i] = bond_factor(rule, coefficient[node + i], coefficient[other + i])
+        work[place + count : place + LINES] = 0
+    return address(work) + first * work.itemsize
 
 
 def continue_band(thread, stage, sums, tables, inputs, step, number):
@@ -217,7 +195,6 @@ def add_bands(thread, stage, sums, tables, inputs, step, number):
     scale, varied = stage.scale * layers.unit, sums.liquid.coefficient.size > 1
     sizes, size = layers.sizes, src.itemsize
     apart, to = src.size // stage.components, address(work)
-    lists = tables_of(layers)
     olds, news, extra = address(base), address(out), address(slots)
     function, weights = layers.mirrored[2, 1, 0], address(layers.mirrored_weights) + layers.mirrored[2, 1, 1] * size
     mirrored = not varied and function != 0
@@ -240,6 +217,7 @@ def add_bands(thread, stage, sums, tables, inputs, step, number):
             node = sizes[8] + x * band[PLANE] + y * band[ROW] + tile[TILE_FIRST]
             slot = band[BASE] + (sizes[3] + x * band[LINE] + y) * width + tile[TILE_COLUMN]
             vectors = together * width * size // 64 if several > 1 else tile[TILE_VECTORS]
+            factors = weigh_bonds(sums, thread.number, OF_BANDS, node, count) if varied else to
             for i in range(several, 2 * several):
                 fetch(news + (node + i * band[ROW]) * size)
                 fetch(news + (node + i * band[ROW] + count - 1) * size)
@@ -255,14 +233,9 @@ def add_bands(thread, stage, sums, tables, inputs, step, number):
                 )
             for c in range(stage.rows):
                 here = to + (c * LINES * size if mirrored else 0)
-                if varied:
-                    numbers = thread.number, sizes[4] + c, 1, node, slot, side, 0, count
-                    call_with(sums.called[WEIGHED], stage, sums, numbers)
-                elif not mirrored:
-                    ends = lists[0] + (3 * (sizes[4] + c) + 1 + side) * lists[1]
-                    call_parts(
-                        band[PARTS], to, 0, extra + slot * size, ends, lists[2], lists[3], lists[4], vectors, 1, 0
-                    )
+                if not mirrored:  # the terms in the level are none
+                    source, there = (to, factors), extra + slot * size
+                    weigh(layers, band[PARTS], sizes[4] + c, source, there, side, to, 0, vectors, 1)
                 for i in range(together):
                     place = (node + c * apart + i * band[ROW]) * size
                     add_lines(here + i * width * size, news + place, scale, count)
@@ -290,12 +263,12 @@ def stretch_edge(stage, sums, worker, number, c, t):
     target = (stage.rows + 2) * sizes[5] + c * sizes[9]
     wide, high = face[COLUMNS] + m + 1, other[COLUMNS] + n + 1
     stretch = stretch_of(layers, other[PROFILE])
-    lists = tables_of(layers)
     field, extra = address(src), address(slots)
     lanes = vectors * 64 // size
     first_cell = edge[EDGE_MEMORY] + (c * sizes[6] + tile[TILE_PLACE]) * edge[EDGE_CELLS]
     cell = layers.cell * lanes
     corner = face[ORIGIN] + (other[ORIGIN] - sizes[8]) + tile[TILE_FIRST]  # column 0 of both
+    factors = weigh_bonds(sums, worker, OF_EDGES, corner, count) if varied else start
     width = layers.bands[max(band, 0), WIDTH]
     line = layers.bands[max(band, 0), BASE] + (face[SLOT] + other[SLOT] - sizes[3]) * width + tile[TILE_COLUMN]
     for own in range(face[SETS]):
@@ -314,22 +287,18 @@ def stretch_edge(stage, sums, worker, number, c, t):
                         node = corner + p * face[STEP] + q * other[STEP]
                         slot = line + (p * face[SLOT_STEP] + q * other[SLOT_STEP]) * width
                         place = parts + inward * half + (q + n) * n
-                        if varied:
-                            numbers = worker, first, most, node, slot, band, place, count
-                            call_with(sums.called[WEIGHED], stage, sums, numbers)
-                        else:
-                            weigh(
-                                lists,
-                                kind[KIND_PARTS],
-                                first,
-                                field + node * size,
-                                extra + slot * size,
-                                band,
-                                start + place * row,
-                                row,
-                                vectors,
-                                max(1, -q),
-                            )
+                        weigh(
+                            layers,
+                            kind[KIND_PARTS],
+                            first,
+                            (field + node * size, factors),
+                            extra + slot * size,
+                            band,
+                            start + place * row,
+                            row,
+                            vectors,
+                            max(1, -q),
+                        )
                 memo = address(memory) + layers.cell * past
                 zero, there = start + (parts + n * n) * row, start + to * row
                 outer, inner = (zero, n * row, row), (zero + (other[SETS] - 1) * half * row, n * row, row)
@@ -354,7 +323,6 @@ def stretch_face(stage, sums, worker, number):
     wide, start = LINES * size, address(work)
     half, found, added = sizes[5] // 2, (rows + 1) * sizes[5], (rows + 2) * sizes[5]
     stretch = stretch_of(layers, face[PROFILE])
-    lists = tables_of(layers)
     field, extra, olds, news = address(src), address(slots), address(base), address(out)
     lanes, apart, cells = vectors * 64 // size, src.size // stage.components, (2 * columns + 1) * m
     cell = layers.cell * lanes
@@ -375,6 +343,7 @@ def stretch_face(stage, sums, worker, number):
         call_with(sums.called[EDGE], stage, sums, (worker, edge, c, item[3]))
     for row in range(item[1], item[2]):
         first = face[ORIGIN] + row * face[ROW_STEP] + tile[TILE_FIRST]
+        factors = weigh_bonds(sums, worker, face[AXIS], first, count) if varied else start
         for p in range(-m, columns + 1):
             node, slot, to = (
                 first + p * face[STEP],
@@ -394,15 +363,12 @@ def stretch_face(stage, sums, worker, number):
                 if p < 0 and own < sets - 1:
                     continue
                 here, sum_number = c * sizes[5] + own * half + to, face[SUMS] + c * sets + own
-                if varied:
-                    numbers = worker, sum_number, m, node, slot, band, here, count
-                    call_with(sums.called[WEIGHED], stage, sums, numbers)
-                elif not mirrored:
+                if not mirrored:
                     weigh(
-                        lists,
+                        layers,
                         face[PARTS],
                         sum_number,
-                        field + node * size,
+                        (field + node * size, factors),
                         extra + slot * size,
                         band,
                         start + here * wide,

@@ -10,6 +10,7 @@ import numpy as np
 from farhorizon.engine.layer_terms import Slots, Terms
 from farhorizon.engine.layout import ALIGN, HALOS, SLACK, Layout, aligned_zeros
 from farhorizon.engine.nested import (
+    ACROSS,
     AXIS,
     BAND_MEMORY,
     BASE,
@@ -85,6 +86,7 @@ class LayerTables:
         # so that parts and their memory are as large as the field, in all units
         self.unit = float(np.abs(weights).sum()) or 1.0
         self.layout, self.offsets, self.weights, self.remember = layout, offsets, weights / self.unit, remember
+        self.alike = alike
         self.dtype = dtype
         self.lanes, self.signs = 64 // dtype.itemsize, (inside, outside)
         self.columns, self.rows = len(inside), len(outside)
@@ -113,6 +115,7 @@ class LayerTables:
         if not remember:
             tables[1:] = 0
         none = np.zeros(0, np.int64)
+        neighbours = [list(self.terms.neighbours.get(across, ())) for across in ACROSS]
         self.layers = Layers(
             self.faces,
             self.bands,
@@ -123,7 +126,9 @@ class LayerTables:
             ranges,
             np.array(self.terms.ends, np.int64),
             np.array(self.terms.places, np.int64),
-            np.array(self.terms.materials, np.int64),
+            np.array(self.terms.factors, np.int64),
+            np.array([n for found in neighbours for n in found], np.int64),
+            np.cumsum([0, *map(len, neighbours)]),
             np.array(self.terms.values, dtype).reshape(-1, max(layout.reach)),
             none.reshape(0, 6),
             np.zeros(0, dtype),
@@ -148,6 +153,10 @@ class LayerTables:
         turned = ((tuple(-i if a == axis else i for a, i in enumerate(o)), w) for o, w in table.items())
         return all(o in table and np.array_equal(table[o], w) for o, w in turned)
 
+    def _shifts(self, reach: int, nested: bool) -> tuple[int, int, int]:
+        """Stretched shifts of a reach, and the sums they take."""
+        return load_shifts(reach, nested, not self.alike, self.dtype.name)
+
     # --- where everything lies ---------------------------------------------------------------------------------
 
     def _make_bands(self) -> int:
@@ -168,7 +177,7 @@ class LayerTables:
                 self.sets[2],
                 layout.box.origin + first,
                 side,
-                *load_shifts(m, False, self.dtype.name),
+                *self._shifts(m, False),
                 width,
                 size,
                 self.memory,
@@ -221,7 +230,7 @@ class LayerTables:
                     self.sets[axis],
                     layout.box.origin + first * stride[axis],
                     side * stride[axis],
-                    *load_shifts(m, True, self.dtype.name),
+                    *self._shifts(m, True),
                     count,
                     stride[other],
                     self.slots.first + first * self.slots.grid[axis],
@@ -248,7 +257,7 @@ class LayerTables:
                 for own, a in itertools.product(range(self.sets[0]), range(1, m[0] + 1)):
                     far = int(np.abs(self.offsets[np.abs(self.offsets[:, 0]) == a, 1]).max(initial=0))
                     start = -a if own == self.sets[0] - 1 else 0  # parts outwards are wanted from column 0 on
-                    kinds.append((far, start, cells, *(load_shifts(far, True, self.dtype.name) if far else (0, 0, 0))))
+                    kinds.append((far, start, cells, *(self._shifts(far, True) if far else (0, 0, 0))))
                     cells += (int(face[COLUMNS]) + 1 - start) * (2 * int(other[COLUMNS]) + 1) * far
                 kinds_of = itertools.product(
                     range(self.rows), range(self.sets[0]), range(1, m[0] + 1), range(self.sets[1])
@@ -325,7 +334,9 @@ class LayerTables:
                 edge,
                 int(face[SETS] * face[REACH] * (face[COLUMNS] + face[REACH] + 1) * (other[COLUMNS] + other[REACH] + 1)),
             )
-        self.scratch = ((self.rows + 2) * parts + self.rows * edge) * LINES + SLACK
+        before = (self.rows + 2) * parts + self.rows * edge
+        factors = 0 if self.alike else max(map(len, self.terms.neighbours.values()), default=0)
+        self.scratch = (before + factors) * LINES + SLACK
         return np.array(
             [
                 n0,
@@ -338,6 +349,7 @@ class LayerTables:
                 self._group_lanes(),
                 self.layout.box.origin,
                 edge,
+                before,
             ],
             np.int64,
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from farhorizon.engine.layout import Layout
-from farhorizon.engine.nested import COLUMNS, STEP, WIDTH
+from farhorizon.engine.nested import COLUMNS, LINES, STEP, WIDTH
 
 
 @dataclass(frozen=True)
@@ -70,8 +70,10 @@ class Terms:
     itemsize : int
         Bytes of a number of the field.
     slots : Slots
-    ends, places, materials, values : list
-        Rows of the tables `ends`, `places`, `materials` and `weights` of `nested.Layers`.
+    ends, places, factors, values : list
+        Rows of the tables `ends`, `places`, `factors` and `weights` of `nested.Layers`.
+    neighbours : dict
+        By the axes across which sums go, the distances to neighbours along them and their numbers.
     """
 
     layout: Layout
@@ -81,8 +83,9 @@ class Terms:
     slots: Slots
     ends: list[list[int]] = field(default_factory=list)
     places: list[int] = field(default_factory=list)
-    materials: list[int] = field(default_factory=list)
+    factors: list[int] = field(default_factory=list)
     values: list[np.ndarray] = field(default_factory=list)
+    neighbours: dict[tuple[int, ...], dict[int, int]] = field(default_factory=dict)
 
     @property
     def count(self) -> int:
@@ -95,7 +98,7 @@ class Terms:
 
         Without given offsets, those of bands alone.
         """
-        stride = self.layout.box.stride
+        stride, numbers = self.layout.box.stride, self.neighbours.setdefault(tuple(across), {})
         for band in (None, 0, 1):
             terms: dict[tuple[int, int], np.ndarray] = {}
             for k, given in enumerate(fixed):
@@ -114,15 +117,15 @@ class Terms:
                         if place is not None:
                             row_of = terms.setdefault((place, material), np.zeros(max(self.layout.reach)))
                             row_of[k] += w[row, column]
-            self._append(terms, len(fixed))
+            self._append(terms, len(fixed), numbers)
 
-    def _append(self, terms: dict[tuple[int, int], np.ndarray], sums: int) -> None:
+    def _append(self, terms: dict[tuple[int, int], np.ndarray], sums: int, numbers: dict[int, int]) -> None:
         """Groups of terms: those that the last sum has, of the others those that the last but one has, and so on."""
         first = len(self.places)
         used = {key: int(np.flatnonzero(w)[-1]) + 1 for key, w in terms.items()}
         for key in sorted(terms, key=lambda key: (-used[key], key)):
             self.places.append(key[0] * self.itemsize)
-            self.materials.append(key[1])
+            self.factors.append(numbers.setdefault(key[1], len(numbers)) * LINES * self.itemsize)
             self.values.append(terms[key])
         last = [first + sum(n >= k for n in used.values()) for k in range(sums, 0, -1)]
         self.ends.append([first, *last, *[0] * (max(self.layout.reach) - sums)])

@@ -36,7 +36,7 @@ from farhorizon.engine.rows.calls import call_operation
 from farhorizon.engine.rows.compiled import cfunc, njit
 from farhorizon.engine.rows.notice import importing
 from farhorizon.engine.rows.structs import Struct
-from farhorizon.engine.tables import ABSENT, EDGE, FACE, GENERAL, WEIGHED, Inputs, Stage, Sums, one_medium
+from farhorizon.engine.tables import ABSENT, EDGE, FACE, GENERAL, Inputs, Stage, Sums, one_medium
 from farhorizon.engine.threads import ALONE, side_by_side
 
 _FLOWS = 3  # of the stages the one whose sums go into a level of their own, beside those of the passes
@@ -236,7 +236,6 @@ def _set_called(program: ModuleType, stage: Struct, sums: Struct) -> None:
         (GENERAL, program.general_rows if single else program.general_matrix_rows, table.sweep.function == 0),
         (FACE, on_layers.stretch_face, len(layers.items)),
         (EDGE, on_layers.stretch_edge, len(layers.edges)),
-        (WEIGHED, on_layers.weigh_bonds, table.liquid.coefficient.size > 1 and len(layers.tiles)),
         (ABSENT, on_layers.take_cuts, len(layers.cuts)),
     ):
         if there:
@@ -256,7 +255,7 @@ def _sums(tables: Tables, which: int, parts: int, ahead: int) -> Struct:
     material = everywhere if which == SPRINGS else alike  # coefficients are those of springs alone
     liquid = alike if everywhere.rule == PHASES else material
     media = tables.media if which == SPRINGS else one_medium(tables.numbers.dtype)
-    room = np.zeros(5, np.int64), np.zeros(parts, np.int64), np.zeros(ahead, np.int64)
+    room = np.zeros(4, np.int64), np.zeros(parts, np.int64), np.zeros(ahead, np.int64)
     free = tables.free if ahead else np.zeros_like(tables.free)
     return Struct(Sums(*pass_of(tables, which), material, liquid, media, tables.work_space, *room, free))
 

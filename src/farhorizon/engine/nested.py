@@ -30,6 +30,10 @@ import numpy as np
 
 #: Values that go through side by side.
 LINES = 32
+#: Axes across which sums go, in the order of `Layers.spans`: those of the faces of the first two axes, of edges, of
+#: bands.
+ACROSS = (1, 2), (0, 2), (2,), (0, 1)
+OF_EDGES, OF_BANDS = 2, 3
 
 # Columns of tables.
 AXIS, PROFILE, COLUMNS, REACH, SETS, ORIGIN, STEP, OUTWARDS, INWARDS, PARTS = range(10)  # of a face and of a band
@@ -62,9 +66,14 @@ class Layers(NamedTuple):
     ends : ndarray of int, shape (3 S, reach + 1)
         Sums: three rows each, for terms in the level, in the low and in the high band, of the ends of their groups of
         terms, see `vectors.weighted_parts`.
-    places, materials : ndarray of int
-        Of each term, the distance from a node to what it is taken of, in bytes, and to the coefficient there, in
-        elements.
+    places, factors : ndarray of int
+        Of each term, the distance in bytes from a node to what it is taken of; and, where coefficients vary, from the
+        first factors of bonds to its own, for which a thread's work space has a row for each of `neighbours`.
+    neighbours : ndarray of int
+        Distances to coefficients: of sums across the second axis and the last, the first and the last, the last alone,
+        the first two.
+    spans : ndarray of int, shape (5,)
+        The first of each of these.
     weights : ndarray, shape (terms, reach)
     cuts : ndarray of int, shape (n, 6)
         Absent bonds: node of the tile, set, k - 1, distances to the neighbour, to its place in the band, to its
@@ -82,10 +91,10 @@ class Layers(NamedTuple):
         Of stencils that go over into themselves in mirrors, for each axis, for terms in the level and in the bands: the
         function that sums all parts at once, or 0, and the first of its weights.
     mirrored_weights : ndarray
-    sizes : ndarray of int, shape (10,)
+    sizes : ndarray of int, shape (11,)
         Lines along the first two axes, of a band with their halo, and to the first one; the first sum of the bands;
         rows of work space of the parts of a face; lanes of all tiles and of a group of lines; the place of the first
-        node; rows of work space of an edge.
+        node; rows of work space of an edge; the row at which factors of bonds begin.
     cell : int
         Bytes of each number that layers remember; 0 where they have no memory.
     unit : float
@@ -103,7 +112,9 @@ class Layers(NamedTuple):
     item_ranges: np.ndarray
     ends: np.ndarray
     places: np.ndarray
-    materials: np.ndarray
+    factors: np.ndarray
+    neighbours: np.ndarray
+    spans: np.ndarray
     weights: np.ndarray
     cuts: np.ndarray
     cut_weights: np.ndarray

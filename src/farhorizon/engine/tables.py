@@ -155,7 +155,7 @@ class Surface(NamedTuple):
     weights: np.ndarray
 
 
-GENERAL, FACE, EDGE, WEIGHED, ABSENT = range(5)  # of what is called by operations
+GENERAL, FACE, EDGE, ABSENT = range(4)  # of what is called by operations
 
 
 class Sums(NamedTuple):
@@ -168,9 +168,9 @@ class Sums(NamedTuple):
     media : Media
         Where these are alike.
     work_space : ndarray, shape (threads, n)
-    called : ndarray of int, shape (5,)
+    called : ndarray of int, shape (4,)
         Addresses of what operations call with a stage, these sums and numbers: rows of a stencil that has no compiled
-        ones, and of layers an item of a face, an edge, sums over bonds with coefficients, and absent bonds.
+        ones, and of layers an item of a face, an edge, and absent bonds.
     each, ahead : ndarray of int
         Addresses of what is done with each part of the box, one after the other: as it is swept, and while messages are
         on their way.

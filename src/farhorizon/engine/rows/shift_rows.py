@@ -7,11 +7,12 @@ from farhorizon.engine.rows.vectors import PARTS_SIGNATURE, SHIFTS_SIGNATURE, st
 
 REACH = 1
 NESTED = True
+VARIED = False
 REAL = "float64"
 
 _outwards = stretched_shifts(REACH, NESTED, True, REAL)
 _inwards = stretched_shifts(REACH, NESTED, False, REAL)
-_parts = weighted_parts(REACH if NESTED else 1, REAL)
+_parts = weighted_parts(REACH if NESTED else 1, VARIED, REAL)
 
 
 @cfunc(SHIFTS_SIGNATURE)
@@ -27,6 +28,6 @@ def inwards(parts, found, memory, edges, columns, vectors):
 
 
 @cfunc(PARTS_SIGNATURE)
-def parts(to, to_step, source, ends, places, weights, weight_step, vectors, least, more):
+def parts(to, source, tables, vectors, least, more):
     """The sums across the lines that are shifted; not nested, one alone."""
-    _parts(to, to_step, source, ends, places, weights, weight_step, vectors, least, more)
+    _parts(to, source, tables, vectors, least, more)

@@ -716,19 +716,20 @@ def any_below(typingctx, coefficient, values, limit, n, count, step):
 _IN_FLIGHT = 8  # sums that a loop needs at a time, so that none waits for its own last addition
 
 
-def weighted_parts(parts: int, real: str) -> Any:
+def weighted_parts(parts: int, varied: bool, real: str) -> Any:
     """Make the intrinsic that sums lines with weights, to several sums at a time, for nodes that go through side by
     side.
 
-    ``sums(to, to_step, source, ends, places, weights, weight_step, vectors, least, more)``: byte addresses of the first
-    sum and the distance between them, of the first node, and of tables. The terms come in groups: those of all sums, of
-    all but the last, and so on; ``ends`` (int64) holds their first and last numbers, ``places`` (int64) how far, in
-    bytes, what they take lies from the node, ``weights`` a row of weights a term, ``weight_step`` bytes apart. Groups
-    of fewer than `least` sums are left out; where `more` is not 0 the sums are added to.
+    ``sums(to, source, tables, vectors, least, more)``: byte addresses of the first sum and the distance between sums;
+    of the first node and of the first factors; and of tables. The terms come in groups: those of all sums, of all but
+    the last, and so on; the tables' ``ends`` (int64) holds their first and last numbers, ``places`` (int64) how far, in
+    bytes, what they take lies from the node, ``factors`` (int64) how far theirs lie from the first factors, which are
+    read if the bonds have coefficients (`varied`), ``weights`` a row of weights a term, ``weight_step`` bytes apart.
+    Groups of fewer than `least` sums are left out; where `more` is not 0 the sums are added to.
     """
 
     def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
-        to, to_step, source, ends, places, weights, weight_step, number, least, more = args
+        to, to_step, source, first_factor, ends, places, factors, weights, weight_step, number, least, more = args
         vectors = Vectors.of(builder, real)
         width = vectors.lanes * vectors.size
         zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
@@ -738,13 +739,17 @@ def weighted_parts(parts: int, real: str) -> Any:
         def place(k: int, at: Any, part: int) -> Any:
             return builder.add(builder.add(to, builder.mul(I64(k), to_step)), builder.add(at, I64(part * width)))
 
+        def values_at(start: Any, table: Any, term: Any, at: Any, many: int) -> list[Any]:
+            apart = builder.load(vectors.pointer(builder.add(table, builder.mul(term, I64(8))), I64))
+            here = builder.add(builder.add(start, apart), at)
+            return [vectors.load(builder.add(here, I64(part * width))) for part in range(many)]
+
         def grown(term: Any, at: Any, used: int, many: int, totals: list[Any]) -> list[Any]:
-            here = builder.add(
-                source, builder.load(vectors.pointer(builder.add(places, builder.mul(term, I64(8))), I64))
-            )
-            here = builder.add(here, at)
             w = vectors.splat_all(builder.add(weights, builder.mul(term, weight_step)), used)
-            values = [vectors.load(builder.add(here, I64(part * width))) for part in range(many)]
+            values = values_at(source, places, term, at, many)
+            if varied:
+                factor = values_at(first_factor, factors, term, at, many)
+                values = [builder.fmul(f, value) for f, value in zip(factor, values, strict=True)]
             return [vectors.multiply_add(total, w[i // many], values[i % many]) for i, total in enumerate(totals)]
 
         def loop(
@@ -808,9 +813,9 @@ def weighted_parts(parts: int, real: str) -> Any:
             done, many = end, many // 2
 
     @intrinsic
-    def sums(typingctx, to, to_step, source, ends, places, weights, weight_step, vectors, least, more):
+    def sums(typingctx, to, source, tables, vectors, least, more):
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-            emit(builder, args)
+            emit(builder, flat(builder, args))
             return context.get_dummy_value()
 
         return PARTS_SIGNATURE, codegen
@@ -818,13 +823,14 @@ def weighted_parts(parts: int, real: str) -> Any:
     return sums
 
 
-PARTS_SIGNATURE = types.void(*[types.int64] * 10)
+_PARTS = int64s(2), int64s(2), int64s(5), types.int64, types.int64, types.int64
+PARTS_SIGNATURE = types.void(*_PARTS)
 
 
 @intrinsic
-def call_parts(typingctx, function, to, to_step, source, ends, places, weights, weight_step, vectors, least, more):
+def call_parts(typingctx, function, to, source, tables, vectors, least, more):
     """Call compiled `weighted_parts` by their address."""
-    return call_of(PARTS_SIGNATURE.args)
+    return call_of(_PARTS)
 
 
 def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str) -> Any:
