@@ -113,6 +113,31 @@ class Vectors:
         with self.builder.if_then(self.builder.icmp_signed(">", rest, I64(0))):
             chunk(whole, self.store_first(rest))
 
+    def loop(
+        self, first: Any, last: Any, step: int, start: Sequence[Any], body: Callable[[Any, list[Any]], list[Any]]
+    ) -> tuple[Any, list[Any]]:
+        """``values = body(i, values)`` from the start on, for i = first, first + step, ... while `step` numbers are
+        left before `last`; the i after that, and the values.
+        """
+        builder = self.builder
+        before, test, inside, after = (
+            builder.block,
+            *(builder.append_basic_block(name) for name in ("test", "turn", "done")),
+        )
+        builder.branch(test)
+        builder.position_at_end(test)
+        i, *values = (builder.phi(value.type) for value in (first, *start))
+        for phi, value in zip([i, *values], [first, *start], strict=True):
+            phi.add_incoming(value, before)
+        following = builder.add(i, I64(step))
+        builder.cbranch(builder.icmp_signed("<=", following, last), inside, after)
+        builder.position_at_end(inside)
+        for phi, value in zip([i, *values], [following, *body(i, values)], strict=True):
+            phi.add_incoming(value, builder.block)
+        builder.branch(test)
+        builder.position_at_end(after)
+        return i, values
+
     def multiply_add(self, total: Any, factor: Any, term: Any) -> Any:
         """``total + factor * term``; the product alone without a total."""
         product = self.builder.fmul(factor, term, flags=_CONTRACT)
@@ -752,27 +777,6 @@ def weighted_parts(parts: int, varied: bool, real: str) -> Any:
                 values = [builder.fmul(f, value) for f, value in zip(factor, values, strict=True)]
             return [vectors.multiply_add(total, w[i // many], values[i % many]) for i, total in enumerate(totals)]
 
-        def loop(
-            first: Any, last: Any, step: int, start: list[Any], body: Callable[[Any, list[Any]], list[Any]]
-        ) -> tuple[Any, list[Any]]:
-            before, test, inside, after = (
-                builder.block,
-                *(builder.append_basic_block(name) for name in ("test", "term", "done")),
-            )
-            builder.branch(test)
-            builder.position_at_end(test)
-            term, *values = [builder.phi(I64), *(builder.phi(vectors.type) for _ in start)]
-            for phi, value in zip([term, *values], [first, *start], strict=True):
-                phi.add_incoming(value, before)
-            following = builder.add(term, I64(step))
-            builder.cbranch(builder.icmp_signed("<=", following, last), inside, after)
-            builder.position_at_end(inside)
-            for phi, value in zip([term, *values], [following, *body(term, values)], strict=True):
-                phi.add_incoming(value, builder.block)
-            builder.branch(test)
-            builder.position_at_end(after)
-            return term, values
-
         def block(at: Any, many: int) -> None:
             totals = [
                 builder.select(fresh, zero, vectors.load(place(k, at, part)))
@@ -794,13 +798,13 @@ def weighted_parts(parts: int, varied: bool, real: str) -> Any:
                             for v in grown(builder.add(term, I64(t)), at, used, many, sums[t * size : (t + 1) * size])
                         ]
 
-                    term, sums = loop(term, last, turns, [*mine, *[zero] * ((turns - 1) * len(mine))], several)
+                    term, sums = vectors.loop(term, last, turns, [*mine, *[zero] * ((turns - 1) * len(mine))], several)
                     mine = [vectors.sum(sums[i :: used * many]) for i in range(used * many)]
 
                 def single(term: Any, sums: list[Any], used: int = used) -> list[Any]:
                     return grown(term, at, used, many, sums)
 
-                _, mine = loop(term, last, 1, mine, single)
+                _, mine = vectors.loop(term, last, 1, mine, single)
                 totals[: used * many] = mine
             for i, total in enumerate(totals):
                 vectors.store(total, place(i // many, at, i % many))
@@ -887,25 +891,6 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str) -> Any
                     t_new[k] = builder.fadd(t[k + ahead], c) if turn else c
             return [*v_new, *q_new, *t_new], [t_new[0]] if nested else t_new
 
-        def loop(count: Any, start: list[Any], body: Callable[[Any, list[Any]], list[Any]]) -> list[Any]:
-            before, test, inside, after = (
-                builder.block,
-                *(builder.append_basic_block(name) for name in ("test", "column", "done")),
-            )
-            builder.branch(test)
-            builder.position_at_end(test)
-            turn, *values = [builder.phi(I64), *(builder.phi(vectors.type) for _ in start)]
-            for phi, value in zip([turn, *values], [I64(0), *start], strict=True):
-                phi.add_incoming(value, before)
-            builder.cbranch(builder.icmp_signed("<", turn, count), inside, after)
-            builder.position_at_end(inside)
-            grown = body(turn, values)
-            for phi, value in zip([turn, *values], [builder.add(turn, I64(1)), *grown], strict=True):
-                phi.add_incoming(value, builder.block)
-            builder.branch(test)
-            builder.position_at_end(after)
-            return values
-
         def stretched(at: Any, turn: Any, carried: list[Any]) -> list[Any]:
             column = builder.sub(columns, turn) if outwards else builder.add(turn, I64(1))
             edge = builder.mul(column if outwards else turn, I64(vectors.size))
@@ -928,15 +913,19 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str) -> Any
 
             carried = [zero] * (size * many)
             if not outwards:
-                carried = loop(
+                carried = vectors.loop(
+                    I64(0),
                     I64(reach + 1),
+                    1,
                     carried,
                     lambda turn, c: each(
                         lambda place, c: apply(place, builder.sub(turn, I64(reach)), c, None, None)[0]
                     )(c),
-                )
+                )[1]
             count = builder.add(columns, I64(1)) if outwards else columns
-            carried = loop(count, carried, lambda turn, c: each(lambda place, c: stretched(place, turn, c))(c))
+            carried = vectors.loop(
+                I64(0), count, 1, carried, lambda turn, c: each(lambda place, c: stretched(place, turn, c))(c)
+            )[1]
             for i, place in enumerate(places if outwards else ()):
                 sums = carried[i * size + 2 * reach : (i + 1) * size]
                 for near in range(1, reach):
@@ -1108,7 +1097,8 @@ def take_passed(typingctx, runs, number, arrays, steps, axes, taps, older, like)
             return vectors.splat(builder.load(vectors.pointer(builder.add(taps, bytes_of(k)), vectors.scalar)))
 
         def along(axes: int) -> None:
-            places, rows = [[], [], []], []
+            places: tuple[list[Any], ...] = [], [], []
+            rows = []
             for i in range(TOGETHER):
                 there = builder.icmp_signed("<", I64(i), number)
                 row = builder.add(runs, builder.mul(builder.select(there, I64(i), zero), I64(8 * (4 + axes))))
@@ -1148,25 +1138,15 @@ def take_passed(typingctx, runs, number, arrays, steps, axes, taps, older, like)
 
         def summed(start: list[Any], heres: list[Any], step: Any, limit: Any) -> list[Any]:
             """Sums along one axis, up to so many neighbours on both sides."""
-            before, test, body, after = (
-                builder.block,
-                *(builder.append_basic_block(name) for name in ("test", "tap", "done")),
-            )
-            builder.branch(test)
-            builder.position_at_end(test)
-            k, far, *totals = builder.phi(I64), builder.phi(I64), *(builder.phi(vectors.type) for _ in start)
-            builder.cbranch(builder.icmp_signed("<=", k, limit), body, after)
-            builder.position_at_end(body)
-            weight, coming = tap(k), [builder.add(k, one), builder.add(far, step)]
-            for total, here in zip(totals, heres, strict=True):
-                both = builder.fadd(vectors.load(builder.add(here, far)), vectors.load(builder.sub(here, far)))
-                coming.append(vectors.multiply_add(total, weight, both))
-            for phi, first, later in zip([k, far, *totals], [one, step, *start], coming, strict=True):
-                phi.add_incoming(first, before)
-                phi.add_incoming(later, builder.block)
-            builder.branch(test)
-            builder.position_at_end(after)
-            return totals
+
+            def grown(k: Any, totals: list[Any]) -> list[Any]:
+                weight, far, found = tap(k), builder.mul(k, step), []
+                for total, here in zip(totals, heres, strict=True):
+                    both = builder.fadd(vectors.load(builder.add(here, far)), vectors.load(builder.sub(here, far)))
+                    found.append(vectors.multiply_add(total, weight, both))
+                return found
+
+            return vectors.loop(one, builder.add(limit, one), 1, start, grown)[1]
 
         for dim in (1, 2, 3):
             with builder.if_then(builder.icmp_signed("==", axes, I64(dim))):
