@@ -45,33 +45,30 @@ def test_the_operator_is_the_sum_over_bonds(shape, reach, rule, real):
 
 
 @pytest.mark.parametrize("shape", [(40, 33), (9, 14, 21)])
-def test_pieces_cover_the_box_once_each_where_its_medium_is(shape):
+def test_each_node_is_summed_once(shape):
+    """By the weights of its medium where all within reach are of one, else bond by bond."""
     random = np.random.default_rng([SEED, 5])
     print("seed", SEED)
     reach, values = 2, blocks(random, shape)
     engine = periodic_engine(shape, kernel_stencil(len(shape), reach), Euler.stages(0.1), 0.1, values)
     media, sweep, lead = engine.tables.media, engine.tables.sweep, 3 - len(shape)
     grown = np.pad(values, reach, mode="wrap").reshape([n + 2 * reach * (n > 1) for n in (1,) * lead + shape])
-    known = np.unique(media.weights[:, 0, 0] / sweep.weights[0, 0]) if sweep.function else None
-    assert known is None  # a medium that varies has no rows of its own
-    seen = np.zeros((1,) * lead + shape, int)
-    planes, nodes = sweep.block[1], sweep.block[3]
+    box = engine.layout.box
+    mixed = media.mixed[box.node_indices()] == 1
+    uniform, summed = np.zeros((2, *mixed.shape), int)
     for part in range(len(media.ranges) - 1):
-        i0 = part % planes
+        i0 = part % sweep.block[1]
         for first, end, start, stop, medium in media.pieces[media.ranges[part] : media.ranges[part + 1]]:
-            assert part // planes * sweep.depth <= first < end
-            assert 0 <= start < stop <= nodes
-            seen[i0, first:end, start:stop] += 1
-            for row in range(first, end):
-                for node in range(start, stop):
-                    around = grown[
-                        tuple(
-                            slice(i, i + 2 * reach + 1) if n > 1 else slice(None)
-                            for i, n in zip((i0, row, node), seen.shape, strict=True)
-                        )
-                    ]
-                    assert (medium >= 0) == (np.ptp(around) == 0)
-    assert (seen == 1).all()
+            assert part // sweep.block[1] * sweep.depth <= first < end <= box.nodes[1]
+            assert 0 <= start < stop <= box.nodes[2]
+            (summed if medium < 0 else uniform)[i0, first:end, start:stop] += 1
+    widths = [2 * reach + 1 if n > 1 else 1 for n in mixed.shape]
+    around = np.lib.stride_tricks.sliding_window_view(grown, widths)
+    assert np.array_equal(mixed, np.ptp(around.reshape(*mixed.shape, -1), axis=-1) > 0)
+    assert np.array_equal(uniform == 1, ~mixed)
+    assert uniform.max() == 1
+    assert (summed[mixed] == 1).all()
+    assert summed.max() == 1
 
 
 @pytest.mark.parametrize(

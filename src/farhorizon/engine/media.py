@@ -20,6 +20,10 @@ from farhorizon.engine.tables import Media, one_medium
 
 Piece = tuple[int, int, int, int, int]
 
+#: Nodes between those whose bonds differ that are worth a sum of their own: for fewer the sums over them are made in
+#: vain.
+_APART = 24
+
 
 def media_of(engine: Field) -> Media:
     """The media of an engine whose nodes have coefficients, in their halo, too."""
@@ -41,6 +45,8 @@ def media_of(engine: Field) -> Media:
         return one_medium(engine.dtype)
     found = np.full(least.shape, -1)
     found[least == most] = numbers
+    mixed = np.zeros(layout.size, np.int8)
+    mixed[layout.box.node_indices()[found == -1]] = 1
     pieces, ranges = [], [0]
     for first in range(0, layout.box.nodes[1], sweep.depth):
         for plane in found[:, first : first + sweep.depth]:
@@ -52,6 +58,7 @@ def media_of(engine: Field) -> Media:
         function,
         np.array(pieces, np.int64),
         np.array(ranges, np.int64),
+        mixed,
         (np.multiply.outer(values[:, None] * scale, row)).astype(engine.dtype),
         (scale * (values[:, None] - 1) * middle).astype(engine.dtype),
     )
@@ -61,11 +68,13 @@ def _pieces(media: np.ndarray) -> Iterator[Piece]:
     """Those of some rows of nodes: all rows together where they are alike, else row by row."""
     alike = np.where((media == media[0]).all(0), media[0], -2)
     for start, stop, medium in _runs(alike):
-        if medium > -2:
+        if medium >= 0:
             yield 0, len(media), start, stop, medium
-        else:
-            for i, row in enumerate(media[:, start:stop]):
-                yield from ((i, i + 1, start + a, start + b, one) for a, b, one in _runs(row))
+        for i, row in enumerate(media[:, start:stop] if medium == -2 else ()):
+            yield from ((i, i + 1, start + a, start + b, one) for a, b, one in _runs(row) if one >= 0)
+    rows = [(0, len(media), media[0])] if (alike > -2).all() else [(i, i + 1, row) for i, row in enumerate(media)]
+    for first, last, row in rows:
+        yield from ((first, last, start, stop, -1) for start, stop in _joined(row))
 
 
 def _runs(row: np.ndarray) -> Iterator[tuple[int, int, int]]:
@@ -73,3 +82,13 @@ def _runs(row: np.ndarray) -> Iterator[tuple[int, int, int]]:
     edges = np.flatnonzero(np.diff(row)) + 1
     for start, stop in zip([0, *edges.tolist()], [*edges.tolist(), len(row)], strict=True):
         yield start, stop, int(row[start])
+
+
+def _joined(row: np.ndarray) -> list[tuple[int, int]]:
+    """Where bonds differ in a row: first and last + 1 of runs, joined over short ones between them."""
+    found: list[tuple[int, int]] = []
+    for start, stop, medium in _runs(row):
+        if medium == -1:
+            near = bool(found) and start - found[-1][1] < _APART
+            found[-1 if near else len(found) :] = [(found[-1][0] if near else start, stop)]
+    return found

@@ -84,7 +84,7 @@ from farhorizon.engine.tables import GENERAL
 from farhorizon.engine.threads import barrier, claim, share
 from farhorizon.engine.warmth import push_springs, warm_up
 
-CHUNK = 64
+CHUNK, TURN = 64, 32  # nodes of a row that are summed at a time, and of a turn of the compiled loops
 SHIFTS = 12  # column of a block's row where the distances of the components begin
 
 # A plain number among the arguments would be a type of its own, for each of which Numba compiles a function anew.
@@ -104,36 +104,45 @@ def operation(number: int) -> Callable[[Callable[..., Any]], Callable[..., Any]]
     return decorate
 
 
+@njit(error_model="numpy", cache=True, counted=False)
+def whole_vectors(count):
+    """Numbers of a row that are summed for so many nodes: what is left of a loop over vectors takes as long as many of
+    them, and there is room beyond the end of a row.
+    """
+    return min(CHUNK, (count + TURN - 1) // TURN * TURN)
+
+
 def general_rows(stage, sums, start, to, count):
     """One row of any stencil with run-time offsets, called by its address; the sum runs over differences."""
     sweep, material = sums.sweep, sums.material
     src, base, out, offsets, weights = stage.src, stage.base, stage.out, sweep.offsets, sweep.general[stage.part]
-    a, b, coefficient = stage.a_difference, stage.b, material.coefficient
-    acc = np.empty(CHUNK, src.dtype)
+    a, b, coefficient, mixed = stage.a_difference, stage.b, material.coefficient, sums.media.mixed
+    acc, every = np.empty(CHUNK, src.dtype), mixed.size == 1
     for first in range(0, count, CHUNK):
         n = min(CHUNK, count - first)
+        m = whole_vectors(n)
         origin = start + first
-        here = src[origin : origin + n]
-        acc[:n] = 0
+        here = src[origin : origin + m]
+        acc[:m] = 0
         for k in range(offsets.size):
             w = weights[k]
             at = origin + offsets[k]
-            there = src[at : at + n]
+            there = src[at : at + m]
             if coefficient.size > 1:
-                c_here, c_there = coefficient[origin : origin + n], coefficient[at : at + n]
-                for i in range(n):
+                c_here, c_there = coefficient[origin : origin + m], coefficient[at : at + m]
+                for i in range(m):
                     acc[i] += w * bond_factor(material.rule, c_here[i], c_there[i]) * (there[i] - here[i])
             else:
-                for i in range(n):
+                for i in range(m):
                     acc[i] += w * (there[i] - here[i])
         node = to + first
-        if stage.increments:
-            for i in range(n):
-                base[node + i] = a * here[i] + b * base[node + i] + acc[i]
-                out[node + i] = here[i] + base[node + i]
-        else:
-            for i in range(n):
-                out[node + i] = a * here[i] + b * base[node + i] + acc[i]
+        for i in range(n):
+            if every or mixed[node + i] != 0:
+                if stage.increments:
+                    base[node + i] = a * here[i] + b * base[node + i] + acc[i]
+                    out[node + i] = here[i] + base[node + i]
+                else:
+                    out[node + i] = a * here[i] + b * base[node + i] + acc[i]
 
 
 def general_matrix_rows(stage, sums, start, to, count):
@@ -148,24 +157,26 @@ def general_matrix_rows(stage, sums, start, to, count):
         stage.rows,
     )
     acc = np.empty((rows, CHUNK), src.dtype)
-    factor = np.empty(CHUNK, src.dtype)
+    factor, mixed = np.empty(CHUNK, src.dtype), sums.media.mixed
+    every = mixed.size == 1
     read, written = src.size // components, out.size // rows
     for first in range(0, count, CHUNK):
         n = min(CHUNK, count - first)
+        m = whole_vectors(n)
         origin, node = start + first, to + first
         acc[:] = 0
-        factor[:n] = 1
+        factor[:m] = 1
         for k in range(offsets.size):
             at = origin + offsets[k]
             if coefficient.size > 1:
-                for i in range(n):
+                for i in range(m):
                     factor[i] = bond_factor(material.rule, coefficient[origin + i], coefficient[at + i])
             for column in range(components):
                 here, there = src[origin + column * read :], src[at + column * read :]
                 for row in range(rows):
                     w = weights[(k * rows + row) * components + column]
                     if w != 0:
-                        for i in range(n):
+                        for i in range(m):
                             acc[row, i] += w * factor[i] * (there[i] - here[i])
         own = offsets.size * rows * components
         for place in range(own, weights.size):
@@ -179,7 +190,8 @@ def general_matrix_rows(stage, sums, start, to, count):
                 for i in range(n):
                     acc[row, i] += a * here[i]
             for i in range(n):
-                new[i] = b * old[i] + acc[row, i]
+                if every or mixed[node + i] != 0:
+                    new[i] = b * old[i] + acc[row, i]
 
 
 @njit(error_model="numpy", cache=True, counted=False)

@@ -107,9 +107,11 @@ class Media(NamedTuple):
         Address of the compiled rows; 0 where the medium does not vary, or is nowhere uniform.
     pieces : ndarray of int, shape (P, 5)
         First row and row after the last, first node and node after the last in these rows, and the number of the medium
-        there, -1 where bonds differ.
+        there; -1 where bonds differ, in which there may be nodes of other pieces.
     ranges : ndarray of int, shape (parts + 1,)
         First piece of each part of the box (see `program.rows_of`).
+    mixed : ndarray of int8
+        On every place of a level, 1 where bonds differ; without media one number, 1.
     weights : ndarray, shape (media, stages, n)
         Of the compiled rows.
     own : ndarray, shape (media, stages)
@@ -119,15 +121,15 @@ class Media(NamedTuple):
     function: int
     pieces: np.ndarray
     ranges: np.ndarray
+    mixed: np.ndarray
     weights: np.ndarray
     own: np.ndarray
 
 
 def one_medium(real: np.dtype) -> Media:
     """None beside that of the stencil."""
-    return Media(
-        0, np.zeros((0, 5), np.int64), np.zeros(1, np.int64), np.zeros((0, 0, 0), real), np.zeros((0, 0), real)
-    )
+    nothing, none = np.zeros((0, 0, 0), real), np.zeros((0, 5), np.int64)
+    return Media(0, none, np.zeros(1, np.int64), np.ones(1, np.int8), nothing, np.zeros((0, 0), real))
 
 
 class Cuts(NamedTuple):

@@ -47,13 +47,13 @@ class Costs:
 
 def costs_of(setup: Setup, model: LatticeModel) -> Costs:
     """What the operator of a set-up, whose model is made uniform, costs where bonds are there and where they are
-    not.
+    not. Linear bonds that vary do so at few nodes, or at all.
     """
     lattice = setup.lattice
     law, varies = model.bond_law, bool(setup.model.varying) or setup.coefficient is not None
     if model.force_states(lattice.spacing, lattice.dim) is not None:
         return Costs(1.0, _STATES, _RIM)
-    if varies or (law is not None and (law.nonlinear or law.softening is not None or law.warm)):
+    if law is not None and (varies or law.nonlinear or law.softening is not None or law.warm):
         return Costs(_ONE_BY_ONE, 0.0, 0.0)
     if law is not None:
         return Costs(_WATCHED, _ONE_BY_ONE, _ONE_BY_ONE)
