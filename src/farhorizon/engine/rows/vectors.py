@@ -786,7 +786,10 @@ def weighted_parts(parts: int, varied: bool, real: str) -> Any:
             for group in range(parts):
                 used = parts - group
                 last = builder.select(builder.icmp_signed("<=", least, I64(used)), limits[group + 1], limits[group])
-                mine, turns = totals[: used * many], max(1, -(-_IN_FLIGHT // (used * many)))
+                mine, turns = (
+                    totals[: used * many],
+                    max(1, _IN_FLIGHT // used),
+                )  # however many vectors: sums are the same
                 term = limits[group]
                 if turns > 1:
 
