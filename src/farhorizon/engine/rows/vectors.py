@@ -738,7 +738,7 @@ def any_below(typingctx, coefficient, values, limit, n, count, step):
     return types.boolean(types.int64, types.int64, limit, *[types.int64] * 3), codegen
 
 
-_IN_FLIGHT = 8  # sums that a loop needs at a time, so that none waits for its own last addition
+_IN_FLIGHT = 6  # sums that a vector is added up in, so that none waits for its own last addition
 
 
 def weighted_parts(parts: int, varied: bool, real: str) -> Any:
@@ -786,10 +786,8 @@ def weighted_parts(parts: int, varied: bool, real: str) -> Any:
             for group in range(parts):
                 used = parts - group
                 last = builder.select(builder.icmp_signed("<=", least, I64(used)), limits[group + 1], limits[group])
-                mine, turns = (
-                    totals[: used * many],
-                    max(1, _IN_FLIGHT // used),
-                )  # however many vectors: sums are the same
+                # as many for one vector as for several: rounding does not tell where a tile ends
+                mine, turns = totals[: used * many], max(1, _IN_FLIGHT // used)
                 term = limits[group]
                 if turns > 1:
 
