@@ -84,7 +84,7 @@ from farhorizon.engine.tables import GENERAL
 from farhorizon.engine.threads import barrier, claim, share
 from farhorizon.engine.warmth import push_springs, warm_up
 
-CHUNK, TURN = 64, 32  # nodes of a row that are summed at a time, and of a turn of the compiled loops
+CHUNK, VECTOR = 64, 8  # nodes of a row that are summed at a time, and of a vector
 SHIFTS = 12  # column of a block's row where the distances of the components begin
 
 # A plain number among the arguments would be a type of its own, for each of which Numba compiles a function anew.
@@ -109,7 +109,7 @@ def whole_vectors(count):
     """Numbers of a row that are summed for so many nodes: what is left of a loop over vectors takes as long as many of
     them, and there is room beyond the end of a row.
     """
-    return min(CHUNK, (count + TURN - 1) // TURN * TURN)
+    return min(CHUNK, (count + VECTOR - 1) // VECTOR * VECTOR)
 
 
 def general_rows(stage, sums, start, to, count):
