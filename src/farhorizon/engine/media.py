@@ -8,7 +8,7 @@ compute the same sums.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
@@ -27,29 +27,19 @@ _APART = 24
 
 def media_of(engine: Field) -> Media:
     """The media of an engine whose nodes have coefficients, in their halo, too."""
-    material, sweep, layout = engine.tables.material, engine.tables.sweep, engine.layout
+    material, layout = engine.tables.material, engine.layout
     if material.coefficient.size == 1 or material.rule == PHASES or np.ndim(engine.reaction):
         return one_medium(engine.dtype)
-    least = most = layout.box.all(material.coefficient)
-    for axis, m in enumerate(layout.reach):
-        inside = tuple(slice(m, n - m) if a == axis else slice(None) for a, n in enumerate(least.shape))
-        least = minimum_filter1d(least, 2 * m + 1, axis=axis)[inside]
-        most = maximum_filter1d(most, 2 * m + 1, axis=axis)[inside]
-    values, numbers = np.unique(least[least == most], return_inverse=True)
-    function, row = 0, np.zeros(1)
-    if values.size:
-        none = np.zeros((0, 0))
-        given = engine.dtype.name, engine.stages.increments, engine.signs, none
-        function, row = compiled_rows(engine.offsets, engine.weights, *given)
+    values, numbers = _uniform(layout.box.all(material.coefficient), layout.reach)
+    given = engine.dtype.name, engine.stages.increments, engine.signs, np.zeros((0, 0))
+    function, row = compiled_rows(engine.offsets, engine.weights, *given) if values.size else (0, np.zeros(1))
     if function == 0:
         return one_medium(engine.dtype)
-    found = np.full(least.shape, -1)
-    found[least == most] = numbers
     mixed = np.zeros(layout.size, np.int8)
-    mixed[layout.box.node_indices()[found == -1]] = 1
-    pieces, ranges = [], [0]
-    for first in range(0, layout.box.nodes[1], sweep.depth):
-        for plane in found[:, first : first + sweep.depth]:
+    mixed[layout.box.node_indices()[numbers == -1]] = 1
+    pieces, ranges, depth = [], [0], engine.tables.sweep.depth
+    for first in range(0, layout.box.nodes[1], depth):  # the parts of the box in their order
+        for plane in numbers[:, first : first + depth]:
             pieces += [(first + a, first + b, *rest) for a, b, *rest in _pieces(plane)]
             ranges.append(len(pieces))
     scale = np.array([stage[2] for stage in engine.stages.numbers])
@@ -59,9 +49,23 @@ def media_of(engine: Field) -> Media:
         np.array(pieces, np.int64),
         np.array(ranges, np.int64),
         mixed,
-        (np.multiply.outer(values[:, None] * scale, row)).astype(engine.dtype),
+        np.multiply.outer(values[:, None] * scale, row).astype(engine.dtype),
         (scale * (values[:, None] - 1) * middle).astype(engine.dtype),
     )
+
+
+def _uniform(coefficient: np.ndarray, reach: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients that all nodes within reach of a node have, and their number for each node, -1 where they differ;
+    from those of a box and its halo.
+    """
+    least = most = coefficient
+    for axis, m in enumerate(reach):
+        inside = tuple(slice(m, n - m) if a == axis else slice(None) for a, n in enumerate(least.shape))
+        least = minimum_filter1d(least, 2 * m + 1, axis=axis)[inside]
+        most = maximum_filter1d(most, 2 * m + 1, axis=axis)[inside]
+    numbers = np.full(least.shape, -1)
+    values, numbers[least == most] = np.unique(least[least == most], return_inverse=True)
+    return values, numbers
 
 
 def _pieces(media: np.ndarray) -> Iterator[Piece]:
