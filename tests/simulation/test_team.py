@@ -116,7 +116,8 @@ def check_refused(found):
     assert len(set(line["unstable"])) == 1 and "unstable at step 3" in line["unstable"][0], line
 
 
-@pytest.mark.parametrize(("processes", "size"), [(2, "all"), ON_FOUR])
+@pytest.mark.slow
+@pytest.mark.parametrize(("processes", "size"), [(2, "all"), (4, "slow")])
 def test_files_are_those_of_one_process(tmp_path, processes, size):
     check_files(told(tmp_path, processes, size, "files"), tmp_path, processes, 6)
 
@@ -135,7 +136,8 @@ def check_files(found, folder, processes, count):
             assert_same_files(folder / "flat.h5", other)
 
 
-@pytest.mark.parametrize(("processes", "size"), [(2, "all"), ON_FOUR])
+@pytest.mark.slow
+@pytest.mark.parametrize(("processes", "size"), [(2, "all"), (4, "slow")])
 def test_runs_go_on_on_other_boxes_and_on_fewer_processes(tmp_path, processes, size):
     """As if nothing had happened, what layers remember included."""
     found = told(tmp_path, processes, size, "kept")
