@@ -1,11 +1,4 @@
-"""The steep profiles of lattice PMLs for waves, and the exact reflection of a layer.
-
-In the layer a mode zeta of the chain gains ``(1 + g w)/(1 - g w)`` over an edge, ``w = (zeta - 1)/(zeta + 1)``, with
-the stretch ``g = kappa + sigma/(s + alpha)`` and the discrete ``s = 2/dt (z - 1)/(z + 1)`` of the trapezoidal rule.
-Beyond the last column all continued values are zero, which on the last edge reads ``U(k + 1) = rho U(k)``, ``rho = (g -
-1)/(g + 1)``: K conditions for the K modes that go back. Where the layer damps short waves its equations are solved, see
-`farhorizon.analysis.layers.layer`.
-"""
+"""The steep profiles of lattice PMLs for waves."""
 
 from __future__ import annotations
 
@@ -13,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from farhorizon.analysis.layers.layer import ArrivingWave, layer_amplitudes
 from farhorizon.analysis.layers.short_waves import HighPass
 from farhorizon.engine.engine import Layer
 
@@ -96,23 +88,3 @@ def smooth_ramp(depth: np.ndarray) -> np.ndarray:
 def weak(damped: HighPass | None) -> bool:
     """Whether the ramps of stencils without backward waves serve."""
     return damped is None or damped.weak
-
-
-def layer_reflection(wave: ArrivingWave, layer: Layer) -> float:
-    """Reflected amplitude of a layer, exactly, of all types together: of scalars in closed form where it does not damp
-    short waves.
-    """
-    travels = wave.modes.travels
-    if layer.damping.size or wave.weights.ndim > 1:
-        return float(np.linalg.norm(layer_amplitudes(wave, layer)[travels]))
-    stretch = layer.kappa + layer.sigma / (wave.s + layer.alpha)
-    modes = np.append(wave.modes.leaving, wave.modes.incoming)
-    gain = ((modes + 1)[:, None] + np.outer(modes - 1, stretch[:-1])) / (
-        (modes + 1)[:, None] - np.outer(modes - 1, stretch[:-1])
-    )
-    through = np.log(gain).sum(1)  # logarithms: what evanescent modes gain overflows
-    rho = (stretch[-1] - 1) / (stretch[-1] + 1)
-    powers = np.arange(1, len(wave.modes.leaving) + 1)[:, None]
-    conditions = modes**powers - rho**powers
-    back = np.linalg.solve(conditions[:, :-1], -conditions[:, -1])
-    return float(np.linalg.norm(back[travels] * np.exp(through[-1] - through[:-1][travels])))

@@ -24,7 +24,6 @@ from functools import cache, cached_property
 import numpy as np
 from scipy import fft
 
-from farhorizon.analysis.layers.choice import layer_reflection
 from farhorizon.analysis.layers.layer import ArrivingWave, LatticeMedium, amplitudes_of
 from farhorizon.analysis.layers.reflection import polarisations
 from farhorizon.engine.engine import Layer
@@ -35,7 +34,6 @@ _DECAY = 6.0  # what happens after twice the length of the run folds back into i
 _NEWTON, _LONGEST = 12, 0.3  # iterations from the root of long waves, and the largest change of log zeta in one of them
 _SETTLED = 1e-8  # relative residual of a root
 _FELT = 0.02  # share of the wanted error that waves which are left out may make together
-_EXACT = 24  # waves whose reflection is computed exactly, into all modes of a wide stencil
 _FINER = 2  # moments and places at which the largest value is looked for, over the fewest that hold the waves
 _COMPARED = 2000  # waves by which layers are compared
 _COHERENT = 0.05  # the largest value over the sum of all amplitudes, at least
@@ -92,8 +90,11 @@ class Sample:
         self._known: dict[bytes, np.ndarray] = {}
 
     def needed(self, layer: Layer) -> bool:
-        """Whether a layer's reflection has no closed form."""
-        return bool(layer.damping.size) or self.medium.stencil.components > 1
+        """Whether a layer sends back more than the wave that comes, whose reflection has a closed form: other types,
+        and what of a wide stencil dies out over some nodes.
+        """
+        stencil = self.medium.stencil
+        return bool(layer.damping.size) or stencil.components > 1 or stencil.reach[0] > 1
 
     def add(self, amplitude: np.ndarray, root: np.ndarray, factor: np.ndarray, along: np.ndarray) -> np.ndarray:
         """Take in waves, arrays as of `Arrivals`; returns the number of the wave that each is like, the loudest that
@@ -140,9 +141,13 @@ class Sample:
 
 
 def _judged(wave: ArrivingWave, layer: Layer, amplitudes: np.ndarray) -> tuple[float, float]:
-    """A wave's exact reflection, never more than all, and by how much it is above the closed form."""
+    """A wave's exact reflection, never more than all, and by how much it is above the closed form: of what travels, or
+    of all that is at the last node of the near field, one from the layer, where wide stencils leave what dies out.
+    """
     closed = np.abs(reflected(np.array([wave.modes.incoming]), np.array([wave.s]), layer))[0]
-    exact = min(1.0, float(np.linalg.norm(amplitudes[wave.modes.travels])))
+    modes = wave.modes
+    beside = float(np.linalg.norm((amplitudes / modes.leaving) @ modes.vectors))
+    exact = min(1.0, max(float(np.linalg.norm(amplitudes[modes.travels])), beside))
     return exact, max(0.0, exact - float(closed))
 
 
@@ -244,22 +249,6 @@ class Arrivals:
         times = len(self.growth)
         history = fft.irfft(spectrum[np.ix_(np.arange(self.shape[0]), *self.seen)], 2 * times, axis=0)[:times]
         return float((np.abs(history).max(along) * self.growth).max())
-
-    def conversion(self, layer: Layer) -> float:
-        """How much more a layer sends back than in one mode: by its exact reflection, into all modes, of the waves that
-        return most of all.
-
-        1 where the exact reflection was looked at from the start.
-        """
-        if self.sample.needed(layer):
-            return 1.0
-        single = np.abs(self.amplitude * reflected(self.root, self.frequency, layer))
-        loudest = np.argsort(single)[-_EXACT:]
-        found = 0.0
-        for i in loudest:
-            wave = self.medium.wave(self.along[:, i], complex(self.factor[i]), complex(self.root[i]))
-            found += abs(self.amplitude[i]) * layer_reflection(wave, layer)
-        return max(1.0, found / max(float(single[loudest].sum()), 1e-300))
 
 
 _BLOCK = 4096  # waves that `reflected` takes at a time

@@ -101,8 +101,7 @@ def predicted_error(layer: Layer, waves: Sequence[Arrivals], size: float) -> flo
     """Error that a layer makes of what arrives, relative to the largest of the data: of all types that a wave is turned
     into together.
     """
-    returned = max(side.returned(layer) for side in waves) / size
-    return float(returned * max(side.conversion(layer) for side in waves))
+    return float(max(side.returned(layer) for side in waves) / size)
 
 
 def thin(nodes: int, strength: float, pace: float) -> Layer:
@@ -340,11 +339,8 @@ def thinnest(
 
     def best(nodes: int) -> Thickness | None:
         name, layer = _quietest(members(nodes), waves)
-        predicted = max(side.returned(layer) for side in waves) / size
-        if predicted > aim:
-            return None
-        predicted *= max(side.conversion(layer) for side in waves)
-        return Thickness(name, layer, predicted) if predicted <= 2 * aim else None
+        predicted = predicted_error(layer, waves, size)
+        return Thickness(name, layer, predicted) if predicted <= aim else None
 
     low, high, found = 0, 2, best(2)
     while found is None:
@@ -381,8 +377,7 @@ def crowded(stencil: Stencil) -> bool:
 def least(members: Callable[[int], Mapping[str, Layer]], waves: Sequence[Arrivals], size: float) -> float:
     """The smallest target, rounded up to one digit, that a layer of 60 nodes keeps; parameters as of `thinnest`."""
     _, layer = _quietest(members(_MOST), waves)
-    returned = max(side.returned(layer) for side in waves) / size
-    found = returned * max(1.0, max(side.conversion(layer) for side in waves) / 2) / _AIM  # as `thinnest` judges
+    found = predicted_error(layer, waves, size) / _AIM  # as `thinnest` judges
     found /= _AIM_CROWDED if crowded(waves[0].medium.stencil) else 1.0
     digit = 10.0 ** np.floor(np.log10(max(found, 1e-300)))
     return float(np.ceil(found / digit) * digit)
