@@ -81,16 +81,18 @@ def check_all(found, least):
 ON_FOUR = pytest.param(4, "slow", marks=pytest.mark.slow)
 
 
-def test_four_processes_compute_what_one_does(tmp_path):
+@pytest.mark.parametrize("processes", [2, 4])
+def test_several_processes_compute_what_one_does(tmp_path, processes):
     """A set-up of a kind; the slow tests have all."""
-    found = told(tmp_path, 4, "few", "fields", "files", "kept")
+    found = told(tmp_path, processes, "few", "fields", "files", "kept")
     check_all(found, 4)
     check_refused(found)
-    check_files(found, tmp_path, 4, 1)
-    check_kept(found, 4, 1)
+    check_files(found, tmp_path, processes, 1)
+    check_kept(found, processes, 1)
 
 
-@pytest.mark.parametrize(("processes", "size"), [(2, "all"), pytest.param(2, "slow", marks=pytest.mark.slow), ON_FOUR])
+@pytest.mark.slow
+@pytest.mark.parametrize(("processes", "size"), [(2, "all"), (2, "slow"), (4, "slow")])
 def test_fields_are_those_of_one_process(tmp_path, processes, size):
     """To the last bit: layers cut across, chosen, of either precision; periodic sides, sources, several dimensions."""
     found = told(tmp_path, processes, size, "fields")
