@@ -47,7 +47,7 @@ class Costs:
 
 def costs_of(setup: Setup, model: LatticeModel) -> Costs:
     """What the operator of a set-up, whose model is made uniform, costs where bonds are there and where they are
-    not. Linear bonds that vary do so at few nodes, or at all.
+    not. Linear bonds that vary count as uniform ones: beside an interface alone they cost more.
     """
     lattice = setup.lattice
     law, varies = model.bond_law, bool(setup.model.varying) or setup.coefficient is not None
