@@ -4,7 +4,7 @@
     NUMBA_NUM_THREADS=1 python benchmarks/work.py
 
 A table of processor times per step and node, the least of several, on one thread, and what a node beside a crack, at a
-rim or between metal and liquid adds, in plain nodes. About five minutes, mostly of compiling.
+rim, at an interface or between metal and liquid adds, in plain nodes. About five minutes, mostly of compiling.
 """
 
 import time
@@ -76,6 +76,14 @@ def main():
                 f"beside a crack {cut / unit:+6.1f}, at a rim {rim / unit:+6.1f}",
                 flush=True,
             )
+        for name, make in {"wave": fh.Wave, "solid": fh.Elastic}.items():
+            for axis in "x" + "xyz"[dim - 1]:
+                strata = make(kernel, f"where(sin(pi*({axis} + 0.5)/20) > 0, 1.0, 1.3)")
+                beside = NODES[dim] ** (dim - 1) * 2 * reach * ((NODES[dim] - 1) // 20)
+                added = (seconds(fh.Setup(lattice(dim), strata, fh.Free())) - plain[name] * every) / beside
+                print(
+                    f"{dim}D {name:20s} beside an interface across {axis} {added / plain[name]:+6.1f} plain nodes each"
+                )
         ball = {2: fh.Disc, 3: fh.Ball}[dim](NODES[dim] / 4, (NODES[dim] / 2,) * dim)
         liquid = seconds(fh.Setup(lattice(dim), fh.Diffusion(kernel), fh.Fixed()))
         metal = fh.Setup(lattice(dim), fh.Corrosion(kernel, saturation=0.8), fh.Fixed(), specimens=[fh.Specimen(ball)])

@@ -13,11 +13,12 @@ from mpi4py import MPI
 
 import farhorizon as fh
 from farhorizon.geometry import lattice as lattices
-from farhorizon.simulation import simulation
+from farhorizon.simulation import assembly
 
 WORLD, NODES = MPI.COMM_WORLD, 240
 KERNEL = fh.Kernel(2.0)
 LAYERS = fh.LatticePML(nodes=6)
+BOX = fh.Box((20.0, 20.0), (220.0, 220.0))
 lattices._AT_ONCE = 0  # bodies and windows as those of large lattices are looked at
 
 
@@ -43,7 +44,11 @@ class CountedDisc(fh.Disc):
 
 
 def pulse(x, y):
-    return 0.01 * np.exp(-((x - 120) ** 2 + (y - 120) ** 2) / 200)
+    return 0.01 * np.maximum(1 - ((x - 120) ** 2 + (y - 120) ** 2) / 900, 0) ** 4
+
+
+def layered(x, y):
+    return np.where(y < 90, 1.0, 1.2)
 
 
 def lattice(**more):
@@ -80,12 +85,44 @@ CASES = {
         LAYERS,
         specimens=[fh.Specimen(CountedDisc(50.0, (120.0, 120.0)))],
     ),
-    "varies": lambda: fh.Setup(lattice(), fh.Wave(KERNEL, Counted(lambda x, y: 1 + 0 * x)), LAYERS),
+    "a speed that varies": lambda: fh.Setup(lattice(), fh.Wave(KERNEL, Counted(layered)), LAYERS),
+    "a density that varies": lambda: fh.Setup(
+        lattice(), fh.Wave(KERNEL, 1.0, density=Counted(layered)), {"x": LAYERS, "y": fh.Periodic()}
+    ),
+    "states that vary in a body": lambda: fh.Setup(
+        lattice(body=hole()),
+        fh.Elastic(KERNEL, young=Counted(layered), poisson=0.2, material="state-based", critical_stretch=0.1),
+        fh.LatticePML(nodes=12),
+        dt=0.1,
+    ),
+    "an incident wave": lambda: fh.Setup(
+        lattice(),
+        fh.Wave(KERNEL),
+        LAYERS,
+        sources=[fh.IncidentWave((1.0, 0.0), "sin(0.2*t)*sin(pi*t/60)**2", 60.0, within=BOX)],
+    ),
+    "conditions": lambda: fh.Setup(
+        lattice(),
+        fh.Heat(KERNEL, 1.0, 1.0, 1.0),
+        {"x": fh.Free(), "y": fh.Free()},
+        constraints=[
+            fh.Temperature("y-", Counted(lambda x, y, t: 0 * x + 1), within=CountedDisc(1e6, (0.0, 0.0))),
+            fh.Flux("y+", 1.0, "layer"),
+            fh.Convection("x-", 1.0),
+            fh.Temperature(CountedDisc(9.0, (120.0, 120.0)), 2.0),
+        ],
+    ),
+}
+OBSERVED = {
+    "receivers": lambda: fh.Receivers([(50.2, 60.1)]),
+    "spectra": lambda: fh.Spectra([(50.2, 60.1)], [0.01, 0.02]),
+    "a far field": lambda: fh.FarField(BOX, [0.01]),
+    "the shell of a box": lambda: fh.ShellRecorder(fh.Box((200.0, 200.0), (220.0, 220.0))),
 }
 
 
 def main():
-    shared, held = simulation.shared, 0
+    shared, held = assembly.shared, 0
 
     def watched(*given):
         nonlocal held
@@ -95,12 +132,14 @@ def main():
         held = tracemalloc.get_traced_memory()[1] - before
         return found
 
-    simulation.shared = watched
+    assembly.shared = watched
     fh.Simulation.of(CASES["initial data"](), communicator=WORLD)  # loads modules, which nobody counts
-    for name, make in CASES.items():
+    for name in [*CASES, *OBSERVED]:
         Counted.points = 0
         tracemalloc.start()
-        run = fh.Simulation.of(make(), communicator=WORLD, topology=[WORLD.size, 1])
+        observe = [OBSERVED[name]()] if name in OBSERVED else []
+        setup = CASES["initial data" if observe else name]()
+        run = fh.Simulation.of(setup, observe=observe, communicator=WORLD, topology=[WORLD.size, 1])
         nodes, points, most = NODES**2, Counted.points, tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         every = WORLD.gather((points / nodes, held / nodes, most / nodes))

@@ -31,6 +31,7 @@ from farhorizon.analysis.references import classical
 from farhorizon.analysis.references.classical import End, Slab
 from farhorizon.inputs.conditions import resolve
 from helpers import fitted_rate
+from threads_as_processes import on_threads
 
 BAR = Lattice(1.0, 0.0, 9.0)
 PLATE = Lattice(1.0, (0.0, 0.0), (9.0, 7.0))
@@ -468,3 +469,76 @@ def test_what_lies_outside_within_is_said_to_be_insulated():
     for constraints in (both, [Convection("y+", 2.0, 5.0)]):
         sim = Simulation(lattice, Heat(Kernel(0.5)), sides, {"u": 5.0}, background=5.0, constraints=constraints)
         assert not any("insulated" in note for note in sim.notes)
+
+
+def random_condition(rng, shape):
+    """One of any kind on a random side, within a random box or not; or in a disc."""
+    within = None if rng.random() < 0.5 else Box(rng.uniform(-2, 8, 2), rng.uniform(9, 40, 2))
+    side, kind = str(rng.choice(["x-", "x+", "y-", "y+"])), rng.integers(0, 5)
+    value = lambda x, y, t: np.sin(x + 2 * y) + t  # noqa: E731
+    if kind == 0:
+        return Temperature(side, value, str(rng.choice(["node", "volume", "mirror"])), within)
+    if kind == 1:
+        return Flux(side, rng.standard_normal(shape), str(rng.choice(["source", "layer", "mirror"])), within)
+    if kind == 2:
+        return Insulated(side, str(rng.choice(["mirror", "layer"])), within)
+    if kind == 3:
+        return Convection(side, 2.0, value, within)
+    return Temperature(Disc(4.0, tuple(rng.uniform(8, 20, 2))), rng.standard_normal(shape))
+
+
+def told(table, lattice):
+    """By its flat number in the whole lattice what holds a node at t = 1.5: weights of nodes, a value; what is put into
+    it, and what it loses.
+    """
+    held, whole = {}, np.arange(np.prod(lattice.whole.shape)).reshape(lattice.whole.shape)[lattice.within].ravel()
+    added = np.zeros(len(table.nodes))
+    for space, time in table.drives:
+        added = added + (time(1.5) if space is None else space * time(1.5))
+    for i, node in enumerate(table.nodes):
+        here = slice(table.starts[i], table.starts[i + 1])
+        held[whole[node]] = (whole[table.references[here]].tolist(), table.weights[here].tolist(), float(added[i]))
+    fed = [time(1.5) if space is None else space * time(1.5) for _, (space, time) in table.sources]
+    return held, fed, [leak for _, leak in table.leaks]
+
+
+SEED = int(np.random.default_rng().integers(2**31))
+
+
+def test_parts_have_the_conditions_of_the_whole():
+    """Of random conditions on random bodies, which random cuts share out; or both refuse, or a cut passes through a
+    layer.
+    """
+    rng, compared = np.random.default_rng(SEED), 0
+    for _ in range(150):
+        shape = tuple(rng.integers(16, 34, 2).tolist())
+        hole = rng.random(shape) < 0.02
+        lattice = Lattice(1.0, (0.0, 0.0), np.array(shape) - 1.0, body=~hole if rng.random() < 0.5 else None)
+        given = [random_condition(rng, shape) for _ in range(rng.integers(1, 3))]
+        conductivity, cuts = rng.uniform(1, 2, shape), [int(rng.integers(6, n - 6)) for n in shape]
+        right = cuts[0], shape[0]
+        boxes = [[(0, cuts[0]), (0, shape[1])], [right, (0, cuts[1])], [right, (cuts[1], shape[1])]]
+
+        def of_part(team, lattice=lattice, given=given, boxes=boxes, conductivity=conductivity):
+            part = lattice.part(boxes[team.number])
+            return told(resolve(given, part, [2, 2], conductivity[part.within], 3.0, team.gather), part)
+
+        try:
+            held, fed, lost = told(resolve(given, lattice, [2, 2], conductivity, 3.0), lattice)
+        except InputError:
+            with pytest.raises(InputError):  # perhaps for another reason
+                on_threads(3, of_part)
+            continue
+        try:
+            found = on_threads(3, of_part)
+        except InputError as error:
+            assert "another process" in str(error), f"seed {SEED}"
+            continue
+        compared += 1
+        assert {key: value for one, _, _ in found for key, value in one.items()} == held, SEED
+        for number, ends in enumerate(boxes):
+            within = tuple(slice(*end) for end in ends)
+            for mine, whole in zip(found[number][1:], (fed, lost), strict=True):
+                for one, other in zip(mine, whole, strict=True):
+                    np.testing.assert_array_equal(one, other[within], err_msg=f"seed {SEED}")
+    assert compared > 40

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 PROGRAM = Path(__file__).parents[1] / "start_on_processes.py"
-WHOLE = ("varies",)  # what does look at it, as docs/howto/processes.md says
+TWICE = "states that vary in a body"  # are put together once more when their fastest oscillation is known
 
 
 def start_of(processes):
@@ -26,13 +26,11 @@ def start_of(processes):
 def test_the_start_of_a_process_does_not_depend_on_the_whole():
     """As many nodes each, on two processes and on four: points and bytes of a node stay as they are."""
     two, four = start_of(2), start_of(4)
-    assert two.keys() == four.keys() and len(two) > len(WHOLE)
+    assert two.keys() == four.keys()
     for name, found in two.items():
         for what, of_a_node in found.items():
             grown = four[name][what] / max(of_a_node, 1e-12)
-            if name in WHOLE and what != "held":
-                assert grown > 1.3, (name, what, two, four)
-            elif name not in WHOLE:
-                assert grown < 1.15 or four[name][what] < 0.1, (name, what, two, four)
-        # metal is looked at for the cuts, for the check that there is some, and to be laid; with what bonds reach
-        assert name in WHOLE or found["points"] < 4, found
+            assert grown < 1.15 or four[name][what] < 0.1, (name, what, two, four)
+        # metal is looked at for the cuts, for the check that there is some, and to be laid, with what bonds reach; a
+        # medium that varies for the middle of all, for its extremes, for the cuts, and to be laid
+        assert found["points"] < 5 * (1 + (name == TWICE)), (name, found)

@@ -1,5 +1,7 @@
 """The work of nodes by which a lattice is shared out: against the bonds that the engine counts, and box by box."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from farhorizon.simulation.share import boxes_of, work_beyond
 from farhorizon.simulation.work import costs_of, work_along, work_of
 
 KERNEL = fh.Kernel(2.0)
+LAYERED = "where(y < 30.5, 1.0, 2.0)"
 SOLID = fh.Elastic(KERNEL, 1.0, critical_stretch=0.01)
 
 
@@ -63,6 +66,25 @@ def test_nodes_that_lack_bonds_are_those_of_the_engine(given):
     )
     if "cracks" in given:
         np.testing.assert_array_equal(more, lacks[inner])
+
+
+@pytest.mark.parametrize("model", [fh.Wave(fh.Kernel(3.0), LAYERED), fh.Elastic(fh.Kernel(3.0), LAYERED)])
+def test_nodes_whose_bonds_see_several_media_have_more_work(model):
+    """Those within one reach of an interface, here across the rows, and not those beside a hole."""
+    body = fh.Box((-1.0, -1.0), (70.0, 70.0)) - fh.Disc(6.0, (12.0, 32.0))
+    lattice = fh.Lattice(1.0, (0.0, 0.0), (60.0, 60.0), body=body)
+    run = fh.Simulation(lattice, model, fh.Free())
+    values = np.where(lattice.coordinates()[1] < 30.5, 1.0, 2.0)
+    high, low = (
+        np.lib.stride_tricks.sliding_window_view(np.pad(np.where(lattice.mask, values, none), 3, "edge"), (7, 7))
+        for none in (0.0, 9.0)
+    )
+    several = (low.min((2, 3)) < high.max((2, 3))) & lattice.mask
+    costs = costs_of(run.setup, run.model)
+    beside = work_of(run.setup, run.model, lattice) - work_of(replace(run.setup, model=run.model), run.model, lattice)
+    np.testing.assert_array_equal(beside > 0, several)
+    np.testing.assert_array_equal(beside[22:][several[22:]], sum(costs.uneven))  # behind the hole rows see one medium
+    assert 4 * 61 < several.sum() < 6 * 61
 
 
 def test_parts_have_the_work_of_the_whole():

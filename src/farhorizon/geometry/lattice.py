@@ -205,6 +205,15 @@ class Lattice(Storable):
         made._mask = None if self._mask is None else self._mask[made.within]
         return made
 
+    def around(self, more: Sequence[int]) -> tuple[Lattice, tuple[slice, ...]]:
+        """The part of the whole lattice with so many nodes more along each axis where it has them, and where the nodes
+        of this one are in it.
+        """
+        spans = zip(self.first, self.shape, more, self.whole.shape, strict=True)
+        ends = [(max(first - m, 0), min(first + n + m, size)) for first, n, m, size in spans]
+        own = [slice(f - low, f - low + n) for f, (low, _), n in zip(self.first, ends, self.shape, strict=True)]
+        return self.whole.part(ends), tuple(own)
+
     @property
     def within(self) -> tuple[slice, ...]:
         """Where the nodes lie among those of the `whole`."""

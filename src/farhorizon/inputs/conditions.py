@@ -180,8 +180,15 @@ class Convection(Storable):
 
 
 Constraint = Temperature | Flux | Insulated | Convection
+#: Of a value of this process those of all, in their order.
+Gather = Callable[[Any], list[Any]]
 #: What varies in time: (values over some nodes, function of t), or (None, function of t that gives such values).
 Drive = tuple[np.ndarray | None, Callable[..., Any]]
+
+
+def alone(value: Any) -> list[Any]:
+    """The values of all processes where there is one."""
+    return [value]
 
 
 def _driven(drives: Sequence[Drive], shape: tuple[int, ...]) -> np.ndarray:
@@ -222,12 +229,12 @@ def _check_place(where: Where, within: Any, anywhere: bool = False) -> None:
 
 @dataclass
 class Conditions:
-    """All conditions of a body as tables.
+    """All conditions of a body as tables, or of a part of one those on its nodes.
 
     Attributes
     ----------
     nodes : ndarray of int, shape (H,)
-        Flat indices (of the lattice) of the prescribed nodes, in the order in which they are set.
+        Flat indices (of the lattice, or of its part) of the prescribed nodes, in the order in which they are set.
     owner : ndarray of int, shape (H,)
         Number of the condition of each.
     starts : ndarray of int, shape (H + 1,)
@@ -254,30 +261,6 @@ class Conditions:
     leaks: list[tuple[int, np.ndarray]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
-    def part(self, lattice: Lattice) -> Conditions:
-        """Those of the nodes of a part of the lattice; what they follow from must be in it, too."""
-        mine, nodes = lattice.own(self.nodes)
-        counts = np.diff(self.starts)
-        follows = np.repeat(mine, counts)
-
-        def cut(drive: Drive, which: Any) -> Drive:
-            space, time = drive
-            if space is None:
-                return None, lambda t: np.asarray(time(t))[which]
-            return space[which], time
-
-        return Conditions(
-            nodes,
-            self.owner[mine],
-            np.concatenate([[0], np.cumsum(counts[mine])]),
-            lattice.own(self.references[follows])[1],
-            self.weights[follows],
-            [cut(drive, mine) for drive in self.drives],
-            [(number, cut(drive, lattice.within)) for number, drive in self.sources],
-            [(number, leak[lattice.within]) for number, leak in self.leaks],
-            self.notes,
-        )
-
     @property
     def resting(self) -> np.ndarray:
         """Which of the prescribed nodes hold the background at all times."""
@@ -301,6 +284,7 @@ def resolve(
     reach: Sequence[int],
     conductivity: np.ndarray | float = 1.0,
     background: float = 0.0,
+    gather: Gather = alone,
 ) -> Conditions:
     """The tables of all conditions.
 
@@ -308,18 +292,21 @@ def resolve(
     ----------
     constraints : sequence of Temperature, Flux, Insulated or Convection
     lattice : Lattice
+        Or the part of one that this process has.
     reach : sequence of int
         Of the stencil, along each axis.
-    conductivity : float or ndarray of the lattice's shape
+    conductivity : float or ndarray of its shape
     background : float
         What the field's values are counted from.
+    gather : callable
+        Of a value of this process the values of all, each of which has its part.
 
     Raises
     ------
     InputError
         Not a condition, a side or a shape of another dimension, no node, two conditions on one node that contradict
         each other, a body too thin for a layer, a flux into a part one node wide, values of a wrong shape or not
-        finite.
+        finite; nodes of a layer that are not in the same part as those from which they follow.
     """
     found: list[_Held] = []
     fed: list[tuple[int, _Face]] = []  # sides that take heat as a source
@@ -338,31 +325,43 @@ def resolve(
                 constraint, **{given: as_source(getattr(constraint, given), lattice.dim, f"{key}.value")}
             )
         if isinstance(constraint.where, str):
-            face = _Face(constraint.where, lattice, constraint.within, key)
+            face = _Face(constraint.where, lattice, constraint.within, key, gather)
             if isinstance(constraint, Convection) or (isinstance(constraint, Flux) and constraint.kind == "source"):
-                _add_source(out, number, constraint, face, lattice, background, key)
+                _add_source(out, number, constraint, face, background)
                 fed.append((number, face))
             else:
                 found.append(_on_face(number, constraint, face, lattice, reach, conductivity, background, key))
         else:
-            found.append(_in_region(number, constraint, lattice, background, key))
+            found.append(_in_region(number, constraint, lattice, background, key, gather))
     _join(out, found, lattice)
     _refuse_fed(out, found, fed, lattice)
+    out.leaks = losses(constraints, lattice, gather)
     for number, face in fed:
         one = constraints[number]
         if isinstance(one, Convection) and one.within is not None:
-            covered = np.concatenate(
-                [out.nodes, *(other.nodes(0) for _, other in fed if (other.axis, other.side) == (face.axis, face.side))]
-            )
-            whole = _Face(one.where, lattice, None, f"constraint[{number}]").nodes(0)
-            rest = int((~np.isin(whole, covered)).sum())
+            same = (other.own(0) for _, other in fed if (other.axis, other.side) == (face.axis, face.side))
+            whole = _Face(one.where, lattice, None, f"constraint[{number}]", gather).own(0)
+            rest = sum(gather(int((~np.isin(whole, np.concatenate([out.nodes, *same]))).sum())))
             if rest:
                 out.notes.append(
-                    f"constraint[{number}]: outside `within` {rest} of the {len(whole)} nodes of side {one.where} are "
-                    "insulated: "
-                    "no heat passes there"
+                    f"constraint[{number}]: outside `within` {rest} of the {sum(gather(len(whole)))} nodes of side "
+                    f"{one.where} are insulated: no heat passes there"
                 )
     return out
+
+
+def losses(
+    constraints: Sequence[Constraint | Prescribed], lattice: Lattice, gather: Gather = alone
+) -> list[tuple[int, np.ndarray]]:
+    """Power that convection takes per volume and temperature, of the shape of the lattice or of this part of it, after
+    the numbers of the conditions; see `resolve`.
+    """
+    found = []
+    for number, one in enumerate(constraints):
+        if isinstance(one, Convection):
+            face = _Face(one.where, lattice, one.within, f"constraint[{number}]", gather)
+            found.append((number, face.spread(np.full(len(face.nodes(0)), one.transfer))))
+    return found
 
 
 @dataclass
@@ -380,49 +379,85 @@ class _Held:
 
 class _Face:
     """The outermost nodes of a body on one side: for each line along the axis its first node, how far the body goes on,
-    and where the wall is.
+    and where the wall is; of a part of a lattice along the lines that meet it.
+
+    Nodes are told by their flat numbers in the whole lattice.
     """
 
-    def __init__(self, name: str, lattice: Lattice, within: Shape | None, key: str) -> None:
-        self.axis, self.side, self.key = AXES.index(name[0]), 1 if name[1] == "+" else -1, key
-        if self.axis >= lattice.dim:
+    def __init__(self, name: str, part: Lattice, within: Shape | None, key: str, gather: Gather) -> None:
+        self.axis, self.side = AXES.index(name[0]), 1 if name[1] == "+" else -1
+        self.name, self.key = name, key
+        self.part, self.lattice = part, part.whole
+        if self.axis >= part.dim:
             raise InputError(
-                "the lattice has no such side", value=name, limit=", ".join(AXES[: lattice.dim]), key=f"{key}.where"
+                "the lattice has no such side", value=name, limit=", ".join(AXES[: part.dim]), key=f"{key}.where"
             )
-        self.lattice = lattice
-        exists = np.ones(lattice.shape, bool) if lattice.mask is None or lattice.body is None else lattice.mask
-        inward = np.moveaxis(exists, self.axis, 0)[:: -self.side]
-        self.count = len(inward)
-        first = np.argmax(inward, axis=0)
-        ends = (np.arange(self.count).reshape(-1, *[1] * (lattice.dim - 1)) >= first) & ~inward
-        self.thickness = np.where(ends.any(0), np.argmax(ends, axis=0), self.count) - first
-        used = inward.any(axis=0)
+        if within is not None and within.dim != part.dim:
+            raise InputError(
+                "shape and lattice differ in dimension", value=within.dim, limit=part.dim, key=f"{key}.within"
+            )
+        self.count = self.lattice.shape[self.axis]
+        first, thickness = (depths.ravel() for depths in self._depths())
+        self._lines = np.flatnonzero(thickness)
+        self.first = first[self._lines]
         if within is not None:
-            if within.dim != lattice.dim:
-                raise InputError(
-                    "shape and lattice differ in dimension", value=within.dim, limit=lattice.dim, key=f"{key}.within"
-                )
-            allowed = np.moveaxis(within.contains(np.stack(lattice.coordinates(), -1)), self.axis, 0)[:: -self.side]
-            used &= np.take_along_axis(allowed, first[None], 0)[0]
-        if not used.any():
+            self._lines = self._lines[within.contains(self._at(self.nodes(0)))]
+        self.first, self.thickness = first[self._lines], thickness[self._lines]
+        if not any(gather(bool(self._lines.size))):
             raise InputError(
                 "no node lies on that side within the shape", key=f"{key}.within", remedy="enlarge the shape"
             )
-        self.lines = np.nonzero(used) if used.ndim else ()  # a bar has one line along its axis
-        self.first = np.atleast_1d(first[self.lines])
-        self.thickness = np.atleast_1d(self.thickness[self.lines])
+
+    @property
+    def _across(self) -> list[np.ndarray]:
+        """Where the lines are along the other axes of the whole lattice."""
+        others = [axis for axis in range(self.part.dim) if axis != self.axis]
+        shape = [self.part.shape[axis] for axis in others]
+        places = np.unravel_index(self._lines, shape) if others else ()  # a bar has one line along its axis
+        return [place + self.part.first[axis] for axis, place in zip(others, places, strict=True)]
+
+    def _depths(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of each line that meets the part the first node of the body, counted from the side, and how many follow on
+        it without a gap, itself counted; 0 where there is none.
+
+        The body is looked at in pieces, each of which is as thick as the part.
+        """
+        part, axis = self.part, self.axis
+        across = tuple(n for a, n in enumerate(part.shape) if a != axis)
+        first, thickness = np.zeros(across, int), np.zeros(across, int)
+        if part.body is None:
+            return first, thickness + self.count
+        goes_on = np.ones(across, bool)  # neither the first node nor the end behind it has been met
+        step = part.shape[axis]
+        for start in range(0, self.count, step):
+            ends = [
+                (0, 0) if a == axis else (f, f + n) for a, (f, n) in enumerate(zip(part.first, part.shape, strict=True))
+            ]
+            last = min(start + step, self.count)
+            ends[axis] = (start, last) if self.side < 0 else (self.count - last, self.count - start)
+            mask = self.lattice.part(ends).mask
+            assert mask is not None
+            for depth, there in enumerate(np.moveaxis(mask, axis, 0)[:: -self.side], start):
+                first = np.where((thickness == 0) & there, depth, first)
+                goes_on &= there | (thickness == 0)
+                thickness = thickness + (there & goes_on)
+        return first, thickness
 
     def nodes(self, depth: int) -> np.ndarray:
-        """Flat indices of the nodes `depth` from the outermost, one a line."""
+        """Those `depth` from the outermost, one a line."""
         along = self.first + depth
         along = along if self.side < 0 else self.count - 1 - along
-        index = list(self.lines)
+        index = self._across
         index.insert(self.axis, along)
         return np.ravel_multi_index(index, self.lattice.shape)
 
+    def own(self, depth: int) -> np.ndarray:
+        """These nodes as far as they are in the part, by their numbers in it."""
+        return self.part.own(self.nodes(depth))[1]
+
     def need(self, least: int, what: str) -> None:
         """InputError unless the body is `least` nodes thick along all lines."""
-        if self.thickness.min() < least:
+        if self.thickness.min(initial=least) < least:
             raise InputError(
                 what,
                 value=f"{int(self.thickness.min())} node(s) along {AXES[self.axis]}",
@@ -431,10 +466,21 @@ class _Face:
                 remedy="refine the lattice, enlarge the body, or restrict the condition by `within`",
             )
 
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        """Values of the lines, per area, as values per volume of the outermost nodes, of the shape of the part."""
+        mine, nodes = self.part.own(self.nodes(0))
+        field = np.zeros(self.part.shape)
+        field.ravel()[nodes] = values[mine] / self.lattice.spacing
+        return field
+
+    def _at(self, nodes: np.ndarray) -> np.ndarray:
+        """Coordinates of nodes, shape (n, dim)."""
+        numbers = np.unravel_index(nodes, self.lattice.shape)
+        return np.stack([self.lattice.lower[a] + self.lattice.spacing * i for a, i in enumerate(numbers)], axis=-1)
+
     def coordinates(self, depth: float) -> list[np.ndarray]:
         """Coordinates of the wall, `depth` spacings from the outermost nodes, one array an axis."""
-        nodes = np.unravel_index(self.nodes(0), self.lattice.shape)
-        at = [self.lattice.lower[a] + self.lattice.spacing * i for a, i in enumerate(nodes)]
+        at = list(self._at(self.nodes(0)).T)
         at[self.axis] = at[self.axis] - self.side * depth * self.lattice.spacing
         return at
 
@@ -452,7 +498,7 @@ class _Face:
             if space.shape == self.lattice.shape and self.lattice.dim > 1:
                 space = space.ravel()[self.nodes(0)]
             elif space.shape == face:
-                space = space[self.lines]
+                space = space[tuple(self._across)]
             elif space.shape != at[0].shape:
                 raise InputError(
                     "an array has the shape of the side or of the lattice", value=space.shape, limit=face, key=self.key
@@ -475,32 +521,15 @@ def _scaled(drive: Drive, factor: np.ndarray | float, put: Callable[[np.ndarray]
     return put(factor * space), time
 
 
-def _add_source(
-    out: Conditions,
-    number: int,
-    constraint: Flux | Convection,
-    face: _Face,
-    lattice: Lattice,
-    background: float,
-    key: str,
-) -> None:
+def _add_source(out: Conditions, number: int, constraint: Flux | Convection, face: _Face, background: float) -> None:
     face.need(2, "heat through a side needs a part at least two nodes wide")
-    nodes = face.nodes(0)
-
-    def spread(values: np.ndarray) -> np.ndarray:
-        field = np.zeros(lattice.shape)
-        field.ravel()[nodes] = values / lattice.spacing
-        return field
-
     if isinstance(constraint, Flux):
-        out.sources.append((number, _scaled(face.values(constraint.value, -0.5), 1.0, spread)))
+        out.sources.append((number, _scaled(face.values(constraint.value, -0.5), 1.0, face.spread)))
         return
-    out.sources.append((number, _scaled(face.values(constraint.ambient, -0.5), constraint.transfer, spread)))
+    out.sources.append((number, _scaled(face.values(constraint.ambient, -0.5), constraint.transfer, face.spread)))
     if background:
-        out.sources.append(
-            (number, (spread(np.full(len(nodes), -constraint.transfer * background)), space_and_time(0.0)[1]))
-        )
-    out.leaks.append((number, spread(np.full(len(nodes), constraint.transfer))))
+        lost = np.full(len(face.first), -constraint.transfer * background)
+        out.sources.append((number, (face.spread(lost), space_and_time(0.0)[1])))
 
 
 def _on_face(
@@ -520,22 +549,31 @@ def _on_face(
     if not isinstance(constraint, Temperature):
         face.need(layers + 2, "a flux needs a part at least two nodes wide beside its layer")
     face.need(layers + (layers if mirror else 1), "the body is too thin for the layer of a condition")
-    nodes = np.concatenate([face.nodes(depth) for depth in range(layers)])
+    mine, nodes = lattice.own(np.concatenate([face.nodes(depth) for depth in range(layers)]))
     inner = [face.nodes(2 * layers - 1 - depth if mirror else layers) for depth in range(layers)]
-    repeat = lambda v: np.tile(v, layers)  # noqa: E731
+    there, references = lattice.own(np.concatenate(inner)[mine])
+    if not there.all():
+        raise InputError(
+            "a condition follows from nodes that another process has",
+            value=face.name,
+            key="run.topology",
+            remedy=f"boxes that are not cut along {AXES[face.axis]} within {2 * layers} nodes of this side of the body",
+        )
+
+    def put(values: np.ndarray) -> np.ndarray:
+        return np.tile(values, layers)[mine]
+
     drives: list[Drive]
     if isinstance(constraint, Temperature):
         drive = face.values(constraint.value, 0.0 if kind == "node" else layers - 0.5)
         weight = -1.0 if mirror else 0.0
-        drives = [_scaled(drive, 1.0 - weight, repeat)]
+        drives = [_scaled(drive, 1.0 - weight, put)]
         if background:
             drives.append((np.full(len(nodes), -(1 - weight) * background), space_and_time(0.0)[1]))
         plain = constraint.value if not mirror and np.isscalar(constraint.value) else None
-        return _Held(number, nodes, np.concatenate(inner), weight, drives, plain, face.axis)
-    distance = (
-        np.array([2 * (layers - depth) - 1 if mirror else layers - depth for depth in range(layers)]) * lattice.spacing
-    )
-    references = np.concatenate(inner)
+        return _Held(number, nodes, references, weight, drives, plain, face.axis)
+    apart = np.array([2 * (layers - depth) - 1 if mirror else layers - depth for depth in range(layers)])
+    distance = np.repeat(apart * lattice.spacing, len(face.first))[mine]
     drives = []  # an insulated layer follows from the inside alone
     if isinstance(constraint, Flux):
         material = np.broadcast_to(conductivity, lattice.shape).ravel()[references]
@@ -543,17 +581,14 @@ def _on_face(
             raise InputError(
                 "a flux needs a conductivity above 0 on its side", value=float(material.min()), limit="> 0", key=key
             )
-        drives = [
-            _scaled(
-                face.values(constraint.value, layers - 0.5),
-                1.0,
-                lambda v: repeat(v) * np.repeat(distance, len(v)) / material,
-            )
-        ]
+        drive = face.values(constraint.value, layers - 0.5)
+        drives = [_scaled(drive, 1.0, lambda v: put(v) * distance / material)]
     return _Held(number, nodes, references, 1.0, drives, None, face.axis)
 
 
-def _in_region(number: int, constraint: Constraint, lattice: Lattice, background: float, key: str) -> _Held:
+def _in_region(
+    number: int, constraint: Constraint, lattice: Lattice, background: float, key: str, gather: Gather
+) -> _Held:
     assert isinstance(constraint, Temperature)
     where = constraint.where
     grid = np.stack(lattice.coordinates(), -1)
@@ -563,19 +598,21 @@ def _in_region(number: int, constraint: Constraint, lattice: Lattice, background
                 "shape and lattice differ in dimension", value=shape.dim, limit=lattice.dim, key=f"{key}.where"
             )
     mask = where.contains(grid) if isinstance(where, Shape) else np.asarray(where)
-    if mask.shape != lattice.shape or mask.dtype != bool:
+    size = lattice.shape if isinstance(where, Shape) else lattice.whole.shape
+    if mask.shape != size or mask.dtype != bool:
         raise InputError(
             "a mask holds true or false for each node",
             value=(mask.shape, str(mask.dtype)),
-            limit=lattice.shape,
+            limit=size,
             key=f"{key}.where",
         )
+    mask = mask if isinstance(where, Shape) else mask[lattice.within]
     if constraint.within is not None:
         mask = mask & constraint.within.contains(grid)
     if lattice.mask is not None:
         mask = mask & lattice.mask
     nodes = np.flatnonzero(mask)
-    if not nodes.size:
+    if not any(gather(bool(nodes.size))):
         raise InputError("no node lies in the shape", key=f"{key}.where", remedy="enlarge it or refine the lattice")
     space, time = space_and_time(constraint.value)
     at = [g.ravel()[nodes] for g in lattice.coordinates()]
@@ -585,9 +622,11 @@ def _in_region(number: int, constraint: Constraint, lattice: Lattice, background
         drive = None, lambda t: _finite(time(*at, t), len(nodes), key)
     else:
         space = kinds.array(space(*at) if callable(space) else space, key, finite=False)
-        if space.ndim and space.shape != lattice.shape and space.shape != nodes.shape:
-            raise InputError("an array must have the lattice's shape", value=space.shape, limit=lattice.shape, key=key)
-        drive = _finite(space.ravel()[nodes] if space.shape == lattice.shape else space, len(nodes), key), time
+        whole = lattice.whole.shape
+        if space.ndim and space.shape != whole and space.shape != nodes.shape:
+            raise InputError("an array must have the lattice's shape", value=space.shape, limit=whole, key=key)
+        space = space[lattice.within].ravel()[nodes] if space.shape == whole else space
+        drive = _finite(space, len(nodes), key), time
     drives = [drive]
     if background:
         drives.append((np.full(len(nodes), -background), space_and_time(0.0)[1]))
@@ -612,7 +651,7 @@ def _refuse_fed(out: Conditions, found: Sequence[_Held], fed: Sequence[tuple[int
     axes = {held.number: held.axis for held in found}
     for number, face in fed:
         same = np.isin(out.owner, [n for n, axis in axes.items() if axis in (None, face.axis)])
-        lost = np.flatnonzero(same & np.isin(out.nodes, face.nodes(0)))
+        lost = np.flatnonzero(same & np.isin(out.nodes, face.own(0)))
         if lost.size:
             raise _contradiction(number, int(out.owner[lost[0]]), int(out.nodes[lost[0]]), lattice)
 
@@ -657,8 +696,6 @@ def _join(out: Conditions, found: Sequence[_Held], lattice: Lattice) -> None:
                 )
     sizes = [int(keep.sum()) for _, keep in kept]
     total, start = sum(sizes), 0
-    if not total:
-        return
     out.nodes = np.concatenate([h.nodes[k] for h, k in kept])
     out.owner = np.repeat([h.number for h, _ in kept], sizes)
     follows = np.repeat([h.weight != 0 for h, _ in kept], sizes)

@@ -43,11 +43,11 @@ class Region:
     last: np.ndarray
     surface: End | None = None
 
-    @property
-    def nodes(self) -> np.ndarray:
-        """Indices of the nodes of the box, shape (n, dim)."""
+    def nodes(self, most: int) -> np.ndarray:
+        """Indices of the nodes of the box, every so many of them that there are at most `most`; shape (n, dim)."""
         counts = self.last - self.first + 1
-        return np.asarray(np.indices(counts).reshape(len(counts), -1).T + self.first)
+        numbers = np.arange(0, int(np.prod(counts)), -(-int(np.prod(counts)) // most))
+        return np.stack(np.unravel_index(numbers, counts), axis=-1) + self.first
 
     @property
     def shell(self) -> Shell:
@@ -343,9 +343,11 @@ class Incidence:
         """The wave inside its box at the start, and its velocity there, in the scheme's own sense ``(u(dt) - u(-dt)) /
         (2 dt)``.
         """
-        nodes = self.region.nodes
-        mine, where = self._own(nodes)
-        wave = self.passage.at(nodes[mine])
+        axes = [np.arange(first, first + n) for first, n in zip(self._lattice.first, self._lattice.shape, strict=True)]
+        ends = zip(axes, self.region.first, self.region.last, strict=True)
+        box = [axis[(axis >= first) & (axis <= last)] for axis, first, last in ends]  # as much of it as is in this part
+        nodes = np.stack(np.meshgrid(*box, indexing="ij"), axis=-1).reshape(-1, len(box))
+        where, wave = self._own(nodes)[1], self.passage.at(nodes)
         found = np.zeros((2, self._components, int(np.prod(self._lattice.shape))))
         found[0][:, where] = wave(0.0)
         found[1][:, where] = (wave(self._dt) - wave(-self._dt)) / (2 * self._dt)
@@ -369,7 +371,8 @@ def check_scatterers(
     reach: Sequence[int],
     cuts: Sequence[Cut],
     material: np.ndarray,
-    free: Sequence[End] = (),
+    free: Sequence[End],
+    gather: Callable[[Any], list[Any]],
 ) -> float:
     """What the bonds outside the box are multiplied with: cracks, holes and other materials must be inside it, two
     reaches from its faces.
@@ -379,26 +382,29 @@ def check_scatterers(
     wave : Incident
         With its box.
     lattice : Lattice
+        The part of this process.
     reach : sequence of int
     cuts : sequence of Cut
     material : ndarray
-        Of the lattice's shape: what the bonds are multiplied with, nan where there are no nodes.
+        Of its shape: what the bonds are multiplied with, nan where there are no nodes.
     free : sequence of (axis, side)
         Free sides, on which the box may stand: it has no face there.
+    gather : callable
+        Of a value of this process the values of all, each of which has its part.
 
     Raises
     ------
     InputError
     """
     assert wave.within is not None
-    close = _CLOSE * lattice.spacing
+    whole, close = lattice.whole, _CLOSE * lattice.spacing
     lower, upper = (np.array(b, float) for b in wave.within.bounds())
     more = 2 * lattice.spacing * np.array(reach)
-    open_sides = standing_on(wave.within, lattice, free)
+    open_sides = standing_on(wave.within, whole, free)
     lower, upper = lower + more, upper - more
     for axis, side in open_sides:
         (lower if side < 0 else upper)[axis] = side * np.inf
-    limit = f"{shown(np.maximum(lower, lattice.lower))} to {shown(np.minimum(upper, lattice.upper))}"
+    limit = f"{shown(np.maximum(lower, whole.lower))} to {shown(np.minimum(upper, whole.upper))}"
     lower, upper = lower - close, upper + close
     for cut in cuts:
         low, high = (np.asarray(b, float) for b in cut.bounds())
@@ -414,17 +420,18 @@ def check_scatterers(
     for axis, places in enumerate(lattice.axes):
         within = (places >= lower[axis]) & (places <= upper[axis])
         inner &= within.reshape([-1 if a == axis else 1 for a in range(lattice.dim)])
-    outside: Any = material[~inner]
-    if not np.ptp(outside) == 0:
-        other = np.argwhere(~inner & ~(material == outside.flat[0]))[0]
+    first = next(one for every in gather(material[~inner][:1].tolist()) for one in every)
+    other = np.argwhere(~inner & ~(material == first))[:1]
+    found = [place for every in gather(lattice.lower + lattice.spacing * other) for place in every]
+    if found:
         raise InputError(
             "the medium is not uniform near the faces of an incident wave's box, or beyond",
-            value=f"another one at {shown(lattice.lower + lattice.spacing * other)}",
+            value=f"another one at {shown(found[0])}",
             limit=limit,
             key="incident.within",
             remedy="enlarge the near field",
         )
-    return float(outside.flat[0])
+    return float(first)
 
 
 def check_within(within: Any) -> None:

@@ -94,8 +94,7 @@ class _GivenPassage(Passage):
     def _residual(self, until: float) -> float:
         region, scheme = self._region, self._region.scheme
         stencil, dt, components = scheme.stencil, scheme.dt, scheme.stencil.components
-        nodes = region.nodes
-        nodes = nodes[:: -(-len(nodes) // _NODES)]
+        nodes = region.nodes(_NODES)
         around = nodes[:, None] + stencil.offsets
         there = ((around >= 0) & (around < region.lattice.shape)).all(-1) | (region.surface is None)
         near, far = self.at(nodes), self.at(around.reshape(-1, around.shape[-1]))

@@ -204,16 +204,7 @@ def check_size(values: np.ndarray, key: str) -> None:
 def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:
     """The values as a float array of the lattice's shape; zero outside a body, and outside a window where not
     finite."""
-    values = kinds.array(value, key, finite=False)
-    if values.ndim and values.shape != lattice.shape:
-        raise InputError(
-            "an array must have the lattice's shape",
-            value=values.shape,
-            limit=lattice.shape,
-            key=key,
-            remedy="one value a node; Lattice.axes has their coordinates",
-        )
-    values = np.broadcast_to(values, lattice.shape)
+    values = np.broadcast_to(checked_shape(kinds.array(value, key, finite=False), lattice, key), lattice.shape)
     bad = ~np.isfinite(values) if lattice.mask is None else ~np.isfinite(values) & lattice.mask
     if bad.any():
         first = np.unravel_index(int(np.argmax(bad)), bad.shape)
@@ -229,6 +220,19 @@ def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:
     if lattice.mask is None:
         return values
     return np.where(lattice.mask if lattice.body is not None else np.isfinite(values), values, 0.0)
+
+
+def checked_shape(values: np.ndarray, lattice: Lattice, key: str) -> np.ndarray:
+    """Values that are one number, or one a node; InputError for others."""
+    if values.ndim and values.shape != lattice.shape:
+        raise InputError(
+            "an array must have the lattice's shape",
+            value=values.shape,
+            limit=lattice.shape,
+            key=key,
+            remedy="one value a node; Lattice.axes has their coordinates",
+        )
+    return values
 
 
 def widened(

@@ -66,12 +66,18 @@ class Weibull(Storable):
 
     def __call__(self, *at: Any) -> Any:
         """The values at coordinates, of their common shape."""
-        found = _mixed(np.asarray(self.seed, np.uint64))
-        for x in np.broadcast_arrays(*at):
-            cell = np.floor(np.asarray(x, float) / self.cell + 0.5 + _BESIDE).astype(np.int64)
-            found = _mixed(found ^ cell.view(np.uint64))
-        share = ((found >> np.uint64(11)).astype(float) + 0.5) * 2.0**-53  # between 0 and 1, without either
-        return self.scale * (-np.log(share)) ** (1 / self.modulus)
+        cells = [np.floor(np.asarray(x, float) / self.cell + 0.5 + _BESIDE) for x in np.broadcast_arrays(*at)]
+        return self.scale * (-np.log(uniform(self.seed, *cells))) ** (1 / self.modulus)
+
+
+def uniform(seed: int, *numbers: np.ndarray) -> np.ndarray:
+    """Uniform random numbers between 0 and 1, without either, that follow from whole numbers, of which all arrays have
+    the same shape.
+    """
+    found = _mixed(np.asarray(seed, np.uint64))
+    for one in numbers:
+        found = _mixed(found ^ np.asarray(one).astype(np.int64).view(np.uint64))
+    return np.asarray(((found >> np.uint64(11)).astype(float) + 0.5) * 2.0**-53)
 
 
 def _mixed(bits: np.ndarray) -> np.ndarray:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -54,10 +53,9 @@ class Variation:
             return self
         return replace(self, stiffness=factor if self.stiffness is None else factor * self.stiffness)
 
-    def part(self, within: tuple[slice, ...]) -> Variation:
-        """That of a box of the lattice."""
-        place: tuple[Any, ...] = (..., *within)
-        return Variation(**{name: value if value is None else value[place] for name, value in vars(self).items()})
+    def without(self, names: Collection[str]) -> Variation:
+        """The same where some of it does not vary."""
+        return replace(self, **dict.fromkeys(names))
 
     @property
     def squared_speed(self) -> np.ndarray | None:
@@ -67,52 +65,30 @@ class Variation:
         return (1.0 if self.stiffness is None else self.stiffness) / self.density
 
 
-def middle_node(values: np.ndarray) -> int:
-    """Number of a node whose value is in the middle of all: of the host medium, where that fills most of a lattice."""
-    return int(np.argsort(values, axis=None, kind="stable")[values.size // 2])
+def is_one(values: np.ndarray) -> bool:
+    """Whether all values are 1 to rounding."""
+    return bool(np.abs(values - 1).max(initial=0) < _ROUNDING)
 
 
-def varying(values: np.ndarray) -> np.ndarray | None:
-    """Values over nodes; None where all are 1 to rounding."""
-    return None if np.abs(values - 1).max() < _ROUNDING else values
-
-
-def lightest_bond(
-    factor: np.ndarray | None, density: np.ndarray, offsets: np.ndarray, rule: str, periodic: Collection[int] = ()
-) -> float:
-    """The largest factor of a bond over the smaller mass of its ends; those of bonds across an edge are alike.
+def lightest_bond(stiff: np.ndarray, heavy: np.ndarray, offsets: np.ndarray, rule: str) -> float:
+    """The largest factor of a bond over the smaller mass of its ends.
 
     The squared frequencies of the medium are at most so many times those of the uniform one if no weight is negative:
     the bonds between nodes heavier than any m, which have a mass of at least m, oscillate no faster than all bonds do.
 
     Parameters
     ----------
-    factor : ndarray or None
-        Of the stiffness of bonds, at the nodes.
-    density : ndarray
-        Masses of the nodes.
+    stiff, heavy : ndarray
+        Factor on the bonds and mass of each node, and of as many beyond each edge as bonds reach.
     offsets : ndarray of int, shape (K, dim)
     rule : {"both", "arithmetic", "harmonic"}
         How the factors of a bond's ends combine.
-    periodic : collection of int
-        Axes along which the medium repeats itself.
     """
     reach = np.abs(offsets).max(0)
-    stiff, heavy = (
-        grown_over(np.ones(density.shape) if one is None else one, reach, periodic) for one in (factor, density)
-    )
-    largest = 0.0
-    here = tuple(slice(m, m + n) for m, n in zip(reach, density.shape, strict=True))
+    largest, shape = 0.0, np.array(heavy.shape) - 2 * reach
+    here = tuple(slice(m, m + n) for m, n in zip(reach, shape, strict=True))
     for offset in offsets:
-        there = tuple(slice(m + o, m + o + n) for m, o, n in zip(reach, offset, density.shape, strict=True))
+        there = tuple(slice(m + o, m + o + n) for m, o, n in zip(reach, offset, shape, strict=True))
         bond = combined(rule, stiff[here], stiff[there])
         largest = max(largest, float((bond / np.minimum(heavy[here], heavy[there])).max()))
     return largest
-
-
-def grown_over(values: np.ndarray, reach: Sequence[int], periodic: Collection[int]) -> np.ndarray:
-    """Values with so many more beyond each edge: as at the edge, or as across a periodic axis."""
-    for axis, more in enumerate(reach):
-        widths = [(int(more), int(more)) if a == axis else (0, 0) for a in range(values.ndim)]
-        values = np.pad(values, widths, mode="wrap" if axis in periodic else "edge")
-    return values

@@ -35,8 +35,8 @@ from farhorizon.medium.solids import (
     sum_of,
 )
 from farhorizon.medium.stencil import Stencil
-from farhorizon.medium.variation import Variation, middle_node, varying
-from farhorizon.models.model import Constant, LatticeModel, material_constant
+from farhorizon.medium.variation import Variation
+from farhorizon.models.model import Constant, LatticeModel, Ordered, material_constant
 
 MATERIALS = ("bond-based", "state-based", "correspondence", "finite-element")
 _BREAKABLE = MATERIALS[:3]
@@ -400,40 +400,24 @@ class Elastic(LatticeModel):
         if name != "poisson":
             super().check_constant(name, values)
 
-    def on_nodes(self, values: Mapping[str, np.ndarray]) -> tuple[Elastic, Variation]:
-        """The medium in the middle of all speeds of P waves, in strength the middle of all strengths, and the others
-        beside it.
-        """
-        broken = {name: values[name] for name in self._strength if name in values}
-        of_strength = {name: float(value.flat[middle_node(value)]) for name, value in broken.items()}
-        model, found = self.with_constants(of_strength)._on_nodes({k: v for k, v in values.items() if k not in broken})
-        over = {name: value / of_strength[name] for name, value in broken.items()}
-        if self.softening is None:
-            return model, replace(found, strength=next(iter(over.values()), None))
-        return model, replace(found, strength=over.get("critical_stretch"), toughness=over.get("fracture_energy"))
-
-    def _on_nodes(self, values: Mapping[str, np.ndarray]) -> tuple[Elastic, Variation]:
-        """The same by moduli and density."""
-        if not values:
-            return self, Variation()
-        given = {name: values.get(name, value) for name, value in self._given_moduli.items()}
-        solids = _moduli(self, given)
+    def ordered(self, values: Mapping[str, np.ndarray]) -> list[Ordered]:
+        """By the speed of P waves, and each strength by itself."""
+        found: list[Ordered] = [(values[name], {name: values[name]}) for name in self._strength if name in values]
+        if not self.uneven:
+            return found
+        solids = _moduli(self, values)
         modulus, density = np.broadcast_arrays(solids.lame + 2 * solids.shear, values.get("density", self.density))
-        host = middle_node(modulus / density)
-        of_host = {name: float(np.broadcast_to(value, modulus.shape).flat[host]) for name, value in given.items()}
-        model = self.with_constants(of_host | {"density": float(density.flat[host])})
-        found = Variation(varying(modulus / model.p_modulus), varying(density / model.density))
-        if self.bonds or set(values) <= {"density"}:
-            return model, found
-        lame, shear = np.array([np.broadcast_to(one, modulus.shape) for one in (solids.lame, solids.shear)])
-        found = replace(found, lame=np.stack([lame, shear]))
-        lame, shear = lame / model.p_modulus, shear / model.p_modulus
-        if self.material == "state-based":
-            moduli = np.stack([lame - shear, 0 * shear, 0 * shear])
-            return model, replace(found, moduli=moduli, springs=shear * model.p_modulus / model.shear)
-        whole = modulus / model.p_modulus
-        moduli = np.stack([lame, shear, self.stabilisation * whole])
-        return model, replace(found, moduli=moduli, springs=whole if self.stabilisation else None)
+        given = {name: values.get(name, value) for name, value in self._given_moduli.items()}
+        of_solid = {name: np.broadcast_to(value, modulus.shape) for name, value in given.items()}
+        return [*found, (modulus / density, of_solid | {"density": density})]
+
+    def beside(self, values: Mapping[str, np.ndarray]) -> Variation:
+        """How moduli, density and strength vary."""
+        found = _solid_beside(self, {name: value for name, value in values.items() if name not in self._strength})
+        over = {name: values[name] / value for name, value in self._strength.items() if name in values}
+        if self.softening is None:
+            return replace(found, strength=next(iter(over.values()), None))
+        return replace(found, strength=over.get("critical_stretch"), toughness=over.get("fracture_energy"))
 
     @property
     def moduli(self) -> tuple[float, float]:
@@ -524,6 +508,28 @@ def _springs(kernel: Kernel | Stencil | None, offsets: np.ndarray, weights: np.n
     return central(offsets, isotropic(offsets, weights) if calibrate else weights, shear)
 
 
-def _moduli(model: Elastic, given: Mapping[str, Any]) -> Moduli:
+def _moduli(model: Elastic, values: Mapping[str, Any]) -> Moduli:
+    """Of a solid with other values of the constants that are given for it."""
     fixed = _CAUCHY[model.plane] if model.bonds else None
+    given = {name: values.get(name, value) for name, value in model._given_moduli.items()}
     return moduli_of(given, fixed, model.plane, model.material, COMBINATIONS)
+
+
+def _solid_beside(model: Elastic, values: Mapping[str, np.ndarray]) -> Variation:
+    """How moduli and density vary beside a uniform solid."""
+    if not values:
+        return Variation()
+    solids = _moduli(model, values)
+    modulus, density = np.broadcast_arrays(solids.lame + 2 * solids.shear, values.get("density", model.density))
+    found = Variation(modulus / model.p_modulus, density / model.density)
+    if model.bonds or set(values) <= {"density"}:
+        return found
+    lame, shear = np.array([np.broadcast_to(one, modulus.shape) for one in (solids.lame, solids.shear)])
+    found = replace(found, lame=np.stack([lame, shear]))
+    lame, shear = lame / model.p_modulus, shear / model.p_modulus
+    if model.material == "state-based":
+        moduli = np.stack([lame - shear, 0 * shear, 0 * shear])
+        return replace(found, moduli=moduli, springs=shear * model.p_modulus / model.shear)
+    whole = modulus / model.p_modulus
+    moduli = np.stack([lame, shear, model.stabilisation * whole])
+    return replace(found, moduli=moduli, springs=whole if model.stabilisation else None)

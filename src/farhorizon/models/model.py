@@ -21,6 +21,8 @@ from farhorizon.medium.scatter import Weibull
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
 
+#: Values by which nodes are put in order, and constants of theirs by name.
+Ordered = tuple[np.ndarray, dict[str, np.ndarray]]
 #: Of a material: a number, or an expression, a function of the coordinates or values at the nodes.
 Constant = float | str | Weibull | Callable[..., Any] | NDArray[np.float64]
 _TAKEN = ("type", "stencil", "stages", "of")  # keys of its table that are not the class's own
@@ -232,15 +234,20 @@ class LatticeModel:
             )
         kinds.check_magnitude(values, f"model.{name}")
 
-    def on_nodes(self, values: Mapping[str, np.ndarray]) -> tuple[Self, Variation]:
-        """A uniform model, and how the medium varies beside it.
+    def ordered(self, values: Mapping[str, np.ndarray]) -> list[Ordered]:
+        """By what nodes are put in order, and the constants of which the uniform model takes those of the node in the
+        middle: the host medium, where that fills most of a lattice.
 
         Parameters
         ----------
         values : mapping of str to ndarray
             Of each of the constants `varying` its value at the nodes.
         """
-        return self, Variation()
+        return []
+
+    def beside(self, values: Mapping[str, np.ndarray]) -> Variation:
+        """How the medium varies beside this model, which is uniform; see `ordered`."""
+        return Variation()
 
     @property
     def title(self) -> str:

@@ -12,8 +12,8 @@ from farhorizon import kinds
 from farhorizon.medium.integrators import Verlet
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
-from farhorizon.medium.variation import Variation, middle_node, varying
-from farhorizon.models.model import Constant, LatticeModel, material_constant
+from farhorizon.medium.variation import Variation
+from farhorizon.models.model import Constant, LatticeModel, Ordered, material_constant
 
 
 class Wave(LatticeModel):
@@ -81,10 +81,13 @@ class Wave(LatticeModel):
         model._set(constants.get("speed", self.speed), constants.get("density", self.density))
         return model
 
-    def on_nodes(self, values: Mapping[str, np.ndarray]) -> tuple[Wave, Variation]:
-        """The medium in the middle of all speeds, and the others beside it."""
+    def ordered(self, values: Mapping[str, np.ndarray]) -> list[Ordered]:
+        """By speed."""
         speed, density = np.broadcast_arrays(values.get("speed", self.speed), values.get("density", self.density))
-        host = middle_node(speed)
-        model = self.with_constants({"speed": float(speed.flat[host]), "density": float(density.flat[host])})
-        heavier = density / model.density
-        return model, Variation(varying(heavier * (speed / model.speed) ** 2), varying(heavier))
+        return [(speed, {"speed": speed, "density": density})]
+
+    def beside(self, values: Mapping[str, np.ndarray]) -> Variation:
+        """How speed and density vary."""
+        speed, density = np.broadcast_arrays(values.get("speed", self.speed), values.get("density", self.density))
+        heavier = density / self.density
+        return Variation(heavier * (speed / self.speed) ** 2, heavier)

@@ -15,7 +15,9 @@ from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.incidence import Incidence
 from farhorizon.inputs.outside import Beyond, gradients
+from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.stencil import Stencil
+from farhorizon.medium.variation import Variation
 from farhorizon.simulation.breaking import Breaking
 from farhorizon.simulation.closing import close, exact_ends_of
 from farhorizon.simulation.cuts import CutBonds
@@ -32,10 +34,11 @@ from farhorizon.simulation.drives import (
 )
 from farhorizon.simulation.extension import Emitters, extend
 from farhorizon.simulation.grid import Grid, choose_margins, largest_rate, make_grid, states_of
+from farhorizon.simulation.host import looked_at, node_factor, varied
 from farhorizon.simulation.layers import choose_layers
-from farhorizon.simulation.near_field import NearField, near_field, node_factor, varied
+from farhorizon.simulation.near_field import NearField, extremes_of, near_field
 from farhorizon.simulation.setup import Key, Setup, Sides
-from farhorizon.simulation.share import Share, check_choosable, check_shareable, looked_through, share_of
+from farhorizon.simulation.share import Share, check_choosable, check_shareable, chooses, share_of
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
 from farhorizon.simulation.start import Start, start_of
 from farhorizon.simulation.surfaces import check_conditions, rest_and_damp
@@ -121,6 +124,27 @@ class Parts:
     driving: list[Drive]
     whole: Whole
 
+    def at(self, values: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+        """Values that each process has of its part, on all processes.
+
+        Parameters
+        ----------
+        values : ndarray
+            Its last axes are those of the part of the lattice.
+        nodes : ndarray of int
+            Flat numbers of nodes in the whole lattice.
+        """
+        part = self.near.lattice
+        inside, own = part.own(nodes.ravel())
+        mine = values.reshape(*values.shape[: values.ndim - part.dim], -1)[..., own]
+        found = self.whole.team.completed(mine, np.flatnonzero(inside), nodes.size, mine.ndim - 1)
+        return found.reshape(*found.shape[:-1], *nodes.shape)
+
+    def hides(self, nodes: np.ndarray) -> np.ndarray:
+        """Which nodes of the whole lattice (flat numbers) have no values of the body or window."""
+        hidden = self.near.hidden
+        return self.at(np.zeros(self.near.lattice.shape) if hidden is None else hidden.astype(float), nodes) > 0
+
 
 @dataclass(frozen=True, eq=False)
 class Survey:
@@ -146,10 +170,10 @@ class Survey:
     sources: list[tuple[str, Any]]
 
 
-def survey(whole: Setup, stiffer: float | None = None, share: Share | None = None) -> Survey:
+def survey(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Share | None = None) -> Survey:
     """The medium, what drives it and the sides of a set-up; see `assemble`."""
-    setup, variation = varied(whole) if share is None else (share.uniform, share.variation)
-    of_whole = () if share is None else (share.whole, share.conditions)
+    setup, variation = varied(whole) if share is None else (share.host.uniform(whole), share.host.beside(whole))
+    of_whole = None if share is None else share.whole
     lattice, model = setup.lattice, setup.model
     autos = {key: b for key, b in setup.sides.items() if b.undecided}
     sides = setup.sides | {key: b.as_layer(None, model.target) for key, b in autos.items()}
@@ -161,27 +185,54 @@ def survey(whole: Setup, stiffer: float | None = None, share: Share | None = Non
     coefficient = node_factor(setup)
     variation = variation.times(coefficient)
     check_variation(sides, variation)
-    near = near_field(setup, sides, stencil, variation, coefficient, 1.0 if stiffer is None else stiffer, *of_whole)
+    near = near_field(setup, sides, stencil, variation, coefficient, stiffer, team, of_whole)
     check_signals(setup, near)
-    waves = incident_waves(setup, near, sides, _cuts(setup)) if share is None else share.waves
+    waves = incident_waves(setup, near, sides if share is None else share.sides, _cuts(setup), team)
     sources = given(setup, near, sides)
     around = _choose_sides(
         setup, near, sides, autos, [*(one.wave for one in waves), *(source for _, source in sources)]
     )
-    if share is not None:
-        around = replace(around, coefficients=share.coefficients)
     return Survey(setup, autos, near, around, waves, sources)
 
 
-def assemble(whole: Setup, stiffer: float | None = None, team: Team = ALONE, share: Share | None = None) -> Parts:
+def assemble(setup: Setup) -> Parts:
+    """The parts of a run on one process; see `assemble_as`."""
+    parts = assemble_as(setup)
+    stiffer = stiffening(parts, ALONE)
+    return assemble_as(setup, stiffer) if stiffer > 1 else parts
+
+
+def assemble_shared(
+    setup: Setup, team: Team, topology: Sequence[int] | None, observers: Sequence[Any]
+) -> tuple[Share, Whole, Parts]:
+    """The share of this process in a run, what recorders look at, and the parts; see `shared` and `assemble_as`."""
+    share, whole = shared(setup, team, topology, observers)
+    parts = assemble_as(share.setup, 1.0, team, share)
+    stiffer = stiffening(parts, team)
+    if stiffer > 1:
+        share, whole = shared(setup, team, topology, observers, stiffer)
+        parts = assemble_as(share.setup, stiffer, team, share)
+    return share, whole, parts
+
+
+def stiffening(parts: Parts, team: Team) -> float:
+    """Of the fastest oscillation the squared frequency over that of the medium with all its bonds; above 1 where states
+    have fewer bonds, or others.
+    """
+    engine = parts.grid.engine
+    unlike = team.any(bool(engine.absent.count) or parts.near.variation.moduli is not None)
+    return max(1.0, largest_rate(parts.grid, team) / parts.near.rate_limit) if unlike and engine.passes else 1.0
+
+
+def assemble_as(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Share | None = None) -> Parts:
     """The parts of a run; the set-up is looked at from the cheap to the dear.
 
     Parameters
     ----------
     whole : Setup
-    stiffer : float, optional
-        Of the fastest oscillation the squared frequency over that of the medium with all its bonds; found by a first
-        assembly where it is not given and may be above 1.
+    stiffer : float
+        Of the fastest oscillation the squared frequency over that of the medium with all its bonds: `stiffening` of a
+        first assembly.
     team : Team
         The processes that compute the run.
     share : Share, optional
@@ -192,7 +243,7 @@ def assemble(whole: Setup, stiffer: float | None = None, team: Team = ALONE, sha
     InputError
         Anything that cannot be computed.
     """
-    found = survey(whole, stiffer, share)
+    found = survey(whole, stiffer, team, share)
     setup, autos, near, around = found.setup, found.autos, found.near, found.around
     waves, sources, sides, factor = found.waves, found.sources, found.around.sides, found.near.factor
     lattice, model, stencil = setup.lattice, setup.model, near.stencil
@@ -239,11 +290,6 @@ def assemble(whole: Setup, stiffer: float | None = None, team: Team = ALONE, sha
         corner = np.array([0] * grid.lead + [margins[a, -1] for a in range(lattice.dim)])
         set_drag(grid.engine, model.drag, corner, corner + np.array((1,) * grid.lead + lattice.shape))
     cuts.cut(setup.cracks)
-    unlike = (
-        grid.engine.absent.count or near.variation.moduli is not None
-    )  # nodes with fewer or other bonds may be faster
-    if states is not None and unlike and stiffer is None and share is None:
-        return assemble(whole, max(1.0, largest_rate(grid.engine) / near.rate_limit))
     alone = breaking.loose() if breaking is not None and setup.cracks else 0
     if alone:
         notes.append(f"cracks leave {alone} nodes without any bond: they move freely")
@@ -291,7 +337,7 @@ def _choose_sides(
 
 def _with_layers(setup: Setup, near: NearField, sides: Sides, sources: Sequence[Any]) -> Surroundings:
     stencil: Stencil = near.stencil
-    found = choose_layers(setup, near, by_target(setup, sides, stencil, near.squared_speed), sources)
+    found = choose_layers(setup, near, by_target(setup, sides, stencil, near.pace.sides), sources)
     if found.thickness:
         check_memory(setup, stencil, found)
     return found
@@ -305,10 +351,12 @@ def _acted_on(near: NearField, driving: Sequence[Drive]) -> np.ndarray:
     return busy
 
 
-def shared(setup: Setup, team: Team, topology: Sequence[int] | None, observers: Sequence[Any]) -> tuple[Share, Whole]:
-    """The share of this process in a run, and what recorders look at.
+def shared(
+    setup: Setup, team: Team, topology: Sequence[int] | None, observers: Sequence[Any], stiffer: float = 1.0
+) -> tuple[Share, Whole]:
+    """The share of this process in a run, and what recorders look at; `stiffer` as of `assemble_as`.
 
-    What follows from the whole follows from it on all processes, or on the first one, where layers look at all data.
+    No process looks at the whole, but the first one where layers look at all data.
 
     Raises
     ------
@@ -316,20 +364,16 @@ def shared(setup: Setup, team: Team, topology: Sequence[int] | None, observers: 
         What does not run on several processes.
     """
     check_shareable(setup, observers)
-    uniform, variation = varied(setup)
-    bare = replace(uniform, initial={}, loads=())
+    host, _ = looked_at(setup, team)
+    uniform = host.uniform(setup)
     stencil = uniform.model.medium(setup.lattice.spacing, setup.lattice.dim)
     check_repeats(setup, setup.sides, stencil)
-    near = near_field(bare, setup.sides, stencil, variation.times(node_factor(uniform)))
-    waves = incident_waves(bare, near, setup.sides, _cuts(setup))
-    around = by_target(uniform, setup.sides, stencil, near.squared_speed)
-    check_choosable(setup, uniform.model, around)
-    extremes, chosen = near.extremes, None
-    if found := looked_through(setup, uniform.model, around):
-        if team.number == 0:
-            made = assemble(setup) if found == "medium" else survey(setup)
-            chosen = made.around, made.near.extremes
-        around, extremes = team.first(chosen)
-    share = share_of(setup, uniform.model, variation, around, extremes, near.conditions, waves, team, topology)
-    known = replace(near, rate_limit=extremes.rate_limit, dt=extremes.dt, whole=extremes)
-    return share, Whole(known, setup.sides, team)
+    held = tuple(one for one in setup.constraints if isinstance(one, Prescribed))
+    bare = replace(uniform, initial={}, loads=(), coefficient=None, constraints=held)
+    extremes = extremes_of(setup, host, stencil, team, stiffer)
+    around = by_target(uniform, setup.sides, stencil, extremes.pace.sides)
+    if chooses(around):
+        check_choosable(setup.lattice)
+        around = team.first(team.by_first(lambda: survey(setup, stiffer).around))
+    near = near_field(bare, setup.sides, stencil, Variation(), whole=extremes)
+    return share_of(setup, host, around, near, team, topology), Whole(near, setup.sides, team)

@@ -24,6 +24,7 @@ from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.course import warn
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, Setup, Sides, keys, side_name
+from farhorizon.simulation.team import ALONE, Team
 
 _LOOKS, _SOON, _LAST = 512, 2**10, 2**16  # looks at a factor of time, and steps: of a first part of them, of the last
 _THIN = 32  # nodes along an axis on which a source that does not split is looked at
@@ -248,8 +249,21 @@ def ends_of(sides: Sides) -> dict[Key, bool]:
     return {key: not b.bonded for key, b in sides.items() if not (b.endless or b.periodic)}
 
 
-def incident_waves(setup: Setup, near: NearField, sides: Sides, cuts: Sequence[Cut]) -> list[Arriving]:
+def incident_waves(
+    setup: Setup, near: NearField, sides: Sides, cuts: Sequence[Cut], team: Team = ALONE
+) -> list[Arriving]:
     """Incident waves, each with its box and the medium outside it.
+
+    Parameters
+    ----------
+    setup : Setup
+    near : NearField
+        Of this process.
+    sides : dict of (axis, side) to Side
+        Of the whole.
+    cuts : sequence of Cut
+    team : Team
+        The processes, each with its part of the near field.
 
     Raises
     ------
@@ -258,7 +272,8 @@ def incident_waves(setup: Setup, near: NearField, sides: Sides, cuts: Sequence[C
     """
     ends = ends_of(sides)
     waves = [source for source in setup.sources if isinstance(source, Incident)]
-    return [_arriving(wave.resolved(setup.lattice, near.stencil.reach, ends), near, ends, cuts) for wave in waves]
+    whole, reach = setup.lattice.whole, near.stencil.reach
+    return [_arriving(wave.resolved(whole, reach, ends), near, ends, cuts, team) for wave in waves]
 
 
 class Arriving(NamedTuple):
@@ -339,7 +354,7 @@ def scheme_of(near: NearField, factor: float) -> Scheme:
     return Scheme.of(near.stencil.beside(factor), rate, near.model.integrator, near.dt, near.model.damping)
 
 
-def _arriving(wave: Incident, near: NearField, ends: dict[Key, bool], cuts: Sequence[Cut]) -> Arriving:
+def _arriving(wave: Incident, near: NearField, ends: dict[Key, bool], cuts: Sequence[Cut], team: Team) -> Arriving:
     lattice, model = near.lattice, near.model
     if not isinstance(model.integrator, Verlet) or (model.damping and wave.undamped):
         raise InputError(
@@ -352,9 +367,9 @@ def _arriving(wave: Incident, near: NearField, ends: dict[Key, bool], cuts: Sequ
             remedy="a source, or initial data",
         )
     free = [key for key, is_free in ends.items() if is_free]
-    factor = check_scatterers(wave, lattice, near.stencil.reach, cuts, near.material, free)
+    factor = check_scatterers(wave, lattice, near.stencil.reach, cuts, near.material, free, team.gather)
     assert wave.within is not None
-    known = standing_on(wave.within, lattice, free)
+    known = standing_on(wave.within, lattice.whole, free)
     if known and not model.bonds:
         raise InputError(
             "the free surface that an incident wave knows is one of bonds",

@@ -64,7 +64,8 @@ def medium_outside(parts: Parts) -> Scheme:
             key="far_field",
             remedy="linear bonds, which may break inside the box",
         )
-    return scheme_of(near, 1.0 if near.factor is None else float(near.factor.flat[0]))
+    factor = parts.near.factor
+    return scheme_of(near, 1.0 if factor is None else float(parts.at(factor, np.zeros(1, int))[0]))
 
 
 def corner_nodes(lattice: Lattice, box: Box | None, reach: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -109,9 +110,9 @@ def corner_nodes(lattice: Lattice, box: Box | None, reach: Sequence[int]) -> tup
     return first, last
 
 
-def check_window(hidden: np.ndarray | None, nodes: np.ndarray, box: Box) -> None:
-    """InputError where nodes (W, dim) of the shell of a box are not shown, as outside a window."""
-    if hidden is not None and hidden[tuple(nodes.T)].any():
+def check_window(parts: Parts, nodes: np.ndarray, box: Box) -> None:
+    """InputError where nodes (flat numbers) of the shell of a box are not shown, as outside a window."""
+    if parts.hides(nodes).any():
         raise InputError(
             "the box of a far field reaches to the edge of the window",
             value=f"{shown(box.lower)} to {shown(box.upper)}",

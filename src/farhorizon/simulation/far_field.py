@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -171,12 +170,13 @@ class FarField(Recorder):
         if self.points is not None:
             self._receivers(self.points)
         as_directions(self.directions, near.lattice.dim, "far_field.directions")
-        self._parts = replace(parts, whole=replace(parts.whole, near=parts.near))  # all of the medium is not kept
+        self._parts = parts
         self._judged = list[str]()
         self._end = -1  # the last step of the run, once it is known
         self._incident: list[tuple[Any, Region]] = [(one.wave, one.region) for one in parts.incident]
-        check_window(near.hidden, self._shell.nodes, self._faces)
-        return Wanted(np.ravel_multi_index(tuple(self._shell.nodes.T), near.lattice.shape), ())
+        nodes = np.ravel_multi_index(tuple(self._shell.nodes.T), near.lattice.shape)
+        check_window(parts, nodes, self._faces)
+        return Wanted(nodes, ())
 
     def foresee(self, until: float, steps: int) -> None:
         """Before a run to a time: sources that do not split into space and time, and memory.

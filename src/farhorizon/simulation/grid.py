@@ -19,6 +19,7 @@ from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.integrators import Verlet
+from farhorizon.medium.scatter import uniform
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, Setup, Sides, wanted_threads
@@ -69,6 +70,11 @@ class Grid:
         """The near field in the core, along the engine's three axes."""
         slices = [slice(self.margins[a, -1], self.margins[a, -1] + n) for a, n in enumerate(self.lattice.shape)]
         return (*[slice(None)] * self.lead, *slices)
+
+    @property
+    def first(self) -> list[int]:
+        """Numbers of the core's first node along the engine's axes; those of the whole lattice's nodes begin with 0."""
+        return [0] * self.lead + [n - self.margins[a, -1] for a, n in enumerate(self.lattice.first)]
 
     @cached_property
     def origin(self) -> np.ndarray:
@@ -295,25 +301,36 @@ def check_material(near: NearField, around: Surroundings, margins: dict[Key, int
                 )
 
 
-def largest_rate(engine: Engine) -> float:
-    """Largest squared frequency of an engine's nodes without their layers, from a little above.
+def largest_rate(grid: Grid, team: Team) -> float:
+    """Largest squared frequency of nodes without their layers, from a little above, of all processes.
 
     The operator is symmetric, so that repeated application finds it, from below; nodes that never move are at zero.
     """
-    nodes = engine.layout.box.node_indices().ravel()
-    nodes = engine.all_components(nodes[engine.absent.exists[nodes]])
-    level = np.zeros(engine.levels.shape[1], engine.dtype)
-    level[nodes] = np.random.default_rng(1).standard_normal(len(nodes))
-    root = np.sqrt(engine.mobility)
-    rate = 0.0
+    engine, layout = grid.engine, grid.engine.layout
+    places = layout.box.node_indices()
+    there = engine.absent.exists[places]
+    nodes = engine.all_components(places[there]).reshape(engine.components, -1)
+    root = np.sqrt(engine.mobility[nodes] if engine.mobility.size > 1 else engine.mobility)
+    level, rate = np.zeros(engine.levels.shape[1], engine.dtype), 0.0
+    first = [n - low for n, low in zip(grid.first, layout.low, strict=True)]
+    at = [
+        one[there] + n for one, n in zip(np.indices(layout.box.nodes), first, strict=True)
+    ]  # whichever process has it
+    values = np.stack([uniform(seed, *at) - 0.5 for seed in range(engine.components)])
+
+    def summed(products: np.ndarray) -> float:
+        return float(team.summed(np.array([products.sum()]))[0])
+
     for _ in range(_ITERATIONS):
-        level[nodes] /= np.linalg.norm(level[nodes])
-        found = root * engine.apply_core(root * level)
-        before, rate = rate, -float(level[nodes] @ found[nodes])
+        values /= np.sqrt(summed(values**2))
+        level[nodes] = root * values
+        engine.complete(level)
+        found = -root * engine.apply_core(level)[nodes]
+        before, rate = rate, summed(values * found)
         if abs(rate - before) < _CONVERGED * rate:
             break
-        level[nodes] = -found[nodes]
-    return _ABOVE * rate
+        values = found
+    return float(f"{_ABOVE * rate:.6g}")  # sums in another order make no other step
 
 
 def _hold_beyond(grid: Grid, near: NearField, around: Surroundings, key: Key, value: float) -> None:

@@ -145,12 +145,12 @@ class StressIntensity(Recorder):
         edges = _edges(parts)
         self.domains = [
             InteractionDomain(
-                near.lattice, tip, ahead, _circles(tip, self.radii, cuts, near, edges), cuts, _medium_at(near, tip)
+                near.lattice, tip, ahead, _circles(tip, self.radii, cuts, near, edges), cuts, _medium_at(parts, tip)
             )
             for tip, ahead in zip(self.points, self.ahead, strict=True)
         ]
         for domain in self.domains:
-            _check_even(near, domain)
+            _check_even(parts, domain)
         drives = [(space, time) for space, time in parts.driving if space is not None]
         self._times = [time for _, time in drives]
         shares = [_shares(domain, parts, [space for space, _ in drives]) for domain in self.domains]
@@ -315,17 +315,18 @@ def _edges(parts: Parts) -> tuple[np.ndarray, np.ndarray]:
     return lower, upper
 
 
-def _medium_at(near: NearField, tip: np.ndarray) -> NearTip:
+def _medium_at(parts: Parts, tip: np.ndarray) -> NearTip:
     """The near fields of the medium around a tip."""
-    lame, shear = (float(one[near.lattice.index(tip)]) for one in near.lame)
-    return NearTip(lame, shear, antiplane=not near.model.mechanical)
+    lattice = parts.near.lattice.whole
+    node = np.ravel_multi_index(lattice.index(tip), lattice.shape)
+    lame, shear = parts.at(parts.near.lame, np.array([node]))[:, 0].tolist()
+    return NearTip(lame, shear, antiplane=not parts.near.model.mechanical)
 
 
-def _check_even(near: NearField, domain: InteractionDomain) -> None:
+def _check_even(parts: Parts, domain: InteractionDomain) -> None:
     """Refuse a domain in which the medium varies, or ends."""
-    factor = near.material.ravel()[domain.nodes]  # nan where the medium ends, or is heavier
-    hidden = near.hidden is not None and bool(near.hidden.ravel()[domain.nodes].any())
-    if hidden or not np.ptp(factor) <= _UNEVEN * factor.max():
+    factor = parts.at(parts.near.material, domain.nodes)  # nan where the medium ends, or is heavier
+    if parts.hides(domain.nodes).any() or not np.ptp(factor) <= _UNEVEN * factor.max():
         raise InputError(
             "the medium varies around the tip, or ends there",
             value=domain.tip.tolist(),

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
+from farhorizon.geometry.decomposition import decompose
 from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.conditions import Conditions, resolve
-from farhorizon.inputs.expressions import as_given
+from farhorizon.inputs.conditions import Conditions, losses, resolve
 from farhorizon.inputs.prescribed import Prescribed, PrescribedNodes
-from farhorizon.inputs.sources import field, largest_component
+from farhorizon.inputs.sources import largest_component
 from farhorizon.medium.stencil import Stencil
-from farhorizon.medium.variation import Variation, lightest_bond
+from farhorizon.medium.variation import Variation
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.coupling import Coupling, expansion_of
-from farhorizon.simulation.setup import Setup, Sides
+from farhorizon.simulation.host import Host, Pace, node_factor, pace_in, varied
+from farhorizon.simulation.setup import Setup, Sides, wrapping
+from farhorizon.simulation.team import ALONE, Team
 from farhorizon.simulation.validation import closed_window
 
 _ALIKE = 1e-12  # constants of the same medium
@@ -31,9 +32,7 @@ class Extremes(NamedTuple):
     """What follows from all nodes of a near field: see `NearField`."""
 
     rate_limit: float
-    dt: float
-    strongest: float
-    weakest: float
+    pace: Pace
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +58,8 @@ class NearField:
     dt : float
     prescribed : PrescribedNodes
         Nodes that follow a value for a while.
-    whole : Extremes or None
-        Of a part of a near field, those of all of it.
+    pace : Pace
+        Of a part of a near field, that of all of it.
     coupling : Coupling or None
         With a temperature that the deformation changes.
     """
@@ -76,13 +75,13 @@ class NearField:
     rate_limit: float
     dt: float
     prescribed: PrescribedNodes
-    whole: Extremes | None = None
+    pace: Pace
     coupling: Coupling | None = None
 
     @property
     def extremes(self) -> Extremes:
         """What a part of the near field cannot know by itself."""
-        return Extremes(self.rate_limit, self.dt, self.strongest, self.weakest)
+        return Extremes(self.rate_limit, self.pace)
 
     @property
     def step_limit(self) -> float:
@@ -117,18 +116,15 @@ class NearField:
         """Of waves at each node over that of the model, or the diffusivity; None where it is uniform."""
         return self.variation.squared_speed
 
-    @cached_property
+    @property
     def strongest(self) -> float:
         """The largest of these: of the factors on bonds where no density varies."""
-        return _strongest(self.model, self.squared_speed) if self.whole is None else self.whole.strongest
+        return self.pace.strongest
 
     @property
     def weakest(self) -> float:
         """The smallest one, where there are bonds."""
-        if self.whole is not None:
-            return self.whole.weakest
-        speeds = self.squared_speed
-        return 1.0 if speeds is None else float(speeds.min(where=speeds > 0, initial=self.strongest))
+        return self.pace.weakest
 
     @property
     def varies(self) -> bool:
@@ -155,7 +151,7 @@ class NearField:
     @cached_property
     def leak(self) -> np.ndarray:
         """Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without."""
-        return _leak(self.model, self.conditions)
+        return _leak(self.model, self.conditions.leaks)
 
     @cached_property
     def hidden(self) -> np.ndarray | None:
@@ -235,8 +231,8 @@ def near_field(
     variation: Variation,
     coefficient: np.ndarray | None = None,
     stiffer: float = 1.0,
+    team: Team = ALONE,
     whole: Extremes | None = None,
-    conditions: Conditions | None = None,
 ) -> NearField:
     """The near field of a set-up.
 
@@ -251,29 +247,23 @@ def near_field(
         Of the factors on bonds what is given beside the model.
     stiffer : float
         Of the fastest oscillation the squared frequency over that of the medium with all its bonds.
+    team : Team
+        The processes, each of which has a part of it, and
     whole : Extremes, optional
-        Of a part of a near field, those of all of it, and
-    conditions : Conditions, optional
-        those of all of it on the nodes of this part.
+        what follows from all parts.
 
     Raises
     ------
     InputError
         Conditions that cannot hold, a time step above the stable limit.
     """
-    lattice, model, factor, density = setup.lattice, setup.model, variation.stiffness, variation.density
-    conditions = _resolve(setup, stencil, factor) if conditions is None else conditions
-    rate = stencil.with_reaction(0.0).symbol_maximum
-    if density is None:
-        rate *= _fastest_rate(lattice.spacing, model, factor)
-    else:
-        around = {axis for (axis, _), side in sides.items() if side.periodic}
-        fastest = lightest_bond(factor, density, stencil.offsets, setup.bond_rule, around)
-        rate *= model.coefficient / lattice.spacing**2 * max(fastest, 1e-300)
-    rate *= stiffer
-    drawn = stencil.strongest_reaction * model.coefficient / lattice.spacing**2
-    rate += drawn + float(_leak(model, conditions).max(initial=0))
-    rate = rate if whole is None else whole.rate_limit
+    lattice, model, factor = setup.lattice, setup.model, variation.stiffness
+    conditions = _resolve(setup, stencil, factor, team)
+    if whole is None:
+        pace = pace_in(setup, decompose(lattice.shape, 1, stencil.reach, {}, wrapping(sides)), stencil, variation)
+        leak = float(_leak(model, conditions.leaks).max(initial=0))
+        whole = Extremes(_rate_limit(setup, stencil, pace, leak, stiffer), pace)
+    rate = whole.rate_limit
     coupling = _coupling(setup, stencil, variation)
     if coupling is None:
         dt = _choose_step(setup, sides, model.step_limit(rate))
@@ -292,80 +282,48 @@ def near_field(
         rate,
         dt,
         PrescribedNodes(prescribed, lattice, stencil.components, model.integrator, dt, setup.background),
-        whole,
+        whole.pace,
         coupling,
     )
 
 
-def node_factor(setup: Setup) -> np.ndarray | None:
-    """The factor on bonds at each node; None without. InputError where it is negative.
+def extremes_of(setup: Setup, host: Host, stencil: Stencil, team: Team, stiffer: float) -> Extremes:
+    """What follows from all of a near field, of which each process looks at a box.
 
-    Beyond a rim that is held it is that of the nearest node of the body, for bonds lead there.
+    Parameters
+    ----------
+    setup : Setup
+    host : Host
+        Its medium varies beside this one.
+    stencil : Stencil
+        Of the latter.
+    team : Team
+    stiffer : float
+        As of `near_field`.
     """
-    if setup.coefficient is None:
-        return None
-    factor = field(setup.coefficient, setup.lattice, 1, "coefficient")
-    if (factor < 0).any():
-        raise InputError(
-            "a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient"
-        )
-    if setup.rim == "fixed" and setup.lattice.mask is not None:
-        factor = factor[tuple(distance_transform_edt(~setup.lattice.mask, return_distances=False, return_indices=True))]
-    return factor
+    boxes = decompose(setup.lattice.shape, team.size, stencil.reach, {}, wrapping(setup.sides))
+    part = host.uniform(replace(setup, lattice=setup.lattice.part(boxes.ranges(team.number))))
+    variation = host.beside(replace(setup, lattice=part.lattice)).times(node_factor(part))
+    pace = pace_in(part, boxes, stencil, variation, team)
+    leak = _leak(host.model, losses(setup.constraints, part.lattice, team.gather))
+    return Extremes(_rate_limit(part, stencil, pace, team.largest(float(leak.max(initial=0))), stiffer), pace)
 
 
-def varied(setup: Setup) -> tuple[Setup, Variation]:
-    """A set-up whose model is uniform, and how the medium varies beside it.
-
-    Raises
-    ------
-    InputError
-        As `constants_of`.
-    """
-    values = constants_of(setup)
-    if not values:
-        return setup, Variation()
-    model, variation = setup.model.on_nodes(values)
-    return replace(setup, model=model, rule=setup.bond_rule), variation
+def _rate_limit(setup: Setup, stencil: Stencil, pace: Pace, leak: float, stiffer: float) -> float:
+    """The largest rate of an operator, with what a leak adds."""
+    unit = setup.model.coefficient / setup.lattice.spacing**2
+    rate = stencil.with_reaction(0.0).symbol_maximum * (unit * max(pace.fastest, 1e-300)) * stiffer
+    return rate + stencil.strongest_reaction * setup.model.coefficient / setup.lattice.spacing**2 + leak
 
 
-def constants_of(setup: Setup) -> dict[str, np.ndarray]:
-    """Those of the model's constants that vary, at the nodes.
-
-    Raises
-    ------
-    InputError
-        Constants that are not positive, or of the wrong shape.
-    """
-    lattice, values = setup.lattice, {}
-    for name, value in setup.model.varying.items():
-        key = f"model.{name}"
-        values[name] = field(as_given(value, lattice.dim, key, time=False), lattice, 1, key)
-        there = values[name] if lattice.mask is None else values[name][lattice.mask]
-        setup.model.check_constant(name, there)
-        if lattice.mask is not None and lattice.body is not None:  # nothing is known outside
-            values[name] = np.where(lattice.mask, values[name], np.median(there))
-    return values
-
-
-def _strongest(model: LatticeModel, factor: np.ndarray | None) -> float:
-    return model.strongest if factor is None else float(factor.max())
-
-
-def _fastest_rate(spacing: float, model: LatticeModel, factor: np.ndarray | None) -> float:
-    return model.coefficient / spacing**2 * max(_strongest(model, factor), 1e-300)
-
-
-def _leak(model: LatticeModel, conditions: Conditions) -> np.ndarray:
-    leaks = [leak for _, leak in conditions.leaks]
+def _leak(model: LatticeModel, losses: Sequence[tuple[int, np.ndarray]]) -> np.ndarray:
+    leaks = [leak for _, leak in losses]
     return model.source_factor * sum(leaks[1:], leaks[0]) if leaks else np.zeros(0)
 
 
-def _resolve(setup: Setup, stencil: Stencil, factor: np.ndarray | None) -> Conditions:
-    if not setup.constraints:
-        return resolve((), setup.lattice, stencil.reach)
+def _resolve(setup: Setup, stencil: Stencil, factor: np.ndarray | None, team: Team) -> Conditions:
     conductivity = setup.model.coefficient / setup.model.source_factor * (1.0 if factor is None else factor)
-    return resolve(setup.constraints, setup.lattice, stencil.reach, conductivity, setup.background)
+    return resolve(setup.constraints, setup.lattice, stencil.reach, conductivity, setup.background, team.gather)
 
 
 def _lame(lattice: Lattice, model: LatticeModel, variation: Variation) -> np.ndarray:
@@ -388,7 +346,7 @@ def _coupling(setup: Setup, stencil: Stencil, variation: Variation) -> Coupling 
     if setup.model.bonds:
         lengths = (lattice.spacing * stencil.offsets) ** 2 @ np.ones(lattice.dim)
         strained = 0.5 * float(law.bond_stiffness(stencil, lattice.spacing) @ lengths)
-        strained *= _strongest(setup.model, variation.stiffness)
+        strained *= setup.model.strongest if variation.stiffness is None else float(variation.stiffness.max())
     else:
         strained = lattice.dim * float((lattice.dim * np.maximum(*lame) + 2 * lame[1]).max())
     stiffening = load.reference * float((expansion**2).max()) * strained * heat.model.source_factor

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from farhorizon.models import LatticeModel
-from farhorizon.simulation.near_field import NearField
 
 
 class LocalModuli(NamedTuple):
@@ -162,10 +161,3 @@ QUANTITIES: dict[str, Quantity] = {
     "rotation": Quantity(lambda s: curl(s.gradient) / 2, derived=True, mechanical=True),
     "energy_flux": Quantity(_energy_flux, derived=True, moving=True, stressed=True),
 }
-
-
-def moduli_at(near: NearField, points: np.ndarray) -> LocalModuli:
-    """Constants of the medium at points: those of the nearest nodes."""
-    last = np.array(near.lattice.shape) - 1  # what lies outside is refused elsewhere
-    nearest = np.clip(np.round((points - near.lattice.lower) / near.lattice.spacing), 0, last).astype(int)
-    return LocalModuli(*(one[tuple(nearest.T)] for one in near.lame))

@@ -20,7 +20,7 @@ from farhorizon.geometry.interpolation import (
 )
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.quantities import QUANTITIES, Reading, moduli_at
+from farhorizon.simulation.quantities import QUANTITIES, LocalModuli, Reading
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
 from farhorizon.simulation.setup import Setup
 
@@ -179,8 +179,8 @@ class Receivers(Recorder):
         options = self.points, self.interpolation
         blocks = [interpolation_blocks(lattice, *options, axis, "receivers.points") for axis in axes]
         for one in blocks:
-            check_blocks(setup, near, self.points, one, self.interpolation, "receivers.points")
-        self._medium, self._background, self._dt = moduli_at(near, self.points), near.background, near.dt
+            check_blocks(setup, parts, self.points, one, self.interpolation, "receivers.points")
+        self._medium, self._background, self._dt = moduli_at(parts, self.points), near.background, near.dt
         self.doubts = self._aliased(near)
         self._moving = any(QUANTITIES[name].moving for name in self.record)  # these take the step before, too
         return Wanted(np.zeros(0, np.int64), tuple(blocks), 1 if self._moving else self.every)
@@ -245,7 +245,15 @@ class Receivers(Recorder):
         ]
 
 
-def check_blocks(setup: Setup, near: NearField, points: np.ndarray, blocks: Blocks, method: str, key: str) -> None:
+def moduli_at(parts: Parts, points: np.ndarray) -> LocalModuli:
+    """Constants of the medium at points: those of the nearest nodes."""
+    lattice = parts.near.lattice.whole
+    last = np.array(lattice.shape) - 1  # what lies outside is refused elsewhere
+    nearest = np.clip(np.round((points - lattice.lower) / lattice.spacing), 0, last).astype(int)
+    return LocalModuli(*parts.at(parts.near.lame, np.ravel_multi_index(tuple(nearest.T), lattice.shape)))
+
+
+def check_blocks(setup: Setup, parts: Parts, points: np.ndarray, blocks: Blocks, method: str, key: str) -> None:
     """Refuse sums over nodes whose values are not those of the field around a point.
 
     Raises
@@ -253,12 +261,10 @@ def check_blocks(setup: Setup, near: NearField, points: np.ndarray, blocks: Bloc
     InputError
         Nodes beyond a wall, which are images of those inside, or beyond a crack, where the field jumps.
     """
-    if near.hidden is None and not setup.cracks:
-        return
     remedy = "interpolation = 'linear', or a point on a node" if method == "sinc" else "a point on a node"
     nodes, weights = blocks.entries()
-    if near.hidden is not None and ((weights != 0) & near.hidden.ravel()[nodes]).any():
-        wrong = ((weights != 0) & near.hidden.ravel()[nodes]).any(axis=1)
+    wrong = ((weights != 0) & parts.hides(nodes)).any(axis=1)
+    if wrong.any():
         raise InputError(
             "the point needs nodes beyond a wall, which are images of those inside",
             value=points[wrong][0],
@@ -266,9 +272,10 @@ def check_blocks(setup: Setup, near: NearField, points: np.ndarray, blocks: Bloc
             key=key,
             remedy=remedy,
         )
+    lattice = parts.near.lattice.whole
     for number in np.flatnonzero(np.count_nonzero(weights, axis=1) > 1) if setup.cracks else ():
         used = nodes[number][weights[number] != 0]
-        ends = near.lattice.lower + near.lattice.spacing * np.stack(np.unravel_index(used, near.lattice.shape), -1)
+        ends = lattice.lower + lattice.spacing * np.stack(np.unravel_index(used, lattice.shape), -1)
         if any(crack.cut.cuts(points[number], ends).any() for crack in setup.cracks):
             raise InputError(
                 "a crack lies between the point and nodes that its interpolation takes",

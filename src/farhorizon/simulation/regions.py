@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from farhorizon.files.region_numbers import OUTSIDE, Regions
-from farhorizon.simulation.near_field import constants_of
+from farhorizon.simulation.host import constants_of
 from farhorizon.simulation.team import Team
 
 _MOST = 256  # values of a constant; what has more varies continuously
@@ -22,7 +23,7 @@ def uneven(run: Any) -> dict[str, np.ndarray]:
     run : Simulation
     """
     near, solid = run.parts.near, run.parts.start.solid
-    constants = {name: values[run.lattice.within] for name, values in constants_of(run.setup).items()}
+    constants = constants_of(replace(run.setup, lattice=run.lattice))
     told = {"metal": solid if run.team.any(bool(solid.any())) else None, "coefficient": near.coefficient, **constants}
     return {name: values for name, values in told.items() if values is not None}
 

@@ -37,7 +37,7 @@ from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import Elastic
 from farhorizon.simulation.crack_tips import CrackTips
-from farhorizon.simulation.near_field import varied
+from farhorizon.simulation.host import looked_at
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.team import Team
 
@@ -362,15 +362,16 @@ def with_energy_factor(setup: Setup, runs: Runs, team: Team) -> Setup:
     law = setup.model.bond_law
     if law is None or law.fracture_energy is None or law.energy_factor is not None or setup.model.bonds:
         return setup
-    uniform, variation = varied(setup)
-    if variation.lame is not None and np.ptp(variation.lame[0] / variation.lame[1]) > 10.0**-_DIGITS:
+    medium, variation = looked_at(setup, team)
+    ratio = np.ones(1) if variation.lame is None else variation.lame[0] / variation.lame[1]
+    if team.largest(float(ratio.max())) + team.largest(-float(ratio.min())) > 10.0**-_DIGITS:
         raise InputError(
             "what new area takes is found for one Poisson's ratio; the other constants may vary",
             value="one that varies",
             key="model.fracture_energy",
             remedy="critical_stretch, by region that of fh.calibrated_stretch",
         )
-    lattice, host, model = setup.lattice, cast(Elastic, uniform.model), cast(Elastic, copy.copy(setup.model))
+    lattice, host, model = setup.lattice, cast(Elastic, medium.model), cast(Elastic, copy.copy(setup.model))
     factor = team.by_first(lambda: energy_factor(runs, host, lattice.spacing, lattice.dim))
     model.energy_factor = team.first(factor)
     return replace(setup, model=model)

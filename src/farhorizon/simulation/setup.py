@@ -227,6 +227,11 @@ constraints, balance, specimens, loads
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
+def wrapping(sides: Sides) -> frozenset[int]:
+    """Axes that close on themselves."""
+    return frozenset(axis for (axis, _), side in sides.items() if side.periodic)
+
+
 def within_part(value: Any, lattice: Lattice, within: tuple[slice, ...]) -> Any:
     """Of an array over the lattice, of one or more components, what lies in a box; all else as it is."""
     if isinstance(value, np.ndarray) and value.shape[-lattice.dim :] == lattice.shape:

@@ -14,23 +14,18 @@ from farhorizon.boundaries.side import Side
 from farhorizon.errors import InputError
 from farhorizon.geometry.decomposition import Decomposition, decompose
 from farhorizon.geometry.lattice import Lattice, check_any
-from farhorizon.inputs.conditions import Conditions
-from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.loads import BodyForce, Traction, force_density
-from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.pressure import Pressure, pressing_force
 from farhorizon.inputs.sources import Source
 from farhorizon.inputs.specimens import check_held
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.stencil import Stencil
-from farhorizon.medium.variation import Variation
 from farhorizon.models import LatticeModel
-from farhorizon.simulation.drives import Arriving
-from farhorizon.simulation.grid import states_of
+from farhorizon.simulation.host import Host
 from farhorizon.simulation.layers import with_one_filter
-from farhorizon.simulation.near_field import Extremes
+from farhorizon.simulation.near_field import Extremes, NearField
 from farhorizon.simulation.recorder import Observer, Recorder
-from farhorizon.simulation.setup import Key, Setup, Sides, side_name, within_part
+from farhorizon.simulation.setup import Key, Setup, Sides, side_name, within_part, wrapping
 from farhorizon.simulation.surroundings import Surroundings
 from farhorizon.simulation.team import ALONE, Team
 from farhorizon.simulation.work import work_along
@@ -39,8 +34,6 @@ from farhorizon.simulation.work import work_along
 _LAYER = 2.0
 #: Nodes of a lattice whose layers are chosen for its data: one process looks at the whole.
 _CHOSEN = 4_000_000
-#: Nodes of a medium that varies, which each process looks at.
-_VARIED = 50_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,18 +49,10 @@ class Share:
         Processes that fill the halo, -1 for none; of the axes along which any does.
     good_for : float
         Length of the run that the layers were chosen for.
-    model : LatticeModel
-        The uniform one beside which the medium varies, and
-    variation : Variation
-        how it does on the box.
+    host : Host
+        The uniform medium beside which that of the whole varies.
     whole : Extremes
         Of the near field of all processes.
-    coefficients : dict of (axis, side) to float
-        Squared speed of the whole medium at each side.
-    conditions : Conditions
-        On the nodes of the box.
-    waves : list of Arriving
-        Incident waves.
     boundary : dict of str to Side
         The sides of the whole by name, with their layers.
     """
@@ -76,18 +61,14 @@ class Share:
     decomposition: Decomposition
     neighbours: dict[Key, int]
     good_for: float
-    model: LatticeModel
-    variation: Variation
+    host: Host
     whole: Extremes
-    coefficients: dict[Key, float]
-    conditions: Conditions
-    waves: list[Arriving]
     boundary: dict[str, Side]
 
     @property
-    def uniform(self) -> Setup:
-        """The set-up with the uniform model."""
-        return replace(self.setup, model=self.model, rule=self.setup.bond_rule)
+    def sides(self) -> Sides:
+        """The sides of the whole, with their layers."""
+        return {key: self.boundary[side_name(*key)] for key in self.setup.sides}
 
     @property
     def given(self) -> dict[str, Any]:
@@ -149,15 +130,7 @@ class Share:
 
 
 def share_of(
-    setup: Setup,
-    model: LatticeModel,
-    variation: Variation,
-    around: Surroundings,
-    whole: Extremes,
-    conditions: Conditions,
-    waves: list[Arriving],
-    team: Team,
-    topology: Sequence[int] | None,
+    setup: Setup, host: Host, around: Surroundings, near: NearField, team: Team, topology: Sequence[int] | None
 ) -> Share:
     """The share of this process.
 
@@ -165,15 +138,11 @@ def share_of(
     ----------
     setup : Setup
         Of the whole run.
-    model : LatticeModel
-        Uniform, and
-    variation : Variation
-        how the medium varies beside it.
+    host : Host
     around : Surroundings
         Its sides with their layers.
-    whole : Extremes
-    conditions : Conditions
-    waves : list of Arriving
+    near : NearField
+        The whole one, as far as it is known without a look at the nodes.
     team : Team
     topology : sequence of int, optional
         Boxes along each axis.
@@ -183,8 +152,8 @@ def share_of(
     InputError
         As `farhorizon.geometry.decomposition.decompose`.
     """
-    lattice, boxes = setup.lattice, boxes_of(setup, model, around, team.size, topology, team)
-    around = replace(around, layers=with_one_filter(around.layers, whole.rate_limit, whole.dt, lattice.dim))
+    lattice, boxes = setup.lattice, boxes_of(setup, host.model, around, team.size, topology, team)
+    around = replace(around, layers=with_one_filter(around.layers, near.rate_limit, near.dt, lattice.dim))
     ranges, place = boxes.ranges(team.number), boxes.place(team.number)
     whole_sides, sides = _chosen(around), {}
     for (axis, side), boundary in around.sides.items():
@@ -201,19 +170,17 @@ def share_of(
         setup,
         lattice=part,
         boundary=sides,
-        dt=whole.dt,
+        dt=near.dt,
         threads=team.threads() if setup.threads is None else setup.threads,
-        coefficient=own(setup.coefficient),
         initial={name: own(value) for name, value in (setup.initial or {}).items()},
         sources=tuple(
             replace(one, value=own(one.value)) if isinstance(one, Source) else own(one) for one in setup.sources
         ),
         specimens=tuple(replace(one, where=own(one.where)) for one in setup.specimens),
-        loads=tuple(_load_on(part, one, number, setup, model) for number, one in enumerate(setup.loads)),
+        loads=tuple(_load_on(part, one, number, setup, host.model) for number, one in enumerate(setup.loads)),
     )
     good_for = min((found.until for found in around.thickness.values()), default=np.inf)
-    kept = model, variation.part(part.within), whole, around.coefficients, conditions.part(part), waves, whole_sides
-    share = Share(mine, boxes, boxes.neighbours(team.number), good_for, *kept)
+    share = Share(mine, boxes, boxes.neighbours(team.number), good_for, host, near.extremes, whole_sides)
     share.check_places(team)
     return share
 
@@ -242,11 +209,6 @@ def boxes_of(
     beyond, wraps = work_beyond(around, stencil, lattice), wrapping(around.sides)
     work = work_along(setup, model, beyond, team) if work is None else work
     return decompose(lattice.shape, processes, stencil.reach, beyond, wraps, topology, filtered, work)
-
-
-def wrapping(sides: Sides) -> frozenset[int]:
-    """Axes that close on themselves."""
-    return frozenset(axis for (axis, _), side in sides.items() if side.periodic)
 
 
 def work_beyond(around: Surroundings, stencil: Stencil, lattice: Lattice) -> dict[Key, float]:
@@ -282,7 +244,6 @@ def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
     ------
     InputError
     """
-    lattice = setup.lattice
     recorders = [one for one in observers if isinstance(one, Recorder) and not one.shared]
     varies = _varies(setup)
     refused = [
@@ -297,16 +258,6 @@ def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
     for what, key, given in refused:
         if given:
             raise _missing(what, key)
-    scattered = any(isinstance(one, Incident) for one in setup.sources)
-    conditions = any(not isinstance(one, Prescribed) for one in setup.constraints)
-    if (varies or scattered or conditions) and (nodes := int(np.prod(lattice.shape))) > _VARIED:
-        raise InputError(
-            "each process looks at all of a medium that varies, scatters a wave or has conditions: none can hold it",
-            value=f"{nodes:.3g} nodes",
-            limit=f"{_VARIED:.3g}",
-            key="model",
-            remedy="a larger spacing, or a uniform medium without incident waves and conditions",
-        )
     for at, side in setup.sides.items():
         if why := _of_one_process(side):
             raise InputError(
@@ -330,45 +281,26 @@ def _of_one_process(side: Side) -> str:
     return ""
 
 
-def check_choosable(setup: Setup, model: LatticeModel, around: Surroundings) -> None:
-    """Refuse what the first process has to look at all nodes for, where it cannot hold them.
+def check_choosable(lattice: Lattice) -> None:
+    """Refuse layers that choose themselves for data that the first process cannot hold.
 
     Raises
     ------
     InputError
     """
-    found, nodes = looked_through(setup, model, around), int(np.prod(setup.lattice.shape))
-    if found and nodes > _CHOSEN:
-        layers = found == "data"
+    nodes = int(np.prod(lattice.shape))
+    if nodes > _CHOSEN:
         raise InputError(
-            "layers choose their thickness by looking at all data, which no process has on so large a lattice"
-            if layers
-            else "the step of states with absent bonds follows from all nodes, which no process has on so large a "
-            "lattice",
+            "layers choose their thickness by looking at all data, which no process has on so large a lattice",
             value=f"{nodes:.3g} nodes",
             limit=f"{_CHOSEN:.3g}",
-            key="boundary" if layers else "lattice",
-            remedy="nodes=..., as a smaller lattice chooses them: 'farhorizon check' tells" if layers else "bonds",
+            key="boundary",
+            remedy="nodes=..., as a smaller lattice chooses them: 'farhorizon check' tells",
         )
-
-
-def looked_through(setup: Setup, model: LatticeModel, around: Surroundings) -> str:
-    """What the first process must look through before the whole is cut into parts: the "data" for which layers choose
-    themselves, or the "medium", of states with absent bonds, for its fastest oscillation; "" for nothing.
-    """
-    states = states_of(replace(setup, model=model), around.sides, _varies(setup))
-    if states is not None and (_varies(setup) or _lacks_bonds(setup, around.sides)):
-        return "medium"
-    return "data" if chooses(around) else ""
 
 
 def _varies(setup: Setup) -> bool:
     return bool(setup.model.varying) or setup.coefficient is not None
-
-
-def _lacks_bonds(setup: Setup, sides: Sides) -> bool:
-    free = setup.lattice.body is not None and setup.rim == "free"
-    return bool(setup.cracks) or free or not all(b.bonded for b in sides.values())
 
 
 def chooses(around: Surroundings) -> list[Key]:

@@ -118,10 +118,11 @@ class ShellRecorder(Recorder):
         scheme = scheme_of(near, 1.0)
         region = region_of(box, near.lattice, scheme, [end for end, free in ends.items() if free])
         nodes = region.shell.nodes
-        self._medium = scheme.rate * _factor(setup, parts, nodes)
+        of_whole = np.ravel_multi_index(tuple(nodes.T), near.lattice.shape)
+        self._medium = scheme.rate * _factor(setup, parts, of_whole)
         self.notes = _check_rest(parts, region)
         self.points, self._dt = region.places(nodes), near.dt
-        return Wanted(np.ravel_multi_index(tuple(nodes.T), near.lattice.shape), ())
+        return Wanted(of_whole, ())
 
     def foresee(self, until: float, steps: int) -> None:
         """Before a run: how much is recorded.
@@ -153,18 +154,16 @@ class ShellRecorder(Recorder):
 
 
 def _factor(setup: Setup, parts: Parts, nodes: np.ndarray) -> float:
-    """What the bonds at the nodes of a shell are multiplied with: no crack, hole or other material, and no condition,
-    is there.
+    """What the bonds at the nodes of a shell (flat numbers) are multiplied with: no crack, hole or other material, and
+    no condition, is there.
     """
-    near, lattice = parts.whole.near, parts.whole.near.lattice
-    on = np.zeros(lattice.shape, bool)
-    on[tuple(nodes.T)] = True
-    material = near.material[on]
-    wrong = bool(np.ptp(material) != 0) or bool((near.conditioned & on).any())
+    near, lattice = parts.near, parts.near.lattice.whole
+    material = parts.at(near.material, nodes)
+    wrong = bool(np.ptp(material) != 0) or bool(parts.at(near.conditioned.astype(float), nodes).any())
     for crack in setup.cracks:
         ends = cut_ends(crack.cut, lattice, near.stencil.offsets)
         there = ends[((ends >= 0) & (ends < lattice.shape)).all(1)]
-        wrong |= bool(on[tuple(there.T)].any())
+        wrong |= bool(np.isin(np.ravel_multi_index(tuple(there.T), lattice.shape), nodes).any())
     if wrong:
         raise InputError(
             "the medium is not uniform at the faces of a box whose shell is recorded",

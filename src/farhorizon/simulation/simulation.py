@@ -24,7 +24,7 @@ from farhorizon.inputs.pressure import Pressure
 from farhorizon.inputs.specimens import Specimen
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.models import LatticeModel
-from farhorizon.simulation.assembly import assemble, shared
+from farhorizon.simulation.assembly import assemble, assemble_shared
 from farhorizon.simulation.checkpoint_files import read_state, write_state
 from farhorizon.simulation.course import MOST_STEPS, say_doubt, tick
 from farhorizon.simulation.drives import foreseen, signals
@@ -184,9 +184,10 @@ class Simulation(Run):
         with team.agreed():
             setup = with_energy_factor(setup, self.of, team)
             if team:
-                self.share, whole = shared(setup, team, topology, observe)
-                setup = self.share.setup
-            self.parts = parts = assemble(setup, None, team, self.share)
+                self.share, whole, parts = assemble_shared(setup, team, topology, observe)
+            else:
+                parts = assemble(setup)
+        setup, self.parts = setup if self.share is None else self.share.setup, parts
         near, around = parts.near, parts.around
         self.lattice, self.model, self.background, self.dt = near.lattice, near.model, near.background, near.dt
         self.stencil, self.engine = near.stencil, parts.grid.engine

@@ -17,8 +17,8 @@ from farhorizon.machine import available_memory
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.fourier_sums import FourierSums
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.quantities import QUANTITIES, Reading, moduli_at
-from farhorizon.simulation.receivers import check_blocks
+from farhorizon.simulation.quantities import QUANTITIES, Reading
+from farhorizon.simulation.receivers import check_blocks, moduli_at
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
 from farhorizon.simulation.setup import Setup
 
@@ -154,7 +154,7 @@ class Spectra(Recorder):
         derived = any(QUANTITIES[name].derived for name in self.record)
         self._shape = len(self.points), near.stencil.components, 1 + lattice.dim * derived
         self._check_size()
-        self._medium = moduli_at(near, self.points)
+        self._medium = moduli_at(parts, self.points)
         self._sums = FourierSums(self.frequencies, self.every * near.dt, int(np.prod(self._shape)))
         if nodes is not None and not derived:
             return Wanted(nodes, (), self.every)
@@ -163,7 +163,7 @@ class Spectra(Recorder):
             interpolation_blocks(lattice, self.points, self.interpolation, axis, "spectra.where") for axis in axes
         ]
         for one in blocks:
-            check_blocks(setup, near, self.points, one, self.interpolation, "spectra.where")
+            check_blocks(setup, parts, self.points, one, self.interpolation, "spectra.where")
         return Wanted(np.zeros(0, np.int64), tuple(blocks), self.every)
 
     def start(self, step: int, heard: Heard) -> None:

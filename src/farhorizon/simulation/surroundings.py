@@ -67,13 +67,12 @@ class Surroundings:
         return {key: max(n, stencil.reach[key[0]]) for key, n in nodes.items()}
 
 
-def by_target(setup: Setup, sides: Sides, stencil: Stencil, squared_speed: np.ndarray | None = None) -> Surroundings:
-    """The sides with layers that follow from their targets alone or are given, for the speed of the medium at each."""
+def by_target(setup: Setup, sides: Sides, stencil: Stencil, faster: Mapping[Key, float] | None = None) -> Surroundings:
+    """The sides with layers that follow from their targets alone or are given, for the squared speed of the medium at
+    each over that of the model.
+    """
     lattice, model = setup.lattice, setup.model
-    coefficients = {
-        key: model.coefficient * (1.0 if squared_speed is None else _fastest_at(squared_speed, stencil, *key))
-        for key in sides
-    }
+    coefficients = {key: model.coefficient * (1.0 if faster is None else faster[key]) for key in sides}
     half_width = max(float((lattice.upper - lattice.lower).max()) / 2, lattice.spacing)
     layers = {
         key: boundary.make_layer(
@@ -87,15 +86,6 @@ def by_target(setup: Setup, sides: Sides, stencil: Stencil, squared_speed: np.nd
         if boundary.stretched
     }
     return Surroundings(sides, coefficients, layers)
-
-
-def _fastest_at(factor: np.ndarray, stencil: Stencil, axis: int, side: int) -> float:
-    """The largest of the squared speeds over the model's within one reach of a side, for a layer goes by the fastest
-    waves that it meets; that of the whole near field where nothing reaches the side.
-    """
-    last = np.arange(stencil.reach[axis] + 1)
-    found = float(np.take(factor, last if side < 0 else -1 - last, axis).max())
-    return found or float(factor.max()) or 1.0
 
 
 def memory_needed(setup: Setup, stencil: Stencil, around: Surroundings) -> float:

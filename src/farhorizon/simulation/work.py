@@ -7,7 +7,7 @@ are between what was found, which depends on the stencil and the machine. Nodes 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,9 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from farhorizon.geometry.decomposition import Key
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.cracks import cut_bonds
+from farhorizon.medium.variation import Variation
 from farhorizon.models import LatticeModel
+from farhorizon.simulation.host import constants_of, node_factor
 from farhorizon.simulation.setup import Setup, within_part
 from farhorizon.simulation.team import ALONE, Team
 
@@ -24,6 +26,8 @@ from farhorizon.simulation.team import ALONE, Team
 _ONE_BY_ONE, _WATCHED = 10.0, 3.0
 #: What is added for a node beside a crack, or a rim, that a stencil sweeps; of states two passes of it.
 _CUT, _RIM, _STATES = 50.0, 2.0, 35.0
+#: What is added for a node of a linear material whose bonds see several media, and if nodes of its own row do.
+_UNEVEN, _UNEVEN_ROW = 20.0, 45.0
 #: Bonds between metal and liquid, one by one; of metal alone none is swept.
 _FRONT = 20.0
 
@@ -38,16 +42,19 @@ class Costs:
         With all its bonds.
     cut, rim : float
         What is added beside a crack, and beside nodes that are not of the body.
+    uneven : tuple of float
+        What is added where bonds see several media, and where those of the same row do.
     """
 
     node: float
     cut: float
     rim: float
+    uneven: tuple[float, float] = (0.0, 0.0)
 
 
 def costs_of(setup: Setup, model: LatticeModel) -> Costs:
     """What the operator of a set-up, whose model is made uniform, costs where bonds are there and where they are
-    not. Linear bonds that vary count as uniform ones: beside an interface alone they cost more.
+    not.
     """
     lattice = setup.lattice
     law, varies = model.bond_law, bool(setup.model.varying) or setup.coefficient is not None
@@ -57,7 +64,7 @@ def costs_of(setup: Setup, model: LatticeModel) -> Costs:
         return Costs(_ONE_BY_ONE, 0.0, 0.0)
     if law is not None:
         return Costs(_WATCHED, _ONE_BY_ONE, _ONE_BY_ONE)
-    return Costs(1.0, _CUT, _RIM)
+    return Costs(1.0, _CUT, _RIM, (_UNEVEN, _UNEVEN_ROW) if varies else (0.0, 0.0))
 
 
 def work_of(setup: Setup, model: LatticeModel, part: Lattice) -> np.ndarray:
@@ -75,16 +82,14 @@ def work_of(setup: Setup, model: LatticeModel, part: Lattice) -> np.ndarray:
     states = model.force_states(whole.spacing, whole.dim)
     offsets = (model.medium(whole.spacing, whole.dim) if states is None else states).offsets
     reach = np.abs(offsets).max(0).tolist()
-    ends = [
-        (max(first - m, 0), min(first + n + m, size))
-        for first, n, m, size in zip(part.first, part.shape, reach, whole.shape, strict=True)
-    ]
-    around = whole.part(ends)  # with what the bonds of its nodes reach
-    own = tuple(slice(f - low, f - low + n) for f, (low, _), n in zip(part.first, ends, part.shape, strict=True))
+    around, own = part.around(reach)  # with what the bonds of its nodes reach
     box = [2 * m + 1 for m in reach]
     found = np.full(around.shape, costs.node)
     if whole.body is not None and around.mask is not None and setup.rim == "free" and costs.rim:
         found += costs.rim * (around.mask & ~minimum_filter(around.mask, box, mode="nearest"))
+    if any(costs.uneven):
+        everywhere, row = _uneven(setup, model, around, reach)
+        found += costs.uneven[0] * everywhere + costs.uneven[1] * row
     if costs.cut:
         lacks = np.zeros(around.shape, bool)
         for crack in setup.cracks:
@@ -99,6 +104,25 @@ def work_of(setup: Setup, model: LatticeModel, part: Lattice) -> np.ndarray:
         front = maximum_filter(solid, box, mode="nearest") & ~alone
         found = np.where(alone, 0.0, found + _FRONT * front)
     return np.asarray(found[own])
+
+
+def _uneven(setup: Setup, model: LatticeModel, part: Lattice, reach: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of a part of the lattice whose bonds see more than one medium, and those of which bonds along the last axis
+    do.
+    """
+    there = replace(setup, lattice=part)
+    variation = model.beside(constants_of(there)) if setup.model.varying else Variation()
+    factor = variation.times(node_factor(replace(there, model=model))).of_bonds
+    if factor is None:
+        return np.zeros(part.shape, bool), np.zeros(part.shape, bool)
+    nodes = np.ones(part.shape, bool) if part.mask is None else part.mask
+    high, low = np.where(nodes, factor, -np.inf), np.where(nodes, factor, np.inf)
+    box, row = ([2 * m + 1 if a >= first else 1 for a, m in enumerate(reach)] for first in (0, part.dim - 1))
+    wide, narrow = (
+        nodes & (maximum_filter(high, size, mode="nearest") > minimum_filter(low, size, mode="nearest"))
+        for size in (box, row)
+    )
+    return wide, narrow
 
 
 def work_along(setup: Setup, model: LatticeModel, more: Mapping[Key, float], team: Team = ALONE) -> list[np.ndarray]:

@@ -23,7 +23,7 @@ from farhorizon.inputs.loads import BodyForce
 from farhorizon.inputs.sources import Source, widened
 from farhorizon.machine import progress
 from farhorizon.simulation.drives import ends_of
-from farhorizon.simulation.near_field import constants_of
+from farhorizon.simulation.host import constants_of
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.simulation import Simulation
 

@@ -1,0 +1,72 @@
+"""What follows from all of a medium that varies, of which each process looks at a part."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.simulation.host import looked_at, node_factor, varied
+from threads_as_processes import on_threads
+
+SEED = int(np.random.default_rng().integers(2**31))
+KERNEL = fh.Kernel(2.0)
+
+
+def random_setup(rng):
+    """Few different values, so that many nodes are alike, or all different ones; in a body or not."""
+    shape = tuple(rng.integers(12, 30, 2).tolist())
+    few = rng.choice([0.5, 1.0, 1.0, 1.0, 2.0], (2, *shape))
+    speed, density = few if rng.random() < 0.5 else rng.uniform(0.5, 2.0, (2, *shape))
+    body = rng.random(shape) < 0.7 if rng.random() < 0.5 else None
+    lattice = fh.Lattice(1.0, (0.0, 0.0), np.array(shape) - 1.0, body=body)
+    return fh.Setup(lattice, fh.Wave(KERNEL, speed, density=density), fh.Free())
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_the_medium_beside_which_one_varies_is_that_of_the_sorted_nodes(count):
+    """By speed, and among equal ones by number; on any number of processes."""
+    rng = np.random.default_rng([SEED, count])
+    for _ in range(6):
+        setup = random_setup(rng)
+        lattice, speed, density = setup.lattice, setup.model.speed, setup.model.density
+        if lattice.mask is not None:
+            speed, density = (
+                np.where(lattice.mask, v, np.sort(v[lattice.mask])[lattice.mask.sum() // 2]) for v in (speed, density)
+            )
+        middle = sorted(range(speed.size), key=lambda n: (speed.flat[n], n))[speed.size // 2]
+        uniform, variation = varied(setup)
+        assert (uniform.model.speed, uniform.model.density) == (speed.flat[middle], density.flat[middle]), SEED
+        np.testing.assert_allclose(variation.squared_speed, (speed / speed.flat[middle]) ** 2, rtol=1e-14)
+        for host, _ in on_threads(count, lambda team, setup=setup: looked_at(setup, team)):
+            assert (host.model.speed, host.model.density) == (uniform.model.speed, uniform.model.density), SEED
+
+
+def test_a_density_that_turns_out_to_be_uniform_does_not_vary():
+    """On no process, if it does on none; on all, if it does on one."""
+    lattice = fh.Lattice(1.0, (0.0, 0.0), (29.0, 14.0))
+    for density, even in (("1 + 0*x", ("density",)), ("where(x > 25, 2, 1)", ())):
+        setup = fh.Setup(lattice, fh.Wave(KERNEL, "1 + x", density=density), fh.Free())
+        for host, variation in on_threads(2, lambda team, setup=setup: looked_at(setup, team)):
+            assert host.even == even
+            assert (variation.density is None) == bool(even)
+
+
+def test_beyond_a_held_rim_a_part_has_the_factor_of_the_nearest_node_of_the_whole():
+    """Also where that node is one of another part."""
+    rng = np.random.default_rng(SEED)
+    for _ in range(20):
+        shape = tuple(rng.integers(20, 40, 2).tolist())
+        centre = rng.uniform(0.4, 0.6, 2) * shape
+        lattice = fh.Lattice(1.0, (0.0, 0.0), np.array(shape) - 1.0, body=fh.Disc(0.35 * min(shape), tuple(centre)))
+        factor = rng.uniform(0.5, 2.0, shape)
+        setup = fh.Setup(lattice, fh.Wave(KERNEL), fh.Free(), coefficient=factor, rim="fixed")
+        whole, cut = node_factor(setup), int(rng.integers(5, shape[0] - 5))
+        reached = np.zeros(shape, bool)  # by bonds of the body
+        for offset in fh.Stencil.from_kernel(KERNEL, 1.0, 2).offsets:
+            reached |= np.roll(lattice.mask, offset, (0, 1))
+        for ends in ((0, cut), (cut, shape[0])):
+            part = lattice.part([ends, (0, shape[1])])
+            found = node_factor(replace(setup, lattice=part))
+            there = reached[part.within]
+            np.testing.assert_array_equal(found[there], whole[part.within][there], err_msg=f"seed {SEED}")

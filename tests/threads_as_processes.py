@@ -1,0 +1,49 @@
+"""Threads that tell each other what processes do, for what needs no compiled loop."""
+
+import threading
+
+import numpy as np
+
+from farhorizon.simulation.team import Team
+
+
+class Threads(Team):
+    """A process of several that are threads, and gather what they tell."""
+
+    def __init__(self, number, told, barrier):
+        super().__init__()
+        self.number, self.size, self._told, self._barrier = number, len(told), told, barrier
+        self._all = self
+
+    def gather(self, value):
+        self._told[self.number] = value
+        self._barrier.wait()
+        every = list(self._told)
+        self._barrier.wait()
+        return every
+
+    def summed(self, values):
+        return np.sum(self.gather(values), axis=0)
+
+
+def on_threads(count, work):
+    """What work(team) returns on each of so many; raises what one of them does, and none waits for it."""
+    told, barrier, found, failed = [None] * count, threading.Barrier(count, timeout=60), [None] * count, []
+
+    def run(number):
+        try:
+            found[number] = work(Threads(number, told, barrier))
+        except threading.BrokenBarrierError:
+            pass  # another one has failed
+        except Exception as error:
+            failed.append(error)
+            barrier.abort()
+
+    threads = [threading.Thread(target=run, args=(number,)) for number in range(count)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    if failed:
+        raise failed[0]
+    return found
