@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from farhorizon.geometry.decomposition import Key
+from farhorizon.geometry.decomposition import Key, decompose
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.cracks import cut_bonds
 from farhorizon.medium.variation import Variation
@@ -128,7 +128,7 @@ def _uneven(setup: Setup, model: LatticeModel, part: Lattice, reach: Sequence[in
 def work_along(setup: Setup, model: LatticeModel, more: Mapping[Key, float], team: Team = ALONE) -> list[np.ndarray]:
     """Work of the nodes at each place along each axis, over that of as many plain ones, layers beside them counted.
 
-    Each process looks at a slab of the lattice.
+    Each process looks at a box of the lattice.
 
     Parameters
     ----------
@@ -139,14 +139,12 @@ def work_along(setup: Setup, model: LatticeModel, more: Mapping[Key, float], tea
         Work beyond each side, in nodes along the axis.
     team : Team
     """
-    lattice = setup.lattice
-    shape = lattice.shape
-    first, last = (number * shape[0] // team.size for number in (team.number, team.number + 1))
-    sums = [np.zeros(n) for n in shape]
-    if last > first:
-        work = work_of(setup, model, lattice.part([(first, last), *((0, n) for n in shape[1:])]))
-        sums = [work.sum(tuple(b for b in range(lattice.dim) if b != a)) for a in range(lattice.dim)]
-        sums[0] = np.concatenate([np.zeros(first), sums[0], np.zeros(shape[0] - last)])
+    lattice, shape = setup.lattice, setup.lattice.shape
+    boxes = decompose(shape, team.size, model.medium(lattice.spacing, lattice.dim).reach, {}, frozenset())
+    part = lattice.part(boxes.ranges(team.number))
+    work, sums = work_of(setup, model, part), [np.zeros(n) for n in shape]
+    for axis, (along, place) in enumerate(zip(sums, part.within, strict=True)):
+        along[place] = work.sum(tuple(b for b in range(lattice.dim) if b != axis))
     grown = np.array([n + more.get((a, -1), 0.0) + more.get((a, 1), 0.0) for a, n in enumerate(shape)])
     found = []
     for axis, one in enumerate(sums):
