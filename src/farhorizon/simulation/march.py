@@ -193,7 +193,8 @@ class March:
             breaking.begin()
         self.parts.cuts.cut(due)
         if breaking is not None and stored:
-            engine.bonds.count_cut((stored - self.energies()["strain"]) / breaking.mass)
+            lost = stored - self.energies()["strain"]  # of all processes, of which one counts it
+            engine.bonds.count_cut(lost / breaking.mass * (self.team.number == 0))
         self._opened = len(due)
         if self.flow_balance is not None and step:
             self.flow_balance.reopen()
