@@ -17,13 +17,15 @@ multiply-adds, layers against the infinite lattice.
   periodic boxes, compiled rows on one thread; with free faces all around, and with a hole, over the periodic box.
   Targets in 3D with m = 3: 1.5 times the rate of the convolution (state-based), twice (stabilised correspondence); free
   faces and holes add 10 %; 200 bytes a node.
+- closing: state-based and correspondence materials with a crack from side to side whose faces close, over a crack that
+  stays open, where bonds last and where they may break; and how much longer steps may be without contact.
 - layers: largest error of the near field against the infinite lattice, relative to the largest initial value, over four
   crossings of the P wave; pulses of all components that meet sides and corners. Targets in 3D: 1e-5 with 10 nodes, 1e-7
   with 20.
 - heated: a step of a solid and its temperature with the heat of deformation, over one without.
 
-Run: ``python benchmarks/elastic.py [speed] [breaking] [passes] [heated] [layers] [--json FILE] [--repeats N]``. Takes
-five minutes and 2 GB.
+Run: ``python benchmarks/elastic.py [speed] [breaking] [passes] [closing] [heated] [layers] [--json FILE]
+[--repeats N]``. Takes five minutes and 2 GB.
 """
 
 from __future__ import annotations
@@ -49,6 +51,8 @@ from farhorizon import (
     Lattice,
     LatticePML,
     Periodic,
+    Polyline,
+    Rectangle,
     Simulation,
     Thermoelastic,
 )
@@ -306,6 +310,37 @@ def passes(given: argparse.Namespace) -> list[dict[str, Any]]:
     return rows
 
 
+def closing(given: argparse.Namespace) -> list[dict[str, Any]]:
+    """One row a material."""
+    rows = []
+    for name, (dim, n, options) in PASSES.items():
+        box, middle = Lattice(1.0, (0.0,) * dim, (n - 1.0,) * dim), n / 2 - 0.4
+        face = Polyline([(-n, middle), (2 * n, middle)])
+        if dim == 3:
+            face = Rectangle((-n, middle, -n), (3 * n, 0.0, 0.0), (0.0, 0.0, 3 * n))
+        runs = {}
+        for law, strength in (("lasting", {}), ("breaking", {"critical_stretch": 1.0})):
+            for contact in (True, False):
+                model = Elastic(Kernel(3.0, 1, volume="full"), 1.0, 0.3, contact=contact, **options, **strength)
+                start = {"v": [1e-3 * np.random.default_rng(1).standard_normal((n,) * dim)] * dim}
+                runs[law, contact] = Simulation(box, model, Free(), start, cracks=[face], threads=1)
+        times = interleaved({str(key): steps(run.engine) for key, run in runs.items()}, given.repeats)
+        last, broken = (ratio(times, str((law, True)), str((law, False))) for law in ("lasting", "breaking"))
+        longer = runs["breaking", False].step_limit / runs["breaking", True].step_limit
+        sizes = [run.engine.nbytes / n**dim for run in runs.values()]
+        rows.append(
+            {
+                "case": f"{name}, {n}^{dim}",
+                "closed/open": last,
+                "closed/open, breaking": broken,
+                "step open/closed": longer,
+                "bytes/node": sizes[2],
+                "of an open one": sizes[3],
+            }
+        )
+    return rows
+
+
 def heated(given: argparse.Namespace) -> list[dict[str, Any]]:
     """One row a lattice: a solid and its temperature, with the heat of deformation and without."""
     rows = []
@@ -337,6 +372,7 @@ if __name__ == "__main__":
             "speed": ("Steps on one thread", speed),
             "breaking": ("Bonds that break, one thread", breaking),
             "passes": ("Two passes, one thread", passes),
+            "closing": ("Cracks that close, one thread", closing),
             "heated": ("A solid and its temperature, one thread", heated),
             "layers": ("Errors against the infinite lattice", layers),
         },

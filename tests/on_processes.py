@@ -211,6 +211,20 @@ SLOW = {
         ALONG_Y,
     ),
     "states with a crack": (plane(CORRESPONDENCE, cracks=CRACKS, **WIDE), ALONG_Y),
+    "states that close": (  # faces that are pressed together, of two solids
+        plane(
+            fh.Elastic(KERNEL, "where(y > 1, 2, 1)", 0.3, material="state-based", contact=True),
+            initial={"v": ["-0.1*x*exp(-2*(x**2 + y**2))", "-0.1*y*exp(-2*(x**2 + y**2))"]},
+            cracks=CRACKS,
+            shape=(99, 81),
+            balance=True,
+        ),
+        ALONG_Y,
+    ),
+    "states that break and close": (
+        torn((99, 81), critical_stretch=0.005, poisson=0.3, material="state-based", contact=True),
+        ALONG_Y,
+    ),
     "states at free sides": (plane(CORRESPONDENCE, {"x": FOUR, "y": fh.Free()}, **WIDE), ALONG_Y),
     "states that are heated": (
         plane(
@@ -558,6 +572,7 @@ KEPT = (
 )
 KEPT_SLOWLY = (
     *("single precision", "diffusion", "strata", "pumped and heated", "heated by a run", "state-based in space"),
+    "states that close",
 )
 SMALL_SOLID = fh.Setup(
     lattice(13, 22, 14), fh.Elastic(fh.Kernel(0.3), 1.0), fh.Fixed(), {"u": [pulse(3), 0.0, 0.0]}, dt=0.1

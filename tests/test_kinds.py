@@ -85,6 +85,7 @@ RIGHT = {
         "shape_tensor": "recomputed",
         "drag": 0.0,
         "stabilisation": 0.0,
+        "contact": False,
     },
     "Corrosion": {
         "operator": KERNEL,

@@ -59,6 +59,14 @@ def heated(material, poisson, **more):
     )
 
 
+def closing(material, poisson, shape=(21, 22), sides=None, cracks=(), **more):
+    """A solid with states, full of cracks that close, open and meet others."""
+    model = fh.Elastic(fh.Kernel(1.5 if len(shape) > 2 else 2.0), 1.0, poisson, material=material, contact=True, **more)
+    v = 0.03 * bump(shape, len(shape))
+    return fh.Simulation(lattice(*shape), model, sides or fh.Free(), {"v": v}, cracks=cracks, balance=True)
+
+
+ACROSS = [fh.Crack([(7.2, 9.4), (14.1, 11.6)]), fh.Crack([(10.6, 7.3), (10.6, 13.2)], opens=2.0)]
 CASES = {
     "1D": lambda: waves((23,)),
     "1D, source": lambda: waves((23,), sources=source((23,))),
@@ -217,6 +225,27 @@ CASES = {
         {"v": 0.03 * bump((21, 22), 2)},
         balance=True,
     ),
+    "dilatations of cracks that close": lambda: closing(
+        "state-based", 0.35, sides={"x-": SLOW, "x+": fh.Free(), "y": fh.Periodic()}, cracks=ACROSS
+    ),
+    "dilatations of two solids that break and close": lambda: closing(
+        "state-based", "0.3 - 0.1*(y > 9.5)", cracks=ACROSS, critical_stretch=0.006, density="1 + (x > 9.5)"
+    ),
+    "stresses of cracks that close": lambda: closing(
+        "correspondence",
+        "0.3 - 0.1*(y > 9.5)",
+        sides={"x": fh.Periodic(), "y-": fh.Fixed(), "y+": fh.Free()},
+        cracks=ACROSS,
+        stabilisation=0.3,
+    ),
+    "stresses in space as bonds break and close": lambda: closing(
+        "correspondence",
+        0.2,
+        (11, 12, 13),
+        cracks=[fh.Rectangle([-1.0, -1.0, 6.4], [20.0, 0.0, 0.0], [0.0, 20.0, 0.0])],
+        stabilisation=0.4,
+        critical_stretch=0.006,
+    ),
     "bonds that heat breaks": lambda: fh.Simulation(
         lattice(13, 14),
         fh.Elastic(fh.Kernel(2.0), **ELASTIC, contact=True),
@@ -228,6 +257,7 @@ CASES = {
     ),
     "stresses of heat as bonds break": lambda: heated("correspondence", 0.3, stabilisation=0.4),
     "dilatations of heat as bonds break": lambda: heated("state-based", "0.4 - 0.1*(y > 9.5)"),
+    "stresses of heat as bonds break and close": lambda: heated("correspondence", 0.3, stabilisation=0.4, contact=True),
     "stretched derivatives": lambda: fh.Simulation(
         lattice(13, 14),
         fh.Correspondence(fh.Kernel(2.0), 1.0, 0.3, drag=0.4),

@@ -230,7 +230,7 @@ def test_cracks_in_nonlinear_bonds_close_unless_told_not_to():
 
 def test_what_is_refused_of_cracks_that_close():
     with pytest.raises(fh.InputError, match="bonds of this material have no contact"):
-        fh.Elastic(fh.Kernel(1.0), 1.0, 0.3, material="state-based", contact=True)
+        fh.Elastic(young=1.0, poisson=0.3, material="finite-element", contact=True)
     with pytest.raises(fh.InputError, match=r"model\.contact"):
         material(contact="yes")
 
@@ -541,7 +541,7 @@ BREAKING = {"critical_stretch": 0.01}
         ({"fracture_energy": -1.0}, "fracture_energy: must be finite and positive"),
         ({"critical_stretch": 0.01, "fracture_energy": 1.0}, "two names of one thing"),
         ({"nonlinear": True, "material": "state-based", "poisson": 0.3}, "have no nonlinear; .* limit: bond-based "),
-        ({"contact": True, "critical_stretch": 0.1, "material": "correspondence", "poisson": 0.3}, "have no contact"),
+        ({"contact": True, "nonlinear": True, "material": "correspondence", "poisson": 0.3}, "have no nonlinear"),
     ],
 )
 def test_impossible_materials(options, message):

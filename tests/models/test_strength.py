@@ -245,7 +245,7 @@ def test_bad_cases_of_strengths(old, new, message):
         ({"critical_stretch": "0.1 + t"}, "t"),
         ({"fracture_energy": "z"}, "z"),
         ({"critical_stretch": "0.1 + x**2", "fracture_energy": 0.1}, "two names of one thing"),
-        ({"fracture_energy": 1.0, "contact": True, "material": "state-based", "poisson": 0.3}, "have no contact"),
+        ({"fracture_energy": 1.0, "softening": "linear", "material": "state-based", "poisson": 0.3}, "no softening"),
         ({"critical_stretch": 0.0}, "positive"),
         ({"critical_stretch": fh.Weibull(0.1, 2, 1.0)(np.zeros(2))}, "shape"),
     ],

@@ -308,8 +308,7 @@ class Draw:
             model["kernel"] = kernel
             if self.chance(0.3):
                 model["critical_stretch"] = self.one(0.3, 0.06)
-                if material == "bond-based":
-                    model["contact"] = self.chance(0.5)
+                model["contact"] = self.chance(0.5)
                 if self.chance(0.3):
                     varies = {"type": "weibull", "scale": 1.0, "modulus": 8.0, "cell": 3 * self.spacing, "seed": 1}
                     model["critical_stretch"] = self.one("1 + cos(x)**2", varies)

@@ -60,7 +60,7 @@ def told(folder, processes, *arguments):
 #: tiles of the liquid beside those with metal, tiles in which bonds of states have broken beside a crack.
 TO_ROUNDING = (
     *("breaking", "breaking strata", "an incident wave", "an incident wave below a surface", "states with drag"),
-    "states that break",
+    *("states that break", "states that break and close"),
     *("metal that corrodes", "metal that corrodes, across a periodic side", "metal that corrodes in space"),
 )
 

@@ -12,6 +12,7 @@ import numpy as np
 from farhorizon.engine import bonds as laws
 from farhorizon.engine.bonds import (
     CHANGED,
+    CLOSES,
     DAMAGED,
     END,
     FIRST,
@@ -65,13 +66,15 @@ class BondZone:
         warm: bool = False,
         softening: str | None = None,
         final: np.ndarray | None = None,
+        hardness: np.ndarray | None = None,
     ) -> None:
         """Lay the zone out: bonds follow a law of their own stretch and may break where both ends lie in it.
 
         Parameters
         ----------
         stiffness : ndarray, shape (K,)
-            Force on a unit of mass over elongation, of each offset, without coefficients.
+            Force on a unit of mass over elongation, of each offset, without coefficients; beside states that of bonds
+            that close.
         spacing : float
             Of the nodes, in the unit of the field.
         zone : Zone
@@ -91,6 +94,8 @@ class BondZone:
             How the force of bonds beyond the limit goes to zero (`bond_sweeps`); they break at once unless given.
         final : ndarray, shape of the core
             If it does, the stretch of the bonds of each node at which nothing is left, none below the limit.
+        hardness : ndarray, shape of the core, optional
+            Beside states the stiffness of bonds of each node that close, over that of the medium.
         """
         engine, self.softening = self.engine, softening
         block, components, high = engine.layout.box, engine.components, ROWS[engine.components]
@@ -107,21 +112,21 @@ class BondZone:
         kinds = np.zeros((*rows, -(-(zone.end[2] - zone.first[2]) // LANES)), np.uint8)
         rule = RULES[self.engine.tables.material.rule] if self.engine.tables.material.coefficient.size > 1 else None
         strong = strength is not None
-        functions = np.array(
-            load_bonds(components, nonlinear, engine.dtype.name, rule, strong, contact, warm, softening), np.int64
-        )
+        forces = engine.passes is None
+        law = rule, strong, contact and forces, warm, softening
+        functions = np.array(load_bonds(components, nonlinear, engine.dtype.name, *law), np.int64)
         strengths = np.ones(1, engine.dtype) if strength is None else engine.spread(strength, jointly=True)
         limits = np.array([limit, (limit / 2 * spacing) ** 2], self.engine.dtype)
         at = zone.table(self.engine.layout.reach)
         broken = np.zeros((*rows, 2))
-        forces = engine.passes is None
         before = np.zeros((0, 0), np.uint64) if forces else alive.copy()
         changed, full = np.zeros_like(kinds), all_bits(len(places))
         closing = alive.copy() if contact else np.zeros((0, 0), np.uint64)
         warmth = np.zeros(engine.layout.size if warm else 1, engine.dtype)
         shares = np.ones((len(places) if softening else 0, alive.shape[1]), engine.dtype)
         finals = np.zeros(0, engine.dtype) if final is None else engine.spread(final, jointly=True)
-        damage = forces, changed, before, full, strengths, closing, warmth, shares, finals
+        hard = np.ones(1, engine.dtype) if hardness is None else engine.spread(hardness, jointly=True)
+        damage = forces, changed, before, full, strengths, closing, hard, warmth, shares, finals
         engine.replace(bonds=Bonds(functions, table, places, alive, kinds, at, limits, nonlinear, broken, *damage))
         engine.sweep_in_pieces(laws.PIECE_ROWS)
         self.find_kinds()
@@ -152,6 +157,7 @@ class BondZone:
         bond = order[np.searchsorted(places[order, 0], neighbours[mine] - nodes[mine])]
         np.bitwise_and.at(self.table.alive, (bond >> 6, nodes[mine]), ~(np.uint64(1) << (bond & 63).astype(np.uint64)))
         self.find_kinds()
+        self._look_at_closing()
         self._remember()
         swept = np.zeros(len(nodes), bool)
         swept[mine] = self.contains(np.stack(np.unravel_index(number[nodes[mine]], block.nodes), axis=1))
@@ -211,7 +217,20 @@ class BondZone:
         if not self.table.forces:
             gone = (self.table.alive != alive)[:, self.engine.layout.box.node_indices()].any(0)
             self.table.changed[...] = np.where(self._tiles_with(gone), CHANGED, UNCHANGED)
+            self._look_at_closing()
             self._remember()
+
+    def _look_at_closing(self) -> None:
+        """Say which tiles of nodes with states have absent bonds that may close."""
+        table = self.table
+        if table.closing.size and not table.forces:
+            places = self.engine.layout.box.node_indices()
+            may = ((table.closing & ~table.alive)[:, places] != 0).any(0)
+            for axis in range(3):
+                at = np.arange(may.shape[axis])
+                outside = (at < table.zone[FIRST + axis]) | (at >= table.zone[END + axis])
+                may &= ~outside.reshape([-1 if a == axis else 1 for a in range(3)])
+            table.changed[self._tiles_with(may) & (table.changed == UNCHANGED)] = CLOSES
 
     @property
     def left(self) -> np.ndarray:
@@ -274,7 +293,8 @@ class BondZone:
     def energy(
         self, first: tuple[int, ...], end: tuple[int, ...], nodes: np.ndarray, whole: np.ndarray, cold: bool = False
     ) -> float:
-        """Energy of the bonds of some nodes from the elongations now and a step ago, for a unit of mass a node.
+        """Energy of the bonds of some nodes from the elongations now and a step ago, for a unit of mass a node; beside
+        states that of bonds that close.
 
         `nodes`, of the box from `first` to `end` of the core, says which; bonds to nodes beyond the box count half,
         across sides that are `whole`, shape (3, 2), fully. If `cold`, elongations are whole, without what heat strains.
@@ -282,6 +302,10 @@ class BondZone:
         self.engine.complete(self.engine.current)
         low = np.array(self.engine.layout.low)
         bounds = np.array(first, np.int64) + low, np.array(end, np.int64) + low
+        table, material = self.table, self.engine.tables.material
+        if not table.forces:
+            table = table._replace(alive=0 * table.alive, closing=table.closing & ~table.alive)
+            material = material._replace(coefficient=table.hardness)
         total = laws.strain_energy(
             self.engine.current,
             self.engine.older,
@@ -290,8 +314,8 @@ class BondZone:
             nodes,
             whole,
             self.engine.components,
-            self.engine.tables.material,
-            self.table._replace(warmth=self.table.warmth[:1] * 0) if cold else self.table,
+            material,
+            table._replace(warmth=table.warmth[:1] * 0) if cold else table,
         )
         return float(total) / self.engine.stages.numbers[0][2]
 

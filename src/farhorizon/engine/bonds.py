@@ -27,8 +27,9 @@ from farhorizon.engine.tables import Material
 from farhorizon.engine.threads import barrier
 
 PLAIN, DAMAGED = 0, 1
-#: Of a tile of nodes with states: whether bonds have broken, or have just done so.
-UNCHANGED, CHANGED, JUST_CHANGED = 0, 1, 2
+#: Of a tile of nodes with states: whether bonds have broken, or have just done so, or none has, but some that are cut
+#: may close.
+UNCHANGED, CHANGED, JUST_CHANGED, CLOSES = 0, 1, 2, 3
 #: Entries of the table of the zone, each for the three axes: where bonds follow the law (first node, extent), and its
 #: nodes (first, end).
 LAW_FIRST, LAW_EXTENT, FIRST, END = 0, 3, 6, 9
@@ -52,7 +53,8 @@ class Bonds(NamedTuple):
     functions : ndarray of int, shape (3,)
         Addresses of the sweeps of plain tiles and of a damaged one, and of the bound of their stretch.
     table : ndarray, shape (K, components + 2)
-        ``xi``, ``1 / |xi|^2`` and c, in units of the update, of each bond.
+        ``xi``, ``1 / |xi|^2`` and c, in units of the update, of each bond; beside states c is that of bonds that
+        close.
     places : ndarray of int, shape (K, 4)
         Distance to the neighbour in a level, and its offset.
     alive : ndarray of uint64, shape (words, places of the core)
@@ -69,7 +71,7 @@ class Bonds(NamedTuple):
     forces : bool
         Whether the bonds bring forces by the law; else they break only, see `engine.damage`, for which is the rest.
     changed : ndarray, shape of `kinds`
-        Whether bonds have broken in a tile.
+        Whether bonds have broken in a tile, or may close.
     before : ndarray of uint64, shape of `alive`, or empty
         Bits for which the lost energy is known.
     full : ndarray of uint64, shape (words,)
@@ -79,6 +81,9 @@ class Bonds(NamedTuple):
         breaks as the weaker of its ends does. Of one number where all are alike.
     closing : ndarray of uint64, shape of `alive`, or empty
         Bits of the bonds that carry compression, cut or broken or not.
+    hardness : ndarray
+        Beside states, of each place of a level the stiffness of bonds that close over that of the medium. Of one number
+        where all are alike.
     warmth : ndarray
         Of each place of a level the strain that heat brings: a bond is strained by the mean of its ends. Of one number
         where there is none; see `engine.warmth`.
@@ -105,6 +110,7 @@ class Bonds(NamedTuple):
     full: np.ndarray
     strength: np.ndarray
     closing: np.ndarray
+    hardness: np.ndarray
     warmth: np.ndarray
     shares: np.ndarray
     final: np.ndarray
@@ -129,6 +135,7 @@ def no_bonds(dtype: np.dtype) -> Bonds:
         np.zeros(0, np.uint64),
         np.ones(1, dtype),
         bits,
+        np.ones(1, dtype),
         np.zeros(1, dtype),
         np.zeros((0, 0), dtype),
         np.zeros(0, dtype),
@@ -264,8 +271,8 @@ def bond_energy(u, old, node, bond, components, nonlinear, material, bonds):
 
 @njit(error_model="numpy", cache=True, entry=False)
 def add_broken(stage, material, bonds, kept, node, step, count, n, broken):
-    """Add half the energy, and half the number, of the bonds that have broken now: those of a tile whose bits are
-    `kept` but no longer alive.
+    """Add half the energy, if they bring forces, and half the number, of the bonds that have broken now: those of a
+    tile whose bits are `kept` but no longer alive.
     """
     for row in range(count):
         for i in range(n):
@@ -275,9 +282,10 @@ def add_broken(stage, material, bonds, kept, node, step, count, n, broken):
                 while gone != 0:
                     if gone & np.uint64(1) != 0:
                         place = node + row * step + i
-                        broken[0] += 0.5 * bond_energy(
-                            stage.src, stage.base, place, bond, stage.components, bonds.nonlinear, material, bonds
-                        )
+                        if bonds.forces:
+                            broken[0] += 0.5 * bond_energy(
+                                stage.src, stage.base, place, bond, stage.components, bonds.nonlinear, material, bonds
+                            )
                         broken[1] += 0.5
                     gone >>= np.uint64(1)
                     bond += 1

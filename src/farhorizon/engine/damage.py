@@ -2,7 +2,8 @@
 
 Bonds break as those with a law of their own do, and in the same zone (`farhorizon.engine.bonds`); they bring no force
 by themselves. In tiles where some have broken the sums of both passes are made anew for each node that lacks bonds,
-over those that are there, and so is its shape tensor.
+over those that are there, and so is its shape tensor. An absent bond that closes pushes its two ends apart, whatever
+their states are; in tiles where bonds are cut, but none has broken, that is all there is to do.
 
 What a node had more of energy before a bond broke is lost: with displacements a step apart it is what the scheme loses,
 to rounding.
@@ -14,13 +15,18 @@ import numpy as np
 
 from farhorizon.engine.bonds import (
     CHANGED,
+    CLOSES,
     END,
     FIRST,
     JUST_CHANGED,
     PIECE_ROWS,
     UNCHANGED,
     bond_factor,
+    elongation,
+    follows_law,
     next_piece,
+    strain_of,
+    strain_of_heat,
     sweep_tiles,
 )
 from farhorizon.engine.point_law import first_special
@@ -231,6 +237,22 @@ def weigh_broken(stage, bonds, springs, material, gather, scatter, node, numbers
 
 
 @njit(error_model="numpy", cache=True, counted=False)
+def push_apart(stage, node, at, bonds, rule):
+    """Add to the new displacement of a node what its absent bonds do to it that are shorter than in the beginning."""
+    u, components, hardness = stage.src, stage.components, bonds.hardness
+    apart = u.size // components
+    for k in range(bonds.places.shape[0]):
+        if _there(bonds.closing, node, k) and not _there(bonds.alive, node, k):
+            offset, xi = bonds.places[k], bonds.table[k]
+            other = node + offset[0]
+            e = strain_of(u, node, offset[0], xi, components, False) - strain_of_heat(bonds.warmth, node, other)
+            if e < 0 and follows_law(bonds.zone, at[0] + offset[1], at[1] + offset[2], at[2] + offset[3]):
+                factor = bond_factor(rule, hardness[node], hardness[other]) if hardness.size > 1 else hardness[0]
+                for c in range(components):
+                    stage.out[node + c * apart] += factor * xi[components + 1] * elongation(e, False) * xi[c]
+
+
+@njit(error_model="numpy", cache=True, counted=False)
 def node_force(stage, node, bonds, springs, material, gather, scatter):
     """The new displacement of a node by the bonds that are there."""
     u, states, columns = stage.src, gather.sweep.law.values, gather.columns
@@ -254,9 +276,10 @@ def node_force(stage, node, bonds, springs, material, gather, scatter):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def redo_damaged(thread, stage, springs, material, gather, scatter, bonds, forces):
-    """States, or then forces, of the nodes that lack bonds in tiles where some have broken."""
+    """States, or then forces, of the nodes that lack bonds in tiles where some have broken or may close."""
     zone, block, changed, alive = bonds.zone, springs.block, bonds.changed, bonds.alive
     law, numbers = gather.sweep.law, gather.sweep.law.room[thread.number, 0]
+    closes = bonds.closing.size > 0
     high = _ROWS_3 if gather.columns == 3 else _ROWS_2
     size = law.values.size // gather.rows
     rows = changed.shape[1]
@@ -265,18 +288,21 @@ def redo_damaged(thread, stage, springs, material, gather, scatter, bonds, force
         i0, row = number // rows, number % rows
         for tile in range(changed.shape[2]):
             kind = changed[i0, row, tile]
-            if kind == UNCHANGED:
+            if kind == UNCHANGED or (kind == CLOSES and not (forces and closes)):
                 continue
             start, losses = zone[FIRST + 2] + tile * LANES, bonds.broken[i0, row]
             for i1 in range(max(row * high, zone[FIRST + 1]), min((row + 1) * high, zone[END + 1])):
                 for i2 in range(start, min(start + LANES, zone[END + 2])):
                     node, full = block[0] + i0 * block[4] + i1 * block[5] + i2, True
                     for word in range(alive.shape[0]):
-                        full &= alive[word, node] == bonds.full[word]
+                        full &= alive[word, node] == (bonds.closing[word, node] if closes else bonds.full[word])
                     if full:
                         continue
                     if forces:
-                        node_force(stage, node, bonds, springs, material, gather, scatter)
+                        if kind != CLOSES:
+                            node_force(stage, node, bonds, springs, material, gather, scatter)
+                        if closes:
+                            push_apart(stage, node, (i0, i1, i2), bonds, material.rule)
                         continue
                     if kind == JUST_CHANGED:
                         weigh_broken(stage, bonds, springs, material, gather, scatter, node, numbers, losses)

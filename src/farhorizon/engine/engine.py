@@ -30,6 +30,7 @@ from farhorizon.engine.operations import (
     once,
     operator_operations,
     sweep_operations,
+    without_contact,
     without_heat,
 )
 from farhorizon.engine.passes import Passes, StateSums
@@ -430,15 +431,17 @@ class Engine:
         return self.operate(level, operator_operations(self.tables), apart=True)
 
     def apply_core(self, level: np.ndarray) -> np.ndarray:
-        """The operator L on a level with whatever its halo holds, with plain shifts everywhere, and without heat."""
-        return self.operate(level, sweep_operations(self.tables), cold=True)
+        """The operator L on a level with whatever its halo holds, with plain shifts everywhere, without heat and, of
+        nodes with states, without bonds that close.
+        """
+        return self.operate(level, sweep_operations(self.tables), cold=True, gaping=True)
 
     def forces_of_heat(self) -> tuple[np.ndarray, np.ndarray]:
         """What heat does to nodes with states that are where they were, as a level, and four times the energy of each
         place for a unit of mass a node.
         """
         assert self.passes is not None
-        forces = self.operate(np.zeros_like(self.current), sweep_operations(self.tables))
+        forces = self.operate(np.zeros_like(self.current), sweep_operations(self.tables), gaping=True)
         return forces, 4 * self.passes.energy_of_heat()
 
     def operate(
@@ -448,24 +451,28 @@ class Engine:
         apart: bool = False,
         cold: bool = False,
         again: bool = False,
+        gaping: bool = False,
     ) -> np.ndarray:
         """What some operations make of a level, without the rest of a stage, as a level: of bonds none breaks.
 
-        If `apart`, the layers remember nothing of it; if `cold`, heat strains nothing. What is made for it is kept if
-        the same operations are asked for `again` and again.
+        If `apart`, the layers remember nothing of it; if `cold`, heat strains nothing; if `gaping`, absent bonds of
+        nodes with states do not close. What is made for it is kept if the same operations are asked for `again` and
+        again.
         """
-        kept = self._asked.get((cold, *operations)) if again else None
+        kept = self._asked.get((cold, gaping, *operations)) if again else None
         if kept is None or kept[0] is not self.tables:
             scale = self.stages.numbers[0][2]  # the last stage may be without operator
             numbers = np.array([numbers_of(self, float(self.stages.increments), 0.0, scale, 0.0)], self.dtype)
             tables = once(self.tables, operations, numbers)
             if cold:
                 tables = without_heat(tables)
+            if gaping:
+                tables = without_contact(tables)
             if apart:
                 tables = self._with_memory(tables, self.memory.copy())
             kept = self.tables, tables, np.zeros((3, level.size), level.dtype), CompiledLoop(self._own_loop)
             if again:
-                self._asked[cold, *operations] = kept
+                self._asked[cold, gaping, *operations] = kept
         _, tables, levels, loop = kept
         levels[0], levels[1:] = level, 0
         if self.loop is None:

@@ -259,8 +259,7 @@ class Interpreter:
             self._count_broken(nodes[over], place, xi, ((before - left) * c)[over])
             bonds.broken[0, 0, 1] += 0.5 * gone.sum()
             pull = np.where(curved & bonds.nonlinear, 1 / (1 + e + np.sqrt(np.maximum(1 + e, 0))), 0.5)
-            closing = bonds.closing[bond >> 6, nodes] if bonds.closing.size else np.zeros(len(nodes), np.uint64)
-            pushes = (closing & np.uint64(1) << np.uint64(bond & 63) != 0) & curved & (e < 0)
+            pushes = _lasts(bonds, bond, nodes) & curved & (e < 0)
             total[:, inside] += np.where(pushes, 1.0, (alive & ~gone) * left) * c * e * pull * ahead
 
     def _count_broken(self, nodes: np.ndarray, place: int, xi: np.ndarray, stiffness: np.ndarray) -> None:
@@ -536,6 +535,8 @@ class _States:
             levels[which][:, nodes] += total * (1 if which == op.GATHER else scale)
         elif operation == op.BREAK:
             self._break_bonds()
+        elif operation == op.DAMAGED and which == op.SCATTER:
+            self._push_apart()
         elif operation == op.STRETCH_STATES:
             places = self.loop.tables.stretches.places
             states[:, places] += self._remembered(states[:, places], "states", begins=axis == 1)
@@ -618,6 +619,15 @@ class _States:
         if (bonds.alive != before).any():
             bonds.broken[0, 0, 0] += stored - self._energies(nodes)
 
+    def _push_apart(self) -> None:
+        """Absent bonds push their ends apart where they are shorter than in the beginning."""
+        bonds, d = self.loop.tables.bonds, self.loop.components
+        hard = self.loop.tables.material._replace(coefficient=bonds.hardness)
+        for bond, nodes, alive, curved, ahead, e in self.loop.stretches():
+            pushes = _lasts(bonds, bond, nodes) & ~alive & curved & (e < 0)
+            c = bonds.table[bond, d + 1] * factors_of(hard, nodes, nodes + bonds.places[bond, 0])
+            self.loop.split(self.loop.stage.out)[:, nodes] += pushes * c * e / 2 * ahead
+
     def _energies(self, nodes: np.ndarray) -> float:
         """Energy of some nodes, from the displacements now and a step ago, in units of the update."""
         passes, total = self.passes, np.zeros(len(nodes))
@@ -638,6 +648,12 @@ def _follow_law(zone: np.ndarray, at: np.ndarray) -> np.ndarray:
     """At which places, shape (3, n), bonds within the zone follow the law."""
     within = at - zone[LAW_FIRST : LAW_FIRST + 3, None]
     return ((within >= 0) & (within < zone[LAW_EXTENT : LAW_EXTENT + 3, None])).all(0)
+
+
+def _lasts(bonds: Bonds, bond: int, nodes: np.ndarray) -> np.ndarray:
+    """Whether a bond of some nodes carries compression, absent or not."""
+    bits = bonds.closing[bond >> 6, nodes] if bonds.closing.size else np.zeros(len(nodes), np.uint64)
+    return np.asarray(bits & np.uint64(1) << np.uint64(bond & 63) != 0)
 
 
 def _shares(

@@ -201,7 +201,8 @@ def _stage(tables: Tables, inputs: Inputs, stage: int) -> list[Operation]:
 def operator_operations(tables: Tables, melting: bool = False) -> list[Operation]:
     """The operator: its halo filled, layers included; if `melting`, the phases of the halo are those of this step."""
     breaks = not tables.bonds.forces
-    before = _chosen((MELT, melting and len(tables.phases.halo))) + _chosen((BREAK, breaks), number=GATHER)
+    may_break = breaks and np.isfinite(tables.bonds.limit[0])
+    before = _chosen((MELT, melting and len(tables.phases.halo))) + _chosen((BREAK, may_break), number=GATHER)
     # In all stages or in none: the sweep reads the phases of the halo, and may overwrite one of the two levels by which
     # bonds break.
     ahead = not (breaks or len(tables.phases.halo))
@@ -316,6 +317,13 @@ def without_heat(tables: Tables) -> Tables:
     gather = tables.gather._replace(sweep=tables.gather.sweep._replace(law=law._replace(warmth=law.warmth[:0])))
     bonds = tables.bonds._replace(warmth=np.zeros_like(tables.bonds.warmth))
     return tables._replace(heat=no_heat(law.values.dtype), bonds=bonds, gather=gather)
+
+
+def without_contact(tables: Tables) -> Tables:
+    """The same tables of nodes with states where bonds that close carry nothing."""
+    if tables.bonds.forces:
+        return tables
+    return tables._replace(bonds=tables.bonds._replace(closing=tables.bonds.closing[:0]))
 
 
 def _later(gather: Pass) -> bool:

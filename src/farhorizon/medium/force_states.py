@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from farhorizon.engine.shape_tensors import inverse_shapes
+from farhorizon.medium.stencil import Stencil
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,9 @@ class ForceStates:
         Of each number of a state whether it changes its sign (1) or not (0) where an axis is turned.
     kept : bool
         Whether bonds that are cut or break leave the shape tensors of their nodes as they are.
+    closed : ndarray, shape (K, dim, dim), or None
+        Springs along the bonds, for those that are absent and shorter than in the beginning; None where absent bonds
+        carry nothing.
     """
 
     offsets: np.ndarray
@@ -54,6 +58,28 @@ class ForceStates:
     moduli: tuple[float, float, float]
     signs: tuple[tuple[int, ...], ...]
     kept: bool = False
+    closed: np.ndarray | None = None
+
+
+def closing_rate(states: ForceStates, softest: float = 1.0) -> float:
+    """What bonds that close may add to the largest value of the symbol.
+
+    Each of them stands for a bond that is absent, with what this was of a spring beside the states: along the bond, or
+    alike in all directions. By so much it adds less than all of it.
+
+    Parameters
+    ----------
+    states : ForceStates
+    softest : float
+        Where the medium varies, the least stiffness of the springs over that of bonds that close, in that of the model.
+    """
+    if states.closed is None:
+        return 0.0
+    n = states.offsets / np.linalg.norm(states.offsets, axis=1)[:, None]
+    closed, springs = (np.einsum("ka,kab,kb->k", n, table, n) for table in (states.closed, states.bonds))
+    return (
+        max(0.0, 1 - softest * float((springs / closed).min())) * Stencil(states.offsets, states.closed).symbol_maximum
+    )
 
 
 def correspondence_states(

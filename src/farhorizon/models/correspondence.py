@@ -48,6 +48,8 @@ class Correspondence(Elastic):
         0 to 1: part that is put back of the energy of displacements which the gradient does not see (Silling 2017); 1
         makes longitudinal waves those of the bond-based operator of the same influence function. It stiffens fracture:
         calibrate it with the critical stretch.
+    contact : bool
+        Whether bonds that are cut or broken carry compression, as in `Elastic`.
 
     Raises
     ------
@@ -79,6 +81,7 @@ class Correspondence(Elastic):
         shape_tensor: str = "recomputed",
         drag: float = 0.0,
         stabilisation: float = 0.0,
+        contact: bool = False,
     ) -> None:
         super().__init__(
             kernel,
@@ -89,6 +92,7 @@ class Correspondence(Elastic):
             plane=plane,
             critical_stretch=critical_stretch,
             stabilisation=stabilisation,
+            contact=contact,
         )
         if not isinstance(kernel, Kernel):
             raise InputError(

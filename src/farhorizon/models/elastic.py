@@ -86,8 +86,10 @@ class Elastic(LatticeModel):
         soften there (a bilinear law, or an exponential one), so that a new crack takes the fracture energy; they unload
         along the secant.
     contact : bool, optional
-        Bond-based: bonds that are cut or broken carry compression, where they are shorter than in the beginning, so
-        that faces of a crack which closes do not pass through each other. As `nonlinear` unless given.
+        Bonds that are cut or broken carry compression, where they are shorter than in the beginning, so that faces of a
+        crack which closes do not pass through each other; not of finite elements. Those of state-based and
+        correspondence materials do so as the springs of a bond-based material of the same P modulus. As `nonlinear`
+        unless given.
 
     Attributes
     ----------
@@ -226,14 +228,15 @@ class Elastic(LatticeModel):
             setattr(self, name, material_constant(value, f"model.{name}"))
         flags = {"nonlinear": self.nonlinear, "contact": self.contact, "softening": self.softening}
         given = [*(name for name, value in flags.items() if value), *self._strength]
-        served = _BREAKABLE if given in (["critical_stretch"], ["fracture_energy"]) else ("bond-based",)
+        of_bonds = [name for name in ("nonlinear", "softening") if flags[name]]
+        served, asked = (("bond-based",), of_bonds) if of_bonds else (_BREAKABLE, given)
         if given and (self.material not in served or not isinstance(self.kernel, Kernel)):
             raise InputError(
-                f"bonds of this material have no {given[0]}",
+                f"bonds of this material have no {asked[0]}",
                 value=self.material,
                 limit=f"{' or '.join(served)} with a kernel",
-                key=f"model.{given[0]}",
-                remedy='material="bond-based", or critical_stretch or fracture_energy alone',
+                key=f"model.{asked[0]}",
+                remedy='material="bond-based", or critical_stretch, fracture_energy and contact alone',
             )
         if self.softening is not None and len(self._strength) < 2:
             raise InputError(
@@ -456,15 +459,22 @@ class Elastic(LatticeModel):
         return model
 
     def force_states(self, spacing: float, dim: int) -> ForceStates | None:
-        """Gradients and stresses of a correspondence material, dilatations and pressures of a state-based one."""
+        """Gradients and stresses of a correspondence material, dilatations and pressures of a state-based one.
+
+        Bonds that close are springs of a bond-based material, whose P modulus is three times its shear modulus.
+        """
         if self.bonds or not isinstance(self.kernel, Kernel) or self._given is not None:
             return None
         offsets, weights = Stencil.family(self.kernel, spacing, dim)
         lame, shear = self.lame / self.p_modulus, self.shear / self.p_modulus
         if self.material == "correspondence":
-            return correspondence_states(offsets, weights, lame, shear, self.stabilisation)
-        bonds = _springs(self.kernel, offsets, weights, shear)[1]
-        return dilatation_states(offsets, bonds, weights, lame - shear, self.kernel.calibrate)
+            found = correspondence_states(offsets, weights, lame, shear, self.stabilisation)
+        else:
+            bonds = _springs(self.kernel, offsets, weights, shear)[1]
+            found = dilatation_states(offsets, bonds, weights, lame - shear, self.kernel.calibrate)
+        if not self.contact:
+            return found
+        return replace(found, closed=stencil_of(_springs(self.kernel, offsets, weights, 1 / 3)).weights)
 
     def stencil(self, spacing: float, dim: int) -> Stencil:
         """Stencil for unit P modulus."""

@@ -221,7 +221,8 @@ def stiffening(parts: Parts, team: Team) -> float:
     """
     engine = parts.grid.engine
     unlike = team.any(bool(engine.absent.count) or parts.near.variation.moduli is not None)
-    return max(1.0, largest_rate(parts.grid, team) / parts.near.rate_limit) if unlike and engine.passes else 1.0
+    intact = parts.near.rate_limit - parts.near.closing_rate
+    return max(1.0, largest_rate(parts.grid, team) / intact) if unlike and engine.passes else 1.0
 
 
 def assemble_as(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Share | None = None) -> Parts:

@@ -10,6 +10,7 @@ from farhorizon.engine.engine import Zone
 from farhorizon.engine.settings import set_heat
 from farhorizon.errors import InputError
 from farhorizon.medium.fracture import final_stretch
+from farhorizon.medium.stencil import Stencil
 from farhorizon.models.model import BondLaw
 from farhorizon.simulation.cuts import CutBonds
 from farhorizon.simulation.grid import Grid
@@ -125,13 +126,26 @@ class Breaking:
         limit, strength = self._limits()
         engine = self.grid.engine
         count = len(engine.offsets)
-        states = engine.passes is not None  # whose forces are not along their bonds
-        stiffness = np.zeros(count) if states else law.bond_stiffness(self.near.stencil, spacing) / law.density
-        ends = () if law.softening is None else (law.softening, self.grid.grown(self._everywhere(self.final_stretches)))
-        engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit, strength, law.contact, law.warm, *ends)
+        bonds, hard = self._bonds(), None
+        stiffness = np.zeros(count) if bonds is None else law.bond_stiffness(bonds, spacing) / law.density
+        if engine.passes is not None and self.near.factor is not None:
+            hard = self.grid.grown(self.near.factor)
+        ends = None if law.softening is None else self.grid.grown(self._everywhere(self.final_stretches))
+        own = law.contact, law.warm, law.softening, ends, hard
+        engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit, strength, *own)
         if law.warm:
             set_heat(engine, spacing)
         self.cuts.cut(())
+
+    def _bonds(self) -> Stencil | None:
+        """Those that follow the law, beside states those that close; None where they only break."""
+        near = self.near
+        states = (
+            None if self.grid.engine.passes is None else near.model.force_states(near.lattice.spacing, near.lattice.dim)
+        )
+        if states is None:
+            return near.stencil
+        return None if states.closed is None else Stencil(states.offsets, states.closed)
 
     def left(self) -> np.ndarray:
         """Bonds of each node of the near field that are there; shape of the lattice."""
@@ -154,8 +168,8 @@ class Breaking:
         return self.near.lattice.spacing**self.near.lattice.dim / self.near.model.source_factor
 
     def strain_energy(self, cold: bool = False) -> float:
-        """Strain energy of the bonds of the near field; those across its edge count half, to a held side whole. If
-        `cold`, that of the strains as they are, without what heat would make of them.
+        """Strain energy of the bonds of the near field, beside states of those that close; those across its edge count
+        half, to a held side whole. If `cold`, that of the strains as they are, without what heat would make of them.
         """
         lattice, lead = self.near.lattice, self.grid.lead
         first = [0] * lead + [self.grid.margins[a, -1] for a in range(lattice.dim)]

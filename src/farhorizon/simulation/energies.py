@@ -67,6 +67,8 @@ def energies(
     found = {"kinetic": _kinetic(near, rate), "strain": float(mass * 0.25 * strain.sum())}
     if breaking is not None:
         own["broken"] = float(mass * engine.bonds.broken[0])
+        if breaking.law.contact:
+            found["strain"] += breaking.strain_energy(cold)
     return found | own | ({"work": mass * engine.work} if work else {})
 
 

@@ -17,6 +17,7 @@ from farhorizon.geometry.decomposition import Decomposition, Key, decompose
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.expressions import as_given
 from farhorizon.inputs.sources import checked_shape, field
+from farhorizon.medium.force_states import closing_rate
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation, is_one, lightest_bond
 from farhorizon.models import LatticeModel
@@ -68,12 +69,15 @@ class Pace(NamedTuple):
         What squared frequencies are multiplied with at most.
     sides : dict of (axis, side) to float
         The largest squared speed within one reach of each side, for a layer goes by the fastest waves that it meets.
+    closing : float
+        What bonds that close may add to the largest value of the symbol, of materials with states.
     """
 
     strongest: float
     weakest: float
     fastest: float
     sides: dict[Key, float]
+    closing: float
 
 
 def varied(setup: Setup) -> tuple[Setup, Variation]:
@@ -159,8 +163,10 @@ def pace_in(setup: Setup, boxes: Decomposition, stencil: Stencil, variation: Var
     """
     speeds, lattice, strongest = variation.squared_speed, setup.lattice, setup.model.strongest
     keys = [(axis, side) for axis in range(lattice.dim) for side in (-1, 1)]
+    states = None if setup.model.bond_law is None else setup.model.force_states(lattice.spacing, lattice.dim)
+    closing = 0.0 if states is None else closing_rate(states, _softest(variation, team))
     if speeds is None:
-        return Pace(strongest, 1.0, strongest, dict.fromkeys(keys, 1.0))
+        return Pace(strongest, 1.0, strongest, dict.fromkeys(keys, 1.0), strongest * closing)
     strongest = team.largest(float(speeds.max()))
     weakest = -team.largest(-float(speeds.min(where=speeds > 0, initial=strongest)))
     fastest = strongest
@@ -168,8 +174,20 @@ def pace_in(setup: Setup, boxes: Decomposition, stencil: Stencil, variation: Var
         stiff = np.ones(lattice.shape) if variation.stiffness is None else variation.stiffness
         stiff, heavy = (_grown(values, boxes, stencil.reach, team) for values in (stiff, variation.density))
         fastest = team.largest(lightest_bond(stiff, heavy, stencil.offsets, setup.bond_rule))
+        if closing:  # each end has a P modulus of its own
+            closing *= team.largest(lightest_bond(stiff, heavy, stencil.offsets, "arithmetic"))
+    else:
+        closing *= strongest
     beside = {key: team.largest(_fastest_at(speeds, lattice, stencil.reach, *key)) for key in keys}
-    return Pace(strongest, weakest, fastest, {key: found or strongest or 1.0 for key, found in beside.items()})
+    sides = {key: found or strongest or 1.0 for key, found in beside.items()}
+    return Pace(strongest, weakest, fastest, sides, closing)
+
+
+def _softest(variation: Variation, team: Team) -> float:
+    """The least stiffness of the springs beside states over the modulus of P waves, over that of the model."""
+    if variation.springs is None or variation.stiffness is None:
+        return 1.0
+    return -team.largest(-float((variation.springs / variation.stiffness).min()))
 
 
 def _fastest_at(speeds: np.ndarray, part: Lattice, reach: Sequence[int], axis: int, side: int) -> float:

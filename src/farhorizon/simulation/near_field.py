@@ -84,6 +84,11 @@ class NearField:
         return Extremes(self.rate_limit, self.pace)
 
     @property
+    def closing_rate(self) -> float:
+        """What absent bonds that close have in the largest rate, of a material with states."""
+        return self.model.coefficient / self.lattice.spacing**2 * self.pace.closing
+
+    @property
     def step_limit(self) -> float:
         """Largest stable time step."""
         if self.coupling is not None:
@@ -313,6 +318,7 @@ def _rate_limit(setup: Setup, stencil: Stencil, pace: Pace, leak: float, stiffer
     """The largest rate of an operator, with what a leak adds."""
     unit = setup.model.coefficient / setup.lattice.spacing**2
     rate = stencil.with_reaction(0.0).symbol_maximum * (unit * max(pace.fastest, 1e-300)) * stiffer
+    rate += unit * pace.closing
     return rate + stencil.strongest_reaction * setup.model.coefficient / setup.lattice.spacing**2 + leak
 
 
