@@ -77,18 +77,21 @@ def find_cracks(damage: np.ndarray, lower: np.ndarray, spacing: float, threshold
     tips, ahead, paths = [], [], []
     for line in lines:
         smooth = _centred(values, np.array(line, float), reach)
-        knots = np.unique(np.append(np.arange(0, len(smooth), reach), len(smooth) - 1))
-        path = smooth[knots]
+        found = {}
         for end in (0, -1):
             place = np.array(line[end])
             if degrees[line[end]] == 1 and (place >= margin).all() and (place < shape - margin).all():
-                tip, way = _tip(values, smooth if end else smooth[::-1], threshold, reach)
-                tips.append(tip)
-                ahead.append(way)
-                path = np.vstack([path, tip]) if end else np.vstack([tip, path])
+                found[end] = _tip(values, smooth if end else smooth[::-1], threshold, reach)
+        tips += [tip for tip, _ in found.values()]
+        ahead += [way for _, way in found.values()]
+        if len(smooth) > 2 * reach:  # without the hooks that thinning leaves before tips
+            smooth = smooth[reach if 0 in found else 0 : -reach if -1 in found else None]
+        path = smooth[np.unique(np.append(np.arange(0, len(smooth), reach), len(smooth) - 1))]
+        before, behind = ([found[end][0]] if end in found else [] for end in (0, -1))
+        path = np.array([*before, *path, *behind])
         paths.append(lower + spacing * path)
-    found = [np.array(one, float).reshape(-1, 2) for one in (tips, ahead)]
-    return CrackPaths(lower + spacing * found[0], found[1], lower + spacing * branches, paths)
+    places, ways = (np.array(one, float).reshape(-1, 2) for one in (tips, ahead))
+    return CrackPaths(lower + spacing * places, ways, lower + spacing * branches, paths)
 
 
 def followed(before: np.ndarray, now: np.ndarray, farthest: float) -> np.ndarray:
