@@ -75,6 +75,7 @@ def plane_through(lattice, rng):
     return fh.Rectangle(middle - along[0] / 2 - along[1] / 2, along[0], along[1]), side
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize(
     ("shape", "plane"), [((13, 12), None), ((13, 12), "stress"), ((10, 9, 11), None)], ids=["strain", "stress", "3D"]
@@ -249,6 +250,7 @@ def test_a_pulse_crosses_a_closed_crack(name, dim, plane):
     assert np.abs(pulled[beyond]).max() < 2 * max(tail, 1e-3 * bell)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", ["bond-based", *MATERIALS])
 def test_shear_across_a_closed_crack(name):
     """No contact without friction: an S pulse on a crack that nothing presses goes on with 0.7 to 0.8 of its height,
@@ -338,6 +340,7 @@ def test_a_crack_that_opens_in_compression_takes_what_it_does_not_carry(name):
     assert held[False] - held[True] == pytest.approx(stored, rel=0.01)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize("dim", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_energies_of_pieces_that_collide_add_up_to_the_square_of_the_step(name, dim):
@@ -358,6 +361,7 @@ def test_energies_of_pieces_that_collide_add_up_to_the_square_of_the_step(name, 
     assert lost[0] < 0.02 and fitted_rate(factors, lost) > 1.6
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize("dim", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_pieces_that_break_off_and_collide(name, dim):
@@ -475,6 +479,7 @@ def test_the_step_of_solids_that_do_not_close_stays(name):
 # --- checkpoints, defaults, what is refused --------------------------------------------------------------------
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", MATERIALS)
 def test_a_run_that_is_saved_goes_on_bitwise(name, tmp_path):
     """Saved while pieces meet and before another crack opens; with two threads and with one."""
