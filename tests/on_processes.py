@@ -50,6 +50,10 @@ def drawn(shape):
     return np.random.default_rng(7).standard_normal(shape) * (np.arange(shape[0]) % 40 > 5)[:, None]
 
 
+def uneven(shape):
+    return np.random.default_rng(7).uniform(0.5, 2, shape)
+
+
 #: Set-ups, and the grids of boxes on which they are computed.
 CASES = {
     "wave": (plane(), ALONG_Y),
@@ -105,6 +109,21 @@ CASES |= {
     "a band of cracks": (plane(cracks=BAND), [[1, WORLD.size]]),
     "cracks in a solid": (plane(SOLID, initial={"u": [pulse(2), 0.0]}, cracks=CRACKS, balance=True), ALONG_Y),
     "strata": (plane(fh.Wave(KERNEL, "where(y > 0.4, 1.5, 1)", density="1 + 0.5*(x > 1)")), ALONG_Y),
+    "constants in arrays": (
+        plane(fh.Wave(KERNEL, uneven((47, 49)), density=uneven((47, 49))), fh.Periodic()),
+        ALONG_X + ALONG_Y,
+    ),
+    "a coefficient beyond a held rim": (
+        fh.Setup(
+            fh.Lattice(0.3, (-7.2, -7.2), (7.2, 7.2), body=fh.Disc(6.5, (0.0, 0.0))),
+            WAVE,
+            fh.Fixed(),
+            {"u": pulse(2)},
+            coefficient=uneven((49, 49)),
+            rim="fixed",
+        ),
+        ALONG_X + ALONG_Y,
+    ),
     "a body": (
         fh.Setup(
             fh.Lattice(0.3, (-7.2, -7.2), (7.2, 7.2), body=fh.Disc(6.5, (0.0, 0.0)) - fh.Disc(1.0, (0.5, 0.2))),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.geometry import lattice as lattices
 from farhorizon.simulation.host import looked_at, node_factor, varied
 from threads_as_processes import on_threads
 
@@ -70,3 +71,12 @@ def test_beyond_a_held_rim_a_part_has_the_factor_of_the_nearest_node_of_the_whol
             found = node_factor(replace(setup, lattice=part))
             there = reached[part.within]
             np.testing.assert_array_equal(found[there], whole[part.within][there], err_msg=f"seed {SEED}")
+
+
+def test_a_body_without_a_node_is_refused_on_all_processes(monkeypatch):
+    """Large ones are not looked at before."""
+    monkeypatch.setattr(lattices, "_AT_ONCE", 0)
+    lattice = fh.Lattice(1.0, (0.0, 0.0), (29.0, 14.0), body=fh.Disc(0.2, (3.5, 3.5)))
+    setup = fh.Setup(lattice, fh.Wave(KERNEL, "1 + x"), fh.Free())
+    with pytest.raises(fh.InputError, match="no node lies in the window or body"):
+        on_threads(2, lambda team: looked_at(setup, team))

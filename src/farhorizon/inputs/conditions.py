@@ -335,7 +335,6 @@ def resolve(
             found.append(_in_region(number, constraint, lattice, background, key, gather))
     _join(out, found, lattice)
     _refuse_fed(out, found, fed, lattice)
-    out.leaks = losses(constraints, lattice, gather)
     for number, face in fed:
         one = constraints[number]
         if isinstance(one, Convection) and one.within is not None:
@@ -356,12 +355,15 @@ def losses(
     """Power that convection takes per volume and temperature, of the shape of the lattice or of this part of it, after
     the numbers of the conditions; see `resolve`.
     """
-    found = []
-    for number, one in enumerate(constraints):
-        if isinstance(one, Convection):
-            face = _Face(one.where, lattice, one.within, f"constraint[{number}]", gather)
-            found.append((number, face.spread(np.full(len(face.nodes(0)), one.transfer))))
-    return found
+    return [
+        (number, _loss(one, _Face(one.where, lattice, one.within, f"constraint[{number}]", gather)))
+        for number, one in enumerate(constraints)
+        if isinstance(one, Convection)
+    ]
+
+
+def _loss(one: Convection, face: _Face) -> np.ndarray:
+    return face.spread(np.full(len(face.first), one.transfer))
 
 
 @dataclass
@@ -424,24 +426,22 @@ class _Face:
         """
         part, axis = self.part, self.axis
         across = tuple(n for a, n in enumerate(part.shape) if a != axis)
-        first, thickness = np.zeros(across, int), np.zeros(across, int)
+        nearest, thickness = np.zeros(across, int), np.zeros(across, int)
         if part.body is None:
-            return first, thickness + self.count
+            return nearest, thickness + self.count
         goes_on = np.ones(across, bool)  # neither the first node nor the end behind it has been met
         step = part.shape[axis]
         for start in range(0, self.count, step):
-            ends = [
-                (0, 0) if a == axis else (f, f + n) for a, (f, n) in enumerate(zip(part.first, part.shape, strict=True))
-            ]
+            ends = [(first, first + n) for first, n in zip(part.first, part.shape, strict=True)]
             last = min(start + step, self.count)
             ends[axis] = (start, last) if self.side < 0 else (self.count - last, self.count - start)
             mask = self.lattice.part(ends).mask
             assert mask is not None
             for depth, there in enumerate(np.moveaxis(mask, axis, 0)[:: -self.side], start):
-                first = np.where((thickness == 0) & there, depth, first)
+                nearest = np.where((thickness == 0) & there, depth, nearest)
                 goes_on &= there | (thickness == 0)
                 thickness = thickness + (there & goes_on)
-        return first, thickness
+        return nearest, thickness
 
     def nodes(self, depth: int) -> np.ndarray:
         """Those `depth` from the outermost, one a line."""
@@ -526,6 +526,7 @@ def _add_source(out: Conditions, number: int, constraint: Flux | Convection, fac
     if isinstance(constraint, Flux):
         out.sources.append((number, _scaled(face.values(constraint.value, -0.5), 1.0, face.spread)))
         return
+    out.leaks.append((number, _loss(constraint, face)))
     out.sources.append((number, _scaled(face.values(constraint.ambient, -0.5), constraint.transfer, face.spread)))
     if background:
         lost = np.full(len(face.first), -constraint.transfer * background)

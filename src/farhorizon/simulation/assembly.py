@@ -196,22 +196,22 @@ def survey(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Share 
 
 
 def assemble(setup: Setup) -> Parts:
-    """The parts of a run on one process; see `assemble_as`."""
-    parts = assemble_as(setup)
+    """The parts of a run on one process; see `assembled`."""
+    parts = assembled(setup)
     stiffer = stiffening(parts, ALONE)
-    return assemble_as(setup, stiffer) if stiffer > 1 else parts
+    return assembled(setup, stiffer) if stiffer > 1 else parts
 
 
 def assemble_shared(
     setup: Setup, team: Team, topology: Sequence[int] | None, observers: Sequence[Any]
 ) -> tuple[Share, Whole, Parts]:
-    """The share of this process in a run, what recorders look at, and the parts; see `shared` and `assemble_as`."""
+    """The share of this process in a run, what recorders look at, and the parts; see `shared` and `assembled`."""
     share, whole = shared(setup, team, topology, observers)
-    parts = assemble_as(share.setup, 1.0, team, share)
+    parts = assembled(share.setup, 1.0, team, share)
     stiffer = stiffening(parts, team)
     if stiffer > 1:
         share, whole = shared(setup, team, topology, observers, stiffer)
-        parts = assemble_as(share.setup, stiffer, team, share)
+        parts = assembled(share.setup, stiffer, team, share)
     return share, whole, parts
 
 
@@ -225,7 +225,7 @@ def stiffening(parts: Parts, team: Team) -> float:
     return max(1.0, largest_rate(parts.grid, team) / intact) if unlike and engine.passes else 1.0
 
 
-def assemble_as(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Share | None = None) -> Parts:
+def assembled(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Share | None = None) -> Parts:
     """The parts of a run; the set-up is looked at from the cheap to the dear.
 
     Parameters
@@ -355,7 +355,7 @@ def _acted_on(near: NearField, driving: Sequence[Drive]) -> np.ndarray:
 def shared(
     setup: Setup, team: Team, topology: Sequence[int] | None, observers: Sequence[Any], stiffer: float = 1.0
 ) -> tuple[Share, Whole]:
-    """The share of this process in a run, and what recorders look at; `stiffer` as of `assemble_as`.
+    """The share of this process in a run, and what recorders look at; `stiffer` as of `assembled`.
 
     No process looks at the whole, but the first one where layers look at all data.
 

@@ -313,9 +313,8 @@ def largest_rate(grid: Grid, team: Team) -> float:
     root = np.sqrt(engine.mobility[nodes] if engine.mobility.size > 1 else engine.mobility)
     level, rate = np.zeros(engine.levels.shape[1], engine.dtype), 0.0
     first = [n - low for n, low in zip(grid.first, layout.low, strict=True)]
-    at = [
-        one[there] + n for one, n in zip(np.indices(layout.box.nodes), first, strict=True)
-    ]  # whichever process has it
+    at = [one[there] + n for one, n in zip(np.indices(layout.box.nodes), first, strict=True)]
+    # what a node begins with goes by its place, whichever process has it
     values = np.stack([uniform(seed, *at) - 0.5 for seed in range(engine.components)])
 
     def summed(products: np.ndarray) -> float:

@@ -14,7 +14,7 @@ from scipy.ndimage import distance_transform_edt
 
 from farhorizon.errors import InputError
 from farhorizon.geometry.decomposition import Decomposition, Key, decompose
-from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.lattice import Lattice, check_any
 from farhorizon.inputs.expressions import as_given
 from farhorizon.inputs.sources import checked_shape, field
 from farhorizon.medium.force_states import closing_rate
@@ -101,6 +101,7 @@ def looked_at(setup: Setup, team: Team) -> tuple[Host, Variation]:
     values = constants_of(part)
     if lattice.mask is not None and lattice.body is not None:
         there = np.flatnonzero(lattice.mask)
+        check_any(team.any(bool(there.size)))
         for name, value in values.items():
             outside |= _middle(value.ravel()[there], {name: value.ravel()[there]}, there, lattice, team)
         values = _filled(values, lattice, outside)

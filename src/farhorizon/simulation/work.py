@@ -88,8 +88,8 @@ def work_of(setup: Setup, model: LatticeModel, part: Lattice) -> np.ndarray:
     if whole.body is not None and around.mask is not None and setup.rim == "free" and costs.rim:
         found += costs.rim * (around.mask & ~minimum_filter(around.mask, box, mode="nearest"))
     if any(costs.uneven):
-        everywhere, row = _uneven(setup, model, around, reach)
-        found += costs.uneven[0] * everywhere + costs.uneven[1] * row
+        several, in_row = _uneven(setup, model, around, reach)
+        found += costs.uneven[0] * several + costs.uneven[1] * in_row
     if costs.cut:
         lacks = np.zeros(around.shape, bool)
         for crack in setup.cracks:
@@ -118,11 +118,11 @@ def _uneven(setup: Setup, model: LatticeModel, part: Lattice, reach: Sequence[in
     nodes = np.ones(part.shape, bool) if part.mask is None else part.mask
     high, low = np.where(nodes, factor, -np.inf), np.where(nodes, factor, np.inf)
     box, row = ([2 * m + 1 if a >= first else 1 for a, m in enumerate(reach)] for first in (0, part.dim - 1))
-    wide, narrow = (
+    several, in_row = (
         nodes & (maximum_filter(high, size, mode="nearest") > minimum_filter(low, size, mode="nearest"))
         for size in (box, row)
     )
-    return wide, narrow
+    return several, in_row
 
 
 def work_along(setup: Setup, model: LatticeModel, more: Mapping[Key, float], team: Team = ALONE) -> list[np.ndarray]:
