@@ -35,7 +35,8 @@ class Dense:
 
     Weights are read off the kernel's own influence function and volumes, and scaled so that K of a complete family is
     1. `material` gives Young's modulus, Poisson's ratio and density at given coordinates, beyond the shape those at its
-    edge.
+    edge. Bonds break by their stretch, or `by_energy`; shape tensors are those of the bonds that are left, of those at
+    first if `by_energy`, or of all that the body has without cracks if `kept`.
     """
 
     def __init__(
@@ -48,15 +49,19 @@ class Dense:
         stabilisation=0.0,
         critical=1e9,
         kept=False,
+        by_energy=False,
         dt=0.1,
         material=None,
     ):
         grid = np.array(list(itertools.product(*[range(-around, n + around) for n in shape])), float)
         self.inside = ((grid >= 0) & (grid < shape)).all(1)
-        self.shape, self.dim, self.dt, self.drag, self.critical, self.kept = shape, len(shape), dt, drag, critical, kept
+        self.shape, self.dim, self.dt, self.drag, self.critical = shape, len(shape), dt, drag, critical
+        self.by_energy, self.frozen = by_energy, by_energy or kept
         self.xi = grid[None] - grid[:, None]
         family = np.array([o for o in itertools.product(range(-4, 5), repeat=self.dim) if any(o)], float)
-        scale = (self._weight(kernel, np.linalg.norm(family, axis=1)) * family[:, 0] ** 2).sum()
+        lengths = np.linalg.norm(family, axis=1)
+        scale = (self._weight(kernel, lengths) * family[:, 0] ** 2).sum()
+        self.longest = lengths[self._weight(kernel, lengths) > 0].max()
         self.w = self._weight(kernel, np.linalg.norm(self.xi, axis=2)) / scale
         np.fill_diagonal(self.w, 0)
         self.uncut = self.w.copy()
@@ -91,18 +96,40 @@ class Dense:
     def gradient(self):
         return np.einsum("ij,ija,ijb->iab", self.w, self.u[None] - self.u[:, None], self.xi) @ self.inverse
 
+    def law(self, e, lame, shear):
+        trace = np.trace(e, axis1=-2, axis2=-1)[..., None, None]
+        return shear * (e + np.swapaxes(e, -1, -2)) + lame * trace * np.eye(self.dim)
+
+    def states(self):
+        e = self.gradient()
+        return self.left * self.law(e, self.lame, self.shear) @ self.inverse - self.pull * e
+
+    def lost(self, eta, p):
+        """Energy that is lost with each bond, from elongations and the states of its first end."""
+        own = self.w[..., None, None] * eta[..., :, None] * self.xi[..., None, :]
+        lame, shear, pull = (value[:, None] + value[None] for value in (self.lame, self.shear, self.pull))
+        states = p + np.swapaxes(p, 0, 1) - (self.law(own, lame, shear) - pull * own) / 2
+        return (own * states).sum((2, 3)) + self.w * pull[..., 0, 0] * (eta**2).sum(2) / 2
+
+    def beyond(self):
+        """Which bonds break: by energy as in an intact body that is stretched evenly, where all get as much longer."""
+        eta, lengths = self.u[None] - self.u[:, None], np.linalg.norm(self.xi, axis=2)
+        longer = (eta * self.xi).sum(2)
+        if not self.by_energy:
+            return longer > self.critical * lengths**2
+        stretch = (self.critical * self.longest / np.maximum(lengths, 1e-9))[..., None]
+        even = (self.dim * self.lame + 2 * self.shear - self.pull)[:, None] * np.eye(self.dim)
+        limit = self.lost(stretch * self.xi, stretch[..., None] * even)
+        states = (self.first[:, None, None] * self.states())[:, None]
+        return (longer > 0) & (self.lost(eta, np.broadcast_to(states, limit.shape + states.shape[2:])) > limit)
+
     def step(self, count=1, load=0.0):
         for _ in range(count):
-            longer = ((self.u[None] - self.u[:, None]) * self.xi).sum(2)
-            broken = (longer > self.critical * (self.xi**2).sum(2)) & (self.w > 0)
+            broken = self.beyond() & (self.w > 0)
             self.w = np.where(broken, 0.0, self.w)
-            if broken.any() and not self.kept:
+            if broken.any() and not self.frozen:
                 self._invert(self.w)
-            e = self.gradient()
-            stress = self.shear * (e + np.swapaxes(e, 1, 2)) + self.lame * np.trace(e, axis1=1, axis2=2)[
-                :, None, None
-            ] * np.eye(self.dim)
-            p = self.left * stress @ self.inverse - self.pull * e
+            p = self.states()
             a = np.einsum("ij,ijab,ijb->ia", self.w, p[:, None] + p[None], self.xi)
             a += np.einsum("ij,ija->ia", self.w * (self.pull[:, 0] + self.pull[:, 0].T), self.u[None] - self.u[:, None])
             a[:, 0] += load

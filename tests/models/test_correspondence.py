@@ -8,7 +8,7 @@ import pytest
 import farhorizon as fh
 from farhorizon.case.case import Case
 from helpers import fitted_rate
-from solids import KERNELS, Dense, box, lame_constants, noise, solid
+from solids import KERNELS, MATERIAL, Dense, box, lame_constants, noise, solid
 
 
 def graded(*at):
@@ -26,6 +26,26 @@ def run_of(shape, name, sides, initial=None, loads=(), cracks=(), dt=0.1, **opti
     return fh.Simulation(
         box(*shape), solid(name, **options), sides, initial, loads=loads, cracks=cracks, dt=dt, threads=1, balance=True
     )
+
+
+def elastic(name, **options):
+    """A solid of one of the kernels whose bonds break by energy."""
+    return fh.Elastic(**{"kernel": KERNELS[name], **MATERIAL, "material": "correspondence", **options})
+
+
+def crossing(points):
+    """Which bonds cross a straight crack along an axis."""
+    first, last = np.array(points)
+    axis = int(first[1] == last[1])
+
+    def absent(a, b):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.nan_to_num((first[axis] - a[..., axis]) / (b[..., axis] - a[..., axis]), posinf=0, neginf=0)
+        at = (a + share[..., None] * (b - a))[..., 1 - axis]
+        across = (a[..., axis] - first[axis]) * (b[..., axis] - first[axis]) < 0
+        return across & (at >= first[1 - axis]) & (at <= last[1 - axis])
+
+    return absent
 
 
 @pytest.mark.parametrize(
@@ -74,35 +94,39 @@ def test_steps_match_dense_matrices(shape, name, side, varies, stabilisation):
     np.testing.assert_allclose(sim.fields["v"], dense.field(dense.v), rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("shape_tensor", ["recomputed", "kept"])
+#: How solids with damage are made: what their shape tensors follow from, and by what bonds break.
+DAMAGED = {
+    "recomputed": (solid, {"drag": 0.5}, {}),
+    "kept": (solid, {"drag": 0.5, "shape_tensor": "kept"}, {"kept": True}),
+    "by energy": (elastic, {"stabilisation": 0.4}, {"by_energy": True}),
+}
+CRITICAL = {"by energy": 0.05}  # of the longest bonds; else 0.12
+
+
+@pytest.mark.parametrize("law", DAMAGED)
+@pytest.mark.parametrize("varies", [False, True])
 @pytest.mark.parametrize(
     ("name", "points"), [("gaussian", [(4.5, -1.0), (4.5, 5.0)]), ("constant", [(2.0, 3.6), (7.0, 3.6)])]
 )
-def test_damage_matches_dense_matrices(name, points, shape_tensor):
-    """A crack, bonds that break, drag and a load together: the same bonds break at the same steps."""
-    shape, (first, last) = (10, 9), np.array(points)
-    axis = int(first[1] == last[1])
-
-    def absent(a, b):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = np.nan_to_num((first[axis] - a[..., axis]) / (b[..., axis] - a[..., axis]), posinf=0, neginf=0)
-        at = (a + share[..., None] * (b - a))[..., 1 - axis]
-        across = (a[..., axis] - first[axis]) * (b[..., axis] - first[axis]) < 0
-        return across & (at >= first[1 - axis]) & (at <= last[1 - axis])
-
+def test_damage_matches_dense_matrices(name, points, law, varies):
+    """A crack, bonds that break, drag or stabilisation, and a load together: the same bonds break at the same steps."""
+    shape, (made, options, of_dense) = (10, 9), DAMAGED[law]
     u, v = noise(shape, 0.01), noise(shape, 0.08, 2)
-    dense = Dense(shape, KERNELS[name], absent=absent, drag=0.5, critical=0.12, kept=shape_tensor == "kept")
+    beside = {key: options[key] for key in ("drag", "stabilisation") if key in options} | of_dense
+    critical = CRITICAL.get(law, 0.12)
+    if varies:
+        beside, options = beside | {"material": graded}, options | constants(shape)
+    dense = Dense(shape, KERNELS[name], absent=crossing(points), critical=critical, **beside)
     dense.start(u, v)
-    sim = run_of(
-        shape,
-        name,
+    sim = fh.Simulation(
+        box(*shape),
+        made(name, critical_stretch=critical, **options),
         fh.Free(),
         {"u": u, "v": v},
-        [fh.BodyForce([0.02, 0.0])],
-        [points],
-        drag=0.5,
-        critical_stretch=0.12,
-        shape_tensor=shape_tensor,
+        loads=[fh.BodyForce([0.02, 0.0])],
+        cracks=[points],
+        dt=0.1,
+        threads=1,
     )
     cut = int((dense.w > 0).sum())
     dense.step(60, load=0.02)

@@ -25,6 +25,7 @@ from farhorizon.engine.bonds import (
     factors_of,
 )
 from farhorizon.engine.field import Field
+from farhorizon.engine.release import LINES, PATCH_NODES, largest_energy
 from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
 from farhorizon.engine.rows.build import load_bonds
 from farhorizon.engine.warmth import add_traces, add_traces_of_states
@@ -127,9 +128,34 @@ class BondZone:
         finals = np.zeros(0, engine.dtype) if final is None else engine.spread(final, jointly=True)
         hard = np.ones(1, engine.dtype) if hardness is None else engine.spread(hardness, jointly=True)
         damage = forces, changed, before, full, strengths, closing, hard, warmth, shares, finals
-        engine.replace(bonds=Bonds(functions, table, places, alive, kinds, at, limits, nonlinear, broken, *damage))
+        room = np.zeros((engine.threads, LINES, PATCH_NODES + 2 * engine.layout.reach[2]))
+        own = *damage, *self._energies(spacing), np.ones(1, engine.dtype), room
+        engine.replace(bonds=Bonds(functions, table, places, alive, kinds, at, limits, nonlinear, broken, *own))
         engine.sweep_in_pieces(laws.PIECE_ROWS)
         self.find_kinds()
+
+    def _energies(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+        """`Bonds.released` and `Bonds.bounds`."""
+        engine, passes = self.engine, self.engine.passes
+        if passes is None or passes.sums.released is None:
+            return np.zeros((0, 3)), np.zeros(2)
+        unit, law, dim = engine.stages.numbers[0][2], engine.tables.gather.sweep.law, engine.components
+        released = unit * spacing**2 * passes.sums.released
+        least = most = law.moduli.astype(float)
+        if law.local.size:
+            for values in law.local:
+                engine.join(values, {})
+            every = np.stack([engine.layout.box.all(values) for values in law.local]).reshape(3, -1).astype(float)
+            least, most = every.min(1), every.max(1)
+        gradient, divergence = passes.sums.gradient[:, :dim, 0], unit * passes.sums.divergence[:, 0, :dim]
+        lengths, slopes = (np.linalg.norm(one, axis=1) for one in (engine.offsets, divergence))
+        springs = unit * float(engine.tables.material.coefficient.max()) / 2 * np.abs(engine.weights).sum((1, 2))
+        pulls = most[2] * slopes * np.linalg.norm(gradient, axis=1)
+        limits = 2 * released @ np.array([*least[:2], most[2]])
+        limits = np.where(limits > 0, limits, 0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):  # bonds without weight never break
+            bounds = 2 * slopes * lengths / limits, (springs + pulls) * lengths**2 / limits
+        return released, np.array([np.nan_to_num(one, posinf=np.inf).max() for one in bounds])
 
     @property
     def nonlinear(self) -> bool:
@@ -321,12 +347,16 @@ class BondZone:
 
     def largest_strain(self) -> float:
         """Largest ``|xi + eta|^2 / |xi|^2 - 1`` (linearised: ``2 xi . eta / |xi|^2``) of the bonds that may break;
-        where strengths vary, over how much stronger the bond is than the weakest.
+        where strengths vary, over how much stronger the bond is than the weakest. Of bonds that break by energy an even
+        strain with which as much would be lost.
         """
-        self.engine.complete(self.engine.current)
-        return float(
-            laws.largest_strain(self.engine.current, self.engine.tables.sweep.block, self.engine.components, self.table)
-        )
+        engine, tables = self.engine, self.engine.tables
+        engine.complete(engine.current)
+        if engine.passes is None or not len(self.table.released):
+            return float(laws.largest_strain(engine.current, tables.sweep.block, engine.components, self.table))
+        engine.passes.states_of(engine.current, cold=False, halo=True)
+        sums = tables.sweep, tables.material, tables.gather, tables.scatter, self.table
+        return self.limit * float(np.sqrt(largest_energy(engine.current, *sums)))
 
     def present(self, nodes: tuple[slice, ...]) -> np.ndarray:
         """Bits of the bonds that are there and carry something, of the nodes in a part of the core; shape (words,

@@ -93,6 +93,17 @@ class Bonds(NamedTuple):
     final : ndarray
         Of each place of a level the stretch at which nothing is left of its bonds that soften (`bond_sweeps`): of a
         bond the smaller one of its ends counts. Empty where none softens.
+    released : ndarray, shape (K, 3), or empty
+        Of bonds that break by the energy which is lost with them what that is at a critical stretch of 1, for a unit of
+        each modulus of one end, in units of the update; see `engine.release`. Empty where they break by their stretch.
+    bounds : ndarray, shape (2,)
+        What the root of what `bond_sweeps.steepness` returns, times the largest state that the law has made, and the
+        square of that root count for, at most, of the energy at a critical stretch of 1.
+    firmness : ndarray
+        Of each place of a level what its state counts for in that energy, see `shape_tensors.firmness`: no more where a
+        node that lacked bonds at first bears its stress with the others. Of one number where no node does.
+    room : ndarray, shape (threads, n, nodes)
+        For threads that look at the energies of bonds to work in.
     """
 
     functions: np.ndarray
@@ -114,6 +125,10 @@ class Bonds(NamedTuple):
     warmth: np.ndarray
     shares: np.ndarray
     final: np.ndarray
+    released: np.ndarray
+    bounds: np.ndarray
+    firmness: np.ndarray
+    room: np.ndarray
 
 
 def no_bonds(dtype: np.dtype) -> Bonds:
@@ -139,6 +154,10 @@ def no_bonds(dtype: np.dtype) -> Bonds:
         np.zeros(1, dtype),
         np.zeros((0, 0), dtype),
         np.zeros(0, dtype),
+        np.zeros((0, 3)),
+        np.zeros(2),
+        np.ones(1, dtype),
+        np.zeros((0, 0, 0)),
     )
 
 
@@ -209,6 +228,15 @@ def combined(rule: str, mine: np.ndarray, other: np.ndarray) -> np.ndarray:
         return np.asarray(np.minimum(mine, other))
     total = mine + other
     return np.asarray(total / 2 if rule == "arithmetic" else 2 * mine * other / np.where(total > 0, total, 1.0))
+
+
+@njit(error_model="numpy", inline="always")
+def spring_factor(material, node, distance):
+    """Factor on the spring of a bond."""
+    coefficient = material.coefficient
+    if coefficient.size == 1:
+        return coefficient[0]
+    return bond_factor(material.rule, coefficient[node], coefficient[node + distance])
 
 
 @njit(error_model="numpy", inline="always")

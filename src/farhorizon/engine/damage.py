@@ -1,8 +1,9 @@
 """Bonds that break between nodes whose forces follow from states, in the compiled loop.
 
-Bonds break as those with a law of their own do, and in the same zone (`farhorizon.engine.bonds`); they bring no force
-by themselves. In tiles where some have broken the sums of both passes are made anew for each node that lacks bonds,
-over those that are there, and so is its shape tensor. An absent bond that closes pushes its two ends apart, whatever
+Bonds break by their stretch, as those with a law of their own do, or by the energy that is lost with them
+(`farhorizon.engine.release`), and in the same zone (`farhorizon.engine.bonds`); they bring no force by themselves. In
+tiles where some have broken the sums of both passes are made anew for each node that lacks bonds, over those that are
+there, and so is its shape tensor, unless it is kept. An absent bond that closes pushes its two ends apart, whatever
 their states are; in tiles where bonds are cut, but none has broken, that is all there is to do.
 
 What a node had more of energy before a bond broke is lost: with displacements a step apart it is what the scheme loses,
@@ -25,6 +26,7 @@ from farhorizon.engine.bonds import (
     elongation,
     follows_law,
     next_piece,
+    spring_factor,
     strain_of,
     strain_of_heat,
     sweep_tiles,
@@ -35,6 +37,8 @@ from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.shape_tensors import FACE, SINGULAR
 from farhorizon.engine.threads import barrier
 
+#: What is made anew of nodes that lack bonds.
+STATES, FORCES, STATES_AGAIN = range(3)
 _STATE, _SHAPE, _INVERSE, _LAST, _NUMBERS = 0, 9, 18, 27, 36  # of the numbers that a thread works with
 
 _ROWS_2, _ROWS_3 = ROWS[2], ROWS[3]
@@ -114,7 +118,7 @@ def invert_shape(numbers, dim):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def kept_law(law, node, numbers, rows):
-    """What a node makes of its state whose shape tensor stays as it was, in the place of the state."""
+    """What a node makes of its state whose shape tensor stays as it was at first, in the place of the state."""
     state, made, odd = numbers[_STATE:_SHAPE], numbers[_SHAPE:_INVERSE], first_special(law.nodes, node)
     special = odd < law.nodes.size and law.nodes[odd] == node
     matrix = law.matrices[law.numbers[odd]] if special else law.intact
@@ -177,15 +181,6 @@ def law_of_node(law, node, numbers, rows):
             for c in range(dim):
                 total += shear * (strain[a * dim + c] + strain[c * dim + a]) * inverse[c * dim + b]
             state[a * dim + b] = total
-
-
-@njit(error_model="numpy", inline="always")
-def spring_factor(material, node, distance):
-    """Factor on the spring of a bond."""
-    coefficient = material.coefficient
-    if coefficient.size == 1:
-        return coefficient[0]
-    return bond_factor(material.rule, coefficient[node], coefficient[node + distance])
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -275,11 +270,13 @@ def node_force(stage, node, bonds, springs, material, gather, scatter):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def redo_damaged(thread, stage, springs, material, gather, scatter, bonds, forces):
-    """States, or then forces, of the nodes that lack bonds in tiles where some have broken or may close."""
+def redo_damaged(thread, stage, springs, material, gather, scatter, bonds, what):
+    """`STATES`, or then `FORCES`, of the nodes that lack bonds in tiles where some have broken or may close, or
+    `STATES_AGAIN` of those where some have just done so.
+    """
     zone, block, changed, alive = bonds.zone, springs.block, bonds.changed, bonds.alive
     law, numbers = gather.sweep.law, gather.sweep.law.room[thread.number, 0]
-    closes = bonds.closing.size > 0
+    closes, forces = bonds.closing.size > 0, what == FORCES
     high = _ROWS_3 if gather.columns == 3 else _ROWS_2
     size = law.values.size // gather.rows
     rows = changed.shape[1]
@@ -289,6 +286,8 @@ def redo_damaged(thread, stage, springs, material, gather, scatter, bonds, force
         for tile in range(changed.shape[2]):
             kind = changed[i0, row, tile]
             if kind == UNCHANGED or (kind == CLOSES and not (forces and closes)):
+                continue
+            if what == STATES_AGAIN and kind != JUST_CHANGED:
                 continue
             start, losses = zone[FIRST + 2] + tile * LANES, bonds.broken[i0, row]
             for i1 in range(max(row * high, zone[FIRST + 1]), min((row + 1) * high, zone[END + 1])):

@@ -13,6 +13,7 @@ import numpy as np
 
 from farhorizon.engine import operations as op
 from farhorizon.engine.bonds import LAW_EXTENT, LAW_FIRST, PHASES, Bonds, factors_of
+from farhorizon.engine.damage import STATES_AGAIN
 from farhorizon.engine.engine import Engine
 from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.filter import Filter
@@ -186,13 +187,13 @@ class Interpreter:
         """What bonds to places without a node have taken of the nodes' own values."""
         exists, nodes = self.engine.absent.exists, self.nodes
         found = np.zeros((self.components, nodes.size))
-        zone = self._zone() if self.tables.bonds.places.size else np.zeros(nodes.size, bool)
+        zone = self.zone() if self.tables.bonds.places.size else np.zeros(nodes.size, bool)
         for distance, weight in zip(self.engine.offsets @ self.box.stride, self.matrices, strict=True):
             bare = exists[nodes] & ~exists[nodes + distance] & ~zone
             found -= bare * (weight @ (self.factors(nodes, nodes + distance) * self._gaps(nodes, nodes + distance)))
         return found
 
-    def _zone(self) -> np.ndarray:
+    def zone(self) -> np.ndarray:
         """Which nodes have bonds that are looked at one by one."""
         zone = self.tables.bonds.zone
         at = np.indices(self.box.nodes).reshape(3, -1)
@@ -203,7 +204,7 @@ class Interpreter:
         it follows the law, its vector with the part of its ends' displacements that counts, and its strain e.
         """
         bonds, src, d = self.tables.bonds, self.split(self.stage.src), self.components
-        inside = np.flatnonzero(self._zone())
+        inside = np.flatnonzero(self.zone())
         nodes, at = self.nodes[inside], np.indices(self.box.nodes).reshape(3, -1)[:, inside]
         for bond, (place, *offset) in enumerate(bonds.places):
             xi, inverse = bonds.table[bond, :d, None], bonds.table[bond, d]
@@ -220,7 +221,7 @@ class Interpreter:
         return np.asarray((warmth[nodes] + warmth[others]) / 2)
 
     def _heat(self) -> None:
-        bonds, nodes = self.tables.bonds, self.nodes[self._zone()]
+        bonds, nodes = self.tables.bonds, self.nodes[self.zone()]
         for bond, distance in enumerate(bonds.places[:, 0]):
             there = self.present(nodes, nodes + distance) * self.factors(nodes, nodes + distance)
             push = there * self.warmth(nodes, nodes + distance)
@@ -242,7 +243,7 @@ class Interpreter:
     def _pull_bonds(self, total: np.ndarray) -> None:
         """The forces of bonds with a law of their own, in the place of those of the stencil; some break."""
         bonds, d = self.tables.bonds, self.components
-        inside = np.flatnonzero(self._zone())
+        inside = np.flatnonzero(self.zone())
         total[:, inside] = 0
         for bond, nodes, alive, curved, ahead, e in self.stretches():
             place, xi, stiffness = bonds.places[bond, 0], bonds.table[bond, :d, None], bonds.table[bond, d + 1]
@@ -501,13 +502,13 @@ class _States:
         """How far neighbours lie in a level."""
         return np.asarray(self.loop.engine.offsets @ self.loop.box.stride)
 
-    def run(self, operation: int, axis: int, which: int) -> None:
+    def run(self, operation: int, number: int, which: int) -> None:
         """An operation of the two passes. The sums are those over the bonds that are there, so that none is cut."""
         law, passes, scale = self.loop.tables.gather.sweep.law, self.passes, self.loop.stage.scale
         states = law.values.reshape(len(law.intact), -1)
         levels = (self.loop.split(self.loop.stage.src), states, self.loop.split(self.loop.stage.out))
         # the loop may have done it node by node
-        if self.raw and which == op.SCATTER:
+        if self.raw and (which == op.SCATTER or operation == op.RELEASE):
             states[:, self.loop.nodes] -= self._strained(self.loop.nodes).T
             odd = np.einsum("sab,bs->as", law.matrices[law.numbers], states[:, law.nodes])
             if not self.loop.tables.bonds.forces:
@@ -523,7 +524,7 @@ class _States:
             for to, source in self.loop.tables.copies.T:
                 states[:, to] = states[:, source]
         elif operation == op.RECEIVE:
-            self.loop.receive(axis, states)
+            self.loop.receive(number, states)
         elif operation == op.SWEEP:
             read, sign, nodes = levels[which - op.GATHER], (-1, 1)[which - op.GATHER], self.loop.nodes
             total = np.zeros((len(levels[which]), nodes.size))
@@ -534,18 +535,27 @@ class _States:
                 states[:, nodes], self.raw = 0, True
             levels[which][:, nodes] += total * (1 if which == op.GATHER else scale)
         elif operation == op.BREAK:
-            self._break_bonds()
+            self._break_bonds(lambda b, nodes, e: e > self.loop.limits(nodes, nodes + self._distances()[b]))
+        elif operation == op.RELEASE:
+            gone = self._break_bonds(lambda b, nodes, e: (e > 0) & (self._released(b, nodes, states) > 0))
+            for bond, nodes in gone:  # their springs have been swept
+                there = nodes + self._distances()[bond]
+                pull = self.loop.matrices[bond] @ (levels[0][:, there] - levels[0][:, nodes])
+                levels[2][:, nodes] -= scale * self.loop.factors(nodes, there) * pull
+        elif operation == op.DAMAGED and number == STATES_AGAIN:
+            lost = np.intersect1d(self._lost_bonds(), self.loop.nodes[self.loop.zone()])
+            states[:, lost] = np.einsum("sab,sb->as", self._laws(lost), self._states_at(lost))
         elif operation == op.DAMAGED and which == op.SCATTER:
             self._push_apart()
         elif operation == op.STRETCH_STATES:
             places = self.loop.tables.stretches.places
-            states[:, places] += self._remembered(states[:, places], "states", begins=axis == 1)
+            states[:, places] += self._remembered(states[:, places], "states", begins=number == 1)
         elif operation == op.STRETCH_FORCES:
             places = self.loop.tables.stretches.places
-            found = self._remembered(scale * self._parts(states, places), "forces", begins=axis == 1)
+            found = self._remembered(scale * self._parts(states, places), "forces", begins=number == 1)
             levels[2][:, places] += found.reshape(self.loop.components, self.loop.components, -1).sum(1)
         elif operation == op.STRETCH:
-            found = self.loop.stretched(axis, levels[which - op.GATHER], passes.weights[which - 1], which)
+            found = self.loop.stretched(number, levels[which - op.GATHER], passes.weights[which - 1], which)
             levels[which][:, self.loop.nodes] += (1 if which == op.GATHER else scale) * found.reshape(len(found), -1)
 
     def _remembered(self, values: np.ndarray, key: str, begins: bool) -> np.ndarray:
@@ -570,7 +580,7 @@ class _States:
 
     def _strained(self, nodes: np.ndarray) -> np.ndarray:
         """States of nodes that are strained as heat strains them, shape (S, n)."""
-        law, shapes = self.loop.tables.gather.sweep.law, self._shapes(nodes, False)
+        law, shapes = self.loop.tables.gather.sweep.law, self._shapes(nodes)
         units = np.trace(shapes, axis1=1, axis2=2)[:, None] if len(law.unit) == 1 else shapes.reshape(len(nodes), -1)
         return np.asarray(law.spacing * self.loop.warmth(nodes, nodes)[:, None] * units)
 
@@ -588,28 +598,60 @@ class _States:
     def _laws(self, nodes: np.ndarray) -> np.ndarray:
         """Matrices by which nodes that lack bonds make something of their states."""
         passes, law = self.passes, self.loop.tables.gather.sweep.law
-        shapes, moduli = self._shapes(nodes, passes.sums.kept), passes.moduli_at(nodes)
-        if len(law.unit) > 1 and not passes.sums.kept:  # else the law does not go by the shape tensor
-            numbers = np.zeros(law.values.size // len(law.intact), np.int64)
-            numbers[law.nodes] = law.numbers
-            moduli[:, :2] *= stress_left(shapes, law.firmness[numbers[nodes]])[:, None]
+        moduli, numbers = passes.moduli_at(nodes), np.zeros(law.values.size // len(law.intact), np.int64)
+        numbers[law.nodes] = law.numbers
+        first = numbers[nodes]  # 0 of nodes that had all their bonds
+        if law.kept:
+            return np.where(first[:, None, None] > 0, law.matrices[first], self._whole_laws(moduli))
+        shapes = self._shapes(nodes)
+        if len(law.unit) > 1:  # else the law does not go by the shape tensor
+            moduli[:, :2] *= stress_left(shapes, law.firmness[first])[:, None]
         return passes.sums.law(shapes, moduli)
 
-    def _shapes(self, nodes: np.ndarray, kept: bool) -> np.ndarray:
-        """Their shape tensors; `kept`, those of a medium in which no bond has been cut or has broken."""
-        exists = self.loop.engine.absent.exists
-        distances, shapes = self._distances(), self.passes.sums.shapes
-        there = np.stack(
-            [exists[nodes + d] == exists[nodes] if kept else self.loop.present(nodes, nodes + d) for d in distances]
-        )
-        return np.einsum("ks,kab->sab", there, shapes)
+    def _whole_laws(self, moduli: np.ndarray) -> np.ndarray:
+        """Those of nodes with all their bonds."""
+        dim = self.passes.sums.shapes.shape[1]
+        return self.passes.sums.law(np.broadcast_to(np.eye(dim), (len(moduli), dim, dim)), moduli)
 
-    def _break_bonds(self) -> None:
-        """Bonds beyond their limit break; what the energy of their nodes loses is added up."""
+    def _shapes(self, nodes: np.ndarray) -> np.ndarray:
+        """Their shape tensors."""
+        there = np.stack([self.loop.present(nodes, nodes + distance) for distance in self._distances()])
+        return np.einsum("ks,kab->sab", there, self.passes.sums.shapes)
+
+    def _states_at(self, nodes: np.ndarray) -> np.ndarray:
+        """What the bonds of some nodes make of their states, shape (S, n)."""
+        u, distances = self.loop.split(self.loop.stage.src), self._distances()
+        there = np.stack([self.loop.present(nodes, nodes + distance) for distance in distances])
+        eta = np.stack([u[:, nodes + distance] - u[:, nodes] for distance in distances])
+        eta -= self._given_way(nodes, 0 * distances)
+        return np.asarray(np.einsum("ks,kqa,kas->sq", there, self.passes.weights[0], eta))
+
+    def _released(self, bond: int, nodes: np.ndarray, states: np.ndarray) -> np.ndarray:
+        """Energy that is lost with a bond of some nodes, more than that at which it breaks."""
+        passes, bonds, scale = self.passes, self.loop.tables.bonds, self.loop.stage.scale
+        distance, u = self._distances()[bond], self.loop.split(self.loop.stage.src)
+        xi = bonds.table[bond, : self.loop.components, None]
+        eta = u[:, nodes + distance] - u[:, nodes] - self.loop.warmth(nodes, nodes + distance) * xi
+        own = passes.weights[0][bond] @ eta
+        moduli = passes.moduli_at(nodes) + passes.moduli_at(nodes + distance)
+        firm = np.broadcast_to(bonds.firmness, self.loop.engine.layout.size)
+        stress = firm[nodes] * states[:, nodes] + firm[nodes + distance] * states[:, nodes + distance]
+        stress -= np.einsum("sab,bs->as", self._whole_laws(moduli), own) / 2
+        energy = np.einsum("as,as->s", eta, scale * passes.weights[1][bond] @ stress)
+        springs = scale / 2 * self.loop.factors(nodes, nodes + distance)
+        energy += springs * np.einsum("as,ab,bs->s", eta, self.loop.matrices[bond], eta)
+        critical = self.loop.limits(nodes, nodes + distance) / 2
+        return np.asarray(energy - critical**2 * (moduli @ bonds.released[bond]))
+
+    def _break_bonds(self, breaks: Callable[[int, np.ndarray, np.ndarray], np.ndarray]) -> list[tuple[int, np.ndarray]]:
+        """Bonds beyond their limit break; what the energy of their nodes loses is added up.
+
+        `breaks` says of a bond of some nodes, which is strained so much, whether it is. Returns bonds with the nodes
+        that lose them.
+        """
         bonds, before = self.loop.tables.bonds, self.loop.tables.bonds.alive.copy()
         gone = [
-            (b, nodes[alive & curved & (e > self.loop.limits(nodes, nodes + bonds.places[b, 0]))])
-            for b, nodes, alive, curved, _, e in self.loop.stretches()
+            (b, nodes[alive & curved & breaks(b, nodes, e)]) for b, nodes, alive, curved, _, e in self.loop.stretches()
         ]
         nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(nodes for _, nodes in gone)]))
         stored = self._energies(nodes)
@@ -618,6 +660,7 @@ class _States:
             bonds.broken[0, 0, 1] += 0.5 * len(broken)
         if (bonds.alive != before).any():
             bonds.broken[0, 0, 0] += stored - self._energies(nodes)
+        return gone
 
     def _push_apart(self) -> None:
         """Absent bonds push their ends apart where they are shorter than in the beginning."""
@@ -636,8 +679,7 @@ class _States:
         there = np.stack([self.loop.present(nodes, nodes + distance) for distance in distances])
         (eta, old) = (np.stack([u[:, nodes + d] - u[:, nodes] for d in distances]) for u in (now, ago))
         own, both = self._given_way(nodes, 0 * distances), self._given_way(nodes, distances)
-        state = np.einsum("ks,kqa,kas->sq", there, passes.weights[0], eta - own)
-        last = np.einsum("sab,sb->sa", self._laws(nodes), state)
+        last = np.einsum("sab,sb->sa", self._laws(nodes), self._states_at(nodes))
         total += np.einsum("ks,kaq,sq,kas->s", there, passes.weights[1], last, old - own)
         springs = there * np.stack([self.loop.factors(nodes, nodes + d) for d in distances])
         total += np.einsum("ks,kab,kas,kbs->s", springs, self.loop.matrices, old - both, eta - both) / 2

@@ -23,7 +23,7 @@ from farhorizon.engine.operations import (
     FLOW_LAYERS,
     KEEP,
     LINES,
-    SCATTER,
+    RELEASE,
     SPRINGS,
     STRETCH,
     STRETCH_FORCES,
@@ -40,7 +40,8 @@ from farhorizon.engine.tables import ABSENT, EDGE, FACE, GENERAL, Inputs, Stage,
 from farhorizon.engine.threads import ALONE, side_by_side
 
 _FLOWS = 3  # of the stages the one whose sums go into a level of their own, beside those of the passes
-_OF_THE_FIELD = (BREAK, DAMAGED, STRETCH_STATES, STRETCH_FORCES)  # of all operations on states these change the field
+# of all operations on states these change the field
+_OF_THE_FIELD = (BREAK, RELEASE, DAMAGED, STRETCH_STATES, STRETCH_FORCES)
 _COUNTED = ("general_rows", "general_matrix_rows")  # they make arrays
 
 Function = Callable[..., Any]
@@ -191,7 +192,7 @@ def _does(
         return [(function, which, which, number) for function, there in asked if there]
     stage = which
     if operation in _OF_THE_FIELD:
-        stage, which, number = SPRINGS, SPRINGS, int(which == SCATTER) if operation == DAMAGED else number
+        stage, which = SPRINGS, SPRINGS
     return [(program.OPERATIONS[operation], stage, which, number)]
 
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from farhorizon.engine.bonds import Bonds
+from farhorizon.engine.damage import FORCES, STATES, STATES_AGAIN
 from farhorizon.engine.drag import Drag
 from farhorizon.engine.ends import Ends
 from farhorizon.engine.exchange import LEVEL, SLOTS
@@ -58,7 +59,7 @@ DISSOLVE = 16  # solid nodes become liquid
 KEEP = 17  # values of watched nodes and sums over blocks of nodes are kept
 LAW = 18  # what nodes make of their states
 BREAK = 19  # bonds beyond their limit break
-DAMAGED = 20  # sums of nodes that have lost bonds are made anew
+DAMAGED = 20  # sums of nodes that have lost bonds are made anew; beside it which, see `engine.damage`
 INERTIA = 21  # what the forces have done to heavy nodes is less
 SEND = 22  # messages to other processes begin; three times their kind and their axis
 STRETCH_STATES = 23  # layers stretch the derivatives that nodes have for states; with 1 beside it their memory begins
@@ -70,6 +71,7 @@ MELT = 28  # nodes of the halo become liquid as other processes have made them
 AHEAD = 29  # SWEEP of rows that need no halo, while messages are on their way: twice the number of a share of them,
 # and how many others there are
 RECEIVE = 30  # messages end, by which other processes fill the halo; as SEND
+RELEASE = 31  # bonds break with which enough energy is lost
 
 # Passes of the operator: the springs, sums over bonds that make states, sums over states that make forces.
 SPRINGS, GATHER, SCATTER = range(3)
@@ -198,11 +200,14 @@ def _stage(tables: Tables, inputs: Inputs, stage: int) -> list[Operation]:
     )
 
 
-def operator_operations(tables: Tables, melting: bool = False) -> list[Operation]:
-    """The operator: its halo filled, layers included; if `melting`, the phases of the halo are those of this step."""
-    breaks = not tables.bonds.forces
-    may_break = breaks and np.isfinite(tables.bonds.limit[0])
-    before = _chosen((MELT, melting and len(tables.phases.halo))) + _chosen((BREAK, may_break), number=GATHER)
+def operator_operations(tables: Tables, melting: bool = False, breaking: bool = True) -> list[Operation]:
+    """The operator: its halo filled, layers included; if `melting`, the phases of the halo are those of this step; if
+    `breaking`, bonds of nodes with states break.
+    """
+    breaks, by_energy = not tables.bonds.forces, len(tables.bonds.released) > 0
+    may_break = breaking and breaks and np.isfinite(tables.bonds.limit[0])
+    before = _chosen((MELT, melting and len(tables.phases.halo)))
+    before += _chosen((BREAK, may_break and not by_energy), number=GATHER)
     # In all stages or in none: the sweep reads the phases of the halo, and may overwrite one of the two levels by which
     # bonds break.
     ahead = not (breaks or len(tables.phases.halo))
@@ -210,9 +215,13 @@ def operator_operations(tables: Tables, melting: bool = False) -> list[Operation
     if tables.gather.sweep.law.values.size:
         stretched = tables.stretches.runs.size
         found += _sums(tables, GATHER) + _chosen((STRETCH_STATES, stretched), number=GATHER)
-        found += _chosen((LAW, _later(tables.gather)), (DAMAGED, breaks), number=GATHER)
+        found += _chosen((LAW, _later(tables.gather)), number=GATHER) + [(DAMAGED, STATES, GATHER)] * breaks
+        if may_break and by_energy:
+            found += _chosen((COPY, tables.copies.size), number=SCATTER)
+            found += _exchanged(tables, SCATTER, [LEVEL], lines=[], ahead=False)
+            found += [(RELEASE, 0, GATHER), (DAMAGED, STATES_AGAIN, GATHER)]
         found += _sums(tables, SCATTER, halo=True, ahead=True)
-        found += _chosen((STRETCH_FORCES, stretched), (DAMAGED, breaks), number=SCATTER)
+        found += _chosen((STRETCH_FORCES, stretched), number=SCATTER) + [(DAMAGED, FORCES, SCATTER)] * breaks
     return found + _chosen((HEAT, tables.heat.vectors.size))
 
 
@@ -280,17 +289,24 @@ def is_used(tables: Tables, kind: int, axis: int) -> bool:
 def beginning_operations(tables: Tables) -> list[Operation]:
     """The operator as the memory of stretched derivatives begins, which adds nothing to them."""
     begins = (STRETCH_STATES, STRETCH_FORCES)
-    return [
-        (one[0], 1 if one[0] in begins else one[1], one[2]) for one in operator_operations(tables) if one[0] != BREAK
-    ]
+    return [(one[0], 1 if one[0] in begins else one[1], one[2]) for one in operator_operations(tables, breaking=False)]
 
 
 def sweep_operations(tables: Tables) -> list[Operation]:
     """The operator with plain shifts, whatever the halo holds."""
     return [
         one
-        for one in operator_operations(tables)
+        for one in operator_operations(tables, breaking=False)
         if one[0] in (SWEEP, CUT, LAW, DAMAGED, HEAT) or (one[2] == SCATTER and _fills_level(*one[:2]))
+    ]
+
+
+def state_operations(tables: Tables, halo: bool = False) -> list[Operation]:
+    """What makes the states of nodes, with plain shifts, and the halo of what the law has made of them if asked for."""
+    return [
+        one
+        for one in sweep_operations(tables)
+        if one[2] == GATHER or (halo and one[2] == SCATTER and _fills_level(*one[:2]))
     ]
 
 

@@ -22,7 +22,7 @@ from farhorizon.engine.field import Field
 from farhorizon.engine.layer_cuts import cut_layers
 from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import aligned_zeros
-from farhorizon.engine.operations import GATHER, Pass, sweep_operations
+from farhorizon.engine.operations import Pass, state_operations
 from farhorizon.engine.point_law import CHUNK, PointLaw
 from farhorizon.engine.rows.build import load_law
 from farhorizon.engine.rows.choose import compiled_sums
@@ -52,6 +52,8 @@ class StateSums:
         See `farhorizon.medium.force_states`.
     kept : bool
         Whether bonds that are cut or break leave the shape tensors of their nodes as they are.
+    released : ndarray, shape (K, 3), or None
+        Of bonds that break by the energy which is lost with them, in units of the operator.
     phi : ndarray, shape (d, *core), optional
         Rates at which derivatives along each axis are stretched, see `farhorizon.engine.stretches`.
     alpha : ndarray, shape of the core, optional
@@ -65,6 +67,7 @@ class StateSums:
     moduli: np.ndarray
     signs: Signs
     kept: bool = False
+    released: np.ndarray | None = None
     phi: np.ndarray | None = None
     alpha: np.ndarray | None = None
 
@@ -214,6 +217,12 @@ class Passes:
             units=np.vstack([nothing[0, :1], self._units(present)]).astype(self.dtype),
         )
         self.engine.replace(gather=passes[0]._replace(sweep=sweep._replace(law=law)), scatter=passes[1])
+        breaking = self.engine.tables.bonds
+        if len(breaking.released):
+            firm = np.ones(self.layout.size)
+            firm[odd] = law.firmness[of_node]
+            firm = self.engine.spread(firm[self.layout.near.node_indices()], jointly=True)
+            self.engine.replace(bonds=breaking._replace(firmness=firm))
         stretches = self.engine.tables.stretches
         if stretches.runs.size:
             of_slots, vectors = stretches.places, np.zeros((len(odd), dim))
@@ -268,7 +277,7 @@ class Passes:
             local.astype(self.dtype),
             bases.astype(self.dtype),
             self.sums.shapes.reshape(len(self.sums.shapes), -1).astype(self.dtype),
-            self.sums.kept,
+            self.sums.kept or self.sums.released is not None,
             *self._whole(),
             np.zeros((self.engine.threads, count, CHUNK), self.dtype),
             np.zeros(0, self.dtype),
@@ -303,13 +312,12 @@ class Passes:
         gradient, divergence = self.sums.gradient[:, 0, 0], self.sums.divergence[:, 0, 0]
         return float(divergence @ gradient / (gradient @ gradient))
 
-    def states_of(self, level: np.ndarray) -> np.ndarray:
-        """What the law makes of the states of a level without heat, as a level of so many components; the next step
-        writes over it. Fills the halo of `level`.
+    def states_of(self, level: np.ndarray, cold: bool = True, halo: bool = False) -> np.ndarray:
+        """What the law makes of the states of a level, if `cold` without heat, as a level of so many components; the
+        next step writes over it. Fills the halo of `level`, and its own if asked for.
         """
         tables = self.engine.tables
-        gathers = [one for one in sweep_operations(tables) if one[2] == GATHER]
-        self.engine.operate(level, gathers, cold=True, again=True)
+        self.engine.operate(level, state_operations(tables, halo), cold=cold, again=True)
         return tables.gather.sweep.law.values
 
     def units_of_bonds(self) -> np.ndarray:

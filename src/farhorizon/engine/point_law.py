@@ -43,7 +43,7 @@ class PointLaw(NamedTuple):
     shapes : ndarray, shape (K, d * d)
         What each bond adds to the shape tensor.
     kept : bool
-        Whether bonds that are cut or break leave it as it is.
+        Whether bonds that break leave it as it is.
     first, end : ndarray of int, shape (3,)
         Box of nodes whose states are whole once they are swept: no layer adds to them, and no bond is cut.
     room : ndarray, shape (threads, n, CHUNK)

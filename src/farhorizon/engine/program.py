@@ -58,6 +58,7 @@ from farhorizon.engine.operations import (
     LAW,
     MELT,
     RECEIVE,
+    RELEASE,
     SEND,
     STRETCH_FORCES,
     STRETCH_STATES,
@@ -67,6 +68,7 @@ from farhorizon.engine.operations import (
 )
 from farhorizon.engine.phases import LIQUID, SOLID, dissolve, find_runs, melt
 from farhorizon.engine.point_law import apply_to_rows
+from farhorizon.engine.release import break_by_energy
 from farhorizon.engine.rows.calls import call_operation, call_with
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.exchanges import MOVES, RECEIVES, SENDS, TABLE, USED, call_exchange
@@ -930,11 +932,16 @@ def break_beyond(thread, stage, sums, tables, inputs, step, number):
     break_bonds(thread, stage, sums.sweep, sums.liquid, tables.bonds)
 
 
+@operation(RELEASE)
+def break_with_energy(thread, stage, sums, tables, inputs, step, number):
+    """Bonds break with which enough energy is lost."""
+    break_by_energy(thread, stage, sums.sweep, sums.liquid, tables.gather, tables.scatter, tables.bonds)
+
+
 @operation(DAMAGED)
 def redo_nodes(thread, stage, sums, tables, inputs, step, number):
-    """States of nodes that have lost bonds are made anew, or, with 1 for the number, their forces."""
-    gather, scatter = tables.gather, tables.scatter
-    redo_damaged(thread, stage, sums.sweep, sums.liquid, gather, scatter, tables.bonds, number != 0)
+    """States or forces of nodes that have lost bonds are made anew; the number is one of `engine.damage`."""
+    redo_damaged(thread, stage, sums.sweep, sums.liquid, tables.gather, tables.scatter, tables.bonds, number)
 
 
 @operation(STRETCH_STATES)

@@ -44,6 +44,9 @@ class ForceStates:
         Of each number of a state whether it changes its sign (1) or not (0) where an axis is turned.
     kept : bool
         Whether bonds that are cut or break leave the shape tensors of their nodes as they are.
+    released : ndarray, shape (K, 3), or None
+        Of bonds that break by the energy which is lost with them what that is in an intact body, see
+        `energy_of_bonds`; they leave the shape tensors as they were at first. None where bonds break by their stretch.
     closed : ndarray, shape (K, dim, dim), or None
         Springs along the bonds, for those that are absent and shorter than in the beginning; None where absent bonds
         carry nothing.
@@ -58,7 +61,36 @@ class ForceStates:
     moduli: tuple[float, float, float]
     signs: tuple[tuple[int, ...], ...]
     kept: bool = False
+    released: np.ndarray | None = None
     closed: np.ndarray | None = None
+
+
+def energy_of_bonds(states: ForceStates) -> np.ndarray:
+    """Energy that is lost with each bond of an intact body which is stretched evenly, shape (K, 3), for a unit of each
+    of the moduli of one of its ends.
+
+    The stretch of the longest bonds is 1, and the others become longer by as much: where the faces of a crack move
+    apart, all bonds across them do. With a stretch that is the same for all, or an energy for bonds of a kernel
+    ``1 / |xi|``, what a crack spends goes more by its angle to the lattice (`farhorizon.studies.toughness`); that bonds
+    break by their energy is due to Foster, Silling and Chen (2011), International Journal for Multiscale Computational
+    Engineering 9, 675.
+
+    Parameters
+    ----------
+    states : ForceStates
+    """
+    dim, lengths = states.offsets.shape[1], np.linalg.norm(states.offsets, axis=1)
+    stretch = (lengths.max() / lengths)[:, None]
+    eta = stretch * states.offsets
+    whole = stretch * np.einsum("kqa,ka->q", states.gradient, states.offsets)  # of a node in such a body
+    own = np.einsum("kqa,ka->kq", states.gradient, eta)
+    units = states.law(np.broadcast_to(np.eye(dim), (3, dim, dim)), np.eye(3))
+    forces = np.einsum("kaq,mqp,kp->kma", states.divergence, units, whole - own / 2)
+    found = np.einsum("kma,ka->km", forces, eta)
+    if states.moduli[2]:
+        springs = np.einsum("ka,kab,kb->k", eta, states.bonds, eta)
+        found[:, 2] += springs / states.moduli[2] / 4
+    return np.asarray(found)
 
 
 def closing_rate(states: ForceStates, softest: float = 1.0) -> float:

@@ -1,5 +1,5 @@
-"""Correspondence elasticity with what published programs have beside it: drag, and shape tensors that bonds that break
-leave as they are.
+"""Correspondence elasticity with what published programs have beside it: drag, and bonds that break by their stretch,
+with shape tensors that are recomputed or kept.
 """
 
 from __future__ import annotations
@@ -110,6 +110,6 @@ class Correspondence(Elastic):
         return "Correspondence"
 
     def force_states(self, spacing: float, dim: int) -> ForceStates | None:
-        """Gradients and stresses, by the shape tensors as they are chosen."""
+        """Gradients and stresses, by the shape tensors as they are chosen; bonds break by their stretch."""
         states = super().force_states(spacing, dim)
-        return None if states is None else replace(states, kept=self.shape_tensor == "kept")
+        return None if states is None else replace(states, kept=self.shape_tensor == "kept", released=None)

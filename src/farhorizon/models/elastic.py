@@ -16,7 +16,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.engine.rows.bond_sweeps import SOFTENINGS
 from farhorizon.errors import InputError
-from farhorizon.medium.force_states import ForceStates, correspondence_states, dilatation_states
+from farhorizon.medium.force_states import ForceStates, correspondence_states, dilatation_states, energy_of_bonds
 from farhorizon.medium.fracture import fracture_energy as energy_of_fracture
 from farhorizon.medium.fracture import stretch_that_spends
 from farhorizon.medium.integrators import Verlet
@@ -76,8 +76,10 @@ class Elastic(LatticeModel):
         Bond-based: the force ``c (|xi + eta| - |xi|)`` along the deformed bond (the prototype microelastic material),
         not linearised in eta.
     critical_stretch : float, str, ndarray or callable, optional
-        Bonds whose length has grown by more than this part break for good; not of finite elements. Where it varies, as
-        `young`: a bond breaks as the weaker of its ends does.
+        Bonds whose length has grown by more than this part break for good; not of finite elements. Those of a
+        correspondence material break when as much energy is lost with them as in an intact body that is stretched
+        evenly until the longest bonds have this stretch (`farhorizon.medium.force_states.energy_of_bonds`). Where it
+        varies, as `young`: a bond breaks as the weaker of its ends does.
     fracture_energy : float, str, ndarray or callable, optional
         Instead of the critical stretch the energy that a new crack takes per area; see `critical_stretch_on`. In
         bond-based materials beside it where bonds soften.
@@ -469,6 +471,7 @@ class Elastic(LatticeModel):
         lame, shear = self.lame / self.p_modulus, self.shear / self.p_modulus
         if self.material == "correspondence":
             found = correspondence_states(offsets, weights, lame, shear, self.stabilisation)
+            found = replace(found, released=energy_of_bonds(found))
         else:
             bonds = _springs(self.kernel, offsets, weights, shear)[1]
             found = dilatation_states(offsets, bonds, weights, lame - shear, self.kernel.calibrate)

@@ -261,7 +261,8 @@ def _sums(
     moduli = np.array(states.moduli) if moduli is None else moduli
     signs = tuple((sign[0] if lead == 0 else 0, sign[-2], sign[-1]) for sign in states.signs)
     sums = states.gradient, scale * states.divergence, states.shapes, states.law, moduli, signs
-    return StateSums(*sums, states.kept, *stretch)
+    released = None if states.released is None else scale * states.released
+    return StateSums(*sums, states.kept, released, *stretch)
 
 
 def _stretch(near: NearField, around: Surroundings, margins: dict[Key, int]) -> tuple[np.ndarray, ...]:

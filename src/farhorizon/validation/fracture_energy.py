@@ -3,7 +3,7 @@ r"""What a running crack spends on new area, over the fracture energy that it is
 In the infinite plane a crack follows a pair of forces, straight and as fast as they move
 (`farhorizon.studies.toughness`). The energy of the bonds that break for each new length is to be the fracture energy of
 the material, whatever the forces and at any angle of the crack to the lattice; the critical stretch is that of
-`calibrated_stretch`, from one crack along an axis. It goes up with the speed, for nodes that are let go swing and break
+`calibrated_stretch`, from two cracks. It goes up with the speed, for nodes that are let go swing and break
 bonds beside the plane. Beside it stands what flows into the tip, by the domain J integral of displacements, velocities
 and accelerations around it. No tip in mode I is faster than Rayleigh waves, at whose speed there is no energy left for
 it (Freund, 1990, Dynamic Fracture Mechanics).
@@ -25,8 +25,8 @@ from farhorizon.validation.validations import validation
 FREUND = "Freund (1990), Dynamic Fracture Mechanics; Griffith (1921)"
 ENERGY = 2e-4
 START = 3.0  # of the picture, in horizons of way
-#: With the nodes in their horizon: a correspondence crack feels a coarser lattice, on which it spends up to 30 % more
-#: across its axes, and a stronger stabilisation, above which short waves are faster than long ones.
+#: With the nodes in their horizon, of which a correspondence crack needs one more to spend as much at all angles. A
+#: stronger stabilisation makes short waves faster than long ones.
 MATERIALS: dict[str, tuple[int, dict[str, Any]]] = {
     "bond-based": (3, {}),
     "state-based": (3, {"material": "state-based", "poisson": 0.3}),
