@@ -100,7 +100,7 @@ def torn(shape=(79, 81), **model):
     """A short crack between two bands that are pulled apart."""
     pull = fh.BodyForce([0.0, "0.02*(exp(-(y - 2)**2) - exp(-(y + 2)**2))*exp(-x**2/4)"], "1 - exp(-t)")
     cracks = [[(-2.0, 0.13), (0.7, 0.13)]]
-    return plane(fh.Elastic(KERNEL, 1.0, **model), initial={}, cracks=cracks, loads=[pull], shape=shape)
+    return plane(fh.Elastic(KERNEL, **{"young": 1.0} | model), initial={}, cracks=cracks, loads=[pull], shape=shape)
 
 
 WARM = plane(fh.Heat(KERNEL), sources=["exp(-((x - 0.1*t)**2 + y**2)*4)"], cracks=[[(-1.0, 0.1), (1.3, 0.7)]])
@@ -237,6 +237,17 @@ SLOW = {
             cracks=CRACKS,
             shape=(99, 81),
             balance=True,
+        ),
+        ALONG_Y,
+    ),
+    "states that break by energy": (
+        torn(
+            (99, 81),
+            young="1 + 0.5*(x > 0.2)",
+            critical_stretch=0.004,
+            poisson=0.3,
+            material="correspondence",
+            stabilisation=0.3,
         ),
         ALONG_Y,
     ),
@@ -591,7 +602,7 @@ KEPT = (
 )
 KEPT_SLOWLY = (
     *("single precision", "diffusion", "strata", "pumped and heated", "heated by a run", "state-based in space"),
-    "states that close",
+    *("states that close", "states that break by energy"),
 )
 SMALL_SOLID = fh.Setup(
     lattice(13, 22, 14), fh.Elastic(fh.Kernel(0.3), 1.0), fh.Fixed(), {"u": [pulse(3), 0.0, 0.0]}, dt=0.1
