@@ -97,8 +97,10 @@ class Bonds(NamedTuple):
         Of bonds that break by the energy which is lost with them what that is at a critical stretch of 1, for a unit of
         each modulus of one end, in units of the update; see `engine.release`. Empty where they break by their stretch.
     bounds : ndarray, shape (2,)
-        What the root of what `bond_sweeps.steepness` returns, times the largest state that the law has made, and the
-        square of that root count for, at most, of the energy at a critical stretch of 1.
+        What the norm of differences along the axes times that of what the law has made of the states, and the square
+        of that norm count for, at most, of the energy at a critical stretch of 1.
+    steps : ndarray of int, shape (components,)
+        Distances along the axes in a level.
     firmness : ndarray
         Of each place of a level what its state counts for in that energy, see `shape_tensors.firmness`: no more where a
         node that lacked bonds at first bears its stress with the others. Of one number where no node does.
@@ -127,6 +129,7 @@ class Bonds(NamedTuple):
     final: np.ndarray
     released: np.ndarray
     bounds: np.ndarray
+    steps: np.ndarray
     firmness: np.ndarray
     room: np.ndarray
 
@@ -156,6 +159,7 @@ def no_bonds(dtype: np.dtype) -> Bonds:
         np.zeros(0, dtype),
         np.zeros((0, 3)),
         np.zeros(2),
+        np.zeros(0, np.int64),
         np.ones(1, dtype),
         np.zeros((0, 0, 0)),
     )

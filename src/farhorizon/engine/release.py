@@ -9,20 +9,33 @@ with it, as long as their shape tensors stay as they are; M is the law of a node
 longer than in the beginning breaks where that is more than in an intact body that is strained critically along it
 (`farhorizon.medium.force_states.energy_of_bonds`). Both of its ends find the same number, to the last bit.
 
-Patches of nodes are passed over if no bond in them can have so much: a difference of displacements is bounded by those
-of neighbouring nodes, and what the law has made of the states by the largest.
+Patches of nodes are passed over if no bond in them can have so much: differences of displacements are bounded by those
+of neighbouring nodes along each axis, and what the law has made of the states by its largest numbers.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from farhorizon.engine.bonds import DAMAGED, END, FIRST, JUST_CHANGED, curved_part, spring_factor, weaker
-from farhorizon.engine.rows.bond_sweeps import LANES, ROWS, call_steepness
+from farhorizon.engine.bonds import (
+    DAMAGED,
+    END,
+    FIRST,
+    JUST_CHANGED,
+    LAW_EXTENT,
+    LAW_FIRST,
+    curved_part,
+    spring_factor,
+    weaker,
+)
+from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.threads import barrier
 
-PATCH_ROWS, PATCH_NODES = 8, 4 * LANES  # whole tiles
+# Patches, and the smaller ones in which those are looked at that are not passed over: whole tiles, so that what lies
+# around them counts for less.
+PATCH_PLANES, PATCH_ROWS, PATCH_NODES = 8, 16, 8 * LANES
+NEAR_ROWS, NEAR_NODES = 8, 4 * LANES
 _ELONGATION, _ENERGY, _LIMIT, _LAME, _SHEAR, _PULL, _ETA, _TRACE, _MINE, _OTHERS = 0, 1, 2, 3, 4, 5, 6, 9, 10, 11
 LINES = 12  # of numbers of the nodes of a row
 
@@ -30,75 +43,129 @@ _ROWS_2, _ROWS_3 = ROWS[2], ROWS[3]
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def largest_state(law, block, reach, i0, first, last, begin, end, squares):
-    """Root of the largest square of what the law has made of the states of the nodes of a patch and of those that their
-    bonds lead to.
+def around(zone, reach, first, end):
+    """Where bonds lead from the nodes of a patch, as far as they follow the law: first places, and numbers of them."""
+    low_0 = max(first[0] - reach[0], zone[LAW_FIRST])
+    low_1 = max(first[1] - reach[1], zone[LAW_FIRST + 1])
+    low_2 = max(first[2] - reach[2], zone[LAW_FIRST + 2])
+    return (
+        (low_0, low_1, low_2),
+        (
+            min(end[0] + reach[0], zone[LAW_FIRST] + zone[LAW_EXTENT]) - low_0,
+            min(end[1] + reach[1], zone[LAW_FIRST + 1] + zone[LAW_EXTENT + 1]) - low_1,
+            min(end[2] + reach[2], zone[LAW_FIRST + 2] + zone[LAW_EXTENT + 2]) - low_2,
+        ),
+    )
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def largest_entry(level, start, step, step_0, step_1, n_0, n_1, n_2, line):
+    """Largest magnitude of numbers in a box of a level, or, given a step, of differences to those ahead."""
+    for i in range(n_2):
+        line[i] = 0.0
+    for plane in range(n_0):
+        for row in range(n_1):
+            values = level[start + plane * step_0 + row * step_1 :]
+            if step:
+                ahead = values[step:]
+                for i in range(n_2):
+                    line[i] = max(line[i], abs(np.float64(ahead[i]) - np.float64(values[i])))
+            else:
+                for i in range(n_2):
+                    line[i] = max(line[i], abs(np.float64(values[i])))
+    top = 0.0
+    for i in range(n_2):
+        top = max(top, line[i])
+    return top
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def squared_norm(level, columns, block, low, counts, steps, room):
+    """A bound of the squared norms of all matrices of a box: the largest sum of a row times that of a column of the
+    matrix with the largest magnitudes. Its columns are components of the states, or differences along the axes.
     """
-    rows = law.intact.shape[0]
-    size, count, top = law.values.size // rows, end - begin + 2 * reach[2], 0.0
-    for plane in range(i0 - reach[0], i0 + reach[0] + 1):
-        for row in range(first - reach[1], last + reach[1]):
-            start = block[0] + plane * block[4] + row * block[5] + begin - reach[2]
-            squares[:count] = 0
-            for c in range(rows):
-                values = law.values[c * size + start : c * size + start + count]
-                for i in range(count):
-                    squares[i] += np.float64(values[i]) * np.float64(values[i])
-            for i in range(count):
-                top = max(top, squares[i])
-    return np.sqrt(top)
+    node, apart = block[0] + low[0] * block[4] + low[1] * block[5] + low[2], level.size // columns
+    line, of_rows, of_columns = room[0], room[1], room[2]
+    dim = steps.size if steps.size else (2 if columns == 4 else 3)
+    for a in range(dim):
+        of_rows[a] = of_columns[a] = 0.0
+    for a in range(dim):
+        for b in range(dim):
+            step, (n_0, n_1, n_2), entry = 0, counts, a * dim + b
+            if steps.size:
+                axis = 3 - dim + b
+                step, entry, n_0, n_1, n_2 = steps[b], a, n_0 - (axis == 0), n_1 - (axis == 1), n_2 - (axis == 2)
+            top = largest_entry(level, node + entry * apart, step, block[4], block[5], n_0, n_1, n_2, line)
+            of_rows[a] += top
+            of_columns[b] += top
+    row, column = 0.0, 0.0
+    for a in range(dim):
+        row, column = max(row, of_rows[a]), max(column, of_columns[a])
+    return row * column
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def fill_lines(law, bonds, node, other, n, lines, alike):
+    """Sums of the moduli of both ends of bonds, and what their states count for, if they are `alike` for all or not."""
+    local, firm = law.local.size > 0, bonds.firmness.size > 1
+    for modulus in range(3):
+        if not local and alike:
+            for i in range(n):
+                lines[_LAME + modulus, i] = 2 * np.float64(law.moduli[modulus])
+        elif local and not alike:
+            for i in range(n):
+                both = np.float64(law.local[modulus, node + i]) + np.float64(law.local[modulus, other + i])
+                lines[_LAME + modulus, i] = both
+    if not firm and alike:
+        for i in range(n):
+            lines[_MINE, i] = lines[_OTHERS, i] = 1.0
+    elif firm and not alike:
+        for i in range(n):
+            lines[_MINE, i], lines[_OTHERS, i] = bonds.firmness[node + i], bonds.firmness[other + i]
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def weigh_row(u, part, springs, material, gather, scatter, bonds, bond, node, n, lines):
     """What would be lost with one bond of each of some nodes of a row, at how much it may be, and how much longer the
-    bonds have become; in units of the update.
+    bonds have become, in units of the update; the lines hold what is alike for all bonds.
     """
     law, columns, rows = gather.sweep.law, gather.columns, gather.rows
-    apart, size, distance = u.size // columns, law.values.size // rows, bonds.places[bond, 0]
-    first, last = gather.sweep.general[0], scatter.sweep.general[part]
-    pulls, xi, other = springs.general[part], bonds.table[bond], node + distance
-    warm, local = bonds.warmth.size > 1, law.local.size > 0
-    for modulus in range(3):
-        line = lines[_LAME + modulus]
-        if local:
-            for i in range(n):
-                line[i] = np.float64(law.local[modulus, node + i]) + np.float64(law.local[modulus, other + i])
-        else:
-            line[:n] = 2 * law.moduli[modulus]
+    apart, size, other = u.size // columns, law.values.size // rows, node + bonds.places[bond, 0]
+    first, last, pulls = gather.sweep.general[0], scatter.sweep.general[part], springs.general[part]
+    xi, warm, distance = bonds.table[bond], bonds.warmth.size > 1, bonds.places[bond, 0]
+    fill_lines(law, bonds, node, other, n, lines, False)
+    longer, trace, energy = lines[_ELONGATION], lines[_TRACE], lines[_ENERGY]
     for i in range(n):
-        lines[_MINE, i] = bonds.firmness[node + i if bonds.firmness.size > 1 else 0]
-        lines[_OTHERS, i] = bonds.firmness[other + i if bonds.firmness.size > 1 else 0]
-    lines[_ELONGATION, :n] = 0
-    lines[_ENERGY, :n] = 0
-    lines[_TRACE, :n] = 0
+        longer[i] = trace[i] = energy[i] = 0.0
     for a in range(columns):
         eta, here, there = lines[_ETA + a], u[node + a * apart :], u[other + a * apart :]
+        along, ahead = np.float64(first[(bond * rows + a) * columns]), np.float64(xi[a])
         for i in range(n):
             eta[i] = np.float64(there[i]) - np.float64(here[i])
         if warm:
             for i in range(n):
-                eta[i] -= (np.float64(bonds.warmth[node + i]) + np.float64(bonds.warmth[other + i])) / 2 * xi[a]
-        along = np.float64(first[(bond * rows + a) * columns])
+                eta[i] -= (np.float64(bonds.warmth[node + i]) + np.float64(bonds.warmth[other + i])) / 2 * ahead
         for i in range(n):
-            lines[_ELONGATION, i] += eta[i] * xi[a]
-            lines[_TRACE, i] += along * eta[i]
+            longer[i] += eta[i] * ahead
+            trace[i] += along * eta[i]
     for a in range(columns):
         for b in range(columns):
             eta, across = lines[_ETA + a], lines[_ETA + b]
             g_a, g_b = np.float64(first[(bond * rows + a) * columns]), np.float64(first[(bond * rows + b) * columns])
             weight, row, same = np.float64(last[bond * columns * rows + b]), a * columns + b, 1.0 * (a == b)
             here, there = law.values[row * size + node :], law.values[row * size + other :]
-            pull = np.float64(pulls[(bond * columns + a) * columns + b]) / 2 if pulls.size else 0.0
             for i in range(n):
                 own = lines[_SHEAR, i] * (g_b * eta[i] + g_a * across[i]) - lines[_PULL, i] * g_b * eta[i]
-                own += same * lines[_LAME, i] * lines[_TRACE, i]
-                stress = lines[_MINE, i] * here[i] + lines[_OTHERS, i] * there[i]
-                lines[_ENERGY, i] += weight * eta[i] * (stress - own / 2)
-            if pull != 0:
+                own += same * lines[_LAME, i] * trace[i]
+                stress = lines[_MINE, i] * np.float64(here[i]) + lines[_OTHERS, i] * np.float64(there[i])
+                energy[i] += weight * eta[i] * (stress - own / 2)
+            pull = np.float64(pulls[(bond * columns + a) * columns + b]) / 2 if pulls.size else 0.0
+            if pull != 0 and material.coefficient.size == 1:
                 for i in range(n):
-                    factor = np.float64(spring_factor(material, node + i, distance))
-                    lines[_ENERGY, i] += factor * pull * eta[i] * across[i]
+                    energy[i] += pull * np.float64(material.coefficient[0]) * eta[i] * across[i]
+            elif pull != 0:
+                for i in range(n):
+                    energy[i] += pull * np.float64(spring_factor(material, node + i, distance)) * eta[i] * across[i]
     released, critical = bonds.released[bond], np.float64(bonds.limit[0]) / 2
     for i in range(n):
         unit = released[0] * lines[_LAME, i] + released[1] * lines[_SHEAR, i] + released[2] * lines[_PULL, i]
@@ -106,59 +173,67 @@ def weigh_row(u, part, springs, material, gather, scatter, bonds, bond, node, n,
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def may_break(stage, springs, gather, bonds, i0, first, last, begin, end, squares):
+def may_break(stage, springs, gather, bonds, first, end, room):
     """Whether bonds of the nodes of a patch may have the energy at which they break."""
     if bonds.warmth.size > 1:
         return True
-    block, reach, src, components = springs.block, springs.reach, stage.src, stage.components
-    node = block[0] + (i0 - reach[0]) * block[4] + (first - reach[1]) * block[5] + begin - reach[2]
-    steep = call_steepness(
-        bonds.functions[2],
-        src.ctypes.data + node * src.itemsize,
-        2 * reach[0] + 1,
-        last - first + 2 * reach[1],
-        end - begin + 2 * reach[2],
-        block[4],
-        block[5],
-        src.size // components,
-    )
-    stress = largest_state(gather.sweep.law, block, reach, i0, first, last, begin, end, squares)
+    block, states = springs.block, gather.sweep.law.values
+    low, counts = around(bonds.zone, springs.reach, first, end)
+    steep = squared_norm(stage.src, stage.components, block, low, counts, bonds.steps, room)
+    stress = np.sqrt(squared_norm(states, gather.rows, block, low, counts, bonds.steps[:0], room))
     return not bonds.bounds[0] * np.sqrt(steep) * stress + bonds.bounds[1] * steep < bonds.limit[0] ** 2 / 4
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def break_patch(stage, springs, material, gather, scatter, bonds, i0, first, last, begin, end, lines):
-    """Break the bonds of the nodes of a patch that have the energy."""
-    zone, block, places = bonds.zone, springs.block, bonds.places
-    high, start = _ROWS_3 if gather.columns == 3 else _ROWS_2, zone[FIRST + 2]
-    for i1 in range(first, last):
-        for bond in range(places.shape[0]):
-            low, top = curved_part(zone, i0, i1, places[bond], begin, end)
-            node = block[0] + i0 * block[4] + i1 * block[5] + low
-            word, bit = bond >> 6, np.uint64(1) << np.uint64(bond & 63)
-            weigh_row(stage.src, stage.part, springs, material, gather, scatter, bonds, bond, node, top - low, lines)
-            for i in range(top - low):
-                beyond = lines[_ENERGY, i] > lines[_LIMIT, i] and lines[_ELONGATION, i] > 0
-                if beyond and bonds.alive[word, node + i] & bit != 0:
-                    bonds.alive[word, node + i] &= ~bit
-                    row, tile = i1 // high, (low + i - start) // LANES
-                    bonds.kinds[i0, row, tile] = DAMAGED
-                    bonds.changed[i0, row, tile] = JUST_CHANGED
-                    bonds.broken[i0, row, 1] += 0.5
+def break_row(stage, springs, material, gather, scatter, bonds, i0, i1, begin, end, lines):
+    """Break the bonds of some nodes of a row that have the energy."""
+    zone, block, places, start = bonds.zone, springs.block, bonds.places, bonds.zone[FIRST + 2]
+    row = i1 // (_ROWS_3 if gather.columns == 3 else _ROWS_2)
+    fill_lines(gather.sweep.law, bonds, 0, 0, end - begin, lines, True)
+    for bond in range(places.shape[0]):
+        low, top = curved_part(zone, i0, i1, places[bond], begin, end)
+        node = block[0] + i0 * block[4] + i1 * block[5] + low
+        word, bit = bond >> 6, np.uint64(1) << np.uint64(bond & 63)
+        weigh_row(stage.src, stage.part, springs, material, gather, scatter, bonds, bond, node, top - low, lines)
+        for i in range(top - low):
+            beyond = lines[_ENERGY, i] > lines[_LIMIT, i] and lines[_ELONGATION, i] > 0
+            if beyond and bonds.alive[word, node + i] & bit != 0:
+                bonds.alive[word, node + i] &= ~bit
+                tile = (low + i - start) // LANES
+                bonds.kinds[i0, row, tile] = DAMAGED
+                bonds.changed[i0, row, tile] = JUST_CHANGED
+                bonds.broken[i0, row, 1] += 0.5
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def break_patch(stage, springs, material, gather, scatter, bonds, first, end, room):
+    """The same of a patch, of which the rows are looked at in smaller ones."""
+    for i0 in range(first[0], end[0]):
+        for i1 in range(first[1], end[1], NEAR_ROWS):
+            for begin in range(first[2], end[2], NEAR_NODES):
+                low, top = (i0, i1, begin), (i0 + 1, min(i1 + NEAR_ROWS, end[1]), min(begin + NEAR_NODES, end[2]))
+                if may_break(stage, springs, gather, bonds, low, top, room):
+                    for row in range(i1, top[1]):
+                        break_row(stage, springs, material, gather, scatter, bonds, i0, row, begin, top[2], room)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def break_by_energy(thread, stage, springs, material, gather, scatter, bonds):
     """Clear the bits of bonds that have the energy; threads have whole rows of patches."""
     zone, room = bonds.zone, bonds.room[thread.number]
-    patches = (zone[END + 1] + PATCH_ROWS - 1) // PATCH_ROWS - zone[FIRST + 1] // PATCH_ROWS
-    for number in range(thread.number, (zone[END] - zone[FIRST]) * patches, thread.threads):
-        i0, patch = zone[FIRST] + number // patches, zone[FIRST + 1] // PATCH_ROWS + number % patches
-        first, last = max(patch * PATCH_ROWS, zone[FIRST + 1]), min((patch + 1) * PATCH_ROWS, zone[END + 1])
+    planes = (zone[END] - zone[FIRST] + PATCH_PLANES - 1) // PATCH_PLANES
+    rows = (zone[END + 1] + PATCH_ROWS - 1) // PATCH_ROWS - zone[FIRST + 1] // PATCH_ROWS
+    for number in range(thread.number, planes * rows, thread.threads):
+        plane, row = zone[FIRST] + number // rows * PATCH_PLANES, zone[FIRST + 1] // PATCH_ROWS + number % rows
         for begin in range(zone[FIRST + 2], zone[END + 2], PATCH_NODES):
-            end = min(begin + PATCH_NODES, zone[END + 2])
-            if may_break(stage, springs, gather, bonds, i0, first, last, begin, end, room[0]):
-                break_patch(stage, springs, material, gather, scatter, bonds, i0, first, last, begin, end, room)
+            first = (plane, max(row * PATCH_ROWS, zone[FIRST + 1]), begin)
+            end = (
+                min(plane + PATCH_PLANES, zone[END]),
+                min((row + 1) * PATCH_ROWS, zone[END + 1]),
+                min(begin + PATCH_NODES, zone[END + 2]),
+            )
+            if may_break(stage, springs, gather, bonds, first, end, room):
+                break_patch(stage, springs, material, gather, scatter, bonds, first, end, room)
     barrier(thread)
 
 
@@ -166,6 +241,7 @@ def break_by_energy(thread, stage, springs, material, gather, scatter, bonds):
 def largest_energy(u, springs, material, gather, scatter, bonds):
     """Largest energy that is lost with a bond which may break, over that at which it does; zero if there is none."""
     zone, block, places, lines, largest = bonds.zone, springs.block, bonds.places, bonds.room[0], 0.0
+    fill_lines(gather.sweep.law, bonds, 0, 0, PATCH_NODES, lines, True)
     for i0 in range(zone[FIRST], zone[END]):
         for i1 in range(zone[FIRST + 1], zone[END + 1]):
             for begin in range(zone[FIRST + 2], zone[END + 2], PATCH_NODES):
