@@ -100,6 +100,28 @@ def test_on_a_free_side():
     assert not any("only what is scattered" in note or "equation of" in note for note in sim.notes)
 
 
+def test_on_a_free_side_of_states():
+    """A plane wave and what the surface sends back, given as a function on the nodes."""
+    lattice = fh.Lattice(1.0, (-16.0, -16.0), (16.0, 0.0))
+    model = fh.Elastic(fh.Kernel(2.0), 2.0, 0.4, density=0.2, material="state-based")
+    sides = {"all": fh.LatticePML(nodes=4), "y+": fh.Free()}
+    box = fh.Box((-9.0, -9.0), (9.0, 0.0))
+    wave = fh.IncidentWave((1.0, 1.5), "sin(2*pi*t/16)*exp(-((t-40)/8)**2)", 80.0, within=box)
+    plane = fh.Simulation(lattice, model, sides, sources=[wave])
+    passage = plane.incident[0].passage
+
+    def field(x, y, t):
+        nodes = np.stack(np.broadcast_arrays(x + 16, y + 16), axis=-1)
+        return passage.at(np.round(nodes.reshape(-1, 2)).astype(int))(t).reshape(2, *nodes.shape[:-1])
+
+    given = fh.Simulation(lattice, model, sides, sources=[fh.IncidentField(field, box)])
+    for until in (30.0, 45.0):
+        wanted = plane.run(until=until).fields["u"]
+        np.testing.assert_allclose(given.run(until=until).fields["u"], wanted, rtol=0, atol=1e-10)
+        assert np.abs(wanted).max() > 0.1
+    assert not any("equation of the lattice" in note for note in given.notes)
+
+
 def test_what_is_no_wave_of_the_lattice_is_radiated_and_said():
     """A plane wave of the continuum, in a box of fixed size: second order in the spacing, as the note says."""
     leaks, lacks = [], []

@@ -80,6 +80,33 @@ def test_the_second_run_is_that_of_both_together(name):
     assert error.max() < (1e-12 if dim == 2 else 1e-8) * peak  # in space less layer is taken, which sends back so much
 
 
+@pytest.mark.parametrize("stabilisation", [None, 0.6], ids=["state-based", "correspondence"])
+def test_below_a_free_surface_of_states(stabilisation):
+    """A notch that runs out of the surface, in a box that stands on it."""
+    material = {"material": "state-based"}
+    if stabilisation is not None:
+        material = {"material": "correspondence", "stabilisation": stabilisation}
+    model = fh.Elastic(fh.Kernel(1.4), 2.0, 0.2, density=0.5, **material)
+    value = ["0.0", "exp(-((x+18)**2 + (y+6)**2)/2)*exp(-((t-5)/2)**2)"]
+    given = {"lattice": fh.Lattice(1.0, (-34, -26), (34, 0)), "model": model, "sources": [value]}
+    given["boundary"] = {"all": fh.Fixed(), "y+": fh.Free()}
+    notch, shell = [[(0.5, -2.2), (0.5, 1.0)]], fh.ShellRecorder(fh.Box((-8.0, -10.0), (8.0, 0.0)))
+    first = fh.Simulation(**given, observe=[shell]).run(14.0)
+    both = fh.Simulation(**given, cracks=notch, dt=first.dt).run(14.0)
+    lattice = fh.Lattice(1.0, (-14.0, -16.0), (14.0, 0.0))
+    sides = {"all": fh.LatticePML(nodes=16), "y+": fh.Free()}
+    wave = fh.IncidentRecord(shell)
+    again = fh.Simulation(lattice, model, sides, sources=[wave], cracks=notch, dt=first.dt).run(14.0)
+    large = (slice(None), slice(20, 49), slice(10, None))
+    total, alone = both.fields["u"][large], first.fields["u"][large]
+    x, y = lattice.coordinates()
+    inside = (np.abs(x) <= 8) & (y >= -10)
+    peak = np.abs(first.fields["u"]).max()
+    assert np.abs(total[:, inside]).max() > 1e-2 * peak and np.abs(total - alone).max() > 1e-3 * peak
+    error = np.abs(again.fields["u"] - np.where(inside, total, total - alone))
+    assert error[:, inside].max() < 1e-12 * peak and error.max() < 1e-9 * peak
+
+
 def test_what_is_in_the_box_in_both_runs_scatters_in_the_first():
     """The second run has the field of the first one in the box, and nothing outside; a crack more scatters as in one
     run with both.

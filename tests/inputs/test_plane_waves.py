@@ -218,12 +218,24 @@ def _under_a_surface(half, dim=2, side=1):
     return lattice, {"all": fh.LatticePML(nodes=3), "xyz"[dim - 1] + "-+"[side > 0]: fh.Free()}
 
 
+def _states(reach, poisson, **constants):
+    """State-based unless it has a stabilisation, which is one of a correspondence material."""
+    material = "correspondence" if "stabilisation" in constants else "state-based"
+    return fh.Elastic(fh.Kernel(reach), 2.0, poisson, **{"density": 0.2, "material": material, **constants})
+
+
 _AT_A_SURFACE = {
     "scalar": (fh.Wave(fh.Kernel(horizon=3.0)), (1.0, 0.7), "P", 1),
     "P onto a lower side": (_bonds(2.5), (-1.0, -2.0), "P", -1),
     "S beyond the critical angle": (_bonds(2.5, density=0.2), (1.0, 1.0), "S", 1),
     "S straight up": (_bonds(2.5, density=0.2), (0.0, 1.0), "S", 1),
+    "P in states": (_states(2.0, 0.4), (1.0, 1.2), "P", 1),
+    "S in states beyond the critical angle": (_states(2.0, 0.35, plane="stress"), (-1.0, -1.0), "S", -1),
+    "P in a correspondence material": (_states(2.0, 0.1, stabilisation=0.8), (-1.0, 1.0), "P", 1),
+    "S in a correspondence material, not stabilised": (_states(2.0, 0.3, stabilisation=0.0), (-1.0, 2.0), "S", 1),
     "P in space": (_bonds(1.5, density=0.2), (1.0, 0.3, 1.5), "P", 1),
+    "P in states in space": (_states(1.0, 0.35), (1.0, 0.3, 1.5), "P", 1),
+    "SV in a correspondence material in space": (_states(1.0, 0.2, stabilisation=0.5), (1, 0, -2), (2, 0, 1), -1),
     "SH and SV in space": (_bonds(1.5, density=0.2), (1.0, 0.3, -2.0), (2.0, 1.0, 1.15), -1),
 }
 
@@ -258,13 +270,18 @@ def test_random_media_and_directions_at_a_surface(seed):
     constants = {"young": 2.0, "density": 0.2, "plane": rng.choice(["strain", "stress"])}
     kernel = {"influence": rng.choice(["constant", "linear"]), "exponent": int(rng.integers(3))}
     kernel = fh.Kernel(float(rng.uniform(1.5, 3.2)), **kernel, calibrate=bool(rng.integers(2)))
+    material = rng.choice(["bond-based", "state-based", "correspondence"])
+    if material != "bond-based":
+        constants |= {"poisson": float(rng.uniform(0.0, 0.4)), "material": material}
+    if material == "correspondence":
+        constants["stabilisation"] = float(rng.uniform(0.2, 1.0))
     model = fh.Elastic(kernel, **constants) if rng.integers(3) else fh.Wave(kernel)
     side, angle = int(rng.choice([-1, 1])), rng.uniform(-1.4, 1.4)
     direction, signal = (float(np.sin(angle)), side * float(np.cos(angle))), fh.Expression(_SIGNAL.text, 0)
     wave = fh.IncidentWave(direction, signal, _DURATION, rng.choice(["P", "S"]))
     if rng.integers(3) == 0 and type(model) is fh.Elastic:
         wave = fh.RayleighWave((float(rng.choice([-1, 1])), 0.0), signal, _DURATION)
-    lattice, sides = _under_a_surface(24, side=side)
+    lattice, sides = _under_a_surface(24 if material == "bond-based" else 40, side=side)
     share = rng.uniform(0.3, 1.8)
     sim = fh.Simulation(lattice, model, sides, sources=[wave], dt=lambda half: share * half)
     inside = _mask(sim)

@@ -17,13 +17,28 @@ def _ground(half, dim=2):
     return lattice, {"all": fh.LatticePML(nodes=3), "xyz"[dim - 1] + "+": fh.Free()}
 
 
-@pytest.mark.parametrize("direction", [(-1.0, 0.0), pytest.param((1.0, 0.3, 0.0), marks=pytest.mark.slow)])
-def test_without_a_scatterer_nothing_leaves_the_box(direction):
+def _states(reach, **constants):
+    return fh.Elastic(fh.Kernel(reach), young=2.0, density=0.1, **constants)
+
+
+_IN_SPACE = (1.0, 0.3, 0.0)
+_CASES = {
+    "bonds": (_solid(), (-1.0, 0.0)),
+    "states": (_states(2.0, poisson=0.4, material="state-based"), (1.0, 0.0)),
+    "correspondence": (_states(2.0, poisson=0.1, material="correspondence", stabilisation=0.8), (-1.0, 0.0)),
+    "bonds in space": (_solid(1.5), _IN_SPACE),
+    "states in space": (_states(1.0, poisson=0.35, material="state-based"), _IN_SPACE),
+}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if "space" in name else []) for name in _CASES]
+)
+def test_without_a_scatterer_nothing_leaves_the_box(name):
+    model, direction = _CASES[name]
     dim = len(direction)
-    lattice, sides = _ground(12 if dim == 2 else 9, dim)
-    sim = fh.Simulation(
-        lattice, _solid(2.5 if dim == 2 else 1.5), sides, sources=[fh.RayleighWave(direction, _SIGNAL, 120.0)]
-    )
+    lattice, sides = _ground(2 * max(model.stencil(1.0, dim).reach) + 16 if dim == 2 else 9, dim)
+    sim = fh.Simulation(lattice, model, sides, sources=[fh.RayleighWave(direction, _SIGNAL, 120.0)])
     low, high = sim.incident[0].wave.within.bounds()
     assert high[-1] == 0
     inside = np.logical_and.reduce(
@@ -52,7 +67,7 @@ def test_the_signal_is_the_normal_displacement_where_the_box_begins():
 
 
 def _refused(match, boundary=None, model=None, **changes):
-    lattice, sides = _ground(12)
+    lattice, sides = _ground(16)
     with pytest.raises(fh.InputError, match=match):
         wave = fh.RayleighWave(**{"direction": (1.0, 0.0), "signal": _SIGNAL, "duration": 120.0, **changes})
         fh.Simulation(lattice, model or _solid(2.0), boundary or sides, sources=[wave])
@@ -64,8 +79,10 @@ def test_bad_input():
     _refused("duration", duration=-1.0)
     _refused("along a free side", direction=(1.0, 0.1))
     _refused("along a free side", boundary=fh.LatticePML(nodes=3))
-    _refused("along a free side", within=fh.Box((-8, -8), (8, -3)))
+    _refused("along a free side", within=fh.Box((-8, -12), (8, -3)))
     _refused("no Rayleigh waves", model=fh.Wave(fh.Kernel(2.0)))
+    # its short waves of zero energy take away what runs along the surface
+    _refused("runs along the surface", model=_states(2.0, poisson=0.3, material="correspondence"))
     _refused("frequencies which the lattice does not carry", signal=lambda t: 1.0)
 
 

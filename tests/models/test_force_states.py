@@ -242,16 +242,6 @@ def test_a_step_may_be_half_of_the_limit_of_the_weakest_node():
         size(1.001)
 
 
-def test_an_incident_wave_does_not_know_the_surface_of_states():
-    lattice = fh.Lattice(1.0, (-20.0, -20.0), (20.0, 0.0))
-    sides = {"all": fh.LatticePML(nodes=8), "y+": fh.Free()}
-    wave = fh.IncidentWave(
-        (0.0, 1.0), lambda t: np.sin(np.pi * t / 8) ** 4, 8.0, within=fh.Box((-12.0, -12.0), (12.0, 0.0))
-    )
-    with pytest.raises(fh.InputError, match="free surface that an incident wave knows"):
-        fh.Simulation(lattice, elastic("state-based"), sides, sources=[wave])
-
-
 def test_weakened_bonds_are_refused():
     lattice = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
     thin = fh.Crack([(-1.0, 0.5), (1.0, 0.5)], factor=0.5)

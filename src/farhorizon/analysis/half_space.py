@@ -17,6 +17,7 @@ from scipy import linalg
 
 from farhorizon.analysis.layers.reflection import chain_roots, chain_weights
 from farhorizon.errors import InputError
+from farhorizon.medium.free_side import FreeSide
 from farhorizon.medium.stencil import Stencil
 
 _UNIT = 1e-7  # a mode whose modulus differs less from 1 propagates
@@ -60,37 +61,48 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class HalfSpace:
-    """The half-infinite lattice below a free surface, in units of the stencil.
+    """The half-infinite lattice below a free surface, in units of the stencil; the normal comes first of all axes and
+    components.
 
     Parameters
     ----------
-    stencil : Stencil
-        With the normal first.
-    side : {-1, 1}
-        1: the medium ends with growing indices along the normal.
+    end : FreeSide
     """
 
-    stencil: Stencil
-    side: int
+    end: FreeSide
+
+    @cached_property
+    def stencil(self) -> Stencil:
+        """Of the medium inside."""
+        return self.end.stencil.along(self.end.axis)
+
+    @property
+    def side(self) -> int:
+        """1: the medium ends with growing indices along the normal."""
+        return self.end.side
 
     @cached_property
     def reach(self) -> int:
         """Rows that a row is linked with."""
         return self.stencil.reach[0]
 
-    @cached_property
-    def _bonds(self) -> np.ndarray:
-        """Sum of the weights of all bonds to each row, down to up, shape (2 K + 1, d, d)."""
-        d = self.stencil.components
-        found = np.zeros((2 * self.reach + 1, d, d))
-        up = self.side * self.stencil.offsets[:, 0] + self.reach
-        np.add.at(found, up, self.stencil.weights.reshape(-1, d, d))
-        return found
-
     def _blocks(self, along: np.ndarray) -> np.ndarray:
         """The stencil along the normal, from the row K below to that K above, shape (2 K + 1, d, d)."""
         d = self.stencil.components
         return chain_weights(self.stencil, along.tolist())[:: self.side].reshape(-1, d, d)
+
+    def _rows(self, along: np.ndarray) -> np.ndarray:
+        """As `_blocks`, of each row from the surface down to the first of those that all have these; shape (rows, 2 K +
+        1, d, d).
+        """
+        end, d, order = self.end, self.stencil.components, self.end.order
+        weights = end.weights[..., order, :][..., order] if d > 1 else end.weights
+        phase = np.exp(1j * end.offsets[:, order[1:]] @ along)
+        found = np.zeros((2 * self.reach + 1, len(weights), d, d), complex)
+        up = end.side * end.offsets[:, end.axis]
+        np.add.at(found, up + self.reach, (weights * phase[:, None, None]).swapaxes(0, 1))
+        found[self.reach] -= weights.sum(1) + self.stencil.own
+        return found.swapaxes(0, 1)
 
     def _modes(self, blocks: np.ndarray, squared: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Factors downward, polarisations and speeds of the modes that leave the surface."""
@@ -103,26 +115,23 @@ class HalfSpace:
         leaves = np.where(travels, speed < 0, np.abs(roots) > 1)
         return 1 / roots[leaves], vectors[leaves], np.where(travels, -speed, np.inf)[leaves]
 
-    def _system(self, blocks: np.ndarray, squared: float, count: int) -> np.ndarray:
+    def _system(self, along: np.ndarray, squared: float, count: int) -> np.ndarray:
         """The equations of the first ``count + K`` rows, on the first ``count + 2 K`` rows, as a matrix."""
-        d, reach = self.stencil.components, self.reach
+        d, reach, rows = self.stencil.components, self.reach, self._rows(along)
         matrix = np.zeros(((count + reach), d, (count + 2 * reach), d), complex)
         for row in range(count + reach):
-            for up in range(-reach, reach + 1):
-                if row - up >= 0:
-                    matrix[row, :, row - up] += blocks[up + reach]
-                else:  # an absent bond pulls at nothing
-                    matrix[row, :, row] += self._bonds[up + reach]
+            for up in range(-reach, min(reach, row) + 1):
+                matrix[row, :, row - up] += rows[min(row, reach), up + reach]
             matrix[row, :, row] += squared * np.eye(d)
         return matrix.reshape((count + reach) * d, -1)
 
-    def _unknowns(self, blocks: np.ndarray, squared: float) -> tuple[np.ndarray, ...]:
+    def _unknowns(self, along: np.ndarray, squared: float) -> tuple[np.ndarray, ...]:
         """The system for the first rows and the amplitudes of the modes below, the system on all rows, and the modes:
         factors, vectors, speeds.
         """
-        factors, vectors, speeds = self._modes(blocks, squared)
+        factors, vectors, speeds = self._modes(self._blocks(along), squared)
         d, count = self.stencil.components, self.own_rows
-        whole = self._system(blocks, squared, count)
+        whole = self._system(along, squared, count)
         below = (factors[:, None] ** np.arange(2 * self.reach))[:, :, None] * vectors[:, None]
         system = np.concatenate([whole[:, : count * d], whole[:, count * d :] @ below.reshape(len(factors), -1).T], 1)
         return system, whole, factors, vectors, speeds
@@ -158,7 +167,7 @@ class HalfSpace:
             raise InputError(
                 "the wave does not come to the surface", key="incident.direction", remedy="a direction towards it"
             )
-        system, whole, factors, vectors, speeds = self._unknowns(blocks, squared)
+        system, whole, factors, vectors, speeds = self._unknowns(along, squared)
         count = self.own_rows
         rows = np.arange(count + 2 * self.reach)
         wave = root ** -rows.astype(float)[:, None] * vector
@@ -177,7 +186,7 @@ class HalfSpace:
     def free(self, squared: float, along: np.ndarray) -> Column:
         """The wave along the surface of which the equations lack least: of unit length in its unknowns."""
         d, count = self.stencil.components, self.own_rows
-        system, _, factors, vectors, speeds = self._unknowns(self._blocks(along), squared)
+        system, _, factors, vectors, speeds = self._unknowns(along, squared)
         found = np.linalg.svd(system)[2][-1].conj()
         top, amplitudes = found[: count * d].reshape(count, d), found[count * d :]
         column = Column(top, factors, amplitudes[:, None] * vectors, speeds)
@@ -220,6 +229,6 @@ class HalfSpace:
                 "no wave of this frequency runs along the surface",
                 value=f"{np.sqrt(squared):.4g} sqrt(coefficient) / spacing",
                 key="incident.signal",
-                remedy="a smoother or longer signal, or a finer lattice",
+                remedy="a smoother or longer signal, a finer lattice, or stabilisation of a correspondence material",
             )
         return numbers[1], column

@@ -18,6 +18,7 @@ from farhorizon.analysis.half_space import Column, HalfSpace
 from farhorizon.analysis.references.driven import Scheme
 from farhorizon.analysis.references.pulse import PlanePulse, TravellingWaves, check_lost, felt, harmonics, steps_of
 from farhorizon.errors import InputError
+from farhorizon.medium.free_side import FreeSide
 
 _TAIL = 1e-9  # of the signal: a pulse that has more of it left between two periods has a tail
 _SPARE, _LONGER = 1.5, (2.0, 4.0)  # periods over the least, and over the first of them
@@ -35,9 +36,8 @@ class FreeSurface:
     ----------
     scheme : Scheme
         Of the medium.
+    end : FreeSide
     spacing : float
-    axis : int
-    side : {-1, 1}
     level : float
         Coordinate of its nodes.
     rows : int
@@ -47,9 +47,8 @@ class FreeSurface:
     """
 
     scheme: Scheme
+    end: FreeSide
     spacing: float
-    axis: int
-    side: int
     level: float
     rows: int
     depth: int
@@ -57,21 +56,16 @@ class FreeSurface:
     @property
     def half_space(self) -> HalfSpace:
         """The medium below it."""
-        return HalfSpace(self.scheme.stencil.along(self.axis), self.side)
-
-    @property
-    def order(self) -> list[int]:
-        """The axes, the normal first."""
-        return [self.axis, *(a for a in range(self.scheme.stencil.dim) if a != self.axis)]
+        return HalfSpace(self.end)
 
     def turned(self, vector: np.ndarray) -> np.ndarray:
         """Components of a vector with the normal first; of a scalar field as they are."""
-        return vector[self.order] if self.scheme.stencil.components > 1 else vector
+        return vector[self.end.order] if self.scheme.stencil.components > 1 else vector
 
     def shape(self, column: Column, amplitude: complex = 1.0) -> np.ndarray:
         """A wave in all rows, as `TravellingWaves` takes it: time goes as ``exp(i w t)`` there."""
         found = amplitude * column.at(self.rows).conj()
-        back = np.argsort(self.order)
+        back = np.argsort(self.end.order)
         return found[:, back] if self.scheme.stencil.components > 1 else found
 
     def squared(self, frequency: float) -> float:
@@ -83,12 +77,12 @@ class FreeSurface:
     def slowest(self) -> float:
         """Speed of the slowest long wave that goes straight down, in rows for a unit of time."""
         along = [_LONG, *[0.0] * (self.scheme.stencil.dim - 1)]
-        branches = self.scheme.stencil.along(self.axis).branches(*along)
+        branches = self.scheme.stencil.along(self.end.axis).branches(*along)
         return float(np.sqrt(self.scheme.rate * branches.min()) / _LONG)
 
     def along(self, direction: np.ndarray) -> tuple[np.ndarray, float]:
         """What of a unit vector is along the surface, as a unit vector in space, and its length."""
-        flat = np.where(np.arange(direction.size) == self.axis, 0.0, direction)
+        flat = np.where(np.arange(direction.size) == self.end.axis, 0.0, direction)
         length = float(np.linalg.norm(flat))
         return (flat / length if length else flat), length
 
@@ -146,9 +140,9 @@ def reflected_pulse(
     """
     half_space = surface.half_space
     flat, length = surface.along(direction)
-    tangential = direction[surface.order[1:]]
-    up = surface.side * direction[surface.axis]
-    met = direction[surface.axis] * surface.level - way[0]  # its way to the surface, above the origin
+    tangential = direction[surface.end.order[1:]]
+    up = surface.end.side * direction[surface.end.axis]
+    met = direction[surface.end.axis] * surface.level - way[0]  # its way to the surface, above the origin
 
     def whole(period: float) -> SurfacePulse:
         pulse, numbers, shapes = make(period), [], []
@@ -191,7 +185,7 @@ def rayleigh_pulse(
         A signal with frequencies of which no wave runs along the surface.
     """
     scheme, dt, half_space = surface.scheme, surface.scheme.dt, surface.half_space
-    tangential = direction[surface.order[1:]]
+    tangential = direction[surface.end.order[1:]]
     # wavenumber over the root of the squared frequency
     guess = np.sqrt(scheme.rate) / (_RAYLEIGH * surface.slowest)
 
@@ -200,17 +194,20 @@ def rayleigh_pulse(
         frequencies, amplitudes = harmonics(samples, dt, count)
         used = np.flatnonzero(felt(amplitudes) & (frequencies > 0))
         ratio, lost = guess, 0.0
-        numbers, wavenumbers, shapes = [], [], []
-        for number in used:
+        numbers: list[int] = []
+        wavenumbers, shapes = [], []
+        for number in used.tolist():
             squared = surface.squared(frequencies[number])
             try:
                 angle, column = half_space.surface_wave(squared, tangential, ratio * np.sqrt(squared))
             except InputError:
+                if not numbers:
+                    raise
                 lost = float(np.abs(amplitudes[number:]).sum() / np.abs(samples).max())
                 check_lost(lost, float(frequencies[number]))
                 break
             ratio, wavenumber = angle / np.sqrt(squared), angle / surface.spacing
-            normal = surface.side * column.rows[0, 0].conj()
+            normal = surface.end.side * column.rows[0, 0].conj()
             shapes.append(surface.shape(column, amplitudes[number] * np.exp(1j * wavenumber * way[0]) / normal))
             wavenumbers.append(wavenumber)
             numbers.append(number)

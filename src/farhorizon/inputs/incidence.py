@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -16,6 +17,8 @@ from farhorizon.errors import InputError, shown
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Box, Cut
+from farhorizon.medium.force_states import ForceStates
+from farhorizon.medium.free_side import FreeSide
 from farhorizon.medium.shell import Shell
 
 End = tuple[int, int]  # axis and side, -1 or +1
@@ -35,6 +38,8 @@ class Region:
         Least and largest index of the box along each axis.
     surface : (axis, side), optional
         The free side on which the box stands.
+    states : ForceStates, optional
+        From which the medium's forces follow, if they are not those of bonds alone.
     """
 
     lattice: Lattice
@@ -42,6 +47,16 @@ class Region:
     first: np.ndarray
     last: np.ndarray
     surface: End | None = None
+    states: ForceStates | None = None
+
+    @cached_property
+    def end(self) -> FreeSide | None:
+        """The medium at the free side on which the box stands."""
+        if self.surface is None:
+            return None
+        axis, side = self.surface
+        edge = 0 if side < 0 else self.lattice.shape[axis] - 1
+        return FreeSide(self.scheme.stencil, axis, side, edge, self.states)
 
     def nodes(self, most: int) -> np.ndarray:
         """Indices of the nodes of the box, every so many of them that there are at most `most`; shape (n, dim)."""
@@ -56,14 +71,14 @@ class Region:
         if self.surface is not None:
             axis, side = self.surface
             (first if side < 0 else last)[axis] += side * self.scheme.stencil.reach[axis]
-        return Shell(self.scheme.stencil, first, last, self.lattice.shape)
+        return Shell(self.scheme.stencil, first, last, self.end)
 
-    def under(self, surface: End) -> FreeSurface:
+    def under(self, end: FreeSide) -> FreeSurface:
         """A free side and the medium below it."""
-        axis, side = surface
+        axis, side = end.axis, end.side
         level = (self.lattice.lower if side < 0 else self.lattice.upper)[axis]
         rows, depth = self.lattice.shape[axis], int(self.last[axis] - self.first[axis]) + 1
-        return FreeSurface(self.scheme, self.lattice.spacing, axis, side, float(level), rows, depth)
+        return FreeSurface(self.scheme, end, self.lattice.spacing, float(level), rows, depth)
 
     def places(self, nodes: np.ndarray) -> np.ndarray:
         """Coordinates of nodes (n, dim)."""
@@ -276,13 +291,15 @@ def standing_on(box: Box, lattice: Lattice, free: Sequence[End]) -> list[End]:
     return [(axis, side) for axis, side in free if stands[side][axis]]
 
 
-def region_of(box: Box, lattice: Lattice, scheme: Scheme, free: Sequence[End] = ()) -> Region:
+def region_of(
+    box: Box, lattice: Lattice, scheme: Scheme, free: Sequence[End] = (), states: ForceStates | None = None
+) -> Region:
     """The nodes of a box, which may stand on one of the free sides, in a medium."""
     low, high = (np.asarray(bound, float) for bound in box.bounds())
     first = np.ceil((low - lattice.lower) / lattice.spacing - _CLOSE).astype(int)
     last = np.floor((high - lattice.lower) / lattice.spacing + _CLOSE).astype(int)
     surfaces = standing_on(box, lattice, free)
-    return Region(lattice, scheme, first, last, surfaces[0] if surfaces else None)
+    return Region(lattice, scheme, first, last, surfaces[0] if surfaces else None, states)
 
 
 class Incidence:
@@ -301,6 +318,8 @@ class Incidence:
         Of the medium outside the box, for which the wave is made.
     free : sequence of (axis, side)
         Free sides.
+    states : ForceStates, optional
+        Of that medium.
 
     Attributes
     ----------
@@ -313,10 +332,17 @@ class Incidence:
         As `Incident.passage`.
     """
 
-    def __init__(self, wave: Incident, lattice: Lattice, scheme: Scheme, free: Sequence[End] = ()) -> None:
+    def __init__(
+        self,
+        wave: Incident,
+        lattice: Lattice,
+        scheme: Scheme,
+        free: Sequence[End] = (),
+        states: ForceStates | None = None,
+    ) -> None:
         assert wave.within is not None
         self.wave, self._lattice, self._dt = wave, lattice, scheme.dt
-        self.region = region_of(wave.within, lattice.whole, scheme, free)
+        self.region = region_of(wave.within, lattice.whole, scheme, free, states)
         self.passage = wave.passage(self.region)
         shell, self._components = self.region.shell, scheme.stencil.components
         mine, self._nodes = self._own(shell.nodes)

@@ -95,16 +95,17 @@ class _GivenPassage(Passage):
         region, scheme = self._region, self._region.scheme
         stencil, dt, components = scheme.stencil, scheme.dt, scheme.stencil.components
         nodes = region.nodes(_NODES)
-        around = nodes[:, None] + stencil.offsets
-        there = ((around >= 0) & (around < region.lattice.shape)).all(-1) | (region.surface is None)
+        offsets, weights = stencil.offsets, stencil.weights.reshape(1, -1, components, components)
+        if region.end is not None:
+            offsets, weights = region.end.offsets, region.end.weights_at(nodes)
+        around = nodes[:, None] + offsets
         near, far = self.at(nodes), self.at(around.reshape(-1, around.shape[-1]))
-        weights = stencil.weights.reshape(-1, components, components)
         keep = scheme.recursion.keep
         worst = largest = 0.0
         for t in np.linspace(0, until, _TIMES):
             now = near(t)
-            stretch = far(t).reshape(components, *there.shape) - now[:, :, None]
-            force = scheme.rate * np.einsum("kab,bnk->an", weights, np.where(there, stretch, 0.0))
+            stretch = far(t).reshape(components, *around.shape[:-1]) - now[:, :, None]
+            force = scheme.rate * np.einsum("nkab,bnk->an", weights, stretch)
             change = (near(t + dt) - now - keep * (now - near(t - dt))) / scheme.recursion.scale
             worst = max(worst, float(np.abs(change - force).max()))
             largest = max(largest, float(np.abs(change).max()), float(np.abs(force).max()))

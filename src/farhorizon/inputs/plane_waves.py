@@ -85,16 +85,16 @@ class IncidentWave(TravellingWave):
 
     def passage(self, region: Region) -> Passage:
         """The wave in the open medium, or with what the free side of the box sends back."""
-        if region.surface is None:
+        if region.end is None:
             return _PlanePassage(self, region)
         pulse = reflected_pulse(
-            region.under(region.surface),
+            region.under(region.end),
             lambda period: self.pulse(region, period),
             self.along,
             self.way(region),
             sampled(self.at, self.duration, region.scheme.dt),
         )
-        return SurfacePassage(pulse, region, region.surface)
+        return SurfacePassage(pulse, region, region.end)
 
     def pulse(self, region: Region, period: float | None = None) -> PlanePulse:
         """The wave in the open medium, which repeats itself after a time: when it has passed unless given."""

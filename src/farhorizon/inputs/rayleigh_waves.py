@@ -65,8 +65,8 @@ class RayleighWave(TravellingWave):
 
     def passage(self, region: Region) -> Passage:
         """The wave below the free side on which its box stands."""
-        surface = region.surface
-        if surface is None or abs(self.along[surface[0]]) > _ALONG:
+        end = region.end
+        if end is None or abs(self.along[end.axis]) > _ALONG:
             raise InputError(
                 "a Rayleigh wave runs along a free side, on which its box stands",
                 value=self.along.tolist(),
@@ -83,5 +83,5 @@ class RayleighWave(TravellingWave):
                 remedy="an Elastic medium",
             )
         samples = sampled(self.at, self.duration, region.scheme.dt)
-        pulse = rayleigh_pulse(region.under(surface), self.along, self.way(region), samples)
-        return SurfacePassage(pulse, region, surface)
+        pulse = rayleigh_pulse(region.under(end), self.along, self.way(region), samples)
+        return SurfacePassage(pulse, region, end)

@@ -14,6 +14,7 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.expressions import as_signal
 from farhorizon.inputs.incidence import End, Incident, Passage, Region, check_within
+from farhorizon.medium.free_side import FreeSide
 
 _SAID = 1e-9  # part of a signal that a note is worth
 
@@ -86,11 +87,11 @@ class SurfacePassage(Passage):
     ----------
     pulse : SurfacePulse
     region : Region
-    surface : (axis, side)
+    end : FreeSide
     """
 
-    def __init__(self, pulse: SurfacePulse, region: Region, surface: End) -> None:
-        self._pulse, self._region, self._surface = pulse, region, surface
+    def __init__(self, pulse: SurfacePulse, region: Region, end: FreeSide) -> None:
+        self._pulse, self._region, self._end = pulse, region, end
         self.period, self.midway, self.tail = pulse.period, pulse.period / 2, pulse.tail
         self.notes = lost_notes(pulse.lost)
         if pulse.tail > _SAID:
@@ -100,9 +101,7 @@ class SurfacePassage(Passage):
             )
 
     def at(self, nodes: np.ndarray) -> Callable[[float], np.ndarray]:
-        axis, side = self._surface
-        rows = nodes[:, axis] if side < 0 else self._region.lattice.shape[axis] - 1 - nodes[:, axis]
-        return self._pulse.waves.at(self._region.places(nodes) @ self._pulse.direction, rows)
+        return self._pulse.waves.at(self._region.places(nodes) @ self._pulse.direction, self._end.row(nodes))
 
 
 def lost_notes(lost: float) -> list[str]:

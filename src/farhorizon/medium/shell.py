@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from farhorizon.medium.free_side import FreeSide
 from farhorizon.medium.stencil import Stencil
 
 if TYPE_CHECKING:
@@ -31,9 +32,8 @@ class Shell:
         Of the medium at the faces and outside.
     first, last : array_like of int, shape (dim,)
         Least and largest index of the box along each axis.
-    extent : array_like of int, shape (dim,), optional
-        Nodes that exist: indices from 0 to less than it. Bonds to others are absent, so that a box that goes on beyond
-        a free side is open there. All nodes exist unless given.
+    end : FreeSide, optional
+        Where the medium ends: a box that goes on beyond it is open there. All nodes exist unless given.
 
     Notes
     -----
@@ -52,7 +52,7 @@ class Shell:
     stencil: Stencil
     first: ArrayLike
     last: ArrayLike
-    extent: ArrayLike | None = None
+    end: FreeSide | None = None
 
     @cached_property
     def nodes(self) -> np.ndarray:
@@ -62,15 +62,33 @@ class Shell:
         near = grid[~((grid >= first + reach) & (grid <= last - reach)).all(1) & self._exist(grid)]
         inside = self.contains(near)
         crossed = np.zeros(len(near), bool)
-        for offset in self.stencil.offsets:
+        for offset in self._offsets:
             crossed |= (self.contains(near + offset) != inside) & self._exist(near + offset)
         return near[crossed]
 
+    @property
+    def _offsets(self) -> np.ndarray:
+        return self.stencil.offsets if self.end is None else self.end.offsets
+
+    @property
+    def _weights(self) -> np.ndarray:
+        """Of bonds by the row of a node and offset, shape (rows, K, components, components)."""
+        if self.end is not None:
+            return self.end.weights
+        return self.stencil.weights.reshape(1, -1, self.stencil.components, self.stencil.components)
+
+    @property
+    def _rows(self) -> np.ndarray:
+        """Of each node of the shell its row among these."""
+        return (
+            np.minimum(self.end.row(self.nodes), len(self._weights) - 1)
+            if self.end is not None
+            else 0 * self.nodes[:, 0]
+        )
+
     def _exist(self, nodes: np.ndarray) -> np.ndarray:
         """Whether nodes exist."""
-        if self.extent is None:
-            return np.ones(len(nodes), bool)
-        return np.asarray(((nodes >= 0) & (nodes < np.array(self.extent))).all(-1))
+        return np.ones(len(nodes), bool) if self.end is None else self.end.row(nodes) >= 0
 
     def contains(self, nodes: np.ndarray) -> np.ndarray:
         """Whether nodes, indices of shape (.., dim), are in the box."""
@@ -88,22 +106,22 @@ class Shell:
         """
         from scipy import sparse
 
-        nodes, weights = self.nodes, self.stencil.weights.reshape(-1, self.stencil.components, self.stencil.components)
+        nodes, weights, rows_of = self.nodes, self._weights, self._rows
         count = len(nodes)
         low = nodes.min(0)
         extent = nodes.max(0) - low + 1
         numbers = np.full(int(np.prod(extent)), -1)
         numbers[np.ravel_multi_index(tuple((nodes - low).T), tuple(extent))] = np.arange(count)
         rows, columns, values = [], [], []
-        for offset, weight in zip(self.stencil.offsets, weights, strict=True):
+        for number, offset in enumerate(self._offsets):
             other = nodes + offset
             jump = (self.contains(other).astype(float) - self.inside) * self._exist(other)
             (i,) = np.nonzero(jump)
             j = numbers[np.ravel_multi_index(tuple((other[i] - low).T), tuple(extent))]
-            for a, b in zip(*np.nonzero(weight), strict=True):
+            for a, b in np.argwhere(weights[:, number].any(0)):
                 rows.append(a * count + i)
                 columns.append(b * count + j)
-                values.append(weight[a, b] * jump[i])
+                values.append(weights[rows_of[i], number, a, b] * jump[i])
         size = self.stencil.components * count
         entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
         return sparse.csr_array(entries, shape=(size, size))

@@ -370,14 +370,6 @@ def _arriving(wave: Incident, near: NearField, ends: dict[Key, bool], cuts: Sequ
     factor = check_scatterers(wave, lattice, near.stencil.reach, cuts, near.material, free, team.gather)
     assert wave.within is not None
     known = standing_on(wave.within, lattice.whole, free)
-    if known and not model.bonds:
-        raise InputError(
-            "the free surface that an incident wave knows is one of bonds",
-            value=model.title,
-            key="incident.within",
-            limit=f"one reach away from {', '.join(side_name(*key) for key in known)}",
-            remedy='a smaller box, or material = "bond-based"',
-        )
     return Arriving(wave, factor, free, known)
 
 
@@ -388,6 +380,6 @@ def incidence(one: Arriving, near: NearField, sides: Sides, notes: list[str]) ->
     walls = [side_name(*key) for key, b in sides.items() if not (b.endless or b.shared or key in one.known)]
     if walls:
         notes.append(f"only what is scattered meets {', '.join(walls)}: an incident wave does not know them")
-    found = Incidence(one.wave, near.lattice, scheme_of(near, one.factor), one.free)
+    found = Incidence(one.wave, near.lattice, scheme_of(near, one.factor), one.free, near.states)
     notes += found.passage.notes
     return found

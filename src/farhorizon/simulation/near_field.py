@@ -16,6 +16,7 @@ from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.conditions import Conditions, losses, resolve
 from farhorizon.inputs.prescribed import Prescribed, PrescribedNodes
 from farhorizon.inputs.sources import largest_component
+from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
 from farhorizon.models import LatticeModel
@@ -99,6 +100,11 @@ class NearField:
     def highest_frequency(self) -> float:
         """Of the waves that the lattice carries, in cycles per unit of time: ``sin(pi f dt) = dt sqrt(rate) / 2``."""
         return float(np.arcsin(min(1.0, self.dt * np.sqrt(self.rate_limit) / 2)) / (np.pi * self.dt))
+
+    @property
+    def states(self) -> ForceStates | None:
+        """From which forces follow, where they are not those of bonds alone."""
+        return self.model.force_states(self.lattice.spacing, self.lattice.dim)
 
     @property
     def field_shape(self) -> tuple[int, ...]:

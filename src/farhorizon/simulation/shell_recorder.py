@@ -116,7 +116,7 @@ class ShellRecorder(Recorder):
         ends = ends_of(parts.whole.sides)
         box = resolved_box(self.box, near.lattice, near.stencil.reach, ends, _KEY)
         scheme = scheme_of(near, 1.0)
-        region = region_of(box, near.lattice, scheme, [end for end, free in ends.items() if free])
+        region = region_of(box, near.lattice, scheme, [end for end, free in ends.items() if free], near.states)
         nodes = region.shell.nodes
         of_whole = np.ravel_multi_index(tuple(nodes.T), near.lattice.shape)
         self._medium = scheme.rate * _factor(setup, parts, of_whole)

@@ -1,0 +1,107 @@
+"""The operator of a medium that ends at a free side: nodes near it are pulled by other weights than those inside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from farhorizon.medium.force_states import ForceStates
+from farhorizon.medium.stencil import Stencil
+
+_FAINT = 1e-14  # weights below this part of the largest are rounding
+
+
+@dataclass(frozen=True, eq=False)
+class FreeSide:
+    """A uniform medium without nodes beyond a side, ``(L u)_i = sum_k w_k (u_(i+k) - u_i)`` with weights that go by the
+    row of node i.
+
+    Of bonds the weights are those of the stencil, without the bonds that are absent. Where forces follow from states,
+    the nodes at either end of a bond lack some of theirs, too, and have another shape tensor: rows differ down to twice
+    the reach of the bonds, which is the reach of the stencil.
+
+    Parameters
+    ----------
+    stencil : Stencil
+        Of the medium inside.
+    axis : int
+        Normal to the side.
+    side : {-1, 1}
+        1: the medium ends with growing indices.
+    edge : int
+        Index of the outermost nodes along the axis.
+    states : ForceStates, optional
+        Of which the stencil is the convolution.
+
+    Examples
+    --------
+    >>> end = FreeSide(Stencil.finite_difference(1), 0, 1)
+    >>> end.offsets.ravel().tolist(), end.weights.reshape(2, 2).tolist()  # the outermost node has one neighbour
+    ([-1, 1], [[1.0, 0.0], [1.0, 1.0]])
+    """
+
+    stencil: Stencil
+    axis: int
+    side: int
+    edge: int = 0
+    states: ForceStates | None = None
+
+    @property
+    def order(self) -> list[int]:
+        """The axes, the normal first."""
+        return [self.axis, *(a for a in range(self.stencil.dim) if a != self.axis)]
+
+    def row(self, nodes: np.ndarray) -> np.ndarray:
+        """Rows of nodes (.., dim), 0 for the outermost, negative where there are none."""
+        return np.asarray(self.side * (self.edge - nodes[..., self.axis]))
+
+    def weights_at(self, nodes: np.ndarray) -> np.ndarray:
+        """Weights of the bonds of nodes (n, dim) that there are, shape (n, K, components, components)."""
+        return np.asarray(self.weights[np.minimum(self.row(nodes), self.stencil.reach[self.axis])])
+
+    @property
+    def offsets(self) -> np.ndarray:
+        """Offsets of all weights, shape (K, dim)."""
+        return self._table[0]
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Weights of the rows from the outermost on, shape (rows, K, components, components); the last ones are those
+        of all rows below.
+        """
+        return self._table[1]
+
+    @cached_property
+    def _table(self) -> tuple[np.ndarray, np.ndarray]:
+        rows, components = self.stencil.reach[self.axis] + 1, self.stencil.components
+        if self.states is None:
+            weights = self.stencil.weights.reshape(-1, components, components)
+            there = self.side * self.stencil.offsets[:, self.axis] <= np.arange(rows)[:, None]
+            return self.stencil.offsets, there[..., None, None] * weights
+        made = np.stack([self._row_of_states(self.states, row) for row in range(rows)])
+        size = np.abs(made).max((0, -2, -1))
+        size = np.maximum(size, np.flip(size))
+        reach = np.array(size.shape) // 2
+        size[tuple(reach)] = 0  # what a node feels of itself is minus the sum of all others
+        offsets = np.argwhere(size > _FAINT * size.max())
+        return offsets - reach, made[:, *offsets.T]
+
+    def _row_of_states(self, states: ForceStates, row: int) -> np.ndarray:
+        """Sum over bonds of what the states at both of their ends make of the displacements around, as a dense table
+        with the node in its middle.
+        """
+        offsets, dim = states.offsets, self.stencil.dim
+        reach = int(np.abs(offsets).max())
+        up = self.side * offsets[:, self.axis]
+        table = np.zeros((*[4 * reach + 1] * dim, dim, dim))
+        for k in np.flatnonzero(up <= row):
+            for end, at in ((offsets[k], row - up[k]), (0 * offsets[k], row)):
+                there = up <= at
+                (law,) = states.law(states.shapes[there].sum(0)[None], np.array([states.moduli]))
+                pulled = states.divergence[k] @ law @ states.gradient[there]
+                table[tuple((offsets[there] + end + 2 * reach).T)] += pulled
+                table[tuple(end + 2 * reach)] -= pulled.sum(0)
+            table[tuple(offsets[k] + 2 * reach)] += states.bonds[k]
+        return table
