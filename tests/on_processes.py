@@ -421,7 +421,7 @@ def files():
     for name, (setup, points) in list(kinds.items())[: 1 if SIZE == "few" else None]:
         heard = []
         for together in (True, False) if WORLD.rank == 0 else (True,):
-            record = ["u", "v"] if name in CASES else ["u", "v", "gradient", *["stress"] * setup.model.mechanical]
+            record = ["u", "v", "gradient", *["stress"] * setup.model.mechanical]
             receivers = fh.Receivers(points, record=record, interpolation="linear")
             run = fh.Simulation.of(setup, [receivers], communicator=WORLD if together else None)
             run.record(points)

@@ -117,6 +117,11 @@ class HeatOfDeformation(Heating):
             pass
         self._before, self._now = self._now, self._temperature_now()
 
+    def at_points(self, nodes: np.ndarray, weights: np.ndarray, steps: int) -> np.ndarray:
+        """As in `Heating`, of the temperature after the last step and, of two, before it."""
+        strains = (self._expansion * (np.stack([self._before, self._now])[-steps:] - self._zero)).reshape(steps, -1)
+        return np.asarray((strains[:, nodes] * weights).sum(-1))
+
     @property
     def _capacity(self) -> float:
         return float(1 / self.load.temperature.model.source_factor)

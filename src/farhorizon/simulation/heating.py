@@ -95,6 +95,24 @@ class Heating:
         warmth = self.grid.engine.tables.heat.warmth[self.grid.nodes]
         return warmth.astype(float).reshape(self.near.lattice.shape)
 
+    def at_points(self, nodes: np.ndarray, weights: np.ndarray, steps: int) -> np.ndarray:
+        """Sums over nodes of what heat has strained them after each of the last steps, before which there was no look.
+
+        Parameters
+        ----------
+        nodes : ndarray of int, shape (n, m)
+            Flat numbers in the near field.
+        weights : ndarray, shape (n, m)
+        steps : int
+
+        Returns
+        -------
+        ndarray, shape (steps, n)
+        """
+        heat, places = self.grid.engine.tables.heat, self.grid.nodes.ravel()[nodes]
+        now, rate = ((one[places] * weights).sum(1) for one in (heat.warmth, heat.rate))
+        return np.asarray(now - np.arange(steps)[::-1, None] * rate)
+
     def begin(self) -> None:
         """The displacements are those of the start, and of one step before it: nothing follows from it here."""
 

@@ -35,10 +35,12 @@ class Reading(NamedTuple):
 
     Attributes
     ----------
-    now, before : ndarray, shape (steps, n, components, 1 or 1 + dim)
-        The field, and its derivatives along the axes; and a step before.
+    now, before : ndarray, shape (steps, n, components, 1 or 1 + dim or 2 + dim)
+        The field, its derivatives along the axes, and what heat strains the point; and a step before.
     dt, background : float
     medium : LocalModuli
+    warm : bool
+        Whether what heat strains the point is there.
     """
 
     now: np.ndarray
@@ -46,6 +48,7 @@ class Reading(NamedTuple):
     dt: float
     background: float
     medium: LocalModuli
+    warm: bool = False
 
     @property
     def u(self) -> np.ndarray:
@@ -60,12 +63,23 @@ class Reading(NamedTuple):
     @property
     def gradient(self) -> np.ndarray:
         """Its derivatives along the axes, shape (steps, n, components, dim)."""
-        return self.now[..., 1:]
+        return self.now[..., 1:-1] if self.warm else self.now[..., 1:]
+
+    @property
+    def answered(self) -> np.ndarray:
+        """The gradient less what heat strains the point: forces answer to this part."""
+        return self._answered(self.now)
 
     @property
     def middle(self) -> np.ndarray:
-        """The gradient half a step before."""
-        return np.asarray((self.now[..., 1:] + self.before[..., 1:]) / 2)
+        """The same half a step before."""
+        return (self._answered(self.now) + self._answered(self.before)) / 2
+
+    def _answered(self, rows: np.ndarray) -> np.ndarray:
+        if not self.warm:
+            return rows[..., 1:]
+        gradient = rows[..., 1:-1]
+        return np.asarray(gradient - rows[..., :1, -1:] * np.eye(gradient.shape[-1]))
 
     def of(self, names: Iterable[str]) -> dict[str, np.ndarray]:
         """Quantities by name, of shape (steps, n, ...)."""
@@ -91,7 +105,7 @@ class Quantity:
     mechanical : bool
         Whether only displacements have it.
     stressed : bool
-        Whether it is made of stresses: at points these are not known where heat strains the medium.
+        Whether it is made of stresses, and so needs what heat strains the medium.
     """
 
     of: Callable[[Reading], np.ndarray]
@@ -99,10 +113,6 @@ class Quantity:
     moving: bool = False
     mechanical: bool = False
     stressed: bool = False
-
-    def at_points(self, model: LatticeModel) -> bool:
-        """Whether it can be recorded at points of the field of a model."""
-        return self.has(model) and not (self.stressed and model.warm)
 
     def has(self, model: LatticeModel) -> bool:
         """Whether the field of a model has it."""
@@ -121,8 +131,8 @@ def _divergence(gradient: np.ndarray) -> np.ndarray:
 
 
 def stress(gradient: np.ndarray, medium: LocalModuli) -> np.ndarray:
-    """``lame div u 1 + 2 shear strain`` of the gradient of displacements at n points, shape (steps, n, dim, dim); in
-    two dimensions the components in the plane.
+    """``lame div u 1 + 2 shear strain`` of the gradient of displacements at n points, less what heat strains them; shape
+    (steps, n, dim, dim), in two dimensions the components in the plane.
     """
     lame, shear = medium.lame[:, None, None], medium.shear[:, None, None]
     unit = np.eye(gradient.shape[-1])
@@ -149,9 +159,9 @@ QUANTITIES: dict[str, Quantity] = {
     "v": Quantity(lambda s: s.v, moving=True),
     "gradient": Quantity(lambda s: s.gradient, derived=True),
     "strain": Quantity(lambda s: strain(s.gradient), derived=True, mechanical=True),
-    "stress": Quantity(lambda s: stress(s.gradient, s.medium), derived=True, mechanical=True, stressed=True),
+    "stress": Quantity(lambda s: stress(s.answered, s.medium), derived=True, mechanical=True, stressed=True),
     "pressure": Quantity(
-        lambda s: -_divergence(stress(s.gradient, s.medium)) / s.gradient.shape[-1],
+        lambda s: -_divergence(stress(s.answered, s.medium)) / s.gradient.shape[-1],
         derived=True,
         mechanical=True,
         stressed=True,

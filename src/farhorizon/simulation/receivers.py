@@ -183,7 +183,9 @@ class Receivers(Recorder):
         self._medium, self._background, self._dt = moduli_at(parts, self.points), near.background, near.dt
         self.doubts = self._aliased(near)
         self._moving = any(QUANTITIES[name].moving for name in self.record)  # these take the step before, too
-        return Wanted(np.zeros(0, np.int64), tuple(blocks), 1 if self._moving else self.every)
+        self._warm = near.model.warm and any(QUANTITIES[name].stressed for name in self.record)
+        every = 1 if self._moving else self.every
+        return Wanted(np.zeros(0, np.int64), tuple(blocks), every, heat=self._warm)
 
     def start(self, step: int, heard: Heard) -> None:
         rows = np.stack(heard.blocks, axis=-1)
@@ -197,8 +199,8 @@ class Receivers(Recorder):
         self._keep(step, one if len(heard.blocks) == 1 else np.stack(heard.blocks, axis=-1))
 
     def _keep(self, step: int, rows: np.ndarray) -> None:
-        """Take the field and its derivatives after the steps from number `step` on, shape (steps, n, components, 1 or 1
-        + dim).
+        """Take the field, its derivatives and what heat strains after the steps from number `step` on, as `Reading` has
+        them.
         """
         kept = slice(-step % self.every, None, self.every)
         now = rows[kept]
@@ -211,7 +213,7 @@ class Receivers(Recorder):
 
     def _recorded(self, now: np.ndarray, before: np.ndarray) -> dict[str, np.ndarray]:
         """All quantities from the field and its derivatives now and a step before."""
-        reading = Reading(now, before, self._dt, self._background, self._medium)
+        reading = Reading(now, before, self._dt, self._background, self._medium, self._warm)
         return reading.of(self.record)
 
     def state(self) -> Arrays:
@@ -225,7 +227,7 @@ class Receivers(Recorder):
     # --- what is refused ---------------------------------------------------------------------------------------
 
     def _check_model(self, near: NearField) -> None:
-        has = [name for name, quantity in QUANTITIES.items() if quantity.at_points(near.model)]
+        has = [name for name, quantity in QUANTITIES.items() if quantity.has(near.model)]
         for name in self.record:
             kinds.one_of(name, "receivers.record", has, f"{near.model.title} has no such quantity")
 

@@ -30,12 +30,15 @@ class Wanted(NamedTuple):
         Only steps that are multiples of it need be there; rows of others may hold anything.
     stop : bool
         Whether the loop returns after such steps, so that the recorder sees the run as it is then.
+    heat : bool
+        Whether what heat strains the medium is wanted, too, by the sums over the first of the blocks.
     """
 
     nodes: np.ndarray
     blocks: tuple[Blocks, ...]
     every: int = 1
     stop: bool = False
+    heat: bool = False
 
 
 class Heard(NamedTuple):
@@ -46,6 +49,7 @@ class Heard(NamedTuple):
     ----------
     nodes : ndarray, shape (steps, N, components)
     blocks : tuple of ndarray, each of shape (steps, n, components)
+        Those of heat, the same for all components, are the last.
     """
 
     nodes: np.ndarray

@@ -18,6 +18,7 @@ from farhorizon.geometry.interpolation import Blocks
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.course import warn
 from farhorizon.simulation.fourier_sums import BLOCK
+from farhorizon.simulation.heating import Heating
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.team import ALONE, Team
@@ -27,12 +28,13 @@ _ROOM = 2**24  # numbers that are kept of the steps between two looks: fewer tha
 
 class _Own(NamedTuple):
     """What the box of this process has of what is wanted of the lattice: nodes of it, sums over nodes of it, and which
-    of the wanted ones they are.
+    of the wanted ones they are; the nodes and weights of sums over what heat strains.
     """
 
     nodes: np.ndarray
     which: np.ndarray
     blocks: list[tuple[Blocks, np.ndarray]]
+    warm: tuple[np.ndarray, np.ndarray] | None = None
 
 
 class Recording:
@@ -45,6 +47,8 @@ class Recording:
     recorders : sequence of Recorder
     team : Team
         The processes that compute the run.
+    heating : Heating, optional
+        What strains the medium.
 
     Raises
     ------
@@ -52,7 +56,15 @@ class Recording:
         What a recorder wants and the run cannot give, two recorders of one name.
     """
 
-    def __init__(self, setup: Setup, parts: Parts, recorders: Sequence[Recorder] = (), team: Team = ALONE) -> None:
+    def __init__(
+        self,
+        setup: Setup,
+        parts: Parts,
+        recorders: Sequence[Recorder] = (),
+        team: Team = ALONE,
+        heating: Heating | None = None,
+    ) -> None:
+        self._heating = heating
         self._near, self._grid, self.recorders, self._team = parts.near, parts.grid, list(recorders), team
         names = [name for one in self.recorders for name in one.names]
         for name in names:
@@ -114,9 +126,10 @@ class Recording:
     def _part_of(self, wanted: Wanted) -> _Own:
         lattice = self._near.lattice
         nodes, which = self._nodes_of(wanted.nodes)
-        if not self._team:
-            return _Own(nodes, which, [(one, np.arange(len(one.first))) for one in wanted.blocks])
-        return _Own(nodes, which, [one.within(lattice.first, lattice.shape) for one in wanted.blocks])
+        blocks = [(one, np.arange(len(one.first))) for one in wanted.blocks]
+        if self._team:
+            blocks = [one.within(lattice.first, lattice.shape) for one in wanted.blocks]
+        return _Own(nodes, which, blocks, blocks[0][0].entries() if wanted.heat else None)
 
     def _nodes_of(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Those of some nodes of the lattice that are in this part of it, and which they are."""
@@ -155,6 +168,10 @@ class Recording:
             completed(values, which, len(asked.first), 1)
             for values, (_, which), asked in zip(blocks, own.blocks, wanted.blocks, strict=True)
         ]
+        if own.warm is not None and self._heating is not None:
+            strains = self._heating.at_points(*own.warm, len(blocks[0]))[..., None]
+            known = completed(strains, own.blocks[0][1], len(wanted.blocks[0].first), 1)
+            sums.append(np.broadcast_to(known, sums[0].shape))
         return Heard(completed(nodes, own.which, len(wanted.nodes), 1), tuple(sums))
 
     def foresee(self, until: float, steps: int) -> None:

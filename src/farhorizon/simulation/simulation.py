@@ -69,7 +69,7 @@ class Simulation(Run):
     topology : sequence of int, optional
         Boxes along each axis; those that exchange least unless given.
     loads : sequence of BodyForce, Traction, Pressure and ThermalLoad
-        Forces on an `Elastic` medium per volume, and per area on its free sides (bond-based materials).
+        Forces on an `Elastic` medium per volume, and per area on its free sides, cracks and holes; heat in it.
     cracks : sequence
         Cuts, points of polylines (2D), of polygons (3D) or positions (1D); `Crack` for one that conducts a little or
         opens later.
@@ -212,7 +212,7 @@ class Simulation(Run):
         with team.agreed():
             self.resting = self._march = March(setup, parts, self.of, team)
         seen = replace(parts, whole=whole) if team else parts  # nobody holds on to what all have
-        self._recording = Recording(setup, seen, self.recorders, team)
+        self._recording = Recording(setup, seen, self.recorders, team, self._march.heating)
 
     # --- running -----------------------------------------------------------------------------------------------
 

@@ -119,7 +119,8 @@ class Spectra(Recorder):
     @property
     def data(self) -> dict[str, np.ndarray]:
         """The sums so far, by quantity."""
-        reading = Reading(self._sums.values.reshape(-1, *self._shape), np.zeros(0), self._sums.dt, 0.0, self._medium)
+        sums = self._sums.values.reshape(-1, *self._shape)
+        reading = Reading(sums, np.zeros(0), self._sums.dt, 0.0, self._medium, self._warm)
         return reading.of(self.record)
 
     @property
@@ -139,7 +140,7 @@ class Spectra(Recorder):
             kinds.one_of(
                 name,
                 "spectra.record",
-                [one for one in _LINEAR if QUANTITIES[one].at_points(near.model)],
+                [one for one in _LINEAR if QUANTITIES[one].has(near.model)],
                 f"{near.model.title} has no such quantity",
             )
         check_frequencies(self.frequencies, near)
@@ -152,7 +153,8 @@ class Spectra(Recorder):
         else:
             self.points = lattice.lower + lattice.spacing * np.stack(np.unravel_index(nodes, lattice.shape), -1)
         derived = any(QUANTITIES[name].derived for name in self.record)
-        self._shape = len(self.points), near.stencil.components, 1 + lattice.dim * derived
+        self._warm = near.model.warm and any(QUANTITIES[name].stressed for name in self.record)
+        self._shape = len(self.points), near.stencil.components, 1 + lattice.dim * derived + self._warm
         self._check_size()
         self._medium = moduli_at(parts, self.points)
         self._sums = FourierSums(self.frequencies, self.every * near.dt, int(np.prod(self._shape)))
@@ -164,7 +166,7 @@ class Spectra(Recorder):
         ]
         for one in blocks:
             check_blocks(setup, parts, self.points, one, self.interpolation, "spectra.where")
-        return Wanted(np.zeros(0, np.int64), tuple(blocks), self.every)
+        return Wanted(np.zeros(0, np.int64), tuple(blocks), self.every, heat=self._warm)
 
     def start(self, step: int, heard: Heard) -> None:
         self._sums = FourierSums(self.frequencies, self._sums.dt, int(np.prod(self._shape)))
