@@ -131,8 +131,8 @@ def _divergence(gradient: np.ndarray) -> np.ndarray:
 
 
 def stress(gradient: np.ndarray, medium: LocalModuli) -> np.ndarray:
-    """``lame div u 1 + 2 shear strain`` of the gradient of displacements at n points, less what heat strains them; shape
-    (steps, n, dim, dim), in two dimensions the components in the plane.
+    """``lame div u 1 + 2 shear strain`` of the gradient of displacements at n points, less what heat strains them;
+    shape (steps, n, dim, dim), in two dimensions the components in the plane.
     """
     lame, shear = medium.lame[:, None, None], medium.shear[:, None, None]
     unit = np.eye(gradient.shape[-1])

@@ -36,15 +36,19 @@ def check_model(setup: Setup, sides: Sides) -> None:
     if not model.cuttable and (len(cracks) or coefficient is not None or setup.lattice.body is not None):
         given = "crack" if len(cracks) else "coefficient" if coefficient is not None else "lattice.body"
         raise InputError(
-            f"the bonds of a {type(model).__name__} cannot be cut or weakened one by one",
+            "bonds of this model cannot be cut or weakened one by one",
+            value=model.title,
             key=given,
-            remedy="leave it out",
+            remedy="leave it out" + ", or a material of bonds, states or correspondence" * model.mechanical,
         )
     if not model.bonds and (coefficient is not None or any(crack.factor for crack in cracks)):
         raise InputError(
-            f"the bonds of an {model.title} cannot be weakened one by one",
+            "bonds whose forces follow from states of the nodes cannot be weakened one by one",
+            value=model.title,
             key="crack.factor" if coefficient is None else "coefficient",
-            remedy="leave it out" if coefficient is not None else "cracks that cut bonds wholly, without a factor",
+            remedy="cracks that cut bonds wholly, without a factor"
+            if coefficient is None
+            else "leave it out; the moduli and the density of the model may vary from node to node",
         )
     if model.dissolution is not None and coefficient is not None:
         raise InputError("the phases are the coefficient of a Corrosion", key="coefficient", remedy="leave it out")
@@ -70,7 +74,7 @@ def _check_bonds(setup: Setup) -> None:
             "bonds that are nonlinear or break have no fixed surface",
             value=setup.rim,
             key="rim",
-            remedy='rim="free", or Fixed sides',
+            remedy='rim="free" and Prescribed nodes along it, or Fixed sides',
         )
     if any(crack.factor for crack in setup.cracks):
         raise InputError(
@@ -186,6 +190,7 @@ def _check_vector(setup: Setup, sides: Sides) -> None:
                 value=repr(boundary),
                 key=f"boundary.{side_name(*key)}",
                 limit="LatticePML, Extended, Sponge, Fixed(0), Free, Periodic",
+                remedy="Prescribed nodes beside a Free side, where it is to have other values",
             )
 
 
