@@ -1,10 +1,13 @@
 """Power through surfaces: equal to the loss of energy inside, to rounding; and to what a plane wave carries."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
 import farhorizon as fh
 from farhorizon.case.case import Case
+from farhorizon.inputs.cracks import as_cut, cut_bonds
 
 
 def pulse(*at):
@@ -172,6 +175,93 @@ def test_a_free_body_and_a_crack():
     again.step(80)
     assert again.dt * other.data["power"].sum() == pytest.approx(-gone[0], rel=1e-10)
     assert run.energy() == pytest.approx(whole, rel=1e-12)
+
+
+MATERIALS = {
+    "state-based": {"poisson": 0.35, "material": "state-based"},
+    "correspondence": {"poisson": 0.25, "material": "correspondence"},
+    "stabilised": {"poisson": 0.1, "material": "correspondence", "stabilisation": 0.4},
+}
+
+
+def energy_of_states(run, crack, inside):
+    """Of some nodes, half a step ago, by the definition: that of each state, springs across the edge half."""
+    lattice, model, dim = run.lattice, run.model, run.lattice.dim
+    states, h = model.force_states(lattice.spacing, dim), lattice.spacing
+    nodes, bonds = cut_bonds(as_cut(crack, dim), lattice.lower, h, lattice.shape, states.offsets)
+    gone = {(*n, b) for n, b in zip(nodes.tolist(), bonds.tolist(), strict=True)}
+    mask = np.ones(lattice.shape, bool) if lattice.mask is None else lattice.mask
+    u = np.nan_to_num(run.fields["u"])
+    old = u - run.dt * np.nan_to_num(run.fields["v"])
+    lame, shear = run.parts.near.lame / model.p_modulus
+    density = 1.0 if run.parts.near.density is None else run.parts.near.density
+    total = 0.5 * model.density * (density * ((u - old) ** 2).sum(0) / run.dt**2)[inside & mask].sum()
+    unit, stabilisation = model.p_modulus / h**2, states.moduli[2] * (lame + 2 * shear)
+    moduli = np.stack([lame - shear, 0 * shear, 0 * shear] if len(states.signs) == 1 else [lame, shear, stabilisation])
+    stiff = shear * model.p_modulus / model.shear if len(states.signs) == 1 else lame + 2 * shear
+    for i in np.argwhere(inside & mask):
+        q, before, shape = 0.0, 0.0, np.zeros((dim, dim))
+        for k, offset in enumerate(states.offsets):
+            j = i + offset
+            if (j < 0).any() or (j >= lattice.shape).any() or not mask[tuple(j)] or (*i, k) in gone:
+                continue
+            here, there = (slice(None), *i), (slice(None), *j)
+            one, two = u[there] - u[here], old[there] - old[here]
+            q, before, shape = q + states.gradient[k] @ one, before + states.gradient[k] @ two, shape + states.shapes[k]
+            spring = (stiff[tuple(i)] + stiff[tuple(j)]) / 2 * states.bonds[k]
+            total += 0.25 * unit * one @ spring @ two
+        (law,) = states.law(shape[None], moduli[(slice(None), *i)][None])
+        total += 0.5 * unit * q @ law @ before
+    return h**dim * total
+
+
+@pytest.mark.parametrize("varied", [False, True], ids=["even", "varied"])
+@pytest.mark.parametrize(("name", "dim"), [*((one, 2) for one in MATERIALS), pytest.param("stabilised", 3)])
+def test_what_leaves_is_lost_inside_by_states_that_lack_bonds(name, dim, varied):
+    """In a body with free faces and a hole, cut by a crack that the surface crosses; moduli and density may vary."""
+    half = 7.0 if dim == 2 else 4.0
+    hole = fh.Disc(1.6, (3.0, -3.0)) if dim == 2 else fh.Ball(1.1, (2.0, -2.0, 0.0))
+    lattice = fh.Lattice(1.0, (-half,) * dim, (half,) * dim, body=fh.Box((-half,) * dim, (half,) * dim) - hole)
+    crack = fh.Crack([(-0.4, -9.0), (0.6, 1.0)] if dim == 2 else fh.DiscCut((0.5, -3.0, 0.0), (1.0, 0.1, 0.0), 2.5))
+    more = {"young": "1.5 + 0.5*sin(x + y)", "density": "1 + 0.3*cos(y)"} if varied else {"young": 1.5}
+    model = fh.Elastic(fh.Kernel(2.0 if dim == 2 else 1.4), **more, **MATERIALS[name])
+    start = {"u": [lambda *at: 0.1 * pulse(at[0] + 2, *at[1:]), *[0.0] * (dim - 1)]}
+    regions = [fh.Box((-half - 1,) * dim, (0.2, *[half + 1] * (dim - 1))), (fh.Disc if dim == 2 else fh.Ball)(3.2)]
+    power = fh.PowerThrough([*regions, ("x", 0.5)])
+    run = fh.Simulation(lattice, model, fh.Free(), start, cracks=[crack], observe=[power])
+    inside = [one.contains(np.stack(lattice.coordinates(), -1)) for one in regions]
+    energies = [[energy_of_states(run, crack.cut, one) for one in inside]]
+    for _ in range(12 if dim == 2 else 3):
+        run.step()
+        energies.append([energy_of_states(run, crack.cut, one) for one in inside])
+    lost, found = -np.diff(energies, axis=0), run.dt * power.data["power"]
+    size = max(abs(e) for e in energies[0])
+    assert np.abs(lost).max() > 1e-3 * size
+    np.testing.assert_allclose(found[:, :2], lost, rtol=0, atol=1e-13 * size)
+    np.testing.assert_allclose(found[:, 2], found[:, 0], rtol=0, atol=1e-13 * size)  # the plane is the first one's face
+
+
+def test_a_half_space_of_states_loses_what_goes_down():
+    """Through the edge of a box at the free side, until all has left; layers all around."""
+    sides = {"all": fh.LatticePML(nodes=8), "y+": fh.Free()}
+    lattice = fh.Lattice(1.0, (-16.0, -18.0), (16.0, 0.0))
+    power = fh.PowerThrough([fh.Box((-10.0, -10.0), (10.0, 1.0)), ("y", -12.5)])
+    model = fh.Elastic(fh.Kernel(2.0), 1.5, **MATERIALS["state-based"])
+    start = {"v": [0.0, lambda x, y: pulse(x, y + 2)]}
+    run = fh.Simulation(lattice, model, sides, start, observe=[power])
+    whole = run.energy()
+    run.run(until=150.0)
+    gone = run.dt * power.data["power"].sum(0)
+    assert gone[0] == pytest.approx(whole, rel=2e-4)  # slow waves of the lattice are still there
+    assert -0.9 * whole < gone[1] < -0.1 * whole  # the rest goes along the surface, and aside
+
+
+def test_regions_of_states_keep_off_the_layers():
+    """By the bonds of a node and those of their other ends."""
+    for lower, refused in ((-11.0, True), (-10.0, False)):
+        power = fh.PowerThrough(fh.Box((lower, -4.0), (4.0, 4.0)))
+        with pytest.raises(fh.InputError, match="beyond the near field") if refused else nullcontext():
+            elastic([power], "state-based", cracks=[[(0.5, -1.0), (0.5, 1.0)]])
 
 
 def test_a_plane_wave_carries_its_energy():

@@ -15,6 +15,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.engine.bonds import factors_of
 from farhorizon.engine.engine import Engine
+from farhorizon.engine.tables import Cuts
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.simulation.grid import Grid
@@ -180,17 +181,30 @@ def plane(lattice: Lattice, axis: str, position: float) -> tuple[int, int]:
     return number, row
 
 
+def is_cut(cuts: Cuts, size: int, nodes: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whether the bond from each of some places to another is among those cut, of levels of so many places; and its
+    number there if it is.
+    """
+    keys, wanted = cuts.nodes * size + cuts.neighbours, nodes * size + others
+    if not keys.size:
+        return np.zeros(len(nodes), bool), np.zeros(len(nodes), np.int64)
+    order = np.argsort(keys)
+    at = order[np.minimum(np.searchsorted(keys[order], wanted), keys.size - 1)]
+    return keys[at] == wanted, at
+
+
 def bonds_left(engine: Engine, nodes: np.ndarray, others: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """What is left of a bond of that weight from each of some places to another: its factor, 0 where it is absent."""
-    cuts, size = engine.tables.cuts, engine.layout.size
-    largest = np.unravel_index(np.abs(weight).argmax(), weight.shape)
-    keys = cuts.nodes * size + cuts.neighbours
-    lost = np.zeros(len(nodes))
-    if keys.size:
-        taken = cuts.weights.reshape(len(keys), *weight.shape)[(slice(None), *largest)] / weight[largest]
-        order, wanted = np.argsort(keys), nodes * size + others
-        at = order[np.minimum(np.searchsorted(keys[order], wanted), keys.size - 1)]
-        lost = np.where(keys[at] == wanted, taken[at], 0.0)
-    exists = engine.absent.exists
+    """What is left of a bond of that weight from each of some places to another: its factor, 0 where it is absent.
+
+    Forces that follow from states, and springs beside them, are there or not.
+    """
+    of_states, exists = engine.passes is not None, engine.absent.exists
+    cuts = engine.tables.gather.cuts if of_states else engine.tables.cuts
+    cut, at = is_cut(cuts, engine.layout.size, nodes, others)
+    lost = cut.astype(float)
+    if cut.any() and not of_states:
+        largest = np.unravel_index(np.abs(weight).argmax(), weight.shape)
+        taken = cuts.weights.reshape(-1, *weight.shape)[(slice(None), *largest)] / weight[largest]
+        lost[cut] = taken[at[cut]]
     left = factors_of(engine.tables.material, nodes, others) * (1 - lost) * (exists[nodes] & exists[others])
     return np.where(left > _FAINT, left, 0.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -18,6 +18,7 @@ from farhorizon.simulation.fourier_sums import FourierSums
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.spectra import as_frequencies, check_frequencies
+from farhorizon.simulation.state_power import NodeStates, states_at
 
 _SYMMETRIC = 1e-12  # of a bond's largest weight
 
@@ -33,13 +34,16 @@ class PowerThrough(Recorder):
     the force in the bond times the mean velocity of its ends, with ``v = (u(t + dt) - u(t - dt)) / (2 dt)`` and m the
     mass of a node. So much, times dt, the energy inside (that of `Simulation.energies`, in which bonds across the edge
     count half) loses from half a step before to half a step after: exactly, where nothing is damped and no source acts
-    there.
+    there. Where forces follow from states p of the nodes (with absent bonds, varying moduli or in space) a bond carries
+    :math:`-m\,(v_x \cdot D p_y + v_y \cdot D p_x)` beside what its spring does, and each state's energy is that of its
+    node.
 
     Parameters
     ----------
     surfaces : Shape, (str, float), or sequence of these
         A region, of which it is what leaves it; or a plane, ``("x", 2.5)``, half-way between two nodes, of which it is
-        what crosses it towards larger coordinates within the near field.
+        what crosses it towards larger coordinates within the near field, by states between nodes all of whose bonds
+        are in it.
     frequencies : array_like, shape (F,)
         In cycles per unit of time, at which `energy` tells what goes through; memory is by frequency, not by time.
     name : str
@@ -155,12 +159,21 @@ class PowerThrough(Recorder):
         _check_bonds(setup, parts)
         check_frequencies(self.frequencies, parts.near, "power.frequencies")
         lattice = parts.whole.near.lattice
-        bonds = [_crossing(parts, *_side_of(one, parts)) for one in self.surfaces]
-        nodes = np.unique(np.concatenate([ends.ravel() for ends, _ in bonds]))
-        self.points = np.array([_middle(lattice, nodes) for nodes, _ in bonds])
+        sides = [_side_of(one, parts) for one in self.surfaces]
+        bonds, passes = [_crossing(parts, *one) for one in sides], parts.grid.engine.passes
+        nodes = np.unique(np.concatenate([one.ends.ravel() for one in bonds]))
+        if passes is not None:
+            states = states_at(parts, nodes)
+            bonds = [_of_known(states, one, normal, parts) for one, (_, normal) in zip(bonds, sides, strict=True)]
+            nodes = np.union1d(nodes, states.places)
+        self.points = np.array([_middle(lattice, one.ends) for one in bonds])
         self._dt = parts.near.dt
         mass = lattice.spacing**lattice.dim / parts.near.model.source_factor
-        self._forms = [_form(np.searchsorted(nodes, ends), mass * w, len(nodes)) for ends, w in bonds]
+        self._forms = [_form(np.searchsorted(nodes, one.ends), mass * one.weights, len(nodes)) for one in bonds]
+        if passes is not None:
+            pushes = mass * passes.sums.divergence
+            of_states = [states.form(nodes, one.ends, pushes[one.offsets]) for one in bonds]
+            self._forms = [one + other for one, other in zip(self._forms, of_states, strict=True)]
         return Wanted(nodes, ())
 
     def start(self, step: int, heard: Heard) -> None:
@@ -225,7 +238,7 @@ def _side_of(surface: Any, parts: Parts) -> tuple[np.ndarray, int | None]:
 
 def _check_bonds(setup: Setup, parts: Parts) -> None:
     """InputError unless the bonds are those of a linear wave equation and stay."""
-    model, (_, weights), engine = parts.near.model, _bonds(parts), parts.grid.engine
+    model, weights = parts.near.model, parts.grid.engine.weights
     # the flux of energy in the continuum is that of stresses and velocities
     receivers, wrong = 'Receivers with record = "energy_flux", up to their interpolation', None
     if model.order != 2:
@@ -236,29 +249,32 @@ def _check_bonds(setup: Setup, parts: Parts) -> None:
         wrong = "cracks that open later change the bonds", f"cracks from the start on; or {receivers}"
     elif weights.ndim > 1 and np.abs(weights - weights.swapaxes(1, 2)).max() > _SYMMETRIC * np.abs(weights).max():
         wrong = "the weights of bonds are no symmetric matrices", receivers
-    elif parts.near.variation.moduli is not None:
-        wrong = "the power of forces by states is known where the moduli are the same everywhere", receivers
-    elif engine.passes is not None and parts.whole.team.any(engine.absent.count > 0):
-        message = "the power of forces by states is known where all bonds are there: no free sides, holes or cracks"
-        wrong = message, receivers
     if wrong is not None:
         raise InputError(
             wrong[0], value=model.title, limit="linear waves by symmetric bonds that stay", key="power", remedy=wrong[1]
         )
 
 
-def _bonds(parts: Parts) -> tuple[np.ndarray, np.ndarray]:
-    """Offsets and weights of the bonds; of an operator of two passes those of their convolution."""
-    engine, near = parts.grid.engine, parts.near
-    if engine.passes is None:
-        return engine.offsets, engine.weights
-    offsets = np.pad(near.stencil.offsets, ((0, 0), (parts.grid.lead, 0)))
-    return offsets, near.stencil.weights * near.model.coefficient / near.lattice.spacing**2
+class _Bonds(NamedTuple):
+    """Bonds across a surface.
+
+    Attributes
+    ----------
+    ends : ndarray of int, shape (bonds, 2)
+        Flat numbers of the nodes inside and outside.
+    offsets : ndarray of int, shape (bonds,)
+        Numbers of their offsets.
+    weights : ndarray, shape (bonds, c, c)
+        What is left of them; of a material with states of the springs beside these.
+    """
+
+    ends: np.ndarray
+    offsets: np.ndarray
+    weights: np.ndarray
 
 
-def _crossing(parts: Parts, inside: np.ndarray, normal: int | None) -> tuple[np.ndarray, np.ndarray]:
-    """Bonds of the near field from nodes inside to nodes that are not, and what is left of their weights: flat indices
-    (bonds, 2), weights (bonds, c, c). Each process looks at those of its nodes.
+def _crossing(parts: Parts, inside: np.ndarray, normal: int | None) -> _Bonds:
+    """Bonds of the near field from nodes inside to nodes that are not. Each process looks at those of its nodes.
 
     Bonds across periodic sides are among them, but along the normal of a plane, which they do not cross.
 
@@ -280,23 +296,15 @@ def _crossing(parts: Parts, inside: np.ndarray, normal: int | None) -> tuple[np.
     index, here = own + np.array(part.first), grid.nodes.reshape(part.shape)[tuple(own.T)]
     wraps = np.array([parts.whole.sides[a, -1].periodic and a != normal for a in range(lattice.dim)])
     ends, found = [np.zeros((0, 3), np.int64)], [np.zeros((0, engine.components, engine.components))]
-    for number, (offset, weight) in enumerate(zip(*_bonds(parts), strict=True)):
+    for number, (offset, weight) in enumerate(zip(engine.offsets, engine.weights, strict=True)):
         step = offset[grid.lead :]
         there = np.where(wraps, (index + step) % shape, index + step)
         near = ((there >= 0) & (there < shape)).all(axis=1)
         crosses = near & ~inside[tuple((own + more + step).T)]
         beyond = ~near & (normal is None)
-        left = np.ones(len(here))  # of those by states, which reach farther than one pass, none is absent
-        if engine.passes is None:
-            left = bonds_left(engine, here, here + int(offset @ np.array(engine.core.stride)), weight)
+        left = bonds_left(engine, here, here + int(offset @ np.array(engine.core.stride)), weight)
         if (left[beyond] > 0).any():
-            raise InputError(
-                "bonds lead out of the region beyond the near field",
-                value=[lattice.lower.tolist(), lattice.upper.tolist()],
-                limit=f"{parts.near.stencil.reach} nodes between the region and the edges",
-                key="power.surfaces",
-                remedy="a smaller region or a larger near field",
-            )
+            raise _leads_out(parts)
         kept = crosses & (left > 0)
         pair = (np.ravel_multi_index(tuple(one[kept].T), lattice.shape) for one in (index, there))
         ends.append(np.stack([*pair, np.full(kept.sum(), number)], axis=-1))
@@ -304,7 +312,28 @@ def _crossing(parts: Parts, inside: np.ndarray, normal: int | None) -> tuple[np.
     every = parts.whole.team.gather((np.concatenate(ends), np.concatenate(found)))
     bonds, weights = (np.concatenate(one) for one in zip(*every, strict=True))
     order = np.lexsort((bonds[:, 0], bonds[:, 2]))  # that of one process
-    return bonds[order, :2], weights[order]
+    return _Bonds(bonds[order, :2], bonds[order, 2], weights[order])
+
+
+def _of_known(states: NodeStates, bonds: _Bonds, normal: int | None, parts: Parts) -> _Bonds:
+    """Those of the bonds both ends of which have known states: all through a plane, which ends with the near field,
+    need not have them.
+    """
+    known = states.knows(bonds.ends)
+    if normal is None and not known.all():
+        raise _leads_out(parts)
+    return _Bonds(*(one[known] for one in bonds))
+
+
+def _leads_out(parts: Parts) -> InputError:
+    lattice = parts.whole.near.lattice
+    return InputError(
+        "bonds lead out of the region beyond the near field",
+        value=[lattice.lower.tolist(), lattice.upper.tolist()],
+        limit=f"{parts.near.stencil.reach} nodes between the region and the edges",
+        key="power.surfaces",
+        remedy="a smaller region or a larger near field",
+    )
 
 
 def _form(ends: np.ndarray, weights: np.ndarray, count: int) -> csr_array:
