@@ -42,6 +42,21 @@ def test_what_is_held_is_stressed_and_what_is_free_is_not(material, plane):
     np.testing.assert_allclose(free.data["strain"], np.broadcast_to(grown * np.eye(2), (4, 3, 2, 2)), atol=1e-12)
 
 
+@pytest.mark.parametrize("material", MATERIALS)
+def test_a_frame_of_held_nodes_may_be_warm(material):
+    """A held side may not, and says so; inside a frame as wide as bonds reach nothing moves, and all is stressed."""
+    model, load = solid(material, "stress"), fh.ThermalLoad(35.0, expansion=1e-3, reference=20.0)
+    with pytest.raises(fh.InputError, match="Prescribed nodes beside a Free side"):
+        fh.Simulation(plate(), model, fh.Fixed(), loads=[load])
+    receivers = fh.Receivers(POINTS, RECORD)
+    frame = fh.Prescribed(np.max(np.abs(plate().coordinates()), axis=0) > 8, [0.0, 0.0])
+    sim = fh.Simulation(plate(), model, fh.Free(), loads=[load], constraints=[frame], observe=[receivers])
+    sim.step(40)
+    assert np.abs(sim.fields["u"]).max() < 1e-14
+    wanted = -15e-3 * model.young / (1 - model.poisson) * np.eye(2)
+    np.testing.assert_allclose(receivers.data["stress"], np.broadcast_to(wanted, (41, 3, 2, 2)), atol=1e-12)
+
+
 def given(every=None):
     """A temperature that rises in a spot, of which the solid knows by looks that are some time apart."""
     load = fh.ThermalLoad("20 + 40*exp(-(x**2 + y**2)/6)*(1 - exp(-t/3))", 1e-3, 20.0, every=every)
