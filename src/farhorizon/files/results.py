@@ -169,16 +169,19 @@ def _check_format(file: Any, path: Path) -> Any:
             f"{path} is an HDF5 file, but not a farhorizon results file", remedy="give a file written by farhorizon run"
         )
     group = file["farhorizon"]
-    version = int(group.attrs["version"])
-    if version != RESULTS_VERSION:
-        older = version < RESULTS_VERSION
-        raise FileFormatError(
-            f"{path} has {'an older' if older else 'a newer'} format",
-            value=version,
-            limit=RESULTS_VERSION,
-            remedy="run the case again" if older else "update farhorizon",
-        )
+    _check_version(path, int(group.attrs["version"]), RESULTS_VERSION, "run the case again")
     return group
+
+
+def _check_version(path: str | Path, version: int, known: int, older: str) -> None:
+    """FileFormatError of a version other than the known one, with what to do about an older one."""
+    if version != known:
+        raise FileFormatError(
+            f"{path} has {'an older' if version < known else 'a newer'} format",
+            value=version,
+            limit=known,
+            remedy=older if version < known else "update farhorizon",
+        )
 
 
 class Caution(NamedTuple):
@@ -1533,15 +1536,8 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, 
                 f"{path} is an HDF5 file, but not a farhorizon checkpoint",
                 remedy="give a file written by Simulation.save",
             )
-        version = int(file.attrs["version"])
-        if version != VERSION:
-            older = version < VERSION
-            raise FileFormatError(
-                f"{path} has {'an older' if older else 'a newer'} format",
-                value=version,
-                limit=VERSION,
-                remedy="go on with the version of farhorizon that wrote it" if older else "update farhorizon",
-            )
+        remedy_of_older = "go on with the version of farhorizon that wrote it"
+        _check_version(path, int(file.attrs["version"]), VERSION, remedy_of_older)
         if not file.attrs["complete"]:
             raise FileFormatError(f"{path} is incomplete: its writing was interrupted", remedy=remedy)
         text = file["index"][:].tobytes()

@@ -39,8 +39,24 @@ class Stages:
     increments: bool = False
 
 
+class _OneStage:
+    """A method that applies the operator once a step."""
+
+    @staticmethod
+    def source_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
+        """Times within a step at which a source is read, and its weight in each stage, shape (stages, times)."""
+        return (0.0,), np.ones((1, 1))
+
+    @staticmethod
+    def prescribed_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
+        """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape
+        (stages, times).
+        """
+        return (dt,), np.ones((1, 1))
+
+
 @dataclass(frozen=True)
-class Verlet:
+class Verlet(_OneStage):
     """Velocity Verlet with viscous damping 2 d u_t taken implicitly.
 
     ``(1 + d dt) u(n+1) - 2 u(n) + (1 - d dt) u(n-1) = dt^2 (L u(n) + s(n))``
@@ -66,18 +82,6 @@ class Verlet:
         if lasting:
             return Stages(3, (((0, 1, 2),), ((2, 0, 1),), ((1, 2, 0),)), numbers)
         return Stages(2, (((0, 1, 1),), ((1, 0, 0),)), numbers)
-
-    @staticmethod
-    def source_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
-        """Times within a step at which a source is read, and its weight in each stage, shape (stages, times)."""
-        return (0.0,), np.ones((1, 1))
-
-    @staticmethod
-    def prescribed_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
-        """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape
-        (stages, times).
-        """
-        return (dt,), np.ones((1, 1))
 
     @staticmethod
     def propagate(
@@ -126,7 +130,7 @@ class VerletModes:
 
 
 @dataclass(frozen=True)
-class Euler:
+class Euler(_OneStage):
     """Forward Euler, ``u(n+1) = u(n) + dt (L u(n) + s(n))``."""
 
     order = 1
@@ -141,18 +145,6 @@ class Euler:
     def stages(dt: float, damping: float = 0.0, increments: bool = False) -> Stages:
         """Stages of one step."""
         return Stages(2, (((0, 1, 1),), ((1, 0, 0),)), ((1.0, 0.0, dt, dt),))
-
-    @staticmethod
-    def source_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
-        """Times within a step at which a source is read, and its weight in each stage, shape (stages, times)."""
-        return (0.0,), np.ones((1, 1))
-
-    @staticmethod
-    def prescribed_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
-        """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape
-        (stages, times).
-        """
-        return (dt,), np.ones((1, 1))
 
     @staticmethod
     def growth(symbol: np.ndarray, dt: float) -> np.ndarray:
