@@ -59,7 +59,7 @@ def test_a_frame_of_held_nodes_may_be_warm(material):
 
 def given(every=None):
     """A temperature that rises in a spot, of which the solid knows by looks that are some time apart."""
-    load = fh.ThermalLoad("20 + 40*exp(-(x**2 + y**2)/6)*(1 - exp(-t/3))", 1e-3, 20.0, every=every)
+    load = fh.ThermalLoad("20 + 40*exp(-(x**2 + y**2)/1.5)*(1 - exp(-t/3))", 1e-3, 20.0, every=every)
     return {"model": solid("state-based"), "loads": [load], "boundary": fh.LatticePML(nodes=8)}
 
 
