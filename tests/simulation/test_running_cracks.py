@@ -169,7 +169,7 @@ def test_a_model_alone_does_not_know_what_cracks_spend():
 @pytest.fixture
 def along_an_axis(monkeypatch, tmp_path):
     """What cracks along an axis of the lattice spend, alone."""
-    monkeypatch.setattr(running_cracks, "TURNS", (0.0,))
+    monkeypatch.setitem(running_cracks.TURNS, 2, (0.0,))
     monkeypatch.setenv("FARHORIZON_CACHE", str(tmp_path))
 
 

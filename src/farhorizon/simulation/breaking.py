@@ -54,7 +54,7 @@ class Breaking:
         if law.fracture_energy is not None and law.energy_factor is not None:
             cuts.notes.append(
                 f"bonds break at a critical stretch of {self.critical_stretch:.4g}, with which a crack spends the "
-                "fracture energy: found from two that ran through this lattice at 0.3 of the speed of Rayleigh waves"
+                "fracture energy: found from cracks that ran through this lattice at 0.3 of the speed of Rayleigh waves"
             )
 
     @cached_property

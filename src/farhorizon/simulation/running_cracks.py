@@ -9,7 +9,8 @@ a straight front without end, which all bonds of space cross.
 
 As forces are linear, the energy goes with the square of the critical stretch, and over Young's modulus and the horizon
 it is a number that follows from the kernel, the spacings in the horizon and Poisson's ratio: it is found once and kept.
-It is the mean of two cracks, along an axis of the lattice and across it.
+In the plane it is the mean of two cracks, along an axis of the lattice and across it, in space that of one along an
+axis.
 """
 
 from __future__ import annotations
@@ -48,7 +49,8 @@ from farhorizon.simulation.team import Team
 Runs = Callable[[Setup, Sequence[Any]], Any]
 _STRETCH = 0.01  # any: forces are linear in it
 SPEED = 0.3  # of Rayleigh waves: below, tips wait at each bond; above, bonds beside the plane break, too
-TURNS = 0.0, 0.18  # of cracks to the lattice: along an axis the least is spent, across it the most
+# Angles of cracks to the lattice, in the plane and in space: along an axis the least is spent, across it the most.
+TURNS = {2: (0.0, 0.18), 3: (0.0,)}
 _TRIES, _AGREES, _MORE = 6, 0.15, 1.15  # runs, until what was expected is spent to this part; more where none runs
 # In horizons: how far the crack reaches and runs, and the room around it; breadths of the forces and their distance
 # from the plane, and from the tip, at first and with the K that the energy takes; the circles around the tip; the
@@ -246,9 +248,9 @@ def crack_after_forces(
 
 
 def energy_factor(runs: Runs, model: Elastic, spacing: float, dim: int) -> float:
-    """What cracks that run at 0.3 of the speed of Rayleigh waves, along an axis of the lattice and at an angle to it,
-    spend for each area in the mean, over Young's modulus, the horizon and the square of the critical stretch; from the
-    cache of the program if it is there.
+    """What cracks that run at 0.3 of the speed of Rayleigh waves, along an axis of the lattice and in the plane at an
+    angle to it, too, spend for each area in the mean, over Young's modulus, the horizon and the square of the critical
+    stretch; from the cache of the program if it is there.
 
     Parameters
     ----------
@@ -313,7 +315,7 @@ def _energy_factor(runs: Runs, model: Elastic, dim: int) -> float:
     )
     unit, spent = model.young * model.kernel.horizon * _STRETCH**2, []
     expected = unit * (12 / (5 * np.pi) if dim == 2 else 6 / 5)  # of bonds, see `farhorizon.medium.fracture`
-    for turn in TURNS:
+    for turn in TURNS[dim]:
         expected = _spent(runs, model, dim, turn, expected)
         spent.append(expected)
     return float(np.mean(spent)) / unit
