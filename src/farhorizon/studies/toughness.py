@@ -36,10 +36,10 @@ def calibrated_stretch(model: Elastic, spacing: float, fracture_energy: float, d
     that what a crack spends depends on how it breaks them, one after the other; a crack in bonds breaks some beside its
     plane. It is found from cracks that run at 0.3 of the speed of Rayleigh waves after a pair of forces: in the
     infinite plane from two, along an axis of the lattice and at 0.18 rad to it, in space from one along an axis,
-    through a slab in plane strain (`running_crack`). As forces are linear, that energy goes with the square of the critical stretch. The pair is
-    chosen by the energy, and another crack runs where that is found to be another one. With three nodes in the horizon
-    it takes some twenty seconds in the plane and minutes in space, once: the number stays in the cache of the program,
-    for any Young's modulus, density and unit.
+    through a slab in plane strain (`running_crack`). As forces are linear, that energy goes with the square of the
+    critical stretch. The pair is chosen by the energy, and another crack runs where that is found to be another one.
+    With three nodes in the horizon it takes some twenty seconds in the plane and a minute in space, once: the number
+    stays in the cache of the program, for any Young's modulus, density and unit.
 
     A simulation does the same for a state-based or correspondence material that has a `fracture_energy`.
 
