@@ -99,6 +99,33 @@ def test_random_elastic_pulses_keep_their_target(case):
     assert worst_error(sim, u, until, 24) <= target
 
 
+def test_no_images_are_heard_in_long_runs():
+    """Where the medium goes on along the sides a run of ten times the length needs no more than a few nodes more; once
+    waves of images travelled along them, and 59 nodes in place of 12 were taken.
+    """
+    lattice = fh.Lattice(1.0, (-25.0, -25.0), (25.0, 25.0))
+    model, u = fh.Elastic(fh.Kernel(2.0, 1, "gaussian"), young=1.0), pulse(lattice, (4.0, -3.0), 5.0)
+
+    def nodes(until):
+        boundary = fh.LatticePML(target=1e-3, until=until)
+        sim = fh.Simulation(lattice, model, boundary, {"u": np.stack([u, 0.5 * u])}, threads=1)
+        return sim.thickness["x-"].layer.columns
+
+    assert nodes(1300.0) <= nodes(130.0) + 4 <= 20
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", range(8))
+def test_random_elastic_pulses_keep_their_target_in_long_runs(case):
+    """10 to 30 crossings, with few nodes more than in short runs."""
+    random = np.random.default_rng([SEED, 3, case])
+    lattice, model, u, until = elastic_setup(random)
+    target, until = 10.0 ** -random.integers(3, 6), until * 5
+    sim = fh.Simulation(lattice, model, fh.LatticePML(target=target, until=until), {"u": u}, threads=1)
+    assert worst_error(sim, u, until, 40) <= target
+    assert max(one.layer.columns for one in sim.thickness.values()) <= 24
+
+
 def test_stabilised_correspondence_takes_as_few_nodes_as_scalars_and_bonds_more():
     """Without backward waves nothing is damped, so vectors return little more than scalars do; bonds take 4 or 5 nodes
     for 1e-3.

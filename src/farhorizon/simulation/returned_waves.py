@@ -31,9 +31,13 @@ from farhorizon.medium.stencil import Stencil
 CROSSINGS, LASTING = 20, 10
 MOST_CROSSINGS = 1000  # for which layers are made: what was measured
 FORESEEN = 60  # crossings for which errors are predicted: the work grows with their number
-_ROOM = 512  # nodes beside the near field, at most, before the data repeat themselves along the side
+# nodes beside the near field, at most, before the data repeat themselves along an open side, and lengths of the near
+# field, if these are more: in that time all but the longest waves have left
+_ROOM, _LEFT = 512, 3
+_LONG = 8  # parts of that room, by one of which data are smoothed for what is still to come: the longest waves alone
 # lengths of the run before images come round, if there is room: what comes later folds back into it, much fainter
 _ROUND = 2
+_SILENT = 1e-3  # of the wanted error: sources that are fainter send nothing any more
 _HERE = 0.01  # of its largest value: a datum is where it has more
 _STAND_IN = 2.0  # width, in nodes, of the pulses that stand for data which are not known
 
@@ -135,12 +139,7 @@ class ReturnedWaves:
     def returned(self, axis: int, side: int, layer: Layer, wanted: float, until: float) -> float:
         """Error that a given layer of one side is predicted to make up to a time, told from none where it is near the
         wanted one or larger.
-
-        Where the medium goes on along the side, only as long as no image comes round: it would be heard in a layer that
-        takes little of it.
         """
-        if not all(b.periodic or b.image for b in self._beside(axis)):
-            until = min(until, _ROOM * self.spacing / float(np.sqrt(self.coefficients[axis, side])))
         _, _, sent, size = self._arriving(axis, side, until, wanted)
         return predicted_error(layer, sent, size)
 
@@ -241,8 +240,12 @@ class ReturnedWaves:
         wanted: float,
         size: float,
     ) -> list[Arrivals]:
-        """What arrives at a side, with the images of the data behind the walls of the near field."""
-        room, steps = int(np.ceil(_ROUND * medium.speed * until / self.spacing)), max(2, int(np.ceil(until / self.dt)))
+        """What arrives at a side, with the images of the data behind the walls of the near field.
+
+        Where the medium goes on along the side, images in place of nothing would come round in a long run, and be heard
+        in layers that take little of what travels along them. So there all waves are followed only as long as none
+        comes, and longer the longest ones alone, which are few enough for any room; unless a source goes on.
+        """
         others = [b for b in range(len(self.shape)) if b != axis]
         image = self.sides[axis, -side].image
         found = []
@@ -255,20 +258,37 @@ class ReturnedWaves:
                 ]
                 if image:
                     flat = [np.concatenate([image * values[::-1], values]) for values in flat]
-                lengths, near = [1] * len(others), [range(1)] * len(others)
+                lengths, near, length = [1] * len(others), [range(1)] * len(others), 0
                 if others:
-                    flat, near[kept], lengths[kept] = self._unfold(flat, kept + 1, others[kept], room)
+                    flat, near[kept], length = self._unfold(flat, kept + 1, others[kept])
                 sent = [replace(datum, values=values) for datum, values in zip(own, flat, strict=True)]
-                for kind in range(min(self.stencil.components, 2)):
-                    sample = self._samples.setdefault((medium.stencil, medium.coefficient, kind), Sample(medium, kind))
-                    found.append(arrivals(medium, steps, sent, lengths, near, wanted, size, sample))
+                for time, room, smooth in self._spans(medium, own, until, wanted, bool(others) and not length):
+                    if others:
+                        lengths[kept] = length or fft.next_fast_len(flat[0].shape[kept + 1] + room)
+                    steps = max(2, int(np.ceil(time / self.dt)))
+                    for kind in range(min(self.stencil.components, 2)):
+                        key = medium.stencil, medium.coefficient, kind
+                        sample = self._samples.setdefault(key, Sample(medium, kind))
+                        found.append(arrivals(medium, steps, sent, lengths, near, wanted, size, sample, smooth))
         return found
 
-    def _unfold(
-        self, fields: list[np.ndarray], place: int, axis: int, room: int
-    ) -> tuple[list[np.ndarray], range, int]:
+    def _spans(
+        self, medium: LatticeMedium, data: Sequence[Datum], until: float, wanted: float, endless: bool
+    ) -> list[tuple[float, int, float]]:
+        """Times up to which waves are followed, the nodes beside the near field for each, and by how many nodes data are
+        smoothed.
+        """
+        pace = medium.speed / self.spacing
+        room, most = int(np.ceil(_ROUND * pace * until)), max(_ROOM, _LEFT * max(self.shape))
+        sent = [np.flatnonzero(np.abs(one.time) > _SILENT * wanted * np.abs(one.time).max(initial=0.0)) for one in data]
+        last = self.dt * max((int(steps[-1]) for steps in sent if steps.size), default=0)
+        if not endless or pace * until <= most or 2 * pace * last > most:
+            return [(until, min(room, most), 0.0)]
+        return [(most / pace, most, 0.0), (until, room, most / _LONG)]
+
+    def _unfold(self, fields: list[np.ndarray], place: int, axis: int) -> tuple[list[np.ndarray], range, int]:
         """Fields with their images along a tangential axis, which nodes are the near field's, and the length after
-        which all is repeated.
+        which all is repeated; 0 where it goes on without end.
         """
         lower, upper = self.sides[axis, -1], self.sides[axis, 1]
         below, above, nodes = lower.image, upper.image, fields[0].shape[place]
@@ -282,10 +302,7 @@ class ReturnedWaves:
             near = range(nodes, 2 * nodes)
         if above and below and above != below:
             fields = [np.concatenate([field, -field], place) for field in fields]
-        count = fields[0].shape[place]
-        if above and below:
-            return fields, near, count
-        return fields, near, fft.next_fast_len(count + min(room, max(_ROOM, nodes)))
+        return fields, near, fields[0].shape[place] if above and below else 0
 
 
 def stand_ins(shape: tuple[int, ...], reach: int, components: int = 1) -> list[Datum]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 import farhorizon as fh
 from farhorizon.analysis.exact.chain import Recursion
@@ -10,7 +11,9 @@ from farhorizon.analysis.layers.returned import Datum, Sample, arrivals, reflect
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.engine.engine import Layer
 
+SEED = 20261125
 UNTIL = 60.0
+print(f"long waves: seed {SEED}")
 
 
 def medium(model, dim, share=0.5):
@@ -44,6 +47,23 @@ def test_waves_arrive_as_on_the_infinite_lattice(shape, centre, damping):
     infinite = InfiniteLattice(front.stencil, 1.0, model.integrator, front.dt, steps, u, damping=damping)
     largest = max(np.abs(infinite.after(step)[-1]).max() for step in range(steps))
     assert arrived.largest == pytest.approx(largest, rel=0.03)  # the moments that are looked at are not the run's
+
+
+@pytest.mark.parametrize("smooth", [6.0, 12.0])
+def test_long_waves_arrive_as_those_of_smoothed_data(smooth):
+    """The same as on the infinite lattice, where data are smoothed along the side and the last row in time."""
+    random = np.random.default_rng(SEED)
+    shape, model = (31, 27), fh.Wave(fh.Kernel(2.0))
+    front, u = medium(model, 2), pulse(shape, random.uniform(10, 17, 2))
+    steps, margin = int(UNTIL / front.dt), 60
+    given = [Datum(u, "u")], [shape[1] + 2 * int(UNTIL)], [range(shape[1])]
+    arrived = arrivals(front, steps, *given, 1e-5, 1.0, smooth=smooth)
+    rows = gaussian_filter1d(np.pad(u, ((0, 0), (margin, margin))), smooth, axis=1, mode="constant", truncate=6)
+    infinite = InfiniteLattice(front.stencil, 1.0, model.integrator, front.dt, 2 * steps, rows)
+    last = np.array([infinite.after(step)[-1, margin:-margin] for step in range(2 * steps)])
+    last = gaussian_filter1d(last, smooth / front.dt, axis=0, mode="constant", truncate=6)[:steps]
+    assert arrived.largest == pytest.approx(np.abs(last).max(), rel=0.03)
+    assert len(arrived.amplitude) < 0.3 * len(arrivals(front, steps, *given, 1e-5, 1.0).amplitude)
 
 
 @pytest.mark.parametrize("kind", ["u", "v"])

@@ -39,6 +39,7 @@ _COMPARED = 2000  # waves by which layers are compared
 _COHERENT = 0.05  # the largest value over the sum of all amplitudes, at least
 _SPARSE = 8  # every so many tangential modes tell which frequencies are felt
 _PASSED = 2.0  # of a wave's displacement, the most that an interface lets through into a faster medium
+_HELD = 7.0  # widths of a Gaussian in the transform of smoothed data: exp(-24) remains
 _CELLS = 2.5  # parts of a factor e of frequency, or of decay over a node: waves of one such cell return alike
 
 
@@ -291,6 +292,7 @@ def arrivals(
     wanted: float,
     size: float = 0.0,
     sample: Sample | None = None,
+    smooth: float = 0.0,
 ) -> Arrivals:
     """The waves that data send to a side.
 
@@ -312,24 +314,22 @@ def arrivals(
         The largest value, as far as it is known: that of the initial displacements.
     sample : Sample, optional
         Of the type of waves that all data are taken to travel as.
+    smooth : float, optional
+        Width in nodes of a Gaussian by which the data are smoothed along the side, and in time by as long as the
+        fastest waves take for it: of the long waves alone there is little to look at, however long the run.
     """
     front, sample = medium, sample or Sample(medium)
     medium = medium.carrier(sample.kind)
     decay = _DECAY / (steps * medium.dt)
     z = np.exp(decay * medium.dt + 1j * np.pi * np.arange(steps + 1) / steps)
     numbers = [2 * np.pi * np.fft.fftfreq(length) for length in lengths]
-    shape = (len(z), *(len(k) for k in numbers))
-    spectra = [
-        fft.fftn(datum.values, s=shape[1:], axes=tuple(range(1, datum.values.ndim))).reshape(len(datum.values), -1)
-        / np.prod(shape[1:], dtype=float)
-        if len(shape) > 1
-        else datum.values[:, None]
-        for datum in data
-    ]
+    numbers = [line[np.abs(line) * smooth <= _HELD] for line in numbers]
+    spectra = [_along_side(datum.values, numbers, lengths, smooth) for datum in data]
     content = np.max([np.abs(spectrum).sum(0) / np.abs(spectrum).sum() for spectrum in spectra], axis=0)
     modes = _largest(content, 0.1 * _FELT * wanted)
     along = np.array([k.ravel()[modes] for k in np.meshgrid(*numbers, indexing="ij")]) if numbers else np.zeros((0, 1))
-    starts = [_start(datum, z, medium, decay) for datum in data]
+    lasting = smooth * medium.spacing / front.speed
+    starts = [_start(datum, z, medium, decay) * np.exp(0.5 * (lasting * np.log(z) / medium.dt) ** 2) for datum in data]
 
     alike, number = _alike(medium.stencil, along)
 
@@ -355,7 +355,8 @@ def arrivals(
     few = slice(None, None, _SPARSE)
     pitch = np.abs(medium.recursion.eigenvalue(z))
     # one at least, of runs of a few short steps
-    heard = np.flatnonzero(pitch <= max(1.2 * medium.rate * medium.stencil.symbol_maximum, pitch.min()))
+    highest = min(1.2 * medium.rate * medium.stencil.symbol_maximum, (_HELD / lasting) ** 2 if smooth else np.inf)
+    heard = np.flatnonzero(pitch <= max(highest, pitch.min()))
     sparse = np.abs(arrived(heard, few)[1])
     loudness = sparse.max(1) * len(modes)
     largest = max(size * 2 * steps * np.exp(-_DECAY), _COHERENT * _SPARSE * float(sparse.sum()))
@@ -382,6 +383,21 @@ def arrivals(
     amplitude, root = amplitude.ravel()[felt], root.ravel()[felt]
     number = sample.add(amplitude, root, factor, along)
     return Arrivals(front, amplitude, root, factor, along, place, (times + 1, *counts), growth, seen, sample, number)
+
+
+def _along_side(values: np.ndarray, numbers: Sequence[np.ndarray], lengths: Sequence[int], smooth: float) -> np.ndarray:
+    """Fourier coefficients along the side of values on rows, shape (rows, modes), of data that repeat themselves after
+    some lengths and are smoothed by a Gaussian.
+    """
+    if not smooth:
+        axes = tuple(range(1, values.ndim))
+        found = fft.fftn(values, s=lengths, axes=axes) / np.prod(lengths) if axes else values
+    else:  # few modes of a long side
+        found = values
+        for line, length in zip(numbers, lengths, strict=True):
+            waves = np.exp(-1j * np.outer(np.arange(found.shape[1]), line) - 0.5 * (smooth * line) ** 2) / length
+            found = np.tensordot(found, waves, (1, 0))  # which comes last, so that the next axis is the first again
+    return np.asarray(found).reshape(len(values), -1)
 
 
 def _start(datum: Datum, z: np.ndarray, medium: LatticeMedium, decay: float) -> np.ndarray:
