@@ -363,7 +363,7 @@ def test_layers_go_by_the_fastest_waves_at_their_side():
     assert sim.coefficients == {(0, -1): 9.0, (0, 1): 9.0, (1, -1): 9.0, (1, 1): 1.0}
     sigma = {key: layer.sigma for key, layer in sim.engine.layers.items()}
     assert sigma[2, -1] == pytest.approx(3 * sigma[2, 1]) and sigma[1, 1] == pytest.approx(3 * sigma[2, 1])
-    kept = compare(
-        {"lattice": lattice, "model": sim.model, "boundary": fh.LatticePML(target=1e-3), **ground}, 40.0, beside=False
-    )
-    assert max(kept.curves["lattice PML"]["error_rel_initial"]) < 1e-3
+    for until in (None, 40.0):  # slow waves beside them count, too: for the short run two nodes once left 1.6e-3
+        setup = {"lattice": lattice, "model": sim.model, "boundary": fh.LatticePML(target=1e-3, until=until), **ground}
+        kept = compare(setup, 40.0, beside=False)
+        assert max(kept.curves["lattice PML"]["error_rel_initial"]) < 1e-3

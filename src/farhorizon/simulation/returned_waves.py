@@ -151,6 +151,7 @@ class ReturnedWaves:
         """
         stencil, turned = self._facing(axis, side), self._turned(axis, side)
         medium = LatticeMedium(stencil, self.coefficients[axis, side], self.spacing, self.recursion, self.dt)
+        slowest = self._slowest(axis, side)
         alike = (
             until,
             wanted,
@@ -160,12 +161,23 @@ class ReturnedWaves:
             *self._beside(axis),
             *(datum.values.tobytes() for datum in turned),
             *(datum.behind for datum in turned),
+            slowest,
         )
         if alike not in self._sent:
             size = max((float(np.abs(datum.values).max()) for datum in self.data if datum.kind == "u"), default=0.0)
             arrived = self._arrivals(medium, axis, side, turned, until, wanted, size)
+            if slowest < 1:  # to its waves the layer is the stronger
+                arrived += self._arrivals(medium.slower(slowest), axis, side, turned, until, wanted, size)
             self._sent[alike] = arrived, max([size, *(one.largest for one in arrived)])
         return alike, medium, *self._sent[alike]
+
+    def _slowest(self, axis: int, side: int) -> float:
+        """Squared speed of the slowest medium along a side over that of the fastest, for which its layer is made."""
+        if self.squared_speed is None:
+            return 1.0
+        along = self.squared_speed.take(0 if side < 0 else -1, axis)
+        fastest = self.coefficients[axis, side] / self.coefficient
+        return float(along.min(where=along > 0, initial=fastest) / fastest)
 
     def _turned(self, axis: int, side: int) -> list[Datum]:
         """The data as a side sees them."""
@@ -275,8 +287,8 @@ class ReturnedWaves:
     def _spans(
         self, medium: LatticeMedium, data: Sequence[Datum], until: float, wanted: float, endless: bool
     ) -> list[tuple[float, int, float]]:
-        """Times up to which waves are followed, the nodes beside the near field for each, and by how many nodes data are
-        smoothed.
+        """Times up to which waves are followed, the nodes beside the near field for each, and by how many nodes data
+        are smoothed.
         """
         pace = medium.speed / self.spacing
         room, most = int(np.ceil(_ROUND * pace * until)), max(_ROOM, _LEFT * max(self.shape))
