@@ -115,6 +115,18 @@ def test_no_images_are_heard_in_long_runs():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("case", range(3))
+def test_slow_echoes_of_all_sides_count_in_long_runs(case):
+    """Long waves come back from all sides at once, and add up everywhere."""
+    random = np.random.default_rng([SEED, 4, case])
+    lattice, model = fh.Lattice(1.0, (-31.0, -62.0), (31.0, 62.0)), fh.Wave(fh.Kernel(1.0))
+    u = pulse(lattice, random.uniform(-1, 1, 2) * (8.0, 35.0), random.uniform(4.0, 7.0))
+    sim = fh.Simulation(lattice, model, fh.LatticePML(target=1e-5, until=2100.0), {"u": u}, threads=1)
+    assert worst_error(sim, u, 2100.0, 60) <= 0.6e-5
+    assert max(one.layer.columns for one in sim.thickness.values()) <= 10
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("case", range(8))
 def test_random_elastic_pulses_keep_their_target_in_long_runs(case):
     """10 to 30 crossings, with few nodes more than in short runs."""

@@ -260,6 +260,7 @@ class ReturnedWaves:
         """
         others = [b for b in range(len(self.shape)) if b != axis]
         image = self.sides[axis, -side].image
+        open_sides = sum(not (b.periodic or b.image) for b in self.sides.values())
         found = []
         for component in sorted({datum.component for datum in data}):
             own = [datum for datum in data if datum.component == component]
@@ -278,6 +279,8 @@ class ReturnedWaves:
                     if others:
                         lengths[kept] = length or fft.next_fast_len(flat[0].shape[kept + 1] + room)
                     steps = max(2, int(np.ceil(time / self.dt)))
+                    if smooth:  # echoes so long are felt everywhere: those of all sides add up
+                        sent = [replace(datum, values=open_sides * datum.values) for datum in sent]
                     for kind in range(min(self.stencil.components, 2)):
                         key = medium.stencil, medium.coefficient, kind
                         sample = self._samples.setdefault(key, Sample(medium, kind))
