@@ -166,7 +166,11 @@ def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
     rows: dict[str, dict[str, Any]] = {}
     for number in range(options.count):
         random = np.random.default_rng([seed, number])
-        setup, until, guide = random_setup(random)
+        try:
+            setup, until, guide = random_setup(random)
+        except fh.InputError as refusal:  # a kernel that makes no solid
+            print(f"{number}: not judged, {refusal}", flush=True)
+            continue
         setup = unasked(setup) if part == "default" else setup
         (target,) = {b.wanted(setup["model"].target) for b in sides(setup).values()}
         u, model = setup["initial"]["u"], setup["model"]
