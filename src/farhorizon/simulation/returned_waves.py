@@ -101,25 +101,24 @@ class ReturnedWaves:
         InputError
             No layer keeps it.
         """
-        coefficient, facing = self.coefficients[axis, side], self._facing(axis, side)
-        if not facing.strongest_reaction and (boundary.target is None or until > self.foreseen):
-            data = [datum.values for datum in self._turned(axis, side)]
-            found = by_formula(facing, np.sqrt(coefficient) / self.spacing, until, data, wanted)
+        medium = self._media(axis, side)[0]
+        pace, data = medium.speed / self.spacing, [datum.values for datum in self._turned(axis, side, medium)]
+        if not medium.stencil.strongest_reaction and (boundary.target is None or until > self.foreseen):
+            found = by_formula(medium.stencil, pace, until, data, wanted)
             if found is None and boundary.target is None:
                 return None
             if found is not None and (boundary.target is None or found.predicted <= wanted):
                 # what it is designed for: of waves of a few nodes the bound tells too much
                 return replace(found, predicted=wanted)
         until = min(until, self.foreseen)
-        alike, medium, sent, size = self._arriving(axis, side, until, wanted)
+        alike, sent, size = self._arriving(axis, side, until, wanted)
         if (boundary, *alike) in self._known:
             return self._known[boundary, *alike]
-        distance = distance_to_side([datum.values for datum in self._turned(axis, side)])
 
         def steep(nodes: int) -> Layer:
-            return replace(boundary, nodes=nodes).make_layer(2, medium.stencil, coefficient, self.spacing, 0.0)
+            return replace(boundary, nodes=nodes).make_layer(2, medium.stencil, medium.coefficient, self.spacing, 0.0)
 
-        members = family(medium.stencil, medium.speed / self.spacing, until, distance, wanted, steep)
+        members = family(medium.stencil, pace, until, distance_to_side(data), wanted, steep)
         found = thinnest(members, sent, wanted, size)
         if found is None and boundary.target is None:
             return None
@@ -140,58 +139,61 @@ class ReturnedWaves:
         """Error that a given layer of one side is predicted to make up to a time, told from none where it is near the
         wanted one or larger.
         """
-        _, _, sent, size = self._arriving(axis, side, until, wanted)
+        _, sent, size = self._arriving(axis, side, until, wanted)
         return predicted_error(layer, sent, size)
 
     def _arriving(
         self, axis: int, side: int, until: float, wanted: float
-    ) -> tuple[tuple[object, ...], LatticeMedium, list[Arrivals], float]:
-        """What is the same at sides that are alike, the medium seen from a side, what arrives there, and the largest of
-        the data.
-        """
-        stencil, turned = self._facing(axis, side), self._turned(axis, side)
-        medium = LatticeMedium(stencil, self.coefficients[axis, side], self.spacing, self.recursion, self.dt)
-        slowest = self._slowest(axis, side)
+    ) -> tuple[tuple[object, ...], list[Arrivals], float]:
+        """What is the same at sides that are alike, what arrives at one, and the largest of the data."""
+        seen = [(medium, self._turned(axis, side, medium)) for medium in self._media(axis, side)]
         alike = (
             until,
             wanted,
-            stencil,
-            medium.coefficient,
             self.sides[axis, -side],
             *self._beside(axis),
-            *(datum.values.tobytes() for datum in turned),
-            *(datum.behind for datum in turned),
-            slowest,
+            *(part for medium, _ in seen for part in (medium.stencil, medium.coefficient)),
+            *(part for _, turned in seen for datum in turned for part in (datum.values.tobytes(), datum.behind)),
         )
         if alike not in self._sent:
             size = max((float(np.abs(datum.values).max()) for datum in self.data if datum.kind == "u"), default=0.0)
-            arrived = self._arrivals(medium, axis, side, turned, until, wanted, size)
-            if slowest < 1:  # to its waves the layer is the stronger
-                arrived += self._arrivals(medium.slower(slowest), axis, side, turned, until, wanted, size)
+            arrived = [
+                one
+                for medium, turned in seen
+                for one in self._arrivals(medium, axis, side, turned, until, wanted, size)
+            ]
             self._sent[alike] = arrived, max([size, *(one.largest for one in arrived)])
-        return alike, medium, *self._sent[alike]
+        return alike, *self._sent[alike]
 
-    def _slowest(self, axis: int, side: int) -> float:
-        """Squared speed of the slowest medium along a side over that of the fastest, for which its layer is made."""
-        if self.squared_speed is None:
-            return 1.0
-        along = self.squared_speed.take(0 if side < 0 else -1, axis)
-        fastest = self.coefficients[axis, side] / self.coefficient
-        return float(along.min(where=along > 0, initial=fastest) / fastest)
+    def _media(self, axis: int, side: int) -> list[LatticeMedium]:
+        """The fastest medium at a side, for which its layer is made, and the slowest along it, if that is another one:
+        to its waves the layer is the stronger.
 
-    def _turned(self, axis: int, side: int) -> list[Datum]:
-        """The data as a side sees them."""
+        Their stencils have an axis first; the same one for all axes where these may be exchanged.
+        """
+        alike = all(self.stencil.same_along(0, other) for other in range(1, self.stencil.dim))
+        stencil, found = self.stencil.along(0 if alike else axis), [self.coefficients[axis, side]]
+        if self.squared_speed is not None:
+            along = self.squared_speed.take(min(side, 0), axis)
+            found.append(self.coefficient * float(along.min(where=along > 0, initial=found[0] / self.coefficient)))
         return [
-            self._from_scatterers(self._shortened(datum, axis, side).turned(axis, side), axis, side)
-            for datum in (self._behind(datum, axis, side) for datum in self.data)
+            LatticeMedium(stencil.beside(squared / self.coefficient), squared, self.spacing, self.recursion, self.dt)
+            for squared in sorted(set(found), reverse=True)
         ]
 
-    def _behind(self, datum: Datum, axis: int, side: int) -> Datum:
+    def _turned(self, axis: int, side: int, medium: LatticeMedium) -> list[Datum]:
+        """The data as a side sees them that has a medium."""
+        at_side = medium.coefficient / self.coefficient
+        return [
+            self._from_scatterers(self._shortened(datum, axis, side).turned(axis, side), axis, side)
+            for datum in (self._behind(datum, axis, side, at_side) for datum in self.data)
+        ]
+
+    def _behind(self, datum: Datum, axis: int, side: int, at_side: float) -> Datum:
         """The datum, which knows of it if the medium at the side is faster than where it is."""
         if self.squared_speed is None:
             return datum
         here = np.abs(datum.values) > _HERE * np.abs(datum.values).max()
-        at_side = self.coefficients[axis, side] / self.coefficient
         # where bonds carry nothing no wave sets out
         slowest = float(self.squared_speed.min(where=here & (self.squared_speed > 0), initial=at_side))
         if slowest >= at_side:
@@ -201,8 +203,8 @@ class ReturnedWaves:
         return replace(datum, behind=(nodes, slowest / at_side)) if nodes else datum
 
     def _shortened(self, datum: Datum, axis: int, side: int) -> Datum:
-        """The datum, and with it one of shorter waves if the medium at the side is slower than where it is: at an
-        interface waves keep their frequency.
+        """The datum, and with it one of shorter waves if all of the medium at the side is slower than where it is: at
+        an interface waves keep their frequency.
         """
         if self.squared_speed is None:
             return datum
@@ -216,13 +218,6 @@ class ReturnedWaves:
         scale, offset = np.ones(datum.values.ndim), np.zeros(datum.values.ndim)
         scale[axis], offset[axis] = 1 / ratio, centre - centre / ratio
         return replace(datum, values=datum.values + affine_transform(datum.values, scale, offset, order=1))
-
-    def _facing(self, axis: int, side: int) -> Stencil:
-        """The stencil of the medium at a side with an axis first; the same one for all axes where these may be
-        exchanged.
-        """
-        alike = all(self.stencil.same_along(0, other) for other in range(1, self.stencil.dim))
-        return self.stencil.along(0 if alike else axis).beside(self.coefficients[axis, side] / self.coefficient)
 
     def _beside(self, axis: int) -> list[Side]:
         """The sides along the other axes."""
@@ -260,7 +255,7 @@ class ReturnedWaves:
         """
         others = [b for b in range(len(self.shape)) if b != axis]
         image = self.sides[axis, -side].image
-        open_sides = sum(not (b.periodic or b.image) for b in self.sides.values())
+        echoing = len({other for (other, _), b in self.sides.items() if b.stretched})
         found = []
         for component in sorted({datum.component for datum in data}):
             own = [datum for datum in data if datum.component == component]
@@ -279,12 +274,11 @@ class ReturnedWaves:
                     if others:
                         lengths[kept] = length or fft.next_fast_len(flat[0].shape[kept + 1] + room)
                     steps = max(2, int(np.ceil(time / self.dt)))
-                    if smooth:  # echoes so long are felt everywhere: those of all sides add up
-                        sent = [replace(datum, values=open_sides * datum.values) for datum in sent]
                     for kind in range(min(self.stencil.components, 2)):
                         key = medium.stencil, medium.coefficient, kind
                         sample = self._samples.setdefault(key, Sample(medium, kind))
-                        found.append(arrivals(medium, steps, sent, lengths, near, wanted, size, sample, smooth))
+                        coming = arrivals(medium, steps, sent, lengths, near, wanted, size, sample, smooth)
+                        found.append(replace(coming, middle=self.shape[axis] // 2, axes=echoing))
         return found
 
     def _spans(

@@ -178,6 +178,10 @@ class Arrivals:
         Waves whose exact reflections are known, and
     number : ndarray of int, shape (n,)
         which of them each wave is like.
+    middle : int
+        Nodes from the side to the middle of the near field, where the echoes of all sides meet.
+    axes : int
+        Along so many there are layers.
     """
 
     medium: LatticeMedium
@@ -191,6 +195,8 @@ class Arrivals:
     seen: list[np.ndarray]
     sample: Sample
     number: np.ndarray
+    middle: int = 0
+    axes: int = 1
 
     @cached_property
     def frequency(self) -> np.ndarray:
@@ -200,11 +206,16 @@ class Arrivals:
     def returned(self, layer: Layer) -> float:
         """Largest value, over the run and along the side, of what a layer sends back.
 
+        In the middle of the near field it meets as much from each of the other sides, while what an aim leaves is for
+        the two sides of one axis.
         What the closed form does not know, such as the damping of short waves, is known of a sample: it counts by its
         share of the waves' energy. As a sum of waves each step from one sample to the next would be noise, which the
         Laplace integral lets grow.
         """
-        closed = self._largest(self.amplitude * self._closed(layer, slice(None)))
+        back = self.amplitude * self._closed(layer, slice(None))
+        closed = self._largest(back)
+        if self.axes > 1:
+            closed = max(closed, self.axes * self._largest(back * self.root**self.middle))
         if not self.sample.needed(layer):
             return closed
         beyond = float(np.linalg.norm(self.amplitude * self._excess(layer, slice(None))))

@@ -51,7 +51,8 @@ _COARSEST = ((0.35, 12), (1.0, 4))  # and the coarse one
 # the fine filter's rate over the coarse one's: where it is larger, backward waves are so long that 12 nodes grow
 _LONG = 3.0
 _LEAST = 3  # nodes of such layers that were looked at
-_AIM = 0.4  # of the wanted error: the prediction knows one side and one reflection
+# of the wanted error: at edges what two sides send back adds up, and the prediction knows one reflection
+_AIM = 0.4
 # over the long waves' speed; share of such waves that crowds; part of the aim then
 _HARDLY, _CROWDED, _AIM_CROWDED = 0.1, 0.38, 0.2
 _AIM_LASTING = 0.25  # in diffusion, where what all sides send back adds up
