@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.analysis.layers.returned import Datum
 from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.simulation.returned_waves import _by_time
 from farhorizon.studies.compare import compare
 
 SEED = 20261122
@@ -114,10 +116,47 @@ def test_no_images_are_heard_in_long_runs():
     assert nodes(1300.0) <= nodes(130.0) + 4 <= 20
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("model", [fh.Elastic(fh.Kernel(2.0, 1), young=1.0), fh.Wave(fh.Stencil.finite_element(2))])
+def test_sources_that_go_on_ask_for_no_more_in_long_runs(model):
+    """20 crossings of waves, and of elements with a force that stays; once images of it were heard, and 45 to 60 nodes
+    in place of 13 to 16 were taken.
+    """
+    random, speed = np.random.default_rng([SEED, 6, model.order]), np.sqrt(model.coefficient)
+    lattice, stays = fh.Lattice(1.0, (-20.0, -20.0), (20.0, 20.0)), isinstance(model, fh.Wave)
+    shape, period = pulse(lattice, random.uniform(-4, 4, 2), 3.0), random.uniform(15.0, 40.0) / speed
+    source = fh.Source(
+        shape if stays else np.stack([shape, 0 * shape]),
+        lambda t: min(t * speed / 40, 1.0) * (1.0 if stays else np.sin(2 * np.pi * t / period)),
+    )
+    boundary, until = fh.LatticePML(target=1e-4, until=820.0 / speed), 820.0 / speed
+    setup = {"lattice": lattice, "model": model, "boundary": boundary, "sources": [source], "threads": 1}
+    assert max(one.layer.columns for one in fh.Simulation(**setup).thickness.values()) <= 20
+    found = compare(setup, until, beside=False)
+    assert max(found.curves["lattice PML"]["error_rel_initial"]) <= 1e-4
+
+
+def test_each_moment_of_a_source_is_whole_in_one_part():
+    """And no part is switched on or off at once, but with the source."""
+    random = np.random.default_rng(SEED)
+    half, course, still = 20, random.uniform(0.5, 1.0, 130), Datum(np.ones(3), "v")
+    course[55:] *= np.where(np.arange(75) < 60, 0.0, 1.0)  # the part around 80 holds nothing
+    parts = list(_by_time([still, Datum(np.ones(3), "source", course)], half, 1e-3))
+    assert parts[0][1][0] is still and [len(data) for _, data in parts] == [2, 1, 1, 1, 1, 1]
+    whole = np.zeros(130)
+    for middle, (before, data) in zip((0, 20, 40, 60, 100, 120), parts, strict=True):
+        assert before == min(middle, half)
+        places = np.arange(len(data[-1].time)) + middle - before
+        whole[places] = np.maximum(whole[places], data[-1].time)
+        assert not middle or data[-1].time[0] < 1e-30
+        assert places[-1] == 129 or data[-1].time[-1] < 0.05
+    np.testing.assert_array_equal(whole, course)
+
+
 @pytest.mark.parametrize("case", [6, 7, *(pytest.param(n, marks=pytest.mark.slow) for n in range(6))])
 def test_echoes_of_all_sides_meet_in_the_middle(case):
-    """Each is predicted to make at most 0.2 of the target there; as long as one side was looked at alone it was 1.04 in
-    the middle of case 6.
+    """Each is predicted to make at most 0.2 of the target there; as long as one side was looked at alone, they made
+    1.04 of it together (case 6).
     """
     random = np.random.default_rng([SEED, 5, case])
     half = random.integers(20, 37) + np.zeros(2)
@@ -131,12 +170,12 @@ def test_echoes_of_all_sides_meet_in_the_middle(case):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", range(3))
 def test_slow_echoes_of_all_sides_count_in_long_runs(case):
-    """Long waves come back from all sides at once, and add up everywhere."""
+    """Long waves come back from all sides at once, and are predicted to make at most 0.8 of the target together."""
     random = np.random.default_rng([SEED, 4, case])
     lattice, model = fh.Lattice(1.0, (-31.0, -62.0), (31.0, 62.0)), fh.Wave(fh.Kernel(1.0))
     u = pulse(lattice, random.uniform(-1, 1, 2) * (8.0, 35.0), random.uniform(4.0, 7.0))
     sim = fh.Simulation(lattice, model, fh.LatticePML(target=1e-5, until=2100.0), {"u": u}, threads=1)
-    assert worst_error(sim, u, 2100.0, 60) <= 0.6e-5
+    assert worst_error(sim, u, 2100.0, 60) <= 0.8e-5
     assert max(one.layer.columns for one in sim.thickness.values()) <= 10
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -87,7 +87,7 @@ class ReturnedWaves:
     squared_speed: np.ndarray | None = None
     _known: dict[tuple[object, ...], Thickness] = field(default_factory=dict)  # of sides that are alike
     _sent: dict[tuple[object, ...], tuple[list[Arrivals], float]] = field(default_factory=dict)
-    _samples: dict[tuple[Stencil, float, int], Sample] = field(default_factory=dict)
+    _samples: dict[tuple[Stencil, float, int, int], Sample] = field(default_factory=dict)
 
     @one_blas_thread()
     def layer(self, axis: int, side: int, boundary: LatticePML, wanted: float, until: float) -> Thickness | None:
@@ -251,7 +251,7 @@ class ReturnedWaves:
 
         Where the medium goes on along the side, images in place of nothing would come round in a long run, and be heard
         in layers that take little of what travels along them. So there all waves are followed only as long as none
-        comes, and longer the longest ones alone, which are few enough for any room; unless a source goes on.
+        comes, and longer the longest ones alone, which are few enough for any room.
         """
         others = [b for b in range(len(self.shape)) if b != axis]
         image = self.sides[axis, -side].image
@@ -270,30 +270,33 @@ class ReturnedWaves:
                 if others:
                     flat, near[kept], length = self._unfold(flat, kept + 1, others[kept])
                 sent = [replace(datum, values=values) for datum, values in zip(own, flat, strict=True)]
-                for time, room, smooth in self._spans(medium, own, until, wanted, bool(others) and not length):
+                for part, time, room, smooth in self._parts(medium, sent, until, wanted, bool(others) and not length):
                     if others:
                         lengths[kept] = length or fft.next_fast_len(flat[0].shape[kept + 1] + room)
                     steps = max(2, int(np.ceil(time / self.dt)))
                     for kind in range(min(self.stencil.components, 2)):
-                        key = medium.stencil, medium.coefficient, kind
+                        key = medium.stencil, medium.coefficient, kind, steps
                         sample = self._samples.setdefault(key, Sample(medium, kind))
-                        coming = arrivals(medium, steps, sent, lengths, near, wanted, size, sample, smooth)
+                        coming = arrivals(medium, steps, part, lengths, near, wanted, size, sample, smooth)
                         found.append(replace(coming, middle=self.shape[axis] // 2, axes=echoing))
         return found
 
-    def _spans(
+    def _parts(
         self, medium: LatticeMedium, data: Sequence[Datum], until: float, wanted: float, endless: bool
-    ) -> list[tuple[float, int, float]]:
-        """Times up to which waves are followed, the nodes beside the near field for each, and by how many nodes data
-        are smoothed.
+    ) -> list[tuple[Sequence[Datum], float, int, float]]:
+        """Data whose waves are followed, times up to which they are, the nodes beside the near field for it, and by how
+        many nodes the data are smoothed.
         """
         pace = medium.speed / self.spacing
         room, most = int(np.ceil(_ROUND * pace * until)), max(_ROOM, _LEFT * max(self.shape))
-        sent = [np.flatnonzero(np.abs(one.time) > _SILENT * wanted * np.abs(one.time).max(initial=0.0)) for one in data]
-        last = self.dt * max((int(steps[-1]) for steps in sent if steps.size), default=0)
-        if not endless or pace * until <= most or 2 * pace * last > most:
-            return [(until, min(room, most), 0.0)]
-        return [(most / pace, most, 0.0), (until, room, most / _LONG)]
+        if not endless or pace * until <= most:
+            return [(data, until, min(room, most), 0.0)]
+        half = max(1, int(most / (2 * pace * self.dt)))
+        found: list[tuple[Sequence[Datum], float, int, float]] = [(data, until, room, most / _LONG)]
+        for before, part in _by_time(data, half, _SILENT * wanted):
+            time = before * self.dt + most / pace
+            found.append((part, time, int(np.ceil(pace * time)), 0.0))
+        return found
 
     def _unfold(self, fields: list[np.ndarray], place: int, axis: int) -> tuple[list[np.ndarray], range, int]:
         """Fields with their images along a tangential axis, which nodes are the near field's, and the length after
@@ -312,6 +315,34 @@ class ReturnedWaves:
         if above and below and above != below:
             fields = [np.concatenate([field, -field], place) for field in fields]
         return fields, near, fields[0].shape[place] if above and below else 0
+
+
+def _by_time(data: Sequence[Datum], half: int, silent: float) -> Iterator[tuple[int, list[Datum]]]:
+    """Data of which sources that go on are cut into parts, so that each moment is whole in one of them and none is
+    switched on or off at once.
+
+    Parameters
+    ----------
+    data : sequence of Datum
+    half : int
+        Of the steps that a part lasts.
+    silent : float
+        A part of a source with less, over its largest value, sends nothing.
+
+    Yields
+    ------
+    tuple of (int, list of Datum)
+        Steps before the middle of a part, the first of which is the start, and its data.
+    """
+    for middle in range(0, max([1, *(len(datum.time) for datum in data)]), half):
+        before, part = min(middle, half), [datum for datum in data if datum.kind != "source" and middle == 0]
+        for datum in data:
+            course = datum.time[middle - before : middle + half]
+            if np.abs(course).max(initial=0.0) > silent * np.abs(datum.time).max(initial=0.0):
+                away = np.abs(np.arange(len(course)) - before) / half
+                part.append(replace(datum, time=course * np.cos(np.pi * np.maximum(away - 0.5, 0.0)) ** 2))
+        if part:
+            yield before, part
 
 
 def stand_ins(shape: tuple[int, ...], reach: int, components: int = 1) -> list[Datum]:

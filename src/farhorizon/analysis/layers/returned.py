@@ -10,9 +10,10 @@ in front of the side is a chain. Of its modes the slowest, of factor zeta over a
 
 where N(z) is what the start of the scheme makes of displacements, of velocities or of a source in time. What comes back
 is U times the layer's reflection R(s, zeta), which is known in closed form, and fast Fourier transforms lead back to
-the error at the last node before the layer, at all times. This is exact for one flat side and one mode. A box has other
-sides, and wide stencils have more modes, so the prediction is good to a small factor: enough to choose a thickness by,
-since the error falls by a factor of three to ten with each node.
+the error at the last node before the layer, at all times; and, times its mode's factor for each node of the way, in the
+middle of the near field, where the echoes of all sides meet. This is exact for one flat side and one mode. Wide
+stencils have more modes, so the prediction is good to a small factor: enough to choose a thickness by, since the error
+falls by a factor of three to ten with each node.
 """
 
 from __future__ import annotations
@@ -75,7 +76,8 @@ class Datum:
 
 
 class Sample:
-    """Waves of one type that stand for all that are like them in frequency and in how they go on along the normal.
+    """Waves of one type that stand for all that are like them in frequency and in how they go on along the normal, on
+    one line of the Laplace integral: nearer to the axis, in longer runs, some come back much stronger.
 
     Parameters
     ----------
