@@ -41,7 +41,8 @@ _COHERENT = 0.05  # the largest value over the sum of all amplitudes, at least
 _SPARSE = 8  # every so many tangential modes tell which frequencies are felt
 _PASSED = 2.0  # of a wave's displacement, the most that an interface lets through into a faster medium
 _HELD = 7.0  # widths of a Gaussian in the transform of smoothed data: exp(-24) remains
-_CELLS = 2.5  # parts of a factor e of frequency, or of decay over a node: waves of one such cell return alike
+# parts of a factor e of frequency, of decay over a node, or of slowness: waves of one such cell return alike
+_CELLS = 2.5
 
 
 @dataclass(frozen=True)
@@ -76,8 +77,8 @@ class Datum:
 
 
 class Sample:
-    """Waves of one type that stand for all that are like them in frequency and in how they go on along the normal, on
-    one line of the Laplace integral: nearer to the axis, in longer runs, some come back much stronger.
+    """Waves of one type that stand for all that are like them in frequency, and in how and how fast they go on along
+    the normal, on one line of the Laplace integral: nearer to the axis, in longer runs, some come back much stronger.
 
     Parameters
     ----------
@@ -89,7 +90,7 @@ class Sample:
     def __init__(self, medium: LatticeMedium, kind: int = 0) -> None:
         self.medium, self.kind = medium, kind
         self._waves: list[ArrivingWave | None] = []
-        self._cells: dict[tuple[int, int], int] = {}
+        self._cells: dict[tuple[int, ...], int] = {}
         self._known: dict[bytes, np.ndarray] = {}
 
     def needed(self, layer: Layer) -> bool:
@@ -99,12 +100,17 @@ class Sample:
         stencil = self.medium.stencil
         return bool(layer.damping.size) or stencil.components > 1 or stencil.reach[0] > 1
 
-    def add(self, amplitude: np.ndarray, root: np.ndarray, factor: np.ndarray, along: np.ndarray) -> np.ndarray:
-        """Take in waves, arrays as of `Arrivals`; returns the number of the wave that each is like, the loudest that
-        came first.
+    def add(
+        self, amplitude: np.ndarray, root: np.ndarray, factor: np.ndarray, along: np.ndarray, slowness: np.ndarray
+    ) -> np.ndarray:
+        """Take in waves, arrays as of `Arrivals` and the steps that each takes over a node; returns the number of the
+        wave that each is like, the loudest that came first.
+
+        Waves that hardly move come back as they come, while others of nearly their frequency are absorbed.
         """
-        finite = np.where(amplitude == 0, 0.5, root)
-        sizes = np.abs(np.log(factor)), np.abs(np.log(finite))
+        finite, medium = np.where(amplitude == 0, 0.5, root), self.medium
+        slow = np.maximum(1.0, np.abs(slowness) * medium.speed * medium.dt / medium.spacing)
+        sizes = np.abs(np.log(factor)), np.abs(np.log(finite)), slow
         cells = np.stack([np.floor(_CELLS * np.log(np.maximum(size, 1e-12))).astype(int) for size in sizes], axis=1)
         found, number = np.unique(cells, axis=0, return_inverse=True)
         number = number.ravel()
@@ -346,7 +352,7 @@ def arrivals(
 
     alike, number = _alike(medium.stencil, along)
 
-    def arrived(which: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray]:
+    def arrived(which: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         used, again = np.unique(number[some], return_inverse=True)
 
         @cache
@@ -363,7 +369,9 @@ def arrivals(
             if datum.behind is not None:
                 sent = sent + _PASSED * root**nodes * _sent(rows[: len(rows) - nodes], *modes_of(ratio))
             total += sent * start[which][:, None]
-        return root, np.where(slope == 0, 0, total)
+        rise = medium.recursion.scale * np.where(slope == 0, 1, slope)
+        slowness = (medium.recursion.keep / z - z)[which][:, None] / rise
+        return root, np.where(slope == 0, 0, total), np.where(slope == 0, 0, slowness)
 
     few = slice(None, None, _SPARSE)
     pitch = np.abs(medium.recursion.eigenvalue(z))
@@ -375,7 +383,7 @@ def arrivals(
     largest = max(size * 2 * steps * np.exp(-_DECAY), _COHERENT * _SPARSE * float(sparse.sum()))
     threshold = _FELT * wanted * largest  # of the sum of all amplitudes that are left out
     heard = heard[_largest(loudness, 0.5 * threshold)]
-    root, amplitude = arrived(heard, slice(None))
+    root, amplitude, slowness = arrived(heard, slice(None))
     felt = _largest(np.abs(amplitude).ravel(), 0.5 * threshold)
     times = _FINER * (int(heard[-1]) + 1)  # a coarser sampling of time and place than the run's holds all that is heard
     signed = [np.round(line / (2 * np.pi) * length).astype(int) for line, length in zip(along, lengths, strict=True)]
@@ -393,8 +401,8 @@ def arrivals(
     factor = np.broadcast_to(z[heard][:, None], root.shape).ravel()[felt]
     along = np.broadcast_to(along[:, None, :], (len(along), *root.shape)).reshape(len(along), root.size)[:, felt]
     growth = np.exp(decay * medium.dt * steps / times * np.arange(times)) * (times / steps) * np.prod(counts)
-    amplitude, root = amplitude.ravel()[felt], root.ravel()[felt]
-    number = sample.add(amplitude, root, factor, along)
+    amplitude, root, slowness = amplitude.ravel()[felt], root.ravel()[felt], slowness.ravel()[felt]
+    number = sample.add(amplitude, root, factor, along, slowness)
     return Arrivals(front, amplitude, root, factor, along, place, (times + 1, *counts), growth, seen, sample, number)
 
 
