@@ -13,8 +13,8 @@ import numpy as np
 from farhorizon.analysis.exact.chain import Recursion, ground
 from farhorizon.analysis.exact.convolution import BlockConvolution
 from farhorizon.analysis.exact.exponential_sum import ExponentialSum
-from farhorizon.engine.chain_loops import BarEnds, HeldNodes, bar_acceleration, bar_steps
 from farhorizon.errors import InputError
+from farhorizon.papers.bar_loops import BarEnds, HeldNodes, bar_acceleration, bar_steps
 
 _CHUNK = 1024  # steps between two returns to Python without a convolution
 

@@ -21,9 +21,9 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
 from farhorizon.analysis.exact.chain import Recursion, force_form, fronts, ghost_kernel, symbol
-from farhorizon.engine.chain_loops import bar_acceleration, recursive_impulse
 from farhorizon.medium.integrators import Verlet
 from farhorizon.papers.bar import Bar, bonds_of
+from farhorizon.papers.bar_loops import bar_acceleration, recursive_impulse
 from farhorizon.papers.reproductions import reproduction
 from farhorizon.studies.collection import Outcome, Row
 
