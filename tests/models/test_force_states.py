@@ -319,6 +319,33 @@ def test_a_uniform_stretch_breaks_no_bond_below_the_critical_one(name, side):
         fh.Simulation(lattice, elastic(name, critical_stretch=critical), side, {"u": 1.0001 * critical * x})
 
 
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_both_ends_find_that_a_bond_breaks_by_its_energy(dim, dtype):
+    """In the same step, whatever the precision, where the medium varies, across periodic sides and beside free ones."""
+    print(f"seed {DRAWN}")
+    rng, shape = np.random.default_rng([DRAWN, dim]), (23, 26) if dim == 2 else (13, 11, 14)
+    lattice = fh.Lattice(1.0, (0.0,) * dim, tuple(n - 1.0 for n in shape))
+    constants = rng.uniform(0.5, 2.0, shape), rng.uniform(0.0, 0.35, shape), rng.uniform(0.01, 0.03, shape)
+    young, poisson, critical = constants
+    kernel = fh.Kernel(rng.uniform(1.5, 2.4), int(rng.integers(0, 2)))
+    options = {"material": "correspondence", "stabilisation": rng.uniform(0.1, 0.6), "critical_stretch": critical}
+    v = 0.05 * rng.standard_normal((dim, *shape))
+    sides = {"x": fh.Periodic(), "y": fh.Free()} | ({"z": fh.Free()} if dim == 3 else {})
+    sim = fh.Simulation(lattice, fh.Elastic(kernel, young, poisson, **options), sides, {"v": v}, dtype=dtype)
+    families = sim.parts.breaking.left().sum()
+    sim.step(25)
+    assert families - sim.parts.breaking.left().sum() == 2 * sim.broken_bonds
+    bits, offsets = sim.engine.bonds.table.alive, sim.engine.offsets
+    nodes = sim.engine.core.node_indices()
+    table = np.stack([bits[k >> 6, nodes] >> np.uint64(k & 63) & np.uint64(1) for k in range(len(offsets))]) > 0
+    at = {tuple(offset): k for k, offset in enumerate(offsets.tolist())}
+    for offset, there in zip(offsets, table, strict=True):
+        back = np.roll(table[at[tuple((-offset).tolist())]], tuple(-offset), axis=(0, 1, 2))
+        assert np.array_equal(there, back)  # bonds across free sides are there at neither end
+    assert sim.broken_bonds > 50
+
+
 # --- surface waves ---------------------------------------------------------------------------------------------
 
 

@@ -67,6 +67,19 @@ def overstretched(run, reach, nonlinear=True):
     return False
 
 
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_bonds_that_break_by_energy_are_told_by_how_much_longer_they_are(share):
+    """A jump beside a side has stretched the shortest bonds across it most, which bear more than the longest ones."""
+    solid = fh.Elastic(fh.Kernel(2.0, 1), 1.0, 0.2, material="correspondence", stabilisation=0.3, critical_stretch=0.02)
+    longest = np.sqrt(5.0)  # of the bonds; the shortest across the jump is longer by all of it
+    jump = {"u": [f"{share * 0.02 * longest}*(x > -11.5)*(x < 0)", "0"]}
+    sim = fh.Simulation(LATTICE, solid, {"x": fh.LatticePML(nodes=8), "y": fh.Periodic()}, jump, dt=0.01)
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        sim.step()
+    assert any("where they cannot break" in str(one.message) for one in seen) == (share > 1)
+
+
 @pytest.mark.parametrize(
     "make, nonlinear", [(plate, True), (lambda: plate(nonlinear=False), False), (body, False), (space, True)]
 )

@@ -129,8 +129,7 @@ class BondZone:
         hard = np.ones(1, engine.dtype) if hardness is None else engine.spread(hardness, jointly=True)
         damage = forces, changed, before, full, strengths, closing, hard, warmth, shares, finals
         room = np.zeros((engine.threads, LINES, PATCH_NODES + 2 * engine.layout.reach[2]))
-        steps = np.array(block.stride[3 - components :], np.int64)
-        own = *damage, *self._energies(spacing), steps, np.ones(1, engine.dtype), room
+        own = *damage, *self._energies(spacing), np.ones(1, engine.dtype), room
         engine.replace(bonds=Bonds(functions, table, places, alive, kinds, at, limits, nonlinear, broken, *own))
         engine.sweep_in_pieces(laws.PIECE_ROWS)
         self.find_kinds()

@@ -99,8 +99,6 @@ class Bonds(NamedTuple):
     bounds : ndarray, shape (2,)
         What the norm of differences along the axes times that of what the law has made of the states, and the square
         of that norm count for, at most, of the energy at a critical stretch of 1.
-    steps : ndarray of int, shape (components,)
-        Distances along the axes in a level.
     firmness : ndarray
         Of each place of a level what its state counts for in that energy, see `shape_tensors.firmness`: no more where a
         node that lacked bonds at first bears its stress with the others. Of one number where no node does.
@@ -129,7 +127,6 @@ class Bonds(NamedTuple):
     final: np.ndarray
     released: np.ndarray
     bounds: np.ndarray
-    steps: np.ndarray
     firmness: np.ndarray
     room: np.ndarray
 
@@ -159,7 +156,6 @@ def no_bonds(dtype: np.dtype) -> Bonds:
         np.zeros(0, dtype),
         np.zeros((0, 3)),
         np.zeros(2),
-        np.zeros(0, np.int64),
         np.ones(1, dtype),
         np.zeros((0, 0, 0)),
     )

@@ -80,21 +80,22 @@ def largest_entry(level, start, step, step_0, step_1, n_0, n_1, n_2, line):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def squared_norm(level, columns, block, low, counts, steps, room):
+def squared_norm(level, dim, block, low, counts, differences, room):
     """A bound of the squared norms of all matrices of a box: the largest sum of a row times that of a column of the
-    matrix with the largest magnitudes. Its columns are components of the states, or differences along the axes.
+    matrix with the largest magnitudes. Their columns are `differences` of a vector along the axes, or components.
     """
-    node, apart = block[0] + low[0] * block[4] + low[1] * block[5] + low[2], level.size // columns
+    node = block[0] + low[0] * block[4] + low[1] * block[5] + low[2]
+    apart = level.size // (dim if differences else dim * dim)
     line, of_rows, of_columns = room[0], room[1], room[2]
-    dim = steps.size if steps.size else (2 if columns == 4 else 3)
     for a in range(dim):
         of_rows[a] = of_columns[a] = 0.0
     for a in range(dim):
         for b in range(dim):
             step, (n_0, n_1, n_2), entry = 0, counts, a * dim + b
-            if steps.size:
-                axis = 3 - dim + b
-                step, entry, n_0, n_1, n_2 = steps[b], a, n_0 - (axis == 0), n_1 - (axis == 1), n_2 - (axis == 2)
+            if differences:
+                axis, entry = 3 - dim + b, a
+                step = (block[4], block[5], 1)[axis]
+                n_0, n_1, n_2 = n_0 - (axis == 0), n_1 - (axis == 1), n_2 - (axis == 2)
             top = largest_entry(level, node + entry * apart, step, block[4], block[5], n_0, n_1, n_2, line)
             of_rows[a] += top
             of_columns[b] += top
@@ -179,8 +180,8 @@ def may_break(stage, springs, gather, bonds, first, end, room):
         return True
     block, states = springs.block, gather.sweep.law.values
     low, counts = around(bonds.zone, springs.reach, first, end)
-    steep = squared_norm(stage.src, stage.components, block, low, counts, bonds.steps, room)
-    stress = np.sqrt(squared_norm(states, gather.rows, block, low, counts, bonds.steps[:0], room))
+    steep = squared_norm(stage.src, stage.components, block, low, counts, True, room)
+    stress = np.sqrt(squared_norm(states, stage.components, block, low, counts, False, room))
     return not bonds.bounds[0] * np.sqrt(steep) * stress + bonds.bounds[1] * steep < bonds.limit[0] ** 2 / 4
 
 

@@ -190,7 +190,10 @@ class Breaking:
             for edge in (self.zone.first, self.zone.end)
         )
         crossing = min(near.stencil.reach) * lattice.spacing / np.sqrt(law.p_modulus / law.density * near.strongest)
-        part = self.grid.near
+        part, bonds = self.grid.near, lattice.spacing * engine.offsets[:, self.grid.lead :].astype(float)
+        if len(engine.bonds.table.released):  # bonds that break by their energy become as much longer as the longest
+            lengths = np.linalg.norm(bonds, axis=1)
+            bonds *= (lengths.max() / lengths)[:, None]
         return intact_margin(
             lattice.shape,
             tuple(slice(a, b) for a, b in zip(low, high, strict=True)),
@@ -198,7 +201,7 @@ class Breaking:
             engine.offsets[:, self.grid.lead :],
             engine.bonds.present(part).reshape(-1, *lattice.shape),
             engine.offsets @ np.array(engine.core.stride),
-            lattice.spacing * engine.offsets[:, self.grid.lead :],
+            bonds,
             engine.bonds.limit,
             law.nonlinear,
             engine.bonds.table.strength,

@@ -1,0 +1,51 @@
+"""What is lost with a bond of a correspondence material: from the definitions of energies, at random."""
+
+import os
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.medium.force_states import energy_of_bonds
+
+SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
+print(f"energies of bonds: seed {SEED}")
+
+
+def drawn(case, dim):
+    random = np.random.default_rng([SEED, case])
+    kernel = fh.Kernel(random.uniform(1.5, 3.2 if dim == 3 else 4.5), int(random.integers(0, 3)))
+    options = {"poisson": random.uniform(-0.2, 0.4), "stabilisation": random.uniform(0.0, 1.0)}
+    return fh.Elastic(kernel, 1.0, material="correspondence", **options).force_states(1.0, dim), random
+
+
+def energy(states, eta, there):
+    """Of a node, half of that of its springs, with its shape tensor as it is with all bonds."""
+    (law,) = states.law(np.eye(eta.shape[1])[None], np.array([states.moduli]))
+    state = np.einsum("kqa,ka->q", states.gradient[there], eta[there])
+    return state @ law @ state / 2 + np.einsum("ka,kab,kb->", eta[there], states.bonds[there], eta[there]) / 4
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("case", range(3))
+def test_energy_of_bonds_is_what_both_nodes_lose(case, dim):
+    """In a body that is stretched evenly, until the bond is longer by as much as the longest one at a stretch of 1."""
+    states, random = drawn(case, dim)
+    lengths, found = np.linalg.norm(states.offsets, axis=1), energy_of_bonds(states) @ states.moduli
+    every = np.ones(len(lengths), bool)
+    for bond in random.choice(len(lengths), 8, replace=False):
+        eta = lengths.max() / lengths[bond] * states.offsets
+        lost = 2 * (energy(states, eta, every) - energy(states, eta, every & (np.arange(len(lengths)) != bond)))
+        assert 2 * found[bond] == pytest.approx(lost, rel=1e-9)
+        assert found[bond] > 0
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("case", range(3))
+def test_both_directions_of_a_bond_have_one_energy(case, dim):
+    """To the last bit: each end finds out by itself that it breaks."""
+    states, _ = drawn(case, dim)
+    at = {tuple(offset): k for k, offset in enumerate(states.offsets.tolist())}
+    back = [at[tuple(-c for c in offset)] for offset in states.offsets.tolist()]
+    found = energy_of_bonds(states)
+    np.testing.assert_array_equal(found, found[back])
