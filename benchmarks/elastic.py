@@ -19,12 +19,14 @@ multiply-adds, layers against the infinite lattice.
   faces and holes add 10 %; 200 bytes a node.
 - closing: state-based and correspondence materials with a crack from side to side whose faces close, over a crack that
   stays open, where bonds last and where they may break; and how much longer steps may be without contact.
+- strained: a correspondence body whose bonds may break by their energy, evenly stretched to so much of the critical
+  stretch, over one that stays whole; with free faces.
 - layers: largest error of the near field against the infinite lattice, relative to the largest initial value, over four
   crossings of the P wave; pulses of all components that meet sides and corners. Targets in 3D: 1e-5 with 10 nodes, 1e-7
   with 20.
 - heated: a step of a solid and its temperature with the heat of deformation, over one without.
 
-Run: ``python benchmarks/elastic.py [speed] [breaking] [passes] [closing] [heated] [layers] [--json FILE]
+Run: ``python benchmarks/elastic.py [speed] [breaking] [passes] [closing] [strained] [heated] [layers] [--json FILE]
 [--repeats N]``. Takes five minutes and 2 GB.
 """
 
@@ -341,6 +343,26 @@ def closing(given: argparse.Namespace) -> list[dict[str, Any]]:
     return rows
 
 
+def strained(given: argparse.Namespace) -> list[dict[str, Any]]:
+    """One row a lattice: how close to breaking its bonds are decides how many are looked at."""
+    rows, options, stretch = [], {"material": "correspondence", "stabilisation": 0.3}, 1e-5
+    for dim, n in ((2, 300), (3, 48)):
+        box = Lattice(1.0, (0.0,) * dim, (n - 1.0,) * dim)
+        start = {"u": [stretch * x for x in np.broadcast_arrays(*box.coordinates())]}
+        strengths: dict[str, float | None] = {"whole": None, "0.05": stretch / 0.05, "0.5": stretch / 0.5}
+        runs = {
+            name: Simulation(
+                box, Elastic(Kernel(3.0, 1), 1.0, 0.3, critical_stretch=critical, **options), Free(), start, threads=1
+            )
+            for name, critical in strengths.items()
+        }
+        times = interleaved({name: lambda count, run=run: run.step(count) for name, run in runs.items()}, given.repeats)
+        rows.append(
+            {"lattice": f"{n}^{dim}"} | {f"{name} of it": ratio(times, name, "whole") for name in ("0.05", "0.5")}
+        )
+    return rows
+
+
 def heated(given: argparse.Namespace) -> list[dict[str, Any]]:
     """One row a lattice: a solid and its temperature, with the heat of deformation and without."""
     rows = []
@@ -373,6 +395,7 @@ if __name__ == "__main__":
             "breaking": ("Bonds that break, one thread", breaking),
             "passes": ("Two passes, one thread", passes),
             "closing": ("Cracks that close, one thread", closing),
+            "strained": ("Bonds that may break by energy, one thread", strained),
             "heated": ("A solid and its temperature, one thread", heated),
             "layers": ("Errors against the infinite lattice", layers),
         },
