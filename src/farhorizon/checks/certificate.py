@@ -184,6 +184,12 @@ class Certificate:
         """
         return self.verdict == NOT_CERTIFIED and not self.rate * until < np.log(_MATTERS)
 
+    def in_words(self, until: float) -> str:
+        """What is known of a run of a length, in a few words."""
+        if self.verdict == UNDECIDED and until <= self.quiet:
+            return "white noise does not grow in a run of this length"
+        return f"stability {self.verdict}"
+
     def remark(self, until: float) -> str:
         """What is to be known before a run of a length; empty where nothing is to be done."""
         if self.verdict == NOT_CERTIFIED:

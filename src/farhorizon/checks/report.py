@@ -260,7 +260,7 @@ class Report:
         if (back := self._largest_returned()) is not None:
             parts.append(f"echoes of plane waves at most {_decibels(back)} dB up to {_STEEP:g} degrees")
         if self.certificate is not None:
-            parts.append(f"stability {self.certificate.verdict}")
+            parts.append(self.certificate.in_words(self.until))
         return f"{verdict}: {', '.join(parts)}"
 
     def _largest_returned(self) -> float | None:
