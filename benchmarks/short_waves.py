@@ -197,11 +197,55 @@ def elastic(given: argparse.Namespace) -> list[dict[str, Any]]:
     return measure([*cases, ("elements", 2, fh.Elastic(young=1.0, poisson=0.3, material="finite-element"))])
 
 
+def uniform_growth(stencil: fh.Stencil, sigma: float, axes: int, count: int = 9) -> float:
+    """Largest rate, per speed over spacing, at which a wave of real wavenumbers grows in a uniform region in space that
+    is stretched by ``1 + sigma/(i w)`` along some axes: the roots of ``w^2 = symbol``, followed from sigma = 0.
+    """
+    line = np.pi * (np.arange(count) + 0.5) / count
+    tangents = np.tan(np.stack([one.ravel() for one in np.meshgrid(line, line, line, indexing="ij")]) / 2)
+    half = [tuple(o) > (0, 0, 0) for o in stencil.offsets.tolist()]
+
+    def residual(w: np.ndarray, share: float) -> np.ndarray:
+        stretch = np.ones((3, 1), complex) + np.zeros_like(w)
+        stretch[:axes] += share * sigma / (1j * w)
+        angles = 2 * np.arctan(tangents / stretch)
+        phases = np.exp(1j * np.array([o @ angles for o in stencil.offsets[half]]))
+        return w**2 - stencil.weights[half] @ (2 - phases - 1 / phases)
+
+    w = np.sqrt(-residual(np.full(tangents.shape[1], 1e-9 + 0j), 0.0))
+    with np.errstate(all="ignore"):
+        for share in np.linspace(0, 1, 7)[1:]:
+            for _ in range(6):
+                change = 2e-6 * residual(w, share) / (residual(w + 1e-6, share) - residual(w - 1e-6, share))
+                w = w - change * np.minimum(1.0, 0.3 / np.abs(change))
+        settled = np.abs(residual(w, 1.0)) < 1e-8
+    return float(np.max(-w.imag[settled]))
+
+
+def corners(given: argparse.Namespace) -> list[dict[str, Any]]:
+    """What grows where layers meet in space."""
+    return [
+        {"stretched axes": axes, "reach": reach}
+        | {
+            f"sigma {sigma:g}": uniform_growth(kernel_stencil(reach), sigma, axes)
+            for sigma in (0.25, 0.5, 1.0, 2.0, 4.0)
+        }
+        for reach in (2, 3, 4)
+        for axes in (1, 2, 3)
+    ]
+
+
+def kernel_stencil(reach: int) -> fh.Stencil:
+    """In space, exponent 2 with constant influence."""
+    return fh.Wave(fh.Kernel(float(reach))).stencil(1.0, 3)
+
+
 PARTS = {
     "line": ("waves in 1D", line),
     "plane": ("waves in 2D", plane),
     "wide": ("waves in 2D, wide kernels", wide),
     "space": ("waves in 3D", space),
+    "corners": ("largest rate of growth in a region stretched alike along some axes in 3D", corners),
     "elastic": ("elastic waves in 2D", elastic),
     "certified": ("wide kernels in 1D", certified),
     "returned": ("reflection by layers of wide kernels, by wavenumber over the first backward one", returned),

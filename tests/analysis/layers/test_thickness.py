@@ -1,5 +1,7 @@
 """Profiles of layers and how many nodes they take."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -12,12 +14,15 @@ from farhorizon.analysis.layers.thickness import (
     gently_damped,
     long_run_profile,
     returned_by_diffusion,
+    steady_rise,
     thin,
     thinnest_for_diffusion,
 )
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.checks.side_modes import plain_twin
 from farhorizon.engine.state import State
+
+SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
 
 
 @pytest.mark.parametrize(("ratio", "known"), [(1, (4, 6, 9, 11)), (100, (8, 12, 18, 21)), (1e4, (14, 19, 27, 31))])
@@ -91,6 +96,49 @@ def test_weak_backward_waves_are_damped_gently():
     assert len(damped.taps) == 4 and 0 < damped.damping.max() < 0.1 * damped.sigma[-1]
     assert high_pass(fh.Wave(fh.Kernel(3.0)).stencil(1.0, 2)) is None
     assert not gently_damped(thin(6, 4.0, 1.0), fh.Wave(fh.Kernel(3.0)).stencil(1.0, 2)).damping.size
+
+
+def _of_noise_in_corners(reach, nodes, strength, rise, share, end):
+    """Size of the state at the end of a run from white noise over that at two thirds of it: three layers meet, the
+    other sides are held.
+    """
+    model = fh.Wave(fh.Kernel(float(reach)))
+    lattice = fh.Lattice(1.0, (0.0,) * 3, (2.0 * reach,) * 3)
+    layer = gently_damped(thin(nodes, strength, 1.0, rise), model.stencil(1.0, 3))
+    layers = dict.fromkeys(("x+", "y+", "z+"), fh.LatticePML(nodes=nodes, profile=layer))
+    sides = layers | dict.fromkeys(("x-", "y-", "z-"), fh.Fixed())
+    dt = share * fh.Simulation(lattice, model, fh.Fixed(), threads=1).step_limit
+    state = State(plain_twin(fh.Simulation(lattice, model, sides, dt=dt, threads=1)).engine)
+    noise = np.random.default_rng(reach).standard_normal(state.size)
+    rounds = int(end / dt / state.every)
+    before = state.after_rounds(noise, 2 * rounds // 3)
+    return float(np.linalg.norm(state.after_rounds(before, rounds // 3)) / np.linalg.norm(before))
+
+
+def test_thick_layers_rise_steadily_where_they_meet_in_space():
+    """Waves of the largest frequency stand still; in corners thin profiles of many nodes feed them. A ramp that begins
+    more slowly leaves them no room.
+    """
+    stencil = fh.Wave(fh.Kernel(3.0)).stencil(1.0, 3)
+    rises = [steady_rise(stencil, nodes) for nodes in (2, 6, 7, 10, 11, 16, 17, 24, 25)]
+    assert rises == [0.75, 0.75, 1.5, 1.5, 2.0, 2.0, 3.0, 3.0, None]
+    assert steady_rise(fh.Wave(fh.Kernel(3.0)).stencil(1.0, 2), 40) == 0.75  # nothing runs backward there
+    assert _of_noise_in_corners(3, 16, 2.0, 0.75, 0.5, 210.0) > 3.0
+    assert _of_noise_in_corners(3, 10, 2.0, 1.5, 0.5, 210.0) < 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(8))
+def test_layers_of_random_thickness_do_not_grow_where_they_meet_in_space(number):
+    random = np.random.default_rng([SEED, number])
+    reach, share = int(random.integers(2, 5)), float(random.uniform(0.3, 0.95))
+    stencil = fh.Wave(fh.Kernel(float(reach))).stencil(1.0, 3)
+    nodes = int(random.integers(3, 25 if reach < 4 else 17))
+    rise = steady_rise(stencil, nodes)
+    strength = float(random.choice([1.4, 2.0, 4.0] + [5.6] * (rise != 0.75)))
+    print(f"seed {SEED}, set-up {number}: reach {reach}, {nodes} nodes, strength {strength}, step {share:.2f}")
+    assert rise is not None
+    assert _of_noise_in_corners(reach, nodes, strength, rise, share, 450.0) < 1.0
 
 
 def test_distance_of_data():

@@ -34,6 +34,12 @@ from farhorizon.medium.stencil import Stencil
 
 _STRENGTHS = (1.4, 2.0, 4.0, 5.6)  # of thin profiles: the stronger, the more waves travel along the side
 _RISE, _END = 0.75, 0.15  # power of a thin sigma's ramp; alpha at the outer end over sigma there
+# of weak backward waves in space by reach: the nodes up to which ramps of these powers are taken. Where three layers
+# meet waves of the largest frequency, which stand still, grow by up to 0.3 speed / spacing; they need room for it, and
+# have the more the longer sigma is of the order of their frequency. Measured: noise in corners to 300 spacings / speed,
+# strengths 1.4 to 5.6, at 0.35, 0.5 and 0.9 of the step limit, less a quarter
+_RISES = (_RISE, 1.5, 2.0, 3.0)
+_STEADY_TO = {2: (10, 24, 24, 24), 3: (6, 10, 16, 24), 4: (3, 6, 8, 16), 5: (3, 5, 7, 12)}
 _SHIFT = 1e-3  # least alpha in speed / spacing
 # edges for waves along the normal, whose tangent is real, and their sigma in speed / spacing
 _EQUAL, _EQUAL_AT = (2, 3, 4, 5), 2.2
@@ -105,10 +111,10 @@ def predicted_error(layer: Layer, waves: Sequence[Arrivals], size: float) -> flo
     return float(max(side.returned(layer) for side in waves) / size)
 
 
-def thin(nodes: int, strength: float, pace: float) -> Layer:
-    """A thin profile; `pace` is speed / spacing."""
+def thin(nodes: int, strength: float, pace: float, rise: float = _RISE) -> Layer:
+    """A thin profile; `pace` is speed / spacing, `rise` the power of its ramp."""
     depth = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
-    sigma = 2 * strength * depth**_RISE
+    sigma = 2 * strength * depth**rise
     return Layer(np.ones(nodes + 1), sigma * pace, (_SHIFT + _END * sigma[-1] * depth**4) * pace)
 
 
@@ -248,6 +254,16 @@ def gently_damped(layer: Layer, stencil: Stencil) -> Layer:
     return replace(layer, damping=rate * smooth_ramp(depth) ** _GENTLE_RAMP, taps=_GENTLE.taps())
 
 
+def steady_rise(stencil: Stencil, nodes: int) -> float | None:
+    """The power of the ramp with which a thin profile of so many nodes does not grow where layers meet in space; None
+    if none is known.
+    """
+    if stencil.dim < 3 or not stencil.backward_waves():
+        return _RISE
+    steady = _STEADY_TO.get(max(2, *stencil.reach), _STEADY_TO[max(_STEADY_TO)])
+    return next((rise for rise, most in zip(_RISES, steady, strict=True) if nodes <= most), None)
+
+
 def _needed(stencil: Stencil, filtered: HighPass) -> float:
     """Rate over sigma with which a filter stops all backward waves, to first order in sigma; 0 without such waves."""
     zone, growth = stencil.layer_growth
@@ -306,8 +322,9 @@ def family(
             return found
         if not weak(damped):
             return found if damped is None or damped.whole else found | briefly_damped(nodes, stencil, pace)
-        for strength in _STRENGTHS[: 3 if backward else None]:
-            found[f"thin ({strength:g})"] = gently_damped(thin(nodes, strength, pace), stencil)
+        rise = steady_rise(stencil, nodes)
+        for strength in _STRENGTHS[: 3 if backward and rise == _RISE else None] if rise else ():
+            found[f"thin ({strength:g})"] = gently_damped(thin(nodes, strength, pace, rise), stencil)
         if nodes > max(_EQUAL) and timely:
             found["late"] = long_run_profile(nodes, pace, until, distance, wanted)
         return found
