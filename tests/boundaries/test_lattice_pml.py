@@ -5,6 +5,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.checks.side_modes import plain_twin
 from farhorizon.studies.compare import compare
 
 STEP = 0.25
@@ -453,11 +454,53 @@ def test_a_run_that_is_longer_than_the_layers_were_made_for_takes_others():
     assert any("keep their target up to t = 12000" in note for note in sim.notes)
 
 
-@pytest.mark.parametrize("amplitude", [1e-60, 1e60])
-def test_layers_know_no_amplitude(amplitude):
-    """What layers in space remember is as small or as large as the field."""
+@pytest.mark.parametrize(("amplitude", "error"), [(2.0**-200, 1e-13), (2.0**200, 1e-13), (1e-60, 1e-8), (1e60, 1e-8)])
+def test_layers_know_no_amplitude(amplitude, error):
+    """What layers in space remember is as small or as large as the field; what is rounded of it goes by its digits, a
+    thousandth of the target at most.
+    """
     box = fh.Lattice(1.0, (0.0,) * 3, (12.0,) * 3)
     pulse = np.exp(-sum((x - 6.0) ** 2 for x in box.coordinates()) / 3)
     runs = [fh.Simulation(box, fh.Wave(fh.Kernel(2.0)), initial={"u": factor * pulse}) for factor in (1.0, amplitude)]
     one, other = (sim.run(25.0, progress=False).fields["u"] for sim in runs)
-    np.testing.assert_allclose(other / amplitude, one, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(other / amplitude, one, rtol=0, atol=error)
+
+
+def test_layers_in_space_remember_six_digits_where_these_are_enough(tmp_path, monkeypatch):
+    """Half the memory for targets down to 1e-6, the same on two threads, in pieces and from a checkpoint, and next to
+    nothing of the error; in full where more is asked, where nothing is known of what is, in the plane, and in what a
+    certificate examines.
+    """
+    box = fh.Lattice(1.0, (0.0,) * 3, (26.0,) * 3)
+    pulse = "exp(-((x-11)**2 + (y-14)**2 + (z-15)**2)/5)"
+
+    def make(lattice=box, threads=1, **asked):
+        layer = fh.LatticePML(**asked)
+        return fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), layer, initial={"u": pulse}, threads=threads)
+
+    plane, pulse_there = fh.Lattice(1.0, (0.0, 0.0), (26.0, 26.0)), "exp(-((x-12)**2 + (y-13)**2)/5)"
+    short = make(target=1e-5, until=40.0)
+    assert short.engine.memory.dtype == "int32"
+    assert plain_twin(short).engine.memory.dtype == "float64"
+    for other in (make(target=1e-7, until=40.0), make(nodes=8)):
+        assert other.engine.memory.dtype == "float64"
+    flat = fh.Simulation(plane, fh.Wave(fh.Kernel(2.0)), fh.LatticePML(target=1e-5), initial={"u": pulse_there})
+    assert flat.engine.memory.dtype == "float64"
+    with monkeypatch.context() as patched:
+        patched.setattr("farhorizon.simulation.layers._SHORT", np.inf)
+        full = make(target=1e-5, until=40.0)
+    assert full.engine.memory.nbytes == 2 * short.engine.memory.nbytes
+    steps = int(40 / short.dt)
+    short.step(steps)
+    full.step(steps)
+    assert 0 < np.abs(short.fields["u"] - full.fields["u"]).max() < 1e-7  # a hundredth of the target
+    pieces, threads = make(target=1e-5, until=40.0), make(threads=2, target=1e-5, until=40.0)
+    pieces.step(steps // 3)
+    pieces.save(tmp_path / "state.ckpt")
+    resumed = make(target=1e-5, until=40.0)
+    resumed.load(tmp_path / "state.ckpt")
+    for run in (pieces, resumed):
+        run.step(steps - steps // 3)
+    threads.step(steps)
+    for other in (pieces, resumed, threads):
+        np.testing.assert_array_equal(other.fields["u"], short.fields["u"])

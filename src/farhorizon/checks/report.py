@@ -380,7 +380,8 @@ class Report:
         say(
             "memory",
             f"{_mebibytes(engine.nbytes)} = "
-            f"{engine.nbytes / (np.prod(sim.field_shape) * engine.dtype.itemsize):.3g} near fields",
+            f"{engine.nbytes / (np.prod(sim.field_shape) * engine.dtype.itemsize):.3g} near fields"
+            + (", layers remember six digits" if engine.kept != engine.dtype else ""),
         )
         say("absent bonds", str(engine.absent.count))
         if (law := sim.model.bond_law) is not None:

@@ -31,11 +31,11 @@ NARROW = 8  # nodes of the near field between two layers that are looked at, whe
 
 
 def pinned(sim: Examined) -> dict[tuple[int, int], Side]:
-    """The sides, with the layers of this very set-up whatever they are chosen from."""
+    """The sides, with the layers of this very set-up whatever they are chosen from, which remember in full."""
     lead = 3 - sim.lattice.dim
     found = dict(sim.sides)
     for (axis, side), layer in sim.engine.layers.items():
-        found[axis - lead, side] = LatticePML(nodes=layer.columns, profile=layer)
+        found[axis - lead, side] = LatticePML(nodes=layer.columns, profile=replace(layer, short=False))
     for key, boundary in found.items():
         if boundary.held is not None:
             found[key] = Fixed(0.0)

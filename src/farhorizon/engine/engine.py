@@ -71,6 +71,8 @@ class Layer(Storable):
         Whether short waves are damped themselves, not their velocity alone.
     every : int
         Steps after which short waves lose what is due in all of them; 0: left to the run.
+    short : bool
+        Whether six digits are enough for what the layers of a run remember, if they are for all of them.
     """
 
     kappa: np.ndarray
@@ -80,6 +82,7 @@ class Layer(Storable):
     taps: np.ndarray = field(default_factory=lambda: np.zeros(1))
     whole: bool = False
     every: int = 0
+    short: bool = False
 
     def __post_init__(self) -> None:
         for name in ("kappa", "sigma", "alpha", "damping", "taps"):  # a checkpoint has short arrays as lists
@@ -159,7 +162,7 @@ class Engine:
         What the loop works off; the methods `set_..` put others in their place.
     passes : Passes or None
     memory : ndarray
-        What the layers remember.
+        What the layers remember, of the type `kept`: that of the field, or the first halves of its numbers.
     bonds : BondZone
         Those that follow a law of their own.
     absent : AbsentBonds
@@ -196,6 +199,8 @@ class Engine:
         self.offsets, self.weights = np.asarray(offsets, np.int64), np.asarray(weights, float)
         self.components = 1 if self.weights.ndim == 1 else self.weights.shape[1]
         self.layers = dict(layers)
+        halves = self.dtype.itemsize == 8 and layers and all(layer.short for layer in layers.values())
+        self.kept = np.dtype("int32") if halves else self.dtype
         columns = {name: layer.columns for name, layer in self.layers.items()}
         self.layout = Layout(core, self.offsets, columns, frozenset(periodic), self.components)
         self.core = self.layout.near
@@ -204,8 +209,8 @@ class Engine:
         matrices = self.weights.reshape(len(self.weights), self.components, self.components)
         self.signs = signs = signs_of(self.components) if signs is None else signs
         springs = recursion if self.weights.any() else {}  # of two passes there may be none
-        kept = self.dtype, self.remember, coefficient is None
-        self.layer_tables = LayerTables(self.layout, self.offsets, matrices, signs, signs, springs, *kept)
+        of_values = self.dtype, self.kept, self.remember, coefficient is None
+        self.layer_tables = LayerTables(self.layout, self.offsets, matrices, signs, signs, springs, *of_values)
         self.passes = None if sums is None else Passes(self, sums, recursion)
         self.memory = self._one_memory()
         self.levels = aligned_zeros(self.components * self.layout.size, self.dtype, stages.levels)
@@ -246,7 +251,7 @@ class Engine:
         starts = np.cumsum([0, *(aligned(tables.layers.memory.size) for tables in every)])
         stretched = 0 if self.passes is None else self.passes.stretches.memory.size
         end = int(starts[-1]) if stretched else int(starts[-2]) + every[-1].layers.memory.size
-        memory = aligned_zeros(end + stretched, self.dtype)
+        memory = aligned_zeros(end + stretched, self.kept)
         for start, tables in zip(starts[:-1], every, strict=True):
             tables.start = int(start)
             tables.layers = _remembering(tables.layers, memory, tables.start)

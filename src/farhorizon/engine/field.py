@@ -23,6 +23,7 @@ class Field(Protocol):
     reaction: float | np.ndarray
     signs: Signs
     dtype: np.dtype
+    kept: np.dtype
     components: int
     threads: int
     offsets: np.ndarray

@@ -65,11 +65,21 @@ from farhorizon.engine.rows.vectors import TURNED, add_lines, call_parts, call_s
 from farhorizon.engine.tables import ABSENT, EDGE, FACE
 from farhorizon.engine.threads import barrier, share
 
+_GOLDEN = -7046029254386353131  # 2^64 over the golden ratio, as a signed number
+
 
 @njit(error_model="numpy", cache=True, counted=False)
 def address(array):
     """Byte address of an array."""
     return np.int64(array.ctypes.data)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def dither(step):
+    """What is added in a step to the second half of numbers before it is dropped: multiples of the golden ratio, which
+    are spread most evenly over any number of steps.
+    """
+    return (step * _GOLDEN >> 32) & ((1 << 32) - 1)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -129,7 +139,7 @@ def continue_band(thread, stage, sums, tables, inputs, step, number):
     clear(found + (columns + m) * m * row, (width - columns - m) * m * LINES, like)
     if sets == 2:
         clear(found + far, width * m * LINES, like)
-    own = share(thread, components * groups)
+    own, dithered = share(thread, components * groups), dither(inputs.before + step)
     for item in range(own[0], own[1]):
         c, x, y = item // groups, item % groups // each, item % each * group
         count = min(group, sizes[1] - y)
@@ -153,8 +163,8 @@ def continue_band(thread, stage, sums, tables, inputs, step, number):
         memo = address(memory) + layers.cell * (band[BAND_MEMORY] + item * group * cells)
         line, inwards = (zero, sign * row, 0), memo + (columns + 1) * m * cell
         on, back = (found + middle, sign * m * row, row), (found + far + middle, sign * m * row, row)
-        call_shifts(band[OUTWARDS], line, on, (memo, cell), stretch, columns, vectors)
-        call_shifts(band[INWARDS], line, back, (inwards, cell), stretch, columns, vectors)
+        call_shifts(band[OUTWARDS], line, on, (memo, cell, dithered), stretch, columns, vectors)
+        call_shifts(band[INWARDS], line, back, (inwards, cell, dithered), stretch, columns, vectors)
         for k in range(m * sets):
             here = band[BASE] + ((c * sets * m + k) * sizes[2] + sizes[3] + x * band[LINE] + y) * width
             source = found + (k // m) * far + k % m * row
@@ -244,7 +254,7 @@ def add_bands(thread, stage, sums, tables, inputs, step, number):
     barrier(thread)
 
 
-def stretch_edge(stage, sums, worker, number, c, t):
+def stretch_edge(stage, sums, worker, number, c, t, dithered):
     """What the second axis' layer adds to the parts of the first one's, for the rows of an edge and one tile; into the
     last rows of the work space.
 
@@ -303,13 +313,15 @@ def stretch_edge(stage, sums, worker, number, c, t):
                 zero, there = start + (parts + n * n) * row, start + to * row
                 outer, inner = (zero, n * row, row), (zero + (other[SETS] - 1) * half * row, n * row, row)
                 total, inwards = (there, row, row), memo + (other[COLUMNS] + 1) * most * cell
-                call_shifts(kind[KIND_OUTWARDS], outer, total, (memo, cell), stretch, other[COLUMNS], vectors)
-                call_shifts(kind[KIND_INWARDS], inner, total, (inwards, cell), stretch, other[COLUMNS], vectors)
+                call_shifts(kind[KIND_OUTWARDS], outer, total, (memo, cell, dithered), stretch, other[COLUMNS], vectors)
+                call_shifts(
+                    kind[KIND_INWARDS], inner, total, (inwards, cell, dithered), stretch, other[COLUMNS], vectors
+                )
                 clear(start + (to + 1 - n) * row, (n - most) * LINES, like)
                 past += (2 * other[COLUMNS] + 1) * most * lanes
 
 
-def stretch_face(stage, sums, worker, number):
+def stretch_face(stage, sums, worker, number, dithered):
     """Add what a face's layer contributes to some rows of one tile, on its columns and on those of the core next to it;
     advances its memory.
     """
@@ -340,7 +352,7 @@ def stretch_face(stage, sums, worker, number):
     on, back = (0, (sets - 1) * half * wide) if face[STEP] > 0 else ((sets - 1) * half * wide, 0)
     across, slots_across = face[ROW_STEP] * size, face[SLOT_ROW] * width * size
     for c in range(rows if edge >= 0 else 0):
-        call_with(sums.called[EDGE], stage, sums, (worker, edge, c, item[3]))
+        call_with(sums.called[EDGE], stage, sums, (worker, edge, c, item[3], dithered))
     for row in range(item[1], item[2]):
         first = face[ORIGIN] + row * face[ROW_STEP] + tile[TILE_FIRST]
         factors = weigh_bonds(sums, worker, face[AXIS], first, count) if varied else start
@@ -394,8 +406,8 @@ def stretch_face(stage, sums, worker, number):
             zero, there = start + (c * sizes[5] + m * m) * wide, start + (found + m) * wide
             outer, inner = (zero, m * wide, wide), (zero + (sets - 1) * half * wide, m * wide, wide)
             total, inwards = (there, wide, wide), memo + (columns + 1) * m * cell
-            call_shifts(face[OUTWARDS], outer, total, (memo, cell), stretch, columns, vectors)
-            call_shifts(face[INWARDS], inner, total, (inwards, cell), stretch, columns, vectors)
+            call_shifts(face[OUTWARDS], outer, total, (memo, cell, dithered), stretch, columns, vectors)
+            call_shifts(face[INWARDS], inner, total, (inwards, cell, dithered), stretch, columns, vectors)
             for p in range(1 - m, columns + 1):
                 place = (first + p * face[STEP] + c * apart) * size
                 add_lines(there + p * wide, news + place, scale, count)
@@ -448,7 +460,7 @@ def copy_slots(thread, stage, sums, tables, inputs, step, number):
 
 def stretch_faces(thread, stage, sums, tables, inputs, step, number):
     """Add what the layers along an axis, the number, contribute; see `add_bands`."""
-    ranges = sums.layers.item_ranges
+    ranges, dithered = sums.layers.item_ranges, dither(inputs.before + step)
     for i in range(ranges[1 - number] + thread.number, ranges[2 - number], thread.threads):
-        call_with(sums.called[FACE], stage, sums, (thread.number, i))
+        call_with(sums.called[FACE], stage, sums, (thread.number, i, dithered))
     barrier(thread)

@@ -56,7 +56,8 @@ class LayerTables:
         Signs of their components in mirrors, see `rows.matrices`.
     recursion : mapping of (axis, side) to (r, e, f)
         Of each layer, each of shape (columns + 1,).
-    dtype : dtype
+    dtype, kept : dtype
+        Of the field, and of what the layers remember.
     remember, alike : bool
         Whether the layers have memory, and whether no bonds have coefficients.
 
@@ -80,6 +81,7 @@ class LayerTables:
         outside: Signs,
         recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]],
         dtype: np.dtype,
+        kept: np.dtype,
         remember: bool,
         alike: bool = True,
     ) -> None:
@@ -87,7 +89,7 @@ class LayerTables:
         self.unit = float(np.abs(weights).sum()) or 1.0
         self.layout, self.offsets, self.weights, self.remember = layout, offsets, weights / self.unit, remember
         self.alike = alike
-        self.dtype = dtype
+        self.dtype, self.kept = dtype, kept
         self.lanes, self.signs = 64 // dtype.itemsize, (inside, outside)
         self.columns, self.rows = len(inside), len(outside)
         names = list(recursion)
@@ -141,10 +143,10 @@ class LayerTables:
             tables[2],
             *self._mirrored(alike),
             self._sizes(),
-            dtype.itemsize * remember,
+            kept.itemsize * remember,
             dtype.type(self.unit),
             aligned_zeros(room, dtype),
-            aligned_zeros(self.memory if remember else ALIGN * 4, dtype),
+            aligned_zeros(self.memory if remember else ALIGN * 4, kept),
         )
 
     def _mirrors(self, axis: int) -> bool:
@@ -155,7 +157,7 @@ class LayerTables:
 
     def _shifts(self, reach: int, nested: bool) -> tuple[int, int, int]:
         """Stretched shifts of a reach, and the sums they take."""
-        return load_shifts(reach, nested, not self.alike, self.dtype.name)
+        return load_shifts(reach, nested, not self.alike, self.dtype.name, self.kept.name)
 
     # --- where everything lies ---------------------------------------------------------------------------------
 

@@ -191,6 +191,7 @@ def digest(engine: Engine) -> str:
                 sorted(engine.layout.periodic),
                 rule,
                 engine.dtype.name,
+                engine.kept.name,
             )
         ).encode()
     )

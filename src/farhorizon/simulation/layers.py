@@ -28,6 +28,7 @@ from farhorizon.simulation.surroundings import Surroundings
 
 _LITTLE = 0.3  # damping in two steps that may wait for the second
 _TURN = 0.2  # of a period, in a step of the fastest wave, where it may
+_SHORT = 1e-6  # target down to which six digits are enough for what layers remember
 _ALIVE = 0.75  # factor of a step from which on waves are still there when they reach a side
 
 
@@ -61,7 +62,18 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
     notes = [words.format(nodes, ", ".join(named), aim) for (words, nodes, aim), named in choice.missed.items()]
     chosen = {key: found.layer for key, found in choice.found.items()}
     chosen = with_one_filter(around.layers | chosen, near.rate_limit, near.dt, near.lattice.dim)
+    if _may_be_short(near, around.sides):
+        chosen = {key: replace(layer, short=True) for key, layer in chosen.items()}
     return replace(around, layers=chosen, thickness=thickness, notes=notes + choice.unforeseen(layers))
+
+
+def _may_be_short(near: NearField, sides: Sides) -> bool:
+    """Whether six digits are enough for what layers remember: in space, where steps wait for it, if no side is asked
+    for less than `_SHORT`.
+    """
+    absorbing = [b for b in sides.values() if b.stretched or b.derivatives]
+    asked = [b.wanted(near.model.target) for b in absorbing if b.target is not None or b.open_ended]
+    return near.lattice.dim == 3 and len(asked) == len(absorbing) and min(asked, default=0.0) >= _SHORT
 
 
 def with_one_filter(layers: Mapping[Key, Layer], rate: float, dt: float, dim: int) -> dict[Key, Layer]:

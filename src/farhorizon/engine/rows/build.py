@@ -40,6 +40,7 @@ _COMPILED_IN = (
     "threads",
     "rows/calls",
     "rows/vectors",
+    "rows/remembered",
     "rows/bond_sweeps",
     "rows/exchanges",
     "rows/laws",
@@ -90,11 +91,11 @@ def load_rows(
     )
 
 
-def load_shifts(reach: int, nested: bool, varied: bool, real: str) -> tuple[int, int, int]:
+def load_shifts(reach: int, nested: bool, varied: bool, real: str, kept: str) -> tuple[int, int, int]:
     """Addresses of stretched shifts outwards and inwards, and of the sums they take (see `vectors.stretched_shifts` and
     `weighted_parts`).
     """
-    made = _load("rows/shift_rows", REACH=reach, NESTED=nested, VARIED=varied, REAL=real)
+    made = _load("rows/shift_rows", REACH=reach, NESTED=nested, VARIED=varied, REAL=real, KEPT=kept)
     return int(made.outwards.address), int(made.inwards.address), int(made.parts.address)
 
 

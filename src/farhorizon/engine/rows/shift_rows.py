@@ -1,5 +1,5 @@
 """Stretched shifts of one reach. This text is a template: `engine.rows.build` writes it out once per reach, form and
-number type.
+number types.
 """
 
 from farhorizon.engine.rows.compiled import cfunc
@@ -9,9 +9,10 @@ REACH = 1
 NESTED = True
 VARIED = False
 REAL = "float64"
+KEPT = "float64"
 
-_outwards = stretched_shifts(REACH, NESTED, True, REAL)
-_inwards = stretched_shifts(REACH, NESTED, False, REAL)
+_outwards = stretched_shifts(REACH, NESTED, True, REAL, KEPT)
+_inwards = stretched_shifts(REACH, NESTED, False, REAL, KEPT)
 _parts = weighted_parts(REACH if NESTED else 1, VARIED, REAL)
 
 

@@ -16,6 +16,7 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 from farhorizon.engine.rows.calls import call_of
+from farhorizon.engine.rows.remembered import Remembered
 
 #: (outer offset 0, outer offset 1, inner offset >= 0); every inner offset stands for both signs.
 Shape = tuple[tuple[int, int, int], ...]
@@ -838,13 +839,14 @@ def call_parts(typingctx, function, to, source, tables, vectors, least, more):
     return call_of(_PARTS)
 
 
-def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str) -> Any:
+def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str, kept: str) -> Any:
     """Make the intrinsic that applies stretched shifts in one direction along lines that go through side by side; see
     `engine.nested`.
 
     ``shifts(parts, found, memory, edges, columns, vectors)``: for parts and what is found the byte address of column 0
     and the distances between columns and between k; that of the memory, one cell an application, outwards from the
-    outer end, and the bytes of a cell (0: there is none, e and f are zero); those of the tables r, e and f of edges.
+    outer end, the bytes of a cell (0: there is none, e and f are zero), and what rounds halves in this step, see
+    `remembered`; the addresses of the tables r, e and f of edges.
     Outwards what is found is stored, from column 1 - reach on, inwards added, from column 1 on. Nested: a part for each
     column and k, the sum found for each column; else one value for each column, what is found for each k.
     """
@@ -853,9 +855,10 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str) -> Any
     ahead = 1 if nested else -1  # the one before k is k + ahead
 
     def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
-        parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, number = args
+        parts, part_step, part_k, found, found_step, found_k, memory, cell, dithered, r, e, f, columns, number = args
         vectors = Vectors.of(builder, real)
         width = vectors.lanes * vectors.size
+        remembered = Remembered(vectors, kept, dithered)
         zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
 
         def shifted(address: Any, *moves: tuple[Any, Any]) -> Any:
@@ -884,10 +887,10 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str) -> Any
                 q_new[k], v_new[k] = new, q[k]
                 if edge is not None:
                     place = shifted(cells, (turn, cell))
-                    d, past = builder.fsub(new, v[k]), vectors.load(place)
+                    d, past = builder.fsub(new, v[k]), remembered.load(place)
                     c = builder.fsub(builder.fmul(r_all, d, flags=_CONTRACT), past, flags=_CONTRACT)
                     grown = vectors.multiply_add(builder.fmul(e_all, past, flags=_CONTRACT), f_all, d)
-                    vectors.store(grown, place)
+                    remembered.store(grown, place)
                     v_new[k] = builder.fadd(q[k], c)
                     t_new[k] = builder.fadd(t[k + ahead], c) if turn else c
             return [*v_new, *q_new, *t_new], [t_new[0]] if nested else t_new
@@ -895,7 +898,7 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str) -> Any
         def stretched(at: Any, turn: Any, carried: list[Any]) -> list[Any]:
             column = builder.sub(columns, turn) if outwards else builder.add(turn, I64(1))
             edge = builder.mul(column if outwards else turn, I64(vectors.size))
-            cells = builder.add(shifted(memory, (builder.mul(turn, I64(reach)), cell)), at)
+            cells = builder.add(shifted(memory, (builder.mul(turn, I64(reach)), cell)), remembered.bytes(at))
             carried, sums = apply(at, column, carried, edge, cells)
             to = builder.add(shifted(found, (column, found_step)), at)
             for k, value in enumerate(sums):
@@ -953,7 +956,7 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str) -> Any
     return shifts
 
 
-_SHIFTS = int64s(3), int64s(3), int64s(2), int64s(3), types.int64, types.int64
+_SHIFTS = int64s(3), int64s(3), int64s(3), int64s(3), types.int64, types.int64
 SHIFTS_SIGNATURE = types.void(*_SHIFTS)
 
 
