@@ -25,6 +25,7 @@ from farhorizon.engine.bonds import (
     factors_of,
 )
 from farhorizon.engine.field import Field
+from farhorizon.engine.operations import trace_operations
 from farhorizon.engine.release import LINES, PATCH_NODES, largest_energy
 from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
 from farhorizon.engine.rows.build import load_bonds
@@ -298,13 +299,22 @@ class BondZone:
         """Add the energy, for a unit of mass a node, of bonds that were cut."""
         self.table.broken[0, 0, 0] += energy * self.engine.stages.numbers[0][2]
 
-    def traces(self, level: np.ndarray) -> np.ndarray:
+    def traces(self, level: np.ndarray, apart: bool = False) -> np.ndarray:
         """What a strain of each place that heat brings is multiplied with in the energy of a level, for a unit of mass
-        a node: the sum of the normal stresses over the density. Zero outside the zone. Fills the halo of `level`.
+        a node: the sum of the normal stresses over the density. Zero outside the zone, unless heat goes on in the
+        layers: then if `apart` these remember nothing of the level, whose halo is filled.
         """
         engine = self.engine
         found, block, material = np.zeros(engine.layout.size), engine.tables.sweep.block, engine.tables.material
         engine.complete(level)
+        if engine.warm_layers is not None:
+            engine.tables.heat.traces[:] = 0
+            engine.operate(level, trace_operations(engine.tables), apart, again=not apart)
+            found += engine.tables.heat.traces
+            box = Zone((0, 0, 0), engine.layout.box.nodes).table(engine.layout.reach)
+            everywhere = self.table._replace(zone=box)
+            add_traces(found, level, engine.components, block, material, everywhere, engine.warm_layers.vectors)
+            return found
         if engine.passes is None:
             xi, scaled = self.table.table[:, : engine.components], self.table.table[:, engine.components + 1 :]
             vectors = xi.astype(float) * scaled / engine.stages.numbers[0][2]

@@ -71,6 +71,7 @@ class Interpreter:
             op.KEEP: self._keep,
             op.HEAT: self._heat,
             op.WARM: self._warm,
+            op.HEAT_BEYOND: self._heat_beyond,
         }
 
     def run(self, steps: int, phase: int, levels: np.ndarray, tables: op.Tables, inputs: Inputs) -> None:
@@ -90,7 +91,9 @@ class Interpreter:
                 )
                 first, last = tables.starts[part : part + 2]
                 for operation, number, which in tables.operations[first:last].tolist():
-                    if which != op.SPRINGS:
+                    if which in (op.PUSHES, op.TRACES) and operation == op.STRETCH:
+                        self._stretch_heat(number, which)
+                    elif which in (op.GATHER, op.SCATTER):
                         assert self.states is not None
                         self.states.run(operation, number, which)
                     else:
@@ -227,6 +230,26 @@ class Interpreter:
             push = there * self.warmth(nodes, nodes + distance)
             self._add(-self.stage.scale * np.multiply.outer(self.tables.heat.vectors[bond], push), nodes)
 
+    def _heat_beyond(self) -> None:
+        bonds, at = self.tables.bonds, np.indices(self.box.nodes).reshape(3, -1)
+        for bond, (distance, *offset) in enumerate(bonds.places):
+            curved = _follow_law(bonds.zone, at) & _follow_law(bonds.zone, at + np.array(offset)[:, None])
+            nodes = self.nodes[~curved]
+            alive = bonds.alive[bond >> 6, nodes] & np.uint64(1) << np.uint64(bond & 63) != 0
+            push = alive * self.factors(nodes, nodes + distance) * self.warmth(nodes, nodes + distance)
+            self._add(-self.stage.scale * np.multiply.outer(self.tables.heat.beyond[bond], push), nodes)
+
+    def _stretch_heat(self, axis: int, which: int) -> None:
+        assert self.engine.warm_layers is not None
+        weights, heat = self.engine.warm_layers.weights[which - op.PUSHES], self.tables.heat
+        if which == op.PUSHES:
+            self._add(
+                self.stage.scale * self.stretched(axis, heat.warmth[None], weights, which).reshape(len(weights[0]), -1)
+            )
+        else:
+            found = self.stretched(axis, self.split(self.stage.src), weights, which)
+            heat.traces[self.nodes] += found.ravel()
+
     def _warm(self) -> None:
         self.tables.heat.warmth[:] += self.tables.heat.rate
 
@@ -304,9 +327,13 @@ class Interpreter:
                 later = next((a for a in range(axis + 1, 3) if self.shifts.serve(a)), 3)
                 less = self.shifts.at_nodes(self.shifts.along(tuple(offset), later), offset, later)
                 at = self.nodes + int(np.dot(offset, self.box.stride))
-                there = self.present(self.nodes, at) * (self.factors(self.nodes, at) if number == op.SPRINGS else 1)
+                there = self.present(self.nodes, at) * self._factors_of_pass(number, at)
                 total += np.tensordot(weight, (more - less) * there.reshape(self.box.nodes), 1)
         return total
+
+    def _factors_of_pass(self, number: int, others: np.ndarray) -> np.ndarray | float:
+        """Factors of the bonds of all nodes in a pass: those of states have none."""
+        return 1.0 if number in (op.GATHER, op.SCATTER) else self.factors(self.nodes, others)
 
     def present(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Which bonds are there, by the absent ones and by the places without a node."""

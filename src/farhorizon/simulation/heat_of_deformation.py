@@ -25,22 +25,23 @@ there the bound is that without it, and has been seen to hold in noise.)
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from farhorizon.engine.engine import Layer
 from farhorizon.engine.settings import give_heat
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.simulation.coupling import expansion_of
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.heating import Heating, check_known, cold_strips
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.setup import Setup, Sides
+from farhorizon.simulation.setup import Key, Setup, Sides
 from farhorizon.simulation.team import ALONE
+from farhorizon.simulation.warm_sides import WarmNodes, heat_beside
 
 _RISE = 12  # nodes over which the expansion rises from nothing beside a side that continues the medium without heat
-_NAMES = ("now", "before", "traces")
+_NAMES = ("now", "before", "traces", "traces_beyond")
 
 
 class HeatOfDeformation(Heating):
@@ -64,19 +65,23 @@ class HeatOfDeformation(Heating):
         near: NearField,
         grid: Grid,
         sides: Sides,
+        layers: Mapping[Key, Layer],
         march_of: Callable[[Setup, Callable[[float], np.ndarray]], Any],
     ) -> None:
-        self.load, self.near, self.grid, self.sides, self._team = load, near, grid, sides, ALONE
+        cold = {key: side for key, side in sides.items() if key not in layers}
+        self.load, self.near, self.grid, self.sides, self._team = load, near, grid, cold, ALONE
         assert near.coupling is not None and load.reference is not None
         self._coupling, self._zero = near.coupling, load.reference
         self._whole = expansion_of(load, near.lattice, near.model, near.lame)
-        self._expansion = self._whole * rising(near, sides)
+        self._expansion = self._whole * rising(near, cold)
         self._largest, self._told = 0.0, False
         self.every = 1
         self._power = np.zeros(near.lattice.shape)
-        self._heat = march_of(beside(load, near.dt), lambda _: self._power)
+        self._heat = march_of(heat_beside(load, near.dt, layers, sides), lambda _: self._power)
         check_known(len(self._heat.parts.near.conditions.images))
+        self._beyond = WarmNodes(grid, self._heat.parts.grid, self._expansion) if layers else None
         self._traces: np.ndarray | None = None
+        self._traces_beyond = np.zeros(0)
         self._now = self._before = self._temperature_now()
 
     def _temperature_now(self) -> np.ndarray:
@@ -84,10 +89,13 @@ class HeatOfDeformation(Heating):
         found = parts.grid.view(parts.grid.engine.current).reshape(self.near.lattice.shape).astype(float)
         return np.asarray(found + parts.near.background)
 
-    def _traces_of(self, level: np.ndarray) -> np.ndarray:
-        """Sum of the normal stresses of each node, as they are without heat."""
-        found = self.grid.engine.bonds.traces(level)[self.grid.nodes].reshape(self.near.lattice.shape)
-        return np.asarray(found / self.near.model.source_factor)
+    def _traces_of(self, level: np.ndarray, apart: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Sum of the normal stresses of each node, as they are without heat, and of those beyond the near field that
+        know of heat; if `apart` the layers remember nothing of the level.
+        """
+        found = self.grid.engine.bonds.traces(level, apart) / self.near.model.source_factor
+        own = found[self.grid.nodes].reshape(self.near.lattice.shape)
+        return own, np.zeros(0) if self._beyond is None else self._beyond.of(found)
 
     def _released(self, traces: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Power per volume that the deformation sets free in a step."""
@@ -99,22 +107,28 @@ class HeatOfDeformation(Heating):
         strains = self.near.inside(self._expansion * changed)
         self._check_heat(changed, step)
         give_heat(self.grid.engine, self.grid.grown(strains), self.grid.grown(np.zeros_like(strains)))
+        if self._beyond is not None:
+            self._beyond.lay()
         return self.explained
 
     def begin(self) -> None:
         """The displacements are those of the start, and of one step before it."""
         engine = self.grid.engine
-        self._traces = self._traces_of(engine.current)
-        power = self._released(self._traces, self._traces_of(engine.older))
+        older, _ = self._traces_of(engine.older, apart=True)
+        self._traces, self._traces_beyond = self._traces_of(engine.current)
+        power = self._released(self._traces, older)
         self._before = self._now - self.near.dt / self._capacity * power
 
     def follow(self, step: int) -> None:
         """The displacements have made a step, after so many; the temperature makes it, too."""
         assert self._traces is not None
-        traces = self._traces_of(self.grid.engine.current)
+        traces, beyond = self._traces_of(self.grid.engine.current)
         self._power, self._traces = self._released(traces, self._traces), traces
         for _ in self._heat.advance(step, 1):
             pass
+        if self._beyond is not None:
+            self._beyond.heat_up(-self._zero / self._capacity * (beyond - self._traces_beyond))
+            self._traces_beyond = beyond
         self._before, self._now = self._now, self._temperature_now()
 
     def at_points(self, nodes: np.ndarray, weights: np.ndarray, steps: int) -> np.ndarray:
@@ -143,7 +157,7 @@ class HeatOfDeformation(Heating):
     def state(self, step: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         assert self._traces is not None
         arrays, meta = self._heat.state(step)
-        own = dict(zip(_NAMES, (self._now, self._before, self._traces), strict=True))
+        own = dict(zip(_NAMES, (self._now, self._before, self._traces, self._traces_beyond), strict=True))
         return {f"heat/{name}": values for name, values in {**arrays, **own}.items()}, {"heat": meta}
 
     def take(self, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
@@ -151,7 +165,7 @@ class HeatOfDeformation(Heating):
         facts = meta["heat"]
         self._heat.take([(facts["boxes"][0], mine)], facts)
         self._heat.complete()
-        self._now, self._before, self._traces = (mine[name] for name in _NAMES)
+        self._now, self._before, self._traces, self._traces_beyond = (mine[name] for name in _NAMES)
 
     def _check_heat(self, changed: np.ndarray, step: int) -> None:
         """No heat flows to where the solid knows of none, or not of all, so that strains would be missed. What waves do
@@ -177,8 +191,3 @@ def rising(near: NearField, sides: Sides) -> np.ndarray:
         shape = [-1 if a == axis else 1 for a in range(near.lattice.dim)]
         found *= (np.sin(np.pi / 2 * part) ** 2).reshape(shape)
     return found
-
-
-def beside(load: ThermalLoad, dt: float) -> Setup:
-    """The set-up of the heat, whose steps are those of the solid."""
-    return replace(load.temperature, dt=dt, balance=False)

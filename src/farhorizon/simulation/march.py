@@ -95,12 +95,15 @@ class March:
         if not load.coupled:
             return Heating(load, near, grid, sides, run_of, self.team)
 
+        margins = {key: grid.margins[key] for key in self.parts.warm}
+
         def driven(setup: Setup, source: Callable[[float], np.ndarray]) -> March:
             with of_the_heat():
-                parts = assemble(setup)
+                parts = assemble(setup, margins)
                 return March(setup, replace(parts, driving=[*parts.driving, (None, source)]), run_of)
 
-        return HeatOfDeformation(load, near, grid, sides, driven)
+        layers = {key: self.parts.around.layers[key] for key in self.parts.warm}
+        return HeatOfDeformation(load, near, grid, sides, layers, driven)
 
     def _lay_start(self) -> None:
         """Give the engine the level of the start, and that one step before it."""

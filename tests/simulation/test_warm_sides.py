@@ -1,0 +1,195 @@
+"""A temperature that goes on with the displacements through absorbing sides, against domains from whose ends nothing
+comes back.
+"""
+
+import os
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+
+SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))
+ZERO, CAPACITY = 300.0, 2.0
+
+
+def both(coupling=0.2, diffusivity=0.3, kernel=None, family=2.0, plane=None, dim=2, coupled=True):
+    """Models with a coupling constant ``T0 beta^2 / rho c M``."""
+    solid = fh.Elastic(kernel or fh.Kernel(2.0, exponent=1), young=1.5, density=1.2, plane=plane)
+    beta = (2 if dim == 2 and plane else 3) * solid.lame + 2 * solid.shear
+    expansion = np.sqrt(coupling * CAPACITY * solid.p_modulus / ZERO) / beta
+    heat = fh.Heat(fh.Kernel(family), 4.0, CAPACITY / 4, diffusivity * CAPACITY)
+    return fh.Thermoelastic(solid, heat, expansion, ZERO, coupled)
+
+
+def errors(lower, upper, open_sides, far, model, initial, sides, until, **more):
+    """The largest errors of both fields at the end, over what that field had at its largest there or at the start.
+
+    `open_sides` are those beyond which the larger lattice has `far` nodes more; waves that come back from its end are
+    still on their way.
+    """
+    low, high = np.array(lower, float), np.array(upper, float)
+    less = np.array([far * (f"{axis}-" in open_sides) for axis in "xyz"[: len(low)]])
+    more_nodes = np.array([far * (f"{axis}+" in open_sides) for axis in "xyz"[: len(low)]])
+    small = fh.Simulation(fh.Lattice(1.0, low, high), model, sides, initial, **more)
+    large = fh.Simulation(fh.Lattice(1.0, low - less, high + more_nodes), model, sides, initial, dt=small.dt, **more)
+    assert small.parts.warm == large.parts.warm != frozenset()
+    # the fastest wave goes there and back
+    assert 2 * far > 1.1 * until * model.elastic.p_speed * np.sqrt(1 + small.parts.near.coupling.stiffening)
+    start = [np.abs(small.start_u).max(), np.abs(small.fields["T"] - ZERO).max()]
+    for run in (small, large):
+        run.run(until, progress=False)
+    part = tuple(slice(a, None if b == 0 else -b) for a, b in zip(less, more_nodes, strict=True))
+    found = []
+    for name, base, first in zip("uT", (0.0, ZERO), start, strict=True):
+        wanted = large.fields[name][(..., *part)]
+        size = max(first, np.abs(wanted - base).max())
+        found.append(np.abs(small.fields[name] - wanted).max() / size)
+    return found
+
+
+SPOT, PUSH = "exp(-((x-{0})**2)/18)*(abs(x) < 20)", "exp(-(x**2)/18)"
+STRIP = {"x": fh.LatticePML(nodes=24), "y": fh.Periodic()}
+
+
+@pytest.mark.parametrize(
+    "initial",
+    [{"T": f"300 + {SPOT.format(12)}"}, {"u": [PUSH, 0.0]}],
+    ids=["heat that reaches the side", "a coupled wave"],
+)
+def test_plane_waves_and_heat_leave(initial):
+    """Along one axis: the expansion once fell to zero beside the side, and 0.2 of u and a quarter of the coupling were
+    missed.
+    """
+    found = errors((-24.0, 0.0), (24.0, 4.0), ("x-", "x+"), 120, both(), initial, STRIP, 150.0)
+    assert max(found) < 1e-5  # what layers of so many nodes keep for waves along their normal
+
+
+@pytest.mark.slow
+def test_heat_still_leaves_when_waves_are_long_gone():
+    """After seven times the time in which heat diffuses to the side."""
+    model = both(coupling=0.1, diffusivity=0.5)
+    initial = {"T": f"300 + {SPOT.format(12)}"}
+    found = errors((-24.0, 0.0), (24.0, 4.0), ("x-", "x+"), 800, model, initial, STRIP, 1100.0)
+    assert max(found) < 1e-4
+
+
+OPEN = ("x-", "x+", "y-", "y+")
+
+
+@pytest.mark.parametrize("name", ["hot", "pushed"])
+def test_the_plane(name):
+    """A hot spot near a side whose heat leaves, after the waves; and waves at all angles."""
+    hot = {"T": "300 + exp(-((x-5)**2 + (y-2)**2)/6)"}
+    pushed = {"u": ["x*exp(-(x**2 + y**2)/6)", "0.5*exp(-(x**2 + y**2)/6)"]}
+    initial = hot if name == "hot" else pushed
+    layer = fh.LatticePML(nodes=16)
+    found = errors((-13.0, -13.0), (13.0, 13.0), OPEN, 40, both(), initial, layer, 45.0)
+    assert max(found) < 1e-4  # the model's target; the small domain's is met tenfold
+
+
+@pytest.mark.slow
+def test_space():
+    """A hot spot beside an edge of layers, in a quarter of space that repeats along the third axis."""
+    sides = {"x": fh.LatticePML(nodes=10), "y": fh.LatticePML(nodes=10), "z": fh.Periodic()}
+    model = both(kernel=fh.Kernel(1.5, exponent=1), family=1.5, dim=3)
+    initial = {"T": "300 + exp(-((x-2)**2 + (y-1)**2 + 2*(cos(pi*z/3) - 1)**2)*0.5)"}
+    found = errors((-8.0, -8.0, 0.0), (8.0, 8.0, 5.0), OPEN, 20, model, initial, sides, 22.0)
+    assert max(found) < 1e-3  # of layers of ten nodes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(8))
+def test_at_random(number):
+    """Kernels, couplings, conductivities, sides and data at random keep the model's target."""
+    print("seed", SEED)
+    random = np.random.default_rng([SEED, number])
+    kinds = random.permutation(["open", random.choice(["open", "periodic", "one"])])
+    low, high = -random.integers(10, 15, 2), random.integers(10, 15, 2)
+    sides, ends = {}, []
+    for axis, kind in zip("xy", kinds, strict=True):
+        if kind == "periodic":
+            sides[axis] = fh.Periodic()
+            continue
+        sides[axis] = fh.LatticePML(nodes=16)
+        ends += [f"{axis}-", f"{axis}+"]
+    plane = random.choice(["stress", None])
+    model = both(
+        10 ** random.uniform(-2, -0.3),
+        10 ** random.uniform(-1.5, 0),
+        fh.Kernel(random.choice([1.5, 2.0, 3.0]), exponent=int(random.integers(2))),
+        random.choice([1.5, 2.0, 3.0]),
+        plane,
+    )
+    at, width = random.uniform(-2, 2, 2), random.uniform(1.2, 1.8)
+    bump = f"exp(-((x - ({at[0]:.3f}))**2 + (y - ({at[1]:.3f}))**2)/{2 * width**2:.3f})"
+    initial = {"T": f"300 + {bump}"} if random.random() < 0.7 else {}
+    if not initial or random.random() < 0.5:
+        initial["u"] = [f"{value:.3f}*{bump}" for value in random.standard_normal(2)]
+    found = errors(low, high, ends, 45, model, initial, sides, 40.0)
+    assert max(found) < 1e-4
+
+
+def test_a_hot_spot_on_the_edge_keeps_its_heat_out_of_the_first_rows():
+    """Its nodes lie in front of the layer, whose memory begins with nothing: both fields have as many there."""
+    sim = fh.Simulation(fh.Lattice(1.0, (-9.0, 0.0), (9.0, 4.0)), both(family=3.0), STRIP)
+    heat = sim._march.heating._heat.parts.grid
+    assert sim.parts.grid.margins == heat.margins
+    assert sim.parts.grid.margins[0, 1] == 4  # one and the reach of the heat
+    assert sim.engine.layout.box.nodes == heat.engine.layout.box.nodes
+
+
+SQUARE = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
+SIDES = {
+    "of one kind": (fh.LatticePML(nodes=6), 4),
+    "alike by field": ({"u": fh.LatticePML(nodes=6), "T": fh.LatticePML(nodes=6)}, 4),
+    "beside free ones": ({"x-": fh.Free(), "x+": fh.LatticePML(nodes=6), "y": fh.Periodic()}, 1),
+    "some of their own": (
+        {"u": {"x": fh.LatticePML(nodes=6), "y": fh.Free()}, "T": {"x": fh.LatticePML(nodes=6), "y": fh.Fixed(ZERO)}},
+        2,
+    ),
+    "each its own": ({"u": fh.LatticePML(nodes=6), "T": fh.LatticePML(nodes=8)}, 0),
+    "a sponge beside": ({"x": fh.LatticePML(nodes=6), "y": fh.Sponge(6)}, 0),
+}
+
+
+@pytest.mark.parametrize("name", SIDES)
+def test_which_sides_both_fields_go_through(name):
+    sides, count = SIDES[name]
+    assert len(fh.Simulation(SQUARE, both(), sides).parts.warm) == count
+
+
+def test_others_keep_the_solid_at_its_reference_temperature():
+    """States, and integrators of several stages, whose layers have no memory of them."""
+    heat = fh.Heat(fh.Kernel(2.0), 4.0, 0.5, 0.3, "rk4")
+    states = fh.Elastic(fh.Kernel(2.0), 1.0, 0.3, material="state-based")
+    for model in (
+        fh.Thermoelastic(both().elastic, heat, 1e-3, ZERO),
+        fh.Thermoelastic(states, both().heat, 1e-3, ZERO),
+    ):
+        sim = fh.Simulation(SQUARE, model, fh.LatticePML(nodes=6))
+        assert not sim.parts.warm and sim.engine.warm_layers is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "sides",
+    [fh.LatticePML(target=1e-3), {"x": fh.LatticePML(nodes=6), "y": fh.Free()}],
+    ids=["that choose themselves", "beside free ones"],
+)
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_a_run_goes_on_bit_for_bit(tmp_path, sides, dtype):
+    """From a checkpoint, and pickled: the layers of both fields remember."""
+    import pickle
+
+    initial = {"T": "300 + exp(-(x**2 + y**2)/4)", "u": ["0.1*x*exp(-(x**2 + y**2)/4)", 0.0]}
+    sim = fh.Simulation(SQUARE, both(), sides, initial, dtype=dtype)
+    sim.run(12.0, progress=False)
+    sim.save(tmp_path / "state.h5")
+    runs = [sim, fh.Simulation.restore(tmp_path / "state.h5"), pickle.loads(pickle.dumps(sim))]
+    for one in runs:
+        one.step(25)
+    for one in runs[1:]:
+        assert one.parts.warm == sim.parts.warm != frozenset()
+        for name, values in sim.fields.items():
+            np.testing.assert_array_equal(one.fields[name], values)
