@@ -34,8 +34,9 @@ def errors(lower, upper, open_sides, far, model, initial, sides, until, **more):
     small = fh.Simulation(fh.Lattice(1.0, low, high), model, sides, initial, **more)
     large = fh.Simulation(fh.Lattice(1.0, low - less, high + more_nodes), model, sides, initial, dt=small.dt, **more)
     assert small.parts.warm == large.parts.warm != frozenset()
+    stiffening = small.parts.near.coupling.stiffening if model.coupled else 0.0
     # the fastest wave goes there and back
-    assert 2 * far > 1.1 * until * model.elastic.p_speed * np.sqrt(1 + small.parts.near.coupling.stiffening)
+    assert 2 * far > 1.1 * until * model.elastic.p_speed * np.sqrt(1 + stiffening)
     start = [np.abs(small.start_u).max(), np.abs(small.fields["T"] - ZERO).max()]
     for run in (small, large):
         run.run(until, progress=False)
@@ -53,15 +54,16 @@ STRIP = {"x": fh.LatticePML(nodes=24), "y": fh.Periodic()}
 
 
 @pytest.mark.parametrize(
-    "initial",
-    [{"T": f"300 + {SPOT.format(12)}"}, {"u": [PUSH, 0.0]}],
-    ids=["heat that reaches the side", "a coupled wave"],
+    "initial, coupled",
+    [({"T": f"300 + {SPOT.format(12)}"}, True), ({"T": f"300 + {SPOT.format(12)}"}, False), ({"u": [PUSH, 0.0]}, True)],
+    ids=["heat that reaches the side", "by itself", "a coupled wave"],
 )
-def test_plane_waves_and_heat_leave(initial):
+def test_plane_waves_and_heat_leave(initial, coupled):
     """Along one axis: the expansion once fell to zero beside the side, and 0.2 of u and a quarter of the coupling were
     missed.
     """
-    found = errors((-24.0, 0.0), (24.0, 4.0), ("x-", "x+"), 120, both(), initial, STRIP, 150.0)
+    model = both(coupled=coupled)
+    found = errors((-24.0, 0.0), (24.0, 4.0), ("x-", "x+"), 120, model, initial, STRIP, 150.0)
     assert max(found) < 1e-5  # what layers of so many nodes keep for waves along their normal
 
 
@@ -77,14 +79,14 @@ def test_heat_still_leaves_when_waves_are_long_gone():
 OPEN = ("x-", "x+", "y-", "y+")
 
 
-@pytest.mark.parametrize("name", ["hot", "pushed"])
+@pytest.mark.parametrize("name", ["hot", "hot by itself", "pushed"])
 def test_the_plane(name):
     """A hot spot near a side whose heat leaves, after the waves; and waves at all angles."""
     hot = {"T": "300 + exp(-((x-5)**2 + (y-2)**2)/6)"}
     pushed = {"u": ["x*exp(-(x**2 + y**2)/6)", "0.5*exp(-(x**2 + y**2)/6)"]}
-    initial = hot if name == "hot" else pushed
-    layer = fh.LatticePML(nodes=16)
-    found = errors((-13.0, -13.0), (13.0, 13.0), OPEN, 40, both(), initial, layer, 45.0)
+    initial = pushed if name == "pushed" else hot
+    model, layer = both(coupled=name != "hot by itself"), fh.LatticePML(nodes=16)
+    found = errors((-13.0, -13.0), (13.0, 13.0), OPEN, 40, model, initial, layer, 45.0)
     assert max(found) < 1e-4  # the model's target; the small domain's is met tenfold
 
 
@@ -116,10 +118,11 @@ def test_at_random(number):
     plane = random.choice(["stress", None])
     model = both(
         10 ** random.uniform(-2, -0.3),
-        10 ** random.uniform(-1.5, 0),
+        10 ** random.uniform(-1.5, -0.3),  # what the steps of the solid bear
         fh.Kernel(random.choice([1.5, 2.0, 3.0]), exponent=int(random.integers(2))),
         random.choice([1.5, 2.0, 3.0]),
         plane,
+        coupled=bool(random.random() < 0.7),
     )
     at, width = random.uniform(-2, 2, 2), random.uniform(1.2, 1.8)
     bump = f"exp(-((x - ({at[0]:.3f}))**2 + (y - ({at[1]:.3f}))**2)/{2 * width**2:.3f})"
@@ -171,19 +174,37 @@ def test_others_keep_the_solid_at_its_reference_temperature():
         assert not sim.parts.warm and sim.engine.warm_layers is None
 
 
+def test_a_heat_that_needs_shorter_steps_is_not_shared():
+    """Without coupling the solid goes by its own steps, which so fast a heat does not bear."""
+    for diffusivity, count in ((0.3, 4), (30.0, 0)):
+        sim = fh.Simulation(SQUARE, both(diffusivity=diffusivity, coupled=False), fh.LatticePML(nodes=6))
+        assert len(sim.parts.warm) == count
+
+
+@pytest.mark.parametrize("place", [0.0, 16.0])
+def test_the_energy_of_a_hot_spot_beside_a_side(place):
+    """Of nodes that do not move, it is that between periodic sides: bonds beside the layer see heat, too."""
+    initial, box = {"T": f"300 + {SPOT.format(place)}"}, fh.Lattice(1.0, (-24.0, 0.0), (24.0, 4.0))
+    found = [
+        fh.Simulation(box, both(coupled=False), sides, initial).energies()["strain"] for sides in (STRIP, fh.Periodic())
+    ]
+    assert found[0] == pytest.approx(found[1], rel=1e-12)
+
+
 @pytest.mark.slow
+@pytest.mark.parametrize("coupled", [True, False])
 @pytest.mark.parametrize(
     "sides",
     [fh.LatticePML(target=1e-3), {"x": fh.LatticePML(nodes=6), "y": fh.Free()}],
     ids=["that choose themselves", "beside free ones"],
 )
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
-def test_a_run_goes_on_bit_for_bit(tmp_path, sides, dtype):
+def test_a_run_goes_on_bit_for_bit(tmp_path, sides, dtype, coupled):
     """From a checkpoint, and pickled: the layers of both fields remember."""
     import pickle
 
     initial = {"T": "300 + exp(-(x**2 + y**2)/4)", "u": ["0.1*x*exp(-(x**2 + y**2)/4)", 0.0]}
-    sim = fh.Simulation(SQUARE, both(), sides, initial, dtype=dtype)
+    sim = fh.Simulation(SQUARE, both(coupled=coupled), sides, initial, dtype=dtype)
     sim.run(12.0, progress=False)
     sim.save(tmp_path / "state.h5")
     runs = [sim, fh.Simulation.restore(tmp_path / "state.h5"), pickle.loads(pickle.dumps(sim))]

@@ -352,6 +352,7 @@ class BondZone:
             self.engine.components,
             material,
             table._replace(warmth=table.warmth[:1] * 0) if cold else table,
+            self.engine.warm_layers is not None,
         )
         return float(total) / self.engine.stages.numbers[0][2]
 

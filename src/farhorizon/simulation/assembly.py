@@ -281,9 +281,9 @@ def assembled(
     solid = start.solid
     material = solid.astype(float) if solid.any() else factor
     states = states_of(setup, sides, near.variation.moduli is not None)
-    warm = warm_sides(setup, sides)
+    warm = frozenset() if share is not None else warm_sides(setup, sides, near.dt)
     margins = choose_margins(near, around, (start.u, start.v), material, cuts_given, states, team)
-    margins |= {**warm_margins(setup, sides), **(margins_given or {})}
+    margins |= {**warm_margins(setup, warm), **(margins_given or {})}
     check_conditions(near, sides, margins, notes)
     link, neighbours = (None, None) if share is None else (team.link, share.neighbours)
     grid = make_grid(setup, near, around, margins, states, link, neighbours, bool(warm))

@@ -17,6 +17,7 @@ from farhorizon.simulation.drives import Moving
 from farhorizon.simulation.energies import energies, kinetic_energy
 from farhorizon.simulation.feed import Feed
 from farhorizon.simulation.flow_balance import FlowBalance
+from farhorizon.simulation.heat_in_steps import HeatInSteps
 from farhorizon.simulation.heat_of_deformation import HeatOfDeformation
 from farhorizon.simulation.heating import Heating
 from farhorizon.simulation.setup import Setup
@@ -92,7 +93,7 @@ class March:
         load, near, grid, sides = self.setup.heat, self.parts.near, self.parts.grid, self.parts.around.sides
         if load is None:
             return None
-        if not load.coupled:
+        if not (load.coupled or self.parts.warm):
             return Heating(load, near, grid, sides, run_of, self.team)
 
         margins = {key: grid.margins[key] for key in self.parts.warm}
@@ -103,7 +104,8 @@ class March:
                 return March(setup, replace(parts, driving=[*parts.driving, (None, source)]), run_of)
 
         layers = {key: self.parts.around.layers[key] for key in self.parts.warm}
-        return HeatOfDeformation(load, near, grid, sides, layers, driven)
+        kind = HeatOfDeformation if load.coupled else HeatInSteps
+        return kind(load, near, grid, sides, layers, driven)
 
     def _lay_start(self) -> None:
         """Give the engine the level of the start, and that one step before it."""

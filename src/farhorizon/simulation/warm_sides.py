@@ -6,7 +6,7 @@ continued by the same stretch: then the heat has the layers of the solid, edge b
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -16,32 +16,37 @@ from farhorizon.engine.settings import give_heat_beyond
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.integrators import Euler
 from farhorizon.simulation.grid import Grid
+from farhorizon.simulation.near_field import heat_alone
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 
 
-def warm_sides(setup: Setup, sides: Sides) -> frozenset[Key]:
+def warm_sides(setup: Setup, sides: Sides, dt: float) -> frozenset[Key]:
     """The sides through which the temperature goes on with the displacements; none beside absorbing ones of other
-    kinds, or where each field has its own.
+    kinds, where each field has its own, or where the heat does not bear the steps of the solid.
 
     Parameters
     ----------
     setup : Setup
     sides : dict of (axis, side) to Side
         Of the displacements, as they are chosen.
+    dt : float
+        Their step.
     """
     load = setup.heat
-    if load is None or not load.coupled or not setup.model.bonds:
+    if load is None or not load.joint or not setup.model.bonds:
         return frozenset()
     heat = load.temperature
-    alike = isinstance(heat.model.integrator, Euler) and heat.background == load.reference
     found = {key for key, side in sides.items() if side.stretched and side_name(*key) in load.joint}
     others = [side for key in sides.keys() - found for side in (sides[key], heat.sides[key])]
-    return frozenset(found) if alike and not any(side.endless for side in others) else frozenset()
+    alike = isinstance(heat.model.integrator, Euler) and heat.background == load.reference
+    if not alike or any(side.endless for side in others):
+        return frozenset()
+    return frozenset(found) if load.coupled or dt <= heat_alone(heat).step_limit else frozenset()
 
 
-def warm_margins(setup: Setup, sides: Sides) -> dict[Key, int]:
+def warm_margins(setup: Setup, warm: Collection[Key]) -> dict[Key, int]:
     """Nodes of the core in front of the layers of both fields, which keep data and sources out of them."""
-    return {key: 1 + max(_reaches(setup, key[0])) for key in warm_sides(setup, sides)}
+    return {key: 1 + max(_reaches(setup, key[0])) for key in warm}
 
 
 def _reaches(setup: Setup, axis: int) -> list[int]:
