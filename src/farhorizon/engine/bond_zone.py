@@ -307,23 +307,21 @@ class BondZone:
         engine = self.engine
         found, block, material = np.zeros(engine.layout.size), engine.tables.sweep.block, engine.tables.material
         engine.complete(level)
-        if engine.warm_layers is not None:
-            engine.tables.heat.traces[:] = 0
-            engine.operate(level, trace_operations(engine.tables), apart, again=not apart)
-            found += engine.tables.heat.traces
-            box = Zone((0, 0, 0), engine.layout.box.nodes).table(engine.layout.reach)
-            everywhere = self.table._replace(zone=box)
-            add_traces(found, level, engine.components, block, material, everywhere, engine.warm_layers.vectors)
-            return found
-        if engine.passes is None:
-            xi, scaled = self.table.table[:, : engine.components], self.table.table[:, engine.components + 1 :]
-            vectors = xi.astype(float) * scaled / engine.stages.numbers[0][2]
+        warm, table = engine.warm_layers, self.table
+        if warm is not None:
+            table = table._replace(zone=Zone((0, 0, 0), engine.layout.box.nodes).table(engine.layout.reach))
+        if engine.passes is not None:
+            vectors, states = engine.tables.heat.vectors, engine.passes.states_of(level, layered=warm is not None)
+            add_traces_of_states(found, states, block, table, engine.passes.units_of_bonds())
         else:
-            vectors = engine.tables.heat.vectors
-            add_traces_of_states(
-                found, engine.passes.states_of(level), block, self.table, engine.passes.units_of_bonds()
-            )
-        add_traces(found, level, engine.components, block, material, self.table, vectors)
+            xi, scaled = table.table[:, : engine.components], table.table[:, engine.components + 1 :]
+            vectors = xi.astype(float) * scaled / engine.stages.numbers[0][2]
+        if warm is not None:
+            vectors = warm.vectors
+            engine.tables.heat.traces[:] = 0
+            engine.operate(level, trace_operations(engine.tables), apart, again=True)
+            found += engine.tables.heat.traces
+        add_traces(found, level, engine.components, block, material, table, vectors)
         return found
 
     def energy(

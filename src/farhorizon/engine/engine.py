@@ -154,8 +154,8 @@ class Engine:
     sums : StateSums, optional
         Two passes beside the stencil, on its offsets; coefficients are those of the stencil's own bonds.
     heat : ndarray, shape (K, d), optional
-        Forces of the bonds for a unit of strain that heat brings, in units of the operator, where it goes on in the
-        layers.
+        Forces of the stencil's own bonds for a unit of strain that heat brings, in units of the operator, where it goes
+        on in the layers.
 
     Attributes
     ----------
@@ -232,7 +232,7 @@ class Engine:
         self.watch_stride = 1
         self._repeats = Repeats()
         self._own_loop = CompiledLoop()
-        self._asked: dict[tuple[Any, ...], tuple[Tables, Tables, np.ndarray, CompiledLoop]] = {}
+        self._asked: dict[tuple[Any, ...], tuple[Tables, Tables, np.ndarray, CompiledLoop, np.ndarray]] = {}
         self.exchange: Exchange | None = None
         self.loop: Loop | None = None
 
@@ -467,7 +467,8 @@ class Engine:
         nodes with states do not close. What is made for it is kept if the same operations are asked for `again` and
         again.
         """
-        kept = self._asked.get((cold, gaping, *operations)) if again else None
+        asked = (apart, cold, gaping, *operations)
+        kept = self._asked.get(asked) if again else None
         if kept is None or kept[0] is not self.tables:
             scale = self.stages.numbers[0][2]  # the last stage may be without operator
             numbers = np.array([numbers_of(self, float(self.stages.increments), 0.0, scale, 0.0)], self.dtype)
@@ -476,12 +477,15 @@ class Engine:
                 tables = without_heat(tables)
             if gaping:
                 tables = without_contact(tables)
+            memory = self.memory.copy() if apart else self.memory
             if apart:
-                tables = self._with_memory(tables, self.memory.copy())
-            kept = self.tables, tables, np.zeros((3, level.size), level.dtype), CompiledLoop(self._own_loop)
+                tables = self._with_memory(tables, memory)
+            kept = self.tables, tables, np.zeros((3, level.size), level.dtype), CompiledLoop(self._own_loop), memory
             if again:
-                self._asked[cold, gaping, *operations] = kept
-        _, tables, levels, loop = kept
+                self._asked[asked] = kept
+        _, tables, levels, loop, memory = kept
+        if apart:
+            memory[:] = self.memory
         levels[0], levels[1:] = level, 0
         if self.loop is None:
             loop(1, 0, levels, tables, self._no_inputs(1), 1)

@@ -72,7 +72,7 @@ AHEAD = 29  # SWEEP of rows that need no halo, while messages are on their way: 
 # and how many others there are
 RECEIVE = 30  # messages end, by which other processes fill the halo; as SEND
 RELEASE = 31  # bonds break with which enough energy is lost
-HEAT_BEYOND = 32  # bonds without a law of their own lose what heat strains them
+HEAT_BEYOND = 32  # bonds without a law of their own, and springs beside states, lose what heat strains them, everywhere
 
 # Passes of the operator: the springs, sums over bonds that make states, sums over states that make forces; where heat
 # goes on in the layers, sums of strains that push nodes, and the traces of stresses.
@@ -313,7 +313,7 @@ def sweep_operations(tables: Tables) -> list[Operation]:
     return [
         one
         for one in operator_operations(tables, breaking=False)
-        if one[0] in (SWEEP, CUT, LAW, DAMAGED, HEAT) or (one[2] == SCATTER and _fills_level(*one[:2]))
+        if one[0] in (SWEEP, CUT, LAW, DAMAGED, HEAT, HEAT_BEYOND) or (one[2] == SCATTER and _fills_level(*one[:2]))
     ]
 
 
@@ -324,6 +324,11 @@ def state_operations(tables: Tables, halo: bool = False) -> list[Operation]:
         for one in sweep_operations(tables)
         if one[2] == GATHER or (halo and one[2] == SCATTER and _fills_level(*one[:2]))
     ]
+
+
+def layered_states(tables: Tables) -> list[Operation]:
+    """What makes the states of nodes, layers included, of a level whose halo is filled."""
+    return [one for one in operator_operations(tables, breaking=False) if one[2] == GATHER]
 
 
 def _fills_level(operation: int, number: int) -> bool:

@@ -84,9 +84,9 @@ def set_heat(engine: Engine, spacing: float) -> None:
             warmth=warmth, spacing=engine.dtype.type(spacing), arms=arms.astype(engine.dtype)
         )
         engine.replace(gather=gather._replace(sweep=gather.sweep._replace(law=law)))
-    springs = engine.passes is not None and engine.weights.any()
-    vectors = np.einsum("kab,kb->ka", engine.weights, arms) if springs else np.zeros((0, 0))
     layers = engine.warm_layers
+    springs = engine.passes is not None and engine.weights.any() and layers is None
+    vectors = np.einsum("kab,kb->ka", engine.weights, arms) if springs else np.zeros((0, 0))
     beyond = np.zeros((0, 0)) if layers is None else layers.vectors
     traces = np.zeros(0, engine.dtype) if layers is None else layers.traces
     of_bonds = vectors.astype(engine.dtype), beyond.astype(engine.dtype)

@@ -3,7 +3,8 @@ same stretched shifts by which the displacements go on.
 
 Two further passes, of a number a node: from the strains of heat to forces, and from displacements to the traces of the
 stresses. In the zone of bonds with a law of their own their plain sums are made there (`engine.bonds`); here are those
-of all others, `engine.warmth` makes them, and what the layers add.
+of all others, `engine.warmth` makes them, and what the layers add. Where nodes have states, heat strains these node by
+node, and goes through the layers with what the law makes of them; the passes are those of the springs beside them.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ class WarmLayers:
     ----------
     engine : Field
     vectors : ndarray, shape (K, d)
-        Forces of the bonds for a unit of strain, in units of the operator.
+        Forces of the bonds, or of springs beside states, for a unit of strain, in units of the operator.
     recursion : mapping of (axis, side) to (r, e, f)
         Of each layer.
     alike : bool
@@ -55,6 +56,7 @@ class WarmLayers:
         self.vectors, self._distances = vectors, engine.offsets @ np.array(engine.layout.box.stride)
         self.weights = -vectors[:, :, None] / 2, vectors[:, None, :] / 2
         scalar, vector = signs_of(1), signs_of(engine.components)
+        recursion = recursion if vectors.any() else {}  # beside states there may be no springs
         self.layer_tables = tuple(
             LayerTables(engine.layout, engine.offsets, weights, *signs, recursion, engine.dtype, engine.remember, alike)
             for weights, signs in zip(self.weights, ((scalar, vector), (vector, scalar)), strict=True)

@@ -28,7 +28,8 @@ class Warmth(NamedTuple):
     vectors : ndarray, shape (K, d), or empty
         Forces of the springs beside states for a unit of strain, in units of the operator.
     beyond : ndarray, shape (K, d), or empty
-        Forces of all bonds for a unit of strain, where heat goes on in the layers: see `engine.warm_layers`.
+        The same, and those of all bonds without states, where heat goes on in the layers: see `engine.warm_layers`.
+        `vectors` is empty then.
     traces : ndarray, shape (places,), or empty
         What the layers add to the traces of the stresses.
     """
@@ -138,8 +139,8 @@ def push_springs(thread, stage, block, material, bonds, heat):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def push_beyond(thread, stage, block, material, bonds, heat):
-    """Take from the forces of the bonds that are there, but do not follow a law of their own, what they would be
-    strained by if they were free, on all nodes of the box.
+    """Take from the forces of the bonds that are there, but do not follow a law of their own, and of springs beside
+    states, what they would be strained by if they were free, on all nodes of the box.
     """
     vectors, coefficient, warmth = heat.beyond, material.coefficient, heat.warmth
     apart, own = stage.out.size // stage.rows, share(thread, block[1] * block[2])
@@ -149,7 +150,7 @@ def push_beyond(thread, stage, block, material, bonds, heat):
         for k in range(vectors.shape[0]):
             distance, mask = bonds.places[k, 0], np.uint64(1) << np.uint64(k & 63)
             alive = bonds.alive[k >> 6, node:]
-            start, stop = curved_part(bonds.zone, i0, i1, bonds.places[k], 0, block[3])
+            start, stop = curved_part(bonds.zone, i0, i1, bonds.places[k], 0, block[3]) if bonds.forces else (0, 0)
             for first, end in ((0, start), (stop, block[3])):
                 for a in range(stage.rows):
                     push, out = stage.scale * vectors[k, a] / 2, stage.out[node + a * apart :]

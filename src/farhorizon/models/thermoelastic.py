@@ -51,7 +51,7 @@ class Thermoelastic(LatticeModel):
     :math:`T_0 \beta^2 / (\rho c\,(\lambda + 2 \mu))`, a percent or so in metals. On the lattice mechanical energy and
     that of the temperature, ``rho c (T - T0)^2 / 2 T0``, exchange to rounding
     (`farhorizon.simulation.heat_of_deformation`). Through a `LatticePML` that both fields have on a side they go on
-    together (`farhorizon.simulation.warm_sides`): bond-based solids, and heat that is integrated by Euler's method.
+    together (`farhorizon.simulation.warm_sides`), if the heat is integrated by Euler's method.
     Beside other sides that absorb, and those that are held, the solid must be at the reference temperature, and with
     `coupled` the expansion falls smoothly to zero.
 

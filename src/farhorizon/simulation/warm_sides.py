@@ -33,7 +33,7 @@ def warm_sides(setup: Setup, sides: Sides, dt: float) -> frozenset[Key]:
         Their step.
     """
     load = setup.heat
-    if load is None or not load.joint or not setup.model.bonds:
+    if load is None or not load.joint:
         return frozenset()
     heat = load.temperature
     found = {key for key, side in sides.items() if side.stretched and side_name(*key) in load.joint}
