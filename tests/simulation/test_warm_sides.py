@@ -192,6 +192,85 @@ def test_a_hot_spot_on_the_edge_keeps_its_heat_out_of_the_first_rows():
     assert sim.engine.layout.box.nodes == heat.engine.layout.box.nodes
 
 
+def matrix_of_a_step(sim):
+    """The map of displacements now and a step ago, of the temperature, and of all that layers remember, as a matrix."""
+    march, solid = sim._march, sim.engine
+    heating = march.heating
+    heat = heating._heat.parts.grid.engine
+    warm = heat.layout.box.node_indices().ravel()
+    nodes = solid.all_components(solid.layout.box.node_indices().ravel())
+
+    def step():
+        heating._now = heating._temperature_now()
+        for _ in march.advance(0, 1):
+            pass
+
+    random = np.random.default_rng(SEED)
+    for level, places in ((solid.current, nodes), (solid.older, nodes), (heat.current, warm)):
+        level[places] = random.standard_normal(len(places))
+    for _ in range(6):
+        step()  # what is zero then is never used
+    own = [(solid, np.flatnonzero(solid.memory)), (heat, np.flatnonzero(heat.memory))]
+
+    def read():
+        found = [solid.current[nodes], solid.older[nodes], heat.current[warm]]
+        found += [engine.memory[places] for engine, places in own]
+        if heating.coupled:
+            found += [heating._traces.ravel(), heating._traces_beyond]
+        return found
+
+    ends = np.cumsum([len(one) for one in read()])
+
+    def write(values):
+        parts = np.split(values, ends[:-1])
+        for engine in (solid, heat):
+            engine.levels[:], engine.memory[:] = 0, 0
+        solid.current[nodes], solid.older[nodes], heat.current[warm] = parts[:3]
+        for (engine, places), part in zip(own, parts[3:5], strict=True):
+            engine.memory[places] = part
+        if heating.coupled:
+            heating._traces, heating._traces_beyond = parts[5].reshape(heating._traces.shape).copy(), parts[6].copy()
+
+    found = np.zeros((ends[-1], ends[-1]))
+    for column, unit in zip(found.T, np.eye(ends[-1]), strict=True):
+        write(unit)
+        step()
+        column[:] = np.concatenate(read())
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("material", MATERIALS)
+@pytest.mark.parametrize("coupled", [True, False])
+def test_no_mode_between_layers_grows(material, coupled):
+    """The spectral radius of a step of both fields and all memory, near its limit; strong coupling."""
+    print("seed", SEED)
+    model = both(0.3, 0.3, fh.Kernel(1.5, exponent=1), 1.5, coupled=coupled, material=material)
+    sides, strip = {"x": fh.LatticePML(nodes=6), "y": fh.Periodic()}, fh.Lattice(1.0, (0.0, 0.0), (6.0, 3.0))
+    limit = fh.Simulation(strip, model, sides).step_limit
+    values = np.linalg.eigvals(matrix_of_a_step(fh.Simulation(strip, model, sides, dt=0.95 * limit)))
+    assert 0.99 < np.abs(values).max() < 1 + 1e-11
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("material", MATERIALS)
+def test_noise_between_corners_does_not_grow(material):
+    """Displacements, velocities and a temperature at random, for thirty crossings, at 0.95 of the step limit."""
+    print("seed", SEED)
+    random, box = np.random.default_rng(SEED), fh.Lattice(1.0, (0.0, 0.0), (36.0, 36.0))
+    inside = np.zeros(box.shape)
+    inside[12:-12, 12:-12] = 1
+    start = {name: 0.1 * random.standard_normal((2, *box.shape)) * inside for name in "uv"}
+    start["T"] = ZERO + random.standard_normal(box.shape) * inside
+    model, sides = both(0.3, 0.1, material=material), fh.LatticePML(nodes=12)
+    limit = fh.Simulation(box, model, sides).step_limit
+    sim, sizes = fh.Simulation(box, model, sides, start, dt=0.95 * limit), []
+    for _ in range(30):
+        sim.run(sim.time + sim.crossing, progress=False, allow_unstable=True)
+        sizes.append([np.abs(one).max() for one in (sim.fields["u"], sim.fields["T"] - ZERO, sim.engine.levels)])
+    assert (np.max(sizes[-5:], axis=0) < 0.7 * np.array(sizes[5])).all()
+
+
 SQUARE = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
 SIDES = {
     "of one kind": (fh.LatticePML(nodes=6), 4),
