@@ -280,6 +280,8 @@ SIDES = {
         {"u": {"x": fh.LatticePML(nodes=6), "y": fh.Free()}, "T": {"x": fh.LatticePML(nodes=6), "y": fh.Fixed(ZERO)}},
         2,
     ),
+    "an extended domain": (fh.Extended(nodes=9), 4),
+    "a layer and an extended domain": ({"x": fh.LatticePML(nodes=6), "y": fh.Extended(nodes=9)}, 4),
     "each its own": ({"u": fh.LatticePML(nodes=6), "T": fh.LatticePML(nodes=8)}, 0),
     "a sponge beside": ({"x": fh.LatticePML(nodes=6), "y": fh.Sponge(6)}, 0),
 }
@@ -289,6 +291,30 @@ SIDES = {
 def test_which_sides_both_fields_go_through(name):
     sides, count = SIDES[name]
     assert len(fh.Simulation(SQUARE, both(), sides).parts.warm) == count
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("coupled", [True, False])
+@pytest.mark.parametrize(
+    "sides",
+    [
+        fh.Extended(target=1e-6),
+        {"x-": fh.Extended(target=1e-6), "x+": fh.LatticePML(nodes=24), "y": fh.Extended(target=1e-6)},
+    ],
+    ids=["extended", "both"],
+)
+def test_extended_domains_are_as_layers(sides, coupled):
+    """A hot spot and its waves, whatever stands beyond: of the domain that the length of the run asks for."""
+    initial = {"T": "300 + exp(-((x-5)**2 + (y-2)**2)/4)"}
+    box, model = fh.Lattice(1.0, (-14.0, -14.0), (14.0, 14.0)), both(coupled=coupled)
+    runs = [
+        fh.Simulation(box, model, one, initial, dt=0.3).run(25.0, progress=False)
+        for one in (sides, fh.LatticePML(nodes=24))
+    ]
+    assert len(runs[0].parts.warm) == 4
+    for name, base in (("u", 0.0), ("T", ZERO)):
+        found, wanted = (run.fields[name] for run in runs)
+        assert np.abs(found - wanted).max() < 2e-6 * np.abs(wanted - base).max()
 
 
 def test_a_heat_of_several_stages_shares_no_layer():

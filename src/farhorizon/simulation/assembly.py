@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,7 @@ from farhorizon.simulation.surfaces import check_conditions, rest_and_damp
 from farhorizon.simulation.surroundings import Surroundings, by_target, check_memory
 from farhorizon.simulation.team import ALONE, Team
 from farhorizon.simulation.validation import check_model, check_repeats, check_stencil, check_variation
-from farhorizon.simulation.warm_sides import warm_margins, warm_sides
+from farhorizon.simulation.warm_sides import heat_front, warm_margins, warm_sides
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,15 +276,16 @@ def assembled(
     beyond.check_cracks(cuts_given, stencil.reach)
     drives = split_drives(sources, near, beyond)
     driving = drives.sources + [drive for _, drive in near.conditions.sources]
-    emitters = Emitters(near, sides, start, tuple(driving), bool(waves or drives.unsplit))
+    warm = frozenset() if share is not None else warm_sides(setup, sides, near.dt)
+    everywhere = bool(waves or drives.unsplit or warm)  # a hot spot may be anywhere
+    emitters = Emitters(near, sides, start, tuple(driving), everywhere, partial(heat_front, setup, warm))
     around = extend(setup, around, emitters)
 
     solid = start.solid
     material = solid.astype(float) if solid.any() else factor
     states = states_of(setup, sides, near.variation.moduli is not None)
-    warm = frozenset() if share is not None else warm_sides(setup, sides, near.dt)
     margins = choose_margins(near, around, (start.u, start.v), material, cuts_given, states, team)
-    margins |= {**warm_margins(setup, warm), **(margins_given or {})}
+    margins |= {**warm_margins(setup, warm, around), **(margins_given or {})}
     check_conditions(near, sides, margins, notes)
     link, neighbours = (None, None) if share is None else (team.link, share.neighbours)
     grid = make_grid(setup, near, around, margins, states, link, neighbours, bool(warm))

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from farhorizon.engine.engine import Layer
+from farhorizon.boundaries import Side
 from farhorizon.engine.settings import give_heat
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.simulation.coupling import expansion_of
@@ -30,8 +30,8 @@ class HeatInSteps(Heating):
         Of the solid, as `grid` and `sides`.
     grid : Grid
     sides : dict of (axis, side) to Side
-    layers : mapping of (axis, side) to Layer
-        Those that the temperature goes through with the displacements.
+    shared : mapping of (axis, side) to Side
+        Those through which the temperature goes on with the displacements, as it has them.
     march_of : callable
         Puts the parts of a set-up in motion, given what drives it beside its sources: a function of the time.
 
@@ -49,10 +49,10 @@ class HeatInSteps(Heating):
         near: NearField,
         grid: Grid,
         sides: Sides,
-        layers: Mapping[Key, Layer],
+        shared: Mapping[Key, Side],
         march_of: Callable[[Setup, Callable[[float], np.ndarray]], Any],
     ) -> None:
-        cold = {key: side for key, side in sides.items() if key not in layers}
+        cold = {key: side for key, side in sides.items() if key not in shared}
         self.load, self.near, self.grid, self.sides, self._team = load, near, grid, cold, ALONE
         assert load.reference is not None
         self._zero = load.reference
@@ -61,9 +61,9 @@ class HeatInSteps(Heating):
         self._largest, self._told = 0.0, False
         self.every = 1
         self._power = np.zeros(near.lattice.shape)
-        self._heat = march_of(heat_beside(load, near.dt, layers, sides), lambda _: self._power)
+        self._heat = march_of(heat_beside(load, near.dt, shared), lambda _: self._power)
         check_known(len(self._heat.parts.near.conditions.images))
-        self._beyond = WarmNodes(grid, self._heat.parts.grid, self._expansion) if layers else None
+        self._beyond = WarmNodes(grid, self._heat.parts.grid, self._expansion) if shared else None
         self._now = self._before = self._temperature_now()
 
     def _seen(self) -> Any:

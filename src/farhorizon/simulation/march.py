@@ -23,6 +23,7 @@ from farhorizon.simulation.heating import Heating
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.start import Motion, begun, continued
 from farhorizon.simulation.team import ALONE, Team
+from farhorizon.simulation.warm_sides import sides_of_heat
 
 
 class March:
@@ -103,9 +104,9 @@ class March:
                 parts = assemble(setup, margins)
                 return March(setup, replace(parts, driving=[*parts.driving, (None, source)]), run_of)
 
-        layers = {key: self.parts.around.layers[key] for key in self.parts.warm}
+        shared = sides_of_heat(self.parts.around, grid.margins, self.parts.warm)
         kind = HeatOfDeformation if load.coupled else HeatInSteps
-        return kind(load, near, grid, sides, layers, driven)
+        return kind(load, near, grid, sides, shared, driven)
 
     def _lay_start(self) -> None:
         """Give the engine the level of the start, and that one step before it."""

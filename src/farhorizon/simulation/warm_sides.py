@@ -1,4 +1,5 @@
-"""Absorbing sides through which a temperature goes on with the displacements, in the layers of the solid.
+"""Absorbing sides through which a temperature goes on with the displacements: in the layers of the solid, or as far as
+the domain is extended.
 
 In a layer the shifts along its normal are stretched. What couples both fields is exact there, too, if both are
 continued by the same stretch: then the heat has the layers of the solid, edge by edge, and its steps.
@@ -8,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
+from farhorizon.boundaries import Side
 from farhorizon.engine.engine import Layer
 from farhorizon.engine.settings import give_heat_beyond
 from farhorizon.inputs.thermal_loads import ThermalLoad
@@ -18,6 +21,7 @@ from farhorizon.medium.integrators import Euler
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import heat_alone
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
+from farhorizon.simulation.surroundings import Surroundings
 
 
 def warm_sides(setup: Setup, sides: Sides, dt: float) -> frozenset[Key]:
@@ -36,7 +40,7 @@ def warm_sides(setup: Setup, sides: Sides, dt: float) -> frozenset[Key]:
     if load is None or not load.joint:
         return frozenset()
     heat = load.temperature
-    found = {key for key, side in sides.items() if side.stretched and side_name(*key) in load.joint}
+    found = {key for key, side in sides.items() if (side.stretched or side.extended) and side_name(*key) in load.joint}
     others = [side for key in sides.keys() - found for side in (sides[key], heat.sides[key])]
     alike = isinstance(heat.model.integrator, Euler) and heat.background == load.reference
     if not alike or any(side.endless for side in others):
@@ -44,9 +48,9 @@ def warm_sides(setup: Setup, sides: Sides, dt: float) -> frozenset[Key]:
     return frozenset(found) if load.coupled or dt <= heat_alone(heat).step_limit else frozenset()
 
 
-def warm_margins(setup: Setup, warm: Collection[Key]) -> dict[Key, int]:
+def warm_margins(setup: Setup, warm: Collection[Key], around: Surroundings) -> dict[Key, int]:
     """Nodes of the core in front of the layers of both fields, which keep data and sources out of them."""
-    return {key: 1 + max(_reaches(setup, key[0])) for key in warm}
+    return {key: 1 + max(_reaches(setup, key[0])) for key in warm if key in around.layers}
 
 
 def _reaches(setup: Setup, axis: int) -> list[int]:
@@ -56,24 +60,42 @@ def _reaches(setup: Setup, axis: int) -> list[int]:
     return [model.medium(lattice.spacing, lattice.dim).reach[axis] for model in models]
 
 
-def heat_beside(load: ThermalLoad, dt: float, layers: Mapping[Key, Layer], sides: Sides) -> Setup:
-    """The set-up of the heat, with steps of the solid and its layers, as far as both have the same.
+def heat_front(setup: Setup, warm: Collection[Key], until: float, error: float) -> int:
+    """Nodes of an extended domain from whose end no more of the heat comes back than an error."""
+    if not warm or setup.heat is None:
+        return 0
+    heat = heat_alone(setup.heat.temperature)
+    diffusivity = heat.model.coefficient * heat.strongest
+    return int(np.ceil(np.sqrt(diffusivity * until * np.log(1 / error)) / heat.lattice.spacing))
+
+
+def sides_of_heat(around: Surroundings, margins: Mapping[Key, int], warm: Collection[Key]) -> dict[Key, Side]:
+    """The sides that the heat shares with the solid, as it has them.
 
     Parameters
     ----------
-    load : ThermalLoad
-    dt : float
-    layers : mapping of (axis, side) to Layer
-        Those of both fields. Short waves of the temperature need no damping.
-    sides : dict of (axis, side) to Side
-        Of the solid.
+    around : Surroundings
+        Of the solid. Short waves of the temperature need no damping.
+    margins : mapping of (axis, side) to int
+        Nodes of the core beyond the near field.
+    warm : collection of (axis, side)
     """
-    joint = {
-        side_name(*key): replace(sides[key], nodes=layer.columns, profile=Layer(layer.kappa, layer.sigma, layer.alpha))
-        for key, layer in layers.items()
-    }
+    found: dict[Key, Any] = {}
+    for key in warm:
+        layer, side = around.layers.get(key), around.sides[key]
+        if layer is None:
+            found[key] = replace(side, nodes=max(1, margins[key]))
+        else:
+            profile = Layer(layer.kappa, layer.sigma, layer.alpha)
+            found[key] = replace(side, nodes=layer.columns, profile=profile)
+    return found
+
+
+def heat_beside(load: ThermalLoad, dt: float, shared: Mapping[Key, Side]) -> Setup:
+    """The set-up of the heat, with steps of the solid and the sides that it shares with it."""
     heat = load.temperature
-    return replace(heat, dt=dt, balance=False, boundary={**heat.boundary, **joint})
+    named = {side_name(*key): side for key, side in shared.items()}
+    return replace(heat, dt=dt, balance=False, boundary={**heat.boundary, **named})
 
 
 class WarmNodes:
