@@ -24,7 +24,8 @@ multiply-adds, layers against the infinite lattice.
 - layers: largest error of the near field against the infinite lattice, relative to the largest initial value, over four
   crossings of the P wave; pulses of all components that meet sides and corners. Targets in 3D: 1e-5 with 10 nodes, 1e-7
   with 20.
-- heated: a step of a solid and its temperature with the heat of deformation, over one without.
+- heated: a step of a solid and its temperature with the heat of deformation, over one without; and beside layers that
+  both fields share, over one beside layers of their own.
 - warm: largest error of displacements and temperature against a domain so large that nothing comes back from its ends,
   over the largest value then or at the start: heat that reaches the sides, and coupled waves that leave; where both
   fields share their layers, and where each has its own. Targets of those that are shared: that of the model, 1e-4.
@@ -374,21 +375,29 @@ def strained(given: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def heated(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """One row a lattice: a solid and its temperature, with the heat of deformation and without."""
+    """One row a lattice: a solid and its temperature, with the heat of deformation and without; with it beside layers
+    of 12 nodes that both share, over some of their own.
+    """
     rows = []
     for n in (61, 201):
         box = Lattice(1.0, (0.0, 0.0), (n - 1.0, n - 1.0))
         solid = Elastic(Kernel(2.0, 1), 70.0, density=2.7)
         heat = Heat(Kernel(2.0), density=2.7, specific_heat=0.9, conductivity=0.5)
         warm = {"T": f"300 + exp(-((x-{n // 2})**2 + (y-{n // 2})**2)/9)"}
-        runs = {
-            coupled: Simulation(box, Thermoelastic(solid, heat, 2e-5, 300.0, coupled), Free(), warm, threads=1)
-            for coupled in (True, False)
+        layer, other = LatticePML(nodes=12), LatticePML(nodes=13)
+        cases: dict[str, tuple[bool, Any]] = {
+            "coupled": (True, Free()),
+            "not": (False, Free()),
+            "shared": (True, layer),
+            "own": (True, {"u": layer, "T": other}),
         }
-        times = interleaved(
-            {str(key): lambda count, run=run: run.step(count) for key, run in runs.items()}, given.repeats
-        )
-        rows.append({"lattice": f"{n}^2", "coupled/not": ratio(times, "True", "False")})
+        runs = {
+            name: Simulation(box, Thermoelastic(solid, heat, 2e-5, 300.0, coupled), sides, warm, threads=1)
+            for name, (coupled, sides) in cases.items()
+        }
+        times = interleaved({key: lambda count, run=run: run.step(count) for key, run in runs.items()}, given.repeats)
+        ratios = {"coupled/not": ratio(times, "coupled", "not"), "shared/own layers": ratio(times, "shared", "own")}
+        rows.append({"lattice": f"{n}^2", **ratios})
     return rows
 
 
