@@ -46,7 +46,7 @@ def errors(lower, upper, open_sides, far, model, initial, sides, until, **more):
     assert small.parts.warm == large.parts.warm != frozenset()
     stiffening = small.parts.near.coupling.stiffening if model.coupled else 0.0
     # the fastest wave goes there and back
-    assert 2 * far > 1.1 * until * model.elastic.p_speed * np.sqrt(1 + stiffening)
+    assert 2 * far > 1.1 * until * small.model.p_speed * np.sqrt(small.strongest * (1 + stiffening))
     part = tuple(slice(a, None if b == 0 else -b) for a, b in zip(less, more_nodes, strict=True))
     sizes, found = np.zeros(2), np.zeros(2)
     for moment in (0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0):
@@ -119,6 +119,38 @@ def test_space():
     initial = {"T": "300 + exp(-((x-2)**2 + (y-1)**2 + 2*(cos(pi*z/3) - 1)**2)*0.5)"}
     found = errors((-8.0, -8.0, 0.0), (8.0, 8.0, 5.0), OPEN, 20, model, initial, sides, 22.0)
     assert max(found) < 1e-3  # of layers of ten nodes
+
+
+def solid(young=1.5, density=1.2, **more):
+    return fh.Elastic(fh.Kernel(2.0, exponent=1), young=young, density=density, **more)
+
+
+def of(elastic, expansion=0.01, integrator="euler"):
+    return fh.Thermoelastic(elastic, fh.Heat(fh.Kernel(2.0), 4.0, 0.5, 0.6, integrator), expansion, ZERO)
+
+
+HOT, UPPER = {"T": "300 + 2*exp(-((x-3)**2 + y**2)/4)"}, "(1 + 0.5*(y > 1))"
+VARIANTS = {
+    "a density in strata": (of(solid(density=f"1.2*{UPPER}")), HOT, {}),
+    "a stiffness in strata": (of(solid(f"1.5*{UPPER}")), HOT, {}),
+    "states in strata": (of(solid(f"1.5*{UPPER}", poisson=0.3, material="state-based")), HOT, {}),
+    "a conductivity in strata": (of(solid()), HOT, {"coefficient": {"T": f"{UPPER}/1.5"}}),
+    "an expansion that varies": (of(solid(), "0.01*(1 + (x**2 + y**2 < 30))"), HOT, {}),
+    "drag": (of(solid(damping=0.05)), HOT, {}),
+    "a source of heat": (of(solid()), {}, {"sources": {"T": ["exp(-(x**2 + y**2)/4)*sin(t/5)**2"]}}),
+    "bonds that break": (of(solid(critical_stretch=8e-3)), HOT, {"cracks": [fh.Crack([(0.0, 0.5), (4.0, 0.5)])]}),
+    "single precision": (of(solid()), HOT, {"dtype": "float32"}),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", VARIANTS)
+def test_what_varies_and_breaks(name):
+    """In front of the layers, or evenly along their normals."""
+    model, initial, more = VARIANTS[name]
+    sides = {"x": fh.LatticePML(nodes=24), "y": fh.Periodic()}
+    found = errors((-13.0, -6.0), (13.0, 6.0), ("x-", "x+"), 45, model, initial, sides, 40.0, **more)
+    assert max(found) < 1e-4
 
 
 @pytest.mark.slow
