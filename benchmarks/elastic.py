@@ -24,15 +24,20 @@ multiply-adds, layers against the infinite lattice.
 - layers: largest error of the near field against the infinite lattice, relative to the largest initial value, over four
   crossings of the P wave; pulses of all components that meet sides and corners. Targets in 3D: 1e-5 with 10 nodes, 1e-7
   with 20.
-- heated: a step of a solid and its temperature with the heat of deformation, over one without.
+- heated: a step of a solid and its temperature with the heat of deformation, over one without; and beside layers that
+  both fields share, over one beside layers of their own.
+- warm: largest error of displacements and temperature against a domain so large that nothing comes back from its ends,
+  over the largest value then or at the start: heat that reaches the sides, and coupled waves that leave; where both
+  fields share their layers, and where each has its own. Targets of those that are shared: that of the model, 1e-4.
 
-Run: ``python benchmarks/elastic.py [speed] [breaking] [passes] [closing] [strained] [heated] [layers] [--json FILE]
-[--repeats N]``. Takes five minutes and 2 GB.
+Run: ``python benchmarks/elastic.py [speed] [breaking] [passes] [closing] [strained] [heated] [layers] [warm]
+[--json FILE] [--repeats N]``. Takes seven minutes and 2 GB.
 """
 
 from __future__ import annotations
 
 import argparse
+import warnings
 from typing import Any
 
 import numpy as np
@@ -65,6 +70,12 @@ from farhorizon.engine.rows.vectors import I64, Vectors
 
 CHAINS = 16  # independent sums: more than a multiply-add takes cycles, times how many begin in one
 PEAK_STEP = 100_000  # rounds of all chains in a timed step
+#: The last node along each axis, how many of them have layers, and the time; along the others the fields repeat.
+WARM = {
+    "along an axis": ((24.0, 4.0), 1, 200.0),
+    "in the plane": ((24.0, 24.0), 2, 60.0),
+    "in space": ((24.0, 24.0, 3.0), 2, 40.0),
+}
 
 SPEED = {
     "2D bond-based": (2, 1000, 3, "full", "bond-based"),
@@ -364,22 +375,88 @@ def strained(given: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def heated(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """One row a lattice: a solid and its temperature, with the heat of deformation and without."""
+    """One row a lattice: a solid and its temperature, with the heat of deformation and without; with it beside layers
+    of 12 nodes that both share, over some of their own.
+    """
     rows = []
     for n in (61, 201):
         box = Lattice(1.0, (0.0, 0.0), (n - 1.0, n - 1.0))
         solid = Elastic(Kernel(2.0, 1), 70.0, density=2.7)
         heat = Heat(Kernel(2.0), density=2.7, specific_heat=0.9, conductivity=0.5)
         warm = {"T": f"300 + exp(-((x-{n // 2})**2 + (y-{n // 2})**2)/9)"}
-        runs = {
-            coupled: Simulation(box, Thermoelastic(solid, heat, 2e-5, 300.0, coupled), Free(), warm, threads=1)
-            for coupled in (True, False)
+        layer, other = LatticePML(nodes=12), LatticePML(nodes=13)
+        cases: dict[str, tuple[bool, Any]] = {
+            "coupled": (True, Free()),
+            "not": (False, Free()),
+            "shared": (True, layer),
+            "own": (True, {"u": layer, "T": other}),
         }
-        times = interleaved(
-            {str(key): lambda count, run=run: run.step(count) for key, run in runs.items()}, given.repeats
-        )
-        rows.append({"lattice": f"{n}^2", "coupled/not": ratio(times, "True", "False")})
+        runs = {
+            name: Simulation(box, Thermoelastic(solid, heat, 2e-5, 300.0, coupled), sides, warm, threads=1)
+            for name, (coupled, sides) in cases.items()
+        }
+        times = interleaved({key: lambda count, run=run: run.step(count) for key, run in runs.items()}, given.repeats)
+        ratios = {"coupled/not": ratio(times, "coupled", "not"), "shared/own layers": ratio(times, "shared", "own")}
+        rows.append({"lattice": f"{n}^2", **ratios})
     return rows
+
+
+def warm(given: argparse.Namespace) -> list[dict[str, Any]]:
+    """One row a lattice, data and sides."""
+    rows = []
+    for name, (last, axes, until) in WARM.items():
+        dim, kernel = len(last), Kernel(1.5 if len(last) > 2 else 2.0, 1)
+        solid = Elastic(kernel, 1.5, density=1.2)
+        expansion = float(np.sqrt(0.2 * 2 * solid.p_modulus / 300)) / (3 * solid.bulk)  # a coupling constant of 0.2
+        model = Thermoelastic(solid, Heat(kernel, 1.2, 2 / 1.2, 0.6), expansion, 300.0)
+        radius = " + ".join(f"{axis}**2" for axis in "xyz"[:axes])
+        bump, upper = f"exp(-({radius})/5)", np.array(last)
+        far = int(0.6 * until * 1.3 * solid.p_speed)  # the adiabatic waves are so much faster, at most
+        open_ended = np.arange(dim) < axes
+        for kind, initial in (("heat", {"T": f"300 + {bump}"}), ("wave", {"u": [f"x*{bump}", *["0*x"] * (dim - 1)]})):
+            for shared in (True, False):
+                near, large = (
+                    Simulation(
+                        Lattice(1.0, -(upper + wider) * open_ended, upper + wider * open_ended),
+                        model,
+                        _warm_sides(dim, axes, shared),
+                        initial,
+                    )
+                    for wider in (0, far)
+                )
+                part = tuple(slice(far, -far) if one else slice(None) for one in open_ended)
+                row: dict[str, Any] = {"case": f"{name}, {kind}", "layers": "shared" if shared else "their own"}
+                row |= {f"error of {field}": error for field, error in _apart(near, large, part, until).items()}
+                error = max(row["error of u"], row["error of T"])
+                rows.append(row | {"met": verdict(error, 1e-4, False) if shared else ""})
+    return rows
+
+
+def _apart(near: Simulation, large: Simulation, part: tuple[slice, ...], until: float) -> dict[str, float]:
+    """The largest errors of two fields, over the largest value that each had by then."""
+    sizes, found = {"u": 0.0, "T": 0.0}, {"u": 0.0, "T": 0.0}
+    for moment in (0.0, 0.01, 0.03, 0.1, 0.3, 0.6, 1.0):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that strains are missed beside layers of their own
+            for sim in (near, large):
+                sim.run(moment * until, progress=False)
+        for field, base in (("u", 0.0), ("T", 300.0)):
+            wanted = large.fields[field][(..., *part)]
+            sizes[field] = max(sizes[field], float(np.abs(wanted - base).max()))
+            found[field] = max(found[field], float(np.abs(near.fields[field] - wanted).max()))
+    return {field: error / sizes[field] for field, error in found.items()}
+
+
+def _warm_sides(dim: int, axes: int, shared: bool) -> dict[str, Any]:
+    """Layers along some axes, periodic sides along the others; those of the temperature are others if not shared."""
+    both = {
+        field: {
+            axis: LatticePML(nodes=16 + 4 * (field == "T" and not shared)) if i < axes else Periodic()
+            for i, axis in enumerate("xyz"[:dim])
+        }
+        for field in "uT"
+    }
+    return both["u"] if shared else both
 
 
 def _far_crack(n: int) -> list[list[tuple[float, float]]]:
@@ -398,5 +475,6 @@ if __name__ == "__main__":
             "strained": ("Bonds that may break by energy, one thread", strained),
             "heated": ("A solid and its temperature, one thread", heated),
             "layers": ("Errors against the infinite lattice", layers),
+            "warm": ("Errors of a solid and its temperature against a larger domain", warm),
         },
     )

@@ -25,6 +25,7 @@ from farhorizon.engine.bonds import (
     factors_of,
 )
 from farhorizon.engine.field import Field
+from farhorizon.engine.operations import trace_operations
 from farhorizon.engine.release import LINES, PATCH_NODES, largest_energy
 from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
 from farhorizon.engine.rows.build import load_bonds
@@ -298,22 +299,29 @@ class BondZone:
         """Add the energy, for a unit of mass a node, of bonds that were cut."""
         self.table.broken[0, 0, 0] += energy * self.engine.stages.numbers[0][2]
 
-    def traces(self, level: np.ndarray) -> np.ndarray:
+    def traces(self, level: np.ndarray, apart: bool = False) -> np.ndarray:
         """What a strain of each place that heat brings is multiplied with in the energy of a level, for a unit of mass
-        a node: the sum of the normal stresses over the density. Zero outside the zone. Fills the halo of `level`.
+        a node: the sum of the normal stresses over the density. Zero outside the zone, unless heat goes on in the
+        layers: then if `apart` these remember nothing of the level, whose halo is filled.
         """
         engine = self.engine
         found, block, material = np.zeros(engine.layout.size), engine.tables.sweep.block, engine.tables.material
         engine.complete(level)
-        if engine.passes is None:
-            xi, scaled = self.table.table[:, : engine.components], self.table.table[:, engine.components + 1 :]
-            vectors = xi.astype(float) * scaled / engine.stages.numbers[0][2]
+        warm, table = engine.warm_layers, self.table
+        if warm is not None:
+            table = table._replace(zone=Zone((0, 0, 0), engine.layout.box.nodes).table(engine.layout.reach))
+        if engine.passes is not None:
+            vectors, states = engine.tables.heat.vectors, engine.passes.states_of(level, layered=warm is not None)
+            add_traces_of_states(found, states, block, table, engine.passes.units_of_bonds())
         else:
-            vectors = engine.tables.heat.vectors
-            add_traces_of_states(
-                found, engine.passes.states_of(level), block, self.table, engine.passes.units_of_bonds()
-            )
-        add_traces(found, level, engine.components, block, material, self.table, vectors)
+            xi, scaled = table.table[:, : engine.components], table.table[:, engine.components + 1 :]
+            vectors = xi.astype(float) * scaled / engine.stages.numbers[0][2]
+        if warm is not None:
+            vectors = warm.vectors
+            engine.tables.heat.traces[:] = 0
+            engine.operate(level, trace_operations(engine.tables), apart, again=True)
+            found += engine.tables.heat.traces
+        add_traces(found, level, engine.components, block, material, table, vectors)
         return found
 
     def energy(
@@ -342,6 +350,7 @@ class BondZone:
             self.engine.components,
             material,
             table._replace(warmth=table.warmth[:1] * 0) if cold else table,
+            self.engine.warm_layers is not None,
         )
         return float(total) / self.engine.stages.numbers[0][2]
 

@@ -456,9 +456,9 @@ def curved_part(zone, i0, i1, offset, first, end):
 
 
 @njit(error_model="numpy", cache=True)
-def strain_energy(u, old, block, first, end, nodes, whole, components, material, bonds):
+def strain_energy(u, old, block, first, end, nodes, whole, components, material, bonds, heated):
     """Energy of all bonds of the nodes `first` to `end` of the core, in units of c; bonds to other nodes count half,
-    across sides `whole` fully.
+    across sides `whole` fully. If `heated`, heat strains those without a law of their own, too.
     """
     table, places, alive, zone = bonds.table, bonds.places, bonds.alive, bonds.zone
     coefficient, rule = material.coefficient, material.rule
@@ -489,7 +489,7 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, material,
                     strains(before[part], old, node + begin, offset[0], xi, components, curved)
                     factor = (0.5 if outside else 0.25) * np.float64(xi[components + 1]) * length
                     one, two, sums, there = now[part], before[part], energy[part], bits[part]
-                    for i in range(last - begin if bonds.warmth.size > 1 and law else 0):
+                    for i in range(last - begin if bonds.warmth.size > 1 and (law or heated) else 0):
                         warm = strain_of_heat(bonds.warmth, node + begin + i, node + begin + i + offset[0])
                         one[i] -= warm
                         two[i] -= warm

@@ -42,6 +42,7 @@ from farhorizon.engine.rows.matrices import Signs, signs_of
 from farhorizon.engine.rows.structs import Struct
 from farhorizon.engine.stretches import Stretches
 from farhorizon.engine.tables import Inputs, Stage
+from farhorizon.engine.warm_layers import WarmLayers
 from farhorizon.files.storable import Storable
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
@@ -155,12 +156,16 @@ class Engine:
         Whether each component changes its sign in mirrors across the three axes; those of a vector unless given.
     sums : StateSums, optional
         Two passes beside the stencil, on its offsets; coefficients are those of the stencil's own bonds.
+    heat : ndarray, shape (K, d), optional
+        Forces of the stencil's own bonds for a unit of strain that heat brings, in units of the operator, where it goes
+        on in the layers.
 
     Attributes
     ----------
     tables : Tables
         What the loop works off; the methods `set_..` put others in their place.
     passes : Passes or None
+    warm_layers : WarmLayers or None
     memory : ndarray
         What the layers remember, of the type `kept`: that of the field, or the first halves of its numbers.
     bonds : BondZone
@@ -193,6 +198,7 @@ class Engine:
         reaction: float | np.ndarray = 0.0,
         signs: Signs | None = None,
         sums: StateSums | None = None,
+        heat: np.ndarray | None = None,
     ) -> None:
         self.dtype = np.dtype(real)
         self.stages, self.dt, self.reaction = stages, dt, reaction
@@ -212,6 +218,7 @@ class Engine:
         of_values = self.dtype, self.kept, self.remember, coefficient is None
         self.layer_tables = LayerTables(self.layout, self.offsets, matrices, signs, signs, springs, *of_values)
         self.passes = None if sums is None else Passes(self, sums, recursion)
+        self.warm_layers = None if heat is None else WarmLayers(self, heat, recursion, coefficient is None)
         self.memory = self._one_memory()
         self.levels = aligned_zeros(self.components * self.layout.size, self.dtype, stages.levels)
         memory = self.memory.size // 4 if self.remember else 0
@@ -230,7 +237,7 @@ class Engine:
         self.watch_stride = 1
         self._repeats = Repeats()
         self._own_loop = CompiledLoop()
-        self._asked: dict[tuple[Any, ...], tuple[Tables, Tables, np.ndarray, CompiledLoop]] = {}
+        self._asked: dict[tuple[Any, ...], tuple[Tables, Tables, np.ndarray, CompiledLoop, np.ndarray]] = {}
         self.exchange: Exchange | None = None
         self.loop: Loop | None = None
 
@@ -243,7 +250,8 @@ class Engine:
     @property
     def all_layers(self) -> list[LayerTables]:
         """Those of all passes."""
-        return [self.layer_tables, *(() if self.passes is None else self.passes.layer_tables)]
+        beside = (one.layer_tables for one in (self.passes, self.warm_layers) if one is not None)
+        return [self.layer_tables, *itertools.chain(*beside)]
 
     def _one_memory(self) -> np.ndarray:
         """What the layers of all passes remember, one after the other."""
@@ -464,7 +472,8 @@ class Engine:
         nodes with states do not close. What is made for it is kept if the same operations are asked for `again` and
         again.
         """
-        kept = self._asked.get((cold, gaping, *operations)) if again else None
+        asked = (apart, cold, gaping, *operations)
+        kept = self._asked.get(asked) if again else None
         if kept is None or kept[0] is not self.tables:
             scale = self.stages.numbers[0][2]  # the last stage may be without operator
             numbers = np.array([numbers_of(self, float(self.stages.increments), 0.0, scale, 0.0)], self.dtype)
@@ -473,12 +482,15 @@ class Engine:
                 tables = without_heat(tables)
             if gaping:
                 tables = without_contact(tables)
+            memory = self.memory.copy() if apart else self.memory
             if apart:
-                tables = self._with_memory(tables, self.memory.copy())
-            kept = self.tables, tables, np.zeros((3, level.size), level.dtype), CompiledLoop(self._own_loop)
+                tables = self._with_memory(tables, memory)
+            kept = self.tables, tables, np.zeros((3, level.size), level.dtype), CompiledLoop(self._own_loop), memory
             if again:
-                self._asked[cold, gaping, *operations] = kept
-        _, tables, levels, loop = kept
+                self._asked[asked] = kept
+        _, tables, levels, loop, memory = kept
+        if apart:
+            memory[:] = self.memory
         levels[0], levels[1:] = level, 0
         if self.loop is None:
             loop(1, 0, levels, tables, self._no_inputs(1), 1)
@@ -491,11 +503,17 @@ class Engine:
         """Tables whose layers have another memory."""
         starts = [one.start for one in self.all_layers]
         tables = tables._replace(layers=_remembering(tables.layers, memory, starts[0]))
+        if self.warm_layers is not None:
+            pushes, traces = (
+                one._replace(layers=_remembering(one.layers, memory, start))
+                for one, start in zip((tables.pushes, tables.traces), starts[-2:], strict=True)
+            )
+            tables = tables._replace(pushes=pushes, traces=traces)
         if self.passes is None:
             return tables
         gather, scatter = (
             one._replace(layers=_remembering(one.layers, memory, start))
-            for one, start in zip((tables.gather, tables.scatter), starts[1:], strict=True)
+            for one, start in zip((tables.gather, tables.scatter), starts[1:3], strict=True)
         )
         stretches = _remembering(tables.stretches, memory, self.passes.start)
         return tables._replace(gather=gather, scatter=scatter, stretches=stretches)
@@ -559,12 +577,14 @@ class Engine:
 
     @property
     def layer_memory(self) -> list[tuple[int, tuple[int, int], np.ndarray, Signs]]:
-        """Places of the memory that is ever used: pass, (axis, side) of a layer, an array by component, number, and
-        line, and the components' signs; see `LayerTables.cells`.
+        """Places of the memory that forces of displacements ever use: pass, (axis, side) of a layer, an array by
+        component, number, and line, and the components' signs; see `LayerTables.cells`.
         """
+        warm = () if self.warm_layers is None else self.warm_layers.layer_tables
+        of_the_solid = [tables for tables in self.all_layers if tables not in warm]
         return [
             (number, key, tables.start + cells, signs)
-            for number, tables in enumerate(self.all_layers if self.remember else ())
+            for number, tables in enumerate(of_the_solid if self.remember else ())
             for key, cells, signs in tables.cells(tables.layers.f != 0)
         ]
 

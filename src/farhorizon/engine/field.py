@@ -34,6 +34,7 @@ class Field(Protocol):
     levels: np.ndarray
     tables: Tables
     passes: Any
+    warm_layers: Any
 
     @property
     def current(self) -> np.ndarray: ...
@@ -41,6 +42,8 @@ class Field(Protocol):
     def older(self) -> np.ndarray: ...
     @property
     def varied(self) -> bool: ...
+    @property
+    def all_layers(self) -> list[LayerTables]: ...
     def spread(
         self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None, jointly: bool = False
     ) -> np.ndarray: ...

@@ -43,6 +43,7 @@ class Interpreter:
         self.memory: dict[object, np.ndarray] = {}
         self.shifts = StretchedShifts(engine, self.memory)
         self.states = None if engine.passes is None else _States(self, engine.passes)
+        self.heat = heat = _Heat(self)
         engine.loop = self.run
         self.methods: dict[int, Callable[..., None]] = {
             op.COPY: self._copy,
@@ -69,8 +70,9 @@ class Interpreter:
             op.FRINGE: self._fringe,
             op.DISSOLVE: self._dissolve,
             op.KEEP: self._keep,
-            op.HEAT: self._heat,
-            op.WARM: self._warm,
+            op.HEAT: heat.push_springs,
+            op.WARM: heat.warm_up,
+            op.HEAT_BEYOND: heat.push_beyond,
         }
 
     def run(self, steps: int, phase: int, levels: np.ndarray, tables: op.Tables, inputs: Inputs) -> None:
@@ -90,7 +92,9 @@ class Interpreter:
                 )
                 first, last = tables.starts[part : part + 2]
                 for operation, number, which in tables.operations[first:last].tolist():
-                    if which != op.SPRINGS:
+                    if which in (op.PUSHES, op.TRACES) and operation == op.STRETCH:
+                        self.heat.stretch(number, which)
+                    elif which in (op.GATHER, op.SCATTER):
                         assert self.states is not None
                         self.states.run(operation, number, which)
                     else:
@@ -113,7 +117,7 @@ class Interpreter:
         if stage.increments:
             stage.base[nodes] = stage.out[nodes] - stage.src[nodes]
 
-    def _add(self, values: np.ndarray, nodes: np.ndarray | None = None) -> None:
+    def add(self, values: np.ndarray, nodes: np.ndarray | None = None) -> None:
         """Add to the new step what nodes gain, shape (components, nodes), of all nodes unless they are given."""
         nodes = self.nodes if nodes is None else nodes
         for level in (self.stage.out, self.stage.base)[: 1 + self.stage.increments]:
@@ -220,16 +224,6 @@ class Interpreter:
         warmth = np.broadcast_to(self.tables.bonds.warmth, self.engine.layout.size)
         return np.asarray((warmth[nodes] + warmth[others]) / 2)
 
-    def _heat(self) -> None:
-        bonds, nodes = self.tables.bonds, self.nodes[self.zone()]
-        for bond, distance in enumerate(bonds.places[:, 0]):
-            there = self.present(nodes, nodes + distance) * self.factors(nodes, nodes + distance)
-            push = there * self.warmth(nodes, nodes + distance)
-            self._add(-self.stage.scale * np.multiply.outer(self.tables.heat.vectors[bond], push), nodes)
-
-    def _warm(self) -> None:
-        self.tables.heat.warmth[:] += self.tables.heat.rate
-
     def limits(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Largest strain e of bonds that do not break."""
         bonds = self.tables.bonds
@@ -280,12 +274,12 @@ class Interpreter:
         cuts, d = self.tables.cuts, self.components
         lost = self.factors(cuts.nodes, cuts.neighbours) * self._gaps(cuts.nodes, cuts.neighbours)
         weights = cuts.weights.reshape(-1, d, d)
-        self._add(-self.stage.scale * np.einsum("iab,bi->ai", weights, lost), cuts.nodes)
+        self.add(-self.stage.scale * np.einsum("iab,bi->ai", weights, lost), cuts.nodes)
 
     # --- layers ------------------------------------------------------------------------------------------------
 
     def _stretch(self, axis: int) -> None:
-        self._add(self.stage.scale * self._springs(axis).reshape(self.components, -1))
+        self.add(self.stage.scale * self._springs(axis).reshape(self.components, -1))
 
     def _springs(self, axis: int) -> np.ndarray:
         return self.stretched(axis, self.split(self.stage.src), self.matrices, op.SPRINGS)
@@ -304,9 +298,13 @@ class Interpreter:
                 later = next((a for a in range(axis + 1, 3) if self.shifts.serve(a)), 3)
                 less = self.shifts.at_nodes(self.shifts.along(tuple(offset), later), offset, later)
                 at = self.nodes + int(np.dot(offset, self.box.stride))
-                there = self.present(self.nodes, at) * (self.factors(self.nodes, at) if number == op.SPRINGS else 1)
+                there = self.present(self.nodes, at) * self._factors_of_pass(number, at)
                 total += np.tensordot(weight, (more - less) * there.reshape(self.box.nodes), 1)
         return total
+
+    def _factors_of_pass(self, number: int, others: np.ndarray) -> np.ndarray | float:
+        """Factors of the bonds of all nodes in a pass: those of states have none."""
+        return 1.0 if number in (op.GATHER, op.SCATTER) else self.factors(self.nodes, others)
 
     def present(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Which bonds are there, by the absent ones and by the places without a node."""
@@ -344,7 +342,7 @@ class Interpreter:
             total += there * increments[:, nodes + distance]
             number += there
         pull = drag.rate * np.where(number, total / np.maximum(number, 1) - increments[:, nodes], 0)
-        self._add(pull, nodes)
+        self.add(pull, nodes)
         at = np.array(np.unravel_index(np.searchsorted(self.nodes, nodes), self.box.nodes))
         near = ((at >= drag.first[:, None]) & (at < drag.end[:, None])).all(0)
         change = (self.split(stage.out) - self.split(stage.base))[:, nodes]
@@ -372,7 +370,7 @@ class Interpreter:
                 ends.forces[end, :reach] += ends.past[end, place]
                 for lag in range(1, place + 1):
                     ends.forces[end, :reach] += ends.heads[end, lag] @ ends.history[end, step - lag]
-            self._add(stage.scale * ends.forces[end : end + 1, :reach], nodes)
+            self.add(stage.scale * ends.forces[end : end + 1, :reach], nodes)
             counted = self.tables.flows.ends[end] >= 0 if len(self.tables.flows.ends) else np.zeros(reach, bool)
             flows = self.tables.flows
             gains = flows.effects[stage.part] * ends.forces[end, :reach][counted]
@@ -484,6 +482,56 @@ def _passed(tables: Filter, values: np.ndarray) -> np.ndarray:
     taken = np.zeros_like(values)
     taken[nodes] = strengths[entries] * passed
     return taken
+
+
+class _Heat:
+    """The operations of strains that heat brings.
+
+    Parameters
+    ----------
+    loop : Interpreter
+    """
+
+    def __init__(self, loop: Interpreter) -> None:
+        self.loop = loop
+
+    def push_springs(self) -> None:
+        """Springs beside states lose what heat strains them."""
+        loop = self.loop
+        bonds, nodes = loop.tables.bonds, loop.nodes[loop.zone()]
+        for bond, distance in enumerate(bonds.places[:, 0]):
+            there = loop.present(nodes, nodes + distance) * loop.factors(nodes, nodes + distance)
+            self._push(loop.tables.heat.vectors[bond], there * loop.warmth(nodes, nodes + distance), nodes)
+
+    def push_beyond(self) -> None:
+        """So do bonds without a law of their own, and springs, on all nodes."""
+        loop = self.loop
+        bonds, at = loop.tables.bonds, np.indices(loop.box.nodes).reshape(3, -1)
+        for bond, (distance, *offset) in enumerate(bonds.places):
+            curved = _follow_law(bonds.zone, at) & _follow_law(bonds.zone, at + np.array(offset)[:, None])
+            nodes = loop.nodes[~(curved & bonds.forces)]
+            alive = bonds.alive[bond >> 6, nodes] & np.uint64(1) << np.uint64(bond & 63) != 0
+            there = alive * loop.factors(nodes, nodes + distance)
+            self._push(loop.tables.heat.beyond[bond], there * loop.warmth(nodes, nodes + distance), nodes)
+
+    def _push(self, vector: np.ndarray, strains: np.ndarray, nodes: np.ndarray) -> None:
+        self.loop.add(-self.loop.stage.scale * np.multiply.outer(vector, strains), nodes)
+
+    def stretch(self, axis: int, which: int) -> None:
+        """What layers add to pushes, or to traces."""
+        loop = self.loop
+        assert loop.engine.warm_layers is not None
+        weights, heat = loop.engine.warm_layers.weights[which - op.PUSHES], loop.tables.heat
+        read = heat.warmth[None] if which == op.PUSHES else loop.split(loop.stage.src)
+        found = loop.stretched(axis, read, weights, which).reshape(len(weights[0]), -1)
+        if which == op.PUSHES:
+            loop.add(loop.stage.scale * found)
+        else:
+            heat.traces[loop.nodes] += found[0]
+
+    def warm_up(self) -> None:
+        """The strains of the next step."""
+        self.loop.tables.heat.warmth[:] += self.loop.tables.heat.rate
 
 
 class _States:

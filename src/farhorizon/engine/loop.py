@@ -23,11 +23,14 @@ from farhorizon.engine.operations import (
     FLOW_LAYERS,
     KEEP,
     LINES,
+    PUSHES,
     RELEASE,
     SPRINGS,
     STRETCH,
     STRETCH_FORCES,
     STRETCH_STATES,
+    SWEEP,
+    TRACES,
     Tables,
     pass_of,
 )
@@ -39,9 +42,11 @@ from farhorizon.engine.rows.structs import Struct
 from farhorizon.engine.tables import ABSENT, EDGE, FACE, GENERAL, Inputs, Stage, Sums, one_medium
 from farhorizon.engine.threads import ALONE, side_by_side
 
-_FLOWS = 3  # of the stages the one whose sums go into a level of their own, beside those of the passes
+_FLOWS = 5  # of the stages the one whose sums go into a level of their own, beside those of the passes
 # of all operations on states these change the field
 _OF_THE_FIELD = (BREAK, RELEASE, DAMAGED, STRETCH_STATES, STRETCH_FORCES)
+# what has the coefficients of bonds
+_OF_BONDS = (SPRINGS, PUSHES, TRACES)
 _COUNTED = ("general_rows", "general_matrix_rows")  # they make arrays
 
 Function = Callable[..., Any]
@@ -131,7 +136,11 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
     lists = [table.operations[a:b].tolist() for a, b in zip(table.starts[:-1], table.starts[1:], strict=True)]
     used = sorted({which for operations in lists for _, _, which in operations} | {SPRINGS})
     split = {which for operations in lists for operation, _, which in operations if operation == AHEAD}
-    parts = {which: _on_parts(program, table, inputs.table, which, which in split) for which in used}
+    swept = {which for operations in lists for operation, _, which in operations if operation in (SWEEP, AHEAD)}
+    parts = {
+        which: _on_parts(program, table, inputs.table, which, which in split) if which in swept else ([], [])
+        for which in used
+    }
     sums = {which: _sums(table, which, *map(len, parts[which])) for which in used}
 
     def address(function: Function, stage: Struct, one: Struct) -> int:
@@ -253,7 +262,7 @@ def _sums(tables: Tables, which: int, parts: int, ahead: int) -> Struct:
     """What the operations of a pass take, with room for addresses."""
     everywhere = tables.material
     alike = everywhere._replace(coefficient=everywhere.coefficient[:1])
-    material = everywhere if which == SPRINGS else alike  # coefficients are those of springs alone
+    material = everywhere if which in _OF_BONDS else alike
     liquid = alike if everywhere.rule == PHASES else material
     media = tables.media if which == SPRINGS else one_medium(tables.numbers.dtype)
     room = np.zeros(4, np.int64), np.zeros(parts, np.int64), np.zeros(ahead, np.int64)
@@ -262,13 +271,15 @@ def _sums(tables: Tables, which: int, parts: int, ahead: int) -> Struct:
 
 
 def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool) -> list[Struct]:
-    """A stage of the field, and those of the passes: of sums that make states, that make forces of them, and that go
-    into a level of their own.
+    """A stage of the field, and those of the passes: of sums that make states, that make forces of them, that make
+    forces and traces where heat goes on in layers, and that go into a level of their own.
     """
     src, base, out = levels
     a, a_difference, b, scale, _ = tables.numbers[part]
     none, one = tables.numbers.dtype.type(0), tables.numbers.dtype.type(1)
     states, inflow, n = tables.gather.sweep.law.values, tables.flows.inflow, tables.components
+    heat = tables.heat
+    pushed, traced = (tables.pushes.columns, tables.pushes.rows), (tables.traces.columns, tables.traces.rows)
     read, made = (tables.gather.columns, tables.gather.rows), (tables.scatter.columns, tables.scatter.rows)
     return [
         Struct(stage)
@@ -276,6 +287,8 @@ def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool)
             Stage(src, base, out, part, a, a_difference, b, scale, tables.increments, n, n, backward),
             Stage(src, states, states, part, none, none, none, one, False, *read, backward),
             Stage(states, out, out, part, none, none, one, scale, False, *made, not backward),
+            Stage(heat.warmth, out, out, part, none, none, one, scale, False, *pushed, backward),
+            Stage(src, heat.traces, heat.traces, part, none, none, one, one, False, *traced, backward),
             Stage(src, inflow, inflow, part, one, one, one, one, False, n, n, backward),
         )
     ]

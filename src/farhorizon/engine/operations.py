@@ -72,9 +72,11 @@ AHEAD = 29  # SWEEP of rows that need no halo, while messages are on their way: 
 # and how many others there are
 RECEIVE = 30  # messages end, by which other processes fill the halo; as SEND
 RELEASE = 31  # bonds break with which enough energy is lost
+HEAT_BEYOND = 32  # bonds without a law of their own, and springs beside states, lose what heat strains them, everywhere
 
-# Passes of the operator: the springs, sums over bonds that make states, sums over states that make forces.
-SPRINGS, GATHER, SCATTER = range(3)
+# Passes of the operator: the springs, sums over bonds that make states, sums over states that make forces; where heat
+# goes on in the layers, sums of strains that push nodes, and the traces of stresses.
+SPRINGS, GATHER, SCATTER, PUSHES, TRACES = range(5)
 
 
 class Pass(NamedTuple):
@@ -159,6 +161,8 @@ class Tables(NamedTuple):
     listening: Listening
     gather: Pass
     scatter: Pass
+    pushes: Pass
+    traces: Pass
     stretches: Stretches
     drag: Drag
     heat: Warmth
@@ -222,7 +226,19 @@ def operator_operations(tables: Tables, melting: bool = False, breaking: bool = 
             found += [(RELEASE, 0, GATHER), (DAMAGED, STATES_AGAIN, GATHER)]
         found += _sums(tables, SCATTER, halo=True, ahead=True)
         found += _chosen((STRETCH_FORCES, stretched), number=SCATTER) + [(DAMAGED, FORCES, SCATTER)] * breaks
-    return found + _chosen((HEAT, tables.heat.vectors.size))
+    found += _chosen((HEAT, tables.heat.vectors.size))
+    return found + (_in_layers(tables, PUSHES, [(HEAT_BEYOND, 0, PUSHES)]) if tables.heat.beyond.size else [])
+
+
+def trace_operations(tables: Tables) -> list[Operation]:
+    """What the layers add to the traces of the stresses, of a level whose halo is filled."""
+    return _in_layers(tables, TRACES, [])
+
+
+def _in_layers(tables: Tables, number: int, plain: list[Operation]) -> list[Operation]:
+    """Sums of a pass whose halo is filled, with what makes the plain ones."""
+    axes = [axis for axis in (2, 1, 0) if has_layers(pass_of(tables, number).layers, axis)]
+    return _chosen((LINES, 2 in axes), number=number) + plain + [(STRETCH, axis, number) for axis in axes]
 
 
 def pass_of(tables: Tables, number: int) -> Pass:
@@ -230,7 +246,7 @@ def pass_of(tables: Tables, number: int) -> Pass:
     if number == SPRINGS:
         n = tables.components
         return Pass(tables.sweep, tables.layers, tables.cuts, tables.surface, n, n)
-    return tables.gather if number == GATHER else tables.scatter
+    return {GATHER: tables.gather, SCATTER: tables.scatter, PUSHES: tables.pushes, TRACES: tables.traces}[number]
 
 
 def _sums(
@@ -297,7 +313,7 @@ def sweep_operations(tables: Tables) -> list[Operation]:
     return [
         one
         for one in operator_operations(tables, breaking=False)
-        if one[0] in (SWEEP, CUT, LAW, DAMAGED, HEAT) or (one[2] == SCATTER and _fills_level(*one[:2]))
+        if one[0] in (SWEEP, CUT, LAW, DAMAGED, HEAT, HEAT_BEYOND) or (one[2] == SCATTER and _fills_level(*one[:2]))
     ]
 
 
@@ -308,6 +324,11 @@ def state_operations(tables: Tables, halo: bool = False) -> list[Operation]:
         for one in sweep_operations(tables)
         if one[2] == GATHER or (halo and one[2] == SCATTER and _fills_level(*one[:2]))
     ]
+
+
+def layered_states(tables: Tables) -> list[Operation]:
+    """What makes the states of nodes, layers included, of a level whose halo is filled."""
+    return [one for one in operator_operations(tables, breaking=False) if one[2] == GATHER]
 
 
 def _fills_level(operation: int, number: int) -> bool:

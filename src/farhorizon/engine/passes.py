@@ -22,7 +22,7 @@ from farhorizon.engine.field import Field
 from farhorizon.engine.layer_cuts import cut_layers
 from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import aligned_zeros
-from farhorizon.engine.operations import Pass, state_operations
+from farhorizon.engine.operations import Pass, layered_states, state_operations
 from farhorizon.engine.point_law import CHUNK, PointLaw
 from farhorizon.engine.rows.build import load_law
 from farhorizon.engine.rows.choose import compiled_sums
@@ -312,12 +312,14 @@ class Passes:
         gradient, divergence = self.sums.gradient[:, 0, 0], self.sums.divergence[:, 0, 0]
         return float(divergence @ gradient / (gradient @ gradient))
 
-    def states_of(self, level: np.ndarray, cold: bool = True, halo: bool = False) -> np.ndarray:
+    def states_of(self, level: np.ndarray, cold: bool = True, halo: bool = False, layered: bool = False) -> np.ndarray:
         """What the law makes of the states of a level, if `cold` without heat, as a level of so many components; the
-        next step writes over it. Fills the halo of `level`, and its own if asked for.
+        next step writes over it. Fills the halo of `level`, and its own if asked for; if `layered` that of `level` is
+        filled, and layers add to the states, which remember nothing of it.
         """
         tables = self.engine.tables
-        self.engine.operate(level, state_operations(tables, halo), cold=cold, again=True)
+        operations = layered_states(tables) if layered else state_operations(tables, halo)
+        self.engine.operate(level, operations, apart=layered, cold=cold, again=True)
         return tables.gather.sweep.law.values
 
     def units_of_bonds(self) -> np.ndarray:

@@ -42,6 +42,7 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
     surface = Surface(np.zeros((0, 2), np.int64), np.zeros((0, 3), np.int64), np.zeros((1, 0), engine.dtype))
     springs = Pass(sweep, layers, cuts, surface, engine.components, engine.components)
     gather, scatter = (springs, springs) if engine.passes is None else engine.passes.tables(sweep)
+    pushes, traces = (springs, springs) if engine.warm_layers is None else engine.warm_layers.tables(sweep)
     return Tables(
         operations=np.zeros((0, 2), np.int64),
         starts=np.zeros(len(numbers) + 1, np.int64),
@@ -72,6 +73,8 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
         listening=Listening(*no_sums, nothing, np.array(engine.layout.box.stride, np.int64)),
         gather=gather,
         scatter=scatter,
+        pushes=pushes,
+        traces=traces,
         stretches=no_stretches(engine.dtype) if engine.passes is None else engine.passes.stretch_tables(),
         drag=no_drag(engine.dtype),
         heat=no_heat(engine.dtype),
@@ -80,8 +83,7 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
 
 def _scratch(engine: Field) -> int:
     """Numbers of the work space of a thread."""
-    passes = () if engine.passes is None else engine.passes.layer_tables
-    return max(tables.scratch for tables in (engine.layer_tables, *passes))
+    return max(tables.scratch for tables in engine.all_layers)
 
 
 def _sweep(engine: Field, heterogeneous: bool) -> Sweep:

@@ -52,6 +52,7 @@ from farhorizon.engine.operations import (
     FLOW,
     FRINGE,
     HEAT,
+    HEAT_BEYOND,
     HOLD,
     INERTIA,
     KEEP,
@@ -84,7 +85,7 @@ from farhorizon.engine.rows.vectors import (
 from farhorizon.engine.stretches import stretch_forces, stretch_states
 from farhorizon.engine.tables import GENERAL
 from farhorizon.engine.threads import barrier, claim, share
-from farhorizon.engine.warmth import push_springs, warm_up
+from farhorizon.engine.warmth import push_beyond, push_springs, warm_up
 
 CHUNK, VECTOR = 64, 8  # nodes of a row that are summed at a time, and of a vector
 SHIFTS = 12  # column of a block's row where the distances of the components begin
@@ -960,6 +961,12 @@ def stretch_all_forces(thread, stage, sums, tables, inputs, step, number):
 def heat_springs(thread, stage, sums, tables, inputs, step, number):
     """Springs beside states lose what heat strains them."""
     push_springs(thread, stage, sums.sweep.block, sums.liquid, tables.bonds, tables.heat)
+
+
+@operation(HEAT_BEYOND)
+def heat_beyond(thread, stage, sums, tables, inputs, step, number):
+    """Bonds without a law of their own lose what heat strains them."""
+    push_beyond(thread, stage, sums.sweep.block, sums.liquid, tables.bonds, tables.heat)
 
 
 @operation(WARM)

@@ -14,6 +14,7 @@ from farhorizon.engine.filter import margin_across, without
 from farhorizon.engine.media import media_of
 from farhorizon.engine.phases import count_solid, phases_table
 from farhorizon.engine.plain_tables import damping_of
+from farhorizon.engine.rows.build import load_program
 from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
 from farhorizon.engine.tables import Damping, Dependents, Flows, Material
 from farhorizon.engine.warmth import Warmth
@@ -83,9 +84,13 @@ def set_heat(engine: Engine, spacing: float) -> None:
             warmth=warmth, spacing=engine.dtype.type(spacing), arms=arms.astype(engine.dtype)
         )
         engine.replace(gather=gather._replace(sweep=gather.sweep._replace(law=law)))
-    springs = engine.passes is not None and engine.weights.any()
+    layers = engine.warm_layers
+    springs = engine.passes is not None and engine.weights.any() and layers is None
     vectors = np.einsum("kab,kb->ka", engine.weights, arms) if springs else np.zeros((0, 0))
-    engine.replace(heat=Warmth(warmth, np.zeros_like(warmth), vectors.astype(engine.dtype)))
+    beyond = np.zeros((0, 0)) if layers is None else layers.vectors
+    traces = np.zeros(0, engine.dtype) if layers is None else layers.traces
+    of_bonds = vectors.astype(engine.dtype), beyond.astype(engine.dtype)
+    engine.replace(heat=Warmth(warmth, np.zeros_like(warmth), *of_bonds, traces))
 
 
 def give_heat(engine: Engine, strain: np.ndarray, rate: np.ndarray, steps: int = 0) -> None:
@@ -97,6 +102,18 @@ def give_heat(engine: Engine, strain: np.ndarray, rate: np.ndarray, steps: int =
     heat.rate[:] = engine.spread(rate, jointly=True) * engine.absent.exists
     for _ in range(steps):
         heat.warmth[:] += heat.rate
+
+
+def give_heat_beyond(engine: Engine, places: np.ndarray, strains: np.ndarray) -> None:
+    """Say what heat strains nodes in the layers, and in front of them, by their places in a level, after `give_heat`:
+    it stays until the next time. Beyond the outer ends of the layers there is none.
+    """
+    warmth, nodes = engine.tables.heat.warmth, engine.layout.box.node_indices()
+    warmth[places] = strains * engine.absent.exists[places]
+    inside = warmth[nodes]
+    warmth[:] = 0
+    warmth[nodes] = inside
+    load_program().copy(warmth, engine.tables.copies, 1)
 
 
 def set_density(engine: Engine, density: np.ndarray) -> None:

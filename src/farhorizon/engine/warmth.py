@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from farhorizon.engine.bonds import END, FIRST, bond_factor
+from farhorizon.engine.bonds import END, FIRST, bond_factor, curved_part
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.threads import barrier, share
 
@@ -27,17 +27,24 @@ class Warmth(NamedTuple):
         What is added to them in a step.
     vectors : ndarray, shape (K, d), or empty
         Forces of the springs beside states for a unit of strain, in units of the operator.
+    beyond : ndarray, shape (K, d), or empty
+        The same, and those of all bonds without states, where heat goes on in the layers: see `engine.warm_layers`.
+        `vectors` is empty then.
+    traces : ndarray, shape (places,), or empty
+        What the layers add to the traces of the stresses.
     """
 
     warmth: np.ndarray
     rate: np.ndarray
     vectors: np.ndarray
+    beyond: np.ndarray
+    traces: np.ndarray
 
 
 def no_heat(real: np.dtype) -> Warmth:
     """None."""
     nothing = np.zeros(0, real)
-    return Warmth(nothing, nothing, np.zeros((0, 0), real))
+    return Warmth(nothing, nothing, np.zeros((0, 0), real), np.zeros((0, 0), real), nothing)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -127,4 +134,31 @@ def push_springs(thread, stage, block, material, bonds, heat):
                         factor = bond_factor(material.rule, coefficient[at], coefficient[at + distance])
                     if (alive[i] >> bit) & one != 0:
                         out[i] -= push * factor * (here[i] + there[i])
+    barrier(thread)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def push_beyond(thread, stage, block, material, bonds, heat):
+    """Take from the forces of the bonds that are there, but do not follow a law of their own, and of springs beside
+    states, what they would be strained by if they were free, on all nodes of the box.
+    """
+    vectors, coefficient, warmth = heat.beyond, material.coefficient, heat.warmth
+    apart, own = stage.out.size // stage.rows, share(thread, block[1] * block[2])
+    for number in range(own[0], own[1]):
+        i0, i1 = number // block[2], number % block[2]
+        node = block[0] + i0 * block[4] + i1 * block[5]
+        for k in range(vectors.shape[0]):
+            distance, mask = bonds.places[k, 0], np.uint64(1) << np.uint64(k & 63)
+            alive = bonds.alive[k >> 6, node:]
+            start, stop = curved_part(bonds.zone, i0, i1, bonds.places[k], 0, block[3]) if bonds.forces else (0, 0)
+            for first, end in ((0, start), (stop, block[3])):
+                for a in range(stage.rows):
+                    push, out = stage.scale * vectors[k, a] / 2, stage.out[node + a * apart :]
+                    for i in range(first, end):
+                        at = node + i
+                        factor = coefficient[0]
+                        if coefficient.size > 1:
+                            factor = bond_factor(material.rule, coefficient[at], coefficient[at + distance])
+                        if alive[i] & mask != 0:
+                            out[i] -= push * factor * (warmth[at] + warmth[at + distance])
     barrier(thread)

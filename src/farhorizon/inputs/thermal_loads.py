@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -43,6 +43,9 @@ class ThermalLoad(Storable):
         deformed heats and cools: :math:`\rho c\,T_t = \kappa \Delta T - T_0\,\alpha\,\mathrm{tr}\,\sigma_t`,
         with the stress at the temperature `reference`, which is absolute, and c at constant strain. `Thermoelastic` is
         the model of both.
+    joint : sequence of str
+        Names of the sides that are those of both fields, whose layers they share where they can; `Thermoelastic` gives
+        them.
 
     Raises
     ------
@@ -73,6 +76,7 @@ class ThermalLoad(Storable):
     reference: float | None = None
     every: float | None = None
     coupled: bool = False
+    joint: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         given = {"expansion": self.expansion, "reference": self.reference}
@@ -98,6 +102,7 @@ class ThermalLoad(Storable):
             reference=kinds.number(self.reference, "load.reference"),
             every=None if self.every is None else kinds.number(self.every, "load.every", above=0),
             coupled=kinds.flag(self.coupled, "load.coupled"),
+            joint=tuple(kinds.sequence(self.joint, "load.joint", "names of sides")),
         )
         if self.coupled:
             self._check_coupling()

@@ -50,8 +50,10 @@ class Thermoelastic(LatticeModel):
     Biot (1956), Journal of Applied Physics 27, 240. Long waves are adiabatic, and faster than without heat by half of
     :math:`T_0 \beta^2 / (\rho c\,(\lambda + 2 \mu))`, a percent or so in metals. On the lattice mechanical energy and
     that of the temperature, ``rho c (T - T0)^2 / 2 T0``, exchange to rounding
-    (`farhorizon.simulation.heat_of_deformation`). Beside sides that absorb or are held the expansion falls smoothly to
-    zero, and the solid must be at the reference temperature.
+    (`farhorizon.simulation.heat_of_deformation`). Through a `LatticePML` or an `Extended` domain that both fields have
+    on a side they go on together (`farhorizon.simulation.warm_sides`), if the heat is integrated by Euler's method.
+    Beside other sides that absorb, and those that are held, the solid must be at the reference temperature, and with
+    `coupled` the expansion falls smoothly to zero.
 
     Examples
     --------

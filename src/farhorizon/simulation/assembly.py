@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,7 @@ from farhorizon.simulation.surfaces import check_conditions, rest_and_damp
 from farhorizon.simulation.surroundings import Surroundings, by_target, check_memory
 from farhorizon.simulation.team import ALONE, Team
 from farhorizon.simulation.validation import check_model, check_repeats, check_stencil, check_variation
+from farhorizon.simulation.warm_sides import heat_front, warm_margins, warm_sides
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +106,8 @@ class Parts:
         All that drives the near field: sources and loads, conditions, incident waves.
     whole : Whole
         The near field with its sides; of several processes the recorders' parts have that of all.
+    warm : frozenset of (axis, side)
+        The sides through which a temperature goes on with the displacements.
     """
 
     near: NearField
@@ -123,6 +127,7 @@ class Parts:
     incident: list[Incidence]
     driving: list[Drive]
     whole: Whole
+    warm: frozenset[Key]
 
     def at(self, values: np.ndarray, nodes: np.ndarray) -> np.ndarray:
         """Values that each process has of its part, on all processes.
@@ -195,11 +200,11 @@ def survey(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Share 
     return Survey(setup, autos, near, around, waves, sources)
 
 
-def assemble(setup: Setup) -> Parts:
+def assemble(setup: Setup, margins_given: Mapping[Key, int] | None = None) -> Parts:
     """The parts of a run on one process; see `assembled`."""
-    parts = assembled(setup)
+    parts = assembled(setup, margins_given=margins_given)
     stiffer = stiffening(parts, ALONE)
-    return assembled(setup, stiffer) if stiffer > 1 else parts
+    return assembled(setup, stiffer, margins_given=margins_given) if stiffer > 1 else parts
 
 
 def assemble_shared(
@@ -225,7 +230,13 @@ def stiffening(parts: Parts, team: Team) -> float:
     return max(1.0, largest_rate(parts.grid, team) / intact) if unlike and engine.passes else 1.0
 
 
-def assembled(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Share | None = None) -> Parts:
+def assembled(
+    whole: Setup,
+    stiffer: float = 1.0,
+    team: Team = ALONE,
+    share: Share | None = None,
+    margins_given: Mapping[Key, int] | None = None,
+) -> Parts:
     """The parts of a run; the set-up is looked at from the cheap to the dear.
 
     Parameters
@@ -238,6 +249,8 @@ def assembled(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Sha
         The processes that compute the run.
     share : Share, optional
         What this process computes of it; its set-up is `whole`.
+    margins_given : mapping of (axis, side) to int, optional
+        Nodes of the core beyond some sides of the near field.
 
     Raises
     ------
@@ -263,16 +276,19 @@ def assembled(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Sha
     beyond.check_cracks(cuts_given, stencil.reach)
     drives = split_drives(sources, near, beyond)
     driving = drives.sources + [drive for _, drive in near.conditions.sources]
-    emitters = Emitters(near, sides, start, tuple(driving), bool(waves or drives.unsplit))
+    warm = frozenset() if share is not None else warm_sides(setup, sides, near.dt)
+    everywhere = bool(waves or drives.unsplit or warm)  # a hot spot may be anywhere
+    emitters = Emitters(near, sides, start, tuple(driving), everywhere, partial(heat_front, setup, warm))
     around = extend(setup, around, emitters)
 
     solid = start.solid
     material = solid.astype(float) if solid.any() else factor
     states = states_of(setup, sides, near.variation.moduli is not None)
     margins = choose_margins(near, around, (start.u, start.v), material, cuts_given, states, team)
+    margins |= {**warm_margins(setup, warm, around), **(margins_given or {})}
     check_conditions(near, sides, margins, notes)
-    reached = () if share is None else (team.link, share.neighbours)
-    grid = make_grid(setup, near, around, margins, states, *reached)
+    link, neighbours = (None, None) if share is None else (team.link, share.neighbours)
+    grid = make_grid(setup, near, around, margins, states, link, neighbours, bool(warm))
     phases = None
     if model.dissolution is not None:
         phases = SolidAndLiquid(grid, model.dissolution, setup.background, solid)
@@ -316,6 +332,7 @@ def assembled(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Sha
         incident,
         driving,
         Whole(near, around.sides),
+        warm,
     )
 
 

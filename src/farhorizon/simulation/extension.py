@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,6 +30,8 @@ class Emitters:
     drives : sequence of Drive
     everywhere : bool
         Waves may come from anywhere: where a source is at which time is not known.
+    front : callable
+        Nodes that a temperature needs which goes on with the displacements, in a run of a length for an error.
     """
 
     near: NearField
@@ -37,6 +39,7 @@ class Emitters:
     start: Start
     drives: Sequence[Drive]
     everywhere: bool
+    front: Callable[[float, float], int]
 
     def extents_for(self, wanted: Mapping[Key, float], until: float) -> dict[Key, Extent]:
         """How far the medium must be computed beyond some sides for nothing to return in a run.
@@ -55,7 +58,8 @@ class Emitters:
         """
         near, model, lattice, stencil = self.near, self.near.model, self.near.lattice, self.near.fastest
         steps = max(1, int(np.ceil(until / near.dt - 1e-9)))
-        medium = Waves(stencil, near.fastest_rate, model.integrator, near.dt, model.damping, steps)
+        fastest = near.fastest_rate * (1 + (0.0 if near.coupling is None else near.coupling.stiffening))
+        medium = Waves(stencil, fastest, model.integrator, near.dt, model.damping, steps)
         least = {key: max(0, int(medium.front - lattice.shape[key[0]]) // 2) for key in wanted}
         if enlarged(lattice.shape, least) * stencil.components * 16 > available_memory():
             raise too_large(lattice.shape, least, stencil.components, 8)
@@ -72,7 +76,8 @@ class Emitters:
                 known[like] = replace(
                     extent(replace(medium, stencil=normal), turned, sizes, mirror, error), until=until
                 )
-            found[axis, side] = known[like]
+            one = known[like]
+            found[axis, side] = replace(one, nodes=max(one.nodes, self.front(until, error)))
         return found
 
     def _data(self, medium: Waves) -> list[Datum]:

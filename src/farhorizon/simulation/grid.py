@@ -187,9 +187,10 @@ def make_grid(
     states: ForceStates | None,
     link: Link | None = None,
     neighbours: Mapping[Key, int] | None = None,
+    warm: bool = False,
 ) -> Grid:
     """The engine of a near field and its sides; `neighbours` are the processes that fill the halo, if any do, and
-    `link` is how it reaches them.
+    `link` is how it reaches them. If `warm`, heat strains the layers, too.
 
     Raises
     ------
@@ -234,6 +235,7 @@ def make_grid(
         reaction=stencil.reaction * scale,
         signs=None if stencil.components in (1, lattice.dim) else _signs(stencil),
         sums=None if states is None else _sums(states, scale, lead, moduli, _stretch(near, around, margins)),
+        heat=np.einsum("kab,kb->ka", bonds[1] * scale, lattice.spacing * bonds[0]) if warm else None,
     )
     if link is not None and neighbours is not None:
         connect(engine, link, {(lead + axis, side): number for (axis, side), number in neighbours.items()})

@@ -24,103 +24,67 @@ there the bound is that without it, and has been seen to hold in noise.)
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from farhorizon.engine.settings import give_heat
-from farhorizon.inputs.thermal_loads import ThermalLoad
-from farhorizon.simulation.coupling import expansion_of
-from farhorizon.simulation.grid import Grid
-from farhorizon.simulation.heating import Heating, check_known, cold_strips
+from farhorizon.simulation.heat_in_steps import HeatInSteps
+from farhorizon.simulation.heating import cold_strips
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.setup import Setup, Sides
-from farhorizon.simulation.team import ALONE
+from farhorizon.simulation.setup import Sides
 
 _RISE = 12  # nodes over which the expansion rises from nothing beside a side that continues the medium without heat
-_NAMES = ("now", "before", "traces")
 
 
-class HeatOfDeformation(Heating):
-    """A temperature that is computed with the displacements.
+class HeatOfDeformation(HeatInSteps):
+    """A temperature that the deformation changes.
 
     Parameters
     ----------
-    load : ThermalLoad
-        Coupled, with the set-up of the heat.
-    near : NearField
-        Of the solid, as `grid` and `sides`.
-    grid : Grid
-    sides : dict of (axis, side) to Side
-    march_of : callable
-        Puts the parts of a set-up in motion, given what drives it beside its sources: a function of the time.
+    *given
+        As of `HeatInSteps`, with a load that is coupled.
     """
 
-    def __init__(
-        self,
-        load: ThermalLoad,
-        near: NearField,
-        grid: Grid,
-        sides: Sides,
-        march_of: Callable[[Setup, Callable[[float], np.ndarray]], Any],
-    ) -> None:
-        self.load, self.near, self.grid, self.sides, self._team = load, near, grid, sides, ALONE
-        assert near.coupling is not None and load.reference is not None
-        self._coupling, self._zero = near.coupling, load.reference
-        self._whole = expansion_of(load, near.lattice, near.model, near.lame)
-        self._expansion = self._whole * rising(near, sides)
-        self._largest, self._told = 0.0, False
-        self.every = 1
-        self._power = np.zeros(near.lattice.shape)
-        self._heat = march_of(beside(load, near.dt), lambda _: self._power)
-        check_known(len(self._heat.parts.near.conditions.images))
+    kept = (*HeatInSteps.kept, "traces", "traces_beyond")
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        assert self.near.coupling is not None
+        self._coupling = self.near.coupling
         self._traces: np.ndarray | None = None
-        self._now = self._before = self._temperature_now()
+        self._traces_beyond = np.zeros(0)
 
-    def _temperature_now(self) -> np.ndarray:
-        parts = self._heat.parts
-        found = parts.grid.view(parts.grid.engine.current).reshape(self.near.lattice.shape).astype(float)
-        return np.asarray(found + parts.near.background)
+    def _seen(self) -> np.ndarray:
+        return rising(self.near, self.sides)
 
-    def _traces_of(self, level: np.ndarray) -> np.ndarray:
-        """Sum of the normal stresses of each node, as they are without heat."""
-        found = self.grid.engine.bonds.traces(level)[self.grid.nodes].reshape(self.near.lattice.shape)
-        return np.asarray(found / self.near.model.source_factor)
+    def _traces_of(self, level: np.ndarray, apart: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Sum of the normal stresses of each node, as they are without heat, and of those beyond the near field that
+        know of heat; if `apart` the layers remember nothing of the level.
+        """
+        found = self.grid.engine.bonds.traces(level, apart) / self.near.model.source_factor
+        own = found[self.grid.nodes].reshape(self.near.lattice.shape)
+        return own, np.zeros(0) if self._beyond is None else self._beyond.of(found)
 
     def _released(self, traces: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Power per volume that the deformation sets free in a step."""
         return -self._zero * self._expansion * (traces - before) / self.near.dt
 
-    def lay(self, step: int) -> float:
-        """Tell the engine what heat strains the nodes now; the displacements that all strains so far explain."""
-        changed = self._now - self._zero
-        strains = self.near.inside(self._expansion * changed)
-        self._check_heat(changed, step)
-        give_heat(self.grid.engine, self.grid.grown(strains), self.grid.grown(np.zeros_like(strains)))
-        return self.explained
-
     def begin(self) -> None:
         """The displacements are those of the start, and of one step before it."""
         engine = self.grid.engine
-        self._traces = self._traces_of(engine.current)
-        power = self._released(self._traces, self._traces_of(engine.older))
+        older, _ = self._traces_of(engine.older, apart=True)
+        self._traces, self._traces_beyond = self._traces_of(engine.current)
+        power = self._released(self._traces, older)
         self._before = self._now - self.near.dt / self._capacity * power
 
     def follow(self, step: int) -> None:
-        """The displacements have made a step, after so many; the temperature makes it, too."""
         assert self._traces is not None
-        traces = self._traces_of(self.grid.engine.current)
-        self._power, self._traces = self._released(traces, self._traces), traces
-        for _ in self._heat.advance(step, 1):
-            pass
-        self._before, self._now = self._now, self._temperature_now()
-
-    def at_points(self, nodes: np.ndarray, weights: np.ndarray, steps: int) -> np.ndarray:
-        """As in `Heating`, of the temperature after the last step and, of two, before it."""
-        strains = (self._expansion * (np.stack([self._before, self._now])[-steps:] - self._zero)).reshape(steps, -1)
-        return np.asarray((strains[:, nodes] * weights).sum(-1))
+        traces, beyond = self._traces_of(self.grid.engine.current)
+        self._power = self._released(traces, self._traces)
+        super().follow(step)
+        if self._beyond is not None:
+            self._beyond.heat_up(-self._zero / self._capacity * (beyond - self._traces_beyond))
+        self._traces, self._traces_beyond = traces, beyond
 
     @property
     def _capacity(self) -> float:
@@ -130,28 +94,11 @@ class HeatOfDeformation(Heating):
     def coupled(self) -> bool:
         return True
 
-    @property
-    def fields(self) -> dict[str, np.ndarray]:
-        return {"T": self._now.copy(), "thermal_strain": self._expansion * (self._now - self._zero)}
-
     def energies(self) -> dict[str, float]:
         """That of the temperature, half a step ago: ``rho c theta theta^- / 2 T0``."""
         product = self.near.inside((self._now - self._zero) * (self._before - self._zero))
         volume = self.near.lattice.spacing**self.near.lattice.dim
         return {"thermal": float(volume * self._capacity / (2 * self._zero) * product.sum())}
-
-    def state(self, step: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        assert self._traces is not None
-        arrays, meta = self._heat.state(step)
-        own = dict(zip(_NAMES, (self._now, self._before, self._traces), strict=True))
-        return {f"heat/{name}": values for name, values in {**arrays, **own}.items()}, {"heat": meta}
-
-    def take(self, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
-        mine = {name.removeprefix("heat/"): a for name, a in arrays.items() if name.startswith("heat/")}
-        facts = meta["heat"]
-        self._heat.take([(facts["boxes"][0], mine)], facts)
-        self._heat.complete()
-        self._now, self._before, self._traces = (mine[name] for name in _NAMES)
 
     def _check_heat(self, changed: np.ndarray, step: int) -> None:
         """No heat flows to where the solid knows of none, or not of all, so that strains would be missed. What waves do
@@ -177,8 +124,3 @@ def rising(near: NearField, sides: Sides) -> np.ndarray:
         shape = [-1 if a == axis else 1 for a in range(near.lattice.dim)]
         found *= (np.sin(np.pi / 2 * part) ** 2).reshape(shape)
     return found
-
-
-def beside(load: ThermalLoad, dt: float) -> Setup:
-    """The set-up of the heat, whose steps are those of the solid."""
-    return replace(load.temperature, dt=dt, balance=False)

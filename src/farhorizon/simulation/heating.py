@@ -178,7 +178,8 @@ class Heating:
                     value=f"{share:.2g} of the largest change within {wide} nodes of it",
                     limit=f"{target:g}",
                     key="load.temperature",
-                    remedy="a larger near field, Periodic or Free"
+                    remedy="LatticePML for both fields of a Thermoelastic, whose heat has integrator='euler', a larger "
+                    "near field, Periodic or Free"
                     if self.sides[key].endless
                     else "Prescribed nodes beside a Free side, which may have any temperature",
                 )

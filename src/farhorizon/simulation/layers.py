@@ -19,7 +19,9 @@ from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.sources import by_component, field, split
+from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.integrators import Verlet
+from farhorizon.simulation.coupling import expansion_of
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.returned_waves import CROSSINGS, FORESEEN, LASTING, MOST_CROSSINGS, ReturnedWaves, stand_ins
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
@@ -267,7 +269,24 @@ class _Choice:
                     return stand_ins(lattice.shape, reach, components)
                 course = np.array([float(time(t)) for t in times])
                 found += self._by_component(unit * space * near.model.source_factor, "source", course)
+        heat = self.setup.heat
+        if heat is not None and heat.joint:
+            if heat.temperature.sources or heat.temperature.constraints:
+                return stand_ins(lattice.shape, reach, components)
+            found += self._by_component(self._push_of_heat(heat), "source", np.ones(times.size))
         return found or stand_ins(lattice.shape, reach, components)
+
+    def _push_of_heat(self, load: ThermalLoad) -> np.ndarray:
+        """What the temperature at the start, which changes slowly, does to the solid: minus the gradient of the
+        pressure of one that is held.
+        """
+        near, lattice = self.near, self.near.lattice
+        warm = (load.temperature.initial or {}).get("u", load.reference)
+        strain = expansion_of(load, lattice, near.model, near.lame)
+        strain = strain * (field(warm, lattice, 1, "initial.T") - load.reference)
+        pressure = near.inside((lattice.dim * near.lame[0] + 2 * near.lame[1]) * strain)
+        slopes = [np.gradient(pressure, lattice.spacing, axis=axis) for axis in range(lattice.dim)]
+        return -near.model.source_factor * np.stack(slopes)
 
     def _initial(self) -> list[Datum]:
         """The start."""

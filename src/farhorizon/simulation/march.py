@@ -17,11 +17,13 @@ from farhorizon.simulation.drives import Moving
 from farhorizon.simulation.energies import energies, kinetic_energy
 from farhorizon.simulation.feed import Feed
 from farhorizon.simulation.flow_balance import FlowBalance
+from farhorizon.simulation.heat_in_steps import HeatInSteps
 from farhorizon.simulation.heat_of_deformation import HeatOfDeformation
 from farhorizon.simulation.heating import Heating
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.start import Motion, begun, continued
 from farhorizon.simulation.team import ALONE, Team
+from farhorizon.simulation.warm_sides import sides_of_heat
 
 
 class March:
@@ -92,15 +94,19 @@ class March:
         load, near, grid, sides = self.setup.heat, self.parts.near, self.parts.grid, self.parts.around.sides
         if load is None:
             return None
-        if not load.coupled:
+        if not (load.coupled or self.parts.warm):
             return Heating(load, near, grid, sides, run_of, self.team)
+
+        margins = {key: grid.margins[key] for key in self.parts.warm}
 
         def driven(setup: Setup, source: Callable[[float], np.ndarray]) -> March:
             with of_the_heat():
-                parts = assemble(setup)
+                parts = assemble(setup, margins)
                 return March(setup, replace(parts, driving=[*parts.driving, (None, source)]), run_of)
 
-        return HeatOfDeformation(load, near, grid, sides, driven)
+        shared = sides_of_heat(self.parts.around, grid.margins, self.parts.warm)
+        kind = HeatOfDeformation if load.coupled else HeatInSteps
+        return kind(load, near, grid, sides, shared, driven)
 
     def _lay_start(self) -> None:
         """Give the engine the level of the start, and that one step before it."""

@@ -350,9 +350,7 @@ def _coupling(setup: Setup, stencil: Stencil, variation: Variation) -> Coupling 
     load, law, lattice = setup.heat, setup.model.bond_law, setup.lattice
     if load is None or not load.coupled or law is None or load.reference is None:
         return None
-    heat, of_heat = varied(load.temperature)
-    medium = heat.model.medium(lattice.spacing, lattice.dim)
-    alone = near_field(replace(heat, dt=None), heat.sides, medium, of_heat.times(node_factor(heat)))
+    alone = heat_alone(load.temperature)
     lame = _lame(lattice, setup.model, variation)
     expansion = expansion_of(load, lattice, setup.model, lame)
     if setup.model.bonds:
@@ -361,8 +359,15 @@ def _coupling(setup: Setup, stencil: Stencil, variation: Variation) -> Coupling 
         strained *= setup.model.strongest if variation.stiffness is None else float(variation.stiffness.max())
     else:
         strained = lattice.dim * float((lattice.dim * np.maximum(*lame) + 2 * lame[1]).max())
-    stiffening = load.reference * float((expansion**2).max()) * strained * heat.model.source_factor
-    return Coupling(stiffening, strained, alone.rate_limit, alone.dt, heat.model.integrator)
+    stiffening = load.reference * float((expansion**2).max()) * strained * load.temperature.model.source_factor
+    return Coupling(stiffening, strained, alone.rate_limit, alone.dt, alone.model.integrator)
+
+
+def heat_alone(setup: Setup) -> NearField:
+    """The near field of a heat by itself, whose steps are its own."""
+    heat, of_heat = varied(setup)
+    medium = heat.model.medium(heat.lattice.spacing, heat.lattice.dim)
+    return near_field(replace(heat, dt=None), heat.sides, medium, of_heat.times(node_factor(heat)))
 
 
 def _choose_step(setup: Setup, sides: Sides, limit: float, most: float = np.inf) -> float:

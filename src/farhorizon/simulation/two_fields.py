@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from farhorizon import kinds
+from farhorizon.boundaries import Side, sides
 from farhorizon.errors import InputError
 from farhorizon.inputs.cracks import Crack
 from farhorizon.inputs.prescribed import Prescribed
@@ -55,7 +56,7 @@ def of_one_field(given: Mapping[str, Any], make: Callable[..., Any]) -> dict[str
             rim=given["rim"],
             constraints=[one for one in constraints if not isinstance(one, Prescribed)],
         )
-    load = ThermalLoad(heat, model.expansion, model.reference, coupled=model.coupled)
+    load = ThermalLoad(heat, model.expansion, model.reference, coupled=model.coupled, joint=_joint(boundary, heat))
     return {
         "model": model.elastic,
         "boundary": boundary[U],
@@ -66,6 +67,24 @@ def of_one_field(given: Mapping[str, Any], make: Callable[..., Any]) -> dict[str
         "constraints": [one for one in constraints if isinstance(one, Prescribed)],
         "loads": [*kinds.sequence(given["loads"], "loads"), load],
     }
+
+
+def _joint(boundary: Mapping[str, Any], heat: Any) -> list[str]:
+    """Names of the sides that are the same for both fields."""
+    if boundary[U] is boundary[T]:
+        return list(heat.boundary)
+    if None in boundary.values():
+        return []
+    dim = heat.lattice.dim
+    mine, theirs = (sides(boundary[field], dim) for field in (U, T))
+    return [
+        name for name, key in zip(heat.boundary, theirs, strict=True) if key in mine and _same(mine[key], theirs[key])
+    ]
+
+
+def _same(mine: Side, theirs: Side) -> bool:
+    """Whether two sides are given alike; those with a profile of their own only if they are one."""
+    return mine is theirs or (mine.profile is None and theirs.profile is None and mine == theirs)
 
 
 def _by_field(value: Any, key: str, both: bool = False, none: bool = False) -> dict[str, Any]:

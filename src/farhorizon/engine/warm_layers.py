@@ -1,0 +1,84 @@
+"""Heat that goes on in the layers of a solid: the temperature pushes nodes, and is fed by what is deformed, through the
+same stretched shifts by which the displacements go on.
+
+Two further passes, of a number a node: from the strains of heat to forces, and from displacements to the traces of the
+stresses. In the zone of bonds with a law of their own their plain sums are made there (`engine.bonds`); here are those
+of all others, `engine.warmth` makes them, and what the layers add. Where nodes have states, heat strains these node by
+node, and goes through the layers with what the law makes of them; the passes are those of the springs beside them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from farhorizon.engine.field import Field
+from farhorizon.engine.layer_cuts import cut_layers
+from farhorizon.engine.layer_tables import LayerTables
+from farhorizon.engine.layout import aligned_zeros
+from farhorizon.engine.nested import Layers
+from farhorizon.engine.operations import Pass
+from farhorizon.engine.rows.matrices import signs_of
+from farhorizon.engine.tables import Cuts, Surface, Sweep
+
+
+class WarmLayers:
+    """Makes the tables of both passes.
+
+    Parameters
+    ----------
+    engine : Field
+    vectors : ndarray, shape (K, d)
+        Forces of the bonds, or of springs beside states, for a unit of strain, in units of the operator.
+    recursion : mapping of (axis, side) to (r, e, f)
+        Of each layer.
+    alike : bool
+        Whether no bonds have coefficients.
+
+    Attributes
+    ----------
+    layer_tables : tuple of LayerTables
+    weights : tuple of ndarray, shapes (K, d, 1) and (K, 1, d)
+        A bond is strained by the mean of its ends; a node has half of the trace of each of its bonds.
+    vectors : ndarray, shape (K, d)
+    traces : ndarray, shape (places,)
+        Where the second pass puts its sums.
+    """
+
+    def __init__(
+        self,
+        engine: Field,
+        vectors: np.ndarray,
+        recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]],
+        alike: bool,
+    ) -> None:
+        self.vectors, self._distances = vectors, engine.offsets @ np.array(engine.layout.box.stride)
+        self.weights = -vectors[:, :, None] / 2, vectors[:, None, :] / 2
+        scalar, vector = signs_of(1), signs_of(engine.components)
+        recursion = recursion if vectors.any() else {}  # beside states there may be no springs
+        self.layer_tables = tuple(
+            LayerTables(engine.layout, engine.offsets, weights, *signs, recursion, engine.dtype, engine.remember, alike)
+            for weights, signs in zip(self.weights, ((scalar, vector), (vector, scalar)), strict=True)
+        )
+        self.traces = aligned_zeros(engine.layout.size, engine.dtype)
+
+    def tables(self, springs: Sweep) -> tuple[Pass, Pass]:
+        """Those of both passes, on the box that the springs are swept over."""
+        none, nothing = np.zeros(0, np.int64), np.zeros((1, 0), springs.general.dtype)
+        surface = Surface(np.zeros((0, 2), np.int64), np.zeros((0, 3), np.int64), nothing)
+        pushes, traces = (
+            Pass(springs, tables.layers, Cuts(none, none, nothing[0]), surface, tables.columns, tables.rows)
+            for tables in self.layer_tables
+        )
+        return pushes, traces
+
+    def without(self, nodes: np.ndarray, neighbours: np.ndarray) -> tuple[Layers, Layers]:
+        """The layers of both passes without some bonds, given by the places of their ends in a level."""
+        order = np.argsort(self._distances)
+        bonds = order[np.searchsorted(self._distances[order], neighbours - nodes)]
+        pushes, traces = (
+            cut_layers(tables, nodes, neighbours, weights[bonds])
+            for tables, weights in zip(self.layer_tables, self.weights, strict=True)
+        )
+        return pushes, traces

@@ -1,0 +1,118 @@
+"""A temperature that is computed step by step with the displacements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from farhorizon.boundaries import Side
+from farhorizon.engine.settings import give_heat
+from farhorizon.inputs.thermal_loads import ThermalLoad
+from farhorizon.simulation.coupling import expansion_of
+from farhorizon.simulation.grid import Grid
+from farhorizon.simulation.heating import Heating, check_known
+from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.setup import Key, Setup, Sides
+from farhorizon.simulation.team import ALONE
+from farhorizon.simulation.warm_sides import WarmNodes, heat_beside
+
+
+class HeatInSteps(Heating):
+    """A temperature that makes its steps with the displacements.
+
+    Parameters
+    ----------
+    load : ThermalLoad
+        With the set-up of the heat.
+    near : NearField
+        Of the solid, as `grid` and `sides`.
+    grid : Grid
+    sides : dict of (axis, side) to Side
+    shared : mapping of (axis, side) to Side
+        Those through which the temperature goes on with the displacements, as it has them.
+    march_of : callable
+        Puts the parts of a set-up in motion, given what drives it beside its sources: a function of the time.
+
+    Attributes
+    ----------
+    kept : tuple of str
+        What does not follow from the set-up, beside the run of the heat.
+    """
+
+    kept: ClassVar[tuple[str, ...]] = ("now", "before")
+
+    def __init__(
+        self,
+        load: ThermalLoad,
+        near: NearField,
+        grid: Grid,
+        sides: Sides,
+        shared: Mapping[Key, Side],
+        march_of: Callable[[Setup, Callable[[float], np.ndarray]], Any],
+    ) -> None:
+        cold = {key: side for key, side in sides.items() if key not in shared}
+        self.load, self.near, self.grid, self.sides, self._team = load, near, grid, cold, ALONE
+        assert load.reference is not None
+        self._zero = load.reference
+        self._whole = expansion_of(load, near.lattice, near.model, near.lame)
+        self._expansion = self._whole * self._seen()
+        self._largest, self._told = 0.0, False
+        self.every = 1
+        self._power = np.zeros(near.lattice.shape)
+        self._heat = march_of(heat_beside(load, near.dt, shared), lambda _: self._power)
+        check_known(len(self._heat.parts.near.conditions.images))
+        self._beyond = WarmNodes(grid, self._heat.parts.grid, self._expansion) if shared else None
+        self._now = self._before = self._temperature_now()
+
+    def _seen(self) -> Any:
+        """The part of the expansion that each node has."""
+        return 1.0
+
+    def _temperature_now(self) -> np.ndarray:
+        parts = self._heat.parts
+        found = parts.grid.view(parts.grid.engine.current).reshape(self.near.lattice.shape).astype(float)
+        return np.asarray(found + parts.near.background)
+
+    def lay(self, step: int) -> float:
+        """Tell the engine what heat strains the nodes now; the displacements that all strains so far explain."""
+        changed = self._now - self._zero
+        strains = self.near.inside(self._expansion * changed)
+        self._check_heat(changed, step)
+        give_heat(self.grid.engine, self.grid.grown(strains), self.grid.grown(np.zeros_like(strains)))
+        if self._beyond is not None:
+            self._beyond.lay()
+        return self.explained
+
+    def follow(self, step: int) -> None:
+        """The displacements have made a step, after so many; the temperature makes it, too."""
+        for _ in self._heat.advance(step, 1):
+            pass
+        self._before, self._now = self._now, self._temperature_now()
+
+    def at_points(self, nodes: np.ndarray, weights: np.ndarray, steps: int) -> np.ndarray:
+        """As in `Heating`, of the temperature after the last step and, of two, before it."""
+        strains = (self._expansion * (np.stack([self._before, self._now])[-steps:] - self._zero)).reshape(steps, -1)
+        return np.asarray((strains[:, nodes] * weights).sum(-1))
+
+    @property
+    def fields(self) -> dict[str, np.ndarray]:
+        return {"T": self._now.copy(), "thermal_strain": self._expansion * (self._now - self._zero)}
+
+    def state(self, step: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        arrays, meta = self._heat.state(step)
+        own = {name: getattr(self, f"_{name}") for name in self.kept}
+        return {f"heat/{name}": values for name, values in {**arrays, **own}.items()}, {"heat": meta}
+
+    def take(self, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
+        mine = {name.removeprefix("heat/"): a for name, a in arrays.items() if name.startswith("heat/")}
+        facts = meta["heat"]
+        self._heat.take([(facts["boxes"][0], mine)], facts)
+        self._heat.complete()
+        for name in self.kept:
+            setattr(self, f"_{name}", mine[name])
+
+    def _check_heat(self, changed: np.ndarray, step: int) -> None:
+        """No heat flows to where the solid knows of none, so that strains would be missed."""
+        self._check_sides(self.near.inside(self._whole * changed), step)
