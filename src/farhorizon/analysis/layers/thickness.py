@@ -323,8 +323,9 @@ def family(
         if not weak(damped):
             return found if damped is None or damped.whole else found | briefly_damped(nodes, stencil, pace)
         rise = steady_rise(stencil, nodes)
-        for strength in _STRENGTHS[: 3 if backward and rise == _RISE else None] if rise else ():
-            found[f"thin ({strength:g})"] = gently_damped(thin(nodes, strength, pace, rise), stencil)
+        if rise is not None:
+            for strength in _STRENGTHS[: 3 if backward and rise == _RISE else None]:
+                found[f"thin ({strength:g})"] = gently_damped(thin(nodes, strength, pace, rise), stencil)
         if nodes > max(_EQUAL) and timely:
             found["late"] = long_run_profile(nodes, pace, until, distance, wanted)
         return found
