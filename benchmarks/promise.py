@@ -309,7 +309,7 @@ def thickness(options: argparse.Namespace) -> list[dict[str, Any]]:
             sim = fh.Simulation(**setup)
             sim.examine(until)
             spent = time.perf_counter() - start + seconds_of(sim.engine) * until / sim.dt
-            if spent > LONGEST:
+            if spent > min(LONGEST, options.longest):
                 print(f"{number}: {kind} {target:g}: left out, takes about {spent:.0f} s", flush=True)
                 continue
             found = measured(sim, setup, until, guide, target)

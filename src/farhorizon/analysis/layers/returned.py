@@ -668,10 +668,11 @@ def _all_modes(medium: LatticeMedium, eigenvalue: np.ndarray, along: np.ndarray)
     matrix[..., 0, 1:2] = 1.0
     matrix[..., -1, :] -= series[..., :-1] / (last if degree == 1 else 2 * last)
     half = np.moveaxis(np.linalg.eigvals(matrix), -1, 0)
-    root = half - np.sqrt(half - 1) * np.sqrt(half + 1)
-    root = np.where(np.abs(root) > 1, 1 / root, root)
+    grown = half + np.sqrt(half - 1) * np.sqrt(half + 1)  # the other way, by 1 at least
+    gone = ~(np.abs(grown) < 1 / _GONE)
+    root = 1 / np.where(gone, 2.0, grown)
     value, slope = _chain(lines, root)
-    carried = (np.abs(value - target) < _ROUGH * np.abs(series).max()) & (np.abs(root) > _GONE)
+    carried = ~gone & (np.abs(value - target) < _ROUGH * np.abs(series).max())
     return np.where(carried, root, 0.5), np.where(carried, medium.rate * slope, 0.0)
 
 
