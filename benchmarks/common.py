@@ -30,6 +30,8 @@ def arguments(doc: str | None, *choices: str) -> argparse.Namespace:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers here, too")
     parser.add_argument("--repeats", type=int, default=9, help="interleaved repeats of each timing (default 9)")
     parser.add_argument("--count", type=int, default=200, help="random set-ups, where there are any (default 200)")
+    parser.add_argument("--first", type=int, default=0, help="number of the first of them (default 0)")
+    parser.add_argument("--longest", type=float, default=float("inf"), help="seconds of a run that is made, at most")
     parser.add_argument("--seed", type=int, help="of random set-ups; unless given, one of each part")
     given = parser.parse_args()
     if unknown := set(given.parts) - set(choices):

@@ -4,17 +4,26 @@ Random set-ups that nobody tuned on, of a printed seed: waves (reach 1 to 6, exp
 volumes, finite elements), elastic materials in the plane, diffusion; pulses of 6 to 30 nodes a wave, in the middle and
 near sides, near fields up to 4 : 1, waveguides, 2 to 40 crossings (3D: 2 to 5), steps from 0.3 to 0.95 of the limit.
 The error is the largest difference from the infinite lattice over near field and run, over the initial maximum, in
-diffusion over the largest value at that time. Asked: below the target in 95 %, below three targets or refused before
+diffusion over the largest value at that time. Refused is what cannot be set up, and what a run refuses as it begins,
+because it grows. Asked: below the target in 95 %, below three targets or refused before
 the run in all others. Set-ups whose infinite lattice does not fit into memory are not judged. Of the misses, those that
 a note told before the run; alarms are such notes where the target was kept.
 
-Run: ``python benchmarks/promise.py [first] [second] [default] [--json FILE]``: two seeds, 200 set-ups each, and a third
-one with layers of which nothing is asked; ``--count N`` for fewer, ``--seed N`` for another seed.
+Thickness: of set-ups that keep their target, and whose layers are chosen and whose runs done within a time (`LONGEST`),
+the nodes of all layers over those of the thinnest that keep it, too. Of layers of so many nodes those count that are
+chosen when larger targets are asked for.
+
+Run: ``python benchmarks/promise.py [first] [second] [default] [thickness] [--json FILE]``: two seeds, 200 set-ups each,
+a third one with layers of which nothing is asked, and a fourth one; ``--count N`` for fewer, ``--first N`` to begin
+with a later one, ``--longest S`` to leave out longer runs, ``--seed N`` for another seed.
 """
 
 from __future__ import annotations
 
 import argparse
+import time
+from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -24,10 +33,12 @@ from scipy import fft
 
 import farhorizon as fh
 from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.simulation.steps import seconds_of
 
-SEEDS = {"first": 41, "second": 42, "default": 43}
+SEEDS = {"first": 41, "second": 42, "default": 43, "thickness": 44}
 TARGETS = (1e-3, 1e-4, 1e-5, 1e-6)
 MOMENTS = 60
+LONGEST = 20.0  # seconds that the choice of layers and a run may take where their thickness is looked at
 COUNTED = ("cases", "kept", "refused", "above 3", "told", "alarms")
 
 
@@ -159,42 +170,73 @@ def empty(kind: str) -> dict[str, Any]:
     return {"set-up": kind, **dict.fromkeys(COUNTED, 0), "worst": 0.0, "nodes": []}
 
 
+def drawn(seed: int, count: int, first: int) -> Iterator[tuple[int, dict[str, Any], float, bool]]:
+    """Number, set-up, end and whether it is a guide, of so many random set-ups."""
+    for number in range(first, count):
+        try:
+            yield number, *random_setup(np.random.default_rng([seed, number]))
+        except fh.InputError as refusal:  # a kernel that makes no solid
+            print(f"{number}: not judged, {refusal}", flush=True)
+
+
+def kind_of(setup: dict[str, Any], guide: bool) -> str:
+    """What rows of a table are of."""
+    return ("guide" if guide else f"{setup['lattice'].dim}D") + f" {type(setup['model']).__name__.lower()}"
+
+
+def measured(
+    sim: fh.Simulation, setup: dict[str, Any], until: float, guide: bool, target: float, enough: float = np.inf
+) -> float:
+    """Error of a run in targets; ends early above `enough`.
+
+    Raises
+    ------
+    InputError
+        The infinite lattice does not fit into memory.
+    """
+    u, model, last = setup["initial"]["u"], setup["model"], int(until / sim.dt)
+    try:
+        reference = (
+            Guide(sim, last, u)
+            if guide
+            else InfiniteLattice(
+                sim.stencil, model.coefficient, model.integrator, sim.dt, last, u, damping=model.damping
+            )
+        )
+        return error(sim, reference, u, until, enough * target) / target
+    except fh.UnstableError:
+        return np.inf
+
+
+def columns(sim: fh.Simulation) -> list[int]:
+    """Nodes of the layers."""
+    return [layer.columns for layer in sim.engine.layers.values()]
+
+
 def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
     """How many keep their target, by kind of set-up."""
     seed = SEEDS[part] if options.seed is None else options.seed
     print(f"seed {seed}")
     rows: dict[str, dict[str, Any]] = {}
-    for number in range(options.count):
-        random = np.random.default_rng([seed, number])
-        try:
-            setup, until, guide = random_setup(random)
-        except fh.InputError as refusal:  # a kernel that makes no solid
-            print(f"{number}: not judged, {refusal}", flush=True)
-            continue
+    for number, setup, until, guide in drawn(seed, options.count, options.first):
         setup = unasked(setup) if part == "default" else setup
         (target,) = {b.wanted(setup["model"].target) for b in sides(setup).values()}
-        u, model = setup["initial"]["u"], setup["model"]
-        kind = ("guide" if guide else f"{setup['lattice'].dim}D") + f" {type(model).__name__.lower()}"
+        model, kind = setup["model"], kind_of(setup, guide)
         row = rows.setdefault(kind, empty(kind))
         row["cases"] += 1
         try:
             sim = fh.Simulation(**setup)
+            if (spent := seconds_of(sim.engine) * until / sim.dt) > options.longest:
+                row["cases"] -= 1
+                print(f"{number}: {kind} {target:g}: left out, takes about {spent:.0f} s", flush=True)
+                continue
+            sim.examine(until)  # as a run begins
         except fh.InputError as refusal:
             row["refused"] += 1
             print(f"{number}: {kind} {target:g}: refused, {refusal}", flush=True)
             continue
-        last = int(until / sim.dt)
         try:
-            reference = (
-                Guide(sim, last, u)
-                if guide
-                else InfiniteLattice(
-                    sim.stencil, model.coefficient, model.integrator, sim.dt, last, u, damping=model.damping
-                )
-            )
-            found = error(sim, reference, u, until) / target
-        except fh.UnstableError:
-            found = np.inf
+            found = measured(sim, setup, until, guide, target)
         except fh.InputError as refusal:  # of the reference: nothing can be said
             row["cases"] -= 1
             print(f"{number}: {kind} {target:g}: not judged, {refusal}", flush=True)
@@ -205,7 +247,7 @@ def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
         row["told"] += told and found > 1
         row["alarms"] += told and found <= 1
         row["worst"] = max(row["worst"], found)
-        row["nodes"].append(max(layer.columns for layer in sim.engine.layers.values()))
+        row["nodes"].append(max(columns(sim)))
         if found > 1 or options.repeats == 1:
             print(
                 f"{number}: {kind} {model.operator if hasattr(model, 'operator') else model} {setup['lattice'].shape} "
@@ -226,10 +268,84 @@ def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
     return table
 
 
+def loosened(setup: dict[str, Any], factor: float) -> dict[str, Any]:
+    """The set-up with layers that are asked for an error so many times as large."""
+    boundary = {key: replace(layer, target=factor * layer.target) for key, layer in sides(setup).items()}
+    return setup | {"boundary": {"x": fh.Periodic()} | boundary if "all" not in boundary else boundary}
+
+
+def thinnest(setup: dict[str, Any], until: float, guide: bool, target: float, found: float) -> tuple[list[int], float]:
+    """The thinnest layers with which a run still keeps a target, of those that are chosen for larger ones, and what it
+    leaves; by halving the logarithm of the factor.
+    """
+    most = int(np.log2(0.1 / target))  # no target is larger
+    low, high, best = 0, most + 1, ([], found)
+    known = {}
+    while high - low > 1:
+        middle = min((low + high) // 2, low + 4)
+        sim = fh.Simulation(**loosened(setup, 2.0**middle))
+        nodes = columns(sim)
+        key = tuple(nodes)
+        if key not in known:
+            known[key] = measured(sim, setup, until, guide, target, 1.0)
+        if known[key] <= 1:
+            low, best = middle, (nodes, known[key])
+        else:
+            high = middle
+    return best
+
+
+def thickness(options: argparse.Namespace) -> list[dict[str, Any]]:
+    """How thick the layers that keep their target are over the thinnest ones that do, of set-ups that run no longer
+    than a time.
+    """
+    seed = SEEDS["thickness"] if options.seed is None else options.seed
+    print(f"seed {seed}")
+    ratios: dict[str, list[float]] = {}
+    for number, setup, until, guide in drawn(seed, options.count, options.first):
+        (target,) = {layer.target for layer in sides(setup).values()}
+        kind, start = kind_of(setup, guide), time.perf_counter()
+        try:
+            sim = fh.Simulation(**setup)
+            sim.examine(until)
+            spent = time.perf_counter() - start + seconds_of(sim.engine) * until / sim.dt
+            if spent > min(LONGEST, options.longest):
+                print(f"{number}: {kind} {target:g}: left out, takes about {spent:.0f} s", flush=True)
+                continue
+            found = measured(sim, setup, until, guide, target)
+        except fh.InputError:  # refused, or nothing can be said
+            continue
+        if found > 1:
+            print(f"{number}: {kind} {target:g}: left out, error {found:.2g} targets", flush=True)
+            continue
+        chosen = columns(sim)
+        least, left = thinnest(setup, until, guide, target, found)
+        least = least or chosen
+        ratios.setdefault(kind, []).append(sum(chosen) / sum(least))
+        print(
+            f"{number}: {kind} {setup['model']} {setup['lattice'].shape} until {until:.4g} target {target:g}: "
+            f"{chosen} nodes, error {found:.2g} targets; {least} nodes, {left:.2g}",
+            flush=True,
+        )
+    every = ratios | {"all": [ratio for values in ratios.values() for ratio in values]}
+    return [
+        {
+            "set-up": kind,
+            "cases": len(values),
+            "median": float(np.median(values)),
+            "at most 1.3": float(np.mean(np.array(values) <= 1.3)),
+            "worst": max(values),
+        }
+        for kind, values in every.items()
+        if values
+    ]
+
+
 if __name__ == "__main__":
     names = {
         "first": "random set-ups",
         "second": "random set-ups of a seed not looked at before",
         "default": "layers of which nothing is asked",
     }
-    run_parts(__doc__, {name: (title, partial(promise, part=name)) for name, title in names.items()})
+    parts = {name: (title, partial(promise, part=name)) for name, title in names.items()}
+    run_parts(__doc__, parts | {"thickness": ("nodes of layers over those of the thinnest that do", thickness)})

@@ -58,8 +58,9 @@ class LatticePML(Side):
     target : float, optional
         Wanted error, of waves relative to the largest value, of diffusion to the largest value at the same time. The
         layer is the thinnest that is predicted to keep it for the data, the shape of the near field and the length of
-        the run; a target that none keeps is refused, and one below what scalar data hold of short waves that no
-        prediction follows. Without it scalar waves without backward waves have a layer that a
+        the run; a target that none keeps is refused, and one below what data hold of short waves that no
+        prediction follows: those that a step of diffusion near its limit hardly damps, and in a medium that varies
+        those of scalars that run backward. Without it scalar waves without backward waves have a layer that a
         formula in the length of the run and the distance of the data designs for 1e-5, diffusion and waves in a medium
         with a reaction one that is chosen for 1e-5; others have a fixed number of nodes.
     nodes : int, optional

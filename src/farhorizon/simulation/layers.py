@@ -167,8 +167,8 @@ class _Choice:
                     )
 
     def unforeseen(self, layers: Sides) -> list[str]:
-        """What is to be said of short waves in the data that predictions leave out: those that run backward, and those
-        that a step of diffusion near its limit hardly damps.
+        """What is to be said of short waves in the data that predictions leave out: those that run backward, of vectors
+        and in a medium that varies, and those that a step of diffusion near its limit hardly damps.
 
         Raises
         ------
@@ -177,8 +177,6 @@ class _Choice:
             beside them, as far as was seen.
         """
         near, model = self.near, self.near.model
-        if not layers:
-            return []
         if model.order == 1:
             first = self._kept_alive()
             say = "which a step so near its limit hardly damps, and which layers for diffusion do not absorb"
@@ -188,7 +186,9 @@ class _Choice:
             first = None if damped is None or weak(damped) else damped.first
             say = "some of which run backward in this medium, which predictions leave out"
             remedy = "smoother data, another influence or Extended"
-        if first is None:
+            if near.stencil.components == 1 and near.squared_speed is None:  # these are followed
+                layers = {key: b for key, b in layers.items() if key not in self.found and b.target is None}
+        if first is None or not layers:
             return []
         share = max((short_share(datum.values, first) for datum in self._initial()), default=0.0)
         say = f"of the data {share:.1g} are waves of less than {2 * np.pi / first:.2g} nodes, {say}"

@@ -11,7 +11,7 @@ from scipy.ndimage import affine_transform
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.layer import LatticeMedium
-from farhorizon.analysis.layers.returned import Arrivals, Datum, Sample, arrivals
+from farhorizon.analysis.layers.returned import Arrivals, Datum, Sample, arrivals, hold_backward_waves, round_a_point
 from farhorizon.analysis.layers.thickness import (
     Thickness,
     by_formula,
@@ -259,6 +259,12 @@ class ReturnedWaves:
         found = []
         for component in sorted({datum.component for datum in data}):
             own = [datum for datum in data if datum.component == component]
+            every = hold_backward_waves(medium.stencil, own, wanted)
+            if len(others) == 2 and not any(self.sides[other, s].periodic for other in others for s in (-1, 1)):
+                round_waves = self._round(medium, axis, own, image, until, wanted, size, echoing, every)
+                if round_waves:
+                    found += round_waves
+                    continue
             for kept in range(max(1, len(others))):
                 flat = [
                     _flattened(datum.values, [place for place in range(1, len(self.shape)) if place != kept + 1])
@@ -277,8 +283,55 @@ class ReturnedWaves:
                     for kind in range(min(self.stencil.components, 2)):
                         key = medium.stencil, medium.coefficient, kind, steps
                         sample = self._samples.setdefault(key, Sample(medium, kind))
-                        coming = arrivals(medium, steps, part, lengths, near, wanted, size, sample, smooth)
+                        coming = arrivals(medium, steps, part, lengths, near, wanted, size, sample, smooth, None, every)
                         found.append(replace(coming, middle=self.shape[axis] // 2, axes=echoing))
+        return found
+
+    def _round(
+        self,
+        medium: LatticeMedium,
+        axis: int,
+        data: Sequence[Datum],
+        image: int,
+        until: float,
+        wanted: float,
+        size: float,
+        echoing: int,
+        every: bool,
+    ) -> list[Arrivals]:
+        """What arrives in space at a side along which the medium goes on both ways, at the point that faces the data,
+        at the corner that is farthest from it, and midway; none where it does not go on.
+        """
+        others, fields, near = [b for b in range(3) if b != axis], [datum.values for datum in data], []
+        for place, other in enumerate(others, 1):
+            fields, nodes, length = self._unfold(fields, place, other)
+            near.append(nodes)
+            if length:
+                return []
+        if image:
+            fields = [np.concatenate([image * values[::-1], values]) for values in fields]
+        weight = np.max([(np.abs(values) / max(np.abs(values).max(), 1e-300)).max(0) for values in fields], axis=0)
+        inside = weight[np.ix_(*near)]
+        facing = np.array([round(float(np.average(grid, weights=inside))) for grid in np.indices(inside.shape)])
+        corner = np.where(facing > (np.array(inside.shape) - 1) / 2, 0, np.array(inside.shape) - 1)
+        first = np.array([nodes[0] for nodes in near])
+        found = []
+        for part, time, room, smooth in self._parts(
+            medium,
+            [replace(datum, values=values) for datum, values in zip(data, fields, strict=True)],
+            until,
+            wanted,
+            True,
+        ):
+            steps = max(2, int(np.ceil(time / self.dt)))
+            for point in (facing, (facing + corner) // 2, corner):
+                turned = [round_a_point(datum.values, first + point, room / 2) for datum in part]
+                sent = [replace(datum, values=values) for datum, (_, values) in zip(part, turned, strict=True)]
+                for kind in range(min(self.stencil.components, 2)):
+                    key = medium.stencil, medium.coefficient, kind, steps
+                    sample = self._samples.setdefault(key, Sample(medium, kind))
+                    coming = arrivals(medium, steps, sent, [], [], wanted, size, sample, smooth, turned[0][0], every)
+                    found.append(replace(coming, middle=self.shape[axis] // 2, axes=echoing))
         return found
 
     def _parts(

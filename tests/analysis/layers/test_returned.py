@@ -8,7 +8,7 @@ import farhorizon as fh
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers import returned as returned_waves
 from farhorizon.analysis.layers.layer import LatticeMedium, layer_amplitudes
-from farhorizon.analysis.layers.returned import Datum, Sample, arrivals, reflected
+from farhorizon.analysis.layers.returned import Datum, Sample, arrivals, hold_backward_waves, reflected, round_a_point
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.engine.engine import Layer
 
@@ -76,6 +76,7 @@ def test_waves_that_hardly_move_stand_for_themselves(case, monkeypatch):
     front = medium(fh.Wave(fh.Kernel(float(random.integers(4, 7)), 0, "linear")), 1)
     u = np.exp(-(((np.arange(61) - random.uniform(25, 35)) / random.uniform(4.0, 5.0)) ** 2))
     layer = fh.LatticePML(nodes=44).make_layer(2, front.stencil, 1.0, 1.0, 0.0)
+    monkeypatch.setattr(returned_waves, "_EACH", 0)  # as where they are too many to follow each by itself
 
     def returned():
         return arrivals(front, int(1500 / front.dt), [Datum(u, "u")], [], [], 1e-6, 1.0).returned(layer)
@@ -83,6 +84,71 @@ def test_waves_that_hardly_move_stand_for_themselves(case, monkeypatch):
     of_sample = returned()
     monkeypatch.setattr(returned_waves, "_CELLS", 1000.0)  # each wave by itself
     assert 0.6 < of_sample / returned() < 1.5
+
+
+@pytest.mark.parametrize("case", range(6))
+def test_all_modes_arrive_as_on_the_infinite_lattice(case):
+    """Short pulses beside a side: waves that run backward arrive, too, and what dies out on the way; the slowest mode
+    alone misses up to a third of it.
+    """
+    random = np.random.default_rng([SEED, 2, case])
+    dim = 1 + case % 2
+    model = fh.Wave(fh.Kernel(float(random.integers(3, 7)), int(random.integers(0, 2)), "constant"))
+    front, shape = medium(model, dim), (25, 19)[:dim]
+    u = pulse(shape, [random.uniform(14, 20), 9.0][:dim], random.uniform(0.8, 1.2))
+    steps, lengths = int(2 * UNTIL / front.dt), [n + int(4 * UNTIL) for n in shape[1:]]
+    given = [Datum(u, "u")], lengths, [range(n) for n in shape[1:]], 1e-4, 1.0
+    assert hold_backward_waves(front.stencil, given[0], 1e-4)
+    arrived = arrivals(front, steps, *given, every=True)
+    infinite = InfiniteLattice(front.stencil, 1.0, model.integrator, front.dt, steps, u)
+    last = np.array([infinite.after(step)[-1] for step in range(steps)])
+    assert arrived.largest == pytest.approx(np.abs(last).max(), rel=0.05)
+
+
+@pytest.mark.parametrize("case", range(8))
+def test_waves_that_run_backward_come_back_as_predicted(case):
+    """Random lines whose data hold such waves: from as much as predicted to twice as much, where the echoes of both
+    ends meet. As long as a sample stood for all waves, down to a hundredth was predicted.
+    """
+    random = np.random.default_rng([SEED, 3, case])
+    model = fh.Wave(fh.Kernel(float(random.integers(3, 7)), int(random.integers(0, 2)), "constant"))
+    width = random.uniform(1.8, 3.2)
+    half = float(np.ceil(3.9 * width + 8))
+    lattice = fh.Lattice(1.0, (-half,), (half,))
+    u = np.exp(-((lattice.coordinates()[0] - random.uniform(-1, 1)) ** 2) / width**2)
+    front, until = medium(model, 1, random.choice([0.3, 0.5, 0.8])), float(random.uniform(3, 10) * 2 * half)
+    steps, layer = int(until / front.dt), fh.LatticePML(nodes=int(random.choice([8, 12, 16])))
+    made = layer.make_layer(2, front.stencil, 1.0, 1.0, 0.0)
+    predicted = max(
+        arrivals(front, steps, [Datum(u, "u").turned(0, side)], [], [], 1e-6, 1.0, every=True).returned(made)
+        for side in (-1, 1)
+    )
+    sim = fh.Simulation(lattice, model, layer, {"u": u}, dt=front.dt, threads=1)
+    infinite, error = InfiniteLattice(front.stencil, 1.0, model.integrator, front.dt, steps, u), 0.0
+    for step in range(1, steps + 1):
+        sim.step()
+        error = max(error, float(np.abs(sim.fields["u"] - infinite.after(step)).max()))
+    assert predicted > 1e-6  # of which nothing is left out
+    assert 0.5 < error / predicted < 2.5
+
+
+@pytest.mark.parametrize("case", range(3))
+def test_round_waves_are_what_a_point_of_a_side_sees_in_space(case):
+    """Two pulses of different size, which no single point has around it; against the infinite lattice."""
+    random = np.random.default_rng([SEED, 4, case])
+    shape = (15, 17, 19)
+    kernel = [fh.Kernel(1.0), fh.Kernel(2.0), fh.Kernel(2.0, 3, "linear")][case]
+    model = fh.Wave(kernel)
+    front = medium(model, 3)
+    u = pulse(shape, (6.0, 7.0, 8.0), 2.0) - 0.7 * pulse(shape, (8.0, 9.0, 12.0), 2.2)
+    until = 24.0
+    steps = int(until / front.dt)
+    infinite = InfiniteLattice(front.stencil, 1.0, model.integrator, front.dt, steps, u)
+    history = np.array([infinite.after(step)[-1] for step in range(steps)])
+    for place in (8, 9), (0, 18), tuple(random.integers(0, (17, 19))):
+        along, rows = round_a_point(u, place, until)
+        arrived = arrivals(front, steps, [Datum(rows, "u")], [], [], 1e-5, 1.0, radial=along)
+        assert arrived.largest == pytest.approx(np.abs(history[:, place[0], place[1]]).max(), rel=0.06)
 
 
 @pytest.mark.parametrize("kind", ["u", "v"])

@@ -23,24 +23,40 @@ from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
 import numpy as np
-from scipy import fft
+from scipy import fft, special
 
+from farhorizon.analysis.layers.choice import weak
 from farhorizon.analysis.layers.layer import ArrivingWave, LatticeMedium, amplitudes_of
 from farhorizon.analysis.layers.reflection import polarisations
+from farhorizon.analysis.layers.short_waves import high_pass, short_share
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.medium.stencil import Stencil
 
-_DECAY = 6.0  # what happens after twice the length of the run folds back into it, exp(-12) times as large
+# on the line Re s = _DECAY/T what happens after 2 T folds back into the run, exp(-2 _DECAY) times as large; where waves
+# are followed each by itself, what is left out of them grows as exp(_DECAY)
+_DECAY, _DECAY_EACH = 6.0, 4.0
 _NEWTON, _LONGEST = 12, 0.3  # iterations from the root of long waves, and the largest change of log zeta in one of them
 _SETTLED = 1e-8  # relative residual of a root
 _FELT = 0.02  # share of the wanted error that waves which are left out may make together
 _FINER = 2  # moments and places at which the largest value is looked for, over the fewest that hold the waves
+_UNHEARD = 0.05  # and of what comes back of those that are followed each by itself
+_FELT_BACKWARD = 0.3  # share of the wanted error that backward waves in the data are looked for from
 _COMPARED = 2000  # waves by which layers are compared
+_EACH = 1500  # waves of a line that are followed each by itself although none is a backward one, at most: a second
+# such waves where backward ones are among them: those that show what a layer is not enough for, and all, at most
+_FIRST, _MOST_EACH = 300, 4000
+_TOO_MUCH = 5.0  # what the first of them must make over what is enough: without the others they ring
+_CREST = 4.0  # largest value of what many waves make over its root mean square
+_TOGETHER = 256  # of them whose equations are solved at once: more do not stay in the cache
 _COHERENT = 0.05  # the largest value over the sum of all amplitudes, at least
 _SPARSE = 8  # every so many tangential modes tell which frequencies are felt
 _PASSED = 2.0  # of a wave's displacement, the most that an interface lets through into a faster medium
 _HELD = 7.0  # widths of a Gaussian in the transform of smoothed data: exp(-24) remains
+_BETWEEN = np.pi / 8  # of the directions of a square lattice
+# of the modes of a chain: relative residual, where two nearly coincide, and the least factor over a node
+_ROUGH, _GONE = 1e-6, 1e-6
+_FLAT = 1e-14  # of a polynomial's largest coefficient, the least of the first one: what dies out at once
 # parts of a factor e of frequency, of decay over a node, or of slowness: waves of one such cell return alike
 _CELLS = 2.5
 
@@ -92,6 +108,8 @@ class Sample:
         self._waves: list[ArrivingWave | None] = []
         self._cells: dict[tuple[int, ...], int] = {}
         self._known: dict[bytes, np.ndarray] = {}
+        self._followed: dict[tuple[complex, complex], ArrivingWave | None] = {}
+        self._came_back: dict[bytes, dict[tuple[complex, complex], tuple[np.ndarray, np.ndarray]]] = {}
 
     def needed(self, layer: Layer) -> bool:
         """Whether a layer sends back more than the wave that comes, whose reflection has a closed form: other types,
@@ -121,11 +139,11 @@ class Sample:
             if cell not in self._cells:
                 self._cells[cell] = len(self._waves)
                 one = first[i]
-                self._waves.append(self._wave(complex(root[one]), complex(factor[one]), along[:, one]))
+                self._waves.append(self.wave(complex(root[one]), complex(factor[one]), along[:, one]))
             places[i] = self._cells[cell]
         return places[number]
 
-    def _wave(self, root: complex, factor: complex, along: np.ndarray) -> ArrivingWave | None:
+    def wave(self, root: complex, factor: complex, along: np.ndarray) -> ArrivingWave | None:
         """A wave with all modes of the medium; None where none comes to the side."""
         stencil, azimuth = self.medium.stencil, float(np.arctan2(along[-1], along[0])) if len(along) > 1 else 0.0
         angle = float(np.arctan2(np.linalg.norm(along), np.abs(np.log(root))))
@@ -140,13 +158,51 @@ class Sample:
         """Of each wave of the sample the reflected amplitude, of all types together, and by how much it is above the
         closed form; shape (2, waves).
         """
-        key = layer.sigma.tobytes() + layer.alpha.tobytes() + layer.damping.tobytes()
+        key = _key(layer)
         known = self._known.get(key, np.zeros((2, 0)))
         waves = [wave for wave in self._waves[known.shape[1] :] if wave is not None]
         found = iter(amplitudes_of(waves, layer) if waves else [])
         more = [(0.0, 0.0) if w is None else _judged(w, layer, next(found)) for w in self._waves[known.shape[1] :]]
         self._known[key] = np.append(known, np.reshape(more, (-1, 2)).T, axis=1)
         return self._known[key]
+
+    def followed(
+        self, layer: Layer, waves: Sequence[tuple[complex, complex]], along: np.ndarray
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of waves of a scalar, each by itself, the amplitudes of all modes that leave the layer and their factors over
+        a node; no modes where none comes to the side.
+
+        Other sides, and the mirror images of waves along the side, ask for the same ones.
+
+        Parameters
+        ----------
+        layer : Layer
+        waves : sequence of (complex, complex)
+            Factors over a node and over a step.
+        along : ndarray, shape (waves, dim - 1)
+            Tangential wavenumbers.
+        """
+        known = self._came_back.setdefault(_key(layer), {})
+        asked = {(_rounded(root), _rounded(factor)): i for i, (root, factor) in enumerate(waves)}
+        for key, i in asked.items():
+            if key not in self._followed:
+                self._followed[key] = self.wave(*waves[i], along[i])
+        there = [(key, wave) for key in asked if key not in known and (wave := self._followed[key]) is not None]
+        for block in range(0, len(there), _TOGETHER):
+            part = there[block : block + _TOGETHER]
+            for (key, wave), amplitudes in zip(part, amplitudes_of([wave for _, wave in part], layer), strict=True):
+                known[key] = amplitudes * wave.modes.vectors[:, 0], wave.modes.leaving
+        nothing = np.zeros(0), np.ones(0)
+        return [known.get((_rounded(root), _rounded(factor)), nothing) for root, factor in waves]
+
+
+def _key(layer: Layer) -> bytes:
+    return layer.sigma.tobytes() + layer.alpha.tobytes() + layer.damping.tobytes()
+
+
+def _rounded(number: complex) -> complex:
+    """By which waves that are the same are known."""
+    return complex(round(number.real, 9), round(number.imag, 9))
 
 
 def _judged(wave: ArrivingWave, layer: Layer, amplitudes: np.ndarray) -> tuple[float, float]:
@@ -186,6 +242,12 @@ class Arrivals:
         Waves whose exact reflections are known, and
     number : ndarray of int, shape (n,)
         which of them each wave is like.
+    silent : float
+        Sum of amplitudes that nobody hears, for data of which the largest is 1.
+    size : float
+        The largest of the data, as far as it is known.
+    every : bool
+        Whether all modes of the medium in front are among the waves, as backward waves ask for.
     middle : int
         Nodes from the side to the middle of the near field, where the echoes of all sides meet.
     axes : int
@@ -203,6 +265,9 @@ class Arrivals:
     seen: list[np.ndarray]
     sample: Sample
     number: np.ndarray
+    silent: float = 0.0
+    size: float = 0.0
+    every: bool = False
     middle: int = 0
     axes: int = 1
 
@@ -211,23 +276,67 @@ class Arrivals:
         """The discrete s of each, ``2/dt (z - 1)/(z + 1)``."""
         return 2 / self.medium.dt * (self.factor - 1) / (self.factor + 1)
 
-    def returned(self, layer: Layer) -> float:
+    def returned(self, layer: Layer, enough: float = np.inf) -> float:
         """Largest value, over the run and along the side, of what a layer sends back.
 
         In the middle of the near field it meets as much from each of the other sides, while what an aim leaves is for
         the two sides of one axis.
         What the closed form does not know, such as the damping of short waves, is known of a sample: it counts by its
         share of the waves' energy. As a sum of waves each step from one sample to the next would be noise, which the
-        Laplace integral lets grow.
+        Laplace integral lets grow. On a line, which has so few waves that there is time for each, and where backward
+        waves are among them, they are followed each by itself.
+
+        Parameters
+        ----------
+        layer : Layer
+        enough : float, optional
+            Where the loudest waves alone make five times that, no others are followed.
         """
-        back = self.amplitude * self._closed(layer, slice(None))
-        closed = self._largest(back)
-        if self.axes > 1:
-            closed = max(closed, self.axes * self._largest(back * self.root**self.middle))
         if not self.sample.needed(layer):
-            return closed
-        beyond = float(np.linalg.norm(self.amplitude * self._excess(layer, slice(None))))
-        return closed + self.largest * beyond / max(float(np.linalg.norm(self.amplitude)), 1e-300)
+            return self._over_the_field(self.amplitude * self._closed(layer, slice(None)))
+        few = len(self.along) == 0 and len(self.amplitude) <= _EACH
+        if self.medium.stencil.components == 1 and (self.every or few):
+            return self._each(layer, enough)
+        closed = self._over_the_field(self.amplitude * self._closed(layer, slice(None)))
+        return closed + self._by_energy(np.abs(self.amplitude) * self._excess(layer, slice(None)))
+
+    def _over_the_field(self, back: np.ndarray, middle: np.ndarray | None = None) -> float:
+        """Largest value beside the layer and in the middle of the near field of what comes back of each wave."""
+        found = self._largest(back)
+        if self.axes > 1:
+            found = max(found, self.axes * self._largest(back * self.root**self.middle if middle is None else middle))
+        return found
+
+    def _by_energy(self, back: np.ndarray) -> float:
+        """The largest of all waves by the share of their energy that is in some amplitudes."""
+        return float(self.largest * np.linalg.norm(back) / max(float(np.linalg.norm(self.amplitude)), 1e-300))
+
+    def _each(self, layer: Layer, enough: float) -> float:
+        """Largest value of what comes back of a scalar's waves, of which the loudest are followed each by itself."""
+        loud = np.abs(self.amplitude) * self.sample.judged(layer)[0, self.number]
+        # what is left out has many phases
+        heard = _largest(loud**2, (self.silent * max(self.size, self.largest) / _CREST) ** 2)
+        heard = heard[np.argsort(-loud[heard])]
+        for most in (_FIRST, _MOST_EACH):
+            beside, middle = self._exact(layer, heard[:most])
+            rest = np.zeros_like(loud)
+            rest[heard[most:]] = loud[heard[most:]]
+            found = self._over_the_field(self.amplitude * beside, self.amplitude * middle)
+            if found > _TOO_MUCH * enough or len(heard) <= most:
+                break
+        return found + self._by_energy(rest)
+
+    def _exact(self, layer: Layer, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What comes back of some waves of amplitude 1, one node from the layer and in the middle of the near field; 0
+        of the others.
+        """
+        found = np.zeros((2, len(self.amplitude)), complex)
+        keys = [(complex(self.root[one]), complex(self.factor[one])) for one in some.tolist()]
+        for one, (amplitude, leaving) in zip(
+            some.tolist(), self.sample.followed(layer, keys, self.along[:, some].T), strict=True
+        ):
+            found[:, one] = (amplitude / leaving).sum(), (amplitude * leaving ** -float(self.middle)).sum()
+        return found[0], found[1]
 
     def share(self, layer: Layer) -> float:
         """Root of the share of the waves' energy that comes back, from a part of them: quick, to compare layers by."""
@@ -263,7 +372,7 @@ class Arrivals:
     def _largest(self, amplitude: np.ndarray) -> float:
         """Largest value of a sum of waves, by inverse transforms in time and along the side."""
         spectrum = np.zeros(int(np.prod(self.shape)), complex)
-        spectrum[self.place] = amplitude
+        np.add.at(spectrum, self.place, amplitude)
         along = tuple(range(1, len(self.shape)))
         spectrum = fft.ifftn(spectrum.reshape(self.shape), axes=along) if along else spectrum
         times = len(self.growth)
@@ -312,6 +421,8 @@ def arrivals(
     size: float = 0.0,
     sample: Sample | None = None,
     smooth: float = 0.0,
+    radial: np.ndarray | None = None,
+    every: bool = False,
 ) -> Arrivals:
     """The waves that data send to a side.
 
@@ -336,21 +447,40 @@ def arrivals(
     smooth : float, optional
         Width in nodes of a Gaussian by which the data are smoothed along the side, and in time by as long as the
         fastest waves take for it: of the long waves alone there is little to look at, however long the run.
+    radial : ndarray, optional
+        Tangential wavenumbers times spacing, shape (dim - 1, modes), of waves that are round about a point of the side;
+        then values of the data are amplitudes at that point, arrays (rows, modes), see `round_a_point`.
+    every : bool
+        Whether all modes of a scalar's chain are followed, as `hold_backward_waves` tells.
     """
     front, sample = medium, sample or Sample(medium)
     medium = medium.carrier(sample.kind)
-    decay = _DECAY / (steps * medium.dt)
+    folded = _DECAY_EACH if every or not (lengths or radial is not None) else _DECAY
+    decay = folded / (steps * medium.dt)
     z = np.exp(decay * medium.dt + 1j * np.pi * np.arange(steps + 1) / steps)
     numbers = [2 * np.pi * np.fft.fftfreq(length) for length in lengths]
     numbers = [line[np.abs(line) * smooth <= _HELD] for line in numbers]
-    spectra = [_along_side(datum.values, numbers, lengths, smooth) for datum in data]
+    if radial is None:
+        spectra = [_along_side(datum.values, numbers, lengths, smooth) for datum in data]
+    else:
+        numbers, lengths, near = [], [], []
+        spectra = [datum.values * np.exp(-0.5 * smooth**2 * (radial**2).sum(0)) for datum in data]
     content = np.max([np.abs(spectrum).sum(0) / np.abs(spectrum).sum() for spectrum in spectra], axis=0)
     modes = _largest(content, 0.1 * _FELT * wanted)
-    along = np.array([k.ravel()[modes] for k in np.meshgrid(*numbers, indexing="ij")]) if numbers else np.zeros((0, 1))
+    if radial is not None:
+        along = radial[:, modes]
+    else:
+        every_number = np.meshgrid(*numbers, indexing="ij")
+        along = np.array([k.ravel()[modes] for k in every_number]) if numbers else np.zeros((0, 1))
     lasting = smooth * medium.spacing / front.speed
     starts = [_start(datum, z, medium, decay) * np.exp(0.5 * (lasting * np.log(z) / medium.dt) ** 2) for datum in data]
 
     alike, number = _alike(medium.stencil, along)
+    every = (
+        radial is None
+        and all(datum.behind is None for datum in data)
+        and hold_backward_waves(front.stencil, data, wanted)
+    )
 
     def arrived(which: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         used, again = np.unique(number[some], return_inverse=True)
@@ -358,8 +488,9 @@ def arrivals(
         @cache
         def modes_of(ratio: float) -> tuple[np.ndarray, np.ndarray]:
             slower = medium.slower(ratio)
-            root, slope = _slowest(slower, slower.recursion.eigenvalue(z[which]), alike[:, used])
-            return root[:, again], slope[:, again]
+            solve = _all_modes if every else _slowest
+            root, slope = solve(slower, slower.recursion.eigenvalue(z[which]), alike[:, used])
+            return root[..., again], slope[..., again]
 
         root, slope = modes_of(1.0)
         total = np.zeros(root.shape, complex)
@@ -371,22 +502,26 @@ def arrivals(
             total += sent * start[which][:, None]
         rise = medium.recursion.scale * np.where(slope == 0, 1, slope)
         slowness = (medium.recursion.keep / z - z)[which][:, None] / rise
-        return root, np.where(slope == 0, 0, total), np.where(slope == 0, 0, slowness)
+        found = root, np.where(slope == 0, 0, total), np.where(slope == 0, 0, slowness)
+        root, total, slowness = (np.concatenate(part, axis=1) if part.ndim > 2 else part for part in found)
+        return root, total, slowness
 
     few = slice(None, None, _SPARSE)
     pitch = np.abs(medium.recursion.eigenvalue(z))
-    # one at least, of runs of a few short steps
-    highest = min(1.2 * medium.rate * medium.stencil.symbol_maximum, (_HELD / lasting) ** 2 if smooth else np.inf)
+    # nothing travels beyond, where only the shortest pulses have anything; one at least, of runs of a few short steps
+    highest = np.inf if every else 1.2 * medium.rate * medium.stencil.symbol_maximum
+    highest = min(highest, (_HELD / lasting) ** 2 if smooth else np.inf)
     heard = np.flatnonzero(pitch <= max(highest, pitch.min()))
     sparse = np.abs(arrived(heard, few)[1])
     loudness = sparse.max(1) * len(modes)
-    largest = max(size * 2 * steps * np.exp(-_DECAY), _COHERENT * _SPARSE * float(sparse.sum()))
+    largest = max(size * 2 * steps * np.exp(-folded), _COHERENT * _SPARSE * float(sparse.sum()))
     threshold = _FELT * wanted * largest  # of the sum of all amplitudes that are left out
     heard = heard[_largest(loudness, 0.5 * threshold)]
     root, amplitude, slowness = arrived(heard, slice(None))
+    kinds = root.shape[1] // along.shape[1]  # modes of each tangential wavenumber
     felt = _largest(np.abs(amplitude).ravel(), 0.5 * threshold)
     times = _FINER * (int(heard[-1]) + 1)  # a coarser sampling of time and place than the run's holds all that is heard
-    signed = [np.round(line / (2 * np.pi) * length).astype(int) for line, length in zip(along, lengths, strict=True)]
+    signed = [np.round(line / (2 * np.pi) * length).astype(int) for line, length in zip(along, lengths, strict=False)]
     counts = [fft.next_fast_len(_FINER * (2 * int(np.abs(line).max()) + 1)) for line in signed]
     seen = [
         np.unique(np.round(np.linspace(nodes[0], nodes[-1], count) / length * count).astype(int) % count)
@@ -395,15 +530,54 @@ def arrivals(
     grid = (
         np.ravel_multi_index([line % count for line, count in zip(signed, counts, strict=True)], counts)
         if counts
-        else np.zeros(1, int)
+        else np.zeros(along.shape[1], int)
     )
-    place = (heard[:, None] * int(np.prod(counts)) + grid).ravel()[felt]
+    place = (heard[:, None] * int(np.prod(counts)) + np.tile(grid, kinds)).ravel()[felt]
     factor = np.broadcast_to(z[heard][:, None], root.shape).ravel()[felt]
-    along = np.broadcast_to(along[:, None, :], (len(along), *root.shape)).reshape(len(along), root.size)[:, felt]
+    along = np.tile(along, kinds)[:, None, :]
+    along = np.broadcast_to(along, (len(along), *root.shape)).reshape(len(along), root.size)[:, felt]
     growth = np.exp(decay * medium.dt * steps / times * np.arange(times)) * (times / steps) * np.prod(counts)
     amplitude, root, slowness = amplitude.ravel()[felt], root.ravel()[felt], slowness.ravel()[felt]
     number = sample.add(amplitude, root, factor, along, slowness)
-    return Arrivals(front, amplitude, root, factor, along, place, (times + 1, *counts), growth, seen, sample, number)
+    silent = _UNHEARD * wanted * 2 * steps * np.exp(-folded)
+    shape = (times + 1, *counts)
+    return Arrivals(
+        front, amplitude, root, factor, along, place, shape, growth, seen, sample, number, silent, size, every
+    )
+
+
+def round_a_point(values: np.ndarray, place: Sequence[int] | np.ndarray, room: float) -> tuple[np.ndarray, np.ndarray]:
+    """Data in space as a sum of waves that are round about a line along the normal, which is all that a point of that
+    line sees of them where the medium is alike in all directions along the side.
+
+    Parameters
+    ----------
+    values : ndarray, shape (rows, nodes, nodes)
+    place : sequence of int
+        Node of the line.
+    room : float
+        Nodes beyond the farthest of the data after which the waves end, at nodes of Bessel functions.
+
+    Returns
+    -------
+    ndarray, shape (2, modes)
+        Tangential wavenumbers times spacing, in a direction midway between those in which a lattice differs most.
+    ndarray, shape (rows, modes)
+        Amplitude of each wave on the line.
+    """
+    squared = sum(
+        offset**2 for offset in np.ix_(*[np.arange(n) - at for n, at in zip(values.shape[1:], place, strict=True)])
+    )
+    distances, ring = np.unique(np.asarray(squared), return_inverse=True)
+    rings = np.zeros((len(values), len(distances)))
+    np.add.at(rings.T, ring.ravel(), values.reshape(len(values), -1).T)
+    radius = float(np.sqrt(distances[-1])) + room
+    count = int(radius / np.cos(_BETWEEN))
+    zeros = special.jn_zeros(0, max(count, 1))
+    weights = 1 / (np.pi * (radius * special.j1(zeros)) ** 2)
+    numbers = zeros / radius
+    amplitudes = rings @ special.j0(np.sqrt(distances)[:, None] * numbers) * weights
+    return np.outer([np.cos(_BETWEEN), np.sin(_BETWEEN)], numbers), amplitudes
 
 
 def _along_side(values: np.ndarray, numbers: Sequence[np.ndarray], lengths: Sequence[int], smooth: float) -> np.ndarray:
@@ -441,11 +615,7 @@ def _slowest(medium: LatticeMedium, eigenvalue: np.ndarray, along: np.ndarray) -
     The slope is zero where the lattice carries no such wave.
     """
     stencil, rate = medium.stencil, medium.rate
-    lines = np.zeros((stencil.reach[0] + 1, along.shape[1]))
-    for offset, weight in zip(stencil.offsets, stencil.weights, strict=True):
-        if offset[0] >= 0:
-            lines[offset[0]] += weight * np.cos(offset[1:] @ along)
-    lines[0] -= stencil.weights.sum() + stencil.reaction
+    lines = _lines(stencil, along)
     target = eigenvalue[:, None] / rate
     squared = (4 * np.sin(along / 2) ** 2).sum(0) + stencil.reaction
     exponent = -np.sqrt(target + squared)
@@ -461,6 +631,59 @@ def _slowest(medium: LatticeMedium, eigenvalue: np.ndarray, along: np.ndarray) -
         value, slope = _chain(lines, root)
         carried = (np.abs(value - target) < _SETTLED * np.abs(target)) & (np.abs(root) < 1)
     return np.where(carried, root, 0.5), np.where(carried, rate * slope, 0.0)
+
+
+def hold_backward_waves(stencil: Stencil, data: Sequence[Datum], wanted: float) -> bool:
+    """Whether scalar data hold waves of which some run backward and are felt, so that all modes of the chain in front
+    of a side are to be followed; in a medium that varies they are not.
+    """
+    damped = high_pass(stencil) if stencil.components == 1 else None
+    if damped is None or weak(damped):
+        return False
+    return any(
+        short_share(datum.values, damped.first) > _FELT_BACKWARD * wanted for datum in data if datum.values.any()
+    )
+
+
+def _all_modes(medium: LatticeMedium, eigenvalue: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of all modes that come from a distance, as `_slowest`; shape (modes, frequencies, tangential modes).
+
+    The eigenvalue is a polynomial of ``(zeta + 1/zeta)/2``, whose roots are eigenvalues of a matrix for its Chebyshev
+    series.
+    """
+    lines = _lines(medium.stencil, along)
+    degree = len(lines) - 1
+    series = np.stack(
+        [np.broadcast_to((2 if d else 1) * line, eigenvalue.shape + line.shape) for d, line in enumerate(lines)], -1
+    )
+    series = series.astype(complex)
+    target = (eigenvalue / medium.rate)[:, None]
+    series[..., 0] -= target
+    floor = _FLAT * np.abs(series).max(-1, keepdims=True)
+    last = np.where(np.abs(series[..., -1:]) < floor, floor, series[..., -1:])
+    matrix = np.zeros((*series.shape[:-1], degree, degree), complex)
+    row = np.arange(degree - 1)
+    matrix[..., row, row + 1] = 0.5
+    matrix[..., row + 1, row] = 0.5
+    matrix[..., 0, 1:2] = 1.0
+    matrix[..., -1, :] -= series[..., :-1] / (last if degree == 1 else 2 * last)
+    half = np.moveaxis(np.linalg.eigvals(matrix), -1, 0)
+    grown = half + np.sqrt(half - 1) * np.sqrt(half + 1)  # the other way, by 1 at least
+    gone = ~(np.abs(grown) < 1 / _GONE)
+    root = 1 / np.where(gone, 2.0, grown)
+    value, slope = _chain(lines, root)
+    carried = ~gone & (np.abs(value - target) < _ROUGH * np.abs(series).max())
+    return np.where(carried, root, 0.5), np.where(carried, medium.rate * slope, 0.0)
+
+
+def _lines(stencil: Stencil, along: np.ndarray) -> np.ndarray:
+    """Weights of the chain that the stencil is for tangential wavenumbers, by distance along the normal."""
+    lines = np.zeros((stencil.reach[0] + 1, along.shape[1]))
+    for offset, weight in zip(stencil.offsets, stencil.weights, strict=True):
+        if offset[0] >= 0:
+            lines[offset[0]] += weight * np.cos(offset[1:] @ along)
+    lines[0] -= stencil.weights.sum() + stencil.reaction
+    return lines
 
 
 def _alike(stencil: Stencil, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

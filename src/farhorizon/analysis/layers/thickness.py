@@ -104,11 +104,11 @@ class Thickness:
         return f"{self.name} profile, {known} {self.predicted:.1g} of the largest value up to t = {self.until:.6g}"
 
 
-def predicted_error(layer: Layer, waves: Sequence[Arrivals], size: float) -> float:
+def predicted_error(layer: Layer, waves: Sequence[Arrivals], size: float, enough: float = np.inf) -> float:
     """Error that a layer makes of what arrives, relative to the largest of the data: of all types that a wave is turned
-    into together.
+    into together. Where it is more than five times `enough`, about so much.
     """
-    return float(max(side.returned(layer) for side in waves) / size)
+    return float(max(side.returned(layer, enough * size) for side in waves) / size)
 
 
 def thin(nodes: int, strength: float, pace: float, rise: float = _RISE) -> Layer:
@@ -358,7 +358,7 @@ def thinnest(
 
     def best(nodes: int) -> Thickness | None:
         name, layer = _quietest(members(nodes), waves)
-        predicted = predicted_error(layer, waves, size)
+        predicted = predicted_error(layer, waves, size, aim)
         return Thickness(name, layer, predicted) if predicted <= aim else None
 
     low, high, found = 0, 2, best(2)
