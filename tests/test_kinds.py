@@ -245,7 +245,14 @@ RIGHT = {
     "Temperature": {"where": DISC, "value": 0.0, "kind": "volume", "within": None},
     "Text": {"text": "a", "height": 1.0, "centre": (0.0, 0.0), "font": "DejaVu Sans", "bold": False},
     "ToneBurst": {"frequency": 1.0, "cycles": 3.0},
-    "ThermalLoad": {"temperature": 20.0, "expansion": 1e-5, "reference": 20.0, "every": None, "coupled": False},
+    "ThermalLoad": {
+        "temperature": 20.0,
+        "expansion": 1e-5,
+        "reference": 20.0,
+        "every": None,
+        "coupled": False,
+        "joint": ["x-"],
+    },
     "Thermoelastic": {
         "elastic": fh.Elastic(KERNEL, 1.0),
         "heat": fh.Heat(KERNEL),

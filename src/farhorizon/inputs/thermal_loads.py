@@ -15,6 +15,8 @@ from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.models.model import material_constant
 
+_SIDES = [axis + side for axis in "xyz" for side in "-+"]
+
 
 @dataclass(frozen=True)
 class ThermalLoad(Storable):
@@ -102,7 +104,10 @@ class ThermalLoad(Storable):
             reference=kinds.number(self.reference, "load.reference"),
             every=None if self.every is None else kinds.number(self.every, "load.every", above=0),
             coupled=kinds.flag(self.coupled, "load.coupled"),
-            joint=tuple(kinds.sequence(self.joint, "load.joint", "names of sides")),
+            joint=tuple(
+                kinds.one_of(name, "load.joint", _SIDES, "unknown side")
+                for name in kinds.sequence(self.joint, "load.joint", "names of sides")
+            ),
         )
         if self.coupled:
             self._check_coupling()
