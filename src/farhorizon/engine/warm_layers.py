@@ -56,10 +56,19 @@ class WarmLayers:
         self.vectors, self._distances = vectors, engine.offsets @ np.array(engine.layout.box.stride)
         self.weights = -vectors[:, :, None] / 2, vectors[:, None, :] / 2
         scalar, vector = signs_of(1), signs_of(engine.components)
-        of_values = engine.dtype, engine.kept, engine.remember, alike
         recursion = recursion if vectors.any() else {}  # beside states there may be no springs
         self.layer_tables = tuple(
-            LayerTables(engine.layout, engine.offsets, weights, *signs, recursion, *of_values)
+            LayerTables(
+                engine.layout,
+                engine.offsets,
+                weights,
+                *signs,
+                recursion,
+                engine.dtype,
+                engine.kept,
+                engine.remember,
+                alike,
+            )
             for weights, signs in zip(self.weights, ((scalar, vector), (vector, scalar)), strict=True)
         )
         self.traces = aligned_zeros(engine.layout.size, engine.dtype)
