@@ -40,7 +40,7 @@ _COMPILED_IN = (
     "threads",
     "rows/calls",
     "rows/vectors",
-    "rows/remembered",
+    "rows/shifts",
     "rows/bond_sweeps",
     "rows/exchanges",
     "rows/laws",

@@ -3,7 +3,8 @@ number types.
 """
 
 from farhorizon.engine.rows.compiled import cfunc
-from farhorizon.engine.rows.vectors import PARTS_SIGNATURE, SHIFTS_SIGNATURE, stretched_shifts, weighted_parts
+from farhorizon.engine.rows.shifts import SHIFTS_SIGNATURE, stretched_shifts
+from farhorizon.engine.rows.vectors import PARTS_SIGNATURE, weighted_parts
 
 REACH = 1
 NESTED = True

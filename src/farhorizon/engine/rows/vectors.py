@@ -16,12 +16,11 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 from farhorizon.engine.rows.calls import call_of
-from farhorizon.engine.rows.remembered import Remembered
 
 #: (outer offset 0, outer offset 1, inner offset >= 0); every inner offset stands for both signs.
 Shape = tuple[tuple[int, int, int], ...]
 
-_CONTRACT = ("contract",)
+CONTRACT = ("contract",)
 I64 = ir.IntType(64)
 I32 = ir.IntType(32)
 _FIRST_CACHE = 41_000  # bytes of the first cache that a tile may take
@@ -141,8 +140,8 @@ class Vectors:
 
     def multiply_add(self, total: Any, factor: Any, term: Any) -> Any:
         """``total + factor * term``; the product alone without a total."""
-        product = self.builder.fmul(factor, term, flags=_CONTRACT)
-        return product if total is None else self.builder.fadd(total, product, flags=_CONTRACT)
+        product = self.builder.fmul(factor, term, flags=CONTRACT)
+        return product if total is None else self.builder.fadd(total, product, flags=CONTRACT)
 
 
 def int64s(count: int) -> Any:
@@ -837,133 +836,6 @@ PARTS_SIGNATURE = types.void(*_PARTS)
 def call_parts(typingctx, function, to, source, tables, vectors, least, more):
     """Call compiled `weighted_parts` by their address."""
     return call_of(_PARTS)
-
-
-def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str, kept: str) -> Any:
-    """Make the intrinsic that applies stretched shifts in one direction along lines that go through side by side; see
-    `engine.nested`.
-
-    ``shifts(parts, found, memory, edges, columns, vectors)``: for parts and what is found the byte address of column 0
-    and the distances between columns and between k; that of the memory, one cell an application, outwards from the
-    outer end, the bytes of a cell (0: there is none, e and f are zero), and what rounds halves in this step, see
-    `remembered`; the addresses of the tables r, e and f of edges.
-    Outwards what is found is stored, from column 1 - reach on, inwards added, from column 1 on. Nested: a part for each
-    column and k, the sum found for each column; else one value for each column, what is found for each k.
-    """
-    steps = list(range(reach))
-    order = steps[::-1] if nested else steps  # the applications one after the other
-    ahead = 1 if nested else -1  # the one before k is k + ahead
-
-    def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
-        parts, part_step, part_k, found, found_step, found_k, memory, cell, dithered, r, e, f, columns, number = args
-        vectors = Vectors.of(builder, real)
-        width = vectors.lanes * vectors.size
-        remembered = Remembered(vectors, kept, dithered)
-        zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
-
-        def shifted(address: Any, *moves: tuple[Any, Any]) -> Any:
-            for count, distance in moves:
-                address = builder.add(
-                    address, builder.mul(count if isinstance(count, ir.Value) else I64(count), distance)
-                )
-            return address
-
-        def apply(at: Any, column: Any, carried: list[Any], edge: Any, cells: Any) -> tuple[list[Any], list[Any]]:
-            """One column: what is carried on to the next (v, q and the sums of c for each k), and the sums; no edge:
-            plain shifts.
-            """
-            v, q, t = carried[:reach], carried[reach : 2 * reach], carried[2 * reach :]
-            v_new, q_new, t_new = list(v), list(q), list(t)
-            if edge is not None:
-                r_all, e_all, f_all = (
-                    vectors.splat(builder.load(vectors.pointer(builder.add(table, edge), vectors.scalar)))
-                    for table in (r, e, f)
-                )
-            here = builder.add(shifted(parts, (column, part_step)), at)
-            for turn, k in enumerate(order):
-                before = v_new[k + ahead] if turn else None
-                new = vectors.load(shifted(here, (k if nested else 0, part_k))) if nested or not turn else None
-                new = before if new is None else new if before is None else builder.fadd(new, before)
-                q_new[k], v_new[k] = new, q[k]
-                if edge is not None:
-                    place = shifted(cells, (turn, cell))
-                    d, past = builder.fsub(new, v[k]), remembered.load(place)
-                    c = builder.fsub(builder.fmul(r_all, d, flags=_CONTRACT), past, flags=_CONTRACT)
-                    grown = vectors.multiply_add(builder.fmul(e_all, past, flags=_CONTRACT), f_all, d)
-                    remembered.store(grown, place)
-                    v_new[k] = builder.fadd(q[k], c)
-                    t_new[k] = builder.fadd(t[k + ahead], c) if turn else c
-            return [*v_new, *q_new, *t_new], [t_new[0]] if nested else t_new
-
-        def stretched(at: Any, turn: Any, carried: list[Any]) -> list[Any]:
-            column = builder.sub(columns, turn) if outwards else builder.add(turn, I64(1))
-            edge = builder.mul(column if outwards else turn, I64(vectors.size))
-            cells = builder.add(shifted(memory, (builder.mul(turn, I64(reach)), cell)), remembered.bytes(at))
-            carried, sums = apply(at, column, carried, edge, cells)
-            to = builder.add(shifted(found, (column, found_step)), at)
-            for k, value in enumerate(sums):
-                place = shifted(to, (k, found_k))
-                vectors.store(value if outwards else builder.fadd(vectors.load(place), value), place)
-            return carried
-
-        def side_by_side(at: Any, many: int) -> None:
-            """All columns of some vectors; two at a time wait less for each other's additions."""
-            places, size = [builder.add(at, I64(i * width)) for i in range(many)], 3 * reach
-
-            def each(body: Callable[[Any, list[Any]], list[Any]]) -> Callable[[list[Any]], list[Any]]:
-                return lambda c: [
-                    v for i, place in enumerate(places) for v in body(place, c[i * size : (i + 1) * size])
-                ]
-
-            carried = [zero] * (size * many)
-            if not outwards:
-                carried = vectors.loop(
-                    I64(0),
-                    I64(reach + 1),
-                    1,
-                    carried,
-                    lambda turn, c: each(
-                        lambda place, c: apply(place, builder.sub(turn, I64(reach)), c, None, None)[0]
-                    )(c),
-                )[1]
-            count = builder.add(columns, I64(1)) if outwards else columns
-            carried = vectors.loop(
-                I64(0), count, 1, carried, lambda turn, c: each(lambda place, c: stretched(place, turn, c))(c)
-            )[1]
-            for i, place in enumerate(places if outwards else ()):
-                sums = carried[i * size + 2 * reach : (i + 1) * size]
-                for near in range(1, reach):
-                    to = builder.add(shifted(found, (-near, found_step)), place)
-                    for k in range(1 if nested else reach):
-                        source = k + near * ahead
-                        vectors.store(sums[source] if 0 <= source < reach else zero, shifted(to, (k, found_k)))
-
-        many, done = 2 if reach < 5 else 1, I64(0)
-        while many:
-            end = builder.mul(builder.sdiv(number, I64(many)), I64(many * width))
-            with cgutils.for_range_slice(builder, done, end, I64(many * width), I64) as (at, _):
-                side_by_side(at, many)
-            done, many = end, many // 2
-
-    @intrinsic
-    def shifts(typingctx, parts, found, memory, edges, columns, vectors):
-        def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-            emit(builder, flat(builder, args))
-            return context.get_dummy_value()
-
-        return SHIFTS_SIGNATURE, codegen
-
-    return shifts
-
-
-_SHIFTS = int64s(3), int64s(3), int64s(3), int64s(3), types.int64, types.int64
-SHIFTS_SIGNATURE = types.void(*_SHIFTS)
-
-
-@intrinsic
-def call_shifts(typingctx, function, parts, found, memory, edges, columns, vectors):
-    """Call compiled `stretched_shifts` by their address."""
-    return call_of(_SHIFTS)
 
 
 #: Lines and columns that `turn` exchanges at a time.
