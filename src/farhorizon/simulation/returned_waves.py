@@ -259,7 +259,7 @@ class ReturnedWaves:
         found = []
         for component in sorted({datum.component for datum in data}):
             own = [datum for datum in data if datum.component == component]
-            every = hold_backward_waves(medium.stencil, own, wanted)
+            every = hold_backward_waves(medium, own, wanted)
             if len(others) == 2 and not any(self.sides[other, s].periodic for other in others for s in (-1, 1)):
                 round_waves = self._round(medium, axis, own, image, until, wanted, size, echoing, every)
                 if round_waves:

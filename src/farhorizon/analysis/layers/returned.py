@@ -476,11 +476,7 @@ def arrivals(
     starts = [_start(datum, z, medium, decay) * np.exp(0.5 * (lasting * np.log(z) / medium.dt) ** 2) for datum in data]
 
     alike, number = _alike(medium.stencil, along)
-    every = (
-        radial is None
-        and all(datum.behind is None for datum in data)
-        and hold_backward_waves(front.stencil, data, wanted)
-    )
+    every = radial is None and all(datum.behind is None for datum in data) and hold_backward_waves(front, data, wanted)
 
     def arrived(which: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         used, again = np.unique(number[some], return_inverse=True)
@@ -633,16 +629,36 @@ def _slowest(medium: LatticeMedium, eigenvalue: np.ndarray, along: np.ndarray) -
     return np.where(carried, root, 0.5), np.where(carried, rate * slope, 0.0)
 
 
-def hold_backward_waves(stencil: Stencil, data: Sequence[Datum], wanted: float) -> bool:
+def hold_backward_waves(medium: LatticeMedium, data: Sequence[Datum], wanted: float) -> bool:
     """Whether scalar data hold waves of which some run backward and are felt, so that all modes of the chain in front
     of a side are to be followed; in a medium that varies they are not.
     """
+    stencil = medium.stencil
     damped = high_pass(stencil) if stencil.components == 1 else None
     if damped is None or weak(damped):
         return False
     return any(
-        short_share(datum.values, damped.first) > _FELT_BACKWARD * wanted for datum in data if datum.values.any()
+        short_share(datum.values, damped.first) * _briskness(medium, damped.first, datum.time) > _FELT_BACKWARD * wanted
+        for datum in data
+        if datum.values.any()
     )
+
+
+def _briskness(medium: LatticeMedium, first: float, course: np.ndarray) -> float:
+    """What a source that follows a course in time sends of waves from a wavenumber times spacing on, over what it sends
+    of them if it is switched on at once; 1 for what is there at the start.
+
+    A field that follows its source slowly is none of waves: these are as large as the source changes at their
+    frequency.
+    """
+    if not course.any():
+        return 1.0
+    line = np.linspace(first, np.pi, 9)
+    symbol = medium.stencil.symbol(line, *[np.zeros_like(line)] * (medium.stencil.dim - 1))
+    turns = np.sqrt(medium.rate * np.maximum(symbol, 0.0)) * medium.dt
+    changes = np.diff(course, prepend=0.0)
+    heard = np.abs(np.exp(-1j * np.outer(turns, np.arange(len(course)))) @ changes).max()
+    return min(1.0, float(heard / np.abs(course).max()))
 
 
 def _all_modes(medium: LatticeMedium, eigenvalue: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
