@@ -8,8 +8,8 @@ Measures, in one process with interleaved repeats (medians of the ratios of a ro
   loop. Target: layers add at most 3 microseconds a step.
 - cube: 3D 100^3, m = 3, for information.
 - thin: layers of 4, 8 and 12 nodes for a target of 1e-4 around both, one thread: the step over that of the bare
-  engine, and the memory that layers take, in near fields. Aims: 1.08, 1.15 and 1.3 around the square, 1.8, 2.6 and 4.5
-  around the cube; memory there 2, 4 and 10.
+  engine, also with layers that remember in full, and the memory that layers take, in near fields. Aims: 1.08, 1.15 and
+  1.3 around the square, 1.8, 2.6 and 4.5 around the cube; memory there 2, 4 and 10.
 
 Run: ``python benchmarks/layer.py [square] [bar] [cube] [thin] [--json FILE] [--repeats N]``. Takes about a minute.
 """
@@ -79,8 +79,10 @@ def thin(repeats: int) -> list[dict[str, Any]]:
     ):
         for nodes, aim, memory_aim in zip((4, 8, 12), steps_aimed, memory_aimed, strict=True):
             sim = simulation(dim, n, 1, nodes, 1e-4)
-            bare = bare_engine(sim.stencil, sim.lattice.shape, 1)
-            found = ratio(interleaved({"layers": steps(sim.engine), "bare": steps(bare)}, repeats), "layers", "bare")
+            bare, full = bare_engine(sim.stencil, sim.lattice.shape, 1), simulation(dim, n, 1, nodes)
+            cases = {"layers": steps(sim.engine), "full": steps(full.engine), "bare": steps(bare)}
+            times = interleaved(cases, repeats)
+            found = ratio(times, "layers", "bare")
             memory = (sim.engine.nbytes - bare.nbytes) / (8 * n**dim)
             rows.append(
                 {
@@ -89,6 +91,7 @@ def thin(repeats: int) -> list[dict[str, Any]]:
                     "step / bare": found,
                     "aim": aim,
                     "met": verdict(found, aim, larger=False),
+                    "in full": ratio(times, "full", "bare"),
                     "near fields": memory,
                     "memory aim": "-" if memory_aim is None else memory_aim,
                     "memory met": "-" if memory_aim is None else verdict(memory, memory_aim, larger=False),

@@ -88,6 +88,10 @@ CASES = {
         ),
         ALONG_X,
     ),
+    "space, by target": (
+        fh.Setup(lattice(21, 22, 23), WAVE, fh.LatticePML(target=1e-4, until=8.0), {"u": pulse(3)}),
+        SPACE[:1],
+    ),
     "space": (fh.Setup(lattice(21, 22, 23), WAVE, fh.LatticePML(nodes=3), {"u": pulse(3)}), SPACE[:1]),
 }
 CRACKS = [[(-1.0, 0.1), (1.3, 0.7)], fh.Crack([(-2.0, -1.4), (2.0, -1.4)], opens=1.5)]

@@ -1,6 +1,7 @@
 """Layers that choose their thickness: what their runs get wrong is below the target, for set-ups that nobody tuned
 on."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -134,6 +135,32 @@ def test_sources_that_go_on_ask_for_no_more_in_long_runs(model):
     assert max(one.layer.columns for one in fh.Simulation(**setup).thickness.values()) <= 20
     found = compare(setup, until, beside=False)
     assert max(found.curves["lattice PML"]["error_rel_initial"]) <= 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", range(8))
+def test_sources_of_any_pace_keep_their_target_where_waves_run_backward(case):
+    """Random forces that rise slowly or at once and stay, or swing; a target is kept or refused."""
+    seed = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
+    random = np.random.default_rng([seed, case])
+    print(f"seed {seed}, set-up {case}")
+    dim, half = 1 + case % 2, 18.0
+    kernel = fh.Kernel(float(random.integers(2, 5)), int(random.integers(0, 2)), "constant")
+    model = fh.Wave(fh.Stencil.finite_element(dim) if random.random() < 0.5 else kernel)
+    lattice = fh.Lattice(1.0, (-half,) * dim, (half,) * dim)
+    rise, period, stays = np.exp(random.uniform(0, 4)), random.uniform(12.0, 40.0), random.random() < 0.5
+    shape = pulse(lattice, random.uniform(-4, 4, dim), random.uniform(2.0, 3.0))
+    source = fh.Source(shape, lambda t: min(t / rise, 1.0) * (1.0 if stays else np.sin(2 * np.pi * t / period)))
+    target, until = float(random.choice([1e-3, 1e-4])), float(random.uniform(3, 12) * 2 * half)
+    try:
+        sides = fh.LatticePML(target=target, until=until)
+        setup = {"lattice": lattice, "model": model, "boundary": sides, "sources": [source], "threads": 1}
+        fh.Simulation(**setup)
+    except fh.InputError as refusal:
+        assert "target" in str(refusal)
+        return
+    found = compare(setup, until, beside=False).curves["lattice PML"]["error_rel_initial"]
+    assert max(found) <= target
 
 
 def test_each_moment_of_a_source_is_whole_in_one_part():

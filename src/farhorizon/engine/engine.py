@@ -205,7 +205,8 @@ class Engine:
         self.offsets, self.weights = np.asarray(offsets, np.int64), np.asarray(weights, float)
         self.components = 1 if self.weights.ndim == 1 else self.weights.shape[1]
         self.layers = dict(layers)
-        halves = self.dtype.itemsize == 8 and layers and all(layer.short for layer in layers.values())
+        plain = sums is None or sums.phi is None  # stretched derivatives are remembered beside, in full
+        halves = self.dtype.itemsize == 8 and plain and layers and all(layer.short for layer in layers.values())
         self.kept = np.dtype("int32") if halves else self.dtype
         columns = {name: layer.columns for name, layer in self.layers.items()}
         self.layout = Layout(core, self.offsets, columns, frozenset(periodic), self.components)

@@ -17,7 +17,6 @@ from farhorizon.boundaries import Side
 from farhorizon.engine.engine import Layer
 from farhorizon.engine.settings import give_heat_beyond
 from farhorizon.inputs.thermal_loads import ThermalLoad
-from farhorizon.medium.integrators import Euler
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import heat_alone
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
@@ -42,8 +41,8 @@ def warm_sides(setup: Setup, sides: Sides, dt: float) -> frozenset[Key]:
     heat = load.temperature
     found = {key for key, side in sides.items() if (side.stretched or side.extended) and side_name(*key) in load.joint}
     others = [side for key in sides.keys() - found for side in (sides[key], heat.sides[key])]
-    alike = isinstance(heat.model.integrator, Euler) and heat.background == load.reference
-    if not alike or any(side.endless for side in others):
+    once = len(heat.model.integrator.stages(dt).numbers) == 1  # each stage would have a memory of its own
+    if not once or heat.background != load.reference or any(side.endless for side in others):
         return frozenset()
     return frozenset(found) if load.coupled or dt <= heat_alone(heat).step_limit else frozenset()
 

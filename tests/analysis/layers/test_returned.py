@@ -9,6 +9,7 @@ from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers import returned as returned_waves
 from farhorizon.analysis.layers.layer import LatticeMedium, layer_amplitudes
 from farhorizon.analysis.layers.returned import Datum, Sample, arrivals, hold_backward_waves, reflected, round_a_point
+from farhorizon.analysis.layers.short_waves import high_pass, short_share
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.engine.engine import Layer
 
@@ -103,6 +104,35 @@ def test_all_modes_arrive_as_on_the_infinite_lattice(case):
     infinite = InfiniteLattice(front.stencil, 1.0, model.integrator, front.dt, steps, u)
     last = np.array([infinite.after(step)[-1] for step in range(steps)])
     assert arrived.largest == pytest.approx(np.abs(last).max(), rel=0.05)
+
+
+@pytest.mark.parametrize("case", range(6))
+def test_backward_waves_of_sources_are_as_large_as_oscillators_swing(case):
+    """Waves of a source go on swinging once it is steady: beside one that is switched on at once by as much less as
+    oscillators of their frequencies do.
+    """
+    random = np.random.default_rng([SEED, 4, case])
+    model = fh.Wave(fh.Kernel(float(random.integers(3, 7)), int(random.integers(0, 2)), "constant"))
+    front, dim = medium(model, 1 + case % 2, random.choice([0.3, 0.5, 0.8])), 1 + case % 2
+    first, shape = high_pass(front.stencil).first, (25, 19)[:dim]
+    u = pulse(shape, [12.0, 9.0][:dim], random.uniform(0.8, 1.2))
+    course = np.minimum(np.arange(1500) * front.dt / random.uniform(0.5, 60.0), 1.0)
+    k = np.linspace(first, np.pi, 9)
+    squared = front.rate * front.stencil.symbol(k, *[np.zeros_like(k)] * (dim - 1)) * front.dt**2
+
+    def swing(forces):
+        old = new = np.zeros_like(squared)
+        seen = []
+        for force in forces:
+            old, new = new, 2 * new - old - squared * (new - force)
+            seen.append(new)
+        last = np.array(seen[-700:])
+        return last.max(0) - last.min(0)
+
+    less = float((swing(course) / swing(np.ones_like(course))).max())
+    limit = short_share(u, first) * less / 0.3
+    given = [Datum(u, "source", course)]
+    assert hold_backward_waves(front, given, 0.8 * limit) and not hold_backward_waves(front, given, 1.25 * limit)
 
 
 @pytest.mark.parametrize("case", range(8))

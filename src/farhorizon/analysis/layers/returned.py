@@ -27,7 +27,7 @@ from scipy import fft, special
 
 from farhorizon.analysis.layers.choice import weak
 from farhorizon.analysis.layers.layer import ArrivingWave, LatticeMedium, amplitudes_of
-from farhorizon.analysis.layers.reflection import polarisations
+from farhorizon.analysis.layers.reflection import factor_of_wave, polarisations
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
@@ -655,7 +655,7 @@ def _briskness(medium: LatticeMedium, first: float, course: np.ndarray) -> float
         return 1.0
     line = np.linspace(first, np.pi, 9)
     symbol = medium.stencil.symbol(line, *[np.zeros_like(line)] * (medium.stencil.dim - 1))
-    turns = np.sqrt(medium.rate * np.maximum(symbol, 0.0)) * medium.dt
+    turns = np.angle([factor_of_wave(-medium.rate * float(one), medium.recursion) for one in symbol])
     changes = np.diff(course, prepend=0.0)
     heard = np.abs(np.exp(-1j * np.outer(turns, np.arange(len(course)))) @ changes).max()
     return min(1.0, float(heard / np.abs(course).max()))
