@@ -10,7 +10,8 @@ import pytest
 from farhorizon import Elastic, Fixed, Free, Kernel, LatticePML, Periodic, Simulation, Sponge, Stencil, Wave
 from farhorizon.engine.engine import Layer
 from farhorizon.engine.state import State
-from helpers import check_apply, kernel_stencil, lattice_of
+from farhorizon.medium.integrators import RungeKutta4, Verlet
+from helpers import check_apply, kernel_stencil, lattice_of, periodic_engine
 
 TAPS = np.array([6.0, -4.0, 1.0]) / 16  # (1 - cos k)^2 / 4, a filter that passes short waves
 
@@ -36,6 +37,12 @@ def stretched(stencil):
     return Stencil(stencil.offsets, stencil.weights * factors[:, None, None])
 
 
+def alike(dim, reach):
+    """The same scalar stencil for each component."""
+    scalar = kernel_stencil(dim, reach)
+    return Stencil(scalar.offsets, scalar.weights[:, None, None] * np.eye(dim))
+
+
 STENCILS = {
     **{f"2D m{m}": (elastic(2, m), (17, 21)) for m in (1, 2, 3)},
     "2D m6": (elastic(2, 6), (15, 33)),
@@ -44,11 +51,13 @@ STENCILS = {
     "2D elements": (elastic(2, 1, "finite-element"), (9, 12)),
     "2D stretched": (stretched(elastic(2, 2)), (9, 18)),
     "2D without symmetry": (random_stencil(2), (9, 18)),
+    "2D alike": (alike(2, 2), (9, 18)),
+    "3D alike": (alike(3, 2), (7, 8, 19)),
     "3D m1": (elastic(3, 1), (7, 8, 19)),
     "3D m2 linear": (elastic(3, 2, influence="linear"), (7, 8, 19)),
     "3D without symmetry": (random_stencil(3), (5, 6, 9)),
 }
-SOME = {name: STENCILS[name] for name in ("2D m3", "2D without symmetry", "3D m1")}
+SOME = {name: STENCILS[name] for name in ("2D m3", "2D without symmetry", "2D alike", "3D m1", "3D alike")}
 
 
 @pytest.mark.parametrize(("stencil", "shape"), STENCILS.values(), ids=STENCILS)
@@ -75,6 +84,35 @@ def test_mirrored_stencils_are_compiled_and_others_are_not():
     """Compiled rows serve stencils that look alike along all axes."""
     assert check_apply((9, 18), STENCILS["2D m2"][0]).tables.sweep.function
     assert not check_apply((9, 18), STENCILS["2D without symmetry"][0]).tables.sweep.function
+
+
+@pytest.mark.parametrize(("name", "blocks"), [("2D m2", 1), ("2D alike", 2), ("3D alike", 3)])
+def test_equal_scalars_are_swept_one_by_one(name, blocks):
+    stencil, shape = STENCILS[name]
+    sweep = check_apply(shape, stencil).tables.sweep
+    assert sweep.function
+    assert sweep.blocks == blocks
+
+
+@pytest.mark.parametrize("stages", [Verlet().stages(0.1), RungeKutta4().stages(0.1)])
+def test_equal_scalars_step_as_fields_of_their_own(stages):
+    """In a medium that varies, too."""
+    stencil, shape = STENCILS["2D alike"]
+    u = np.random.default_rng(3).standard_normal((2, *shape))
+    scalar = Stencil(stencil.offsets, stencil.weights[:, 0, 0])
+    layered = np.ones(shape)
+    layered[:, 7:] = 2.0
+    for medium in (None, layered):
+        found = []
+        for one, start in ((stencil, u), (scalar, u[0]), (scalar, u[1])):
+            engine = periodic_engine(shape, one, stages, 0.1, medium, threads=1)
+            for level in engine.levels:
+                engine.core.view(level)[...] = start.reshape(engine.core.view(level).shape)
+            for _ in range(5):
+                nothing = np.zeros((0, 0), engine.dtype)
+                engine.advance(1, np.zeros(0, np.int64), nothing, np.zeros((1, len(engine.stages.numbers), 0)))
+            found.append(engine.core.view(engine.current).reshape(-1, *shape))
+        np.testing.assert_allclose(found[0], np.concatenate(found[1:]), rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("dim", [2, 3])

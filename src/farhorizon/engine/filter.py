@@ -244,6 +244,34 @@ def _wrapped(
 
 
 @njit(error_model="numpy", cache=True, counted=False)
+def met_by_others(thread, runs, own, far):
+    """Of a thread's pieces the end of the first and the beginning of the last that the filter meets from those of other
+    threads.
+    """
+    lead, tail = own
+    if thread.threads > 1:
+        while lead < own[1] and runs[lead, 0] <= runs[own[0], 0] + far:
+            lead += 1
+        while tail > lead and runs[tail - 1, 0] >= runs[own[1] - 1, 0] - far:
+            tail -= 1
+    return lead, tail
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def weigh_pieces(runs, first, last, arrays, subtracted):
+    """Put the increments of some pieces into the box, times the strengths."""
+    box, level, before, strengths, size = arrays
+    for piece in range(first, last):
+        place, node, strength, count = runs[piece, 0], runs[piece, 1], runs[piece, 2], runs[piece, 3]
+        # pieces lie too far apart for the hardware to notice
+        ahead = runs[min(piece + _AHEAD, runs.shape[0] - 1), 1] * size
+        fetch(level + ahead)
+        fetch(before + ahead)
+        at = level + node * size
+        weigh_change(box + place * size, at, before + node * size, subtracted, strengths + strength * size, count)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
 def damp_short_waves(thread, stage, tables):
     """Filter the increments of a step, ``out - src`` or `base`, or both levels; one thread's share."""
     # Each kind of row stands here once: it is long machine code, and what a function calls is compiled once more in it.
@@ -256,18 +284,18 @@ def damp_short_waves(thread, stage, tables):
     passes = 2 if tables.whole else 1
     subtracted = stage.out.dtype.type(0 if tables.whole else 1)
     own = share(thread, runs.shape[0])
+    # Pieces are weighed as they are needed, so that what they bring into the cache is there when they are filtered:
+    # at first those that other threads meet, or all where the box has copies.
+    far = steps[0] * (taps.size - 1) + _PIECE
+    lead, tail = met_by_others(thread, runs, own, far)
+    if copies.shape[1] or tables.exchange[0, USED] or tables.exchange[1, USED] or tables.exchange[2, USED]:
+        lead = tail
     for turn in range(passes * stage.components):
         shift = turn // passes * apart
         level = (past if turn % passes else out) + shift
-        for piece in range(own[0], own[1]):
-            place, node, first, count = runs[piece, 0], runs[piece, 1], runs[piece, 2], runs[piece, 3]
-            ahead = (
-                runs[min(piece + _AHEAD, own[1] - 1), 1] * size
-            )  # pieces lie too far apart for the hardware to notice
-            fetch(level + ahead)
-            fetch(src + shift + ahead)
-            at, before = level + node * size, src + shift + node * size
-            weigh_change(places + place * size, at, before, subtracted, weights + first * size, count)
+        arrays = places, level, src + shift, weights, size
+        weigh_pieces(runs, own[0], lead, arrays, subtracted)
+        weigh_pieces(runs, tail, own[1], arrays, subtracted)
         barrier(thread)
         if copies.shape[1]:
             for i in range(thread.number, copies.shape[1], thread.threads):
@@ -281,13 +309,15 @@ def damp_short_waves(thread, stage, tables):
                         call_exchange(function, messages[TABLE], np.int64(places), np.int64(1), np.int64(box.nbytes))
                 barrier(thread)
         # Increments are in the level and by themselves.
-        older = base + shift - level if stage.increments and not tables.whole else 0
+        older, weighed = base + shift - level if stage.increments and not tables.whole else 0, lead
         for piece in range(own[0], own[1], TOGETHER):
-            number = min(TOGETHER, own[1] - piece)
-            for i in range(piece + _AHEAD, min(piece + _AHEAD + TOGETHER, own[1])):
-                fetch(level + runs[i, 1] * size)
-                if older != 0:
+            number, first = min(TOGETHER, own[1] - piece), weighed
+            while weighed < tail and runs[weighed, 0] <= runs[piece + number - 1, 0] + far:
+                weighed += 1
+            weigh_pieces(runs, first, weighed, arrays, subtracted)
+            if older != 0:
+                for i in range(piece + _AHEAD, min(piece + _AHEAD + TOGETHER, own[1])):
                     fetch(level + older + runs[i, 1] * size)
-            arrays, there = (places, weights, level), runs.ctypes.data + piece * runs.strides[0]
-            take_passed(there, number, arrays, steps.ctypes.data, steps.size, filtered, older, like)
+            there = runs.ctypes.data + piece * runs.strides[0]
+            take_passed(there, number, (places, weights, level), steps.ctypes.data, steps.size, filtered, older, like)
         barrier(thread)

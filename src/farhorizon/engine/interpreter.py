@@ -126,8 +126,7 @@ class Interpreter:
 
     def _copy(self) -> None:
         levels = self.split(self.stage.src)
-        for to, source in self.tables.copies.T:  # later ones copy what earlier ones have copied
-            levels[:, to] = levels[:, source]
+        _copy(levels, self.tables.copies)
 
     def receive(self, number: int, levels: np.ndarray | None = None) -> None:
         """Where a process is its own neighbour: there are no others here. Slots are not used."""
@@ -458,12 +457,17 @@ class Interpreter:
         material.coefficient[gone] = 1
         phases.dissolved[gone] = self.inputs.before + self.step + 1
         phases.total[0] += len(gone)
-        for to, source in self.tables.copies.T:
-            material.coefficient[to] = material.coefficient[source]
+        _copy(material.coefficient, self.tables.copies)
 
     def _melt(self) -> None:
         halo, coefficient = self.tables.phases.halo[:, 0], self.tables.material.coefficient
         coefficient[halo[self.stage.src[halo] < self.tables.phases.saturation]] = 1
+
+
+def _copy(values: np.ndarray, copies: np.ndarray) -> None:
+    """Periodic copies of values by place, shape (..., places)."""
+    for to, source, count in copies.T:
+        values[..., to : to + count] = values[..., source : source + count]
 
 
 def _passed(tables: Filter, values: np.ndarray) -> np.ndarray:
@@ -569,8 +573,7 @@ class _States:
             if not self.loop.tables.bonds.forces:
                 states[:, lost] = damaged
         if operation == op.COPY:
-            for to, source in self.loop.tables.copies.T:
-                states[:, to] = states[:, source]
+            _copy(states, self.loop.tables.copies)
         elif operation == op.RECEIVE:
             self.loop.receive(number, states)
         elif operation == op.SWEEP:

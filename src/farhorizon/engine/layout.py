@@ -190,9 +190,15 @@ class Layout:
         return np.array(places)
 
     def copies(self) -> np.ndarray:
-        """Places of the halo that repeat what lies across a periodic axis and where that is, axis by axis: (to, from),
-        shape (2, n).
+        """Runs of places of the halo that repeat what lies across periodic axes, and where that is inside the box:
+        (to, from, places), shape (3, n), in no order.
         """
         axes = [axis for axis in HALOS if axis in self.periodic]
         found = [self.across(axis, side) for axis in axes for side in (-1, 1)]
-        return np.concatenate([np.zeros((2, 0), np.int64), *found], axis=1)
+        inside = np.arange(self.size)
+        for to, source in found:
+            inside[to] = inside[source]  # what lies across later axes is itself a halo of earlier ones
+        to = np.sort(np.concatenate([np.zeros(0, np.int64), *(places[0] for places in found)]))
+        source = inside[to]
+        starts = np.flatnonzero((np.diff(to, prepend=-2) != 1) | (np.diff(source, prepend=-2) != 1))
+        return np.array([to[starts], source[starts], np.diff(starts, append=to.size)])

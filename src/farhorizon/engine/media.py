@@ -15,6 +15,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from farhorizon.engine.bonds import PHASES
 from farhorizon.engine.field import Field
+from farhorizon.engine.plain_tables import block_of
 from farhorizon.engine.rows.choose import compiled_rows
 from farhorizon.engine.tables import Media, one_medium
 
@@ -32,7 +33,8 @@ def media_of(engine: Field) -> Media:
         return one_medium(engine.dtype)
     values, numbers = _uniform(layout.box.all(material.coefficient), layout.reach)
     given = engine.dtype.name, engine.stages.increments, engine.signs, np.zeros((0, 0))
-    function, row = compiled_rows(engine.offsets, engine.weights, *given) if values.size else (0, np.zeros(1))
+    block = block_of(engine)[1]
+    function, row = compiled_rows(engine.offsets, block, *given) if values.size else (0, np.zeros(1))
     if function == 0:
         return one_medium(engine.dtype)
     mixed = np.zeros(layout.size, np.int8)
@@ -43,7 +45,7 @@ def media_of(engine: Field) -> Media:
             pieces += [(first + a, first + b, *rest) for a, b, *rest in _pieces(plane)]
             ranges.append(len(pieces))
     scale = np.array([stage[2] for stage in engine.stages.numbers])
-    middle = -float(engine.weights.sum()) if engine.components == 1 and not engine.stages.increments else 0.0
+    middle = -float(block.sum()) if block.ndim == 1 and not engine.stages.increments else 0.0
     return Media(
         function,
         np.array(pieces, np.int64),

@@ -119,8 +119,8 @@ class Tables(NamedTuple):
         (a, a for differences, b, scale, source scale).
     increments : bool
     components : int
-    copies : ndarray of int, shape (2, n)
-        Places of the halo that repeat others, and those.
+    copies : ndarray of int, shape (3, n)
+        Runs of places of the halo that repeat others, see `Layout.copies`.
     exchange : ndarray of int, shape (kinds, 3, 5)
         What other processes fill, by the kind of messages and their axis; see `engine.exchange`.
     free : ndarray of int, shape (2, 2)

@@ -25,7 +25,7 @@ from farhorizon.engine.layout import aligned_zeros
 from farhorizon.engine.operations import Pass, layered_states, state_operations
 from farhorizon.engine.point_law import CHUNK, PointLaw
 from farhorizon.engine.rows.build import load_law
-from farhorizon.engine.rows.choose import compiled_sums
+from farhorizon.engine.rows.choose import compiled_sums, equal_blocks
 from farhorizon.engine.rows.matrices import Signs, signs_of
 from farhorizon.engine.shape_tensors import firmness
 from farhorizon.engine.stretches import Stretches, no_stretches, stretches_of, without_bonds
@@ -124,7 +124,7 @@ class Passes:
         found = []
         for number, (weights, signs) in enumerate(zip(self.weights, self.signs, strict=True)):
             rows, columns = weights.shape[1:]
-            blocks = self.engine.components if _repeats(weights, self.engine.components) else 1
+            blocks = self.engine.components if equal_blocks(weights, self.engine.components) else 1
             function, row = self._compiled(weights, signs, blocks, ("sum", "add")[number])
             scale = self.scales[number][:, None]
             sweep = springs._replace(
@@ -342,14 +342,6 @@ def _check_straight(shapes: np.ndarray) -> None:
             key="boundary",
             remedy="keep cracks, corners and holes in the near field, one reach away from the layers",
         )
-
-
-def _repeats(weights: np.ndarray, blocks: int) -> bool:
-    """Whether matrices fall into so many equal blocks on their diagonal."""
-    rows, columns = (count // blocks for count in weights.shape[1:])
-    if rows * blocks != weights.shape[1] or columns * blocks != weights.shape[2]:
-        return False
-    return np.array_equal(weights, [np.kron(np.eye(blocks), one[:rows, :columns]) for one in weights])
 
 
 def no_law(engine: Field) -> PointLaw:

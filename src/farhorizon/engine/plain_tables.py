@@ -14,7 +14,7 @@ from farhorizon.engine.layout import aligned_zeros
 from farhorizon.engine.operations import Pass, Tables
 from farhorizon.engine.passes import no_law
 from farhorizon.engine.phases import one_phase
-from farhorizon.engine.rows.choose import compiled_rows
+from farhorizon.engine.rows.choose import compiled_rows, equal_blocks
 from farhorizon.engine.stretches import no_stretches
 from farhorizon.engine.tables import (
     Cuts,
@@ -88,19 +88,16 @@ def _scratch(engine: Field) -> int:
 
 def _sweep(engine: Field, heterogeneous: bool) -> Sweep:
     own = np.asarray(engine.reaction) if np.ndim(engine.reaction) else np.zeros((0, 0))  # numbers stand in `numbers_of`
-    centre = engine.signs, own
-    function, row = (
-        (0, np.zeros(1))
-        if heterogeneous
-        else compiled_rows(engine.offsets, engine.weights, engine.dtype.name, engine.stages.increments, *centre)
-    )
+    blocks, block = block_of(engine)
+    given = engine.dtype.name, engine.stages.increments, engine.signs, own
+    function, row = (0, np.zeros(1)) if heterogeneous else compiled_rows(engine.offsets, block, *given)
     scale = np.array([n[2] for n in engine.stages.numbers])
     there = engine.weights.any(axis=tuple(range(1, engine.weights.ndim)))  # of two passes there may be no springs
     offsets, weights = engine.offsets[there], engine.weights[there]
     return Sweep(
-        engine.layout.table(engine.components, engine.components),
+        engine.layout.table(engine.components // blocks, engine.components // blocks),
         function,
-        1,
+        blocks,
         _depth(engine),
         (scale[:, None] * row).astype(engine.dtype),
         offsets @ np.array(engine.layout.box.stride),
@@ -110,13 +107,22 @@ def _sweep(engine: Field, heterogeneous: bool) -> Sweep:
     )
 
 
+def block_of(engine: Field) -> tuple[int, np.ndarray]:
+    """How many equal stencils the weights are, one for each component of the field, and one of them; else one, all."""
+    count = engine.components
+    if count > 1 and not np.ndim(engine.reaction) and equal_blocks(engine.weights, count):
+        return count, engine.weights[:, 0, 0]
+    return 1, engine.weights
+
+
 def numbers_of(engine: Field, a: float, b: float, scale: float, source_scale: float) -> tuple[float, ...]:
     """The numbers of a stage as the sweeps take them: how much of a node's own value beside the rows' weights and
     beside differences, and the rest. Rows of increments are differences, and leave out the value that stays.
     """
     increments = engine.stages.increments
     own = a - float(increments) - (0.0 if np.ndim(engine.reaction) else scale * float(engine.reaction))
-    rows = -float(engine.weights.sum()) if engine.components == 1 and not increments else 0.0
+    block = block_of(engine)[1]
+    rows = -float(block.sum()) if block.ndim == 1 and not increments else 0.0
     return own + scale * rows, own, b, scale, source_scale
 
 

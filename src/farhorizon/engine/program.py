@@ -79,6 +79,7 @@ from farhorizon.engine.rows.vectors import (
     add_weighted,
     block_sum,
     call_sweep,
+    copy_run,
     copy_values,
     sweep_phases,
 )
@@ -602,17 +603,24 @@ def go_through(thread, stage, sums, tables, inputs, step, each, turn, shares):
 @njit(error_model="numpy", cache=True, counted=False, entry=True)
 def copy(array, copies, components):
     """Periodic copies."""
-    size = array.size // components
+    copy_runs(array, copies, components, 0, copies.shape[1])
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def copy_runs(array, copies, components, first, last):
+    """Some of the periodic copies, see `Layout.copies`."""
+    apart, size = array.nbytes // components, array.itemsize
     for c in range(components):
-        for i in range(copies.shape[1]):
-            array[c * size + copies[0, i]] = array[c * size + copies[1, i]]
+        start = np.int64(array.ctypes.data) + c * apart
+        for i in range(first, last):
+            copy_run(start + copies[0, i] * size, start + copies[1, i] * size, copies[2, i], array[0])
 
 
 @operation(COPY)
 def copy_across(thread, stage, sums, tables, inputs, step, number):
     """The halo repeats what lies across periodic axes."""
-    if thread.number == 0:
-        copy(stage.src, tables.copies, stage.components)
+    own = share(thread, tables.copies.shape[1])
+    copy_runs(stage.src, tables.copies, stage.components, own[0], own[1])
     barrier(thread)
 
 

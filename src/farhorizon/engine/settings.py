@@ -45,15 +45,19 @@ def connect(engine: Engine, link: Link, neighbours: Mapping[tuple[int, int], int
     if engine.varied:
         engine.join(engine.tables.material.coefficient, {})
         engine.replace(media=media_of(engine))
-    none = np.zeros((2, 0), np.int64)
-    gather, scatter = (
-        one._replace(layers=one.layers._replace(copies=none)) for one in (engine.tables.gather, engine.tables.scatter)
+    gather, scatter, layers = (
+        one._replace(copies=one.copies[:, :0])
+        for one in (engine.tables.gather.layers, engine.tables.scatter.layers, engine.tables.layers)
     )
-    layers = engine.tables.layers._replace(copies=none)
     filtered = engine.tables.filter._replace(exchange=engine.exchange.numbers[-1])
     free = free_of_halos(engine.layout, neighbours)
-    sums = {"layers": layers, "gather": gather, "scatter": scatter}
-    engine.replace(exchange=engine.exchange.numbers[:-1], free=free, copies=none, filter=filtered, **sums)
+    sums = {
+        "layers": layers,
+        "gather": engine.tables.gather._replace(layers=gather),
+        "scatter": engine.tables.scatter._replace(layers=scatter),
+        "copies": engine.tables.copies[:, :0],
+    }
+    engine.replace(exchange=engine.exchange.numbers[:-1], free=free, filter=filtered, **sums)
 
 
 def set_damping(engine: Engine, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:

@@ -57,6 +57,14 @@ def compiled_sums(
     return _matrix_rows(table, inside, outside, form, real, False)
 
 
+def equal_blocks(weights: np.ndarray, count: int) -> bool:
+    """Whether matrices, shape (K, rows, columns), fall into so many equal blocks on their diagonal."""
+    rows, columns = (n // count for n in weights.shape[1:])
+    if rows * count != weights.shape[1] or columns * count != weights.shape[2]:
+        return False
+    return np.array_equal(weights, np.kron(np.eye(count), weights[:, :rows, :columns]))
+
+
 def _matrix_rows(
     table: dict[Offset, np.ndarray], inside: Signs, outside: Signs, form: str, real: str, increments: bool
 ) -> tuple[int, np.ndarray]:

@@ -927,6 +927,24 @@ def weigh_change(typingctx, to, level, before, share, strengths, count):
     return types.void(types.int64, types.int64, types.int64, share, types.int64, types.int64), codegen
 
 
+@intrinsic
+def copy_run(typingctx, to, source, count, like):
+    """``to = source`` for `count` neighbouring values of the type of `like`; byte addresses."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        to, source, count, _ = args
+        vectors = Vectors.of(builder, str(signature.args[3]))
+
+        def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
+            at = builder.mul(x, I64(vectors.size))
+            store(vectors.load(builder.add(source, at)), builder.add(to, at))
+
+        vectors.in_chunks(count, chunk)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, types.int64, like), codegen
+
+
 #: Runs of nodes that `take_passed` works on side by side: sums of one alone wait for each other.
 TOGETHER = 4
 
