@@ -373,6 +373,31 @@ def test_waves_that_hardly_move_keep_their_target_in_long_runs(case):
     assert worst_error(sim, u, until, 80) <= target
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("case", range(8))
+def test_waves_that_turn_round_come_together_again_within_the_target(case):
+    """In the plane those of nearly the largest frequency, which hardly move, come in as forward waves and leave as
+    backward ones, back to where they set out, long after others have left. As long as they were followed for 512 nodes
+    only, as far as the side and as waves of many phases, they made 10 times the target.
+    """
+    random = np.random.default_rng([SEED, 8, case])
+    kernel = [fh.Kernel(3.0, 1, "constant"), fh.Kernel(float(random.integers(4, 7)), 0, "linear")][case % 2]
+    width = random.uniform(2.0, 3.0) if case % 2 == 0 else random.uniform(3.5, 5.0)
+    half = np.ceil(3.9 * width + 6) + np.array([0, random.integers(0, 12)])
+    lattice, model = fh.Lattice(1.0, -half, half), fh.Wave(kernel)
+    u, until = pulse(lattice, random.uniform(-2, 2, 2), width), float(random.uniform(300, 1000))
+    target = 10.0 ** -random.integers(3, 5)
+    dt = random.choice([0.3, 0.5, 0.9]) * fh.Simulation(lattice, model, fh.Fixed(), threads=1).step_limit
+    setup = {"lattice": lattice, "model": model, "initial": {"u": u}, "dt": dt, "threads": 1}
+    try:
+        sim = fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until))
+    except fh.InputError as refused:
+        target = 1.01 * float(str(refused.limit).removeprefix(">= "))
+        sim = fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until))
+    print("target", target, "nodes", [one.layer.columns for one in sim.thickness.values()])
+    assert worst_error(sim, u, until, 80) <= target
+
+
 def test_what_no_prediction_follows_of_waves_that_run_backward():
     """In a medium that varies a target is refused, and layers of which no target is asked say so everywhere."""
     lattice = fh.Lattice(1.0, (-18.0, -18.0), (18.0, 18.0))

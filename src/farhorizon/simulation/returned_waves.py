@@ -11,7 +11,15 @@ from scipy.ndimage import affine_transform
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.layer import LatticeMedium
-from farhorizon.analysis.layers.returned import Arrivals, Datum, Sample, arrivals, hold_backward_waves, round_a_point
+from farhorizon.analysis.layers.returned import (
+    Arrivals,
+    Datum,
+    Sample,
+    arrivals,
+    frequency_of_slow_waves,
+    hold_backward_waves,
+    round_a_point,
+)
 from farhorizon.analysis.layers.thickness import (
     Thickness,
     by_formula,
@@ -123,10 +131,13 @@ class ReturnedWaves:
         if found is None and boundary.target is None:
             return None
         if found is None:
+            limit = least(members, sent, size)
+            # of the waves more is left out for a larger target
+            limit = max(limit, least(members, *self._arriving(axis, side, until, limit)[1:]))
             raise InputError(
                 "no layer keeps the target for these data",
                 value=wanted,
-                limit=f">= {least(members, sent, size):.1g}",
+                limit=f">= {limit:.1g}",
                 key="boundary.target",
                 remedy="a larger target, smoother data, data farther from the side, another influence, or Extended, "
                 "Exact or a Sponge",
@@ -251,7 +262,7 @@ class ReturnedWaves:
 
         Where the medium goes on along the side, images in place of nothing would come round in a long run, and be heard
         in layers that take little of what travels along them. So there all waves are followed only as long as none
-        comes, and longer the longest ones alone, which are few enough for any room.
+        comes, and longer the longest ones alone, which are few enough for any room, and those that hardly move.
         """
         others = [b for b in range(len(self.shape)) if b != axis]
         image = self.sides[axis, -side].image
@@ -276,15 +287,20 @@ class ReturnedWaves:
                 if others:
                     flat, near[kept], length = self._unfold(flat, kept + 1, others[kept])
                 sent = [replace(datum, values=values) for datum, values in zip(own, flat, strict=True)]
-                for part, time, room, smooth in self._parts(medium, sent, until, wanted, bool(others) and not length):
+                depths = self.shape[axis] // 2, *_depth_of(own)[: int(every)]
+                for part, time, room, smooth, lowest in self._parts(
+                    medium, sent, until, wanted, bool(others) and not length, every
+                ):
                     if others:
                         lengths[kept] = length or fft.next_fast_len(flat[0].shape[kept + 1] + room)
                     steps = max(2, int(np.ceil(time / self.dt)))
                     for kind in range(min(self.stencil.components, 2)):
                         key = medium.stencil, medium.coefficient, kind, steps
                         sample = self._samples.setdefault(key, Sample(medium, kind))
-                        coming = arrivals(medium, steps, part, lengths, near, wanted, size, sample, smooth, None, every)
-                        found.append(replace(coming, middle=self.shape[axis] // 2, axes=echoing))
+                        coming = arrivals(
+                            medium, steps, part, lengths, near, wanted, size, sample, smooth, None, every, lowest
+                        )
+                        found.append(replace(coming, depths=depths, axes=echoing))
         return found
 
     def _round(
@@ -316,12 +332,14 @@ class ReturnedWaves:
         corner = np.where(facing > (np.array(inside.shape) - 1) / 2, 0, np.array(inside.shape) - 1)
         first = np.array([nodes[0] for nodes in near])
         found = []
-        for part, time, room, smooth in self._parts(
+        depths = self.shape[axis] // 2, *_depth_of(data)[: int(every)]
+        for part, time, room, smooth, lowest in self._parts(
             medium,
             [replace(datum, values=values) for datum, values in zip(data, fields, strict=True)],
             until,
             wanted,
             True,
+            every,
         ):
             steps = max(2, int(np.ceil(time / self.dt)))
             for point in (facing, (facing + corner) // 2, corner):
@@ -330,25 +348,32 @@ class ReturnedWaves:
                 for kind in range(min(self.stencil.components, 2)):
                     key = medium.stencil, medium.coefficient, kind, steps
                     sample = self._samples.setdefault(key, Sample(medium, kind))
-                    coming = arrivals(medium, steps, sent, [], [], wanted, size, sample, smooth, turned[0][0], every)
-                    found.append(replace(coming, middle=self.shape[axis] // 2, axes=echoing))
+                    coming = arrivals(
+                        medium, steps, sent, [], [], wanted, size, sample, smooth, turned[0][0], every, lowest
+                    )
+                    found.append(replace(coming, depths=depths, axes=echoing))
         return found
 
     def _parts(
-        self, medium: LatticeMedium, data: Sequence[Datum], until: float, wanted: float, endless: bool
-    ) -> list[tuple[Sequence[Datum], float, int, float]]:
-        """Data whose waves are followed, times up to which they are, the nodes beside the near field for it, and by how
-        many nodes the data are smoothed.
+        self, medium: LatticeMedium, data: Sequence[Datum], until: float, wanted: float, endless: bool, every: bool
+    ) -> list[tuple[Sequence[Datum], float, int, float, float]]:
+        """Data whose waves are followed, times up to which they are, the nodes beside the near field for it, by how
+        many nodes the data are smoothed, and the frequency from which on waves are followed.
+
+        Where all modes are, as backward waves ask for, there are waves that hardly move, some forward and some
+        backward: those that go no farther in the whole run than the room allows are followed to its end.
         """
         pace = medium.speed / self.spacing
         room, most = int(np.ceil(_ROUND * pace * until)), max(_ROOM, _LEFT * max(self.shape))
         if not endless or pace * until <= most:
-            return [(data, until, min(room, most), 0.0)]
+            return [(data, until, min(room, most), 0.0, 0.0)]
         half = max(1, int(most / (2 * pace * self.dt)))
-        found: list[tuple[Sequence[Datum], float, int, float]] = [(data, until, room, most / _LONG)]
+        found: list[tuple[Sequence[Datum], float, int, float, float]] = [(data, until, room, most / _LONG, 0.0)]
+        if every:
+            found.append((data, until, most, 0.0, frequency_of_slow_waves(medium, most * self.spacing / until)))
         for before, part in _by_time(data, half, _SILENT * wanted):
             time = before * self.dt + most / pace
-            found.append((part, time, int(np.ceil(pace * time)), 0.0))
+            found.append((part, time, int(np.ceil(pace * time)), 0.0, 0.0))
         return found
 
     def _unfold(self, fields: list[np.ndarray], place: int, axis: int) -> tuple[list[np.ndarray], range, int]:
@@ -409,6 +434,13 @@ def stand_ins(shape: tuple[int, ...], reach: int, components: int = 1) -> list[D
     grid = np.ix_(*[np.arange(n) for n in shape])
     pulses = [np.exp(-sum((x - a) ** 2 for x, a in zip(grid, place, strict=True)) / _STAND_IN**2) for place in places]
     return [Datum(np.max(pulses, axis=0), "u", component=component) for component in range(components)]
+
+
+def _depth_of(data: Sequence[Datum]) -> tuple[int, ...]:
+    """Nodes from the side to the middle of the data; none where there is nothing."""
+    size = sum(np.abs(datum.values).sum(tuple(range(1, datum.values.ndim))) for datum in data)
+    rows = np.arange(len(data[0].values))[::-1]
+    return (round(float(np.average(rows, weights=size))),) if np.any(size) else ()
 
 
 def _flattened(values: np.ndarray, axes: Sequence[int]) -> np.ndarray:

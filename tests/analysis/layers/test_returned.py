@@ -8,7 +8,15 @@ import farhorizon as fh
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers import returned as returned_waves
 from farhorizon.analysis.layers.layer import LatticeMedium, layer_amplitudes
-from farhorizon.analysis.layers.returned import Datum, Sample, arrivals, hold_backward_waves, reflected, round_a_point
+from farhorizon.analysis.layers.returned import (
+    Datum,
+    Sample,
+    arrivals,
+    frequency_of_slow_waves,
+    hold_backward_waves,
+    reflected,
+    round_a_point,
+)
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.engine.engine import Layer
@@ -293,3 +301,17 @@ def test_what_dies_out_beside_a_layer_counts(reach, width):
         sim.step(int(step) - sim.step_count)
         error = max(error, float(np.abs(sim.fields["u"] - infinite.after(int(step))).max()))
     assert error <= 1e-6
+
+
+def test_frequencies_from_which_on_waves_are_slow():
+    """By the slope of the dispersion relation of the steps, on a finer sample of wavenumbers."""
+    one, k = medium(fh.Wave(fh.Kernel(3.0, 1, "constant")), 2, 0.9), np.linspace(0, np.pi, 1201)
+    turn = one.dt * np.sqrt(np.maximum(one.stencil.symbol(*np.ix_(k, k)), 0.0)) / 2
+    omega = 2 / one.dt * np.arcsin(turn)
+    speed = np.hypot(*np.gradient(omega, k, k))
+    for most in (0.5, 0.2, 0.1):
+        found = frequency_of_slow_waves(one, most)
+        assert 0 < found < omega.max()
+        assert speed[omega > found].max() < 1.05 * most
+        assert speed[omega > 0.99 * found].max() > 0.95 * most
+    assert frequency_of_slow_waves(one, 1.5) == 0

@@ -53,6 +53,7 @@ _COHERENT = 0.05  # the largest value over the sum of all amplitudes, at least
 _SPARSE = 8  # every so many tangential modes tell which frequencies are felt
 _PASSED = 2.0  # of a wave's displacement, the most that an interface lets through into a faster medium
 _HELD = 7.0  # widths of a Gaussian in the transform of smoothed data: exp(-24) remains
+_FADES = 10.0  # over the length of the run: the band of frequencies in which waves fade out
 _BETWEEN = np.pi / 8  # of the directions of a square lattice
 # of the modes of a chain: relative residual, where two nearly coincide, and the least factor over a node
 _ROUGH, _GONE = 1e-6, 1e-6
@@ -248,8 +249,10 @@ class Arrivals:
         The largest of the data, as far as it is known.
     every : bool
         Whether all modes of the medium in front are among the waves, as backward waves ask for.
-    middle : int
-        Nodes from the side to the middle of the near field, where the echoes of all sides meet.
+    depths : tuple of int
+        Nodes from the side to where echoes of all sides meet: to the middle of the near field; and to the middle of the
+        data, where waves that hardly move come together again, for those that arrive a little below the largest
+        frequency as forward waves leave as backward ones, in the direction that they came from.
     axes : int
         Along so many there are layers.
     """
@@ -268,7 +271,7 @@ class Arrivals:
     silent: float = 0.0
     size: float = 0.0
     every: bool = False
-    middle: int = 0
+    depths: tuple[int, ...] = ()
     axes: int = 1
 
     @cached_property
@@ -279,8 +282,8 @@ class Arrivals:
     def returned(self, layer: Layer, enough: float = np.inf) -> float:
         """Largest value, over the run and along the side, of what a layer sends back.
 
-        In the middle of the near field it meets as much from each of the other sides, while what an aim leaves is for
-        the two sides of one axis.
+        Inside the near field it meets as much from each of the other sides, while what an aim leaves is for the two
+        sides of one axis.
         What the closed form does not know, such as the damping of short waves, is known of a sample: it counts by its
         share of the waves' energy. As a sum of waves each step from one sample to the next would be noise, which the
         Laplace integral lets grow. On a line, which has so few waves that there is time for each, and where backward
@@ -300,11 +303,12 @@ class Arrivals:
         closed = self._over_the_field(self.amplitude * self._closed(layer, slice(None)))
         return closed + self._by_energy(np.abs(self.amplitude) * self._excess(layer, slice(None)))
 
-    def _over_the_field(self, back: np.ndarray, middle: np.ndarray | None = None) -> float:
-        """Largest value beside the layer and in the middle of the near field of what comes back of each wave."""
+    def _over_the_field(self, back: np.ndarray, inside: Sequence[np.ndarray] | None = None) -> float:
+        """Largest value beside the layer and inside the near field of what comes back of each wave."""
         found = self._largest(back)
         if self.axes > 1:
-            found = max(found, self.axes * self._largest(back * self.root**self.middle if middle is None else middle))
+            inside = [back * self.root**depth for depth in self.depths] if inside is None else inside
+            found = max([found, *(self.axes * self._largest(one) for one in inside)])
         return found
 
     def _by_energy(self, back: np.ndarray) -> float:
@@ -314,29 +318,29 @@ class Arrivals:
     def _each(self, layer: Layer, enough: float) -> float:
         """Largest value of what comes back of a scalar's waves, of which the loudest are followed each by itself."""
         loud = np.abs(self.amplitude) * self.sample.judged(layer)[0, self.number]
-        # what is left out has many phases
-        heard = _largest(loud**2, (self.silent * max(self.size, self.largest) / _CREST) ** 2)
+        heard = _largest(loud, self.silent * max(self.size, self.largest))
         heard = heard[np.argsort(-loud[heard])]
         for most in (_FIRST, _MOST_EACH):
-            beside, middle = self._exact(layer, heard[:most])
+            beside, *inside = self.amplitude * self._exact(layer, heard[:most])
             rest = np.zeros_like(loud)
             rest[heard[most:]] = loud[heard[most:]]
-            found = self._over_the_field(self.amplitude * beside, self.amplitude * middle)
+            found = self._over_the_field(beside, inside)
             if found > _TOO_MUCH * enough or len(heard) <= most:
                 break
         return found + self._by_energy(rest)
 
-    def _exact(self, layer: Layer, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What comes back of some waves of amplitude 1, one node from the layer and in the middle of the near field; 0
-        of the others.
+    def _exact(self, layer: Layer, some: np.ndarray) -> np.ndarray:
+        """What comes back of some waves of amplitude 1, one node from the layer and inside the near field; 0 of the
+        others.
         """
-        found = np.zeros((2, len(self.amplitude)), complex)
+        found = np.zeros((1 + len(self.depths), len(self.amplitude)), complex)
+        nodes = -np.array([1.0, *self.depths])[:, None]
         keys = [(complex(self.root[one]), complex(self.factor[one])) for one in some.tolist()]
         for one, (amplitude, leaving) in zip(
             some.tolist(), self.sample.followed(layer, keys, self.along[:, some].T), strict=True
         ):
-            found[:, one] = (amplitude / leaving).sum(), (amplitude * leaving ** -float(self.middle)).sum()
-        return found[0], found[1]
+            found[:, one] = (amplitude * leaving**nodes).sum(1)
+        return found
 
     def share(self, layer: Layer) -> float:
         """Root of the share of the waves' energy that comes back, from a part of them: quick, to compare layers by."""
@@ -423,6 +427,7 @@ def arrivals(
     smooth: float = 0.0,
     radial: np.ndarray | None = None,
     every: bool = False,
+    lowest: float = 0.0,
 ) -> Arrivals:
     """The waves that data send to a side.
 
@@ -452,6 +457,8 @@ def arrivals(
         then values of the data are amplitudes at that point, arrays (rows, modes), see `round_a_point`.
     every : bool
         Whether all modes of a scalar's chain are followed, as `hold_backward_waves` tells.
+    lowest : float, optional
+        Frequency from which on waves are followed, see `frequency_of_slow_waves`; the others fade out below it.
     """
     front, sample = medium, sample or Sample(medium)
     medium = medium.carrier(sample.kind)
@@ -473,7 +480,10 @@ def arrivals(
         every_number = np.meshgrid(*numbers, indexing="ij")
         along = np.array([k.ravel()[modes] for k in every_number]) if numbers else np.zeros((0, 1))
     lasting = smooth * medium.spacing / front.speed
-    starts = [_start(datum, z, medium, decay) * np.exp(0.5 * (lasting * np.log(z) / medium.dt) ** 2) for datum in data]
+    complete = np.log(z) / medium.dt
+    # analytic, so that nothing rings which the Laplace integral would let grow
+    taken = special.erfc((lowest + 1j * complete) * (steps * medium.dt / _FADES)) / 2 if lowest else np.ones(1)
+    starts = [taken * _start(datum, z, medium, decay) * np.exp(0.5 * (lasting * complete) ** 2) for datum in data]
 
     alike, number = _alike(medium.stencil, along)
     every = radial is None and all(datum.behind is None for datum in data) and hold_backward_waves(front, data, wanted)
@@ -507,7 +517,7 @@ def arrivals(
     # nothing travels beyond, where only the shortest pulses have anything; one at least, of runs of a few short steps
     highest = np.inf if every else 1.2 * medium.rate * medium.stencil.symbol_maximum
     highest = min(highest, (_HELD / lasting) ** 2 if smooth else np.inf)
-    heard = np.flatnonzero(pitch <= max(highest, pitch.min()))
+    heard = np.flatnonzero((pitch <= max(highest, pitch.min())) & (np.abs(taken) > _GONE))
     sparse = np.abs(arrived(heard, few)[1])
     loudness = sparse.max(1) * len(modes)
     largest = max(size * 2 * steps * np.exp(-folded), _COHERENT * _SPARSE * float(sparse.sum()))
@@ -642,6 +652,19 @@ def hold_backward_waves(medium: LatticeMedium, data: Sequence[Datum], wanted: fl
         for datum in data
         if datum.values.any()
     )
+
+
+def frequency_of_slow_waves(medium: LatticeMedium, speed: float) -> float:
+    """The frequency from which on no wave is faster than a speed; all of them, if there are none so slow.
+
+    Those of the largest frequency stand still, and others about them go slowly, forward and backward.
+    """
+    _, values, slopes = medium.stencil.zone_branches
+    turn = np.minimum(medium.dt * np.sqrt(np.maximum(medium.rate * values, 0.0)) / 2, 1.0)
+    # of the steps: d(omega)/dk with sin(omega dt / 2) = turn
+    rise = medium.spacing * medium.rate * np.sqrt(sum(slope**2 for slope in slopes)) * medium.dt
+    fast = rise > speed * 4 * turn * np.sqrt(1 - turn**2)
+    return float(2 * np.arcsin(turn[fast].max(initial=0.0)) / medium.dt)
 
 
 def _briskness(medium: LatticeMedium, first: float, course: np.ndarray) -> float:
