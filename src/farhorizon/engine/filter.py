@@ -184,22 +184,21 @@ def line_damping(rates: np.ndarray, taps: np.ndarray, dt: float, across: np.ndar
     rates : ndarray, shape (columns,)
     taps : ndarray, shape (R + 1,)
     dt : float
-    across : ndarray, shape (dim - 1,)
+    across : ndarray, shape (..., dim - 1)
         Wavenumbers along the layer times spacing.
 
     Returns
     -------
-    ndarray, shape (columns, columns)
+    ndarray, shape (..., columns, columns)
     """
-    strengths = np.sqrt(-np.expm1(-(1 + across.size) * rates * dt) / (1 + across.size))
+    axes = 1 + across.shape[-1]
+    strengths = np.sqrt(-np.expm1(-axes * rates * dt) / axes)
     row = np.zeros(max(len(rates), len(taps)))
     row[: len(taps)] = taps
     places = np.arange(len(rates))
-    passed = row[np.abs(places[:, None] - places)]
-    passed += np.diag(
-        np.full(len(rates), (taps[0] + 2 * np.cos(np.outer(across, np.arange(1, len(taps)))) @ taps[1:]).sum())
-    )
-    return strengths[:, None] * passed * strengths
+    along = (taps[0] + 2 * np.cos(across[..., None] * np.arange(1, len(taps))) @ taps[1:]).sum(-1)
+    passed = row[np.abs(places[:, None] - places)] + along[..., None, None] * np.eye(len(rates))
+    return np.asarray(strengths[:, None] * passed * strengths)
 
 
 def _runs(rows: np.ndarray, limits: np.ndarray) -> np.ndarray:

@@ -263,14 +263,18 @@ def amplitudes_of(waves: Sequence[ArrivingWave], layer: Layer) -> list[np.ndarra
     system = np.array([wave.eigenvalue for wave in waves])[:, None, None] * np.eye(d * count) - system.reshape(
         n, d * count, d * count
     )
-    return [
-        _leaving(wave, layer, blocks[i], system[i], drive[i], entrance[i], entrance_near[i])
-        for i, wave in enumerate(waves)
-    ]
+    found: list[np.ndarray] = [np.zeros(0)] * n
+    modes = np.array([len(wave.modes.leaving) for wave in waves])
+    for number in np.unique(modes):
+        some = np.flatnonzero(modes == number).tolist()
+        equations = (part[some] for part in (blocks, system, drive, entrance, entrance_near))
+        for one, amplitudes in zip(some, _leaving([waves[i] for i in some], layer, *equations), strict=True):
+            found[one] = amplitudes
+    return found
 
 
 def _leaving(
-    wave: ArrivingWave,
+    waves: Sequence[ArrivingWave],
     layer: Layer,
     blocks: np.ndarray,
     system: np.ndarray,
@@ -278,28 +282,38 @@ def _leaving(
     entrance: np.ndarray,
     entrance_near: np.ndarray,
 ) -> np.ndarray:
-    """Amplitudes of the modes with which the columns, and the medium in front of them, are in balance."""
-    reach, d = len(blocks) // 2, blocks.shape[1]
+    """Amplitudes of the modes with which the columns, and the medium in front of them, are in balance, shape (waves,
+    leaving modes); of waves that have as many.
+    """
+    n, reach, d, first = len(waves), blocks.shape[1] // 2, blocks.shape[2], waves[0]
     if layer.damping.size:
-        damping = np.kron(np.eye(d), line_damping(layer.damping, layer.taps, wave.dt, wave.along))
-        lost = (wave.factor - 1) * damping  # of the increment
+        along = np.array([wave.along for wave in waves])
+        damping = np.einsum("ij,npq->nipjq", np.eye(d), line_damping(layer.damping, layer.taps, first.dt, along))
+        damping = damping.reshape(system.shape)
+        factor = np.array([wave.factor for wave in waves])[:, None, None]
+        lost = (factor - 1) * damping  # of the increment
         if layer.whole:  # of both levels
-            lost = wave.factor * damping - wave.recursion.keep / wave.factor * (damping - damping @ damping)
-        system = system - damping @ system + lost / wave.recursion.scale
-        drive = drive - damping @ drive
-    modes = wave.modes
-    roots, vectors = np.append(modes.leaving, modes.incoming), np.vstack([modes.vectors, modes.vector])
+            lost = factor * damping - first.recursion.keep / factor * (damping - damping @ damping)
+        system = system - damping @ system + lost / first.recursion.scale
+        drive = drive - damping[:, None] @ drive
+    roots = np.array([np.append(wave.modes.leaving, wave.modes.incoming) for wave in waves])
+    vectors = np.array([np.vstack([wave.modes.vectors, wave.modes.vector]) for wave in waves])
     size = np.maximum(np.abs(roots) ** reach, 1.0)  # what dies out over a node is told by what lies ahead
-    powers = roots ** -np.arange(reach + 1)[:, None] / size
-    columns = np.linalg.solve(system, np.einsum("kaj,kn,nj->an", drive, powers, vectors)).reshape(d, layer.columns, -1)
-    continued = np.einsum("kp,ipn->kin", entrance, columns) + entrance_near[:, None, None] * (vectors.T * powers[0])
-    continued -= vectors.T * (roots ** np.arange(1, reach + 1)[:, None] / size)[:, None, :]
+    powers = roots[:, None] ** -np.arange(reach + 1)[:, None] / size[:, None]
+    columns = np.linalg.solve(system, np.einsum("wkaj,wkn,wnj->wan", drive, powers, vectors, optimize=True))
+    columns = columns.reshape(n, d, layer.columns, -1)
+    shapes = vectors.swapaxes(1, 2)[:, None]
+    continued = np.einsum("wkp,wipn->wkin", entrance, columns)
+    continued += entrance_near[:, :, None, None] * (shapes * powers[:, :1, None])
+    continued -= shapes * (roots[:, None] ** np.arange(1, reach + 1)[:, None] / size[:, None])[:, :, None]
     missing = np.concatenate(
-        [np.einsum("kij,kjn->in", blocks[reach + 1 + i :], continued[: reach - i]) for i in range(reach)]
+        [np.einsum("wkij,wkjn->win", blocks[:, reach + 1 + i :], continued[:, : reach - i]) for i in range(reach)],
+        axis=1,
     )
-    missing = missing / np.linalg.norm(missing[:, :-1], axis=0).max()
-    found = np.linalg.lstsq(missing[:, :-1], -missing[:, -1], rcond=None)[0]
-    return np.asarray(found * size[-1] / size[:-1])
+    missing = missing / np.linalg.norm(missing[..., :-1], axis=1).max(1)[:, None, None]
+    dependent = max(missing.shape[1:]) * np.finfo(float).eps
+    found = -(np.linalg.pinv(missing[..., :-1], rcond=dependent) @ missing[..., -1:])[..., 0]
+    return np.asarray(found * size[:, -1:] / size[:, :-1])
 
 
 def _bands(size: int, bands: Mapping[int, np.ndarray]) -> np.ndarray:

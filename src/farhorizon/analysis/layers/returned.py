@@ -373,12 +373,19 @@ class Arrivals:
         """Largest value, over the run and along the side, of the waves themselves."""
         return self._largest(self.amplitude)
 
+    @cached_property
+    def _rows(self) -> np.ndarray:
+        """Frequencies at which there are waves."""
+        return np.unique(self.place // int(np.prod(self.shape[1:])))
+
     def _largest(self, amplitude: np.ndarray) -> float:
         """Largest value of a sum of waves, by inverse transforms in time and along the side."""
         spectrum = np.zeros(int(np.prod(self.shape)), complex)
         np.add.at(spectrum, self.place, amplitude)
         along = tuple(range(1, len(self.shape)))
-        spectrum = fft.ifftn(spectrum.reshape(self.shape), axes=along) if along else spectrum
+        if along:
+            spectrum = spectrum.reshape(self.shape)
+            spectrum[self._rows] = fft.ifftn(spectrum[self._rows], axes=along)
         times = len(self.growth)
         history = fft.irfft(spectrum[np.ix_(np.arange(self.shape[0]), *self.seen)], 2 * times, axis=0)[:times]
         return float((np.abs(history).max(along) * self.growth).max())
@@ -486,7 +493,7 @@ def arrivals(
     starts = [taken * _start(datum, z, medium, decay) * np.exp(0.5 * (lasting * complete) ** 2) for datum in data]
 
     alike, number = _alike(medium.stencil, along)
-    every = radial is None and all(datum.behind is None for datum in data) and hold_backward_waves(front, data, wanted)
+    every = every and all(datum.behind is None for datum in data)
 
     def arrived(which: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         used, again = np.unique(number[some], return_inverse=True)
