@@ -370,7 +370,7 @@ def test_pieces_that_break_off_and_collide(name, dim):
     lattice = fh.Lattice(0.5, (-half,) * dim, (half,) * dim)
     x = np.stack(lattice.coordinates())
     blast = fh.Source(0.15 * x * np.exp(-(x**2).sum(0)), lambda t: np.exp(-((t - 4) ** 2)))
-    model = material(name, critical_stretch=0.02)
+    model = material(name, critical_stretch=0.015)
     sim = fh.Simulation(lattice, model, fh.Free(), sources=[blast], balance=True).run(16.0, progress=False)
     assert sim.broken_bonds > 100
     v = sim.fields["v"].reshape(dim, -1)
