@@ -55,7 +55,7 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
     layers = {
         key: b for key, b in around.sides.items() if b.stretched and b.profile is None and (b.open_ended or b.target)
     }
-    choice = _Choice(setup, near, around, sources, {}, {})
+    choice = _Choice(setup, near, around, sources, {}, {}, set())
     if layers and near.model.order == 1:
         choice.for_diffusion({key: b for key, b in layers.items() if b.open_ended})
     elif layers:
@@ -118,6 +118,8 @@ class _Choice:
     found : dict of (axis, side) to Thickness
     missed : dict
         Names of the sides whose layers may miss their targets, by what is said of them, nodes and target.
+    followed : set of (axis, side)
+        Sides to which waves that run backward are followed.
     """
 
     setup: Setup
@@ -126,6 +128,7 @@ class _Choice:
     sources: Sequence[Any]
     found: dict[Key, Thickness]
     missed: dict[tuple[str, int, float], list[str]]
+    followed: set[Key]
 
     def for_waves(self, layers: Sides) -> None:
         """By what the layers send back of the data until the end of the run, or by a formula."""
@@ -150,6 +153,8 @@ class _Choice:
         )
         for key, boundary in layers.items():
             wanted, until = boundary.wanted(model.target), lengths[key]
+            if far.follows_backward_waves(min(until, far.foreseen)):
+                self.followed.add(key)
             if boundary.open_ended:
                 found = far.layer(*key, boundary, wanted, until)
                 if found is not None:
@@ -186,8 +191,9 @@ class _Choice:
             first = None if damped is None or weak(damped) else damped.first
             say = "some of which run backward in this medium, which predictions leave out"
             remedy = "smoother data, another influence or Extended"
-            if near.stencil.components == 1 and near.squared_speed is None:  # these are followed
-                layers = {key: b for key, b in layers.items() if key not in self.found and b.target is None}
+            layers = {
+                key: b for key, b in layers.items() if key not in self.followed or not (key in self.found or b.target)
+            }
         if first is None or not layers:
             return []
         share = max((short_share(datum.values, first) for datum in self._initial()), default=0.0)

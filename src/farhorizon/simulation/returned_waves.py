@@ -55,7 +55,8 @@ class ReturnedWaves:
     """A wave field with open sides, of a scalar or of vectors.
 
     Vectors travel as P and as S waves, of which neither the data nor a side tells how much there is of each. So each
-    component is taken to travel once as the one and once as the other, and the larger error counts.
+    component is taken to travel once as the one and once as the other, and the larger error counts; but where waves
+    that run backward are followed, all modes are, of all components together.
 
     Attributes
     ----------
@@ -157,14 +158,23 @@ class ReturnedWaves:
         self, axis: int, side: int, until: float, wanted: float
     ) -> tuple[tuple[object, ...], list[Arrivals], float]:
         """What is the same at sides that are alike, what arrives at one, and the largest of the data."""
-        seen = [(medium, self._turned(axis, side, medium)) for medium in self._media(axis, side)]
+        seen = []
+        for medium in self._media(axis, side):
+            turned = self._turned(axis, side, medium)
+            vectors = self.stencil.components > 1 and self._every(medium, turned, until, wanted)
+            seen.append((medium, self._as_vectors(turned, axis, side) if vectors else turned))
         alike = (
             until,
             wanted,
             self.sides[axis, -side],
             *self._beside(axis),
             *(part for medium, _ in seen for part in (medium.stencil, medium.coefficient)),
-            *(part for _, turned in seen for datum in turned for part in (datum.values.tobytes(), datum.behind)),
+            *(
+                part
+                for _, turned in seen
+                for datum in turned
+                for part in (datum.values.tobytes(), datum.behind, datum.component if vectors else 0)
+            ),
         )
         if alike not in self._sent:
             size = max((float(np.abs(datum.values).max()) for datum in self.data if datum.kind == "u"), default=0.0)
@@ -199,6 +209,34 @@ class ReturnedWaves:
             self._from_scatterers(self._shortened(datum, axis, side).turned(axis, side), axis, side)
             for datum in (self._behind(datum, axis, side, at_side) for datum in self.data)
         ]
+
+    def _every(self, medium: LatticeMedium, data: Sequence[Datum], until: float, wanted: float) -> bool:
+        """Whether all modes of a medium are followed."""
+        return self.follows_backward_waves(until) and hold_backward_waves(medium, data, wanted)
+
+    def follows_backward_waves(self, until: float) -> bool:
+        """Whether the waves of data are followed that run backward: in a medium that does not vary, of scalars, and of
+        vectors in the plane where no wall turns them into their images, in runs in which none goes beyond the room for
+        all.
+        """
+        if self.squared_speed is not None or self.stencil.components == 1:
+            return self.squared_speed is None
+        far = np.sqrt(self.coefficient) / self.spacing * until > self._room
+        return (
+            self.stencil.components == self.stencil.dim == 2
+            and not far
+            and not any(b.image for b in self.sides.values())
+        )
+
+    @property
+    def _room(self) -> int:
+        """Nodes beside the near field, at most."""
+        return max(_ROOM, _LEFT * max(self.shape))
+
+    def _as_vectors(self, data: Sequence[Datum], axis: int, side: int) -> list[Datum]:
+        """The data of a side in the plane with their components as it sees them: 0 towards it, 1 along it."""
+        towards = [replace(d, values=side * d.values, component=0) for d in data if d.component == axis]
+        return towards + [replace(d, component=1) for d in data if d.component != axis]
 
     def _behind(self, datum: Datum, axis: int, side: int, at_side: float) -> Datum:
         """The datum, which knows of it if the medium at the side is faster than where it is."""
@@ -268,9 +306,10 @@ class ReturnedWaves:
         image = self.sides[axis, -side].image
         echoing = len({other for (other, _), b in self.sides.items() if b.stretched})
         found = []
-        for component in sorted({datum.component for datum in data}):
-            own = [datum for datum in data if datum.component == component]
-            every = hold_backward_waves(medium, own, wanted)
+        apart = [[datum for datum in data if datum.component == one] for one in sorted({d.component for d in data})]
+        together = self.stencil.components > 1 and self._every(medium, data, until, wanted)
+        for own in [data] if together else apart:
+            every = self._every(medium, own, until, wanted)
             if len(others) == 2 and not any(self.sides[other, s].periodic for other in others for s in (-1, 1)):
                 round_waves = self._round(medium, axis, own, image, until, wanted, size, echoing, every)
                 if round_waves:
@@ -294,8 +333,8 @@ class ReturnedWaves:
                     if others:
                         lengths[kept] = length or fft.next_fast_len(flat[0].shape[kept + 1] + room)
                     steps = max(2, int(np.ceil(time / self.dt)))
-                    for kind in range(min(self.stencil.components, 2)):
-                        key = medium.stencil, medium.coefficient, kind, steps
+                    for kind in range(1 if together else min(self.stencil.components, 2)):
+                        key = medium.stencil, medium.coefficient, -1 if together else kind, steps
                         sample = self._samples.setdefault(key, Sample(medium, kind))
                         coming = arrivals(
                             medium, steps, part, lengths, near, wanted, size, sample, smooth, None, every, lowest
@@ -364,7 +403,7 @@ class ReturnedWaves:
         backward: those that go no farther in the whole run than the room allows are followed to its end.
         """
         pace = medium.speed / self.spacing
-        room, most = int(np.ceil(_ROUND * pace * until)), max(_ROOM, _LEFT * max(self.shape))
+        room, most = int(np.ceil(_ROUND * pace * until)), self._room
         if not endless or pace * until <= most:
             return [(data, until, min(room, most), 0.0, 0.0)]
         half = max(1, int(most / (2 * pace * self.dt)))

@@ -114,6 +114,39 @@ def test_all_modes_arrive_as_on_the_infinite_lattice(case):
     assert arrived.largest == pytest.approx(np.abs(last).max(), rel=0.05)
 
 
+@pytest.mark.parametrize("case", range(5))
+def test_all_modes_of_vectors_arrive_as_on_the_infinite_lattice(case):
+    """P and S waves of both components together, those that run backward among them, in bonds that have no stiffness
+    across at their full length, and in elements.
+    """
+    random = np.random.default_rng([SEED, 9, case])
+    kernel = fh.Kernel(
+        float(random.integers(2, 5)), int(random.integers(0, 2)), "constant", volume=["ramp", "full"][case % 2]
+    )
+    model = [
+        fh.Elastic(kernel, young=1.0),
+        fh.Elastic(kernel, young=1.0),
+        fh.Elastic(None, young=1.0, poisson=0.3, material="finite-element"),
+        fh.Elastic(kernel, young=1.0, poisson=random.uniform(0.1, 0.4), material="state-based"),
+        fh.Elastic(kernel, young=1.0),
+    ][case]
+    front, shape = medium(model, 2), (25, 19)
+    width = random.uniform(0.8, 1.2)
+    u = np.stack([a * pulse(shape, [random.uniform(14, 20), random.uniform(7, 11)], width) for a in (1.0, -0.6)])
+    steps, lengths = int(UNTIL / front.dt), [shape[1] + int(2 * UNTIL)]
+    data = [Datum(part, "u", component=place) for place, part in enumerate(u)]
+    assert hold_backward_waves(front, data, 1e-4)
+    arrived = arrivals(front, steps, data, lengths, [range(shape[1])], 1e-4, 1.0, every=True)
+    infinite = InfiniteLattice(front.stencil, 1.0, model.integrator, front.dt, steps, u)
+    once = np.where(np.isin(arrived.factor.imag.round(12), 0.0), 0.5, 1.0)  # of the Laplace integral its ends
+    waves = arrived.amplitude * arrived.shapes * once / steps
+    along = np.exp(1j * np.outer(arrived.along[0], np.arange(shape[1])))
+    for step in [*random.integers(1, steps, 8), steps - 1]:
+        exact = infinite.after(int(step))[:, -1]
+        arrives = -(waves * arrived.factor**step @ along).real  # sizes are what counts: signs are the other ones
+        assert np.abs(arrives - exact).max() < 1e-4 * np.abs(u).max()
+
+
 @pytest.mark.parametrize("case", range(6))
 def test_backward_waves_of_sources_are_as_large_as_oscillators_swing(case):
     """Waves of a source go on swinging once it is steady: beside one that is switched on at once by as much less as

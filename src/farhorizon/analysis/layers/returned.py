@@ -13,7 +13,8 @@ is U times the layer's reflection R(s, zeta), which is known in closed form, and
 the error at the last node before the layer, at all times; and, times its mode's factor for each node of the way, in the
 middle of the near field, where the echoes of all sides meet. This is exact for one flat side and one mode. Wide
 stencils have more modes, so the prediction is good to a small factor: enough to choose a thickness by, since the error
-falls by a factor of three to ten with each node.
+falls by a factor of three to ten with each node. Where the data hold waves that run backward all modes are followed, of
+vectors in the plane P and S waves of both components together.
 """
 
 from __future__ import annotations
@@ -57,6 +58,7 @@ _FADES = 10.0  # over the length of the run: the band of frequencies in which wa
 _BETWEEN = np.pi / 8  # of the directions of a square lattice
 # of the modes of a chain: relative residual, where two nearly coincide, and the least factor over a node
 _ROUGH, _GONE = 1e-6, 1e-6
+_NEARLY = 0.01  # and the largest change of log zeta in an iteration from such a root
 _FLAT = 1e-14  # of a polynomial's largest coefficient, the least of the first one: what dies out at once
 # parts of a factor e of frequency, of decay over a node, or of slowness: waves of one such cell return alike
 _CELLS = 2.5
@@ -109,8 +111,8 @@ class Sample:
         self._waves: list[ArrivingWave | None] = []
         self._cells: dict[tuple[int, ...], int] = {}
         self._known: dict[bytes, np.ndarray] = {}
-        self._followed: dict[tuple[complex, complex], ArrivingWave | None] = {}
-        self._came_back: dict[bytes, dict[tuple[complex, complex], tuple[np.ndarray, np.ndarray]]] = {}
+        self._followed: dict[tuple[complex, ...], ArrivingWave | None] = {}
+        self._came_back: dict[bytes, dict[tuple[complex, ...], tuple[np.ndarray, np.ndarray]]] = {}
 
     def needed(self, layer: Layer) -> bool:
         """Whether a layer sends back more than the wave that comes, whose reflection has a closed form: other types,
@@ -120,10 +122,16 @@ class Sample:
         return bool(layer.damping.size) or stencil.components > 1 or stencil.reach[0] > 1
 
     def add(
-        self, amplitude: np.ndarray, root: np.ndarray, factor: np.ndarray, along: np.ndarray, slowness: np.ndarray
+        self,
+        amplitude: np.ndarray,
+        root: np.ndarray,
+        factor: np.ndarray,
+        along: np.ndarray,
+        slowness: np.ndarray,
+        shape: np.ndarray | None = None,
     ) -> np.ndarray:
         """Take in waves, arrays as of `Arrivals` and the steps that each takes over a node; returns the number of the
-        wave that each is like, the loudest that came first.
+        wave that each is like, the loudest that came first. Without shapes all are of the sample's type.
 
         Waves that hardly move come back as they come, while others of nearly their frequency are absorbed.
         """
@@ -131,6 +139,8 @@ class Sample:
         slow = np.maximum(1.0, np.abs(slowness) * medium.speed * medium.dt / medium.spacing)
         sizes = np.abs(np.log(factor)), np.abs(np.log(finite)), slow
         cells = np.stack([np.floor(_CELLS * np.log(np.maximum(size, 1e-12))).astype(int) for size in sizes], axis=1)
+        if shape is not None:  # along the normal or across it
+            cells = np.append(cells, np.abs(shape[:1].T) ** 2 > 0.5, axis=1)
         found, number = np.unique(cells, axis=0, return_inverse=True)
         number = number.ravel()
         order = np.lexsort((-np.abs(amplitude), number))
@@ -140,18 +150,23 @@ class Sample:
             if cell not in self._cells:
                 self._cells[cell] = len(self._waves)
                 one = first[i]
-                self._waves.append(self.wave(complex(root[one]), complex(factor[one]), along[:, one]))
+                of = None if shape is None else shape[:, one]
+                self._waves.append(self.wave(complex(root[one]), complex(factor[one]), along[:, one], of))
             places[i] = self._cells[cell]
         return places[number]
 
-    def wave(self, root: complex, factor: complex, along: np.ndarray) -> ArrivingWave | None:
-        """A wave with all modes of the medium; None where none comes to the side."""
+    def wave(
+        self, root: complex, factor: complex, along: np.ndarray, shape: np.ndarray | None = None
+    ) -> ArrivingWave | None:
+        """A wave with all modes of the medium; None where none comes to the side. Its shape is that of the sample's
+        type unless given.
+        """
         stencil, azimuth = self.medium.stencil, float(np.arctan2(along[-1], along[0])) if len(along) > 1 else 0.0
         angle = float(np.arctan2(np.linalg.norm(along), np.abs(np.log(root))))
+        if shape is None:
+            shape = polarisations(stencil.components, stencil.dim, angle, azimuth)[self.kind]
         try:
-            return self.medium.wave(
-                along, factor, root, polarisations(stencil.components, stencil.dim, angle, azimuth)[self.kind]
-            )
+            return self.medium.wave(along, factor, root, shape)
         except InputError:
             return None
 
@@ -168,10 +183,10 @@ class Sample:
         return self._known[key]
 
     def followed(
-        self, layer: Layer, waves: Sequence[tuple[complex, complex]], along: np.ndarray
+        self, layer: Layer, waves: Sequence[tuple[complex, complex]], along: np.ndarray, shape: np.ndarray
     ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Of waves of a scalar, each by itself, the amplitudes of all modes that leave the layer and their factors over
-        a node; no modes where none comes to the side.
+        """Of waves, each by itself, the amplitudes of all modes that leave the layer, arrays (modes, d), and their
+        factors over a node; no modes where none comes to the side.
 
         Other sides, and the mirror images of waves along the side, ask for the same ones.
 
@@ -182,19 +197,30 @@ class Sample:
             Factors over a node and over a step.
         along : ndarray, shape (waves, dim - 1)
             Tangential wavenumbers.
+        shape : ndarray, shape (waves, d)
+            Polarisations, of length 1.
         """
         known = self._came_back.setdefault(_key(layer), {})
-        asked = {(_rounded(root), _rounded(factor)): i for i, (root, factor) in enumerate(waves)}
+        sign = np.ones(shape.shape)
+        if shape.shape[1] > 1:  # in the mirror image the component along the side has another sign
+            sign[along[:, 0] < 0, 1] = -1
+            along, shape = np.abs(along), shape * sign
+        names = [
+            (*map(_rounded, wave), *(map(_rounded, one.tolist()) if len(one) > 1 else ()))
+            for wave, one in zip(waves, shape, strict=True)
+        ]
+        asked = {name: i for i, name in enumerate(names)}
         for key, i in asked.items():
             if key not in self._followed:
-                self._followed[key] = self.wave(*waves[i], along[i])
+                self._followed[key] = self.wave(*waves[i], along[i], shape[i])
         there = [(key, wave) for key in asked if key not in known and (wave := self._followed[key]) is not None]
         for block in range(0, len(there), _TOGETHER):
             part = there[block : block + _TOGETHER]
             for (key, wave), amplitudes in zip(part, amplitudes_of([wave for _, wave in part], layer), strict=True):
-                known[key] = amplitudes * wave.modes.vectors[:, 0], wave.modes.leaving
-        nothing = np.zeros(0), np.ones(0)
-        return [known.get((_rounded(root), _rounded(factor)), nothing) for root, factor in waves]
+                known[key] = amplitudes[:, None] * wave.modes.vectors, wave.modes.leaving
+        nothing = np.zeros((0, shape.shape[1])), np.ones(0)
+        found = [known.get(name, nothing) for name in names]
+        return [(amplitudes * one, leaving) for (amplitudes, leaving), one in zip(found, sign, strict=True)]
 
 
 def _key(layer: Layer) -> bytes:
@@ -255,6 +281,8 @@ class Arrivals:
         frequency as forward waves leave as backward ones, in the direction that they came from.
     axes : int
         Along so many there are layers.
+    shapes : ndarray of complex, shape (d, n)
+        Polarisations of all modes of a medium of vectors, of length 1; 1 of waves that are of one type.
     """
 
     medium: LatticeMedium
@@ -273,6 +301,7 @@ class Arrivals:
     every: bool = False
     depths: tuple[int, ...] = ()
     axes: int = 1
+    shapes: np.ndarray = field(default_factory=lambda: np.ones((1, 1)))
 
     @cached_property
     def frequency(self) -> np.ndarray:
@@ -298,7 +327,7 @@ class Arrivals:
         if not self.sample.needed(layer):
             return self._over_the_field(self.amplitude * self._closed(layer, slice(None)))
         few = len(self.along) == 0 and len(self.amplitude) <= _EACH
-        if self.medium.stencil.components == 1 and (self.every or few):
+        if self.every or (self.medium.stencil.components == 1 and few):
             return self._each(layer, enough)
         closed = self._over_the_field(self.amplitude * self._closed(layer, slice(None)))
         return closed + self._by_energy(np.abs(self.amplitude) * self._excess(layer, slice(None)))
@@ -316,30 +345,31 @@ class Arrivals:
         return float(self.largest * np.linalg.norm(back) / max(float(np.linalg.norm(self.amplitude)), 1e-300))
 
     def _each(self, layer: Layer, enough: float) -> float:
-        """Largest value of what comes back of a scalar's waves, of which the loudest are followed each by itself."""
+        """Largest value of what comes back of waves, of which the loudest are followed each by itself."""
         loud = np.abs(self.amplitude) * self.sample.judged(layer)[0, self.number]
         heard = _largest(loud, self.silent * max(self.size, self.largest))
         heard = heard[np.argsort(-loud[heard])]
         for most in (_FIRST, _MOST_EACH):
-            beside, *inside = self.amplitude * self._exact(layer, heard[:most])
+            back = self.amplitude * self._exact(layer, heard[:most])
             rest = np.zeros_like(loud)
             rest[heard[most:]] = loud[heard[most:]]
-            found = self._over_the_field(beside, inside)
+            found = max(self._over_the_field(one[0], one[1:]) for one in back)
             if found > _TOO_MUCH * enough or len(heard) <= most:
                 break
         return found + self._by_energy(rest)
 
     def _exact(self, layer: Layer, some: np.ndarray) -> np.ndarray:
-        """What comes back of some waves of amplitude 1, one node from the layer and inside the near field; 0 of the
-        others.
+        """What comes back of some waves of amplitude 1, by component, one node from the layer and inside the near
+        field; 0 of the others.
         """
-        found = np.zeros((1 + len(self.depths), len(self.amplitude)), complex)
+        shapes = np.broadcast_to(self.shapes, (len(self.shapes), len(self.amplitude)))
+        found = np.zeros((len(shapes), 1 + len(self.depths), len(self.amplitude)), complex)
         nodes = -np.array([1.0, *self.depths])[:, None]
         keys = [(complex(self.root[one]), complex(self.factor[one])) for one in some.tolist()]
         for one, (amplitude, leaving) in zip(
-            some.tolist(), self.sample.followed(layer, keys, self.along[:, some].T), strict=True
+            some.tolist(), self.sample.followed(layer, keys, self.along[:, some].T, shapes[:, some].T), strict=True
         ):
-            found[:, one] = (amplitude * leaving**nodes).sum(1)
+            found[:, :, one] = amplitude.T @ (leaving**nodes).T
         return found
 
     def share(self, layer: Layer) -> float:
@@ -371,7 +401,7 @@ class Arrivals:
     @cached_property
     def largest(self) -> float:
         """Largest value, over the run and along the side, of the waves themselves."""
-        return self._largest(self.amplitude)
+        return max(self._largest(self.amplitude * component) for component in self.shapes)
 
     @cached_property
     def _rows(self) -> np.ndarray:
@@ -463,12 +493,15 @@ def arrivals(
         Tangential wavenumbers times spacing, shape (dim - 1, modes), of waves that are round about a point of the side;
         then values of the data are amplitudes at that point, arrays (rows, modes), see `round_a_point`.
     every : bool
-        Whether all modes of a scalar's chain are followed, as `hold_backward_waves` tells.
+        Whether all modes of the chain are followed, as `hold_backward_waves` tells; of vectors then those of all
+        components of the data together, of which 0 is along the normal.
     lowest : float, optional
         Frequency from which on waves are followed, see `frequency_of_slow_waves`; the others fade out below it.
     """
     front, sample = medium, sample or Sample(medium)
-    medium = medium.carrier(sample.kind)
+    every = every and all(datum.behind is None for datum in data)
+    vectors = every and front.stencil.components > 1
+    medium = front if vectors else medium.carrier(sample.kind)
     folded = _DECAY_EACH if every or not (lengths or radial is not None) else _DECAY
     decay = folded / (steps * medium.dt)
     z = np.exp(decay * medium.dt + 1j * np.pi * np.arange(steps + 1) / steps)
@@ -493,9 +526,14 @@ def arrivals(
     starts = [taken * _start(datum, z, medium, decay) * np.exp(0.5 * (lasting * complete) ** 2) for datum in data]
 
     alike, number = _alike(medium.stencil, along)
-    every = every and all(datum.behind is None for datum in data)
 
-    def arrived(which: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def arrived(which: np.ndarray, some: slice) -> tuple[np.ndarray, ...]:
+        parts = [spectrum[:, modes][:, some] for spectrum in spectra]
+        if vectors:
+            held = [
+                (datum.component, rows, start[which]) for datum, rows, start in zip(data, parts, starts, strict=True)
+            ]
+            return _vectors_arrived(medium, z[which], along[:, some], held)
         used, again = np.unique(number[some], return_inverse=True)
 
         @cache
@@ -507,8 +545,8 @@ def arrivals(
 
         root, slope = modes_of(1.0)
         total = np.zeros(root.shape, complex)
-        for datum, spectrum, start in zip(data, spectra, starts, strict=True):
-            rows, (nodes, ratio) = spectrum[:, modes][:, some], datum.behind or (len(spectrum), 1.0)
+        for datum, rows, start in zip(data, parts, starts, strict=True):
+            nodes, ratio = datum.behind or (len(rows), 1.0)
             sent = _sent(rows[len(rows) - nodes :], root, slope)
             if datum.behind is not None:
                 sent = sent + _PASSED * root**nodes * _sent(rows[: len(rows) - nodes], *modes_of(ratio))
@@ -516,8 +554,7 @@ def arrivals(
         rise = medium.recursion.scale * np.where(slope == 0, 1, slope)
         slowness = (medium.recursion.keep / z - z)[which][:, None] / rise
         found = root, np.where(slope == 0, 0, total), np.where(slope == 0, 0, slowness)
-        root, total, slowness = (np.concatenate(part, axis=1) if part.ndim > 2 else part for part in found)
-        return root, total, slowness
+        return tuple(np.concatenate(part, axis=1) if part.ndim > 2 else part for part in found)
 
     few = slice(None, None, _SPARSE)
     pitch = np.abs(medium.recursion.eigenvalue(z))
@@ -530,7 +567,7 @@ def arrivals(
     largest = max(size * 2 * steps * np.exp(-folded), _COHERENT * _SPARSE * float(sparse.sum()))
     threshold = _FELT * wanted * largest  # of the sum of all amplitudes that are left out
     heard = heard[_largest(loudness, 0.5 * threshold)]
-    root, amplitude, slowness = arrived(heard, slice(None))
+    root, amplitude, slowness, *shapes = arrived(heard, slice(None))
     kinds = root.shape[1] // along.shape[1]  # modes of each tangential wavenumber
     felt = _largest(np.abs(amplitude).ravel(), 0.5 * threshold)
     times = _FINER * (int(heard[-1]) + 1)  # a coarser sampling of time and place than the run's holds all that is heard
@@ -551,12 +588,26 @@ def arrivals(
     along = np.broadcast_to(along, (len(along), *root.shape)).reshape(len(along), root.size)[:, felt]
     growth = np.exp(decay * medium.dt * steps / times * np.arange(times)) * (times / steps) * np.prod(counts)
     amplitude, root, slowness = amplitude.ravel()[felt], root.ravel()[felt], slowness.ravel()[felt]
-    number = sample.add(amplitude, root, factor, along, slowness)
+    shape = shapes[0].reshape(len(shapes[0]), -1)[:, felt] if shapes else None
+    number = sample.add(amplitude, root, factor, along, slowness, shape)
     silent = _UNHEARD * wanted * 2 * steps * np.exp(-folded)
-    shape = (times + 1, *counts)
-    return Arrivals(
-        front, amplitude, root, factor, along, place, shape, growth, seen, sample, number, silent, size, every
+    found = Arrivals(
+        front,
+        amplitude,
+        root,
+        factor,
+        along,
+        place,
+        (times + 1, *counts),
+        growth,
+        seen,
+        sample,
+        number,
+        silent,
+        size,
+        every,
     )
+    return found if shape is None else replace(found, shapes=shape)
 
 
 def round_a_point(values: np.ndarray, place: Sequence[int] | np.ndarray, room: float) -> tuple[np.ndarray, np.ndarray]:
@@ -647,11 +698,12 @@ def _slowest(medium: LatticeMedium, eigenvalue: np.ndarray, along: np.ndarray) -
 
 
 def hold_backward_waves(medium: LatticeMedium, data: Sequence[Datum], wanted: float) -> bool:
-    """Whether scalar data hold waves of which some run backward and are felt, so that all modes of the chain in front
-    of a side are to be followed; in a medium that varies they are not.
+    """Whether data hold waves of which some run backward and are felt, so that all modes of the chain in front of a
+    side are to be followed; in a medium that varies they are not, nor are vectors but in the plane.
     """
     stencil = medium.stencil
-    damped = high_pass(stencil) if stencil.components == 1 else None
+    plane = stencil.components == stencil.dim == 2 and all(stencil.even_along(axis) for axis in range(2))
+    damped = high_pass(stencil) if stencil.components == 1 or plane else None
     if damped is None or weak(damped):
         return False
     return any(
@@ -685,7 +737,8 @@ def _briskness(medium: LatticeMedium, first: float, course: np.ndarray) -> float
         return 1.0
     line = np.linspace(first, np.pi, 9)
     symbol = medium.stencil.symbol(line, *[np.zeros_like(line)] * (medium.stencil.dim - 1))
-    turns = np.angle([factor_of_wave(-medium.rate * float(one), medium.recursion) for one in symbol])
+    values = symbol if medium.stencil.components == 1 else np.linalg.eigvalsh(symbol).ravel()
+    turns = np.angle([factor_of_wave(-medium.rate * float(one), medium.recursion) for one in values])
     changes = np.diff(course, prepend=0.0)
     heard = np.abs(np.exp(-1j * np.outer(turns, np.arange(len(course)))) @ changes).max()
     return min(1.0, float(heard / np.abs(course).max()))
@@ -698,13 +751,23 @@ def _all_modes(medium: LatticeMedium, eigenvalue: np.ndarray, along: np.ndarray)
     series.
     """
     lines = _lines(medium.stencil, along)
-    degree = len(lines) - 1
     series = np.stack(
         [np.broadcast_to((2 if d else 1) * line, eigenvalue.shape + line.shape) for d, line in enumerate(lines)], -1
     )
     series = series.astype(complex)
     target = (eigenvalue / medium.rate)[:, None]
     series[..., 0] -= target
+    root, gone = _factors(series)
+    value, slope = _chain(lines, root)
+    carried = ~gone & (np.abs(value - target) < _ROUGH * np.abs(series).max())
+    return np.where(carried, root, 0.5), np.where(carried, medium.rate * slope, 0.0)
+
+
+def _factors(series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Factors over a node, below 1, at which Chebyshev series in ``(zeta + 1/zeta)/2`` are zero, and which of them die
+    out at once; shape (degree, ...) for series (..., degree + 1).
+    """
+    degree = series.shape[-1] - 1
     floor = _FLAT * np.abs(series).max(-1, keepdims=True)
     last = np.where(np.abs(series[..., -1:]) < floor, floor, series[..., -1:])
     matrix = np.zeros((*series.shape[:-1], degree, degree), complex)
@@ -716,10 +779,108 @@ def _all_modes(medium: LatticeMedium, eigenvalue: np.ndarray, along: np.ndarray)
     half = np.moveaxis(np.linalg.eigvals(matrix), -1, 0)
     grown = half + np.sqrt(half - 1) * np.sqrt(half + 1)  # the other way, by 1 at least
     gone = ~(np.abs(grown) < 1 / _GONE)
-    root = 1 / np.where(gone, 2.0, grown)
-    value, slope = _chain(lines, root)
-    carried = ~gone & (np.abs(value - target) < _ROUGH * np.abs(series).max())
-    return np.where(carried, root, 0.5), np.where(carried, medium.rate * slope, 0.0)
+    return 1 / np.where(gone, 2.0, grown), gone
+
+
+@dataclass(frozen=True)
+class _PlaneChain:
+    """The symmetric matrix of 2 x 2 that a stencil of vectors in the plane is for modes of given tangential
+    wavenumbers: along the normal, across, and between both, which changes its sign with the direction.
+
+    Attributes
+    ----------
+    normal, across, between : ndarray, shape (K + 1, m)
+        Weights by distance along the normal.
+    """
+
+    normal: np.ndarray
+    across: np.ndarray
+    between: np.ndarray
+
+    @classmethod
+    def of(cls, stencil: Stencil, along: np.ndarray) -> _PlaneChain:
+        """For tangential wavenumbers times spacing, shape (1, m)."""
+        found = np.zeros((3, stencil.reach[0] + 1, along.shape[1]), complex)
+        entries = stencil.weights[:, [0, 1, 0], [0, 1, 1]]
+        for offset, entry in zip(stencil.offsets, entries, strict=True):
+            if offset[0] >= 0:
+                found[:, offset[0]] += np.outer(entry, np.exp(1j * offset[1:] @ along))
+        own = stencil.weights.sum(0) + stencil.own
+        found[:, 0] -= np.array([own[0, 0], own[1, 1], own[0, 1]])[:, None]
+        return cls(*found)
+
+    def at(self, root: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The three entries less an eigenvalue, and their derivatives by the factor's logarithm; shape (3, ...)."""
+        parts = [_chain(self.normal, root), _chain(self.across, root), _chain(self.between, root, -1)]
+        value, slope = (np.stack(part) for part in zip(*parts, strict=True))
+        value[:2] -= target
+        return value, slope
+
+    def series(self, target: np.ndarray) -> np.ndarray:
+        """The determinant as a Chebyshev series, shape (frequencies, m, degree + 1); eigenvalues (frequencies, 1)."""
+        degree = 2 * (len(self.normal) - 1)
+        angles = np.exp(2j * np.pi * np.arange(2 * degree + 1) / (2 * degree + 1))[:, None]
+        normal, across, between = self.at(np.broadcast_to(angles, (len(angles), self.normal.shape[1])), np.zeros(()))[0]
+        sampled = normal * across - between**2, normal + across
+        found, trace = (np.fft.fft(part, axis=0)[: degree + 1].T / len(angles) for part in sampled)
+        series = found - target[..., None] * trace
+        series[..., 0] += target**2
+        series[..., 1:] *= 2
+        # bonds along the normal alone have no stiffness across it
+        held = np.flatnonzero(np.abs(series).max((0, 1)) > _FLAT * np.abs(series).max())
+        return np.asarray(series[..., : max(int(held[-1]), 1) + 1])
+
+
+def _vectors_arrived(
+    medium: LatticeMedium, z: np.ndarray, along: np.ndarray, sent: Sequence[tuple[int, np.ndarray, np.ndarray]]
+) -> tuple[np.ndarray, ...]:
+    """All modes of vectors in the plane that come to a side, by what data send in them: the residues of the inverse of
+    their matrix, which are those of its adjugate over the derivative of its determinant.
+
+    Parameters
+    ----------
+    medium : LatticeMedium
+    z : ndarray of complex, shape (frequencies,)
+        Factors over a step.
+    along : ndarray, shape (1, m)
+        Tangential wavenumbers times spacing.
+    sent : sequence of (int, ndarray, ndarray)
+        Component, rows (rows, m) towards the side, and what the scheme makes of them at each frequency.
+
+    Returns
+    -------
+    tuple of ndarray
+        Factors over a node, amplitudes and steps over a node, shape (frequencies, modes m), and polarisations, shape
+        (2, frequencies, modes m); amplitudes are zero where the lattice carries no such wave.
+    """
+    alike, number = _alike(medium.stencil, along)
+    target = (medium.recursion.eigenvalue(z) / medium.rate)[:, None]
+    series = _PlaneChain.of(medium.stencil, alike).series(target)
+    root, gone = (part[..., number] for part in _factors(series))
+    chain = _PlaneChain.of(medium.stencil, along)
+    for polish in (True, True, False):
+        value, slope = chain.at(root, target)
+        determinant = value[0] * value[1] - value[2] ** 2
+        rise = slope[0] * value[1] + value[0] * slope[1] - 2 * value[2] * slope[2]
+        rise = np.where(rise == 0, 1e-300, rise)
+        if polish:
+            change = determinant / rise
+            root = root * np.exp(-change * np.minimum(1.0, _NEARLY / np.maximum(np.abs(change), 1e-300)))
+    carried = ~gone & (np.abs(root) < 1) & (np.abs(determinant) < _ROUGH * np.abs(series).max())
+    # columns of the adjugate, of which the longer one tells the polarisation
+    columns = np.stack([np.stack([value[1], -value[2]]), np.stack([-value[2], value[0]])])
+    lengths = np.linalg.norm(columns, axis=1)
+    shape = np.where(lengths[0] > lengths[1], columns[0], columns[1]) / np.maximum(lengths.max(0), 1e-300)
+    total = np.zeros(root.shape, complex)
+    for component, rows, start in sent:
+        total += (shape.conj() * columns[component]).sum(0) * _carried(rows, root) * start[:, None]
+    total = np.where(carried, total / (medium.rate * rise), 0)
+    # of the eigenvalue by the factor's logarithm
+    rise = medium.recursion.scale * medium.rate * rise / np.where(carried, value[0] + value[1], 1)
+    slowness = np.where(carried, (medium.recursion.keep / z - z)[:, None] / rise, 0)
+    root = np.where(carried, root, 0.5)
+    found = [np.concatenate(part, axis=1) for part in (root, total, slowness)]
+    return *found, np.concatenate(np.moveaxis(shape, 1, 0), axis=2)
 
 
 def _lines(stencil: Stencil, along: np.ndarray) -> np.ndarray:
@@ -760,12 +921,15 @@ def _carried(rows: np.ndarray, root: np.ndarray) -> np.ndarray:
     return found
 
 
-def _chain(lines: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalue of the chain for modes of a factor over a node, and its derivative by the factor's logarithm."""
+def _chain(lines: np.ndarray, root: np.ndarray, back: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalue of the chain for modes of a factor over a node, and its derivative by the factor's logarithm; the
+    weights the other way times `back`, 1 or -1.
+    """
     value, slope, power = lines[0] + 0j * root, np.zeros_like(root), np.ones_like(root)
     for distance, line in enumerate(lines[1:], 1):
         power = power * root
-        value, slope = value + line * (power + 1 / power), slope + line * distance * (power - 1 / power)
+        value = value + line * (power + back / power)
+        slope = slope + line * distance * (power - back / power)
     return value, slope
 
 
