@@ -137,6 +137,7 @@ class _Choice:
         lengths = {key: min(b.until or CROSSINGS * crossing, MOST_CROSSINGS * crossing) for key, b in layers.items()}
         # a formula looks at no course in time
         watched = max((lengths[key] for key, b in layers.items() if b.target is not None), default=0.0)
+        data = self._data(watched)
         far = ReturnedWaves(
             near.lattice.shape,
             near.stencil,
@@ -146,10 +147,11 @@ class _Choice:
             Recursion.of(model.integrator, near.dt, model.damping),
             near.dt,
             around.sides,
-            self._data(watched),
+            data or self._stand_ins(),
             FORESEEN * crossing,
             self._scatterers(),
             near.squared_speed,
+            known=bool(data),
         )
         for key, boundary in layers.items():
             wanted, until = boundary.wanted(model.target), lengths[key]
@@ -232,7 +234,7 @@ class _Choice:
         busy.ravel()[near.conditions.nodes] = 1
         if self.setup.specimens:
             busy[placed(self.setup, self.around.sides)[0]] = 1
-        data = self._data(0.0)
+        data = self._data(0.0) or self._stand_ins()
         for key, boundary in layers.items():
             turned = [datum.turned(*key).values for datum in [*data, Datum(busy, "u")]]
             distance = near.lattice.spacing * distance_to_side(turned)
@@ -259,28 +261,31 @@ class _Choice:
         self.missed.setdefault((words, columns, wanted), []).append(side_name(*key))
 
     def _data(self, until: float) -> list[Datum]:
-        """What sends waves: the start, and sources over a time; pulses in the middle and beside each side where that
-        cannot be known.
-        """
+        """What sends waves: the start, and sources over a time; nothing where that cannot be known."""
         near, lattice = self.near, self.near.lattice
-        components, reach = near.stencil.components, max(near.stencil.reach)
+        components = near.stencil.components
         found = self._initial()
         times = np.arange(int(np.ceil(until / near.dt)) + 1) * near.dt
         for source in self.sources:
             if isinstance(source, Incident):
-                return stand_ins(lattice.shape, reach, components)
+                return []
             for part, unit in by_component(source, lattice, components):
                 space, time = split(part, lattice, components if np.ndim(unit) == 0 else 1)
                 if space is None:
-                    return stand_ins(lattice.shape, reach, components)
+                    return []
                 course = np.array([float(time(t)) for t in times])
                 found += self._by_component(unit * space * near.model.source_factor, "source", course)
         heat = self.setup.heat
         if heat is not None and heat.joint:
             if heat.temperature.sources or heat.temperature.constraints:
-                return stand_ins(lattice.shape, reach, components)
+                return []
             found += self._by_component(self._push_of_heat(heat), "source", np.ones(times.size))
-        return found or stand_ins(lattice.shape, reach, components)
+        return found
+
+    def _stand_ins(self) -> list[Datum]:
+        """Pulses in the middle and beside each side, in place of data that cannot be known."""
+        stencil = self.near.stencil
+        return stand_ins(self.near.lattice.shape, max(stencil.reach), stencil.components)
 
     def _push_of_heat(self, load: ThermalLoad) -> np.ndarray:
         """What the temperature at the start, which changes slowly, does to the solid: minus the gradient of the

@@ -80,6 +80,8 @@ class ReturnedWaves:
     squared_speed : ndarray, or None
         That of each node over the model's: waves that come into a slower medium become shorter, into a faster one
         longer.
+    known : bool
+        Whether the data are those of the run; short pulses stand for others, and hold more short waves than these may.
     """
 
     shape: tuple[int, ...]
@@ -94,6 +96,7 @@ class ReturnedWaves:
     foreseen: float = np.inf
     scatterers: np.ndarray | None = None
     squared_speed: np.ndarray | None = None
+    known: bool = True
     _known: dict[tuple[object, ...], Thickness] = field(default_factory=dict)  # of sides that are alike
     _sent: dict[tuple[object, ...], tuple[list[Arrivals], float]] = field(default_factory=dict)
     _samples: dict[tuple[Stencil, float, int, int], Sample] = field(default_factory=dict)
@@ -216,14 +219,15 @@ class ReturnedWaves:
 
     def follows_backward_waves(self, until: float) -> bool:
         """Whether the waves of data are followed that run backward: in a medium that does not vary, of scalars, and of
-        vectors in the plane where no wall turns them into their images, in runs in which none goes beyond the room for
-        all.
+        vectors in the plane, if they are known and no wall turns them into their images, in runs in which none goes
+        beyond the room for all.
         """
         if self.squared_speed is not None or self.stencil.components == 1:
             return self.squared_speed is None
         far = np.sqrt(self.coefficient) / self.spacing * until > self._room
         return (
             self.stencil.components == self.stencil.dim == 2
+            and self.known
             and not far
             and not any(b.image for b in self.sides.values())
         )
