@@ -311,9 +311,12 @@ class ReturnedWaves:
         echoing = len({other for (other, _), b in self.sides.items() if b.stretched})
         found = []
         apart = [[datum for datum in data if datum.component == one] for one in sorted({d.component for d in data})]
-        together = self.stencil.components > 1 and self._every(medium, data, until, wanted)
-        for own in [data] if together else apart:
-            every = self._every(medium, own, until, wanted)
+        several = self.stencil.components > 1
+        groups = [(own, not several and self._every(medium, own, until, wanted)) for own in apart]
+        if several and self._every(medium, data, until, wanted):
+            groups.append((list(data), True))  # beside the others: of waves that hardly move these know more
+        for own, every in groups:
+            together = several and every
             if len(others) == 2 and not any(self.sides[other, s].periodic for other in others for s in (-1, 1)):
                 round_waves = self._round(medium, axis, own, image, until, wanted, size, echoing, every)
                 if round_waves:
