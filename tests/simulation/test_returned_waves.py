@@ -36,6 +36,18 @@ def wave_setup(random, dim):
     return lattice, model, pulse(lattice, random.uniform(-1, 1, dim) * room, width), until
 
 
+def with_layers(setup, target, until, most=np.inf):
+    """The run with layers for a target, and that; if it is refused, for the least that can be had, which is named and
+    below `most`.
+    """
+    try:
+        return fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until)), target
+    except fh.InputError as refused:
+        least = 1.01 * float(str(refused.limit).removeprefix(">= "))
+        assert least < most
+        return fh.Simulation(**setup, boundary=fh.LatticePML(target=least, until=until)), least
+
+
 def worst_error(sim, u, until, times=40):
     infinite = InfiniteLattice(
         sim.stencil,
@@ -92,12 +104,7 @@ def test_random_elastic_pulses_keep_their_target(case):
     target, share = 10.0 ** -random.integers(3, 7), random.choice([0.5, 0.8, 0.95])
     dt = share * fh.Simulation(lattice, model, fh.Fixed(), threads=1).step_limit
     setup = {"lattice": lattice, "model": model, "initial": {"u": u}, "dt": dt, "threads": 1}
-    try:
-        sim = fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until))
-    except fh.InputError as refused:  # then the least that can be had is named, and kept
-        target = 1.01 * float(str(refused.limit).removeprefix(">= "))
-        assert target < 1e-3
-        sim = fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until))
+    sim, target = with_layers(setup, target, until, 1e-3)
     assert set(sim.thickness) == {"x-", "x+", "y-", "y+"}
     assert worst_error(sim, u, until, 24) <= target
 
@@ -386,12 +393,7 @@ def test_waves_that_hardly_move_keep_their_target_in_long_runs(case):
     target = 10.0 ** -random.integers(4, 7)
     dt = random.choice([0.5, 0.95]) * fh.Simulation(lattice, model, fh.Fixed(), threads=1).step_limit
     setup = {"lattice": lattice, "model": model, "initial": {"u": u}, "dt": dt, "threads": 1}
-    try:
-        sim = fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until))
-    except fh.InputError as refused:  # then the least that can be had is named, and kept
-        target = 1.01 * float(str(refused.limit).removeprefix(">= "))
-        assert target < 1e-3
-        sim = fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until))
+    sim, target = with_layers(setup, target, until, 1e-3)
     assert worst_error(sim, u, until, 80) <= target
 
 
@@ -411,11 +413,7 @@ def test_waves_that_turn_round_come_together_again_within_the_target(case):
     target = 10.0 ** -random.integers(3, 5)
     dt = random.choice([0.3, 0.5, 0.9]) * fh.Simulation(lattice, model, fh.Fixed(), threads=1).step_limit
     setup = {"lattice": lattice, "model": model, "initial": {"u": u}, "dt": dt, "threads": 1}
-    try:
-        sim = fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until))
-    except fh.InputError as refused:
-        target = 1.01 * float(str(refused.limit).removeprefix(">= "))
-        sim = fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until))
+    sim, target = with_layers(setup, target, until)
     print("target", target, "nodes", [one.layer.columns for one in sim.thickness.values()])
     assert worst_error(sim, u, until, 80) <= target
 
@@ -439,11 +437,7 @@ def test_elastic_waves_that_run_backward_keep_their_target(case):
     u, until, target = np.stack([one, 0.5 * one]), float(random.uniform(60, 300)), 10.0 ** -random.integers(3, 5)
     dt = random.choice([0.5, 0.9]) * fh.Simulation(lattice, model, fh.Fixed(), threads=1).step_limit
     setup = {"lattice": lattice, "model": model, "initial": {"u": u}, "dt": dt, "threads": 1}
-    try:
-        sim = fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until))
-    except fh.InputError as refused:
-        target = 1.01 * float(str(refused.limit).removeprefix(">= "))
-        sim = fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until))
+    sim, target = with_layers(setup, target, until)
     print("target", target, {side: (one.layer.columns, one.predicted) for side, one in sim.thickness.items()})
     assert not sim.notes
     error = worst_error(sim, u, until, 80)

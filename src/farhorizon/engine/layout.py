@@ -195,7 +195,7 @@ class Layout:
         """
         axes = [axis for axis in HALOS if axis in self.periodic]
         found = [self.across(axis, side) for axis in axes for side in (-1, 1)]
-        inside = np.arange(self.size)
+        inside = np.arange(self.size if found else 0)
         for to, source in found:
             inside[to] = inside[source]  # what lies across later axes is itself a halo of earlier ones
         to = np.sort(np.concatenate([np.zeros(0, np.int64), *(places[0] for places in found)]))

@@ -48,13 +48,13 @@ _EACH = 1500  # waves of a line that are followed each by itself although none i
 # such waves where backward ones are among them: those that show what a layer is not enough for, and all, at most
 _FIRST, _MOST_EACH = 300, 4000
 _TOO_MUCH = 5.0  # what the first of them must make over what is enough: without the others they ring
-_CREST = 4.0  # largest value of what many waves make over its root mean square
 _TOGETHER = 256  # of them whose equations are solved at once: more do not stay in the cache
 _COHERENT = 0.05  # the largest value over the sum of all amplitudes, at least
 _SPARSE = 8  # every so many tangential modes tell which frequencies are felt
 _PASSED = 2.0  # of a wave's displacement, the most that an interface lets through into a faster medium
 _HELD = 7.0  # widths of a Gaussian in the transform of smoothed data: exp(-24) remains
-_FADES = 10.0  # over the length of the run: the band of frequencies in which waves fade out
+# over the length of the run: the band of frequencies in which waves fade out; and what of a wave is nothing
+_FADES, _FADED = 10.0, 1e-6
 _BETWEEN = np.pi / 8  # of the directions of a square lattice
 # of the modes of a chain: relative residual, where two nearly coincide, and the least factor over a node
 _ROUGH, _GONE = 1e-6, 1e-6
@@ -561,7 +561,7 @@ def arrivals(
     # nothing travels beyond, where only the shortest pulses have anything; one at least, of runs of a few short steps
     highest = np.inf if every else 1.2 * medium.rate * medium.stencil.symbol_maximum
     highest = min(highest, (_HELD / lasting) ** 2 if smooth else np.inf)
-    heard = np.flatnonzero((pitch <= max(highest, pitch.min())) & (np.abs(taken) > _GONE))
+    heard = np.flatnonzero((pitch <= max(highest, pitch.min())) & (np.abs(taken) > _FADED))
     sparse = np.abs(arrived(heard, few)[1])
     loudness = sparse.max(1) * len(modes)
     largest = max(size * 2 * steps * np.exp(-folded), _COHERENT * _SPARSE * float(sparse.sum()))
