@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.layers.returned import Datum
 from farhorizon.analysis.references.infinite import InfiniteLattice
-from farhorizon.simulation.returned_waves import _by_time
 from farhorizon.studies.compare import compare
 
 SEED = 20261122
@@ -168,23 +166,6 @@ def test_sources_of_any_pace_keep_their_target_where_waves_run_backward(case):
         return
     found = compare(setup, until, beside=False).curves["lattice PML"]["error_rel_initial"]
     assert max(found) <= target
-
-
-def test_each_moment_of_a_source_is_whole_in_one_part():
-    """And no part is switched on or off at once, but with the source."""
-    random = np.random.default_rng(SEED)
-    half, course, still = 20, random.uniform(0.5, 1.0, 130), Datum(np.ones(3), "v")
-    course[55:] *= np.where(np.arange(75) < 60, 0.0, 1.0)  # the part around 80 holds nothing
-    parts = list(_by_time([still, Datum(np.ones(3), "source", course)], half, 1e-3))
-    assert parts[0][1][0] is still and [len(data) for _, data in parts] == [2, 1, 1, 1, 1, 1]
-    whole = np.zeros(130)
-    for middle, (before, data) in zip((0, 20, 40, 60, 100, 120), parts, strict=True):
-        assert before == min(middle, half)
-        places = np.arange(len(data[-1].time)) + middle - before
-        whole[places] = np.maximum(whole[places], data[-1].time)
-        assert not middle or data[-1].time[0] < 1e-30
-        assert places[-1] == 129 or data[-1].time[-1] < 0.05
-    np.testing.assert_array_equal(whole, course)
 
 
 @pytest.mark.parametrize("case", [6, 7, *(pytest.param(n, marks=pytest.mark.slow) for n in range(6))])

@@ -23,10 +23,11 @@ from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.coupling import expansion_of
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.returned_waves import CROSSINGS, FORESEEN, LASTING, MOST_CROSSINGS, ReturnedWaves, stand_ins
+from farhorizon.simulation.returned_waves import CROSSINGS, FORESEEN, LASTING, MOST_CROSSINGS, ReturnedWaves
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.solid_and_liquid import placed
 from farhorizon.simulation.surroundings import Surroundings
+from farhorizon.simulation.wave_data import stand_ins
 
 _LITTLE = 0.3  # damping in two steps that may wait for the second
 _TURN = 0.2  # of a period, in a step of the fastest wave, where it may

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -34,6 +34,7 @@ from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.machine import one_blas_thread
 from farhorizon.medium.stencil import Stencil
+from farhorizon.simulation.wave_data import by_time, depth_of, largest_along
 
 # length of a run unless it is known: of waves in crossings of the near field, of diffusion in R^2/diffusivity
 CROSSINGS, LASTING = 20, 10
@@ -47,7 +48,6 @@ _LONG = 8  # parts of that room, by one of which data are smoothed for what is s
 _ROUND = 2
 _SILENT = 1e-3  # of the wanted error: sources that are fainter send nothing any more
 _HERE = 0.01  # of its largest value: a datum is where it has more
-_STAND_IN = 2.0  # width, in nodes, of the pulses that stand for data which are not known
 
 
 @dataclass(frozen=True)
@@ -324,7 +324,7 @@ class ReturnedWaves:
                     continue
             for kept in range(max(1, len(others))):
                 flat = [
-                    _flattened(datum.values, [place for place in range(1, len(self.shape)) if place != kept + 1])
+                    largest_along(datum.values, [place for place in range(1, len(self.shape)) if place != kept + 1])
                     for datum in own
                 ]
                 if image:
@@ -333,7 +333,7 @@ class ReturnedWaves:
                 if others:
                     flat, near[kept], length = self._unfold(flat, kept + 1, others[kept])
                 sent = [replace(datum, values=values) for datum, values in zip(own, flat, strict=True)]
-                depths = self.shape[axis] // 2, *_depth_of(own)[: int(every)]
+                depths = self.shape[axis] // 2, *depth_of(own)[: int(every)]
                 for part, time, room, smooth, lowest in self._parts(
                     medium, sent, until, wanted, bool(others) and not length, every
                 ):
@@ -378,7 +378,7 @@ class ReturnedWaves:
         corner = np.where(facing > (np.array(inside.shape) - 1) / 2, 0, np.array(inside.shape) - 1)
         first = np.array([nodes[0] for nodes in near])
         found = []
-        depths = self.shape[axis] // 2, *_depth_of(data)[: int(every)]
+        depths = self.shape[axis] // 2, *depth_of(data)[: int(every)]
         for part, time, room, smooth, lowest in self._parts(
             medium,
             [replace(datum, values=values) for datum, values in zip(data, fields, strict=True)],
@@ -417,7 +417,7 @@ class ReturnedWaves:
         found: list[tuple[Sequence[Datum], float, int, float, float]] = [(data, until, room, most / _LONG, 0.0)]
         if every:
             found.append((data, until, most, 0.0, frequency_of_slow_waves(medium, most * self.spacing / until)))
-        for before, part in _by_time(data, half, _SILENT * wanted):
+        for before, part in by_time(data, half, _SILENT * wanted):
             time = before * self.dt + most / pace
             found.append((part, time, int(np.ceil(pace * time)), 0.0, 0.0))
         return found
@@ -439,62 +439,3 @@ class ReturnedWaves:
         if above and below and above != below:
             fields = [np.concatenate([field, -field], place) for field in fields]
         return fields, near, fields[0].shape[place] if above and below else 0
-
-
-def _by_time(data: Sequence[Datum], half: int, silent: float) -> Iterator[tuple[int, list[Datum]]]:
-    """Data of which sources that go on are cut into parts, so that each moment is whole in one of them and none is
-    switched on or off at once.
-
-    Parameters
-    ----------
-    data : sequence of Datum
-    half : int
-        Of the steps that a part lasts.
-    silent : float
-        A part of a source with less, over its largest value, sends nothing.
-
-    Yields
-    ------
-    tuple of (int, list of Datum)
-        Steps before the middle of a part, the first of which is the start, and its data.
-    """
-    for middle in range(0, max([1, *(len(datum.time) for datum in data)]), half):
-        before, part = min(middle, half), [datum for datum in data if datum.kind != "source" and middle == 0]
-        for datum in data:
-            course = datum.time[middle - before : middle + half]
-            if np.abs(course).max(initial=0.0) > silent * np.abs(datum.time).max(initial=0.0):
-                away = np.abs(np.arange(len(course)) - before) / half
-                part.append(replace(datum, time=course * np.cos(np.pi * np.maximum(away - 0.5, 0.0)) ** 2))
-        if part:
-            yield before, part
-
-
-def stand_ins(shape: tuple[int, ...], reach: int, components: int = 1) -> list[Datum]:
-    """Data in place of such that are not known: short pulses in the middle and one reach and a few nodes from both ends
-    of each axis.
-    """
-    places = [np.array(shape) / 2]
-    for axis, nodes in enumerate(shape):
-        near = min(reach + 4 * _STAND_IN, nodes / 2)
-        places += [np.where(np.arange(len(shape)) == axis, end, places[0]) for end in (near, nodes - 1 - near)]
-    grid = np.ix_(*[np.arange(n) for n in shape])
-    pulses = [np.exp(-sum((x - a) ** 2 for x, a in zip(grid, place, strict=True)) / _STAND_IN**2) for place in places]
-    return [Datum(np.max(pulses, axis=0), "u", component=component) for component in range(components)]
-
-
-def _depth_of(data: Sequence[Datum]) -> tuple[int, ...]:
-    """Nodes from the side to the middle of the data; none where there is nothing."""
-    size = sum(np.abs(datum.values).sum(tuple(range(1, datum.values.ndim))) for datum in data)
-    rows = np.arange(len(data[0].values))[::-1]
-    return (round(float(np.average(rows, weights=size))),) if np.any(size) else ()
-
-
-def _flattened(values: np.ndarray, axes: Sequence[int]) -> np.ndarray:
-    """Values without their course along some axes, where the largest remains: in space waves along one tangential axis
-    at a time stand for all.
-
-    A cylindrical wave falls off more slowly than a spherical one, so this is careful, and far less work.
-    """
-    for axis in axes:
-        values = np.take_along_axis(values, np.abs(values).argmax(axis, keepdims=True), axis)
-    return values
