@@ -76,6 +76,13 @@ def address(array):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
+def fetch_lines(start, size):
+    """Fetch so many bytes, which are wanted soon, and which the hardware would notice too late."""
+    for place in range(start, start + size, 64):
+        fetch(place)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
 def dither(step):
     """What is added in a step to the second half of numbers before it is dropped: multiples of the golden ratio, which
     are spread most evenly over any number of steps.
@@ -145,6 +152,7 @@ def continue_band(thread, stage, sums, tables, inputs, step, number):
         c, x, y = item // groups, item % groups // each, item % each * group
         count = min(group, sizes[1] - y)
         at = address(src) + (c * apart + first + x * band[PLANE] + y * band[ROW]) * size
+        memo = address(memory) + layers.cell * (band[BAND_MEMORY] + item * group * cells)
         for i in range(group, 2 * group):  # the next lines: they lie too far apart for the hardware to notice
             for column in range(0, columns + m + 1, 64 // size):
                 fetch(at + (i * band[ROW] + column) * size)
@@ -161,7 +169,7 @@ def continue_band(thread, stage, sums, tables, inputs, step, number):
                 )
         if sets == 2:
             clear(found + far, (columns + m) * m * LINES, like)
-        memo = address(memory) + layers.cell * (band[BAND_MEMORY] + item * group * cells)
+        fetch_lines(memo + group * cells * layers.cell, group * cells * layers.cell)
         line, inwards = (zero, sign * row, 0), memo + (columns + 1) * m * cell
         on, back = (found + middle, sign * m * row, row), (found + far + middle, sign * m * row, row)
         call_shifts(band[OUTWARDS], line, on, (memo, cell, dithered), stretch, columns, vectors)
@@ -338,7 +346,8 @@ def stretch_face(stage, sums, worker, number, dithered):
     stretch = stretch_of(layers, face[PROFILE])
     field, extra, olds, news = address(src), address(slots), address(base), address(out)
     lanes, apart, cells = vectors * 64 // size, src.size // stage.components, (2 * columns + 1) * m
-    cell = layers.cell * lanes
+    cell, of_row = layers.cell * lanes, layers.cell * sizes[6] * cells
+    each = -(-cells * cell // (columns + m + 1) // 64) * 64  # bytes of memory to fetch with a column
     edge = item[4]
     other = layers.faces[layers.edges[max(edge, 0), EDGE_OTHER]] if edge >= 0 else face
     high = other[COLUMNS] + other[REACH] + 1
@@ -357,12 +366,19 @@ def stretch_face(stage, sums, worker, number, dithered):
     for row in range(item[1], item[2]):
         first = face[ORIGIN] + row * face[ROW_STEP] + tile[TILE_FIRST]
         factors = weigh_bonds(sums, worker, face[AXIS], first, count) if varied else start
+        coming = address(memory) + layers.cell * (face[MEMORY] + ((row + 1) * sizes[6] + tile[TILE_PLACE]) * cells)
         for p in range(-m, columns + 1):
             node, slot, to = (
                 first + p * face[STEP],
                 line + (p * face[SLOT_STEP] + row * face[SLOT_ROW]) * width,
                 (p + m) * m,
             )
+            for c in range(rows):
+                fetch_lines(news + (node + c * apart) * size, count * size)
+                if stage.increments:
+                    fetch_lines(olds + (node + c * apart) * size, count * size)
+                fetch_lines(coming + c * of_row * face[ROWS], each)
+            coming += each
             if mirrored:
                 plus, minus, here = start + to * wide + on, start + to * wide + back, extra + slot * size
                 sides = (plus, minus, wide, sizes[5] * wide)

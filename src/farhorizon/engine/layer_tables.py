@@ -199,6 +199,9 @@ class LayerTables:
         layout, rows, place = self.layout, [], 0
         low, high = (int(self.bands[i, COLUMNS] and self.bands[i, COLUMNS] + layout.reach[2]) for i in (0, 1))
         n = layout.box.nodes[2]
+        # The first one takes all that slots are there for, which are zero beyond the band: the next begin at whole
+        # vectors, so that what they read lies in one line of the cache.
+        low = max(low, min(int(self.bands[0, WIDTH]), n - high))
         for first, last, band in ((0, low, 0), (low, n - high, -1), (n - high, n, 1)):
             count = -(-(last - first) // LINES)
             each = -(-(last - first) // max(count, 1))
