@@ -366,7 +366,8 @@ def stretch_face(stage, sums, worker, number, dithered):
     for row in range(item[1], item[2]):
         first = face[ORIGIN] + row * face[ROW_STEP] + tile[TILE_FIRST]
         factors = weigh_bonds(sums, worker, face[AXIS], first, count) if varied else start
-        coming = address(memory) + layers.cell * (face[MEMORY] + ((row + 1) * sizes[6] + tile[TILE_PLACE]) * cells)
+        coming = address(memory) + layers.cell * (face[MEMORY] + (row * sizes[6] + tile[TILE_PLACE]) * cells)
+        coming += of_row if face[ROWS] > 1 else cells * cell
         for p in range(-m, columns + 1):
             node, slot, to = (
                 first + p * face[STEP],
