@@ -14,13 +14,15 @@ from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.choice import weak
 from farhorizon.analysis.layers.returned import Datum
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
-from farhorizon.analysis.layers.thickness import Thickness, distance_to_side, thinnest_for_diffusion
+from farhorizon.analysis.layers.thickness import MOST, Thickness, distance_to_side, thinnest_for_diffusion
+from farhorizon.boundaries import LatticePML
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.sources import by_component, field, split
 from farhorizon.inputs.thermal_loads import ThermalLoad
-from farhorizon.medium.integrators import Verlet
+from farhorizon.medium.integrators import Euler, Verlet
+from farhorizon.simulation.alternating_waves import AlternatingWaves
 from farhorizon.simulation.coupling import expansion_of
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.returned_waves import CROSSINGS, FORESEEN, LASTING, MOST_CROSSINGS, ReturnedWaves
@@ -32,6 +34,7 @@ from farhorizon.simulation.wave_data import stand_ins
 _LITTLE = 0.3  # damping in two steps that may wait for the second
 _TURN = 0.2  # of a period, in a step of the fastest wave, where it may
 _SHORT = 1e-6  # target down to which six digits are enough for what layers remember
+_TIGHTER = 2.0  # factor by which less is asked for until waves that alternate are kept back, too
 _ALIVE = 0.75  # factor of a step from which on waves are still there when they reach a side
 
 
@@ -58,7 +61,7 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
     }
     choice = _Choice(setup, near, around, sources, {}, {}, set())
     if layers and near.model.order == 1:
-        choice.for_diffusion({key: b for key, b in layers.items() if b.open_ended})
+        choice.for_diffusion(layers)
     elif layers:
         choice.for_waves(layers)
     thickness = {side_name(*key): found for key, found in choice.found.items()}
@@ -185,8 +188,8 @@ class _Choice:
             beside them, as far as was seen.
         """
         near, model = self.near, self.near.model
-        if model.order == 1:
-            first = self._kept_alive()
+        if model.order == 1:  # of forward Euler the steps that such waves take were followed
+            first = None if isinstance(model.integrator, Euler) else self._kept_alive()
             say = "which a step so near its limit hardly damps, and which layers for diffusion do not absorb"
             remedy = f"dt <= {0.6 * near.step_limit:.3g} or smoother data"
         else:
@@ -236,11 +239,17 @@ class _Choice:
         if self.setup.specimens:
             busy[placed(self.setup, self.around.sides)[0]] = 1
         data = self._data(0.0) or self._stand_ins()
+        alternating = AlternatingWaves.of(near, self.around.sides, self._initial())
         for key, boundary in layers.items():
             turned = [datum.turned(*key).values for datum in [*data, Datum(busy, "u")]]
             distance = near.lattice.spacing * distance_to_side(turned)
             until = min(boundary.until or LASTING * near.crossing, MOST_CROSSINGS * near.crossing)
             wanted = boundary.wanted(model.target)
+            if not boundary.open_ended:
+                given = self.around.layers[key]
+                if alternating and (back := alternating.returned(*key, given, wanted, until)) > wanted:
+                    self._miss_alternating(key, boundary, back, given, wanted)
+                continue
             found = thinnest_for_diffusion(near.lattice.spacing, diffusivity * until, distance, wanted)
             if found.predicted > wanted and boundary.target is not None:
                 raise InputError(
@@ -249,7 +258,35 @@ class _Choice:
                     key="boundary.target",
                     remedy="a larger target, a shorter run, or data farther from the side",
                 )
+            asked = wanted
+            while alternating and (back := alternating.returned(*key, found.layer, wanted, until)) > wanted:
+                if found.layer.columns >= MOST:
+                    self._miss_alternating(key, boundary, back, found.layer, wanted)
+                    break
+                asked /= _TIGHTER
+                found = thinnest_for_diffusion(near.lattice.spacing, diffusivity * until, distance, asked)
             self._take(key, replace(found, until=until), wanted)
+
+    def _miss_alternating(self, key: Key, boundary: LatticePML, back: float, layer: Layer, wanted: float) -> None:
+        """Say that a layer sends back more of waves that alternate than it may.
+
+        Raises
+        ------
+        InputError
+            It chose itself for a target.
+        """
+        say = "waves alternate from step to step, which a step so near its limit hardly damps"
+        remedy = f"dt <= {0.6 * self.near.step_limit:.3g} or smoother data"
+        if boundary.open_ended and boundary.target is not None:
+            raise InputError(
+                f"no layer keeps the target: {say}",
+                value=wanted,
+                limit=f">= {back:.1g}",
+                key="boundary.target",
+                remedy=f"{remedy}; nodes in place of the target, and 'farhorizon compare' for the error",
+            )
+        words = f"layers of {{}} nodes ({{}}) send back {back:.1g} of the largest value, more than the target {{:g}}"
+        self._miss(key, f"{words}: {say}; {remedy}", layer.columns, wanted)
 
     def _take(self, key: Key, found: Thickness, wanted: float) -> None:
         """Give a side the layer that was found for it."""

@@ -242,7 +242,7 @@ def amplitudes_of(waves: Sequence[ArrivingWave], layer: Layer) -> list[np.ndarra
     stretch = layer.kappa + layer.sigma / (np.array([wave.s for wave in waves])[:, None] + layer.alpha)
     blocks = np.stack([wave.weights.reshape(len(wave.weights), *wave.weights.shape[1:] or (1, 1)) for wave in waves])
     n, reach, d, count = len(waves), blocks.shape[1] // 2, blocks.shape[2], layer.columns
-    inwards, (outwards, here, before) = _inwards(stretch), _outwards(stretch)
+    inwards, (outwards, here, before) = inwards_of(stretch), outwards_of(stretch)
     system = np.einsum("nij,pq->nipjq", blocks[:, reach], np.eye(count))
     ahead, back, first = np.eye(count + 1)[:, 1:], np.eye(count), np.eye(count + 1)[:, :1]
     entrance = np.zeros((n, reach, count), complex)  # U(0, k), k = 1 .. K, by the columns
@@ -325,14 +325,14 @@ def _bands(size: int, bands: Mapping[int, np.ndarray]) -> np.ndarray:
     return found
 
 
-def _inwards(stretch: np.ndarray) -> np.ndarray:
+def inwards_of(stretch: np.ndarray) -> np.ndarray:
     """U(., k + 1) from U(., k) for k >= 0, by columns 0 .. L; for stretches (n, L + 1)."""
     plus, minus, size = 1 + stretch, 1 - stretch, stretch.shape[1]
     left = _bands(size, {0: plus, 1: -minus[:, :-1]})
     return np.asarray(np.linalg.solve(left, _bands(size, {0: -minus, 1: plus[:, :-1]})))
 
 
-def _outwards(stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def outwards_of(stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """U(., k - 1) from U(., k) for k <= 0, by columns 1 .. L; and what the near field's nodes k and k - 1 add to it."""
     plus, minus, size = 1 + stretch[:, :-1], 1 - stretch[:, :-1], stretch.shape[1] - 1
     left, first = _bands(size, {0: plus, -1: -minus[:, 1:]}), np.eye(size)[0][:, None]

@@ -62,7 +62,7 @@ _AIM = 0.4
 # over the long waves' speed; share of such waves that crowds; part of the aim then
 _HARDLY, _CROWDED, _AIM_CROWDED = 0.1, 0.38, 0.2
 _AIM_LASTING = 0.25  # in diffusion, where what all sides send back adds up
-_MOST = 60  # nodes
+MOST = 60  # nodes of a layer
 # reach with which late profiles were stable in white noise; exponent 1 with constant influence grows from 5 on
 _WIDEST = 4
 _MORE_EQUAL = 5  # at most, for short waves: more of them hardly help against such that stand nearly still
@@ -363,9 +363,9 @@ def thinnest(
 
     low, high, found = 0, 2, best(2)
     while found is None:
-        if high >= _MOST:
+        if high >= MOST:
             return None
-        low, high = high, min(_MOST, high + max(2, high // 2))
+        low, high = high, min(MOST, high + max(2, high // 2))
         found = best(high)
     while high - low > 1:
         middle = (low + high) // 2
@@ -395,7 +395,7 @@ def crowded(stencil: Stencil) -> bool:
 
 def least(members: Callable[[int], Mapping[str, Layer]], waves: Sequence[Arrivals], size: float) -> float:
     """The smallest target, rounded up to one digit, that a layer of 60 nodes keeps; parameters as of `thinnest`."""
-    _, layer = _quietest(members(_MOST), waves)
+    _, layer = _quietest(members(MOST), waves)
     found = predicted_error(layer, waves, size) / _AIM  # as `thinnest` judges
     found /= _AIM_CROWDED if crowded(waves[0].medium.stencil) else 1.0
     digit = 10.0 ** np.floor(np.log10(max(found, 1e-300)))
@@ -463,7 +463,7 @@ def thinnest_for_diffusion(spacing: float, spread: float, distance: float, wante
     """
     distance = max(distance, spacing)
     spreads = np.geomspace(min(_BEGIN * distance**2, spread), spread, _TIMES)
-    for nodes in range(2, _MOST + 1):
+    for nodes in range(2, MOST + 1):
         layer = diffusive(nodes, spacing, spread, distance)
         predicted = float(returned_by_diffusion(layer, spacing, spreads, distance).max())
         if predicted <= _AIM_LASTING * wanted:

@@ -1,0 +1,165 @@
+"""What a layer for diffusion sends back in the first steps of an explicit scheme, step by step.
+
+Formulas for these layers (`farhorizon.analysis.layers.thickness`) know what decays. Beyond half the largest step of
+forward Euler the shortest waves alternate instead, for some tens of steps; layers hardly absorb such waves, and a
+narrow datum is full of them. Layers for diffusion have no memory, so the columns of one and the near field in front of
+it make one constant matrix for each tangential wavenumber: these few steps can be taken, beside a medium that goes on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import fft
+
+from farhorizon.analysis.layers.layer import inwards_of, outwards_of
+from farhorizon.analysis.layers.reflection import chain_weights
+from farhorizon.engine.engine import Layer
+from farhorizon.medium.stencil import Stencil
+
+_FELT = 1e-4  # share of the wanted error that tangential waves which are left out may make
+_WIDE = 7.0  # standard deviations of what spreads, beyond which there is nothing: exp(-24) remains
+
+
+@dataclass(frozen=True)
+class FirstSteps:
+    """Data in front of a side in the first steps of forward Euler, on a plane across the side.
+
+    Attributes
+    ----------
+    stencil : Stencil
+        Its first axis is the normal.
+    scale : float
+        ``coefficient / spacing^2`` times the step.
+    rows : ndarray, shape (rows, nodes)
+        Data, the first axis towards the side; on a line one node.
+    periodic : bool
+        Whether the data repeat themselves along the side.
+    steps : int
+    wanted : float
+        The error that is to be told from none.
+    margin : int
+        Nodes between the last row and the layer, where errors do not count.
+    across : int
+        The stencil's axis along which the nodes of a row are.
+    """
+
+    stencil: Stencil
+    scale: float
+    rows: np.ndarray
+    periodic: bool
+    steps: int
+    wanted: float
+    margin: int = 1
+    across: int = 1
+
+    @property
+    def _room(self) -> int:
+        """Nodes that are reached beyond the data."""
+        reach = max(self.stencil.reach)
+        return min(reach * self.steps, reach + int(np.ceil(_WIDE * np.sqrt(2 * self.scale * self.steps))))
+
+    @cached_property
+    def _length(self) -> int:
+        """Nodes after which the data repeat themselves along the side."""
+        nodes = self.rows.shape[1]
+        return nodes if self.periodic or nodes == 1 else fft.next_fast_len(nodes + 2 * self._room, real=True)
+
+    @cached_property
+    def _spectrum(self) -> np.ndarray:
+        """Of the data along the side, shape (modes, rows)."""
+        return np.asarray(fft.rfft(self.rows, self._length, axis=1).T)
+
+    @cached_property
+    def _kept(self) -> np.ndarray:
+        """Tangential modes that are felt."""
+        content = np.abs(self._spectrum).sum(1)
+        return np.flatnonzero(content > _FELT * self.wanted * content.sum())
+
+    @cached_property
+    def _weights(self) -> np.ndarray:
+        """Of the chain along the normal, times the scale, shape (modes, 2 K + 1)."""
+        numbers = 2 * np.pi * self._kept / self._length
+        axes = range(1, self.stencil.dim)
+        chains = [chain_weights(self.stencil, [one * (axis == self.across) for axis in axes]).real for one in numbers]
+        return self.scale * np.array(chains)
+
+    @cached_property
+    def _undisturbed(self) -> tuple[np.ndarray, np.ndarray]:
+        """In a medium that goes on, for each step the 2 K + 1 nodes about the last one before the layer, and the largest
+        value of all.
+        """
+        reach, count = self.stencil.reach[0], len(self.rows) + self.margin
+        field = np.pad(self._spectrum[self._kept], ((0, 0), (self._room, self.margin + self._room)))
+        last, tails, largest = self._room + count, [], []
+        for _ in range(self.steps):
+            tails.append(field[:, last - reach - 1 : last + reach])
+            field = field + _summed(self._weights, field)
+            largest.append(np.abs(self._along_side(field)).max())
+        return np.array(tails), np.array(largest)
+
+    def _along_side(self, modes: np.ndarray) -> np.ndarray:
+        """Values at the nodes of the side of what is known of the modes that are kept."""
+        every = np.zeros((self._length // 2 + 1, modes.shape[1]), complex)
+        every[self._kept] = modes
+        return np.asarray(fft.irfft(every, self._length, axis=0)[: self.rows.shape[1]])
+
+    def returned(self, layer: Layer) -> float:
+        """Largest value that comes back to the near field of a layer without memory, over the largest of the field
+        after the same step.
+        """
+        reach, (tails, largest) = self.stencil.reach[0], self._undisturbed
+        beside = np.einsum("mk,kij->mij", self._weights, _matrices(layer.kappa, reach))
+        back = np.zeros((len(self._kept), min(len(self.rows), self._room) + self.margin + reach), complex)
+        columns, worst = np.zeros((len(self._kept), layer.columns), complex), 0.0
+        for tail, size in zip(tails, largest, strict=True):
+            here = back[:, -reach - 1 :] + tail[:, : reach + 1]
+            changed = np.einsum("mij,mj->mi", beside, np.concatenate([here, columns], axis=1))
+            # the medium that goes on brings what lies beyond instead
+            instead = _summed(self._weights, np.concatenate([np.zeros_like(here), tail[:, reach + 1 :]], axis=1))
+            back, columns = back + _summed(self._weights, back), columns + changed[:, reach + 1 :]
+            back[:, -reach - 1 :] += changed[:, : reach + 1] - instead[:, : reach + 1]
+            inside = back[:, : back.shape[1] - self.margin]
+            worst = max(worst, float(np.abs(self._along_side(inside)).max()) / size)
+        return worst
+
+
+def _summed(weights: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """The chains' sums, with nothing beyond the ends of lines; weights (m, 2 K + 1), lines (m, n)."""
+    reach, count, total = weights.shape[1] // 2, lines.shape[1], np.zeros_like(lines)
+    for k, weight in zip(range(-reach, reach + 1), weights.T, strict=True):
+        first, last = max(0, -k), count - max(0, k)
+        total[:, first:last] += weight[:, None] * lines[:, first + k : last + k]
+    return total
+
+
+def _matrices(kappa: np.ndarray, reach: int) -> np.ndarray:
+    """What a layer makes of the sums of a chain of weights w: the sum over k of w(k) times these matrices, for the near
+    field's nodes -K .. 0 and the columns 1 .. L. The near field's nodes among themselves are left out.
+
+    Returns
+    -------
+    ndarray, shape (2 K + 1, K + 1 + L, K + 1 + L)
+    """
+    count, last = len(kappa) - 1, reach
+    inwards = inwards_of(kappa[None].astype(complex))[0].real
+    outwards, here, before = (part[0].real for part in outwards_of(kappa[None].astype(complex)))
+    found = np.zeros((2 * reach + 1, reach + 1 + count, reach + 1 + count))
+    columns = slice(reach + 1, None)
+    found[reach, columns, columns] = np.eye(count)
+    # continued by nodes: columns 0 .. L outwards, by one another; columns 1 .. L inwards, by these and by the near
+    # field's nodes 0, -1 .. -K
+    ahead, back, near = np.eye(count + 1), np.eye(count), np.zeros((reach + 1, count))
+    for k in range(1, reach + 1):
+        ahead, back = inwards @ ahead, outwards @ back
+        near = near @ outwards.T
+        near[k - 1] += here
+        near[k] += before
+        for i in range(reach - k + 1):  # of the node -i, from which column 0 is i nodes off
+            found[reach + i + k, last - i, last:] += ahead[0]
+        found[reach + k, columns, last:] += ahead[1:]
+        found[reach - k, columns, columns] += back
+        found[reach - k, columns, : last + 1] += near[::-1].T
+    return found

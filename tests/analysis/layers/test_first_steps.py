@@ -1,0 +1,42 @@
+"""The first steps in front of a layer for diffusion, against runs with that layer."""
+
+import os
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.analysis.layers.first_steps import FirstSteps
+from farhorizon.analysis.references.infinite import InfiniteLattice
+
+SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
+
+
+@pytest.mark.parametrize("case", range(6))
+@pytest.mark.parametrize("dim", [1, 2])
+def test_the_first_steps_are_those_of_a_run(dim, case):
+    """A layer at one side and a near field beyond which the run computes on at the other; across it is periodic."""
+    print(f"seed {SEED}")
+    random = np.random.default_rng([SEED, dim, case])
+    reach = float(random.integers(2, 6))
+    model = fh.Diffusion(fh.Kernel(reach, int(random.integers(0, 3)), str(random.choice(["constant", "linear"]))), 1.3)
+    shape = [int(random.integers(22, 40)), int(random.integers(11, 19))][:dim]
+    lattice = fh.Lattice(1.0, (0.0,) * dim, [n - 1.0 for n in shape])
+    centre = [shape[0] / 2 + 3, *random.uniform(0, shape[-1], dim - 1)]
+    u = np.exp(-sum((x - a) ** 2 for x, a in zip(lattice.coordinates(), centre, strict=True)) / 1.5**2)
+    nodes, steps = int(random.integers(2, 12)), 40
+    dt = random.uniform(0.4, 0.98) * fh.Simulation(lattice, model, fh.Fixed()).step_limit
+    sides = {"x+": fh.LatticePML(nodes=nodes, until=steps * dt), "x-": fh.Extended(until=steps * dt, target=1e-12)}
+    sim = fh.Simulation(lattice, model, sides | ({"y": fh.Periodic()} if dim > 1 else {}), {"u": u}, dt=dt, threads=1)
+    (layer,) = sim.engine.layers.values()
+    margin = sim.parts.grid.margins[0, 1]
+    along = FirstSteps(sim.stencil, 1.3 * dt, u.reshape(len(u), -1), True, steps, 1e-12, margin)
+    copies = 2 * (int(8 * np.sqrt(2 * 1.3 * dt * steps)) // shape[-1] + 1) + 1 if dim > 1 else 1
+    infinite = InfiniteLattice(sim.stencil, 1.3, model.integrator, dt, steps, np.tile(u, [1, copies][:dim]))
+    worst, middle = 0.0, slice(copies // 2 * shape[-1], (copies // 2 + 1) * shape[-1])
+    for step in range(1, steps + 1):
+        sim.step(1)
+        exact = infinite.after(step)
+        exact = exact[:, middle] if dim > 1 else exact
+        worst = max(worst, float(np.abs(sim.fields["u"] - exact).max() / np.abs(exact).max()))
+    assert along.returned(layer) == pytest.approx(worst, rel=1e-2, abs=1e-11)
