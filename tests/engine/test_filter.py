@@ -129,18 +129,22 @@ def test_strips_know_the_filter(components, whole):
     assert np.abs(found - expected[:, None] * phase).max() <= 1e-13 * np.abs(expected).max()
 
 
+@pytest.mark.parametrize("blocked", [False, True])
 @pytest.mark.parametrize("threads", [2, 3, 7])
-def test_threads_filter_what_one_does(threads, monkeypatch):
-    """Bit by bit, also where the filter reaches across all that a thread has."""
+def test_threads_filter_what_one_does(threads, blocked, monkeypatch):
+    """Bit by bit, also where the filter reaches across all that a thread has; long filters work in blocks of lines,
+    here of one, as those of large boxes.
+    """
+    monkeypatch.setattr("farhorizon.engine.filter._CACHED", 0)
     monkeypatch.setattr("farhorizon.engine.engine._PARALLEL_NUMBERS", 0)
     monkeypatch.setattr("farhorizon.simulation.setup.available_threads", lambda: threads)
     lattice = fh.Lattice(1.0, (0.0,) * 3, (8.0,) * 3)
-    initial = {"u": np.random.default_rng(1).standard_normal(lattice.shape)}
-    runs = [
-        fh.Simulation(lattice, fh.Wave(fh.Kernel(3.0)), fh.LatticePML(nodes=4), initial, threads=n)
-        for n in (1, threads)
-    ]
-    assert runs[1].engine.threads == threads and runs[1].engine.tables.filter.runs.size
+    model = fh.Elastic(fh.Kernel(2.0, 1), young=1.0) if blocked else fh.Wave(fh.Kernel(3.0))
+    shape = (3, *lattice.shape) if blocked else lattice.shape
+    initial = {"u": np.random.default_rng(1).standard_normal(shape)}
+    runs = [fh.Simulation(lattice, model, fh.LatticePML(nodes=4), initial, threads=n) for n in (1, threads)]
+    filtered = runs[1].engine.tables.filter
+    assert runs[1].engine.threads == threads and filtered.runs.size and filtered.blocked == blocked
     for sim in runs:
         sim.step(9)
     np.testing.assert_array_equal(*[sim.engine.levels for sim in runs])

@@ -27,6 +27,8 @@ from farhorizon.engine.threads import barrier, share
 
 _PIECE = 256  # nodes of a run that one thread takes at a time
 _AHEAD = 8  # pieces between use and prefetch
+# weights beyond which a filter in space works in blocks, and bytes that each of these meets
+_LONG, _CACHED = 7, 1 << 19
 
 
 class Filter(NamedTuple):
@@ -51,6 +53,8 @@ class Filter(NamedTuple):
         Whether the waves themselves are filtered, not their increments alone.
     every : int
         After how many steps, by as much as in all of them.
+    blocked : bool
+        Whether the pieces are not in the order of their nodes, but in blocks whose lines stay in the cache.
     exchange : ndarray of int, shape (3, 5)
         By what other processes fill margins of the box, as a kind of `Tables.exchange`.
     """
@@ -63,6 +67,7 @@ class Filter(NamedTuple):
     copies: np.ndarray
     whole: bool
     every: int
+    blocked: bool
     exchange: np.ndarray
 
 
@@ -92,7 +97,7 @@ def filter_tables(
     if not any(np.any(rate) for rate in rates.values()):
         none, empty = np.zeros(0, np.int64), np.zeros(0, real)
         pieces, copies = np.zeros((0, 7), np.int64), np.zeros((2, 0), np.int64)
-        return Filter(np.zeros(1, real), none, empty, empty, pieces, copies, whole, 1, NO_MESSAGES)
+        return Filter(np.zeros(1, real), none, empty, empty, pieces, copies, whole, 1, False, NO_MESSAGES)
     nodes, axes = layout.box.nodes, [a for a in range(3) if layout.reach[a]]
     pads, extent, step = _extents(layout, taps)
     along = _along(layout, rates)
@@ -103,18 +108,21 @@ def filter_tables(
     places = np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])
     entries = np.add.outer(line.reshape(nodes[:2]) * nodes[2], np.arange(nodes[2]))
     damped = strengths.ravel()[entries] > 0
+    runs = _runs(
+        np.array([places[damped], layout.box.node_indices()[damped], entries[damped]]),
+        _limits(layout, along, len(taps) - 1)[:, damped],
+    )
+    blocked = len(axes) == 3 and len(taps) > _LONG
     return Filter(
         np.ascontiguousarray(taps, real),
         step[axes],
         aligned_zeros(int(np.prod(extent)) + SLACK, np.dtype(real)),
         np.append(strengths, np.zeros(SLACK)).astype(real),
-        _runs(
-            np.array([places[damped], layout.box.node_indices()[damped], entries[damped]]),
-            _limits(layout, along, len(taps) - 1)[:, damped],
-        ),
+        _in_blocks(runs, step, len(taps), np.dtype(real).itemsize) if blocked else runs,
         _wrapped(places[damped], layout, step, pads, extent, len(taps) - 1),
         whole,
         every,
+        blocked,
         NO_MESSAGES,
     )
 
@@ -214,11 +222,23 @@ def _runs(rows: np.ndarray, limits: np.ndarray) -> np.ndarray:
     return np.vstack([rows[:, first], counts, np.maximum.reduceat(limits, first, axis=1)]).T.copy()
 
 
+def _in_blocks(runs: np.ndarray, step: np.ndarray, taps: int, size: int) -> np.ndarray:
+    """Pieces block by block of lines, and in each plane after plane: the planes that a long filter meets in space do
+    not stay in the cache, a block's lines in them do.
+    """
+    lines = max(1, _CACHED // (2 * taps * int(step[1]) * size))
+    plane, line = runs[:, 0] // step[0], runs[:, 0] % step[0] // step[1]
+    return np.ascontiguousarray(runs[np.lexsort((runs[:, 0], plane, line // lines))])
+
+
 def without(tables: Filter, spared: Callable[[np.ndarray], np.ndarray]) -> Filter:
     """The same filter, which leaves some nodes alone; `spared` tells by the nodes' places in a level."""
     run, within = np.repeat(tables.runs, tables.runs[:, 3], axis=0), _numbers_in(tables.runs[:, 3])
     kept = ~spared(run[:, 1] + within)
-    return tables._replace(runs=_runs(run[kept, :3].T + within[kept], run[kept, 4:].T))
+    runs = _runs(run[kept, :3].T + within[kept], run[kept, 4:].T)
+    if tables.blocked:
+        runs = _in_blocks(runs, tables.steps, len(tables.taps), tables.box.itemsize)
+    return tables._replace(runs=runs)
 
 
 def _numbers_in(counts: np.ndarray) -> np.ndarray:
@@ -284,10 +304,16 @@ def damp_short_waves(thread, stage, tables):
     subtracted = stage.out.dtype.type(0 if tables.whole else 1)
     own = share(thread, runs.shape[0])
     # Pieces are weighed as they are needed, so that what they bring into the cache is there when they are filtered:
-    # at first those that other threads meet, or all where the box has copies.
+    # at first those that other threads meet, or all where the box has copies or is filtered in blocks.
     far = steps[0] * (taps.size - 1) + _PIECE
     lead, tail = met_by_others(thread, runs, own, far)
-    if copies.shape[1] or tables.exchange[0, USED] or tables.exchange[1, USED] or tables.exchange[2, USED]:
+    if (
+        tables.blocked
+        or copies.shape[1]
+        or tables.exchange[0, USED]
+        or tables.exchange[1, USED]
+        or tables.exchange[2, USED]
+    ):
         lead = tail
     for turn in range(passes * stage.components):
         shift = turn // passes * apart

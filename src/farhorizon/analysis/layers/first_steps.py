@@ -88,8 +88,8 @@ class FirstSteps:
 
     @cached_property
     def _undisturbed(self) -> tuple[np.ndarray, np.ndarray]:
-        """In a medium that goes on, for each step the 2 K + 1 nodes about the last one before the layer, and the largest
-        value of all.
+        """In a medium that goes on, for each step the 2 K + 1 nodes about the last one before the layer, and the
+        largest value of all.
         """
         reach, count = self.stencil.reach[0], len(self.rows) + self.margin
         field = np.pad(self._spectrum[self._kept], ((0, 0), (self._room, self.margin + self._room)))
