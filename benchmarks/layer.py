@@ -11,18 +11,26 @@ Measures, in one process with interleaved repeats (medians of the ratios of a ro
   engine, also with layers that remember in full, and the memory that layers take, in near fields. Aims: 1.08, 1.15 and
   1.3 around the square, 1.8, 2.6 and 4.5 around the cube; memory there 2, 4 and 10.
 
-Run: ``python benchmarks/layer.py [square] [bar] [cube] [thin] [--json FILE] [--repeats N]``. Takes about a minute.
+- chosen: layers that choose themselves for a target, one thread: the step over that of the bare engine. Around the
+  cube for 1e-4 in a run of five crossings, aim 2.4; around an elastic cube of 64^3 with a horizon of two nodes for 1e-3
+  and 1e-4, aims 2.2 and 3.5; around the half-space of the examples for 1e-4, aim 1.8.
+
+Run: ``python benchmarks/layer.py [square] [bar] [cube] [thin] [chosen] [--json FILE] [--repeats N]``. Takes two
+minutes.
 """
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from common import bare_engine, interleaved, median, ratio, run_parts, steps, verdict
 
-from farhorizon import Kernel, Lattice, LatticePML, Simulation, Wave
+from farhorizon import Elastic, Free, Kernel, Lattice, LatticePML, Simulation, Wave, read_case
 from farhorizon.engine.engine import available_threads
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
 def simulation(dim: int, n: int, threads: int, nodes: int = 12, target: float | None = None) -> Simulation:
@@ -100,6 +108,57 @@ def thin(repeats: int) -> list[dict[str, Any]]:
     return rows
 
 
+def chosen(repeats: int) -> list[dict[str, Any]]:
+    """Steps beside layers that choose themselves."""
+    bonds, rows = Elastic(Kernel(2.0, 1), young=1.0), []
+    for name, make, aim in (
+        ("100^3, 1e-4", lambda: enclosed(100, Wave(Kernel(3.0)), 1e-4), 2.4),
+        ("elastic 64^3, 1e-3", lambda: enclosed(64, bonds, 1e-3), 2.2),
+        ("elastic 64^3, 1e-4", lambda: enclosed(64, bonds, 1e-4), 3.5),
+        ("half-space, 1e-4", lambda: half_space(1e-4), 1.8),
+    ):
+        sim = make()
+        bare = bare_engine(sim.stencil, sim.lattice.shape, 1)
+        times = interleaved({"layers": steps(sim.engine), "bare": steps(bare)}, repeats)
+        found = ratio(times, "layers", "bare")
+        rows.append(
+            {
+                "near field": name,
+                "nodes": max(layer.columns for layer in sim.engine.layers.values()),
+                "bare ms": 1e3 * median(times, "bare"),
+                "step / bare": found,
+                "aim": aim,
+                "met": verdict(found, aim, larger=False),
+                "near fields": (sim.engine.nbytes - bare.nbytes) / (8 * sim.fields["u"].size),
+            }
+        )
+    return rows
+
+
+def enclosed(n: int, model: Any, target: float) -> Simulation:
+    """A cube of n^3 nodes with a pulse of eight nodes in the middle and layers for five crossings."""
+    half = (n - 1) / 2
+    lattice = Lattice(1.0, (-half,) * 3, (half,) * 3)
+    pulse = np.exp(-sum(x**2 for x in lattice.coordinates()) / 4.0**2)
+    u = pulse if isinstance(model, Wave) else np.stack([pulse, 0 * pulse, 0 * pulse])
+    layer = LatticePML(target=target, until=5 * n / float(np.sqrt(model.coefficient)))
+    return noisy(Simulation(lattice, model, layer, {"u": u}, threads=1))
+
+
+def half_space(target: float) -> Simulation:
+    """The example's, with layers for a target."""
+    case = read_case(EXAMPLES / "half_space.toml")
+    layer = LatticePML(target=target, until=case.end)
+    return noisy(case.simulation(boundary={"x": layer, "y-": layer, "y+": Free()}, threads=1))
+
+
+def noisy(sim: Simulation) -> Simulation:
+    """The simulation with noise in its core, so that nothing becomes denormal."""
+    core = sim.engine.core.view(sim.engine.current)
+    core[...] = np.random.default_rng(1).standard_normal(core.shape)
+    return sim
+
+
 def bar(repeats: int) -> list[dict[str, Any]]:
     """Absolute cost for a short bar, where nothing else counts."""
     _, times = measure(1, 201, 1, repeats)
@@ -126,5 +185,6 @@ if __name__ == "__main__":
             "bar": ("Layers of a bar", lambda given: bar(given.repeats)),
             "cube": ("Layers around a cube", lambda given: large(3, 100, given.repeats, None)),
             "thin": ("Layers by their thickness", lambda given: thin(given.repeats)),
+            "chosen": ("Layers that choose themselves", lambda given: chosen(given.repeats)),
         },
     )

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import special
 
 import farhorizon as fh
 from farhorizon.analysis.layers.short_waves import HighPass
@@ -10,7 +11,8 @@ from farhorizon.engine.engine import Layer
 from farhorizon.engine.filter import line_damping
 from farhorizon.engine.state import State
 
-TAPS = HighPass(3, 2, 1.0, 1.0).taps()
+FILTER = HighPass(5, 3, 1.0, 1.0)
+TAPS = FILTER.taps()  # farther than some near fields are wide
 RATE = np.array([0.1, 0.4, 0.9, 1.5])
 
 
@@ -34,13 +36,22 @@ def natural(engine):
     return place, far
 
 
-def filter_matrix(nodes, shape, periodic):
-    """Sum over the axes of the taps along each, between all nodes of a layered box."""
+def filter_matrix(nodes, shape, periodic=False, walls=None):
+    """Sum over the axes of the taps along each, between all nodes of a layered box; between walls the same function of
+    the second difference, whose row at a free end lacks a neighbour, and at one that holds has one at rest.
+    """
     dim, taps = len(shape), np.append(TAPS, np.zeros(100))
     filtered = np.zeros((len(nodes), len(nodes)))
     for axis in range(3 - dim, 3):
         line = np.delete(nodes, axis, 1) @ (1000, 1)  # its number
         gap = np.subtract.outer(nodes[:, axis], nodes[:, axis])
+        if walls and axis == 4 - dim:
+            second = 2 * np.eye(shape[1]) - np.eye(shape[1], k=1) - np.eye(shape[1], k=-1)
+            second[[0, -1], [0, -1]] -= [wall is fh.Free for wall in walls]
+            values, modes = np.linalg.eigh(second / 4)
+            across = modes * special.betainc(FILTER.rise, FILTER.fall, np.clip(values, 0, 1)) @ modes.T
+            filtered += np.where(line[:, None] == line, across[nodes[:, axis][:, None], nodes[:, axis]], 0.0)
+            continue
         images = shape[1] * np.arange(-5, 6) if periodic and axis == 4 - dim else (0,)  # all that the taps reach
         found = sum(taps[np.minimum(np.abs(gap + turn), 99)] for turn in images)
         filtered += np.where(line[:, None] == line, found, 0.0)
@@ -51,17 +62,33 @@ def filter_matrix(nodes, shape, periodic):
 @pytest.mark.parametrize(("whole", "every"), [(False, 1), (True, 1), (False, 2)])
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize(
-    ("shape", "periodic"), [((9,), False), ((7, 8), False), ((7, 8), True), ((6, 5, 7), False), ((6, 5, 7), True)]
+    ("shape", "across"),
+    [
+        ((9,), None),
+        ((7, 8), None),
+        ((7, 8), "periodic"),
+        ((7, 8), (fh.Free, fh.Fixed)),
+        ((7, 5), (fh.Free, fh.Free)),
+        ((7, 5), (fh.Fixed, fh.Free)),
+        ((6, 5, 7), None),
+        ((6, 5, 7), "periodic"),
+        ((6, 5, 7), (fh.Fixed, fh.Fixed)),
+    ],
 )
-def test_filter_is_the_matrix_it_is_said_to_be(shape, periodic, threads, whole, every):
+def test_filter_is_the_matrix_it_is_said_to_be(shape, across, threads, whole, every):
     """A step with damping is one without, less D F D times the increments, or times both levels; F has the taps along
     each axis. Some steps are without, and the next one makes up for them.
     """
+    periodic, walls = across == "periodic", across if isinstance(across, tuple) else None
     dim = len(shape)
     sides = {axis: layer(whole=whole, every=every) for axis in "xyz"[:dim]}
     plain = {axis: layer(np.zeros(0)) for axis in "xyz"[:dim]}
     if periodic:
         sides["y"] = plain["y"] = fh.Periodic()
+    for key, wall in zip(("y-", "y+"), walls or (), strict=False):
+        for given in (sides, plain):
+            given.pop("y", None)
+            given[key] = wall()
     sim, bare = simulation(sides, shape, threads=threads), simulation(plain, shape)
     state, other = State(sim.engine), State(bare.engine)
     start = np.random.default_rng(0).standard_normal(state.size)
@@ -75,7 +102,7 @@ def test_filter_is_the_matrix_it_is_said_to_be(shape, periodic, threads, whole, 
     undamped = bare.engine.current[at]
     rates = np.append(0.0, RATE)[depth].sum(1)
     strength = np.sqrt(-np.expm1(-dim * rates * every * sim.dt) / dim)
-    filtered = filter_matrix(table[:, :3], shape, periodic)
+    filtered = filter_matrix(table[:, :3], shape, periodic, walls)
     expected = undamped - strength * (filtered @ (strength * (undamped if whole else undamped - old)))
     assert np.abs(sim.engine.current[at] - expected).max() <= 1e-13 * np.abs(expected).max()
     if whole:  # the level before is filtered, too: in 1D as the increment between them
@@ -101,7 +128,7 @@ def test_line_damping_is_the_strip_of_it():
     found = line_damping(RATE, TAPS, 0.3, np.array([np.pi]))
     strength = np.sqrt(-np.expm1(-2 * RATE * 0.3) / 2)
     lone = line_damping(RATE, TAPS, 0.6, np.zeros(0))  # the same strengths but for the factor 1/2 that two axes share
-    assert np.abs(found - (lone / 2 + np.diag(strength**2 * HighPass(3, 2, 1.0, 1.0).passed(np.pi)))).max() <= 1e-15
+    assert np.abs(found - (lone / 2 + np.diag(strength**2 * FILTER.passed(np.pi)))).max() <= 1e-15
 
 
 @pytest.mark.parametrize("whole", [False, True])

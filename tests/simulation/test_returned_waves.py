@@ -247,7 +247,35 @@ def test_random_diffusion_keeps_its_target_at_all_times(case):
     assert worst_error(sim, u, until) <= target
 
 
-@pytest.mark.parametrize("case", range(10))
+@pytest.mark.parametrize("wall", [fh.Free(), fh.Fixed()], ids=["free", "held"])
+@pytest.mark.parametrize(
+    "model",
+    [fh.Elastic(fh.Kernel(2.0, 1, "linear"), young=1.0), fh.Wave(fh.Kernel(3.0, 1, "constant"))],
+    ids=["elastic", "scalar"],
+)
+def test_waves_along_a_wall_keep_the_target(model, wall):
+    """Where layers damp short waves, what runs along a side that is free, or that holds it, leaves as all else does:
+    P, S and surface waves, against a domain from which nothing returns.
+    """
+    lattice, until, target = fh.Lattice(1.0, (-15.0, -20.0), (15.0, 0.0)), 120.0, 1e-5
+    bell = pulse(lattice, np.array([1.0, -9.0]), 2.2)
+    initial = {"u": bell if isinstance(model, fh.Wave) else np.stack([0.3 * bell, bell])}
+
+    def run(far, dt=None):
+        return fh.Simulation(lattice, model, {"x": far, "y-": far, "y+": wall}, initial, dt=dt, threads=1)
+
+    enlarged = run(fh.Extended(target=1e-9, until=until))
+    layers = run(fh.LatticePML(target=target, until=until), enlarged.dt)
+    assert all(layer.damping.any() for layer in layers.engine.layers.values())
+    worst = 0.0
+    for _ in range(40):
+        for sim in (layers, enlarged):
+            sim.step(int(until / sim.dt / 40))
+        worst = max(worst, float(np.abs(layers.fields["u"] - enlarged.fields["u"]).max()))
+    assert worst <= target * np.abs(initial["u"]).max()
+
+
+@pytest.mark.parametrize("case", [*range(4), *(pytest.param(n, marks=pytest.mark.slow) for n in range(4, 20))])
 def test_waves_that_alternate_are_kept_back_or_refused(case):
     """Near the limit of Euler's step the shortest waves of diffusion change their sign with every step and hardly
     decay: layers become thicker, or the target is refused with what can be had.

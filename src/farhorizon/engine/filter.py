@@ -47,8 +47,8 @@ class Filter(NamedTuple):
     runs : ndarray of int, shape (P, 4 + axes)
         Pieces of neighbouring nodes: place in the box, place in a level, place of the first strength, nodes; and how
         far along each axis of the filter there may be damped nodes, for beyond them it meets zeros only.
-    copies : ndarray of int, shape (2, C)
-        Places of the box that repeat what lies across periodic axes, and those.
+    copies : ndarray of int, shape (3, C)
+        Places of the box that repeat what lies across periodic axes or before walls, those, and the sign.
     whole : bool
         Whether the waves themselves are filtered, not their increments alone.
     every : int
@@ -96,7 +96,7 @@ def filter_tables(
     """
     if not any(np.any(rate) for rate in rates.values()):
         none, empty = np.zeros(0, np.int64), np.zeros(0, real)
-        pieces, copies = np.zeros((0, 7), np.int64), np.zeros((2, 0), np.int64)
+        pieces, copies = np.zeros((0, 7), np.int64), np.zeros((3, 0), np.int64)
         return Filter(np.zeros(1, real), none, empty, empty, pieces, copies, whole, 1, False, NO_MESSAGES)
     nodes, axes = layout.box.nodes, [a for a in range(3) if layout.reach[a]]
     pads, extent, step = _extents(layout, taps)
@@ -249,17 +249,53 @@ def _numbers_in(counts: np.ndarray) -> np.ndarray:
 def _wrapped(
     places: np.ndarray, layout: Layout, step: np.ndarray, pads: list[int], extent: list[int], reach: int
 ) -> np.ndarray:
-    """Margins of the box that repeat what lies on the other side of a periodic axis: places to and from, shape (2,
-    C)."""
-    found = [np.zeros((2, 0), np.int64)]
+    """Margins of the box that repeat what lies on the other side of a periodic axis: as `Filter.copies`."""
+    found = [np.zeros((3, 0), np.int64)]
     for axis in layout.periodic:
         count, margin = layout.core[axis], pads[axis]
         at = places // step[axis] % extent[axis]
         lines = places[at == margin] - margin * step[axis]
         beyond = np.concatenate([margin - reach + np.arange(reach), margin + count + np.arange(reach)])
         inside = margin + (beyond - margin) % count
-        found.append(np.array([np.add.outer(a * step[axis], lines).ravel() for a in (beyond, inside)]))
+        to, source = (np.add.outer(a * step[axis], lines).ravel() for a in (beyond, inside))
+        found.append(np.array([to, source, np.ones_like(to)]))
     return np.concatenate(found, axis=1)
+
+
+def mirrored(tables: Filter, layout: Layout, images: Mapping[tuple[int, int], int]) -> Filter:
+    """The same filter, which beyond some sides finds images of what is before them: a wave along a side that is free,
+    or that holds it, ends there and is no short wave.
+
+    Parameters
+    ----------
+    tables : Filter
+    layout : Layout
+    images : mapping of (axis, side) to int
+        1 beyond a free side, whose mirror is half a node beyond the last one; -1 beyond one that holds the nodes
+        beyond it at zero, the first of which is the mirror.
+    """
+    pads, extent, step = _extents(layout, tables.taps)
+    places = np.repeat(tables.runs[:, 0], tables.runs[:, 3]) + _numbers_in(tables.runs[:, 3])
+    found = [tables.copies]
+    for axis in sorted({axis for axis, _ in images}):
+        n, at = layout.box.nodes[axis], places // step[axis] % extent[axis] - pads[axis]
+        low, high, far = images.get((axis, -1), 0), images.get((axis, 1), 0), len(tables.taps) - 1
+        for beyond in (*range(-far, 0), *range(n, n + far)):
+            source, sign = _image(beyond, n, low, high)
+            here = places[at == source] if sign else places[:0]
+            found.append(np.array([here + (beyond - source) * step[axis], here, np.full(here.size, sign)]))
+    return tables._replace(copies=np.concatenate(found, axis=1))
+
+
+def _image(place: int, n: int, low: int, high: int) -> tuple[int, int]:
+    """Which of n nodes on a line stands for a place beyond its ends, and with which sign; sign 0 where nothing does."""
+    sign = 1
+    while sign and not 0 <= place < n:
+        first, wall = (place < 0), low if place < 0 else high
+        mirrored = (-1 if first else 2 * n - 1) - place + min(wall, 0) * (1 if first else -1)
+        sign *= wall * (mirrored != place)  # on a mirror that holds there is nothing
+        place = mirrored
+    return place, sign
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -324,7 +360,7 @@ def damp_short_waves(thread, stage, tables):
         barrier(thread)
         if copies.shape[1]:
             for i in range(thread.number, copies.shape[1], thread.threads):
-                box[copies[0, i]] = box[copies[1, i]]
+                box[copies[0, i]] = copies[2, i] * box[copies[1, i]]
             barrier(thread)
         for axis in range(3):
             messages = tables.exchange[axis]

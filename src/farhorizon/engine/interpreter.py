@@ -477,7 +477,7 @@ def _passed(tables: Filter, values: np.ndarray) -> np.ndarray:
     places, nodes, entries = np.array(index).T
     weighed = np.zeros_like(box)
     weighed[places] = strengths[entries] * values[nodes]
-    weighed[copies[0]] = weighed[copies[1]]
+    weighed[copies[0]] = copies[2] * weighed[copies[1]]
     passed = np.zeros(len(places))
     for distance in steps:
         passed += taps[0] * weighed[places]
