@@ -258,7 +258,7 @@ def test_waves_along_a_wall_keep_the_target(model, wall):
     P, S and surface waves, against a domain from which nothing returns.
     """
     lattice, until, target = fh.Lattice(1.0, (-15.0, -20.0), (15.0, 0.0)), 120.0, 1e-5
-    bell = pulse(lattice, np.array([1.0, -9.0]), 2.2)
+    bell = pulse(lattice, np.array([1.0, -10.0]), 3.0)
     initial = {"u": bell if isinstance(model, fh.Wave) else np.stack([0.3 * bell, bell])}
 
     def run(far, dt=None):
