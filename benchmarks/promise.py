@@ -3,12 +3,12 @@
 Random set-ups that nobody tuned on, of a printed seed: waves (reach 1 to 6, exponent 0 to 3, all influences and
 volumes, finite elements), elastic materials in the plane, diffusion; pulses of 6 to 30 nodes a wave, in the middle and
 near sides, near fields up to 4 : 1, waveguides, 2 to 40 crossings (3D: 2 to 5), steps from 0.3 to 0.95 of the limit.
-In a quarter of them sources send the waves, spread over a bell or at one node, anywhere and beside sides.
+In a quarter of them sources send the waves, spread over a bell or at one node, anywhere and beside sides; in a fifth of
+those in the plane one side, or both across a guide, is free or holds the nodes beyond it.
 The error is the largest difference from the infinite lattice over near field and run, over the initial maximum, in
-diffusion over the largest value at that time. With sources it is that from a domain so large that nothing returns, over
-the largest value of the run. Refused is what cannot be set up, and what a run refuses as it begins,
-because it grows. Asked: below the target in 95 %, below three targets or refused before
-the run in all others. Set-ups whose infinite lattice does not fit into memory are not judged. Of the misses, those that
+diffusion over the largest value at that time. With sources or walls it is that from a domain so large that nothing
+returns, over the largest value of the run. Refused is what cannot be set up, and what a run refuses as it begins,
+because it grows. Asked: below the target in 95 %, below three targets or refused before the run in all others. Set-ups whose infinite lattice does not fit into memory are not judged. Of the misses, those that
 a note told before the run; alarms are such notes where the target was kept.
 
 Thickness: of set-ups that keep their target, and whose layers are chosen and whose runs done within a time (`LONGEST`),
@@ -41,6 +41,7 @@ SEEDS = {"first": 41, "second": 42, "default": 43, "thickness": 44}
 TARGETS = (1e-3, 1e-4, 1e-5, 1e-6)
 MOMENTS = 60
 SENT = 0.25  # share of set-ups with sources
+WALLED = 0.2  # and, in the plane, with walls
 LONGEST_REFERENCE = 120.0  # seconds that the domain may take from which nothing returns
 LONGEST = 20.0  # seconds that the choice of layers and a run may take where their thickness is looked at
 COUNTED = ("cases", "kept", "refused", "above 3", "told", "alarms")
@@ -97,11 +98,15 @@ def random_setup(random: np.random.Generator) -> tuple[dict[str, Any], float, bo
         crossings * max(shape) / speed if model.order == 2 else random.choice([1.0, 10.0, 50.0]) * (min(shape) / 2) ** 2
     )
     layer = fh.LatticePML(target=float(random.choice(TARGETS)), until=until)
-    boundary = {"x": fh.Periodic(), "y": layer} if guide else layer
+    boundary = {"x": fh.Periodic(), "y": layer} if guide else {"all": layer}
     limit = fh.Simulation(lattice, model, fh.Fixed()).step_limit
     share = float(random.choice([0.3, 0.5, 0.8, 0.95]))
     setup = {"lattice": lattice, "model": model, "boundary": boundary, "dt": share * limit, "threads": 1}
     driven = random.random() < SENT
+    if dim == 2 and not guide and random.random() < WALLED:
+        held = random.random() < 0.5 or getattr(model, "material", "") == "finite-element"  # which has no free sides
+        wall = fh.Fixed() if held else fh.Free()
+        setup["boundary"] = {"x": layer, "y-": wall, "y+": layer if random.random() < 0.7 else wall}
     return (
         setup | ({"sources": [random_source(random, setup, u, until)]} if driven else {"initial": {"u": u}}),
         until,
@@ -164,7 +169,7 @@ class Enlarged:
 
     def __init__(self, setup: dict[str, Any], until: float) -> None:
         far = {key: fh.Extended(target=1e-3 * layer.target, until=until) for key, layer in sides(setup).items()}
-        self.sim = fh.Simulation(**setup | {"boundary": within(setup, far)})
+        self.sim = fh.Simulation(**with_sides(setup, far))
         spent = seconds_of(self.sim.engine) * until / self.sim.dt
         if spent > LONGEST_REFERENCE:
             raise fh.InputError("the enlarged domain takes too long", value=spent, limit=LONGEST_REFERENCE)
@@ -191,22 +196,17 @@ def error(sim: fh.Simulation, reference: Any, largest: float, until: float, enou
 
 def sides(setup: dict[str, Any]) -> dict[str, fh.LatticePML]:
     """The layers of a set-up by their key."""
-    boundary = setup["boundary"]
-    return (
-        {k: b for k, b in boundary.items() if isinstance(b, fh.LatticePML)}
-        if isinstance(boundary, dict)
-        else {"all": boundary}
-    )
+    return {key: side for key, side in setup["boundary"].items() if isinstance(side, fh.LatticePML)}
 
 
 def unasked(setup: dict[str, Any]) -> dict[str, Any]:
     """The set-up with layers that are asked for nothing but to last for the run."""
-    return setup | {"boundary": within(setup, {key: fh.LatticePML(until=b.until) for key, b in sides(setup).items()})}
+    return with_sides(setup, {key: fh.LatticePML(until=layer.until) for key, layer in sides(setup).items()})
 
 
-def within(setup: dict[str, Any], boundary: dict[str, fh.Side]) -> dict[str, fh.Side]:
-    """Other sides in place of the layers of a set-up."""
-    return boundary if "all" in boundary else {"x": fh.Periodic()} | boundary
+def with_sides(setup: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
+    """The set-up with some sides in place of its own."""
+    return setup | {"boundary": setup["boundary"] | others}
 
 
 def empty(kind: str) -> dict[str, Any]:
@@ -223,9 +223,15 @@ def drawn(seed: int, count: int, first: int) -> Iterator[tuple[int, dict[str, An
             print(f"{number}: not judged, {refusal}", flush=True)
 
 
+def walled(setup: dict[str, Any]) -> bool:
+    """Whether a side is free or holds the nodes beyond it."""
+    return any(isinstance(side, fh.Free | fh.Fixed) for side in setup["boundary"].values())
+
+
 def kind_of(setup: dict[str, Any], guide: bool) -> str:
     """What rows of a table are of."""
-    return ("guide" if guide else f"{setup['lattice'].dim}D") + f" {type(setup['model']).__name__.lower()}"
+    where = "guide" if guide else "walls" if walled(setup) else f"{setup['lattice'].dim}D"
+    return f"{where} {type(setup['model']).__name__.lower()}"
 
 
 def measured(
@@ -243,6 +249,8 @@ def measured(
         if "sources" in setup:
             return error(sim, Enlarged(setup, until), 0.0, until) / target
         u = setup["initial"]["u"]
+        if walled(setup):
+            return error(sim, Enlarged(setup, until), float(np.abs(u).max()), until, enough * target) / target
         reference = (
             Guide(sim, last, u)
             if guide
@@ -298,7 +306,7 @@ def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
         if found > 1 or options.repeats == 1:
             print(
                 f"{number}: {kind} {model.operator if hasattr(model, 'operator') else model} {setup['lattice'].shape} "
-                f"{'with a source ' if 'sources' in setup else ''}until {until:.4g} "
+                f"{'with a source ' * ('sources' in setup)}until {until:.4g} "
                 f"target {target:g}: {row['nodes'][-1]} nodes, error {found:.2g} targets{', told' * told}",
                 flush=True,
             )
@@ -317,8 +325,7 @@ def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
 
 def loosened(setup: dict[str, Any], factor: float) -> dict[str, Any]:
     """The set-up with layers that are asked for an error so many times as large."""
-    looser = {key: replace(layer, target=factor * layer.target) for key, layer in sides(setup).items()}
-    return setup | {"boundary": within(setup, looser)}
+    return with_sides(setup, {key: replace(b, target=factor * b.target) for key, b in sides(setup).items()})
 
 
 def thinnest(setup: dict[str, Any], until: float, guide: bool, target: float, found: float) -> tuple[list[int], float]:
