@@ -76,7 +76,10 @@ def test_examples_run_and_agree_with_the_infinite_medium(case, tmp_path, monkeyp
     assert all(Path(p).stat().st_size > 10_000 for p in facts["pictures"])
     results = open_results(f"{case.stem}.h5")
     assert len(results.times) > 5 and np.isfinite(results.energy).all()
-    times = ["--times", "4", "8"] if case.stem.endswith("3d") else []
+    # later a bond of the blast breaks here and not there, as it is stretched by a millionth more or less
+    times = {"notch_blast": ["--times", "8", "14"]}.get(
+        case.stem, ["--times", "4", "8"] if case.stem.endswith("3d") else []
+    )
     assert main(["compare", str(case), "--json", "compare.json", *times]) == 0
     curves = written("compare.json", "compare")
     ours, part = ABSORBERS.get(case.stem, ("lattice PML", 1e-3))
