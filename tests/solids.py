@@ -36,7 +36,8 @@ class Dense:
     Weights are read off the kernel's own influence function and volumes, and scaled so that K of a complete family is
     1. `material` gives Young's modulus, Poisson's ratio and density at given coordinates, beyond the shape those at its
     edge. Bonds break by their stretch, or `by_energy`; shape tensors are those of the bonds that are left, of those at
-    first if `by_energy`, or of all that the body has without cracks if `kept`.
+    first if `by_energy`, or of all that the body has without cracks if `kept`. Nodes with few bonds bear less of their
+    stress, or all of it if `unweakened`.
     """
 
     def __init__(
@@ -49,6 +50,7 @@ class Dense:
         stabilisation=0.0,
         critical=1e9,
         kept=False,
+        unweakened=False,
         by_energy=False,
         dt=0.1,
         material=None,
@@ -56,7 +58,7 @@ class Dense:
         grid = np.array(list(itertools.product(*[range(-around, n + around) for n in shape])), float)
         self.inside = ((grid >= 0) & (grid < shape)).all(1)
         self.shape, self.dim, self.dt, self.drag, self.critical = shape, len(shape), dt, drag, critical
-        self.by_energy, self.frozen = by_energy, by_energy or kept
+        self.by_energy, self.frozen, self.unweakened = by_energy, by_energy or kept, unweakened
         self.xi = grid[None] - grid[:, None]
         family = np.array([o for o in itertools.product(range(-4, 5), repeat=self.dim) if any(o)], float)
         lengths = np.linalg.norm(family, axis=1)
@@ -91,7 +93,8 @@ class Dense:
         self.inverse[good] = np.linalg.inv(tensor[good])
         mean = np.where(good, self.dim / (1 / np.maximum(np.linalg.eigvalsh(tensor), 1e-9)).sum(1), 1.0)
         self.first = getattr(self, "first", mean)
-        self.left = np.minimum(1, (2 * mean / self.first) ** 2)[:, None, None]
+        left = np.ones(len(mean)) if self.unweakened else np.minimum(1, (2 * mean / self.first) ** 2)
+        self.left = left[:, None, None]
 
     def gradient(self):
         return np.einsum("ij,ija,ijb->iab", self.w, self.u[None] - self.u[:, None], self.xi) @ self.inverse

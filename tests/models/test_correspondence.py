@@ -97,6 +97,7 @@ def test_steps_match_dense_matrices(shape, name, side, varies, stabilisation):
 #: How solids with damage are made: what their shape tensors follow from, and by what bonds break.
 DAMAGED = {
     "recomputed": (solid, {"drag": 0.5}, {}),
+    "published": (solid, {"drag": 0.5, "shape_tensor": "published"}, {"unweakened": True}),
     "kept": (solid, {"drag": 0.5, "shape_tensor": "kept"}, {"kept": True}),
     "by energy": (elastic, {"stabilisation": 0.4}, {"by_energy": True}),
 }
@@ -160,6 +161,7 @@ def test_threads_agree():
     [
         {"drag": 0.2},
         {"critical_stretch": 0.06},
+        {"critical_stretch": 0.06, "shape_tensor": "published"},
         {"critical_stretch": 0.06, "shape_tensor": "kept"},
         {"stabilisation": 0.5, "drag": 0.2, "critical_stretch": 0.06},
     ],
@@ -361,7 +363,7 @@ def test_loads_must_be_finite():
         ({"young": 0.0}, "model.young"),
         ({"density": -1.0}, "density"),
         ({"critical_stretch": 0.0}, "critical_stretch"),
-        ({"shape_tensor": "frozen"}, "recomputed, kept"),
+        ({"shape_tensor": "frozen"}, "recomputed, published, kept"),
         ({"drag": -1.0}, "drag"),
         ({"stabilisation": 2.0}, "stabilisation"),
         ({"kernel": fh.Stencil.finite_difference(2)}, "made of its kernel"),

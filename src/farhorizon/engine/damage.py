@@ -138,14 +138,14 @@ def kept_law(law, node, numbers, rows):
 @njit(error_model="numpy", cache=True, counted=False)
 def borne_by_node(law, node, inverse, dim):
     """What a node bears of its stress as its bonds break, see `farhorizon.engine.shape_tensors.stress_left`."""
-    odd, whole = first_special(law.nodes, node), law.firmness[0]
-    first = whole
+    odd, first, whole = first_special(law.nodes, node), law.firmness[0], law.intact.dtype.type(1)
     if odd < law.nodes.size and law.nodes[odd] == node:
         first = law.firmness[law.numbers[odd]]
     trace = inverse[0] + inverse[dim + 1]
     if dim == 3:
         trace += inverse[8]
-    left = dim / (trace * FACE * first)  # infinite of a node without a gradient, which has no stress
+    # infinite of a node without a gradient, which has no stress, and of nodes that bear all of it
+    left = dim / (trace * FACE * first)
     return left * left if left < 1 else whole
 
 

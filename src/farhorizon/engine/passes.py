@@ -54,6 +54,8 @@ class StateSums:
         Whether bonds that are cut or break leave the shape tensors of their nodes as they are.
     released : ndarray, shape (K, 3), or None
         Of bonds that break by the energy which is lost with them, in units of the operator.
+    unweakened : bool
+        Whether nodes bear all of their stress on the last of their bonds, see `engine.shape_tensors.stress_left`.
     phi : ndarray, shape (d, *core), optional
         Rates at which derivatives along each axis are stretched, see `farhorizon.engine.stretches`.
     alpha : ndarray, shape of the core, optional
@@ -68,6 +70,7 @@ class StateSums:
     signs: Signs
     kept: bool = False
     released: np.ndarray | None = None
+    unweakened: bool = False
     phi: np.ndarray | None = None
     alpha: np.ndarray | None = None
 
@@ -211,7 +214,7 @@ class Passes:
             nodes=odd.astype(np.int64),
             numbers=of_node,
             matrices=matrices,
-            firmness=np.append(1.0, firmness(of_law)).astype(self.dtype),
+            firmness=(not self.sums.unweakened) * np.append(1.0, firmness(of_law)).astype(self.dtype),
             first=first,
             end=end,
             units=np.vstack([nothing[0, :1], self._units(present)]).astype(self.dtype),
@@ -272,7 +275,7 @@ class Passes:
             none,
             none,
             np.zeros((1, count, count), self.dtype),
-            np.ones(1, self.dtype),
+            np.full(1, not self.sums.unweakened, self.dtype),
             middle.astype(self.dtype),
             local.astype(self.dtype),
             bases.astype(self.dtype),

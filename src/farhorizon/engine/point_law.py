@@ -33,7 +33,8 @@ class PointLaw(NamedTuple):
     matrices : ndarray, shape (m, n, n)
     firmness : ndarray, shape (m,)
         Of the shape tensors that the matrices are for, see `farhorizon.engine.shape_tensors.firmness`; the first, of
-        places without a node, is 1, that of all other nodes.
+        places without a node, is 1, that of all other nodes. Zeros where nodes bear all of their stress on the last of
+        their bonds.
     moduli : ndarray, shape (3,)
         Lame's constant, the shear modulus and what stabilises, from which the matrices are.
     local : ndarray, shape (3, places)

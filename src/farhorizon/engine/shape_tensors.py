@@ -26,10 +26,12 @@ def firmness(shapes: np.ndarray) -> np.ndarray:
 
 def stress_left(shapes: np.ndarray, first: np.ndarray) -> np.ndarray:
     """What nodes bear of their stress when bonds have broken, by their shape tensors and what their `firmness` was at
-    first: all of it until fewer bonds are left than on a flat face, shape (S,).
+    first: all of it until fewer bonds are left than on a flat face, and however few are left where that is given as 0;
+    shape (S,).
 
     Without the factor the last bonds of a node would bear its whole stress, by the inverse of what little they span:
     stiffer than any step bears that was stable before. The energy of a node falls with the factor, so that energies
     still add up.
     """
-    return np.asarray(np.minimum(firmness(shapes) / (FACE * first), 1.0) ** 2)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.minimum(firmness(shapes) / (FACE * first), 1.0) ** 2)

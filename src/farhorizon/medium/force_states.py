@@ -44,6 +44,8 @@ class ForceStates:
         Of each number of a state whether it changes its sign (1) or not (0) where an axis is turned.
     kept : bool
         Whether bonds that are cut or break leave the shape tensors of their nodes as they are.
+    unweakened : bool
+        Whether nodes bear all of their stress on the last of their bonds, see `engine.shape_tensors.stress_left`.
     released : ndarray, shape (K, 3), or None
         Of bonds that break by the energy which is lost with them what that is in an intact body, see
         `energy_of_bonds`; they leave the shape tensors as they were at first. None where bonds break by their stretch.
@@ -61,6 +63,7 @@ class ForceStates:
     moduli: tuple[float, float, float]
     signs: tuple[tuple[int, ...], ...]
     kept: bool = False
+    unweakened: bool = False
     released: np.ndarray | None = None
     closed: np.ndarray | None = None
 

@@ -13,7 +13,7 @@ from farhorizon.medium.kernel import Kernel
 from farhorizon.models.elastic import Elastic
 from farhorizon.models.model import Constant
 
-SHAPE_TENSORS = ("recomputed", "kept")
+SHAPE_TENSORS = ("recomputed", "published", "kept")
 
 
 class Correspondence(Elastic):
@@ -38,9 +38,10 @@ class Correspondence(Elastic):
     critical_stretch : float, str, ndarray or callable, optional
         Bonds whose length has grown by more than this part break for good; none unless given. Where it varies, as
         `young`: a bond breaks as the weaker of its ends does.
-    shape_tensor : {"recomputed", "kept"}
+    shape_tensor : {"recomputed", "published", "kept"}
         K of a node that loses bonds: from those that are left (0 where its determinant is below a thousandth of an
-        intact one), or that of the body without cracks, which softens gradually.
+        intact one); nodes with fewer bonds than on a flat face bear less of their stress, or all of it, as published;
+        or that of the body without cracks, which softens gradually.
     drag : float
         Rate D/dt (1/time) at which a velocity moves towards the mean of its neighbours (Wildman and Gazonas 2012, eq.
         3-4). It is the rate that is a property of the body: D itself goes with the step.
@@ -112,4 +113,5 @@ class Correspondence(Elastic):
     def force_states(self, spacing: float, dim: int) -> ForceStates | None:
         """Gradients and stresses, by the shape tensors as they are chosen; bonds break by their stretch."""
         states = super().force_states(spacing, dim)
-        return None if states is None else replace(states, kept=self.shape_tensor == "kept", released=None)
+        kept, unweakened = (self.shape_tensor == name for name in ("kept", "published"))
+        return None if states is None else replace(states, kept=kept, unweakened=unweakened, released=None)

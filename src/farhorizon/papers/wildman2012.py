@@ -527,7 +527,13 @@ def loaded_half_space(load: float, dt: float = 20e-9) -> Simulation:
     edge = (_SURFACE + 0.5) * GRID
     pressure = load / (THICKNESS * GRID * (2 * _SURFACE + 1) * GRID)
     glass = Correspondence(
-        gaussian_kernel(GRID), YOUNG, 0.2, density=2235.0, drag=DRAG, critical_stretch=critical_stretch()
+        gaussian_kernel(GRID),
+        YOUNG,
+        0.2,
+        density=2235.0,
+        drag=DRAG,
+        critical_stretch=critical_stretch(),
+        shape_tensor="published",
     )
     return Simulation(
         lattice,

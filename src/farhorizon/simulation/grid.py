@@ -267,7 +267,7 @@ def _sums(
     signs = tuple((sign[0] if lead == 0 else 0, sign[-2], sign[-1]) for sign in states.signs)
     sums = states.gradient, scale * states.divergence, states.shapes, states.law, moduli, signs
     released = None if states.released is None else scale * states.released
-    return StateSums(*sums, states.kept, released, *stretch)
+    return StateSums(*sums, states.kept, released, states.unweakened, *stretch)
 
 
 def _stretch(near: NearField, around: Surroundings, margins: dict[Key, int]) -> tuple[np.ndarray, ...]:
