@@ -3,21 +3,24 @@
 Random set-ups that nobody tuned on, of a printed seed: waves (reach 1 to 6, exponent 0 to 3, all influences and
 volumes, finite elements), elastic materials in the plane, diffusion; pulses of 6 to 30 nodes a wave, in the middle and
 near sides, near fields up to 4 : 1, waveguides, 2 to 40 crossings (3D: 2 to 5), steps from 0.3 to 0.95 of the limit.
-In a quarter of them sources send the waves, spread over a bell or at one node, anywhere and beside sides; in a fifth of
-those in the plane one side, or both across a guide, is free or holds the nodes beyond it.
 The error is the largest difference from the infinite lattice over near field and run, over the initial maximum, in
 diffusion over the largest value at that time. With sources or walls it is that from a domain so large that nothing
 returns, over the largest value of the run. Refused is what cannot be set up, and what a run refuses as it begins,
-because it grows. Asked: below the target in 95 %, below three targets or refused before the run in all others. Set-ups whose infinite lattice does not fit into memory are not judged. Of the misses, those that
-a note told before the run; alarms are such notes where the target was kept.
+because it grows. Asked: below the target in 95 %, below three targets or refused before the run in all others. Set-ups
+whose infinite lattice does not fit into memory are not judged. Of the misses, those that a note told before the run;
+alarms are such notes where the target was kept.
+
+Sources: the same with sources in place of data at the start, spread over a bell or at one node, anywhere and beside
+sides. Walls: of those in the plane, one side or both across is free or holds the nodes beyond it, with sources in a
+quarter of them.
 
 Thickness: of set-ups that keep their target, and whose layers are chosen and whose runs done within a time (`LONGEST`),
 the nodes of all layers over those of the thinnest that keep it, too. Of layers of so many nodes those count that are
 chosen when larger targets are asked for.
 
-Run: ``python benchmarks/promise.py [first] [second] [default] [thickness] [--json FILE]``: two seeds, 200 set-ups each,
-a third one with layers of which nothing is asked, and a fourth one; ``--count N`` for fewer, ``--first N`` to begin
-with a later one, ``--longest S`` to leave out longer runs, ``--seed N`` for another seed.
+Run: ``python benchmarks/promise.py [first] [second] [default] [sources] [walls] [thickness] [--json FILE]``: 200
+set-ups each; ``--count N`` for fewer, ``--first N`` to begin with a later one, ``--longest S`` to leave out longer
+runs, ``--seed N`` for another seed.
 """
 
 from __future__ import annotations
@@ -37,11 +40,10 @@ import farhorizon as fh
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.simulation.steps import seconds_of
 
-SEEDS = {"first": 41, "second": 42, "default": 43, "thickness": 44}
+SEEDS = {"first": 41, "second": 42, "default": 43, "sources": 45, "walls": 46, "thickness": 44}
 TARGETS = (1e-3, 1e-4, 1e-5, 1e-6)
 MOMENTS = 60
-SENT = 0.25  # share of set-ups with sources
-WALLED = 0.2  # and, in the plane, with walls
+SENT = {"sources": 1.0, "walls": 0.25}  # share of set-ups with sources, by part
 LONGEST_REFERENCE = 120.0  # seconds that the domain may take from which nothing returns
 LONGEST = 20.0  # seconds that the choice of layers and a run may take where their thickness is looked at
 COUNTED = ("cases", "kept", "refused", "above 3", "told", "alarms")
@@ -73,7 +75,7 @@ def random_model(random: np.random.Generator, dim: int) -> Any:
     )
 
 
-def random_setup(random: np.random.Generator) -> tuple[dict[str, Any], float, bool]:
+def random_setup(random: np.random.Generator, part: str = "second") -> tuple[dict[str, Any], float, bool]:
     """A set-up, its end, and whether it is a guide that is periodic across."""
     dim = int(random.choice([1, 2, 2, 2, 3]))
     model = random_model(random, dim)
@@ -102,8 +104,8 @@ def random_setup(random: np.random.Generator) -> tuple[dict[str, Any], float, bo
     limit = fh.Simulation(lattice, model, fh.Fixed()).step_limit
     share = float(random.choice([0.3, 0.5, 0.8, 0.95]))
     setup = {"lattice": lattice, "model": model, "boundary": boundary, "dt": share * limit, "threads": 1}
-    driven = random.random() < SENT
-    if dim == 2 and not guide and random.random() < WALLED:
+    driven = random.random() < SENT.get(part, 0.0)
+    if part == "walls" and dim == 2 and not guide:
         held = random.random() < 0.5 or getattr(model, "material", "") == "finite-element"  # which has no free sides
         wall = fh.Fixed() if held else fh.Free()
         setup["boundary"] = {"x": layer, "y-": wall, "y+": layer if random.random() < 0.7 else wall}
@@ -214,11 +216,13 @@ def empty(kind: str) -> dict[str, Any]:
     return {"set-up": kind, **dict.fromkeys(COUNTED, 0), "worst": 0.0, "nodes": []}
 
 
-def drawn(seed: int, count: int, first: int) -> Iterator[tuple[int, dict[str, Any], float, bool]]:
-    """Number, set-up, end and whether it is a guide, of so many random set-ups."""
+def drawn(seed: int, count: int, first: int, part: str) -> Iterator[tuple[int, dict[str, Any], float, bool]]:
+    """Number, set-up, end and whether it is a guide, of so many random set-ups; of walls those that have some."""
     for number in range(first, count):
         try:
-            yield number, *random_setup(np.random.default_rng([seed, number]))
+            setup, until, guide = random_setup(np.random.default_rng([seed, number]), part)
+            if part != "walls" or walled(setup):
+                yield number, setup, until, guide
         except fh.InputError as refusal:  # a kernel that makes no solid
             print(f"{number}: not judged, {refusal}", flush=True)
 
@@ -273,7 +277,7 @@ def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
     seed = SEEDS[part] if options.seed is None else options.seed
     print(f"seed {seed}")
     rows: dict[str, dict[str, Any]] = {}
-    for number, setup, until, guide in drawn(seed, options.count, options.first):
+    for number, setup, until, guide in drawn(seed, options.count, options.first, part):
         setup = unasked(setup) if part == "default" else setup
         (target,) = {b.wanted(setup["model"].target) for b in sides(setup).values()}
         model, kind = setup["model"], kind_of(setup, guide)
@@ -356,7 +360,7 @@ def thickness(options: argparse.Namespace) -> list[dict[str, Any]]:
     seed = SEEDS["thickness"] if options.seed is None else options.seed
     print(f"seed {seed}")
     ratios: dict[str, list[float]] = {}
-    for number, setup, until, guide in drawn(seed, options.count, options.first):
+    for number, setup, until, guide in drawn(seed, options.count, options.first, "thickness"):
         (target,) = {layer.target for layer in sides(setup).values()}
         kind, start = kind_of(setup, guide), time.perf_counter()
         try:
@@ -400,6 +404,8 @@ if __name__ == "__main__":
         "first": "random set-ups",
         "second": "random set-ups of a seed not looked at before",
         "default": "layers of which nothing is asked",
+        "sources": "random sources",
+        "walls": "random data and sources beside walls",
     }
     parts = {name: (title, partial(promise, part=name)) for name, title in names.items()}
     run_parts(__doc__, parts | {"thickness": ("nodes of layers over those of the thinnest that do", thickness)})
