@@ -10,7 +10,6 @@ Measures, in one process with interleaved repeats (medians of the ratios of a ro
 - thin: layers of 4, 8 and 12 nodes for a target of 1e-4 around both, one thread: the step over that of the bare
   engine, also with layers that remember in full, and the memory that layers take, in near fields. Aims: 1.08, 1.15 and
   1.3 around the square, 1.8, 2.6 and 4.5 around the cube; memory there 2, 4 and 10.
-
 - chosen: layers that choose themselves for a target, one thread: the step over that of the bare engine. Around the
   cube for 1e-4 in a run of five crossings, aim 2.4; around an elastic cube of 64^3 with a horizon of two nodes for 1e-3
   and 1e-4, aims 2.2 and 3.5; around the half-space of the examples for 1e-4, aim 1.8.
