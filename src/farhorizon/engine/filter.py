@@ -291,10 +291,10 @@ def _image(place: int, n: int, low: int, high: int) -> tuple[int, int]:
     """Which of n nodes on a line stands for a place beyond its ends, and with which sign; sign 0 where nothing does."""
     sign = 1
     while sign and not 0 <= place < n:
-        first, wall = (place < 0), low if place < 0 else high
-        mirrored = (-1 if first else 2 * n - 1) - place + min(wall, 0) * (1 if first else -1)
-        sign *= wall * (mirrored != place)  # on a mirror that holds there is nothing
-        place = mirrored
+        side, wall, last = (-1, low, 0) if place < 0 else (1, high, n - 1)
+        source = 2 * last + side * (1 if wall > 0 else 2) - place
+        sign *= wall if source != place else 0  # on a mirror that holds there is nothing
+        place = source
     return place, sign
 
 
