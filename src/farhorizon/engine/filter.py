@@ -262,7 +262,7 @@ def _wrapped(
     return np.concatenate(found, axis=1)
 
 
-def mirrored(tables: Filter, layout: Layout, images: Mapping[tuple[int, int], int]) -> Filter:
+def filter_with_images(tables: Filter, layout: Layout, images: Mapping[tuple[int, int], int]) -> Filter:
     """The same filter, which beyond some sides finds images of what is before them: a wave along a side that is free,
     or that holds it, ends there and is no short wave.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from farhorizon.engine.engine import Engine
 from farhorizon.engine.exchange import Link
-from farhorizon.engine.filter import mirrored
+from farhorizon.engine.filter import filter_with_images
 from farhorizon.engine.passes import StateSums
 from farhorizon.engine.rows.matrices import Signs
 from farhorizon.engine.settings import connect, set_density
@@ -241,7 +241,7 @@ def make_grid(
     if link is not None and neighbours is not None:
         connect(engine, link, {(lead + axis, side): number for (axis, side), number in neighbours.items()})
     images = {(lead + axis, side): b.image for (axis, side), b in sides.items() if b.image}
-    engine.replace(filter=mirrored(engine.tables.filter, engine.layout, images))
+    engine.replace(filter=filter_with_images(engine.tables.filter, engine.layout, images))
     walled = frozenset(key for key, b in sides.items() if b.held is not None and margins[key])
     grid = Grid(lattice, margins, engine, walled)
     if near.density is not None:
