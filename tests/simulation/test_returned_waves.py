@@ -294,6 +294,16 @@ def test_waves_that_alternate_are_kept_back_or_refused(case):
     assert worst_error(sim, u, until) <= target
 
 
+def test_waves_that_outlive_those_steps_are_refused():
+    """At 0.99 of the limit they keep 0.98 of their size in each step, and are there long after those that are taken."""
+    model, lattice = fh.Diffusion(fh.Kernel(2.0, 0, "constant"), 1.0), fh.Lattice(1.0, (-13.0,), (13.0,))
+    limit = fh.Simulation(lattice, model, fh.Fixed()).step_limit
+    setup = {"lattice": lattice, "model": model, "initial": {"u": pulse(lattice, np.zeros(1), 2.0)}, "dt": 0.99 * limit}
+    with pytest.raises(fh.InputError, match="hardly damps") as refused:
+        fh.Simulation(**setup, boundary=fh.LatticePML(target=1e-6, until=400.0))
+    assert refused.value.key == "boundary.target"
+
+
 def test_what_layers_given_by_hand_send_back_of_alternating_waves_is_told():
     model, lattice = fh.Diffusion(fh.Kernel(4.0, 0, "constant"), 1.0), fh.Lattice(1.0, (-15.0,), (15.0,))
     u, limit = pulse(lattice, np.zeros(1), 2.0), fh.Simulation(lattice, model, fh.Fixed()).step_limit

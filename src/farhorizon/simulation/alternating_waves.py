@@ -19,6 +19,7 @@ from farhorizon.simulation.wave_data import largest_along
 _GENTLY = 0.1  # a factor a step of which nothing is left before a wave reaches a side
 _GONE = 1e-9  # share of them after which nobody looks
 _STEPS = 128  # that are looked at, at most
+FOLLOWED = 0.91  # factor a step of which hardly anything is left after so many: 6e-6
 _FEW = 1e-2  # share of the wanted error that such waves in the data may be
 
 
@@ -35,7 +36,7 @@ class AlternatingWaves:
     first : float
         Least wavenumber times spacing of such waves.
     steps : int
-        After which none is left.
+        After which none is left, or hardly any of those up to `FOLLOWED`.
     """
 
     near: NearField

@@ -22,7 +22,7 @@ from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.sources import by_component, field, split
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.integrators import Euler, Verlet
-from farhorizon.simulation.alternating_waves import AlternatingWaves
+from farhorizon.simulation.alternating_waves import FOLLOWED, AlternatingWaves
 from farhorizon.simulation.coupling import expansion_of
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.returned_waves import CROSSINGS, FORESEEN, LASTING, MOST_CROSSINGS, ReturnedWaves
@@ -188,8 +188,8 @@ class _Choice:
             beside them, as far as was seen.
         """
         near, model = self.near, self.near.model
-        if model.order == 1:  # of forward Euler the steps that such waves take were followed
-            first = None if isinstance(model.integrator, Euler) else self._kept_alive()
+        if model.order == 1:
+            first = self._kept_alive()
             say = "which a step so near its limit hardly damps, and which layers for diffusion do not absorb"
             remedy = f"dt <= {0.6 * near.step_limit:.3g} or smoother data"
         else:
@@ -219,15 +219,16 @@ class _Choice:
 
     def _kept_alive(self) -> float | None:
         """The least wavenumber times spacing along an axis that a step of diffusion hardly damps, although it damps
-        longer waves more.
+        longer waves more; of forward Euler those that were followed are not meant.
         """
         near, model = self.near, self.near.model
+        least = FOLLOWED if isinstance(model.integrator, Euler) else _ALIVE
         assert not isinstance(model.integrator, Verlet)  # which is of waves
         angles = np.linspace(0, np.pi, 513)[1:]
         rates = near.stencil.symbol(angles, *[0.0] * (near.lattice.dim - 1))
         strength = model.coefficient * near.strongest / near.lattice.spacing**2
         growth = np.abs(model.integrator.growth(strength * rates, near.dt))
-        alive = (growth > _ALIVE) & (np.arange(growth.size) > growth.argmin())
+        alive = (growth > least) & (np.arange(growth.size) > growth.argmin())
         return float(angles[alive][0]) if alive.any() else None
 
     def for_diffusion(self, layers: Sides) -> None:
