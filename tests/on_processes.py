@@ -248,7 +248,7 @@ SLOW = {
         torn(
             (99, 81),
             young="1 + 0.5*(x > 0.2)",
-            critical_stretch=0.004,
+            critical_stretch=0.003,
             poisson=0.3,
             material="correspondence",
             stabilisation=0.3,

@@ -38,7 +38,11 @@ class Examination:
     def of(self, run: Examinable, until: float, allow_unstable: bool) -> Certificate:
         """The certificate of a run up to a time; InputError where what grows does so tenfold or more until then."""
         known = self._known
-        if known is None or (known.verdict == UNDECIDED and known.quiet < until and self._asked < until):
+        # what rises in noise that ran for a short while need not rise for longer
+        little = known is not None and (
+            (known.verdict == UNDECIDED and known.quiet < until) or known.grows_within(until)
+        )
+        if known is None or (little and self._asked < until):
             # a run in many pieces is examined a few times only
             asked = until if known is None else max(until, 2 * self._asked)
             known = run.certificate(modes_budget(run, until), asked)
