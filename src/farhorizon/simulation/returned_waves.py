@@ -48,6 +48,9 @@ _LONG = 8  # parts of that room, by one of which data are smoothed for what is s
 _ROUND = 2
 _SILENT = 1e-3  # of the wanted error: sources that are fainter send nothing any more
 _HERE = 0.01  # of its largest value: a datum is where it has more
+# of the wanted error, where a free side runs into a layer: predictions take it for a mirror, but it lacks bonds, and
+# waves run along it that are bound to it
+_BESIDE_FREE = 0.4
 
 
 @dataclass(frozen=True)
@@ -131,13 +134,15 @@ class ReturnedWaves:
             return replace(boundary, nodes=nodes).make_layer(2, medium.stencil, medium.coefficient, self.spacing, 0.0)
 
         members = family(medium.stencil, pace, until, distance_to_side(data), wanted, steep)
-        found = thinnest(members, sent, wanted, size)
+        beside_free = any(b.image > 0 for (a, _), b in self.sides.items() if a != axis)
+        share = _BESIDE_FREE if beside_free else 1.0
+        found = thinnest(members, sent, share * wanted, size)
         if found is None and boundary.target is None:
             return None
         if found is None:
-            limit = least(members, sent, size)
+            limit = least(members, sent, size) / share
             # of the waves more is left out for a larger target
-            limit = max(limit, least(members, *self._arriving(axis, side, until, limit)[1:]))
+            limit = max(limit, least(members, *self._arriving(axis, side, until, limit)[1:]) / share)
             raise InputError(
                 "no layer keeps the target for these data",
                 value=wanted,

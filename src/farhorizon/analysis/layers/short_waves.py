@@ -27,9 +27,11 @@ from scipy import special
 
 from farhorizon.medium.stencil import Stencil
 
-_TAPS = 17  # neighbours that a filter reads to either side along an axis, at least
-# and per node of the stencil's reach: wide stencils have longer backward waves, which take sharper filters
-_TAPS_PER_REACH = 6
+# neighbours that a filter reads to either side along an axis: so many, and more for each node of the stencil's reach,
+# for wide stencils have longer backward waves, which take sharper filters
+_TAPS, _TAPS_PER_REACH = 6, 2
+# on a line, where they cost nothing, and of filters for the waves themselves: the larger of both
+_SHARP, _SHARP_PER_REACH = 17, 6
 _RESOLVED = 0.6  # share of the first backward wavenumber up to which waves are to pass unharmed
 _MARGIN = 1.25  # on the rate: between the wavenumbers that are looked at more may be needed
 # waves that stand still: their group velocity, sine of their wavenumber, and growth over sigma that counts
@@ -43,9 +45,10 @@ _WHOLE = ((1.21, 2.5), (1.45, 20.0))
 _SHORT = 3, 1  # orders of a filter of three neighbours
 # damping rate over sigma below which a layer does not feel the damping: there a short filter is steep enough
 _WEAK = 0.06
-# largest damping rate over sigma that is wanted: the steepest filters need more, and let waves grow between those
-# looked at
-_MOST = 0.95
+# largest damping rate over sigma that is wanted, or over the least that is enough: a layer sends back the more the
+# stronger its damping is, and the steepest filters, which need more, let waves grow between those looked at; on a line,
+# whose filters are sharp, waves that stand still take more
+_MOST, _MOST_ON_LINE, _OVER_LEAST = 0.6, 0.95, 1.3
 
 
 @dataclass(frozen=True)
@@ -103,10 +106,11 @@ def high_pass(stencil: Stencil) -> HighPass | None:
     Returns
     -------
     HighPass or None
-        Waves that stand still count as backward ones. Of all filters of one length that need a rate of at most sigma,
-        the one that damps waves of 60 % of the first such wavenumber least; where none is enough, the one that needs
-        the least rate. Where very little is enough a filter of three neighbours, which costs less and does less to the
-        waves that a thin layer must absorb. Of materials with zero-energy modes a filter for the waves themselves.
+        Waves that stand still count as backward ones. Of all filters of one length that need a rate of at most 0.6
+        sigma (on a line 0.95), or little more than the least that is enough, the one that damps waves of 60 % of the
+        first such wavenumber least. Where very little is enough a filter of three neighbours, which costs less and does
+        less to the waves that a thin layer must absorb. Of materials with zero-energy modes a filter for the waves
+        themselves.
     """
     zone, growth = stencil.layer_growth
     worst = growth.max(-1)
@@ -116,26 +120,27 @@ def high_pass(stencil: Stencil) -> HighPass | None:
     if not backward[0].size:
         return None
     first = float(np.sqrt(sum(axis**2 for axis in zone))[backward].min())
-    count = max(_TAPS, _TAPS_PER_REACH * max(stencil.reach))
+    reach = max(stencil.reach)
+    sharp = max(_SHARP, _SHARP_PER_REACH * reach)
+    count, most = (sharp, _MOST_ON_LINE) if stencil.dim == 1 else (_TAPS + _TAPS_PER_REACH * reach, _MOST)
 
     def rate_of(filtered: HighPass) -> float:
         passed = sum(filtered.passed(axis).ravel()[index] for axis, index in zip(zone, backward, strict=True))
         return float((2 * worst[backward] / np.maximum(passed, 1e-300)).max())
 
-    found = []
-    for rise in range(1, count + 1):
-        filtered = HighPass(rise, count + 1 - rise, 1.0, first)
-        rate = rate_of(filtered)
-        found.append((max(rate, _MOST), rate * float(filtered.passed(min(_RESOLVED * first, 1.0))), rise, rate))
-    _, _, rise, rate = min(found)
+    filters = [HighPass(rise, count + 1 - rise, 1.0, first) for rise in range(1, count + 1)]
+    rates = [rate_of(one) for one in filters]
+    enough = max(most, _OVER_LEAST * min(rates))
+    gentle = [(one, rate) for one, rate in zip(filters, rates, strict=True) if rate <= enough]
+    chosen, rate = min(gentle, key=lambda pair: pair[1] * float(pair[0].passed(min(_RESOLVED * first, 1.0))))
     if rate > _SLOW:
         share, strength = _WHOLE[rate > _STILL]
-        rise = round((count + 1) * float(np.sin(min(share * first, np.pi) / 2) ** 2))
-        return HighPass(rise, count + 1 - rise, strength, first, True)
+        rise = round((sharp + 1) * float(np.sin(min(share * first, np.pi) / 2) ** 2))
+        return HighPass(rise, sharp + 1 - rise, strength, first, True)
     if _MARGIN * rate <= _WEAK:
         short = HighPass(*_SHORT, 1.0, first)
         return replace(short, strength=_MARGIN * rate_of(short))
-    return HighPass(rise, count + 1 - rise, _MARGIN * rate, first)
+    return replace(chosen, strength=_MARGIN * rate)
 
 
 def short_share(values: np.ndarray, first: float) -> float:
