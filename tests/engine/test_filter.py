@@ -20,9 +20,9 @@ def layer(damping=RATE, whole=False, every=1):
     return fh.LatticePML(nodes=4, profile=Layer(np.ones(5), np.zeros(5), np.zeros(5), damping, TAPS, whole, every))
 
 
-def simulation(boundary, shape, dtype="float64", threads=1):
+def simulation(boundary, shape, dtype="float64", threads=1, **more):
     lattice = fh.Lattice(1.0, (0.0,) * len(shape), [n - 1.0 for n in shape])
-    return fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), boundary, dtype=dtype, threads=threads)
+    return fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), boundary, dtype=dtype, threads=threads, **more)
 
 
 def natural(engine):
@@ -36,9 +36,10 @@ def natural(engine):
     return place, far
 
 
-def filter_matrix(nodes, shape, periodic=False, walls=None):
+def filter_matrix(nodes, shape, periodic=False, walls=None, cuts=()):
     """Sum over the axes of the taps along each, between all nodes of a layered box; between walls the same function of
-    the second difference, whose row at a free end lacks a neighbour, and at one that holds has one at rest.
+    the second difference, whose row at a free end lacks a neighbour, and at one that holds has one at rest. Cuts of
+    lines along the second axis, after some nodes, are free ends of both sides.
     """
     dim, taps = len(shape), np.append(TAPS, np.zeros(100))
     filtered = np.zeros((len(nodes), len(nodes)))
@@ -48,6 +49,8 @@ def filter_matrix(nodes, shape, periodic=False, walls=None):
         if walls and axis == 4 - dim:
             second = 2 * np.eye(shape[1]) - np.eye(shape[1], k=1) - np.eye(shape[1], k=-1)
             second[[0, -1], [0, -1]] -= [wall is fh.Free for wall in walls]
+            for i in cuts:
+                second[i : i + 2, i : i + 2] -= [[1, -1], [-1, 1]]
             values, modes = np.linalg.eigh(second / 4)
             across = modes * special.betainc(FILTER.rise, FILTER.fall, np.clip(values, 0, 1)) @ modes.T
             filtered += np.where(line[:, None] == line, across[nodes[:, axis][:, None], nodes[:, axis]], 0.0)
@@ -112,6 +115,47 @@ def test_filter_is_the_matrix_it_is_said_to_be(shape, across, threads, whole, ev
         taken = np.linalg.eigvalsh(strength[:, None] * filtered * strength)
         assert taken.max() <= 1 + 1e-12  # never turns an increment round
         assert taken.min() >= -1e-12  # never gives energy
+
+
+@pytest.mark.parametrize("whole", [False, True])
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize(
+    ("shape", "walls", "cuts"),
+    [
+        ((7, 8), (fh.Free, fh.Free), (3,)),
+        ((7, 8), (fh.Free, fh.Free), (0, 5)),  # a line of one node, and images of images
+        ((7, 30), (fh.Fixed, fh.Free), (14, 15)),
+        ((6, 5, 7), (fh.Free, fh.Free), (2,)),
+    ],
+)
+def test_lines_of_the_filter_end_at_cracks(shape, walls, cuts, threads, whole):
+    """As at free sides: cracks along the normal of two layers, into which they run."""
+    dim, long = len(shape), 30.0
+    sides = {axis: layer(whole=whole) for axis in "xyz"[:dim] if axis != "y"}
+    plain = {axis: layer(np.zeros(0)) for axis in sides}
+    for given in (sides, plain):
+        given |= {key: wall() for key, wall in zip(("y-", "y+"), walls, strict=True)}
+
+    cracks = [
+        [(-long, i + 0.5), (long, i + 0.5)]
+        if dim == 2
+        else fh.Rectangle((-long, i + 0.5, -long), (2 * long + 9, 0.0, 0.0), (0.0, 0.0, 2 * long + 9))
+        for i in cuts
+    ]
+    sim, bare = simulation(sides, shape, threads=threads, cracks=cracks), simulation(plain, shape, cracks=cracks)
+    state, other = State(sim.engine), State(bare.engine)
+    start = np.random.default_rng(0).standard_normal(state.size)
+    table, depth = natural(bare.engine)
+    at = table[:, 3]
+    other.write(start)
+    old = bare.engine.current[at].copy()
+    bare.engine.advance_alone(1)
+    undamped = bare.engine.current[at]
+    state.after(start, 1)
+    strength = np.sqrt(-np.expm1(-dim * np.append(0.0, RATE)[depth].sum(1) * sim.dt) / dim)
+    filtered = filter_matrix(table[:, :3], shape, False, walls, cuts)
+    expected = undamped - strength * (filtered @ (strength * (undamped if whole else undamped - old)))
+    assert np.abs(sim.engine.current[at] - expected).max() <= 1e-13 * np.abs(expected).max()
 
 
 def test_single_precision():

@@ -11,8 +11,9 @@ import numpy as np
 
 from farhorizon.engine.bond_zone import BondZone
 from farhorizon.engine.bonds import PHASES, factors_of
+from farhorizon.engine.exchange import FILTER
 from farhorizon.engine.field import Field
-from farhorizon.engine.filter import without
+from farhorizon.engine.filter import cut_filter, cut_links, without
 from farhorizon.engine.layer_cuts import cut_layers
 from farhorizon.engine.surface import bare_bonds, surface_of
 from farhorizon.engine.tables import Cuts
@@ -64,6 +65,7 @@ class AbsentBonds:
         nodes, neighbours, weights = nodes[kept], neighbours[kept], weights[kept]
         self.count = len(nodes)
         bare = self._open_surface()
+        self._cut_filter(nodes, neighbours, weights)
         self._clear_drag(nodes, neighbours, *bare)
         swept = self.bonds.clear(nodes, neighbours) if self.bonds else np.zeros(len(nodes), bool)
         swept &= self.bonds.forces
@@ -97,6 +99,25 @@ class AbsentBonds:
         for ends, which in [(nodes, bonds), *((bare_nodes[row], np.full(row.sum(), k)) for k, row in enumerate(bare))]:
             gone = ~(np.uint64(1) << (which & 63).astype(np.uint64))
             np.bitwise_and.at(drag.alive, (which >> 6, ends), gone)
+
+    def _cut_filter(self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray) -> None:
+        """The filter of short waves does not reach across what is absent, most of the bond at least."""
+        engine = self.engine
+        filtered = engine.tables.filter
+        if not filtered.runs.size:
+            return
+        distances = engine.offsets @ np.array(engine.layout.box.stride)
+        order = np.argsort(distances)
+        bonds = order[np.searchsorted(distances[order], neighbours - nodes)]
+        taken, whole = (np.abs(w).max(axis=tuple(range(1, w.ndim)), initial=0) for w in (weights, engine.weights))
+        most = taken >= whole[bonds] / 2
+        cut = cut_links(filtered, engine.layout, np.array([nodes[most], neighbours[most]]), self.exists)
+        to, source, _ = filtered.copies[:, filtered.copies[2] > 0]
+        for line in cut:
+            line[to] = np.maximum(line[to], line[source])
+            if engine.exchange is not None:
+                engine.exchange.fill(line, 1, kind=FILTER)
+        engine.replace(filter=cut_filter(filtered, cut))
 
     def _open_surface(self) -> tuple[np.ndarray, np.ndarray]:
         """Tables of the nodes with bonds to places without a node (see `engine.surface`), and the nodes `outside`;

@@ -231,6 +231,7 @@ class Engine:
             self.replace(material=self.tables.material._replace(coefficient=self.spread(coefficient)))
             self.replace(media=media_of(self))
         self.bonds = BondZone(self)
+        self.exchange: Exchange | None = None
         self.absent = AbsentBonds(self, self.bonds)
         self.hold(np.zeros(0, np.int64))
         self.seen, self.heard = np.zeros((0, 0)), np.zeros((0, 0))
@@ -239,7 +240,6 @@ class Engine:
         self._repeats = Repeats()
         self._own_loop = CompiledLoop()
         self._asked: dict[tuple[Any, ...], tuple[Tables, Tables, np.ndarray, CompiledLoop, np.ndarray]] = {}
-        self.exchange: Exchange | None = None
         self.loop: Loop | None = None
 
     def in_a_line(self, side: int) -> int:

@@ -22,7 +22,7 @@ Places = np.ndarray  # of a halo, and of what it repeats; shape (2, n)
 Side = tuple[int, int]
 
 #: Kinds of messages: of levels and states, and of the slots of each pass; of the filter's box the last one.
-LEVEL, SLOTS = 0, 1
+LEVEL, SLOTS, FILTER = 0, 1, -1
 
 
 @dataclass(frozen=True)
@@ -183,12 +183,14 @@ class Exchange:
             np.int64,
         )
 
-    def fill(self, level: np.ndarray, components: int, times: int = 1) -> None:
-        """Let other processes fill the halo of a level, as the compiled loop does; all of them call it."""
-        kind = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * 4)
+    def fill(self, level: np.ndarray, components: int, times: int = 1, kind: int = LEVEL) -> None:
+        """Let other processes fill the halo of a level, or what else is exchanged, as the compiled loop does; all of
+        them call it.
+        """
+        compiled = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * 4)
         calls = [
-            (kind(function), numbers[TABLE])
-            for numbers in self.numbers[LEVEL, list(HALOS)].tolist()
+            (compiled(function), numbers[TABLE])
+            for numbers in self.numbers[kind, list(HALOS)].tolist()
             for function in numbers[: RECEIVES + 1]
             if numbers[USED]
         ]

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from farhorizon.engine.exchange import Exchange
 from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import Block, Layout
 from farhorizon.engine.operations import Operation, Tables
@@ -35,6 +36,7 @@ class Field(Protocol):
     tables: Tables
     passes: Any
     warm_layers: Any
+    exchange: Exchange | None
 
     @property
     def current(self) -> np.ndarray: ...

@@ -8,6 +8,10 @@ decay by itself: s becomes ``s + rate``.
 
 Where little is damped it is enough to do so in every second step, by as much as in both.
 
+A line along an axis ends where its next bond is cut, or leads to a place without a node: a crack or a rim that runs
+into a layer is no short wave. There the line meets its own mirror image, as beyond a free side, which makes of the
+filter the same polynomial of the second difference on a line that ends (`cut_filter`).
+
 The increments are put into a *box*, an array of all nodes in their natural order with margins as wide as the filter, in
 which the layers are a frame.
 """
@@ -49,6 +53,14 @@ class Filter(NamedTuple):
         far along each axis of the filter there may be damped nodes, for beyond them it meets zeros only.
     copies : ndarray of int, shape (3, C)
         Places of the box that repeat what lies across periodic axes or before walls, those, and the sign.
+    cut_nodes : ndarray of int, shape (M,)
+        Places in a level of nodes on lines that are cut within the filter's length.
+    cut_ends : ndarray of int, shape (M + 1,)
+        Of each of these the entries of the next two, one node after the other.
+    cut_places : ndarray of int, shape (E,)
+        Places of the box.
+    cut_weights : ndarray, shape (E,)
+        What of them is taken in addition to what the filter passes, times the strength of the node.
     whole : bool
         Whether the waves themselves are filtered, not their increments alone.
     every : int
@@ -65,6 +77,10 @@ class Filter(NamedTuple):
     strengths: np.ndarray
     runs: np.ndarray
     copies: np.ndarray
+    cut_nodes: np.ndarray
+    cut_ends: np.ndarray
+    cut_places: np.ndarray
+    cut_weights: np.ndarray
     whole: bool
     every: int
     blocked: bool
@@ -97,7 +113,8 @@ def filter_tables(
     if not any(np.any(rate) for rate in rates.values()):
         none, empty = np.zeros(0, np.int64), np.zeros(0, real)
         pieces, copies = np.zeros((0, 7), np.int64), np.zeros((3, 0), np.int64)
-        return Filter(np.zeros(1, real), none, empty, empty, pieces, copies, whole, 1, False, NO_MESSAGES)
+        cuts = none, np.zeros(1, np.int64), none, empty
+        return Filter(np.zeros(1, real), none, empty, empty, pieces, copies, *cuts, whole, 1, False, NO_MESSAGES)
     nodes, axes = layout.box.nodes, [a for a in range(3) if layout.reach[a]]
     pads, extent, step = _extents(layout, taps)
     along = _along(layout, rates)
@@ -120,6 +137,10 @@ def filter_tables(
         np.append(strengths, np.zeros(SLACK)).astype(real),
         _in_blocks(runs, step, len(taps), np.dtype(real).itemsize) if blocked else runs,
         _wrapped(places[damped], layout, step, pads, extent, len(taps) - 1),
+        np.zeros(0, np.int64),
+        np.zeros(1, np.int64),
+        np.zeros(0, np.int64),
+        np.zeros(0, real),
         whole,
         every,
         blocked,
@@ -238,7 +259,8 @@ def without(tables: Filter, spared: Callable[[np.ndarray], np.ndarray]) -> Filte
     runs = _runs(run[kept, :3].T + within[kept], run[kept, 4:].T)
     if tables.blocked:
         runs = _in_blocks(runs, tables.steps, len(tables.taps), tables.box.itemsize)
-    return tables._replace(runs=runs)
+    weights = np.where(np.repeat(spared(tables.cut_nodes), np.diff(tables.cut_ends)), 0, tables.cut_weights)
+    return tables._replace(runs=runs, cut_weights=weights.astype(tables.box.dtype))
 
 
 def _numbers_in(counts: np.ndarray) -> np.ndarray:
@@ -285,6 +307,83 @@ def filter_with_images(tables: Filter, layout: Layout, images: Mapping[tuple[int
             here = places[at == source] if sign else places[:0]
             found.append(np.array([here + (beyond - source) * step[axis], here, np.full(here.size, sign)]))
     return tables._replace(copies=np.concatenate(found, axis=1))
+
+
+def cut_links(tables: Filter, layout: Layout, ends: np.ndarray, exists: np.ndarray) -> np.ndarray:
+    """Where lines of the filter's box are cut: after which places, along each of its axes.
+
+    Parameters
+    ----------
+    tables : Filter
+    layout : Layout
+    ends : ndarray of int, shape (2, n)
+        Places in a level of both ends of absent bonds.
+    exists : ndarray of bool, shape (places,)
+        Where nodes are.
+
+    Returns
+    -------
+    ndarray, shape (axes, places of the box)
+        1 where the line is cut, else 0.
+    """
+    box, (pads, _, step), strides = layout.box, _extents(layout, tables.taps), np.array(layout.box.stride)
+    cut = np.zeros((len(tables.steps), tables.box.size), tables.box.dtype)
+    halo = np.array(layout.reach)
+    for number, axis in enumerate(a for a in range(3) if layout.reach[a]):
+        lower = ends.min(axis=0)[np.abs(ends[0] - ends[1]) == strides[axis]] - box.origin + halo @ strides
+        at = np.array([lower // strides[0], lower % strides[0] // strides[1], lower % strides[1]]) - halo[:, None]
+        first = np.where(np.arange(3) == axis, -1, 0)[:, None]
+        at = at[:, ((at >= first) & (at < np.array(box.nodes)[:, None])).all(0)]
+        # beyond the outer ends of layers there is nothing, which is no cut
+        along = [np.arange(n) for n in box.nodes]
+        along[axis] = np.arange(-1 if layout.low[axis] == 0 else 0, box.nodes[axis] - (layout.high[axis] > 0))
+        lines = np.stack(np.meshgrid(*along, indexing="ij")).reshape(3, -1)
+        place = box.origin + strides @ lines
+        at = np.concatenate([at, lines[:, exists[place] != exists[place + strides[axis]]]], axis=1)
+        cut[number, step @ (at + np.array(pads)[:, None])] = 1
+    return cut
+
+
+def cut_filter(tables: Filter, cut: np.ndarray) -> Filter:
+    """The same filter, for which lines end where they are cut, as `cut_links` tells, in the margins of the box, too."""
+    far, (sources, signs) = len(tables.taps) - 1, _held(tables)
+    run, within = np.repeat(tables.runs, tables.runs[:, 3], axis=0), _numbers_in(tables.runs[:, 3])
+    places, levels = run[:, 0] + within, run[:, 1] + within
+    strengths = tables.strengths[run[:, 2] + within]
+    found: list[tuple[np.ndarray, ...]] = [(np.zeros(0, np.int64),) * 2 + (np.zeros(0),)]
+    for link, step in zip(cut > 0.5, tables.steps, strict=True):
+        # nodes before the next cut, on both sides, `far` where there is none so near
+        ahead, behind = (
+            np.argmax(np.stack([link[places + k * step] for k in distances] + [np.ones(len(places), bool)]), axis=0)
+            for distances in (range(far), range(-1, -1 - far, -1))
+        )
+        row = np.flatnonzero((ahead < far) | (behind < far))
+        for j in (*range(-far, 0), *range(1, far + 1)):
+            at = np.full(len(row), j)
+            for _ in range(2 * far):  # a line may be as short as one node
+                at = np.where(at > ahead[row], 2 * ahead[row] + 1 - at, at)
+                at = np.where(at < -behind[row], -2 * behind[row] - 1 - at, at)
+            met, wanted = places[row] + j * step, places[row] + at * step
+            other = (sources[met] != sources[wanted]) | (signs[met] != signs[wanted])
+            for these, sign in ((wanted, 1), (met, -1)):
+                found.append((row[other], these[other], sign * tables.taps[abs(j)] * strengths[row[other]]))
+    rows, of_box, weights = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    order = np.argsort(rows, kind="stable")
+    nodes, first = np.unique(rows[order], return_index=True)
+    return tables._replace(
+        cut_nodes=levels[nodes],
+        cut_ends=np.append(first, len(rows)),
+        cut_places=of_box[order],
+        cut_weights=weights[order].astype(tables.box.dtype),
+    )
+
+
+def _held(tables: Filter) -> tuple[np.ndarray, np.ndarray]:
+    """Of each place of the box the one whose value it holds, and with which sign."""
+    sources, signs = np.arange(tables.box.size), np.ones(tables.box.size, np.int64)
+    to, source, sign = tables.copies
+    sources[to], signs[to] = source, sign
+    return sources, signs
 
 
 def _image(place: int, n: int, low: int, high: int) -> tuple[int, int]:
@@ -382,3 +481,16 @@ def damp_short_waves(thread, stage, tables):
             there = runs.ctypes.data + piece * runs.strides[0]
             take_passed(there, number, (places, weights, level), steps.ctypes.data, steps.size, filtered, older, like)
         barrier(thread)
+        if tables.cut_nodes.size:
+            for i in range(thread.number, tables.cut_nodes.size, thread.threads):
+                taken = like - like
+                for entry in range(tables.cut_ends[i], tables.cut_ends[i + 1]):
+                    taken += tables.cut_weights[entry] * box[tables.cut_places[entry]]
+                node = tables.cut_nodes[i] + turn // passes * (stage.src.size // stage.components)
+                if turn % passes == 0:
+                    stage.out[node] -= taken
+                if stage.increments and (turn % passes or not tables.whole):
+                    stage.base[node] -= taken
+                elif turn % passes:
+                    stage.src[node] -= taken
+            barrier(thread)

@@ -472,7 +472,7 @@ def _copy(values: np.ndarray, copies: np.ndarray) -> None:
 
 def _passed(tables: Filter, values: np.ndarray) -> np.ndarray:
     """What a filter takes of the values of one component."""
-    taps, steps, box, strengths, runs, copies, *_ = tables
+    taps, steps, box, strengths, runs, copies, cut_nodes, cut_ends, cut_places, cut_weights, *_ = tables
     index = [(place + i, node + i, first + i) for place, node, first, count in runs[:, :4] for i in range(count)]
     places, nodes, entries = np.array(index).T
     weighed = np.zeros_like(box)
@@ -485,6 +485,8 @@ def _passed(tables: Filter, values: np.ndarray) -> np.ndarray:
             passed += tap * (weighed[places + k * distance] + weighed[places - k * distance])
     taken = np.zeros_like(values)
     taken[nodes] = strengths[entries] * passed
+    for node, first, last in zip(cut_nodes, cut_ends[:-1], cut_ends[1:], strict=True):
+        taken[node] += cut_weights[first:last] @ weighed[cut_places[first:last]]
     return taken
 
 

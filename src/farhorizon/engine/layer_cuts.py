@@ -12,6 +12,8 @@ from farhorizon.engine.nested import (
     BASE,
     COLUMNS,
     CUTS,
+    EDGE_FACE,
+    EDGE_OTHER,
     ORIGIN,
     REACH,
     ROW_STEP,
@@ -42,6 +44,12 @@ def cut_layers(tables: LayerTables, nodes: np.ndarray, neighbours: np.ndarray, w
         for i in np.flatnonzero((here[:, axis] == column) & (offset[:, axis] != 0)):
             face_rows += _face_cuts(tables, face, here[i], offset[i], matrices[i])
         start += tables.rows * int(face[ROWS]) * len(tables.tiles)
+    edge_rows = []
+    for number, edge in enumerate(tables.edges):
+        both = [tables.faces[edge[which]] for which in (EDGE_FACE, EDGE_OTHER)]
+        columns = [(int(f[ORIGIN]) - box.origin + int(f[STEP])) // box.stride[f[AXIS]] for f in both]
+        for i in np.flatnonzero((here[:, :2] == columns).all(1) & (offset[:, :2] != 0).all(1)):
+            edge_rows += _edge_cuts(tables, number, both, here[i], offset[i], matrices[i])
     for number, band in enumerate(tables.bands):
         column = int(band[ORIGIN]) - box.origin + int(band[STEP])
         for i in np.flatnonzero((here[:, 2] == column) & (offset[:, 2] != 0)) if band[COLUMNS] else ():
@@ -49,11 +57,16 @@ def cut_layers(tables: LayerTables, nodes: np.ndarray, neighbours: np.ndarray, w
     if not face_rows and not band_rows:
         return tables.layers
     face_rows.sort(key=lambda row: row[0])
+    edge_rows.sort(key=lambda row: row[0])
+    last = len(tables.edges) * tables.rows * len(tables.tiles)
     return tables.layers._replace(
         faces=faces,
         cuts=np.array([row[1:7] for row in face_rows], np.int64).reshape(-1, 6),
         cut_weights=np.array([row[7] for row in face_rows], tables.dtype),
         cut_ranges=np.searchsorted([row[0] for row in face_rows], np.arange(start + 1)),
+        edge_cuts=np.array([row[1:9] for row in edge_rows], np.int64).reshape(-1, 8),
+        edge_cut_weights=np.array([row[9] for row in edge_rows], tables.dtype),
+        edge_cut_ranges=np.searchsorted([row[0] for row in edge_rows], np.arange(last + 1)),
         band_cuts=np.array([row[:5] for row in band_rows], np.int64).reshape(-1, 5),
         band_cut_weights=np.array([row[5] for row in band_rows], tables.dtype),
     )
@@ -77,6 +90,26 @@ def _face_cuts(
         key = int(face[CUTS] + (row * face[ROWS] + here[other]) * len(tiles) + t)
         near = across + column * tables.layout.size
         rows.append((key, lane, own, k - 1, near, -1 if far is None else far, across, matrix[row, column]))
+    return rows
+
+
+def _edge_cuts(
+    tables: LayerTables, number: int, faces: list[np.ndarray], here: np.ndarray, offset: np.ndarray, matrix: np.ndarray
+) -> list[tuple[Any, ...]]:
+    """Of one bond: its key, and the entries of `Layers.edge_cuts` and `edge_cut_weights`."""
+    own, inward = (int(o * face[STEP] < 0) for o, face in zip(offset, faces, strict=False))
+    if own >= faces[0][SETS] or inward >= faces[1][SETS]:
+        return []  # its mirror image serves
+    tiles = tables.tiles
+    t = int(np.searchsorted(tiles[:, TILE_FIRST], here[2], side="right")) - 1
+    lane, band, across = int(here[2] - tiles[t, TILE_FIRST]), int(tiles[t, TILE_BAND]), int(offset[2])
+    rows = []
+    for row, column in np.argwhere(matrix != 0):
+        far = tables.slots.place(band, column, [0, 0, across]) if band >= 0 else None
+        place = across + column * tables.layout.size, -1 if far is None else far, across
+        which = own, int(abs(offset[0])) - 1, inward, int(abs(offset[1])) - 1
+        key = (number * tables.rows + int(row)) * len(tiles) + t
+        rows.append((key, lane, *which, *place, matrix[row, column]))
     return rows
 
 

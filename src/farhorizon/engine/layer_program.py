@@ -263,6 +263,26 @@ def add_bands(thread, stage, sums, tables, inputs, step, number):
     barrier(thread)
 
 
+@njit(error_model="numpy", cache=True, counted=False)
+def take_edge_cuts(sums, src, work, cuts, which, node, slot, band, parts):
+    """Take the absent bonds of an edge from the parts on one column of the second axis' layer, the kind of which is the
+    set and k - 1 of the first, whether inwards, and the column.
+    """
+    layers, material = sums.layers, sums.liquid
+    coefficient = material.coefficient
+    for i in range(layers.edge_cut_ranges[cuts], layers.edge_cut_ranges[cuts + 1]):
+        place, own, a, inward, k, near, far, there = layers.edge_cuts[i]
+        if own != which[0] or a != which[1] or inward != which[2] or k < -which[3] - 1:
+            continue
+        value = src[node + place + near]
+        if band >= 0 and far >= 0:
+            value += layers.slots[slot + place + far]
+        w = layers.edge_cut_weights[i]
+        if coefficient.size > 1:
+            w *= bond_factor(material.rule, coefficient[node + place], coefficient[node + place + there])
+        work[(parts + k) * LINES + place] -= w * value
+
+
 def stretch_edge(stage, sums, worker, number, c, t, dithered):
     """What the second axis' layer adds to the parts of the first one's, for the rows of an edge and one tile; into the
     last rows of the work space.
@@ -318,6 +338,9 @@ def stretch_edge(stage, sums, worker, number, c, t, dithered):
                             vectors,
                             max(1, -q),
                         )
+                        if layers.edge_cuts.shape[0]:
+                            cuts = (number * stage.rows + c) * layers.tiles.shape[0] + t
+                            take_edge_cuts(sums, src, work, cuts, (own, a, inward, q), node, slot, band, place)
                 memo = address(memory) + layers.cell * past
                 zero, there = start + (parts + n * n) * row, start + to * row
                 outer, inner = (zero, n * row, row), (zero + (other[SETS] - 1) * half * row, n * row, row)

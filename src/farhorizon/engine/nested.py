@@ -81,6 +81,12 @@ class Layers(NamedTuple):
     cut_weights : ndarray
     cut_ranges : ndarray of int
         Cuts of each component, row and tile of a face, from its `CUTS` on.
+    edge_cuts : ndarray of int, shape (n, 8)
+        Absent bonds where faces meet: node of the tile, set and k - 1 of the first face, whether inwards and k - 1 of
+        the second, distances to the neighbour, to its place in the band, to its coefficient.
+    edge_cut_weights : ndarray
+    edge_cut_ranges : ndarray of int
+        Cuts of each edge, component and tile.
     band_cuts : ndarray of int, shape (n, 5)
         Of bands: band, first node, its place in the slots, and the two coefficients.
     band_cut_weights : ndarray
@@ -119,6 +125,9 @@ class Layers(NamedTuple):
     cuts: np.ndarray
     cut_weights: np.ndarray
     cut_ranges: np.ndarray
+    edge_cuts: np.ndarray
+    edge_cut_weights: np.ndarray
+    edge_cut_ranges: np.ndarray
     band_cuts: np.ndarray
     band_cut_weights: np.ndarray
     copies: np.ndarray

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -88,8 +89,9 @@ class CutBonds:
                 value=[b.tolist() for b in cut.bounds()],
                 remedy="enlarge the near field, or use a LatticePML",
             )
-        for key in crossed:
-            *ends, weights = self._continued(cut, nodes, bonds, key)
+        corners = [pair for pair in itertools.combinations(crossed, 2) if pair[0][0] != pair[1][0]]
+        for keys in (*((key,) for key in crossed), *corners):
+            *ends, weights = self._continued(cut, nodes, bonds, keys)
             found.append((ends[0], ends[1], lost * weights))
         self._known[id(crack)] = crack, found  # which keeps the crack, and with it its id
         return found
@@ -139,33 +141,41 @@ class CutBonds:
                 crossed.append((axis, side))
         return crossed
 
-    def _continued(self, cut: Cut, nodes: np.ndarray, bonds: np.ndarray, key: Key) -> _Bonds:
-        """Bonds that a crack parallel to a layer's normal cuts inside the layer, from those at the core's last
-        nodes.
+    def _continued(self, cut: Cut, nodes: np.ndarray, bonds: np.ndarray, keys: Sequence[Key]) -> _Bonds:
+        """Bonds that a crack parallel to a layer's normal cuts inside the layer, from those at the core's last nodes;
+        of two layers, those where both meet.
         """
         engine, block, lead = self.grid.engine, self.grid.engine.core, self.grid.lead
-        axis, side = key
-        count, m = block.nodes[lead + axis], self.near.stencil.reach[axis]
-        last = [count - 1 - j if side > 0 else j for j in range(m + 1)]
-        found = []
-        for column in last:
-            at = nodes[:, axis] == column
-            rest = nodes[at].copy()
+        strides = block.stride[lead:]
+        places = np.zeros(1, np.int64)
+        rest, last = nodes.copy(), np.ones(len(nodes), bool)
+        for axis, side in keys:
+            count, columns = block.nodes[lead + axis], self.around.layers[axis, side].columns
+            beyond = (count if side > 0 else -columns) + np.arange(columns)
+            places = np.add.outer(places, beyond * strides[axis]).ravel()
             rest[:, axis] = 0
-            found.append({(*r, b) for r, b in zip(rest.tolist(), bonds[at].tolist(), strict=True)})
-        if any(f != found[0] for f in found):
-            raise self._oblique(cut, key)
-        self._check_straight(cut, found[0], key)
-        table = np.array(sorted(found[0]), int).reshape(-1, self.near.lattice.dim + 1)
-        columns = self.around.layers[key].columns
-        beyond = (count if side > 0 else -columns) + np.arange(columns)[:, None]
-        flat = block.origin + table[:, :-1] @ np.array(block.stride[lead:]) + beyond * block.stride[lead + axis]
+            last &= nodes[:, axis] == (count - 1 if side > 0 else 0)
+        rows = np.column_stack([rest, bonds])
+        continued = {tuple(row) for row in rows[last].tolist()}
+        if len(keys) == 1:  # so is what is where two layers meet
+            self._check_straight(cut, nodes, rows, continued, keys[0])
+        table = np.array(sorted(continued), int).reshape(-1, self.near.lattice.dim + 1)
+        flat = block.origin + table[:, :-1] @ np.array(strides) + places[:, None]
         other = flat + engine.offsets[table[:, -1]] @ np.array(block.stride)
-        return flat.ravel(), other.ravel(), np.concatenate([engine.weights[table[:, -1]]] * columns)
+        return flat.ravel(), other.ravel(), np.concatenate([engine.weights[table[:, -1]]] * len(places))
 
-    def _check_straight(self, cut: Cut, continued: set[tuple[int, ...]], key: Key) -> None:
-        """Beyond the core a crack may end, but cut nothing that its straight continuation does not cut."""
+    def _check_straight(
+        self, cut: Cut, nodes: np.ndarray, rows: np.ndarray, continued: set[tuple[int, ...]], key: Key
+    ) -> None:
+        """The last columns of the core are cut alike. Beyond it a crack may end, but cut nothing that its straight
+        continuation does not cut.
+        """
         axis, side = key
+        count = self.grid.engine.core.nodes[self.grid.lead + axis]
+        for column in range(self.near.stencil.reach[axis] + 1):
+            there = nodes[:, axis] == (count - 1 - column if side > 0 else column)
+            if {tuple(row) for row in rows[there].tolist()} != continued:
+                raise self._oblique(cut, key)
         spacing, columns = self.near.lattice.spacing, self.around.layers[key].columns
         shape = list(self.grid.engine.core.nodes[self.grid.lead :])
         origin = self.grid.origin.copy()
