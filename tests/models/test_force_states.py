@@ -215,7 +215,7 @@ def test_beyond_a_fixed_side_the_medium_goes_on(name):
     [
         ("stabilised", [[(9.0, 8.5), (300.0, 8.5)]], 12, 1e-5),  # without backward waves, and with them
         ("state-based", [], 20, 1e-6),
-        ("state-based", [[(9.0, 8.5), (300.0, 8.5)]], 24, 1e-4),
+        ("state-based", [[(9.0, 8.5), (300.0, 8.5)]], 20, 1e-6),
     ],
 )
 def test_free_surfaces_and_cracks_run_into_the_layers(name, cracks, nodes, wanted):
