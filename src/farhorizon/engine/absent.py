@@ -111,12 +111,13 @@ class AbsentBonds:
         bonds = order[np.searchsorted(distances[order], neighbours - nodes)]
         taken, whole = (np.abs(w).max(axis=tuple(range(1, w.ndim)), initial=0) for w in (weights, engine.weights))
         most = taken >= whole[bonds] / 2
-        cut = cut_links(filtered, engine.layout, np.array([nodes[most], neighbours[most]]), self.exists)
         to, source, _ = filtered.copies[:, filtered.copies[2] > 0]
-        for line in cut:
-            line[to] = np.maximum(line[to], line[source])
+        cut = []
+        for link in cut_links(filtered, engine.layout, np.array([nodes[most], neighbours[most]]), self.exists):
+            link[to] = np.maximum(link[to], link[source])
             if engine.exchange is not None:
-                engine.exchange.fill(line, 1, kind=FILTER)
+                engine.exchange.fill(link, 1, kind=FILTER)
+            cut.append(link > 0)
         engine.replace(filter=cut_filter(filtered, cut))
 
     def _open_surface(self) -> tuple[np.ndarray, np.ndarray]:

@@ -18,7 +18,7 @@ which the layers are a frame.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -309,8 +309,8 @@ def filter_with_images(tables: Filter, layout: Layout, images: Mapping[tuple[int
     return tables._replace(copies=np.concatenate(found, axis=1))
 
 
-def cut_links(tables: Filter, layout: Layout, ends: np.ndarray, exists: np.ndarray) -> np.ndarray:
-    """Where lines of the filter's box are cut: after which places, along each of its axes.
+def cut_links(tables: Filter, layout: Layout, ends: np.ndarray, exists: np.ndarray) -> Iterator[np.ndarray]:
+    """Where lines of the filter's box are cut: of each of its axes, after which places.
 
     Parameters
     ----------
@@ -321,37 +321,43 @@ def cut_links(tables: Filter, layout: Layout, ends: np.ndarray, exists: np.ndarr
     exists : ndarray of bool, shape (places,)
         Where nodes are.
 
-    Returns
-    -------
-    ndarray, shape (axes, places of the box)
+    Yields
+    ------
+    ndarray, shape (places of the box,)
         1 where the line is cut, else 0.
     """
     box, (pads, _, step), strides = layout.box, _extents(layout, tables.taps), np.array(layout.box.stride)
-    cut = np.zeros((len(tables.steps), tables.box.size), tables.box.dtype)
     halo = np.array(layout.reach)
-    for number, axis in enumerate(a for a in range(3) if layout.reach[a]):
+    for axis in (a for a in range(3) if layout.reach[a]):
         lower = ends.min(axis=0)[np.abs(ends[0] - ends[1]) == strides[axis]] - box.origin + halo @ strides
         at = np.array([lower // strides[0], lower % strides[0] // strides[1], lower % strides[1]]) - halo[:, None]
         first = np.where(np.arange(3) == axis, -1, 0)[:, None]
         at = at[:, ((at >= first) & (at < np.array(box.nodes)[:, None])).all(0)]
-        # beyond the outer ends of layers there is nothing, which is no cut
-        along = [np.arange(n) for n in box.nodes]
-        along[axis] = np.arange(-1 if layout.low[axis] == 0 else 0, box.nodes[axis] - (layout.high[axis] > 0))
-        lines = np.stack(np.meshgrid(*along, indexing="ij")).reshape(3, -1)
-        place = box.origin + strides @ lines
-        at = np.concatenate([at, lines[:, exists[place] != exists[place + strides[axis]]]], axis=1)
-        cut[number, step @ (at + np.array(pads)[:, None])] = 1
-    return cut
+        if not exists.all():
+            # beyond the outer ends of layers there is nothing, which is no cut
+            along = [np.arange(n) for n in box.nodes]
+            along[axis] = np.arange(-int(layout.low[axis] == 0), box.nodes[axis] + int(layout.high[axis] == 0))
+            parts = [one * stride for one, stride in zip(along, strides, strict=True)]
+            there = exists[box.origin + np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])]
+            found = np.array(np.nonzero(np.diff(there, axis=axis)))
+            at = np.concatenate([at, found + np.array([one[0] for one in along])[:, None]], axis=1)
+        cut = np.zeros_like(tables.box)
+        cut[step @ (at + np.array(pads)[:, None])] = 1
+        yield cut
 
 
-def cut_filter(tables: Filter, cut: np.ndarray) -> Filter:
-    """The same filter, for which lines end where they are cut, as `cut_links` tells, in the margins of the box, too."""
+def cut_filter(tables: Filter, cut: Sequence[np.ndarray]) -> Filter:
+    """The same filter, for which lines end where they are cut; `cut` says of each axis after which places of the box,
+    margins included.
+    """
     far, (sources, signs) = len(tables.taps) - 1, _held(tables)
     run, within = np.repeat(tables.runs, tables.runs[:, 3], axis=0), _numbers_in(tables.runs[:, 3])
     places, levels = run[:, 0] + within, run[:, 1] + within
     strengths = tables.strengths[run[:, 2] + within]
     found: list[tuple[np.ndarray, ...]] = [(np.zeros(0, np.int64),) * 2 + (np.zeros(0),)]
-    for link, step in zip(cut > 0.5, tables.steps, strict=True):
+    for link, step in zip(cut, tables.steps, strict=True):
+        if not link.any():
+            continue
         # nodes before the next cut, on both sides, `far` where there is none so near
         ahead, behind = (
             np.argmax(np.stack([link[places + k * step] for k in distances] + [np.ones(len(places), bool)]), axis=0)

@@ -264,23 +264,32 @@ def add_bands(thread, stage, sums, tables, inputs, step, number):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
+def take_bond(sums, src, work, to, weight, at, near, far, there):
+    """Take an absent bond from a number of the work space; at: its node, and its place in the slots, -1 where there are
+    none; near, far and there: distances to the neighbour, to its slot (-1: it has none) and to its coefficient.
+    """
+    node, slot = at
+    material = sums.liquid
+    value = src[node + near]
+    if slot >= 0 and far >= 0:
+        value += sums.layers.slots[slot + far]
+    if material.coefficient.size > 1:
+        weight *= bond_factor(material.rule, material.coefficient[node], material.coefficient[node + there])
+    work[to] -= weight * value
+
+
+@njit(error_model="numpy", cache=True, counted=False)
 def take_edge_cuts(sums, src, work, cuts, which, node, slot, band, parts):
     """Take the absent bonds of an edge from the parts on one column of the second axis' layer, the kind of which is the
     set and k - 1 of the first, whether inwards, and the column.
     """
-    layers, material = sums.layers, sums.liquid
-    coefficient = material.coefficient
+    layers = sums.layers
     for i in range(layers.edge_cut_ranges[cuts], layers.edge_cut_ranges[cuts + 1]):
         place, own, a, inward, k, near, far, there = layers.edge_cuts[i]
         if own != which[0] or a != which[1] or inward != which[2] or k < -which[3] - 1:
             continue
-        value = src[node + place + near]
-        if band >= 0 and far >= 0:
-            value += layers.slots[slot + place + far]
-        w = layers.edge_cut_weights[i]
-        if coefficient.size > 1:
-            w *= bond_factor(material.rule, coefficient[node + place], coefficient[node + place + there])
-        work[(parts + k) * LINES + place] -= w * value
+        to, at = (parts + k) * LINES + place, (node + place, slot + place if band >= 0 else -1)
+        take_bond(sums, src, work, to, layers.edge_cut_weights[i], at, near, far, there)
 
 
 def stretch_edge(stage, sums, worker, number, c, t, dithered):
@@ -458,19 +467,13 @@ def stretch_face(stage, sums, worker, number, dithered):
 
 def take_cuts(stage, sums, worker, cuts, own, p, node, slot, band, parts):
     """Take the absent bonds of a row of a face from the parts on one column."""
-    layers, material, src, work = sums.layers, sums.liquid, stage.src, sums.work_space[worker]
-    coefficient = material.coefficient
+    layers, src, work = sums.layers, stage.src, sums.work_space[worker]
     for i in range(layers.cut_ranges[cuts], layers.cut_ranges[cuts + 1]):
         place, which, k, near, far, there = layers.cuts[i]
         if which != own or k < -p - 1:
             continue
-        value = src[node + place + near]
-        if band >= 0 and far >= 0:
-            value += layers.slots[slot + place + far]
-        w = layers.cut_weights[i]
-        if coefficient.size > 1:
-            w *= bond_factor(material.rule, coefficient[node + place], coefficient[node + place + there])
-        work[(parts + k) * LINES + place] -= w * value
+        to, at = (parts + k) * LINES + place, (node + place, slot + place if band >= 0 else -1)
+        take_bond(sums, src, work, to, layers.cut_weights[i], at, near, far, there)
 
 
 def take_band_cuts(thread, stage, sums, tables, inputs, step, number):
