@@ -30,8 +30,9 @@ from farhorizon.medium.stencil import Stencil
 # neighbours that a filter reads to either side along an axis: so many, and more for each node of the stencil's reach,
 # for wide stencils have longer backward waves, which take sharper filters
 _TAPS, _TAPS_PER_REACH = 6, 2
-# on a line, where they cost nothing, and of filters for the waves themselves: the larger of both
-_SHARP, _SHARP_PER_REACH = 17, 6
+# the larger of these on a line, where they cost nothing, of filters for the waves themselves, and of stencils that
+# reach so far: beside reaches of 6 and more long waves along a side grew by 0.01 c/spacing with fewer
+_SHARP, _SHARP_PER_REACH, _FAR = 17, 6, 5
 _RESOLVED = 0.6  # share of the first backward wavenumber up to which waves are to pass unharmed
 _MARGIN = 1.25  # on the rate: between the wavenumbers that are looked at more may be needed
 # waves that stand still: their group velocity, sine of their wavenumber, and growth over sigma that counts
@@ -46,9 +47,9 @@ _SHORT = 3, 1  # orders of a filter of three neighbours
 # damping rate over sigma below which a layer does not feel the damping: there a short filter is steep enough
 _WEAK = 0.06
 # largest damping rate over sigma that is wanted, or over the least that is enough: a layer sends back the more the
-# stronger its damping is, and the steepest filters, which need more, let waves grow between those looked at; on a line,
-# whose filters are sharp, waves that stand still take more
-_MOST, _MOST_ON_LINE, _OVER_LEAST = 0.6, 0.95, 1.3
+# stronger its damping is, and the steepest filters, which need more, let waves grow between those looked at; where
+# filters are sharp, waves that stand still take more
+_MOST, _MOST_SHARP, _OVER_LEAST = 0.6, 0.95, 1.3
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ def high_pass(stencil: Stencil) -> HighPass | None:
     -------
     HighPass or None
         Waves that stand still count as backward ones. Of all filters of one length that need a rate of at most 0.6
-        sigma (on a line 0.95), or little more than the least that is enough, the one that damps waves of 60 % of the
+        sigma (a sharp one 0.95), or little more than the least that is enough, the one that damps waves of 60 % of the
         first such wavenumber least. Where very little is enough a filter of three neighbours, which costs less and does
         less to the waves that a thin layer must absorb. Of materials with zero-energy modes a filter for the waves
         themselves.
@@ -122,7 +123,9 @@ def high_pass(stencil: Stencil) -> HighPass | None:
     first = float(np.sqrt(sum(axis**2 for axis in zone))[backward].min())
     reach = max(stencil.reach)
     sharp = max(_SHARP, _SHARP_PER_REACH * reach)
-    count, most = (sharp, _MOST_ON_LINE) if stencil.dim == 1 else (_TAPS + _TAPS_PER_REACH * reach, _MOST)
+    count, most = (
+        (sharp, _MOST_SHARP) if stencil.dim == 1 or reach >= _FAR else (_TAPS + _TAPS_PER_REACH * reach, _MOST)
+    )
 
     def rate_of(filtered: HighPass) -> float:
         passed = sum(filtered.passed(axis).ravel()[index] for axis, index in zip(zone, backward, strict=True))
