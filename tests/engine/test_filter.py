@@ -124,6 +124,8 @@ def test_filter_is_the_matrix_it_is_said_to_be(shape, across, threads, whole, ev
     [
         ((7, 8), (fh.Free, fh.Free), (3,)),
         ((7, 8), (fh.Free, fh.Free), (0, 5)),  # a line of one node, and images of images
+        ((7, 8), (fh.Fixed, fh.Free), (0, 4)),  # and of those beyond a side that holds
+        ((7, 5), (fh.Fixed, fh.Fixed), (1,)),
         ((7, 30), (fh.Fixed, fh.Free), (14, 15)),
         ((6, 5, 7), (fh.Free, fh.Free), (2,)),
     ],

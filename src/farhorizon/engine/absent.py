@@ -112,13 +112,13 @@ class AbsentBonds:
         taken, whole = (np.abs(w).max(axis=tuple(range(1, w.ndim)), initial=0) for w in (weights, engine.weights))
         most = taken >= whole[bonds] / 2
         to, source, _ = filtered.copies[:, filtered.copies[2] > 0]
-        cut = []
+        ends = []
         for link in cut_links(filtered, engine.layout, np.array([nodes[most], neighbours[most]]), self.exists):
             link[to] = np.maximum(link[to], link[source])
             if engine.exchange is not None:
                 engine.exchange.fill(link, 1, kind=FILTER)
-            cut.append(link > 0)
-        engine.replace(filter=cut_filter(filtered, cut))
+            ends.append(link.astype(np.int8))
+        engine.replace(filter=cut_filter(filtered, ends))
 
     def _open_surface(self) -> tuple[np.ndarray, np.ndarray]:
         """Tables of the nodes with bonds to places without a node (see `engine.surface`), and the nodes `outside`;

@@ -33,6 +33,7 @@ _PIECE = 256  # nodes of a run that one thread takes at a time
 _AHEAD = 8  # pieces between use and prefetch
 # weights beyond which a filter in space works in blocks, and bytes that each of these meets
 _LONG, _CACHED = 7, 1 << 19
+_CUT, _HELD = 1, 2  # ends of lines
 
 
 class Filter(NamedTuple):
@@ -310,7 +311,7 @@ def filter_with_images(tables: Filter, layout: Layout, images: Mapping[tuple[int
 
 
 def cut_links(tables: Filter, layout: Layout, ends: np.ndarray, exists: np.ndarray) -> Iterator[np.ndarray]:
-    """Where lines of the filter's box are cut: of each of its axes, after which places.
+    """Where lines of the filter's box end: of each of its axes, after which places.
 
     Parameters
     ----------
@@ -324,7 +325,7 @@ def cut_links(tables: Filter, layout: Layout, ends: np.ndarray, exists: np.ndarr
     Yields
     ------
     ndarray, shape (places of the box,)
-        1 where the line is cut, else 0.
+        `_CUT` where the line is cut, or ends freely, and `_HELD` at a side that holds the next node; else 0.
     """
     box, (pads, _, step), strides = layout.box, _extents(layout, tables.taps), np.array(layout.box.stride)
     halo = np.array(layout.reach)
@@ -342,37 +343,40 @@ def cut_links(tables: Filter, layout: Layout, ends: np.ndarray, exists: np.ndarr
             found = np.array(np.nonzero(np.diff(there, axis=axis)))
             at = np.concatenate([at, found + np.array([one[0] for one in along])[:, None]], axis=1)
         cut = np.zeros_like(tables.box)
-        cut[step @ (at + np.array(pads)[:, None])] = 1
+        cut[step @ (at + np.array(pads)[:, None])] = _CUT
+        # the first image beyond a side that holds lies two nodes from what it repeats
+        to, source, sign = tables.copies
+        cut[np.minimum(source, to + step[axis])[(sign < 0) & (np.abs(to - source) == 2 * step[axis])]] = _HELD
         yield cut
 
 
-def cut_filter(tables: Filter, cut: Sequence[np.ndarray]) -> Filter:
-    """The same filter, for which lines end where they are cut; `cut` says of each axis after which places of the box,
-    margins included.
+def cut_filter(tables: Filter, ends: Sequence[np.ndarray]) -> Filter:
+    """The same filter, for which lines end where they are cut; `ends` says of each axis after which places of the box,
+    margins included, see `cut_links`.
     """
-    far, (sources, signs) = len(tables.taps) - 1, _held(tables)
+    far, (sources, signs) = len(tables.taps) - 1, _repeated(tables)
     run, within = np.repeat(tables.runs, tables.runs[:, 3], axis=0), _numbers_in(tables.runs[:, 3])
     places, levels = run[:, 0] + within, run[:, 1] + within
     strengths = tables.strengths[run[:, 2] + within]
     found: list[tuple[np.ndarray, ...]] = [(np.zeros(0, np.int64),) * 2 + (np.zeros(0),)]
-    for link, step in zip(cut, tables.steps, strict=True):
-        if not link.any():
+    for link, step in zip(ends, tables.steps, strict=True):
+        if not (link == _CUT).any():
             continue
-        # nodes before the next cut, on both sides, `far` where there is none so near
+        # nodes before the next end, on both sides, `far` where there is none so near, and what it is
         ahead, behind = (
-            np.argmax(np.stack([link[places + k * step] for k in distances] + [np.ones(len(places), bool)]), axis=0)
+            np.argmax(np.stack([link[places + k * step] > 0 for k in distances] + [places >= 0]), axis=0)
             for distances in (range(far), range(-1, -1 - far, -1))
         )
         row = np.flatnonzero((ahead < far) | (behind < far))
+        places_of, ahead, behind = places[row], ahead[row], behind[row]
+        held = link[places_of + ahead * step] == _HELD, link[places_of - (behind + 1) * step] == _HELD
         for j in (*range(-far, 0), *range(1, far + 1)):
-            at = np.full(len(row), j)
-            for _ in range(2 * far):  # a line may be as short as one node
-                at = np.where(at > ahead[row], 2 * ahead[row] + 1 - at, at)
-                at = np.where(at < -behind[row], -2 * behind[row] - 1 - at, at)
-            met, wanted = places[row] + j * step, places[row] + at * step
-            other = (sources[met] != sources[wanted]) | (signs[met] != signs[wanted])
-            for these, sign in ((wanted, 1), (met, -1)):
-                found.append((row[other], these[other], sign * tables.taps[abs(j)] * strengths[row[other]]))
+            at, sign = _reflected(j, (ahead, behind), held, far)
+            met, wanted = places_of + j * step, places_of + at * step
+            other = (sources[met] != sources[wanted]) | (signs[met] != sign * signs[wanted])
+            for these, amount in ((wanted, sign), (met, -np.ones_like(sign))):
+                weight = amount * tables.taps[abs(j)] * strengths[row]
+                found.append((row[other], these[other], weight[other]))
     rows, of_box, weights = (np.concatenate(parts) for parts in zip(*found, strict=True))
     order = np.argsort(rows, kind="stable")
     nodes, first = np.unique(rows[order], return_index=True)
@@ -384,7 +388,22 @@ def cut_filter(tables: Filter, cut: Sequence[np.ndarray]) -> Filter:
     )
 
 
-def _held(tables: Filter) -> tuple[np.ndarray, np.ndarray]:
+def _reflected(
+    place: int, free: tuple[np.ndarray, np.ndarray], held: tuple[np.ndarray, np.ndarray], far: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of lines with so many nodes ahead and behind, and ends that are held or free, how far from a node that lies which
+    stands for a place, and with which sign; sign 0 where nothing does.
+    """
+    at, sign = np.full(len(free[0]), place), np.ones(len(free[0]), np.int64)
+    for _ in range(2 * far):  # a line may be as short as one node
+        for side, last, holds in zip((1, -1), free, held, strict=True):
+            beyond = side * at > last
+            sign = np.where(beyond & holds, np.where(side * at == last + 1, 0, -sign), sign)
+            at = np.where(beyond, side * (2 * last + 1 + holds) - at, at)
+    return at, sign
+
+
+def _repeated(tables: Filter) -> tuple[np.ndarray, np.ndarray]:
     """Of each place of the box the one whose value it holds, and with which sign."""
     sources, signs = np.arange(tables.box.size), np.ones(tables.box.size, np.int64)
     to, source, sign = tables.copies

@@ -65,6 +65,7 @@ class Verlet(_OneStage):
 
     order = 2
     name = "velocity Verlet"
+    alternates = False
 
     @staticmethod
     def step_limit(largest: float) -> float:
@@ -135,6 +136,7 @@ class Euler(_OneStage):
 
     order = 1
     name = "forward Euler"
+    alternates = True  # near its limit the shortest waves of diffusion change their sign with each step
 
     @staticmethod
     def step_limit(largest: float) -> float:
@@ -158,6 +160,7 @@ class RungeKutta4:
 
     order = 4
     name = "Runge-Kutta 4"
+    alternates = False
 
     @staticmethod
     def step_limit(largest: float) -> float:
@@ -228,6 +231,7 @@ class RungeKuttaChebyshev(Storable):
     chebyshev: int = 20
     order = 2
     name = "Runge-Kutta-Chebyshev"
+    alternates = False
 
     def __post_init__(self) -> None:
         kinds.settle(self, chebyshev=kinds.integer(self.chebyshev, "model.integrator.chebyshev", least=2, most=1000))

@@ -12,7 +12,7 @@ from farhorizon.analysis.layers.returned import Datum
 from farhorizon.analysis.layers.short_waves import short_share
 from farhorizon.boundaries import Side
 from farhorizon.engine.engine import Layer
-from farhorizon.medium.integrators import Euler
+from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.wave_data import largest_along
 
@@ -51,11 +51,13 @@ class AlternatingWaves:
         cls, near: NearField, sides: Mapping[tuple[int, int], Side], data: Sequence[Datum]
     ) -> AlternatingWaves | None:
         """Those of a set-up; None where there are none to speak of."""
-        if not isinstance(near.model.integrator, Euler):
+        integrator = near.model.integrator
+        if not integrator.alternates:
             return None
+        assert not isinstance(integrator, Verlet)  # which is of waves
         angles = np.linspace(0, np.pi, 513)[1:]
         symbol = near.stencil.symbol(angles, *[0.0] * (near.lattice.dim - 1))
-        growth = near.model.integrator.growth(near.fastest_rate * symbol, near.dt)
+        growth = integrator.growth(near.fastest_rate * symbol, near.dt)
         alternating = np.flatnonzero(growth < -_GENTLY)
         if not alternating.size:
             return None

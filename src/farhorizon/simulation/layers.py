@@ -21,7 +21,7 @@ from farhorizon.errors import InputError
 from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.sources import by_component, field, split
 from farhorizon.inputs.thermal_loads import ThermalLoad
-from farhorizon.medium.integrators import Euler, Verlet
+from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.alternating_waves import FOLLOWED, AlternatingWaves
 from farhorizon.simulation.coupling import expansion_of
 from farhorizon.simulation.near_field import NearField
@@ -222,7 +222,7 @@ class _Choice:
         longer waves more; of forward Euler those that were followed are not meant.
         """
         near, model = self.near, self.near.model
-        least = FOLLOWED if isinstance(model.integrator, Euler) else _ALIVE
+        least = FOLLOWED if model.integrator.alternates else _ALIVE
         assert not isinstance(model.integrator, Verlet)  # which is of waves
         angles = np.linspace(0, np.pi, 513)[1:]
         rates = near.stencil.symbol(angles, *[0.0] * (near.lattice.dim - 1))

@@ -133,9 +133,8 @@ class ReturnedWaves:
         def steep(nodes: int) -> Layer:
             return replace(boundary, nodes=nodes).make_layer(2, medium.stencil, medium.coefficient, self.spacing, 0.0)
 
-        members = family(medium.stencil, pace, until, distance_to_side(data), wanted, steep)
-        beside_free = any(b.image > 0 for (a, _), b in self.sides.items() if a != axis)
-        share = _BESIDE_FREE if beside_free else 1.0
+        share = _BESIDE_FREE if any(b.image > 0 for b in self._beside(axis)) else 1.0
+        members = family(medium.stencil, pace, until, distance_to_side(data), share * wanted, steep)
         found = thinnest(members, sent, share * wanted, size)
         if found is None and boundary.target is None:
             return None
