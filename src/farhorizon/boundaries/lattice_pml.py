@@ -142,8 +142,8 @@ class LatticePML(Side):
         return default if self.target is None else self.target
 
     def undamped(self) -> LatticePML:
-        """The same layer without damping of short waves, if it is given whole."""
-        if not isinstance(self.profile, Layer):
+        """The same layer without a filter of short waves, if it is given whole."""
+        if not isinstance(self.profile, Layer) or not self.profile.filtered:
             return self
         return replace(self, profile=replace(self.profile, damping=np.zeros(0)))
 

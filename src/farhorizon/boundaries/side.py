@@ -179,7 +179,7 @@ class Side:
         raise NotImplementedError
 
     def undamped(self) -> Side:
-        """The same side without damping of short waves."""
+        """The same side without a filter of short waves."""
         return self
 
     def step_limit(self, order: int, coefficient: float, spacing: float, dim: int) -> float:

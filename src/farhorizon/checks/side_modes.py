@@ -242,7 +242,7 @@ class Strip:
         """The map of so many steps followed by the filters of the layers, for levels u(n), u(n - 1)."""
         matrix = matrix.copy()
         for side, layer in self._filters.items():
-            if layer.damping.size:
+            if layer.filtered:
                 damping = line_damping(layer.damping, layer.taps, every * self.dt, angles)
                 for new, old in zip(*self._layers[side], strict=True):  # component by component
                     if layer.whole:

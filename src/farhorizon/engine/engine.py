@@ -15,6 +15,7 @@ from farhorizon import kinds
 from farhorizon.engine.absent import AbsentBonds
 from farhorizon.engine.bond_zone import BondZone
 from farhorizon.engine.bonds import CHUNK, RULES, Zone
+from farhorizon.engine.dampers import DamperTables
 from farhorizon.engine.ends import Ends
 from farhorizon.engine.exchange import Exchange
 from farhorizon.engine.layer_tables import LayerTables
@@ -74,6 +75,8 @@ class Layer(Storable):
         Steps after which short waves lose what is due in all of them; 0: left to the run.
     short : bool
         Whether six digits are enough for what the layers of a run remember, if they are for all of them.
+    tuned : ndarray, shape (2,), or empty
+        Angular frequency of dampers, and the width of their band: these take `damping` there, see `engine.dampers`.
     """
 
     kappa: np.ndarray
@@ -84,10 +87,16 @@ class Layer(Storable):
     whole: bool = False
     every: int = 0
     short: bool = False
+    tuned: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        for name in ("kappa", "sigma", "alpha", "damping", "taps"):  # a checkpoint has short arrays as lists
+        for name in ("kappa", "sigma", "alpha", "damping", "taps", "tuned"):  # a checkpoint has short arrays as lists
             object.__setattr__(self, name, np.asarray(getattr(self, name), float))
+
+    @property
+    def filtered(self) -> bool:
+        """Whether a filter damps short waves."""
+        return bool(self.damping.size and not self.tuned.size)
 
     @property
     def columns(self) -> int:
@@ -220,6 +229,7 @@ class Engine:
         self.layer_tables = LayerTables(self.layout, self.offsets, matrices, signs, signs, springs, *of_values)
         self.passes = None if sums is None else Passes(self, sums, recursion)
         self.warm_layers = None if heat is None else WarmLayers(self, heat, recursion, coefficient is None)
+        self.dampers = DamperTables(self.layout, self.layers, dt)
         self.memory = self._one_memory()
         self.levels = aligned_zeros(self.components * self.layout.size, self.dtype, stages.levels)
         memory = self.memory.size // 4 if self.remember else 0
@@ -259,8 +269,10 @@ class Engine:
         every = self.all_layers
         starts = np.cumsum([0, *(aligned(tables.layers.memory.size) for tables in every)])
         stretched = 0 if self.passes is None else self.passes.stretches.memory.size
-        end = int(starts[-1]) if stretched else int(starts[-2]) + every[-1].layers.memory.size
-        memory = aligned_zeros(end + stretched, self.kept)
+        hanging = 3 * self.components * self.dampers.size * self.dtype.itemsize // self.kept.itemsize
+        end = int(starts[-1]) if stretched or hanging else int(starts[-2]) + every[-1].layers.memory.size
+        self.dampers.start = aligned(end + stretched) if hanging else 0
+        memory = aligned_zeros(self.dampers.start + hanging if hanging else end + stretched, self.kept)
         for start, tables in zip(starts[:-1], every, strict=True):
             tables.start = int(start)
             tables.layers = _remembering(tables.layers, memory, tables.start)
@@ -575,6 +587,8 @@ class Engine:
         for number, tables in enumerate(self.all_layers if self.remember else ()):
             for name, places, axes in tables.lines():
                 yield f"memory/{number}/{name}", tables.start + places, axes
+        for name, places, axes in self.dampers.lines(self.dtype.itemsize // self.kept.itemsize):
+            yield f"memory/dampers/{name}", places, axes
 
     @property
     def layer_memory(self) -> list[tuple[int, tuple[int, int], np.ndarray, Signs]]:
@@ -583,11 +597,12 @@ class Engine:
         """
         warm = () if self.warm_layers is None else self.warm_layers.layer_tables
         of_the_solid = [tables for tables in self.all_layers if tables not in warm]
-        return [
+        found = [
             (number, key, tables.start + cells, signs)
             for number, tables in enumerate(of_the_solid if self.remember else ())
             for key, cells, signs in tables.cells(tables.layers.f != 0)
         ]
+        return found + [(len(self.all_layers), key, cells, self.signs) for key, cells in self.dampers.cells()]
 
     @property
     def nbytes(self) -> int:

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from farhorizon.engine.dampers import DamperTables
 from farhorizon.engine.exchange import Exchange
 from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import Block, Layout
@@ -31,6 +32,8 @@ class Field(Protocol):
     weights: np.ndarray
     layers: dict[tuple[int, int], Any]
     layer_tables: LayerTables
+    dampers: DamperTables
+    memory: np.ndarray
     remember: bool
     levels: np.ndarray
     tables: Tables

@@ -62,6 +62,7 @@ class Interpreter:
             op.DRAG: self._drag,
             op.DAMP_NEW: self._damp_new,
             op.FILTER: self._filter,
+            op.DAMPERS: self._dampers,
             op.HOLD: lambda: self._set(self.inputs.held, self.inputs.held_values[self.step]),
             op.WORK: self._work,
             op.FLOW_LAYERS: self._flow_of_layers,
@@ -395,6 +396,21 @@ class Interpreter:
                 out -= taken
                 if stage.increments:
                     base -= taken
+
+    def _dampers(self) -> None:
+        stage, tables = self.stage, self.tables.dampers
+        last, p, q = tables.states.reshape(3, self.components, -1)
+        for node, strength, state, count, number in tables.runs:
+            (keep, pull), own = tables.springs[number], slice(state, state + count)
+            here = slice(node, node + count)
+            src, base, out = (self.split(level)[:, here] for level in stage[:3])
+            increment = base if stage.increments else out - src
+            moved = keep * q[:, own] - pull * p[:, own] + increment - last[:, own]
+            gained = tables.strengths[strength : strength + count] * (moved - q[:, own])
+            last[:, own], q[:, own] = increment + gained, moved
+            p[:, own] += moved
+            for level in (out, base)[: 1 + stage.increments]:
+                level += gained
 
     def _work(self) -> None:
         stage, inputs = self.stage, self.inputs

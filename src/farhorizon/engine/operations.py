@@ -15,6 +15,7 @@ import numpy as np
 
 from farhorizon.engine.bonds import Bonds
 from farhorizon.engine.damage import FORCES, STATES, STATES_AGAIN
+from farhorizon.engine.dampers import Dampers
 from farhorizon.engine.drag import Drag
 from farhorizon.engine.ends import Ends
 from farhorizon.engine.exchange import LEVEL, SLOTS
@@ -73,6 +74,7 @@ AHEAD = 29  # SWEEP of rows that need no halo, while messages are on their way: 
 RECEIVE = 30  # messages end, by which other processes fill the halo; as SEND
 RELEASE = 31  # bonds break with which enough energy is lost
 HEAT_BEYOND = 32  # bonds without a law of their own, and springs beside states, lose what heat strains them, everywhere
+DAMPERS = 33  # masses that hang on nodes of layers
 
 # Passes of the operator: the springs, sums over bonds that make states, sums over states that make forces; where heat
 # goes on in the layers, sums of strains that push nodes, and the traces of stresses.
@@ -158,6 +160,7 @@ class Tables(NamedTuple):
     flows: Flows
     fringe: Fringe
     filter: Filter
+    dampers: Dampers
     listening: Listening
     gather: Pass
     scatter: Pass
@@ -194,6 +197,7 @@ def _stage(tables: Tables, inputs: Inputs, stage: int) -> list[Operation]:
             (DRAG, tables.drag.rate.size),
             (DAMP_NEW, damped),
             (FILTER, tables.filter.runs.size),
+            (DAMPERS, tables.dampers.runs.size),
             (HOLD, inputs.held.size),
             (WORK, fed and tables.work.size),
             (FLOW_LAYERS, flows and tables.flows.inflow.size),

@@ -70,6 +70,7 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
         flows=no_flows(len(numbers), engine.dtype),
         fringe=no_fringe(),
         filter=_filter(engine),
+        dampers=engine.dampers.tables(engine.memory, engine.dtype),
         listening=Listening(*no_sums, nothing, np.array(engine.layout.box.stride, np.int64)),
         gather=gather,
         scatter=scatter,
@@ -144,13 +145,13 @@ def _filter(engine: Field) -> Filter:
     """What damps short waves in the layers; all layers share the longest filter, and what it is applied to."""
     rates, taps = damping_of(engine)
     whole = any(layer.whole for layer in engine.layers.values())
-    every = max((layer.every for layer in engine.layers.values() if layer.damping.size), default=0) or 1
+    every = max((layer.every for layer in engine.layers.values() if layer.filtered), default=0) or 1
     return filter_tables(engine.layout, rates, taps, engine.dt, engine.dtype, whole, every)
 
 
 def damping_of(engine: Field) -> tuple[dict[tuple[int, int], np.ndarray], np.ndarray]:
     """Rates at which layers damp short waves, from the near field outwards, and the filter."""
     rates = {
-        name: layer.damping if layer.damping.size else np.zeros(layer.columns) for name, layer in engine.layers.items()
+        name: layer.damping if layer.filtered else np.zeros(layer.columns) for name, layer in engine.layers.items()
     }
     return rates, max((layer.taps for layer in engine.layers.values()), key=len, default=np.zeros(1))

@@ -30,6 +30,7 @@ from farhorizon.engine.bonds import (
     sweep_tiles,
 )
 from farhorizon.engine.damage import break_bonds, redo_damaged
+from farhorizon.engine.dampers import move_dampers
 from farhorizon.engine.drag import drag_along
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.exchange import LEVEL
@@ -43,6 +44,7 @@ from farhorizon.engine.operations import (
     DAMAGED,
     DAMP_NEW,
     DAMP_OLD,
+    DAMPERS,
     DEPEND,
     DISSOLVE,
     DRAG,
@@ -857,6 +859,12 @@ def filter_layers(thread, stage, sums, tables, inputs, step, number):
     """Layers damp short waves."""
     if (inputs.before + step + 1) % tables.filter.every == 0:
         damp_short_waves(thread, stage, tables.filter)
+
+
+@operation(DAMPERS)
+def move_hanging_masses(thread, stage, sums, tables, inputs, step, number):
+    """Masses that hang on nodes of layers move."""
+    move_dampers(thread, stage, tables.dampers)
 
 
 @operation(DRAG)

@@ -198,7 +198,7 @@ def digest(engine: Engine) -> str:
     layers = [
         a
         for _, layer in sorted(engine.layers.items())
-        for a in (layer.kappa, layer.sigma, layer.alpha, layer.damping, layer.taps)
+        for a in (layer.kappa, layer.sigma, layer.alpha, layer.damping, layer.taps, layer.tuned)
     ]
     mark.update(
         repr(

@@ -99,7 +99,7 @@ def with_one_filter(layers: Mapping[Key, Layer], rate: float, dt: float, dim: in
     dt : float
     dim : int
     """
-    damped = [layer for layer in layers.values() if layer.damping.size]
+    damped = [layer for layer in layers.values() if layer.filtered]
     if not damped:
         return dict(layers)
     whole, taps = any(layer.whole for layer in damped), max((layer.taps for layer in damped), key=len)
@@ -108,7 +108,7 @@ def with_one_filter(layers: Mapping[Key, Layer], rate: float, dt: float, dim: in
     seldom = dim > 1 and not whole and most <= _LITTLE and turn <= _TURN
     every = max(layer.every for layer in damped) or 1 + seldom
     return {
-        key: replace(layer, taps=taps, whole=whole, every=every) if layer.damping.size else layer
+        key: replace(layer, taps=taps, whole=whole, every=every) if layer.filtered else layer
         for key, layer in layers.items()
     }
 

@@ -134,7 +134,7 @@ class ReturnedWaves:
             return replace(boundary, nodes=nodes).make_layer(2, medium.stencil, medium.coefficient, self.spacing, 0.0)
 
         share = _BESIDE_FREE if any(b.image > 0 for b in self._beside(axis)) else 1.0
-        members = family(medium.stencil, pace, until, distance_to_side(data), share * wanted, steep)
+        members = family(medium.stencil, pace, until, distance_to_side(data), share * wanted, self.dt, steep)
         found = thinnest(members, sent, share * wanted, size)
         if found is None and boundary.target is None:
             return None

@@ -205,7 +205,7 @@ def boxes_of(
 ) -> Decomposition:
     """The boxes of so many processes, see `share_of`; `work` is that along the axes, where it is known already."""
     lattice, stencil = setup.lattice, model.medium(setup.lattice.spacing, setup.lattice.dim)
-    filtered = max((len(layer.taps) - 1 for layer in around.layers.values() if layer.damping.any()), default=1)
+    filtered = max((len(layer.taps) - 1 for layer in around.layers.values() if layer.filtered), default=1)
     beyond, wraps = work_beyond(around, stencil, lattice), wrapping(around.sides)
     work = work_along(setup, model, beyond, team) if work is None else work
     return decompose(lattice.shape, processes, stencil.reach, beyond, wraps, topology, filtered, work)

@@ -31,6 +31,7 @@ from farhorizon.analysis.layers.reflection import (
     polarisations,
     types_of,
 )
+from farhorizon.engine.dampers import response, springs_of, strengths_of
 from farhorizon.engine.engine import Layer
 from farhorizon.engine.filter import line_damping
 from farhorizon.medium.stencil import Stencil
@@ -286,7 +287,9 @@ def _leaving(
     leaving modes); of waves that have as many.
     """
     n, reach, d, first = len(waves), blocks.shape[1] // 2, blocks.shape[2], waves[0]
-    if layer.damping.size:
+    if layer.tuned.size:
+        system = system + _hanging(waves, layer)[:, :, None] * np.eye(system.shape[1])
+    elif layer.damping.size:
         along = np.array([wave.along for wave in waves])
         damping = np.einsum("ij,npq->nipjq", np.eye(d), line_damping(layer.damping, layer.taps, first.dt, along))
         damping = damping.reshape(system.shape)
@@ -314,6 +317,15 @@ def _leaving(
     dependent = max(missing.shape[1:]) * np.finfo(float).eps
     found = -(np.linalg.pinv(missing[..., :-1], rcond=dependent) @ missing[..., -1:])[..., 0]
     return np.asarray(found * size[:, -1:] / size[:, :-1])
+
+
+def _hanging(waves: Sequence[ArrivingWave], layer: Layer) -> np.ndarray:
+    """What dampers add to the eigenvalue of the columns, shape (waves, components * columns)."""
+    medium, factor = waves[0], np.array([wave.factor for wave in waves])
+    keep, pull = springs_of(layer.tuned, medium.dt)
+    given = 1 + strengths_of(layer.damping, keep, pull, medium.dt) * response(factor, keep, pull)[:, None]
+    change = ((factor - 1) * (1 - 1 / factor))[:, None] * (1 / given - 1) / medium.recursion.scale
+    return np.tile(change, medium.weights.shape[1] if medium.weights.ndim > 1 else 1)
 
 
 def _bands(size: int, bands: Mapping[int, np.ndarray]) -> np.ndarray:

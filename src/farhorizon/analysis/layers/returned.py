@@ -224,7 +224,8 @@ class Sample:
 
 
 def _key(layer: Layer) -> bytes:
-    return layer.sigma.tobytes() + layer.alpha.tobytes() + layer.damping.tobytes()
+    arrays = layer.kappa, layer.sigma, layer.alpha, layer.damping, layer.tuned
+    return b"".join(array.tobytes() for array in arrays)
 
 
 def _rounded(number: complex) -> complex:

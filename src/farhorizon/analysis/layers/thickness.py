@@ -1,13 +1,15 @@
 """The thinnest lattice PML that keeps a wanted error, for the waves that a run has.
 
-Waves have the thinnest of four families of profiles, by the error that `farhorizon.analysis.layers.returned` predicts
+Waves have the thinnest of five families of profiles, by the error that `farhorizon.analysis.layers.returned` predicts
 of each. All are stretches ``1 + sigma/(s + alpha)`` whose sigma rises outwards, and differ in what they do to waves
 that hardly move towards the side:
 
 - *steep*: little alpha. The least leak of travelling waves: best below 1e-6 and in short runs.
 - *thin*: sigma as depth^(3/4), alpha rising as depth^4 to the outer end. The fewest nodes for 1e-3 to 1e-6.
-- *short*: for stencils with strong backward waves, whose damping decides what comes back. sigma and damping rise
-  together, and the filter of the damping reads few neighbours.
+- *tuned*: for stencils with strong backward waves, as thin as the thin ones. Dampers take the backward waves by their
+  frequency; one medium along the whole side.
+- *short*: for the same, whose damping by wavelength decides what comes back. sigma and damping rise together, and the
+  filter of the damping reads few neighbours.
 - *late*: made for the length T of a run. On the line Re s = 1/T a travelling, grazing, evanescent or static wave is one
   number C in (0, 1], and an edge with ``sigma = 2c/(h a)``, ``alpha = (1/a^2 - 1)/T`` reflects ``|C - a|/(C + a)``. The
   points a are those of Zolotarev's problem on the interval of the C that reach the side within T: for waveguides, long
@@ -29,6 +31,7 @@ from scipy import special
 from farhorizon.analysis.layers.choice import smooth_ramp, weak
 from farhorizon.analysis.layers.returned import Arrivals, reflected
 from farhorizon.analysis.layers.short_waves import HighPass, high_pass
+from farhorizon.analysis.layers.tuning import tuned
 from farhorizon.engine.engine import Layer
 from farhorizon.medium.stencil import Stencil
 
@@ -307,7 +310,13 @@ def briefly_damped(nodes: int, stencil: Stencil, pace: float) -> dict[str, Layer
 
 
 def family(
-    stencil: Stencil, pace: float, until: float, distance: float, wanted: float, steep: Callable[[int], Layer]
+    stencil: Stencil,
+    pace: float,
+    until: float,
+    distance: float,
+    wanted: float,
+    dt: float,
+    steep: Callable[[int], Layer],
 ) -> Callable[[int], Mapping[str, Layer]]:
     """The profiles of so many nodes that are tried for waves, by name.
 
@@ -321,7 +330,9 @@ def family(
         if crowded(stencil):
             return found
         if not weak(damped):
-            return found if damped is None or damped.whole else found | briefly_damped(nodes, stencil, pace)
+            if damped is None or damped.whole:
+                return found
+            return found | briefly_damped(nodes, stencil, pace) | tuned(nodes, stencil, pace, dt)
         rise = steady_rise(stencil, nodes)
         if rise is not None:
             for strength in _STRENGTHS[: 3 if backward and rise == _RISE else None]:

@@ -24,6 +24,7 @@ _ENGINE = Path(__file__).parents[1]
 _COMPILED_IN = (
     "bonds",
     "damage",
+    "dampers",
     "release",
     "drag",
     "ends",

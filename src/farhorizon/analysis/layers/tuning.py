@@ -1,0 +1,129 @@
+"""Dampers that are tuned to the waves of a medium that run backward, see `farhorizon.engine.dampers`.
+
+In a layer a wave whose group velocity points against its phase velocity grows by ``sigma gamma`` per unit time, with
+gamma from the symbol (`Stencil.layer_growth`). All waves of positive kernels and of solids that do so are among the
+fastest of their medium: from 0.65 (bilinear elements) to 0.9 of the largest frequency on, ten times that of a wave of
+twenty nodes. A filter in space tells them from long waves by their wavelength, and in a thin layer, where long waves
+fall within a few nodes, takes part of these, too; dampers tell them by their frequency, which a layer does not change.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from farhorizon.engine.dampers import response, springs_of, strengths_of
+from farhorizon.engine.engine import Layer
+from farhorizon.medium.stencil import Stencil
+
+_APART = 0.5  # part of the largest frequency above which backward waves have to be
+# frequency of the springs from the slowest to the fastest of these, and width over that distance; the least over the
+# largest frequency, for waves that the layer has changed
+_PLACE, _WIDTH, _LEAST_WIDTH = 0.5, 1.2, 0.2
+_REAL = 0.3  # real stretch over sigma: backward waves grow by less, and the fastest waves are slower
+_SHIFT, _END = 1e-3, 0.15  # least alpha, and alpha at the outer end over sigma there
+
+
+class _Family(NamedTuple):
+    """Profiles of media whose largest frequency is so many speeds / spacing at least.
+
+    The slower the fastest waves are the less is sigma a small part of their frequency, as the first order takes it, and
+    the more layers grow from noise: these did not, in boxes of few nodes, at 0.3 to 0.9 of the step limit.
+
+    Attributes
+    ----------
+    least : float
+    margin : float
+        Of the damping at the outer end over what first order in sigma asks for.
+    soft : float
+        Power of the depth with which it comes in later than sigma.
+    profiles : tuple of (float, float, int, int)
+        Strength, power of sigma's ramp, and the nodes from and to which it is taken.
+    """
+
+    least: float
+    margin: float
+    soft: float
+    profiles: tuple[tuple[float, float, int, int], ...]
+
+
+_FAMILIES = (
+    _Family(1.3, 2.4, 1.5, ((1.4, 0.75, 2, 8), (1.0, 0.75, 5, 12), (1.4, 1.0, 5, 12))),
+    _Family(1.1, 1.6, 0.5, ((1.4, 0.75, 2, 6), (1.0, 0.75, 5, 8), (2.0, 1.5, 5, 8))),
+    _Family(0.88, 1.6, 0.5, ((1.4, 0.75, 3, 4), (2.0, 1.5, 5, 6))),
+)
+
+
+@dataclass(frozen=True)
+class Band:
+    """Frequencies of backward waves, in units of speed / spacing.
+
+    Attributes
+    ----------
+    frequency, width : float
+        Of the dampers.
+    highest : float
+        Largest frequency of the medium.
+    rate : float
+        Damping over sigma that stops all of them, where the dampers take most.
+    """
+
+    frequency: float
+    width: float
+    highest: float
+    rate: float
+
+
+@lru_cache(maxsize=64)
+def backward_band(stencil: Stencil) -> Band | None:
+    """The band of a stencil; None where there are no backward waves, or some that are as slow as others."""
+    value, growth = stencil.zone_branches[1], stencil.layer_growth[1]
+    backward = growth > 1e-6
+    if not backward.any() or np.any(stencil.reaction):
+        return None
+    square, highest = value[backward], float(np.sqrt(value.max()))
+    lowest = float(np.sqrt(square.min()))
+    if lowest < _APART * highest:
+        return None
+    frequency = lowest + _PLACE * (highest - lowest)
+    width = max(_WIDTH * (highest - lowest), _LEAST_WIDTH * highest)
+    taken = (width * square) ** 2 / (frequency**2 * ((frequency**2 - square) ** 2 + width**2 * square))
+    return Band(frequency, width, highest, float((2 * growth[backward] / taken).max()))
+
+
+def tuned(nodes: int, stencil: Stencil, pace: float, dt: float) -> dict[str, Layer]:
+    """Layers of so many nodes with tuned dampers, by name: those that do not grow.
+
+    Parameters
+    ----------
+    nodes : int
+    stencil : Stencil
+    pace : float
+        Speed / spacing.
+    dt : float
+    """
+    band = backward_band(stencil)
+    kind = None if band is None else next((one for one in _FAMILIES if band.highest >= one.least), None)
+    if band is None or kind is None:
+        return {}
+    depth, columns = (np.arange(nodes + 1) + 0.5) / (nodes + 1), np.arange(1, nodes + 1) / (nodes + 1)
+    found = {}
+    for strength, rise, least, most in kind.profiles:
+        sigma, at_nodes = 2 * strength * depth**rise, 2 * strength * columns**rise
+        alpha = _SHIFT + _END * sigma[-1] * depth**4
+        rates = kind.margin * band.rate * at_nodes / (1 + _REAL * at_nodes) * columns**kind.soft
+        layer = Layer(1 + _REAL * sigma, sigma * pace, alpha * pace, rates * pace)
+        layer = replace(layer, tuned=np.array([band.frequency, band.width]) * pace)
+        if least <= nodes <= most and _is_steady(layer, band.highest * pace, stencil.dim, dt):
+            found[f"tuned ({strength:g}, {rise:g})"] = layer
+    return found
+
+
+def _is_steady(layer: Layer, highest: float, axes: int, dt: float) -> bool:
+    """Whether the step carries the fastest waves where layers meet: their nodes have less of their mass."""
+    keep, pull = springs_of(layer.tuned, dt)
+    less = axes * strengths_of(layer.damping, keep, pull, dt).max() * response(np.array(-1.0), keep, pull)
+    return bool((highest * dt / 2) ** 2 * (1 + less) <= 1)

@@ -1,0 +1,194 @@
+"""Tuned dampers: part of the mass of a layer's nodes hangs on damped springs.
+
+A wave whose group velocity points against its phase velocity grows in a layer. All such waves of a medium lie in a band
+of frequencies near the largest one, far above those of waves that a lattice resolves. So each node of the layer carries
+a mass on a spring that is tuned to this band: it takes energy there, at every point by itself, and leaves slower waves
+alone, however sharply the layer makes them fall. (Den Hartog's dynamic vibration absorber, Mechanical Vibrations, 1956,
+chapter 3.)
+
+With a the change that the forces make in a node's increment, the hanging mass and the node follow
+
+    q <- keep q - pull p + a,   p <- p + q,   increment += a + strength (q - q of the step before),
+
+so that the forces act through the factor ``1 + strength g`` at a frequency whose factor over a step is z, with
+
+    g = (1 - 1/z)^2 / (1 - (1 + keep - pull)/z + keep/z^2).
+
+Its imaginary part is positive at every frequency and every step: the dampers take energy and never give any. Waves much
+slower than the springs find the mass that was there before, to second order in their frequency. The fastest find less,
+which shortens the largest stable step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from farhorizon.engine.layout import Layout
+from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.threads import barrier, share
+
+# largest shares of the frequency that a step carries at most, and of the width, where a step is too long for them
+_NEAR, _MOST = 0.98, 0.9
+
+
+class Dampers(NamedTuple):
+    """Hanging masses of a run.
+
+    Attributes
+    ----------
+    runs : ndarray of int, shape (R, 5)
+        Of neighbouring nodes along the last axis: place in a level, place of the first strength, place of the first
+        state, nodes, and which springs they have.
+    springs : ndarray, shape (S, 2)
+        `keep` and `pull`.
+    strengths : ndarray
+    states : ndarray, shape (3 * components * apart,)
+        Last increments of the nodes, then p, then q; of each the components one after the other.
+    apart : int
+    """
+
+    runs: np.ndarray
+    springs: np.ndarray
+    strengths: np.ndarray
+    states: np.ndarray
+    apart: int
+
+
+def springs_of(tuned: np.ndarray, dt: float) -> tuple[float, float]:
+    """`keep` and `pull` of springs of an angular frequency, which take energy in a band of some width around it."""
+    frequency, width = tuned.tolist()
+    place = min(frequency * dt / 2, _NEAR)
+    # a step's frequencies crowd at the largest one: the band becomes as wide as it is on the lattice
+    share = min(width * dt / (2 * np.sqrt(1 - place**2)), _MOST)
+    keep = (1 - share) / (1 + share)
+    return keep, 2 * (1 + keep) * place**2
+
+
+def strengths_of(rates: np.ndarray, keep: float, pull: float, dt: float) -> np.ndarray:
+    """Strengths with which waves of the springs' frequency lose their velocity at some rates."""
+    square = pull / (2 * (1 + keep))  # of the sine of half the phase that they turn by in a step
+    return np.asarray(rates * dt * (1 - keep) * (1 - square) / (4 * square))
+
+
+def response(factor: np.ndarray, keep: float, pull: float) -> np.ndarray:
+    """The number g of waves with some factors over a step."""
+    back = 1 / np.asarray(factor)
+    return np.asarray((1 - back) ** 2 / (1 - (1 + keep - pull) * back + keep * back**2))
+
+
+class DamperTables:
+    """The dampers of the layers of a box.
+
+    Parameters
+    ----------
+    layout : Layout
+    layers : mapping of (axis, side) to Layer
+    dt : float
+
+    Attributes
+    ----------
+    slabs : dict of (axis, side) to ndarray of int
+        Places of the states of each layer that has dampers, by its nodes in the box, corners included; where layers
+        meet those of the first axis are in use.
+    used : dict of (axis, side) to ndarray of bool
+    size : int
+        Numbers that are kept of one component.
+    start : int
+        Where they begin in the engine's memory.
+    """
+
+    def __init__(self, layout: Layout, layers: Mapping[tuple[int, int], Any], dt: float) -> None:
+        self.layout, self.start = layout, 0
+        self.slabs: dict[tuple[int, int], np.ndarray] = {}
+        self.used: dict[tuple[int, int], np.ndarray] = {}
+        self.size = 0
+        tuned = {key: layer for key, layer in sorted(layers.items()) if layer.tuned.size}
+        springs = [springs_of(layer.tuned, dt) for layer in tuned.values()]
+        nodes = layout.box.nodes
+        taken, along = np.zeros(nodes, bool), [np.zeros(n) for n in nodes]
+        for (axis, side), layer, own in zip(tuned, tuned.values(), springs, strict=True):
+            along[axis][_columns(nodes[axis], side, layer.columns)] += strengths_of(layer.damping, *own, dt)[::side]
+        across, line = np.unique(np.add.outer(along[0], along[1]), return_inverse=True)
+        entries = np.add.outer(line.reshape(nodes[:2]) * nodes[2], np.arange(nodes[2]))
+        self._springs, self._strengths = np.array(springs).reshape(-1, 2), np.add.outer(across, along[2]).ravel()
+        runs = [np.zeros((0, 5), np.int64)]
+        for number, ((axis, side), layer) in enumerate(tuned.items()):
+            slab = tuple(_columns(n, side, layer.columns) if a == axis else slice(None) for a, n in enumerate(nodes))
+            self.used[axis, side] = used = ~taken[slab]
+            self.slabs[axis, side] = places = self.size + np.arange(used.size).reshape(used.shape)
+            taken[slab], self.size = True, self.size + used.size
+            runs.append(_runs(layout.box.node_indices()[slab][used], entries[slab][used], places[used], number))
+        self._runs = np.concatenate(runs)
+
+    def tables(self, memory: np.ndarray, real: np.dtype) -> Dampers:
+        """Those of the compiled loop, whose states are the memory of an engine from `start` on."""
+        components = self.layout.components
+        states = memory[self.start :].view(real)[: 3 * components * self.size]
+        return Dampers(self._runs, self._springs.astype(real), self._strengths.astype(real), states, self.size)
+
+    def lines(self, parts: int) -> Iterator[tuple[str, np.ndarray, tuple[int, ...]]]:
+        """Places in the memory by name, see `LayerTables.lines`; `parts`: in how many numbers each state lies."""
+        for (axis, side), places in self.slabs.items():
+            along = np.moveaxis(places, axis, 0)
+            each = self.size * np.arange(3 * self.layout.components)[:, None]
+            found = (each + along.reshape(1, -1)).reshape(-1, 1, *along.shape) * parts + np.arange(parts).reshape(
+                1, -1, *[1] * along.ndim
+            )
+            found = found.reshape(-1, found.shape[1] * found.shape[2], *found.shape[3:])
+            yield f"{axis}{'-+'[side > 0]}", self.start + found, tuple(a for a in range(3) if a != axis)
+
+    def cells(self) -> list[tuple[tuple[int, int], np.ndarray]]:
+        """Places of the states in use, of each layer by component, number (those of the nodes outwards, three times),
+        and line.
+        """
+        found = []
+        for (axis, side), places in self.slabs.items():
+            along, used = (np.moveaxis(one, axis, 0)[::side] for one in (places, self.used[axis, side]))
+            lines = along.reshape(len(along), -1)[:, used.reshape(len(used), -1).all(0)]
+            each = self.size * np.arange(3 * self.layout.components).reshape(3, -1)
+            by_component = each.T[:, :, None, None] + lines
+            found.append(((axis, side), self.start + by_component.reshape(self.layout.components, -1, lines.shape[1])))
+        return found
+
+
+def _columns(nodes: int, side: int, columns: int) -> slice:
+    """The nodes of a layer along its normal."""
+    return slice(columns) if side < 0 else slice(nodes - columns, None)
+
+
+def _runs(nodes: np.ndarray, entries: np.ndarray, places: np.ndarray, number: int) -> np.ndarray:
+    """Runs in which all three go up by one, as `Dampers.runs`."""
+    rows = np.array([nodes, entries, places])
+    first = np.flatnonzero((np.diff(rows, prepend=rows[:, :1] - 2) != 1).any(0))
+    counts = np.diff(first, append=rows.shape[1])
+    return np.vstack([rows[:, first], counts, np.full_like(counts, number)]).T.copy()
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def move_dampers(thread, stage, dampers):
+    """The hanging masses move, and pull their nodes; one thread's share."""
+    runs, springs, strengths, states = dampers.runs, dampers.springs, dampers.strengths, dampers.states
+    apart, each = stage.src.size // stage.components, dampers.apart
+    later = stage.components * each
+    own = share(thread, runs.shape[0])
+    for i in range(own[0], own[1]):
+        keep, pull, count = springs[runs[i, 4], 0], springs[runs[i, 4], 1], runs[i, 3]
+        strength = strengths[runs[i, 1] : runs[i, 1] + count]
+        for c in range(stage.components):
+            node, place = c * apart + runs[i, 0], c * each + runs[i, 2]
+            src, out, base = stage.src[node : node + count], stage.out[node : node + count], stage.base[node:]
+            last, p = states[place : place + count], states[place + later : place + later + count]
+            q = states[place + 2 * later : place + 2 * later + count]
+            for k in range(count):
+                increment = base[k] if stage.increments else out[k] - src[k]
+                moved = keep * q[k] - pull * p[k] + (increment - last[k])
+                gained = strength[k] * (moved - q[k])
+                q[k], last[k] = moved, increment + gained
+                p[k] += moved
+                out[k] += gained
+                if stage.increments:
+                    base[k] += gained
+    barrier(thread)
