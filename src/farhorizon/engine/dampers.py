@@ -26,8 +26,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from farhorizon.engine.layout import Layout
+from farhorizon.engine.layout import SLACK, Layout
 from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.rows.vectors import move_masses
 from farhorizon.engine.threads import barrier, share
 
 # largest shares of the frequency that a step carries at most, and of the width, where a step is too long for them
@@ -45,6 +46,7 @@ class Dampers(NamedTuple):
     springs : ndarray, shape (S, 2)
         `keep` and `pull`.
     strengths : ndarray
+        Lines of them along the last axis, each that occurs once; they go on for `SLACK` values, as the states do.
     states : ndarray, shape (3 * components * apart,)
         Last increments of the nodes, then p, then q; of each the components one after the other.
     apart : int
@@ -127,7 +129,8 @@ class DamperTables:
         """Those of the compiled loop, whose states are the memory of an engine from `start` on."""
         components = self.layout.components
         states = memory[self.start :].view(real)[: 3 * components * self.size]
-        return Dampers(self._runs, self._springs.astype(real), self._strengths.astype(real), states, self.size)
+        strengths = np.append(self._strengths, np.zeros(SLACK)).astype(real)
+        return Dampers(self._runs, self._springs.astype(real), strengths, states, self.size)
 
     def lines(self, parts: int) -> Iterator[tuple[str, np.ndarray, tuple[int, ...]]]:
         """Places in the memory by name, see `LayerTables.lines`; `parts`: in how many numbers each state lies."""
@@ -170,25 +173,25 @@ def _runs(nodes: np.ndarray, entries: np.ndarray, places: np.ndarray, number: in
 @njit(error_model="numpy", cache=True, counted=False)
 def move_dampers(thread, stage, dampers):
     """The hanging masses move, and pull their nodes; one thread's share."""
-    runs, springs, strengths, states = dampers.runs, dampers.springs, dampers.strengths, dampers.states
+    runs, springs, size = dampers.runs, dampers.springs, stage.out.itemsize
     apart, each = stage.src.size // stage.components, dampers.apart
-    later = stage.components * each
+    later = stage.components * each * size
+    out, src, base = stage.out.ctypes.data, stage.src.ctypes.data, stage.base.ctypes.data
+    states, strengths = dampers.states.ctypes.data, dampers.strengths.ctypes.data
+    share_of_source = stage.out.dtype.type(0 if stage.increments else 1)
     own = share(thread, runs.shape[0])
     for i in range(own[0], own[1]):
-        keep, pull, count = springs[runs[i, 4], 0], springs[runs[i, 4], 1], runs[i, 3]
-        strength = strengths[runs[i, 1] : runs[i, 1] + count]
+        node, strength, state, count, number = runs[i, 0], runs[i, 1], runs[i, 2], runs[i, 3], runs[i, 4]
         for c in range(stage.components):
-            node, place = c * apart + runs[i, 0], c * each + runs[i, 2]
-            src, out, base = stage.src[node : node + count], stage.out[node : node + count], stage.base[node:]
-            last, p = states[place : place + count], states[place + later : place + later + count]
-            q = states[place + 2 * later : place + 2 * later + count]
-            for k in range(count):
-                increment = base[k] if stage.increments else out[k] - src[k]
-                moved = keep * q[k] - pull * p[k] + (increment - last[k])
-                gained = strength[k] * (moved - q[k])
-                q[k], last[k] = moved, increment + gained
-                p[k] += moved
-                out[k] += gained
-                if stage.increments:
-                    base[k] += gained
+            level, last = (c * apart + node) * size, states + (c * each + state) * size
+            there = base if stage.increments else out
+            move_masses(
+                (last, last + later, last + 2 * later),
+                (there + level, src + level, base + level if stage.increments else 0, out + level),
+                strengths + strength * size,
+                springs[number, 0],
+                springs[number, 1],
+                share_of_source,
+                count,
+            )
     barrier(thread)

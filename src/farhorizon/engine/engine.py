@@ -19,7 +19,7 @@ from farhorizon.engine.dampers import DamperTables
 from farhorizon.engine.ends import Ends
 from farhorizon.engine.exchange import Exchange
 from farhorizon.engine.layer_tables import LayerTables
-from farhorizon.engine.layout import Layout, aligned, aligned_zeros
+from farhorizon.engine.layout import SLACK, Layout, aligned, aligned_zeros
 from farhorizon.engine.loop import CompiledLoop
 from farhorizon.engine.media import media_of
 from farhorizon.engine.nested import Layers
@@ -272,7 +272,7 @@ class Engine:
         hanging = 3 * self.components * self.dampers.size * self.dtype.itemsize // self.kept.itemsize
         end = int(starts[-1]) if stretched or hanging else int(starts[-2]) + every[-1].layers.memory.size
         self.dampers.start = aligned(end + stretched) if hanging else 0
-        memory = aligned_zeros(self.dampers.start + hanging if hanging else end + stretched, self.kept)
+        memory = aligned_zeros(self.dampers.start + hanging + SLACK if hanging else end + stretched, self.kept)
         for start, tables in zip(starts[:-1], every, strict=True):
             tables.start = int(start)
             tables.layers = _remembering(tables.layers, memory, tables.start)

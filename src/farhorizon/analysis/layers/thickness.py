@@ -31,7 +31,7 @@ from scipy import special
 from farhorizon.analysis.layers.choice import smooth_ramp, weak
 from farhorizon.analysis.layers.returned import Arrivals, reflected
 from farhorizon.analysis.layers.short_waves import HighPass, high_pass
-from farhorizon.analysis.layers.tuning import tuned
+from farhorizon.analysis.layers.tuned_layers import tuned_layers
 from farhorizon.engine.engine import Layer
 from farhorizon.medium.stencil import Stencil
 
@@ -315,12 +315,13 @@ def family(
     until: float,
     distance: float,
     wanted: float,
-    dt: float,
+    dt: float | None,
     steep: Callable[[int], Layer],
 ) -> Callable[[int], Mapping[str, Layer]]:
     """The profiles of so many nodes that are tried for waves, by name.
 
-    The late profile is for scalars without backward waves that reach no more than 4 nodes: others grow in it.
+    The late profile is for scalars without backward waves that reach no more than 4 nodes: others grow in it. Tuned
+    ones are there where a time step is given.
     """
     backward, damped = stencil.backward_waves(), high_pass(stencil)
     timely = _timely(stencil)
@@ -332,7 +333,8 @@ def family(
         if not weak(damped):
             if damped is None or damped.whole:
                 return found
-            return found | briefly_damped(nodes, stencil, pace) | tuned(nodes, stencil, pace, dt)
+            found |= briefly_damped(nodes, stencil, pace)
+            return found if dt is None else found | tuned_layers(nodes, stencil, pace, dt)
         rise = steady_rise(stencil, nodes)
         if rise is not None:
             for strength in _STRENGTHS[: 3 if backward and rise == _RISE else None]:

@@ -928,6 +928,54 @@ def weigh_change(typingctx, to, level, before, share, strengths, count):
 
 
 @intrinsic
+def move_masses(typingctx, states, levels, strengths, keep, pull, share, count):
+    """The masses that hang on `count` neighbouring nodes move, and pull them; see `engine.dampers`.
+
+    Parameters
+    ----------
+    states : tuple of int
+        Byte addresses of the nodes' last increments, and of p and q.
+    levels : tuple of int
+        Of what the increment is in, of what is subtracted from it, and of the levels to add to: another one, 0 for
+        none, and ``out``.
+    strengths : int
+    keep, pull : float
+    share : float
+        Of the second level in the increment, 0 or 1.
+    count : int
+    """
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        last, p, q, level, before, other, out, strengths, keep, pull, share, count = flat(builder, args)
+        vectors = Vectors.of(builder, str(signature.args[3]))
+        kept, pulled, less = (vectors.splat(one) for one in (keep, builder.fneg(pull), builder.fneg(share)))
+
+        def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
+            at = builder.mul(x, I64(vectors.size))
+
+            def there(address: Any) -> Any:
+                return builder.add(address, at)
+
+            increment = vectors.multiply_add(vectors.load(there(level)), less, vectors.load(there(before)))
+            place, pace = vectors.load(there(p)), vectors.load(there(q))
+            moved = builder.fsub(increment, vectors.load(there(last)))
+            moved = vectors.multiply_add(vectors.multiply_add(moved, kept, pace), pulled, place)
+            gained = builder.fmul(vectors.load(there(strengths)), builder.fsub(moved, pace))
+            store(builder.fadd(increment, gained), there(last))
+            store(builder.fadd(place, moved), there(p))
+            store(moved, there(q))
+            store(builder.fadd(vectors.load(there(out)), gained), there(out))
+            with builder.if_then(builder.icmp_signed("!=", other, I64(0))):
+                store(builder.fadd(vectors.load(there(other)), gained), there(other))
+
+        vectors.in_chunks(count, chunk)
+        return context.get_dummy_value()
+
+    addresses = types.UniTuple(types.int64, 3), types.UniTuple(types.int64, 4)
+    return types.void(*addresses, types.int64, keep, keep, keep, types.int64), codegen
+
+
+@intrinsic
 def copy_run(typingctx, to, source, count, like):
     """``to = source`` for `count` neighbouring values of the type of `like`; byte addresses."""
 

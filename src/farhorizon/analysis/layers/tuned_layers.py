@@ -24,6 +24,7 @@ _APART = 0.5  # part of the largest frequency above which backward waves have to
 # largest frequency, for waves that the layer has changed
 _PLACE, _WIDTH, _LEAST_WIDTH = 0.5, 1.2, 0.2
 _REAL = 0.3  # real stretch over sigma: backward waves grow by less, and the fastest waves are slower
+_GRADUAL = 2.7  # nodes after the first in which the dampers may come in one power of the depth later
 _SHIFT, _END = 1e-3, 0.15  # least alpha, and alpha at the outer end over sigma there
 
 
@@ -31,34 +32,35 @@ class _Family(NamedTuple):
     """Profiles of media whose largest frequency is so many speeds / spacing at least.
 
     The slower the fastest waves are the less is sigma a small part of their frequency, as the first order takes it, and
-    the more layers grow from noise: these did not, in boxes of few nodes, at 0.3 to 0.9 of the step limit.
+    the more layers grow: these did not, by the eigenvalues of strips and from noise in boxes of few nodes, at 0.3 to
+    0.65 of the step limit.
 
     Attributes
     ----------
     least : float
     margin : float
         Of the damping at the outer end over what first order in sigma asks for.
-    soft : float
-        Power of the depth with which it comes in later than sigma.
-    profiles : tuple of (float, float, int, int)
-        Strength, power of sigma's ramp, and the nodes from and to which it is taken.
+    profiles : tuple of (float, float, float, int, int)
+        Strength, power of sigma's ramp, power of the depth with which the damping comes in later than sigma, if there
+        are nodes enough, and the nodes from and to which it is taken.
     """
 
     least: float
     margin: float
-    soft: float
-    profiles: tuple[tuple[float, float, int, int], ...]
+    profiles: tuple[tuple[float, float, float, int, int], ...]
 
 
 _FAMILIES = (
-    _Family(1.3, 2.4, 1.5, ((1.4, 0.75, 2, 8), (1.0, 0.75, 5, 12), (1.4, 1.0, 5, 12))),
-    _Family(1.1, 1.6, 0.5, ((1.4, 0.75, 2, 6), (1.0, 0.75, 5, 8), (2.0, 1.5, 5, 8))),
-    _Family(0.88, 1.6, 0.5, ((1.4, 0.75, 3, 4), (2.0, 1.5, 5, 6))),
+    _Family(
+        1.4, 2.4, ((1.4, 0.75, 1.5, 4, 8), (1.0, 0.75, 1.5, 3, 8), (1.0, 0.75, 1.0, 9, 10), (1.4, 1.0, 1.0, 6, 10))
+    ),
+    _Family(1.1, 1.8, ((1.0, 0.75, 0.5, 3, 8), (1.4, 1.0, 0.5, 4, 8))),
+    _Family(0.88, 1.8, ((1.0, 1.0, 0.5, 3, 6), (2.0, 1.5, 0.5, 4, 6))),
 )
 
 
 @dataclass(frozen=True)
-class Band:
+class BackwardBand:
     """Frequencies of backward waves, in units of speed / spacing.
 
     Attributes
@@ -78,7 +80,7 @@ class Band:
 
 
 @lru_cache(maxsize=64)
-def backward_band(stencil: Stencil) -> Band | None:
+def backward_band(stencil: Stencil) -> BackwardBand | None:
     """The band of a stencil; None where there are no backward waves, or some that are as slow as others."""
     value, growth = stencil.zone_branches[1], stencil.layer_growth[1]
     backward = growth > 1e-6
@@ -91,10 +93,10 @@ def backward_band(stencil: Stencil) -> Band | None:
     frequency = lowest + _PLACE * (highest - lowest)
     width = max(_WIDTH * (highest - lowest), _LEAST_WIDTH * highest)
     taken = (width * square) ** 2 / (frequency**2 * ((frequency**2 - square) ** 2 + width**2 * square))
-    return Band(frequency, width, highest, float((2 * growth[backward] / taken).max()))
+    return BackwardBand(frequency, width, highest, float((2 * growth[backward] / taken).max()))
 
 
-def tuned(nodes: int, stencil: Stencil, pace: float, dt: float) -> dict[str, Layer]:
+def tuned_layers(nodes: int, stencil: Stencil, pace: float, dt: float) -> dict[str, Layer]:
     """Layers of so many nodes with tuned dampers, by name: those that do not grow.
 
     Parameters
@@ -111,10 +113,11 @@ def tuned(nodes: int, stencil: Stencil, pace: float, dt: float) -> dict[str, Lay
         return {}
     depth, columns = (np.arange(nodes + 1) + 0.5) / (nodes + 1), np.arange(1, nodes + 1) / (nodes + 1)
     found = {}
-    for strength, rise, least, most in kind.profiles:
+    for strength, rise, soft, least, most in kind.profiles:
         sigma, at_nodes = 2 * strength * depth**rise, 2 * strength * columns**rise
         alpha = _SHIFT + _END * sigma[-1] * depth**4
-        rates = kind.margin * band.rate * at_nodes / (1 + _REAL * at_nodes) * columns**kind.soft
+        late = columns ** min(soft, (nodes - 1) / _GRADUAL)
+        rates = kind.margin * band.rate * at_nodes / (1 + _REAL * at_nodes) * late
         layer = Layer(1 + _REAL * sigma, sigma * pace, alpha * pace, rates * pace)
         layer = replace(layer, tuned=np.array([band.frequency, band.width]) * pace)
         if least <= nodes <= most and _is_steady(layer, band.highest * pace, stencil.dim, dt):

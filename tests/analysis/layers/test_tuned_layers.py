@@ -1,0 +1,227 @@
+"""Layers whose dampers are tuned to backward waves: how thin they are, and that noise does not grow in them."""
+
+import os
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.analysis.layers.thickness import briefly_damped
+from farhorizon.analysis.layers.tuned_layers import backward_band, tuned_layers
+from farhorizon.checks.side_modes import Strip, plain_twin
+from farhorizon.engine.state import State
+
+SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
+
+
+def solid(reach, exponent=1, influence="constant", material="bond-based", **more):
+    more |= {} if material == "bond-based" else {"poisson": more.get("poisson", 0.3)}
+    return fh.Elastic(fh.Kernel(reach, exponent, influence), young=1.0, material=material, **more)
+
+
+ELEMENTS = fh.Elastic(None, young=1.0, poisson=0.3, material="finite-element")
+MEDIA = {
+    "bonds": (solid(2.0), 2),
+    "linear": (solid(2.0, influence="linear"), 2),
+    "elements": (ELEMENTS, 2),
+    "scalar elements": (fh.Wave(fh.Stencil.finite_element(2)), 2),
+    "exponent 0": (solid(2.0, 0), 2),
+    "exponent 2": (solid(3.0, 2), 2),
+    "wide linear": (solid(3.0, influence="linear"), 2),
+    "gaussian": (solid(4.0, influence="gaussian"), 2),
+    "states": (solid(2.0, material="state-based"), 2),
+    "wide bonds": (solid(3.0), 2),
+    "wide states": (solid(3.0, material="state-based"), 2),
+    "wide, exponent 0": (solid(3.0, 0), 2),
+    "scalar": (fh.Wave(fh.Kernel(3.0, 1)), 2),
+    "bonds in space": (solid(2.0), 3),
+    "states in space": (solid(2.0, material="state-based", poisson=0.2), 3),
+}
+
+
+def pace_of(model):
+    return float(np.sqrt(model.coefficient))
+
+
+def step_limit(model, dim, nodes=15):
+    return fh.Simulation(fh.Lattice(1.0, (0.0,) * dim, (nodes - 1.0,) * dim), model, fh.Fixed(), threads=1).step_limit
+
+
+@pytest.mark.parametrize("name", MEDIA)
+def test_backward_waves_are_among_the_fastest(name):
+    """By their definition: the frequency falls as the wavenumber rises, along an axis and under 45 degrees."""
+    model, dim = MEDIA[name]
+    stencil = model.stencil(1.0, dim)
+    band = backward_band(stencil)
+    k = np.linspace(0.01, np.pi, 400)
+    zero = np.zeros_like(k)
+    for along in ([k, *[zero] * (dim - 1)], [k, k, *[zero] * (dim - 2)]):
+        frequencies = np.sqrt(np.maximum(stencil.branches(*along), 0))
+        backward = np.diff(frequencies, axis=0) < -1e-6
+        for branch in np.flatnonzero(backward.any(0)):
+            slowest = frequencies[1:, branch][backward[:, branch]].min()
+            assert slowest > 0.5 * band.highest
+            assert slowest > band.frequency - 1.1 * band.width
+    assert frequencies.max() < band.highest * 1.001
+
+
+def test_media_without_such_a_band():
+    """Nothing runs backward; zero-energy modes, which are slow and short; waves with a cut-off."""
+    assert backward_band(fh.Wave(fh.Kernel(3.0)).stencil(1.0, 2)) is None
+    bare = solid(2.0, material="correspondence").stencil(1.0, 2)
+    assert backward_band(bare) is None and not tuned_layers(4, bare, 1.0, 0.1)
+    assert backward_band(fh.Wave(fh.Kernel(3.0, 1)).stencil(1.0, 2).with_reaction(0.1)) is None
+    assert not tuned_layers(4, solid(5.0).stencil(1.0, 2), 1.0, 0.1)  # grows from noise
+
+
+def test_a_step_near_the_limit_has_none():
+    """The fastest waves have less mass than the step was made for."""
+    stencil = ELEMENTS.stencil(1.0, 2)
+    limit, pace = step_limit(ELEMENTS, 2), pace_of(ELEMENTS)
+    assert tuned_layers(4, stencil, pace, 0.5 * limit) and not tuned_layers(4, stencil, pace, 0.95 * limit)
+
+
+def test_units_change_nothing():
+    """All is in speeds over spacings."""
+    stencil = solid(2.0).stencil(1.0, 2)
+    one, other = tuned_layers(5, stencil, 1.0, 0.2), tuned_layers(5, stencil, 1e4, 0.2e-4)
+    assert one.keys() == other.keys()
+    for name, layer in one.items():
+        for part, scale in (("kappa", 1.0), ("sigma", 1e4), ("alpha", 1e4), ("damping", 1e4), ("tuned", 1e4)):
+            np.testing.assert_allclose(getattr(other[name], part), scale * getattr(layer, part), rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["bonds", "elements"])
+def test_five_nodes_do_what_sixteen_did(name):
+    """A pulse of waves of eight nodes and one of sixteen: errors over four crossings against a larger domain."""
+    model, dim = MEDIA[name]
+    pace = pace_of(model)
+    for wave, least in ((8, 3.0), (16, 15.0)):
+        half = 2.0 * wave
+        lattice = fh.Lattice(1.0, (-half,) * dim, (half,) * dim)
+        x, y = lattice.coordinates()
+        g = np.exp(-((x - 0.3 * half) ** 2 + (y + 0.2 * half) ** 2) * (np.pi / wave) ** 2)
+        u, until = np.stack([g, 0.5 * g]), 8 * half / pace
+        exact = fh.Simulation(lattice, model, fh.Extended(1e-8, until=until), {"u": u}, threads=1)
+        stencil = exact.stencil
+        layers = {
+            "tuned": tuned_layers(5, stencil, pace, exact.dt)["tuned (1.4, 0.75)"],
+            "short": next(iter(briefly_damped(5, stencil, pace).values())),
+            "steep": None,
+        }
+        runs = {
+            name: fh.Simulation(
+                lattice, model, fh.LatticePML(nodes=5 if layer else 12, profile=layer), {"u": u}, threads=1
+            )
+            for name, layer in layers.items()
+        }
+        errors = dict.fromkeys(runs, 0.0)
+        for step in np.linspace(0, until / exact.dt, 12).astype(int)[1:].tolist():
+            exact.step(step - exact.step_count)
+            for name, run in runs.items():
+                run.step(step - run.step_count)
+                errors[name] = max(errors[name], float(np.abs(run.fields["u"] - exact.fields["u"]).max()))
+        print(wave, errors)
+        assert errors["tuned"] < 1.5e-4
+        assert errors["short"] > least * errors["tuned"]  # with the same number of nodes
+        assert errors["steep"] > 0.3 * errors["tuned"]  # with 12
+
+
+def _growth(model, dim, layer, share, time, seed=3, sides=None):
+    """Size of the state in the last third of a run from white noise over that in the third before."""
+    size = 2.0 * max(model.stencil(1.0, dim).reach) + 2.0
+    names = [axis + end for axis in "xyz"[:dim] for end in "-+"]
+    dt, boundary = share * step_limit(model, dim), fh.LatticePML(nodes=layer.columns, profile=layer)
+    sim = fh.Simulation(
+        fh.Lattice(1.0, (0.0,) * dim, (size,) * dim),
+        model,
+        dict.fromkeys(names, boundary) | (sides or {}),
+        dt=dt,
+        threads=1,
+    )
+    state, steps = State(plain_twin(sim).engine), int(time / pace_of(model) / dt / 3)
+    now, sizes = np.random.default_rng(seed).standard_normal(state.size), []
+    for _ in range(3):
+        now = state.after(now, steps)
+        sizes.append(np.linalg.norm(now))
+    return sizes[2] / sizes[1]
+
+
+@pytest.mark.parametrize(
+    "name", ["bonds", "wide bonds", *(pytest.param(n, marks=pytest.mark.slow) for n in MEDIA if "bonds" not in n)]
+)
+@pytest.mark.parametrize("share", [0.3, 0.65])
+def test_noise_decays(name, share):
+    """Where layers meet, in a box of few nodes, at the ends of the range of steps."""
+    model, dim = MEDIA[name]
+    stencil, found = model.stencil(1.0, dim), 0
+    for nodes in (3, 5, 8):
+        for layer in tuned_layers(nodes, stencil, pace_of(model), share * step_limit(model, dim)).values():
+            found += 1
+            assert _growth(model, dim, layer, share, 3000.0 if dim == 2 else 1200.0) < 1.0
+    assert found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(24))
+def test_noise_decays_in_random_media(number):
+    """Beside free and fixed sides, too."""
+    random = np.random.default_rng([SEED, number])
+    dim = 3 if number % 4 == 0 else 2
+    reach = float(random.choice([1.5, 2.0, 2.5, 3.0] if dim == 2 else [1.5, 2.0]))
+    material = str(random.choice(["bond-based", "state-based"]))
+    influence = str(random.choice(["constant", "linear", "gaussian"]))
+    poisson = {} if material == "bond-based" else {"poisson": float(random.uniform(0.0, 0.4))}
+    model = solid(reach, int(random.integers(0, 4)), influence, material, **poisson)
+    share = float(random.uniform(0.3, 0.65))
+    dt = share * step_limit(model, dim)
+    stencil = model.stencil(1.0, dim)
+    layers = [one for nodes in range(2, 13) for one in tuned_layers(nodes, stencil, pace_of(model), dt).values()]
+    print(f"seed {SEED}, number {number}: {model}, {dim}D, step {share:.2f}, {len(layers)} layers")
+    for layer in [layers[i] for i in random.permutation(len(layers))[:3]]:
+        wall = [None, fh.Free(), fh.Fixed()][int(random.integers(0, 3 if dim == 2 else 1))]
+        sides = {} if wall is None else {"y+": wall}
+        assert _growth(model, dim, layer, share, 3000.0 if dim == 2 else 1500.0, number, sides) < 1.0
+
+
+@pytest.mark.parametrize("name", ["bonds", "states", "wide bonds"])
+def test_no_wave_along_a_side_grows(name):
+    """The eigenvalues of a strip, at all tangential wavenumbers that certificates look at."""
+    model, dim = MEDIA[name]
+    pace = pace_of(model)
+    lattice = fh.Lattice(1.0, (0.0,) * dim, (12.0,) * dim)
+    for nodes in (3, 5):
+        for layer in tuned_layers(nodes, model.stencil(1.0, dim), pace, 0.5 * step_limit(model, dim)).values():
+            sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=nodes, profile=layer), threads=1)
+            strip = Strip(sim, 0, 13)
+            assert max(strip.growth(angle).rate for angle in (0.005, 1.14, 1.71, 2.28, 2.57, np.pi)) < 0
+
+
+def test_elastic_targets_are_kept_with_few_nodes():
+    """As `check` says it: a default target of 1e-4 in the plane."""
+    lattice = fh.Lattice(1.0, (-25.0, -25.0), (25.0, 25.0))
+    x, y = lattice.coordinates()
+    g = np.exp(-(x**2 + y**2) / 16)
+    until = 250.0
+    setup = lattice, solid(2.0), {"u": np.stack([g, 0 * g])}
+    exact = fh.Simulation(*setup[:2], fh.Extended(1e-8, until=until), setup[2], threads=1)
+    sim = fh.Simulation(*setup[:2], fh.LatticePML(target=1e-4, until=until), setup[2], threads=1)
+    assert {found.name[:5] for found in sim.thickness.values()} == {"tuned"}
+    assert max(found.layer.columns for found in sim.thickness.values()) <= 6
+    worst = 0.0
+    for step in np.linspace(0, until / sim.dt, 12).astype(int)[1:].tolist():
+        for run in (sim, exact):
+            run.step(step - run.step_count)
+        worst = max(worst, float(np.abs(sim.fields["u"] - exact.fields["u"]).max()))
+    assert 1e-6 < worst <= 1e-4
+
+
+@pytest.mark.parametrize("other", [fh.Free(), fh.Periodic()])
+def test_plates_and_guides_have_none(other):
+    """Waves between two sides hardly move at their cut-off, and those of plates run backward at low frequencies."""
+    lattice = fh.Lattice(1.0, (-25.0, -15.0), (25.0, 15.0))
+    x, y = lattice.coordinates()
+    g = np.exp(-(x**2 + y**2) / 16)
+    layer = fh.LatticePML(target=1e-3, until=100.0)
+    sim = fh.Simulation(lattice, solid(2.0), {"x": layer, "y": other}, {"u": np.stack([g, 0 * g])}, threads=1)
+    assert all(not found.layer.tuned.size for found in sim.thickness.values())
