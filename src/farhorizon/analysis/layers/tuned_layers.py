@@ -24,7 +24,7 @@ _APART = 0.5  # part of the largest frequency above which backward waves have to
 # largest frequency, for waves that the layer has changed
 _PLACE, _WIDTH, _LEAST_WIDTH = 0.5, 1.2, 0.2
 _REAL = 0.3  # real stretch over sigma: backward waves grow by less, and the fastest waves are slower
-_GRADUAL = 2.7  # nodes after the first in which the dampers may come in one power of the depth later
+_GRADUAL = 2.5  # nodes after the first in which the dampers may come in one power of the depth later
 _SHIFT, _END = 1e-3, 0.15  # least alpha, and alpha at the outer end over sigma there
 
 
