@@ -88,6 +88,10 @@ CASES = {
         ),
         ALONG_X,
     ),
+    "elastic, by target": (
+        plane(fh.Elastic(KERNEL, 1.0), fh.LatticePML(target=1e-3, until=20.0), (79, 81), initial={"u": [pulse(2), 0.0]}),
+        ALONG_X + ALONG_Y,
+    ),
     "space, by target": (
         fh.Setup(lattice(21, 22, 23), WAVE, fh.LatticePML(target=1e-4, until=8.0), {"u": pulse(3)}),
         SPACE[:1],
@@ -306,6 +310,15 @@ SLOW = {
     "space, other boxes": (fh.Setup(lattice(21, 22, 23), WAVE, fh.LatticePML(nodes=3), {"u": pulse(3)}), SPACE[1:]),
     "elastic in space": (
         fh.Setup(lattice(39, 40, 41), fh.Elastic(KERNEL, 1.0), FOUR, {"u": [pulse(3), 0.0, 0.0]}),
+        SPACE,
+    ),
+    "elastic in space, by target": (
+        fh.Setup(
+            lattice(39, 40, 41),
+            fh.Elastic(KERNEL, 1.0),
+            fh.LatticePML(target=1e-3, until=20.0),
+            {"u": [pulse(3), 0.0, 0.0]},
+        ),
         SPACE,
     ),
     "state-based in space": (fh.Setup(lattice(53, 54, 55), STATES, FOUR, {"u": [pulse(3), 0.0, 0.0]}), SPACE),
@@ -606,7 +619,7 @@ KEPT = (
 )
 KEPT_SLOWLY = (
     *("single precision", "diffusion", "strata", "pumped and heated", "heated by a run", "state-based in space"),
-    *("states that close", "states that break by energy"),
+    *("states that close", "states that break by energy", "elastic, by target", "elastic in space, by target"),
 )
 SMALL_SOLID = fh.Setup(
     lattice(13, 22, 14), fh.Elastic(fh.Kernel(0.3), 1.0), fh.Fixed(), {"u": [pulse(3), 0.0, 0.0]}, dt=0.1
