@@ -20,6 +20,8 @@ from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.gain import largest_gain
 from farhorizon.analysis.layers.layer import LatticeMedium, layer_amplitudes
 from farhorizon.analysis.layers.short_waves import high_pass
+from farhorizon.analysis.layers.thickness import briefly_damped
+from farhorizon.analysis.layers.tuned_layers import tuned_layers
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.checks.side_modes import Strip
 
@@ -240,7 +242,57 @@ def kernel_stencil(reach: int) -> fh.Stencil:
     return fh.Wave(fh.Kernel(float(reach))).stencil(1.0, 3)
 
 
+def pulse_error(model: Any, layer: Any, wave: int) -> float:
+    """Largest error in the plane of a pulse whose spectrum has its peak at so many nodes a wave, nearer to two sides,
+    over four crossings of P waves, of its initial maximum."""
+    half, pace = 2.0 * wave, float(np.sqrt(model.coefficient))
+    lattice = fh.Lattice(1.0, (-half, -half), (half, half))
+    x, y = lattice.coordinates()
+    pulse = np.exp(-((x - 0.3 * half) ** 2 + (y + 0.2 * half) ** 2) * (np.pi / wave) ** 2)
+    start = {"u": np.stack([pulse, 0.5 * pulse])}
+    sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=layer.columns, profile=layer), start, threads=1)
+    last = int(CROSSINGS * 2 * half / pace / sim.dt)
+    infinite = InfiniteLattice(sim.stencil, model.coefficient, model.integrator, sim.dt, last, start["u"])
+    worst = 0.0
+    for step in np.linspace(0, last, 13).astype(int)[1:].tolist():
+        sim.step(step - sim.step_count)
+        worst = max(worst, float(np.abs(sim.fields["u"] - infinite.after(step)).max()))
+    return worst
+
+
+def dampers(given: argparse.Namespace) -> list[dict[str, Any]]:
+    """Solids of strong backward waves in the plane, by what takes these: dampers, a short filter, a long one."""
+    solids = {
+        "elements": fh.Elastic(young=1.0, poisson=0.3, material="finite-element"),
+        "linear m=2": fh.Elastic(fh.Kernel(2.0, 1, "linear"), young=1.0),
+        "p=1 m=2": fh.Elastic(fh.Kernel(2.0, 1), young=1.0),
+        "p=0 m=2": fh.Elastic(fh.Kernel(2.0, 0), young=1.0),
+        "states m=2": fh.Elastic(fh.Kernel(2.0, 1), young=1.0, poisson=0.3, material="state-based"),
+        "p=1 m=3": fh.Elastic(fh.Kernel(3.0, 1), young=1.0),
+    }
+    rows = []
+    for (name, model), nodes in itertools.product(solids.items(), (3, 4, 6, 8)):
+        stencil, pace = model.stencil(1.0, 2), float(np.sqrt(model.coefficient))
+        limit = fh.Simulation(fh.Lattice(1.0, (0.0, 0.0), (9.0, 9.0)), model, fh.Fixed()).step_limit
+        steep = fh.LatticePML(nodes=nodes).make_layer(2, stencil, model.coefficient, 1.0, 0.0)
+        kinds = {
+            "dampers": tuned_layers(nodes, stencil, pace, 0.5 * limit),
+            "short filter": briefly_damped(nodes, stencil, pace),
+            "long filter": {"steep": steep},
+        }
+        rows.append(
+            {"solid": name, "nodes": nodes}
+            | {
+                f"{kind}, {wave}": min((pulse_error(model, one, wave) for one in layers.values()), default=np.nan)
+                for wave in (8, 16)
+                for kind, layers in kinds.items()
+            }
+        )
+    return rows
+
+
 PARTS = {
+    "dampers": ("errors of pulses of 8 and 16 nodes a wave beside thin layers of solids in 2D", dampers),
     "line": ("waves in 1D", line),
     "plane": ("waves in 2D", plane),
     "wide": ("waves in 2D, wide kernels", wide),

@@ -89,7 +89,9 @@ CASES = {
         ALONG_X,
     ),
     "elastic, by target": (
-        plane(fh.Elastic(KERNEL, 1.0), fh.LatticePML(target=1e-3, until=20.0), (79, 81), initial={"u": [pulse(2), 0.0]}),
+        plane(
+            fh.Elastic(KERNEL, 1.0), fh.LatticePML(target=1e-3, until=20.0), (79, 81), initial={"u": [pulse(2), 0.0]}
+        ),
         ALONG_X + ALONG_Y,
     ),
     "space, by target": (

@@ -102,6 +102,8 @@ def memory_needed(setup: Setup, stencil: Stencil, around: Surroundings) -> float
     sides = [2 * m * c * np.prod(nodes) / n for c, m, n in zip(columns, reach, nodes, strict=True)]
     # the edges of the first two axes
     memory = sum(sides) + (sides[0] * sides[1] / np.prod(nodes) / 2 if lattice.dim == 3 else 0.0)
+    tuned = {key: layer.columns for key, layer in around.layers.items() if layer.tuned.size}
+    memory += 3 * sum(columns * np.prod(nodes) / nodes[axis] for (axis, _), columns in tuned.items())
     levels = setup.model.integrator.stages(1.0, 0.0, lattice.dim == 1).levels + setup.lasting
     bits = 8 * -(-len(stencil.weights) // 64) * (setup.model.bond_law is not None)
     fields = itemsize * ((levels + 3) * np.prod(nodes) + 2 * memory + sides[-1]) + 8 * 7 * np.prod(lattice.shape)
