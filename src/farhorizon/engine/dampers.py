@@ -109,20 +109,27 @@ class DamperTables:
         self.size = 0
         tuned = {key: layer for key, layer in sorted(layers.items()) if layer.tuned.size}
         springs = [springs_of(layer.tuned, dt) for layer in tuned.values()]
-        nodes = layout.box.nodes
-        taken, along = np.zeros(nodes, bool), [np.zeros(n) for n in nodes]
+        box, nodes = layout.box, layout.box.nodes
+        along, outside = [np.zeros(n) for n in nodes], [np.ones(n, bool) for n in nodes]
         for (axis, side), layer, own in zip(tuned, tuned.values(), springs, strict=True):
-            along[axis][_columns(nodes[axis], side, layer.columns)] += strengths_of(layer.damping, *own, dt)[::side]
+            columns = _columns(nodes[axis], side, layer.columns)
+            along[axis][columns] += strengths_of(layer.damping, *own, dt)[::side]
+            outside[axis][columns] = False
         across, line = np.unique(np.add.outer(along[0], along[1]), return_inverse=True)
-        entries = np.add.outer(line.reshape(nodes[:2]) * nodes[2], np.arange(nodes[2]))
+        line = line.reshape(nodes[:2]) * nodes[2]
         self._springs, self._strengths = np.array(springs).reshape(-1, 2), np.add.outer(across, along[2]).ravel()
         runs = [np.zeros((0, 5), np.int64)]
         for number, ((axis, side), layer) in enumerate(tuned.items()):
-            slab = tuple(_columns(n, side, layer.columns) if a == axis else slice(None) for a, n in enumerate(nodes))
-            self.used[axis, side] = used = ~taken[slab]
+            slab = [_columns(n, side, layer.columns) if a == axis else slice(None) for a, n in enumerate(nodes)]
+            free = [outside[a][slab[a]] | (a >= axis) for a in range(3)]
+            self.used[axis, side] = used = free[0][:, None, None] & free[1][:, None] & free[2]
             self.slabs[axis, side] = places = self.size + np.arange(used.size).reshape(used.shape)
-            taken[slab], self.size = True, self.size + used.size
-            runs.append(_runs(layout.box.node_indices()[slab][used], entries[slab][used], places[used], number))
+            self.size += used.size
+            at = [np.arange(n)[one] for n, one in zip(nodes, slab, strict=True)]
+            parts = [one * step for one, step in zip(at, box.stride, strict=True)]
+            levels = box.origin + np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])
+            entries = np.add.outer(line[slab[0], slab[1]], at[2])
+            runs.append(_runs(levels[used], entries[used], places[used], number))
         self._runs = np.concatenate(runs)
 
     def tables(self, memory: np.ndarray, real: np.dtype) -> Dampers:
