@@ -139,7 +139,8 @@ def _growth(model, dim, layer, share, time, seed=3, sides=None):
         dt=dt,
         threads=1,
     )
-    state, steps = State(plain_twin(sim).engine), int(time / pace_of(model) / dt / 3)
+    state = State(plain_twin(sim).engine)
+    steps = int(time / pace_of(model) / dt / 3 / state.every) * state.every
     now, sizes = np.random.default_rng(seed).standard_normal(state.size), []
     for _ in range(3):
         now = state.after(now, steps)
@@ -160,6 +161,19 @@ def test_noise_decays(name, share):
             found += 1
             assert _growth(model, dim, layer, share, 3000.0 if dim == 2 else 1200.0) < 1.0
     assert found
+
+
+@pytest.mark.parametrize(
+    "name", ["elements", *(pytest.param(n, marks=pytest.mark.slow) for n, (_, dim) in MEDIA.items() if dim == 2)]
+)
+def test_noise_decays_beside_thick_layers_with_filters(name):
+    """As beside the long sides of a box."""
+    model, dim = MEDIA[name]
+    stencil, pace = model.stencil(1.0, dim), pace_of(model)
+    thick = dict.fromkeys(("x-", "x+"), fh.LatticePML(nodes=17))
+    for nodes in (3, 5, 8):
+        for layer in list(tuned_layers(nodes, stencil, pace, 0.5 * step_limit(model, dim)).values())[:1]:
+            assert _growth(model, dim, layer, 0.5, 3000.0, sides=thick) < 1.0
 
 
 @pytest.mark.slow
