@@ -143,11 +143,9 @@ class DamperTables:
         """Places in the memory by name, see `LayerTables.lines`; `parts`: in how many numbers each state lies."""
         for (axis, side), places in self.slabs.items():
             along = np.moveaxis(places, axis, 0)
-            each = self.size * np.arange(3 * self.layout.components)[:, None]
-            found = (each + along.reshape(1, -1)).reshape(-1, 1, *along.shape) * parts + np.arange(parts).reshape(
-                1, -1, *[1] * along.ndim
-            )
-            found = found.reshape(-1, found.shape[1] * found.shape[2], *found.shape[3:])
+            every = self.size * np.arange(3 * self.layout.components)[:, None, None, None] + along
+            found = parts * every[:, None] + np.arange(parts)[:, None, None, None]
+            found = found.reshape(len(every), -1, *along.shape[1:])
             yield f"{axis}{'-+'[side > 0]}", self.start + found, tuple(a for a in range(3) if a != axis)
 
     def cells(self) -> list[tuple[tuple[int, int], np.ndarray]]:

@@ -11,6 +11,7 @@ from farhorizon.engine.engine import Layer
 
 # alpha in units of speed / spacing: bounds the drift at zero frequency; ten times as much spoils long waves
 _SHIFT = 1e-3
+_END = 0.15  # of thin layers: alpha at the outer end over sigma there
 # power of the ramp of such a damping beside a steeper sigma, and how much more of it that takes near the entrance
 _SOFT, _MORE = 4, 3
 # alpha at the outer end in speed / spacing where waves are at rest, of two nodes or longer ones, too
@@ -76,6 +77,11 @@ class Profile:
             f", alpha rising by {self.shift:g}" if self.shift else ""
         )
         return f"sigma {rise} to {self.strength:g} 2c/spacing{others}"
+
+
+def rising_alpha(sigma: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """alpha of thin layers: it rises as the fourth power of the depth to a part of sigma at the outer end."""
+    return np.asarray(_SHIFT + _END * sigma[-1] * depth**4)
 
 
 def smooth_ramp(depth: np.ndarray) -> np.ndarray:

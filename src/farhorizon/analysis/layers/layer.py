@@ -321,11 +321,11 @@ def _leaving(
 
 def _hanging(waves: Sequence[ArrivingWave], layer: Layer) -> np.ndarray:
     """What dampers add to the eigenvalue of the columns, shape (waves, components * columns)."""
-    medium, factor = waves[0], np.array([wave.factor for wave in waves])
-    keep, pull = springs_of(layer.tuned, medium.dt)
-    given = 1 + strengths_of(layer.damping, keep, pull, medium.dt) * response(factor, keep, pull)[:, None]
-    change = ((factor - 1) * (1 - 1 / factor))[:, None] * (1 / given - 1) / medium.recursion.scale
-    return np.tile(change, medium.weights.shape[1] if medium.weights.ndim > 1 else 1)
+    first, factor = waves[0], np.array([wave.factor for wave in waves])
+    keep, pull = springs_of(layer.tuned, first.dt)
+    passed = 1 + strengths_of(layer.damping, keep, pull, first.dt) * response(factor, keep, pull)[:, None]
+    change = ((factor - 1) * (1 - 1 / factor))[:, None] * (1 / passed - 1) / first.recursion.scale
+    return np.tile(change, first.weights.shape[1] if first.weights.ndim > 1 else 1)
 
 
 def _bands(size: int, bands: Mapping[int, np.ndarray]) -> np.ndarray:

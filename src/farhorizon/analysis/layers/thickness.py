@@ -28,7 +28,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from farhorizon.analysis.layers.choice import smooth_ramp, weak
+from farhorizon.analysis.layers.choice import rising_alpha, smooth_ramp, weak
 from farhorizon.analysis.layers.returned import Arrivals, reflected
 from farhorizon.analysis.layers.short_waves import HighPass, high_pass
 from farhorizon.analysis.layers.tuned_layers import tuned_layers
@@ -36,14 +36,13 @@ from farhorizon.engine.engine import Layer
 from farhorizon.medium.stencil import Stencil
 
 _STRENGTHS = (1.4, 2.0, 4.0, 5.6)  # of thin profiles: the stronger, the more waves travel along the side
-_RISE, _END = 0.75, 0.15  # power of a thin sigma's ramp; alpha at the outer end over sigma there
+_RISE = 0.75  # power of a thin sigma's ramp
 # of weak backward waves in space by reach: the nodes up to which ramps of these powers are taken. Where three layers
 # meet waves of the largest frequency, which stand still, grow by up to 0.3 speed / spacing; they need room for it, and
 # have the more the longer sigma is of the order of their frequency. Measured: noise in corners to 300 spacings / speed,
 # strengths 1.4 to 5.6, at 0.35, 0.5 and 0.9 of the step limit, less a quarter
 _RISES = (_RISE, 1.5, 2.0, 3.0)
 _STEADY_TO = {2: (10, 24, 24, 24), 3: (6, 10, 16, 24), 4: (3, 6, 8, 16), 5: (3, 5, 7, 12)}
-_SHIFT = 1e-3  # least alpha in speed / spacing
 # edges for waves along the normal, whose tangent is real, and their sigma in speed / spacing
 _EQUAL, _EQUAL_AT = (2, 3, 4, 5), 2.2
 _GRAZING = 0.6  # largest of the other points
@@ -118,7 +117,7 @@ def thin(nodes: int, strength: float, pace: float, rise: float = _RISE) -> Layer
     """A thin profile; `pace` is speed / spacing, `rise` the power of its ramp."""
     depth = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
     sigma = 2 * strength * depth**rise
-    return Layer(np.ones(nodes + 1), sigma * pace, (_SHIFT + _END * sigma[-1] * depth**4) * pace)
+    return Layer(np.ones(nodes + 1), sigma * pace, rising_alpha(sigma, depth) * pace)
 
 
 def long_run_profile(
@@ -298,7 +297,7 @@ def briefly_damped(nodes: int, stencil: Stencil, pace: float) -> dict[str, Layer
     found = {}
 
     def add(name: str, filtered: HighPass, needed: float, sigma: np.ndarray, ramp: np.ndarray) -> None:
-        alpha = (_SHIFT + _END * sigma[-1] * depth**4) * pace
+        alpha = rising_alpha(sigma, depth) * pace
         found[name] = Layer(np.ones(nodes + 1), sigma * pace, alpha, _STEADY * needed * ramp * pace, filtered.taps())
 
     if _LEAST <= nodes <= max((most for rate, most in _FINEST if fine <= rate), default=0):

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from farhorizon.analysis.layers.choice import rising_alpha
 from farhorizon.engine.dampers import response, springs_of, strengths_of
 from farhorizon.engine.engine import Layer
 from farhorizon.medium.stencil import Stencil
@@ -25,7 +26,6 @@ _APART = 0.5  # part of the largest frequency above which backward waves have to
 _PLACE, _WIDTH, _LEAST_WIDTH = 0.5, 1.2, 0.2
 _REAL = 0.3  # real stretch over sigma: backward waves grow by less, and the fastest waves are slower
 _GRADUAL = 2.5  # nodes after the first in which the dampers may come in one power of the depth later
-_SHIFT, _END = 1e-3, 0.15  # least alpha, and alpha at the outer end over sigma there
 
 
 class _Family(NamedTuple):
@@ -52,10 +52,11 @@ class _Family(NamedTuple):
 
 _FAMILIES = (
     _Family(
-        1.4, 2.4, ((1.4, 0.75, 1.5, 4, 8), (1.0, 0.75, 1.5, 3, 8), (1.0, 0.75, 1.0, 9, 10), (1.4, 1.0, 1.0, 6, 10))
+        1.7, 2.4, ((1.4, 0.75, 1.5, 4, 8), (1.0, 0.75, 1.5, 3, 8), (1.0, 0.75, 1.0, 9, 10), (1.4, 1.0, 1.0, 6, 10))
     ),
+    _Family(1.4, 2.4, ((1.4, 0.75, 1.0, 4, 8), (1.0, 0.75, 1.0, 3, 10), (1.4, 1.0, 1.0, 6, 10))),
     _Family(1.1, 1.8, ((1.0, 0.75, 0.5, 3, 8), (1.4, 1.0, 0.5, 4, 8))),
-    _Family(0.88, 1.8, ((1.0, 1.0, 0.5, 3, 6), (2.0, 1.5, 0.5, 4, 6))),
+    _Family(0.905, 1.8, ((1.0, 1.0, 0.5, 4, 6), (2.0, 1.5, 0.5, 4, 6))),
 )
 
 
@@ -115,7 +116,7 @@ def tuned_layers(nodes: int, stencil: Stencil, pace: float, dt: float) -> dict[s
     found = {}
     for strength, rise, soft, least, most in kind.profiles:
         sigma, at_nodes = 2 * strength * depth**rise, 2 * strength * columns**rise
-        alpha = _SHIFT + _END * sigma[-1] * depth**4
+        alpha = rising_alpha(sigma, depth)
         late = columns ** min(soft, (nodes - 1) / _GRADUAL)
         rates = kind.margin * band.rate * at_nodes / (1 + _REAL * at_nodes) * late
         layer = Layer(1 + _REAL * sigma, sigma * pace, alpha * pace, rates * pace)
