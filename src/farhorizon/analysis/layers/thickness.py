@@ -65,6 +65,7 @@ _AIM = 0.4
 _HARDLY, _CROWDED, _AIM_CROWDED = 0.1, 0.38, 0.2
 _AIM_LASTING = 0.25  # in diffusion, where what all sides send back adds up
 MOST = 60  # nodes of a layer
+_SINGLY = 6  # nodes up to which all numbers are tried
 # reach with which late profiles were stable in white noise; exponent 1 with constant influence grows from 5 on
 _WIDEST = 4
 _MORE_EQUAL = 5  # at most, for short waves: more of them hardly help against such that stand nearly still
@@ -377,7 +378,8 @@ def thinnest(
     while found is None:
         if high >= MOST:
             return None
-        low, high = high, min(MOST, high + max(2, high // 2))
+        # one by one where each node counts, and where fewer may do what some more do not
+        low, high = high, min(MOST, high + (1 if high < _SINGLY else high // 2))
         found = best(high)
     while high - low > 1:
         middle = (low + high) // 2
