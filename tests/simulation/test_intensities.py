@@ -173,8 +173,8 @@ def missing_force(sim, strain):
 
 
 def pulled(spacing, turn, stress, model, observe):
-    """What a crack turned against the lattice has for intensities in a medium that is stressed from far away, exactly
-    and from its opening at rest.
+    """A crack turned against the lattice at rest in a medium that is stressed from far away, the traction on its
+    faces, normal and shear, and the intensities of the infinite plane.
     """
     half = 8.5
     lattice = fh.Lattice(spacing, (spacing / 2 - half,) * 2, (half - spacing / 2,) * 2)
@@ -191,36 +191,50 @@ def pulled(spacing, turn, stress, model, observe):
     sim = fh.Simulation(lattice, model, sides, sources=sources, cracks=[crack], observe=observe, threads=1)
     sim.run("static", tolerance=2e-3, limit=300.0, progress=False)
     normal = np.array([-ahead[1], ahead[0]])
-    exact = np.sqrt(np.pi * HALF) * np.array([normal @ stress @ normal, ahead @ stress @ normal])
-    return exact, from_opening(sim, crack)
+    traction = np.array([normal @ stress @ normal, ahead @ stress @ normal])
+    return sim, crack, traction, np.sqrt(np.pi * HALF) * traction
+
+
+def gap_error(sim, crack, traction):
+    """By how much the faces are apart more or less than those of Griffith's crack, root mean square between the tips
+    but for an eighth of the length beside each.
+    """
+    s = np.linspace(HALF / 4, 2 * HALF - HALF / 4, 121)
+    exact = 4 / NearTip(*sim.model.moduli).stiffness * np.sqrt(s * (2 * HALF - s))[:, None] * traction
+    away = face_jumps(sim.fields["u"], sim.lattice, crack, s) - exact
+    return np.sqrt(np.mean(np.sum(away**2, 1)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("reach", "plane"), [(2, "strain"), (3, "stress")])
 def test_turned_cracks_under_random_loads_converge(reach, plane):
     """To the infinite plane's, at first order: a tip is known to a part of the spacing, in one crack more than in
-    another, so that the order is that of the mean of some.
+    another, so that the order is that of the mean of some. How far the faces are apart is off by about what the load
+    stretches a horizon by. That depends on where the crack runs between the rows of nodes, a pattern whose length and
+    height are so many spacings: its slope does not converge, nor do intensities from the slope near a tip.
     """
     print(f"seed {SEED}")
     rng = np.random.default_rng(SEED)
     cracks = [(rng.uniform(0.1, 1.4), rng.uniform(-1.0, 1.0, (2, 2))) for _ in range(3)]
     spacings, means, apart = (0.5, 0.25, 0.125), [], []
     for spacing in spacings:
-        errors, openings = [], []
-        for turn, stress in cracks:
+        errors, gaps = [], []
+        for turn, half in cracks:
+            stress = half + half.T + 1.5 * np.eye(2)
             model = fh.Elastic(fh.Kernel(reach * spacing, exponent=1), young=1.0, plane=plane)
             large, small = fh.StressIntensity(every=50), fh.StressIntensity(radii=(1.5, 2.5), every=50, name="small")
-            exact, opened_as = pulled(spacing, turn, stress + stress.T + 1.5 * np.eye(2), model, [large, small])
-            openings.append(np.abs(opened_as - exact).max() / np.linalg.norm(exact))
+            sim, crack, traction, exact = pulled(spacing, turn, stress, model, [large, small])
+            gaps.append(gap_error(sim, crack, traction) / np.linalg.norm(stress))  # Young's modulus is 1
             found, inner = (np.array([one.data["K_I"][-1], one.data["K_II"][-1]]) for one in (large, small))
             errors.append(np.abs(found - exact[:, None]).max() / np.linalg.norm(exact))
             assert errors[-1] < reach * spacing / 4 / HALF  # half a horizon of the length, whose root K is
             assert np.abs(inner - found).max() < reach * spacing / 2 / 1.5 * np.linalg.norm(exact)
         means.append(np.sqrt(np.mean(np.square(errors))))
-        apart.append(np.sqrt(np.mean(np.square(openings))))
-    orders = fitted_order(spacings, means), fitted_order(spacings, apart)
-    print(means, apart, "orders", orders)
-    assert min(orders) > 0.6
+        apart.append(np.array(gaps) / (reach * spacing))
+    order = fitted_order(spacings, means)
+    print(means, "order", order, "faces, in what a horizon is stretched by", apart)
+    assert order > 0.6
+    assert np.max(apart) < 3.0
 
 
 @pytest.mark.slow
@@ -237,7 +251,8 @@ def test_cracks_in_materials_of_states(options):
     for spacing in spacings:
         model = fh.Elastic(fh.Kernel(2 * spacing, exponent=1), young=1.0, **options)
         observer = fh.StressIntensity(every=50)
-        exact, opened_as = pulled(spacing, 0.4, stress, model, [observer])
+        sim, crack, _, exact = pulled(spacing, 0.4, stress, model, [observer])
+        opened_as = from_opening(sim, crack)
         found = np.array([observer.data["K_I"][-1], observer.data["K_II"][-1]])
         errors.append(np.abs(found - exact[:, None]).max() / np.linalg.norm(exact))
         openings.append(np.abs(opened_as - exact).max() / np.linalg.norm(exact))
