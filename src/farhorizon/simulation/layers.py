@@ -14,7 +14,7 @@ from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.choice import weak
 from farhorizon.analysis.layers.returned import Datum
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
-from farhorizon.analysis.layers.thickness import MOST, Thickness, distance_to_side, thinnest_for_diffusion
+from farhorizon.analysis.layers.thickness import MOST, Thickness, Wall, distance_to_side, thinnest_for_diffusion
 from farhorizon.boundaries import LatticePML
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
@@ -251,7 +251,8 @@ class _Choice:
                 if alternating and (back := alternating.returned(*key, given, wanted, until)) > wanted:
                     self._miss_alternating(key, boundary, back, given, wanted)
                 continue
-            found = thinnest_for_diffusion(near.lattice.spacing, diffusivity * until, distance, wanted)
+            wall = Wall.of(self.around.sides[key[0], -key[1]].image, turned, near.lattice.spacing)
+            found = thinnest_for_diffusion(near.lattice.spacing, diffusivity * until, distance, wanted, wall)
             if found.predicted > wanted and boundary.target is not None:
                 raise InputError(
                     "no layer keeps the target for so long a run",
@@ -265,7 +266,7 @@ class _Choice:
                     self._miss_alternating(key, boundary, back, found.layer, wanted)
                     break
                 asked /= _TIGHTER
-                found = thinnest_for_diffusion(near.lattice.spacing, diffusivity * until, distance, asked)
+                found = thinnest_for_diffusion(near.lattice.spacing, diffusivity * until, distance, asked, wall)
             self._take(key, replace(found, until=until), wanted)
 
     def _miss_alternating(self, key: Key, boundary: LatticePML, back: float, layer: Layer, wanted: float) -> None:

@@ -8,6 +8,7 @@ import pytest
 import farhorizon as fh
 from farhorizon.analysis.layers.short_waves import high_pass
 from farhorizon.analysis.layers.thickness import (
+    Wall,
     briefly_damped,
     diffusive,
     distance_to_side,
@@ -58,6 +59,64 @@ def test_what_diffusion_sends_back_on_a_line(reach):
         ratios.append(abs(sim.fields["u"][-1] - exact[-1]) / exact.max() / predicted)
     # the prediction is of the continuum: a lattice's layer sends back less of the first, steep waves
     assert max(ratios) < 1.05 and min(ratios) > 0.25 and min(ratios[1:]) > 0.5
+
+
+@pytest.mark.parametrize("wall", [fh.Fixed(0.0), fh.Free()], ids=["held", "insulated"])
+def test_what_diffusion_sends_back_beside_a_wall(wall):
+    """The prediction for a point source near a wall against a bar so long that its end does not count: beside one that
+    holds its nodes both decay as those of a dipole, the longer one in the layer.
+    """
+    model, nodes, place, end = fh.Diffusion(fh.Kernel(2.0, 1), 1.0), 30, 8, 6000.0
+    bars = []
+    for length, far in ((nodes, fh.LatticePML(nodes=4, profile={"kappa": diffusive(4, 1.0, end, 21.0).kappa})),
+                        (900, fh.Fixed(0.0))):  # fmt: skip
+        u = np.zeros(length)
+        u[place] = 1.0
+        lattice = fh.Lattice(1.0, (0.0,), (length - 1.0,))
+        bars.append(fh.Simulation(lattice, model, {"x-": wall, "x+": far}, {"u": u}, threads=1))
+    made = Wall.of(wall.image, [bars[0].fields["u"]], 1.0)
+    assert made == (wall.image, place + 1, nodes)
+    [layer], distance, found = bars[0].engine.layers.values(), nodes - 1 - place, []
+    for time in np.geomspace(200.0, end, 8):
+        for bar in bars:
+            bar.step(int(time / bar.dt) - bar.step_count)
+        exact, now = bars[1].fields["u"][:nodes], np.array([bars[0].time])
+        predicted = [returned_by_diffusion(layer, 1.0, now, distance, one)[0] for one in (made, None)]
+        found.append([abs(bars[0].fields["u"][-1] - exact[-1]) / exact.max(), *predicted])
+    came, expected, alone = np.transpose(found)
+    print(np.transpose(found))
+    # the prediction is of the continuum, and passes through zero at some times
+    assert np.abs(came - expected).max() < 0.25 * expected.max()
+    assert np.abs(came - alone).max() > 0.25 * expected.max()
+
+
+def test_no_wall():
+    """Where another layer is, or nothing to be followed."""
+    assert Wall.of(0, [np.ones(5)], 1.0) is None and Wall.of(-1, [np.zeros(5)], 1.0) is None
+
+
+def test_diffusion_keeps_its_target_beside_a_wall():
+    """Random bars, held at one end and absorbing at the other, to any time."""
+    print(f"seed {SEED}")
+    rng = np.random.default_rng(SEED)
+    for _ in range(4):
+        nodes, width, target = int(rng.integers(25, 50)), rng.uniform(2.0, 3.0), 10.0 ** -rng.integers(3, 6)
+        model, until = (
+            fh.Diffusion(fh.Kernel(float(rng.integers(1, 4)), 1), 1.0),
+            rng.uniform(10.0, 60.0) * nodes**2 / 4,
+        )
+        place = rng.uniform(3 * width, nodes / 2)
+        layer, runs = fh.LatticePML(target=target, until=until), []
+        for length, far in ((nodes, layer), (nodes + int(6 * np.sqrt(2 * until)), fh.Fixed(0.0))):
+            lattice = fh.Lattice(1.0, (0.0,), (length - 1.0,))
+            sides = {"x-": fh.Fixed(0.0), "x+": far}
+            data = {"u": np.exp(-(((np.arange(length) - place) / width) ** 2))}
+            runs.append(fh.Simulation(lattice, model, sides, data, threads=1))
+        for time in np.geomspace(until / 300, until, 12):
+            for run in runs:
+                run.step(int(time / run.dt) - run.step_count)
+            exact = runs[1].fields["u"][:nodes]
+            assert np.abs(runs[0].fields["u"] - exact).max() < target * exact.max()
 
 
 def test_scales_do_not_change_a_layer():

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy import special
@@ -75,6 +76,7 @@ _CAREFUL, _STEEPEST_WAVE = 10, 1.3
 # of diffusion: which decays matter, fitted to the least error over all times of a run
 _STEEPEST, _EARLY, _GRADUAL = 3.2, 5.2, 2.3
 _HIGHEST, _POINTS = 6.0, 241  # of the integral over y: exp(-36) remains
+_PLACES = 65  # at which the largest value is looked for
 # first time in squared distance over D, before which nothing has come back, and how many are looked at
 _BEGIN, _TIMES = 0.03, 60
 
@@ -418,9 +420,45 @@ def least(members: Callable[[int], Mapping[str, Layer]], waves: Sequence[Arrival
 
 def distance_to_side(values: Iterable[np.ndarray]) -> float:
     """Nodes between the side and all but a thousandth of the data; arrays with the normal first, towards the side."""
-    amounts: Sequence[np.ndarray] = [np.abs(field).reshape(len(field), -1).sum(1) for field in values]
-    held = [np.cumsum(amount) / amount.sum() for amount in amounts if amount.any()]
+    held = [np.cumsum(amount) / amount.sum() for amount in _along_normal(values)]
     return float(min((len(share) - 1 - int(np.searchsorted(share, 0.999)) for share in held), default=0))
+
+
+def _along_normal(values: Iterable[np.ndarray]) -> list[np.ndarray]:
+    """Size of fields along their first axis; of those that are anything."""
+    amounts = [np.abs(field).reshape(len(field), -1).sum(1) for field in values]
+    return [amount for amount in amounts if amount.any()]
+
+
+class Wall(NamedTuple):
+    """A wall opposite to a layer for diffusion.
+
+    Attributes
+    ----------
+    image : int
+        Sign of the image that stands for it: -1 where it holds the nodes beyond, 1 where nothing passes.
+    source, side : float
+        Distances of the middle of the data and of the layer.
+    """
+
+    image: int
+    source: float
+    side: float
+
+    @classmethod
+    def of(cls, image: int, values: Iterable[np.ndarray], spacing: float) -> Wall | None:
+        """The wall beyond the first nodes of data whose normal comes first; None where there is none."""
+        data = _along_normal(values)
+        if not image or not data:
+            return None
+        middle = min(float(np.arange(1, len(amount) + 1) @ amount / amount.sum()) for amount in data)
+        return cls(image, spacing * middle, spacing * len(data[0]))
+
+    def largest(self, spreads: np.ndarray) -> np.ndarray:
+        """Largest value between wall and layer of a source at its place, over that without a wall; D t of the times."""
+        x, spreads = np.linspace(0, self.side, _PLACES), spreads[:, None]
+        fields = [np.exp(-((x - place) ** 2) / (4 * spreads)) for place in (self.source, -self.source)]
+        return np.asarray(np.abs(fields[0] + self.image * fields[1]).max(1))
 
 
 def diffusive(nodes: int, spacing: float, spread: float, distance: float) -> Layer:
@@ -442,10 +480,13 @@ def diffusive(nodes: int, spacing: float, spread: float, distance: float) -> Lay
     return Layer(np.maximum(1 / tau, 1.0), np.zeros(nodes + 1), np.zeros(nodes + 1))
 
 
-def returned_by_diffusion(layer: Layer, spacing: float, spreads: np.ndarray, distance: float) -> np.ndarray:
+def returned_by_diffusion(
+    layer: Layer, spacing: float, spreads: np.ndarray, distance: float, wall: Wall | None = None
+) -> np.ndarray:
     """What comes back to the side of a point source on a line, relative to the largest value at the same time.
 
-    The inverse Laplace transform along ``lambda = (1.2 + i y)/sqrt(D t)``; of waves along the side less remains.
+    The inverse Laplace transform along ``lambda = (1.2 + i y)/sqrt(D t)``; of waves along the side less remains. A wall
+    that holds its nodes leaves of the source a dipole, whose image in the layer is the longer one and falls no faster.
 
     Parameters
     ----------
@@ -455,6 +496,8 @@ def returned_by_diffusion(layer: Layer, spacing: float, spreads: np.ndarray, dis
         D t of the times.
     distance : float
         Of the source from the side.
+    wall : Wall, optional
+        Opposite to the layer.
 
     Returns
     -------
@@ -468,10 +511,18 @@ def returned_by_diffusion(layer: Layer, spacing: float, spreads: np.ndarray, dis
     for edge, kappa in enumerate(layer.kappa):
         passed = (1 - kappa * tangent) / (1 + kappa * tangent)
         back *= passed if edge == layer.columns else passed**2
-    return np.asarray(np.abs((np.exp(scaled**2 - decay * distance) * back).sum(1)) * step / np.sqrt(np.pi))
+    largest = np.ones(len(spreads))
+    if wall is not None:
+        largest = wall.largest(spreads)
+        image, across = (np.exp(-2 * decay * place) for place in (wall.source, wall.side))
+        back *= (1 + wall.image * image) * (1 + wall.image * across) / (1 - wall.image * across * back)
+    came = np.abs((np.exp(scaled**2 - decay * distance) * back).sum(1)) * step / np.sqrt(np.pi)
+    return np.asarray(came / largest)
 
 
-def thinnest_for_diffusion(spacing: float, spread: float, distance: float, wanted: float) -> Thickness:
+def thinnest_for_diffusion(
+    spacing: float, spread: float, distance: float, wanted: float, wall: Wall | None = None
+) -> Thickness:
     """The fewest nodes that keep an error relative to the largest value at every time of a run; 60 nodes, and what they
     keep, if none do.
     """
@@ -479,7 +530,7 @@ def thinnest_for_diffusion(spacing: float, spread: float, distance: float, wante
     spreads = np.geomspace(min(_BEGIN * distance**2, spread), spread, _TIMES)
     for nodes in range(2, MOST + 1):
         layer = diffusive(nodes, spacing, spread, distance)
-        predicted = float(returned_by_diffusion(layer, spacing, spreads, distance).max())
+        predicted = float(returned_by_diffusion(layer, spacing, spreads, distance, wall).max())
         if predicted <= _AIM_LASTING * wanted:
             break
     return Thickness("diffusive", layer, predicted)
