@@ -168,6 +168,40 @@ def test_sources_of_any_pace_keep_their_target_where_waves_run_backward(case):
     assert max(found) <= target
 
 
+@pytest.mark.parametrize("case", [*range(4), *(pytest.param(n, marks=pytest.mark.slow) for n in range(4, 24))])
+def test_sources_at_the_end_of_a_bar_keep_their_target(case):
+    """Waves that fall within a node or two without travelling reach the layer from one of its last nodes: smooth forces
+    that leave the bar displaced, against a bar that goes on. A target is kept or refused.
+    """
+    seed = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
+    random = np.random.default_rng([seed, case])
+    print(f"seed {seed}, set-up {case}")
+    volume, influence = random.choice(["ramp", "full"]), random.choice(["constant", "gaussian"])
+    kernel = fh.Kernel(float(random.integers(2, 5)), int(random.integers(1, 3)), str(influence), volume=str(volume))
+    force, target, until = np.zeros(60), 10.0 ** -random.integers(3, 7), random.uniform(150.0, 600.0)
+    force[random.integers(0, 3)] = 1.0
+    setup = {
+        "lattice": fh.Lattice(1.0, (0.0,), (59.0,)),
+        "model": fh.Wave(kernel, damping=float(random.choice([0.0, 0.02]))),
+        "sources": [fh.Source(force, fh.Gaussian(random.uniform(4.0, 20.0)))],
+        "threads": 1,
+    }
+    sides = fh.LatticePML(target=target, until=until), fh.Extended(target=1e-3 * target, until=until)
+    try:
+        run, exact = (fh.Simulation(boundary=side, **setup) for side in sides)
+    except fh.InputError as refusal:
+        assert "target" in str(refusal)
+        return
+    worst = largest = 0.0
+    while run.time < until:
+        run.step(3)
+        exact.step(3)
+        here = exact.fields["u"]
+        largest = max(largest, np.abs(here).max())
+        worst = max(worst, np.abs(run.fields["u"] - here).max())
+    assert worst <= target * largest
+
+
 @pytest.mark.parametrize("case", [6, 7, *(pytest.param(n, marks=pytest.mark.slow) for n in range(6))])
 def test_echoes_of_all_sides_meet_in_the_middle(case):
     """Each is predicted to make at most 0.2 of the target there; as long as one side was looked at alone, they made

@@ -18,6 +18,7 @@ from farhorizon.analysis.layers.returned import (
     arrivals,
     frequency_of_slow_waves,
     hold_backward_waves,
+    reach_the_end,
     round_a_point,
 )
 from farhorizon.analysis.layers.thickness import (
@@ -214,13 +215,15 @@ class ReturnedWaves:
         """The data as a side sees them that has a medium."""
         at_side = medium.coefficient / self.coefficient
         return [
-            self._from_scatterers(self._shortened(datum, axis, side).turned(axis, side), axis, side)
+            self._from_scatterers(self._shortened(datum, axis, side).turned(axis, side), axis, side).with_entrance()
             for datum in (self._behind(datum, axis, side, at_side) for datum in self.data)
         ]
 
     def _every(self, medium: LatticeMedium, data: Sequence[Datum], until: float, wanted: float) -> bool:
         """Whether all modes of a medium are followed."""
-        return self.follows_backward_waves(until) and hold_backward_waves(medium, data, wanted)
+        if not self.follows_backward_waves(until):
+            return False
+        return hold_backward_waves(medium, data, wanted) or reach_the_end(medium, data, wanted)
 
     def follows_backward_waves(self, until: float) -> bool:
         """Whether the waves of data are followed that run backward: in a medium that does not vary, of scalars, and of

@@ -41,6 +41,8 @@ _NEWTON, _LONGEST = 12, 0.3  # iterations from the root of long waves, and the l
 _SETTLED = 1e-8  # relative residual of a root
 _FELT = 0.02  # share of the wanted error that waves which are left out may make together
 _FINER = 2  # moments and places at which the largest value is looked for, over the fewest that hold the waves
+# on a line, where waves are few, less by as much as layers amplify some that fall within a node or two
+_AMPLIFIED = 1e-6
 _UNHEARD = 0.05  # and of what comes back of those that are followed each by itself
 _FELT_BACKWARD = 0.3  # share of the wanted error that backward waves in the data are looked for from
 _COMPARED = 2000  # waves by which layers are compared
@@ -56,6 +58,7 @@ _HELD = 7.0  # widths of a Gaussian in the transform of smoothed data: exp(-24) 
 # over the length of the run: the band of frequencies in which waves fade out; and what of a wave is nothing
 _FADES, _FADED = 10.0, 1e-6
 _BETWEEN = np.pi / 8  # of the directions of a square lattice
+_STATIC = 1e-9  # eigenvalue over the rate at which modes that do not travel are told from the longest waves
 # of the modes of a chain: relative residual, where two nearly coincide, and the least factor over a node
 _ROUGH, _GONE = 1e-6, 1e-6
 _NEARLY = 0.01  # and the largest change of log zeta in an iteration from such a root
@@ -93,6 +96,12 @@ class Datum:
         """The same with an axis first, and towards its lower (-1) or upper (1) end."""
         values = np.moveaxis(self.values, axis, 0)
         return replace(self, values=values if side > 0 else values[::-1])
+
+    def with_entrance(self) -> Datum:
+        """The same with the node between the side that it is turned to and the layer, which holds nothing."""
+        values = np.pad(self.values, [(0, 1), *[(0, 0)] * (self.values.ndim - 1)])
+        behind = self.behind and (self.behind[0] + 1, self.behind[1])
+        return replace(self, values=values, behind=behind)
 
 
 class Sample:
@@ -566,7 +575,8 @@ def arrivals(
     sparse = np.abs(arrived(heard, few)[1])
     loudness = sparse.max(1) * len(modes)
     largest = max(size * 2 * steps * np.exp(-folded), _COHERENT * _SPARSE * float(sparse.sum()))
-    threshold = _FELT * wanted * largest  # of the sum of all amplitudes that are left out
+    told = wanted * (_AMPLIFIED if every and reach_the_end(front, data, wanted) else 1.0)
+    threshold = _FELT * told * largest  # of the sum of all amplitudes that are left out
     heard = heard[_largest(loudness, 0.5 * threshold)]
     root, amplitude, slowness, *shapes = arrived(heard, slice(None))
     kinds = root.shape[1] // along.shape[1]  # modes of each tangential wavenumber
@@ -591,7 +601,7 @@ def arrivals(
     amplitude, root, slowness = amplitude.ravel()[felt], root.ravel()[felt], slowness.ravel()[felt]
     shape = shapes[0].reshape(len(shapes[0]), -1)[:, felt] if shapes else None
     number = sample.add(amplitude, root, factor, along, slowness, shape)
-    silent = _UNHEARD * wanted * 2 * steps * np.exp(-folded)
+    silent = _UNHEARD * told * 2 * steps * np.exp(-folded)
     found = Arrivals(
         front,
         amplitude,
@@ -712,6 +722,18 @@ def hold_backward_waves(medium: LatticeMedium, data: Sequence[Datum], wanted: fl
         for datum in data
         if datum.values.any()
     )
+
+
+def reach_the_end(medium: LatticeMedium, data: Sequence[Datum], wanted: float) -> bool:
+    """Whether data at the end of a line are felt in front of the layer by waves, too, that do not travel: some of these
+    a layer amplifies, and all modes are to be followed. Along a side long waves that graze it set more than they do.
+    """
+    if medium.stencil.dim > 1 or medium.stencil.reach[0] == 1:
+        return False
+    roots = _all_modes(medium, np.array([_STATIC * medium.rate + 0j]), np.zeros((0, 1)))[0]
+    fall = np.sort(np.abs(roots.ravel()))[-2]
+    sizes = [np.abs(datum.values) for datum in data if datum.values.any()]
+    return any(size[::-1] @ fall ** np.arange(len(size)) > _FELT_BACKWARD * wanted * size.max() for size in sizes)
 
 
 def frequency_of_slow_waves(medium: LatticeMedium, speed: float) -> float:
