@@ -56,6 +56,16 @@ WORST = {
         r"boundary\.y\+: .* material has no such side; value: Free; .*remedy: .*free sides, bodies and cracks",
         "Elastic has no such side",
     ),
+    "true for a number": (
+        case(WAVE, "spacing = 0.5", "spacing = true"),
+        r"lattice\.spacing: must be a number; value: True; .*remedy: such as 1\.5",
+        "horizon",
+    ),
+    "true for a whole number": (
+        case(WAVE, "horizon = 1.0", "horizon = 1.0, exponent = true"),
+        r"kernel\.exponent: must be a number; value: True",
+        "horizon",
+    ),
     "layer of another material": (
         lambda: fh.Simulation(PLANE, fh.Elastic(fh.Kernel(1.0), 1.0), fh.NonlocalPML(8)),
         r"boundary\.x-: Elastic of bond-based .* has no such side; .*remedy: with LatticePML or Sponge: free sides",

@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Discriminator,
     Field,
@@ -26,6 +27,7 @@ from pydantic import (
     model_validator,
 )
 from pydantic.fields import FieldInfo
+from pydantic_core import PydanticKnownError
 
 from farhorizon import __version__, kinds
 from farhorizon import public as fh
@@ -58,7 +60,15 @@ class Part(BaseModel):
         return without_units(cls.__name__, data, context["units"])
 
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
+def _no_truth_value(value: Any) -> Any:
+    """What is neither true nor false, which Python takes for 1 and 0."""
+    if isinstance(value, bool):
+        raise PydanticKnownError("float_type")
+    return value
+
+
+Number = Annotated[float, BeforeValidator(_no_truth_value), Field(allow_inf_nan=False)]
+Whole = Annotated[int, BeforeValidator(_no_truth_value)]
 Value = str | Number | list[str | Number]  # an expression or a number, of vectors one a component
 _OF_TIME = "a function of t"
 Named: TypeAlias = Literal[*named_materials()]  # type: ignore[valid-type]
@@ -146,7 +156,7 @@ class VoxelsPart(Part):
     """Edge of a voxel."""
     lower: list[Number] | None = None
     """Least corner of the whole grid; its middle is the origin unless given."""
-    labels: list[int] | None = None
+    labels: list[Whole] | None = None
     """Values of the voxels that are the region; all but 0 unless given."""
 
 
@@ -266,7 +276,7 @@ class LatticePart(Part):
 class KernelPart(Part):
     horizon: Number
     """Radius within which nodes interact; three spacings is usual."""
-    exponent: int = 2
+    exponent: Whole = 2
     """p in the weight w(r)/r^p of a bond, 0 to 3."""
     influence: str = "constant"
     """Influence function w(r): constant, linear (1 - r/horizon) or gaussian (exp(-(r/width)^2))."""
@@ -289,7 +299,7 @@ class WeibullPart(Part):
     """The larger, the less it scatters."""
     cell: Number
     """Edge of the cells that have one value each, such as the size of grains; the spacing: each node has its own."""
-    seed: int = 0
+    seed: Whole = 0
     """Another one, another sample."""
 
 
@@ -461,7 +471,7 @@ class LinePart(Part):
     """The first one."""
     end: list[Number]
     """The last one."""
-    count: int
+    count: Whole
     """How many there are, both ends among them."""
 
 
@@ -472,7 +482,7 @@ class GridPart(Part):
     """The least coordinates."""
     upper: list[Number]
     """The largest coordinates."""
-    counts: list[int]
+    counts: list[Whole]
     """How many there are along each axis, both ends among them."""
 
 
@@ -487,7 +497,7 @@ class ReceiversPart(Part):
     """Places on a grid."""
     record: list[str] = ["u"]
     """u, v, gradient, strain, stress, pressure, divergence, curl, rotation, energy_flux."""
-    every: int = 1
+    every: Whole = 1
     """Steps from one record to the next."""
     interpolation: str = "sinc"
     """Between nodes: sinc, good to 1e-5, or linear, which needs the nodes next to the point alone."""
@@ -514,7 +524,7 @@ class SpectraPart(Part):
     """In cycles per unit of time."""
     record: list[str] = ["u"]
     """u, gradient, strain, stress, pressure, divergence, curl, rotation."""
-    every: int = 1
+    every: Whole = 1
     """Steps from one term of the sums to the next; half the stable step allows 3."""
     interpolation: str = "sinc"
     """Between nodes: sinc or linear."""
@@ -529,7 +539,7 @@ class StressIntensityPart(Part):
     """Ends of cracks; all that lie in the near field unless given."""
     radii: list[Number] | None = None
     """Of the two circles between which the field is read; as large as they may be unless given."""
-    every: int = 1
+    every: Whole = 1
     """Steps from one record to the next."""
     name: str | None = None
     """In files and pictures; stress_intensity, or stress_intensity_0, stress_intensity_1, ... unless given."""
@@ -538,9 +548,9 @@ class StressIntensityPart(Part):
 class CrackTipsPart(Part):
     """Where the tips of cracks are while bonds break."""
 
-    every: int = 20
+    every: Whole = 20
     """Steps from one record to the next."""
-    most: int = 7
+    most: Whole = 7
     """Tips that are followed."""
     name: str | None = None
     """In files and pictures; crack_tips, or crack_tips_0, crack_tips_1, ... unless given."""
@@ -555,7 +565,7 @@ class FarFieldPart(Part):
     """Cycles per time, of waves: those of the pattern."""
     points: list[list[Number]] | None = None
     """Receivers outside the box, at any distance."""
-    directions: int = 180
+    directions: Whole = 180
     """Those of the pattern: so many from the x axis round, in space in each of the planes xy, yz and zx."""
 
 
@@ -595,9 +605,9 @@ class RunPart(Part):
     """Time step; half of the largest stable one unless given."""
     dtype: str = "float64"
     """float64, or float32 for half the memory."""
-    threads: int | None = None
+    threads: Whole | None = None
     """Threads of the time loop; all that there are unless given."""
-    topology: list[int] | None = None
+    topology: list[Whole] | None = None
     """Of a run on several processes (mpiexec): boxes of the lattice along each axis, as many as processes; those that
     exchange least unless given. One process does without.
     """
@@ -744,7 +754,10 @@ def model_part(kind: Any) -> type[Part]:
             given = Literal["finite-difference", "finite-element"] | None
             keys["stencil"] = (given, Field(None, description=words))
         if name == "integrator":
-            keys["stages"] = (int | None, Field(None, description="Of an integrator that has a choice; chosen for it."))
+            keys["stages"] = (
+                Whole | None,
+                Field(None, description="Of an integrator that has a choice; chosen for it."),
+            )
     if "density" in keys and {"young", "speed"} & keys.keys():
         words = "A named material, whose constants it has (`fh.materials`); what is given beside it goes before."
         keys["of"] = (Named | None, Field(None, description=words))
@@ -825,7 +838,7 @@ def _of_toml(hint: Any) -> Any:
     if isinstance(origin, type) and issubclass(origin, Mapping):
         values = reduce(or_, map(_of_toml, get_args(inner[1]) or inner[1:]))
         return dict[str, values]  # type: ignore[valid-type]
-    plain = {float: Number, int: int, bool: bool, str: str, np.ndarray: list[Number], Path: FilePath}
+    plain = {float: Number, int: Whole, bool: bool, str: str, np.ndarray: list[Number], Path: FilePath}
     return (plain | {fh.Weibull: WeibullPart}).get(hint)
 
 
