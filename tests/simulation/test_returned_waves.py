@@ -202,6 +202,30 @@ def test_sources_at_the_end_of_a_bar_keep_their_target(case):
     assert worst <= target * largest
 
 
+@pytest.mark.parametrize("place", [0, 1, 2])
+@pytest.mark.parametrize(("reach", "influence", "target"), [(3.0, "constant", 1e-4), (6.0, "linear", 1e-3)])
+def test_what_comes_back_of_a_source_at_the_end_of_a_bar_is_known(reach, influence, target, place):
+    """The prediction for the layer beside it is what is measured in the run, to the digits that it is told by."""
+    force, until = np.zeros(60), 300.0
+    force[place] = 1.0
+    setup = {
+        "lattice": fh.Lattice(1.0, (0.0,), (59.0,)),
+        "model": fh.Wave(fh.Kernel(reach, 2, influence)),
+        "sources": [fh.Source(force, fh.Gaussian(9.0))],
+        "threads": 1,
+    }
+    sides = fh.LatticePML(target=target, until=until), fh.Extended(target=1e-4 * target, until=until)
+    run, exact = (fh.Simulation(boundary={"x-": side, "x+": fh.LatticePML(nodes=40)}, **setup) for side in sides)
+    worst = largest = 0.0
+    while run.time < until - 2 * run.dt:
+        run.step(2)
+        exact.step(2)
+        here = exact.fields["u"]
+        largest = max(largest, np.abs(here).max())
+        worst = max(worst, np.abs(run.fields["u"] - here).max())
+    assert worst / largest == pytest.approx(run.thickness["x-"].predicted, rel=0.03)
+
+
 @pytest.mark.parametrize("case", [6, 7, *(pytest.param(n, marks=pytest.mark.slow) for n in range(6))])
 def test_echoes_of_all_sides_meet_in_the_middle(case):
     """Each is predicted to make at most 0.2 of the target there; as long as one side was looked at alone, they made
