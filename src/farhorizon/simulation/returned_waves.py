@@ -117,7 +117,7 @@ class ReturnedWaves:
         InputError
             No layer keeps it.
         """
-        medium = self._media(axis, side)[0]
+        medium, slowest = self._media(axis, side)[0], self._media(axis, side)[-1].speed / self.spacing
         pace, data = medium.speed / self.spacing, [datum.values for datum in self._turned(axis, side, medium)]
         if not medium.stencil.strongest_reaction and (boundary.target is None or until > self.foreseen):
             found = by_formula(medium.stencil, pace, until, data, wanted)
@@ -136,7 +136,7 @@ class ReturnedWaves:
 
         share = _BESIDE_FREE if any(b.image > 0 for b in self._beside(axis)) else 1.0
         dt = self.dt if self._spreads(axis) else None
-        members = family(medium.stencil, pace, until, distance_to_side(data), share * wanted, dt, steep)
+        members = family(medium.stencil, pace, slowest, until, distance_to_side(data), share * wanted, dt, steep)
         found = thinnest(members, sent, share * wanted, size)
         if found is None and boundary.target is None:
             return None

@@ -314,6 +314,7 @@ def briefly_damped(nodes: int, stencil: Stencil, pace: float) -> dict[str, Layer
 def family(
     stencil: Stencil,
     pace: float,
+    slowest: float,
     until: float,
     distance: float,
     wanted: float,
@@ -321,6 +322,9 @@ def family(
     steep: Callable[[int], Layer],
 ) -> Callable[[int], Mapping[str, Layer]]:
     """The profiles of so many nodes that are tried for waves, by name.
+
+    Paces are speeds / spacing of the fastest and of the slowest medium along the side: to backward waves of the slowest
+    a short layer for the fastest is the stronger, and lets them grow by more than its damping takes.
 
     The late profile is for scalars without backward waves that reach no more than 4 nodes: others grow in it. Tuned
     ones are there where a time step is given.
@@ -335,7 +339,7 @@ def family(
         if not weak(damped):
             if damped is None or damped.whole:
                 return found
-            found |= briefly_damped(nodes, stencil, pace)
+            found |= briefly_damped(nodes, stencil, slowest)
             return found if dt is None else found | tuned_layers(nodes, stencil, pace, dt)
         rise = steady_rise(stencil, nodes)
         if rise is not None:
