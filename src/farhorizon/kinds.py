@@ -263,10 +263,13 @@ def function(value: Any, key: str, arguments: str) -> Callable[..., Any]:
 
 
 def path(value: Any, key: str) -> Path:
-    """A path, of which a text is one; InputError for anything else."""
+    """The path of a file, of which a text is one; InputError for anything else."""
     if not isinstance(value, str | Path):
         raise InputError("must be a path", value=said(value), limit="a text or a Path", key=key, remedy='"name.h5"')
-    return Path(value)
+    found = Path(value)
+    if not found.name:  # "", "." and "/"
+        raise InputError("must name a file", value=said(value), key=key, remedy='"name.h5"')
+    return found
 
 
 def settle(target: Any, /, **values: Any) -> None:

@@ -85,6 +85,8 @@ def test_what_cannot_be_written_is_refused_before_the_run(tmp_path):
     sim = line()
     for wrong, message in (
         (lambda: sim.run(1.0, output=7), "run.output: must be a path; value: 7"),
+        (lambda: sim.save(""), "path: must name a file; value: the text ''"),
+        (lambda: sim.write("."), "path: must name a file; value: the text '.'"),
         (lambda: sim.run(1.0, output=tmp_path / "no" / "a.h5"), "there is no directory"),
         (lambda: sim.write(tmp_path / "a.h5", ["w"]), "fields: the run has no such field; value: .*w.*; limit: u, v"),
         (lambda: sim.write(tmp_path / "a.h5", "u"), "fields: must be a list of names of fields"),
