@@ -63,7 +63,7 @@ WORST = {
     ),
     "true for a whole number": (
         case(WAVE, "horizon = 1.0", "horizon = 1.0, exponent = true"),
-        r"kernel\.exponent: must be a number; value: True",
+        r"kernel\.exponent: must be a whole number; value: True; .*remedy: such as 3",
         "horizon",
     ),
     "layer of another material": (

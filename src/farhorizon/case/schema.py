@@ -60,15 +60,19 @@ class Part(BaseModel):
         return without_units(cls.__name__, data, context["units"])
 
 
-def _no_truth_value(value: Any) -> Any:
-    """What is neither true nor false, which Python takes for 1 and 0."""
-    if isinstance(value, bool):
-        raise PydanticKnownError("float_type")
-    return value
+def _no_truth_value(wanted: Literal["float_type", "int_type"]) -> BeforeValidator:
+    """Refuses true and false, which Python takes for 1 and 0."""
+
+    def check(value: Any) -> Any:
+        if isinstance(value, bool):
+            raise PydanticKnownError(wanted)
+        return value
+
+    return BeforeValidator(check)
 
 
-Number = Annotated[float, BeforeValidator(_no_truth_value), Field(allow_inf_nan=False)]
-Whole = Annotated[int, BeforeValidator(_no_truth_value)]
+Number = Annotated[float, _no_truth_value("float_type"), Field(allow_inf_nan=False)]
+Whole = Annotated[int, _no_truth_value("int_type")]
 Value = str | Number | list[str | Number]  # an expression or a number, of vectors one a component
 _OF_TIME = "a function of t"
 Named: TypeAlias = Literal[*named_materials()]  # type: ignore[valid-type]
@@ -754,10 +758,8 @@ def model_part(kind: Any) -> type[Part]:
             given = Literal["finite-difference", "finite-element"] | None
             keys["stencil"] = (given, Field(None, description=words))
         if name == "integrator":
-            keys["stages"] = (
-                Whole | None,
-                Field(None, description="Of an integrator that has a choice; chosen for it."),
-            )
+            words = "Of an integrator that has a choice; chosen for it."
+            keys["stages"] = (Whole | None, Field(None, description=words))
     if "density" in keys and {"young", "speed"} & keys.keys():
         words = "A named material, whose constants it has (`fh.materials`); what is given beside it goes before."
         keys["of"] = (Named | None, Field(None, description=words))

@@ -90,6 +90,19 @@ def test_what_diffusion_sends_back_beside_a_wall(wall):
     assert np.abs(came - alone).max() > 0.25 * expected.max()
 
 
+@pytest.mark.parametrize("image", [-1, 1])
+def test_a_wall_far_away_changes_nothing(image):
+    """A source beside the layer of a long bar, from the first time on, at which it is narrower than a node."""
+    layer, spreads = diffusive(6, 1.0, 400.0, 2.0), np.geomspace(0.03, 400.0, 40)
+    far = Wall(image, 2000.3, 2002.3)
+    np.testing.assert_allclose(far.largest(spreads), 1.0, rtol=1e-12)
+    np.testing.assert_allclose(
+        returned_by_diffusion(layer, 1.0, spreads, 2.0, far), returned_by_diffusion(layer, 1.0, spreads, 2.0), rtol=1e-9
+    )
+    alone, beside = (thinnest_for_diffusion(1.0, 400.0, 2.0, 1e-5, wall) for wall in (None, far))
+    assert alone.layer.columns == beside.layer.columns
+
+
 def test_no_wall():
     """Where another layer is, or nothing to be followed."""
     assert Wall.of(0, [np.ones(5)], 1.0) is None and Wall.of(-1, [np.zeros(5)], 1.0) is None

@@ -76,7 +76,7 @@ _CAREFUL, _STEEPEST_WAVE = 10, 1.3
 # of diffusion: which decays matter, fitted to the least error over all times of a run
 _STEEPEST, _EARLY, _GRADUAL = 3.2, 5.2, 2.3
 _HIGHEST, _POINTS = 6.0, 241  # of the integral over y: exp(-36) remains
-_PLACES = 65  # at which the largest value is looked for
+_PLACES = 65  # at which, beside its source's own, the largest value is looked for
 # first time in squared distance over D, before which nothing has come back, and how many are looked at
 _BEGIN, _TIMES = 0.03, 60
 
@@ -460,7 +460,7 @@ class Wall(NamedTuple):
 
     def largest(self, spreads: np.ndarray) -> np.ndarray:
         """Largest value between wall and layer of a source at its place, over that without a wall; D t of the times."""
-        x, spreads = np.linspace(0, self.side, _PLACES), spreads[:, None]
+        x, spreads = np.append(np.linspace(0, self.side, _PLACES), self.source), spreads[:, None]
         fields = [np.exp(-((x - place) ** 2) / (4 * spreads)) for place in (self.source, -self.source)]
         return np.asarray(np.abs(fields[0] + self.image * fields[1]).max(1))
 
