@@ -459,6 +459,25 @@ def test_data_of_waves_that_run_backward_keep_their_target(where, case):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("case", range(3))
+def test_forward_waves_that_leave_as_backward_ones_keep_their_target(case):
+    """A pulse that holds next to nothing of waves that run backward, but waves of nearly their frequency: these leave
+    a layer as backward ones. As long as nobody followed them, they left 6 targets.
+    """
+    random = np.random.default_rng([SEED, 10, case])
+    lattice, model = fh.Lattice(1.0, (-22.0, -22.0), (22.0, 22.0)), fh.Wave(fh.Kernel(3.0, 0, "constant"))
+    u = pulse(lattice, random.uniform(-4, 4, 2), random.uniform(4.7, 5.2))
+    dt, until, target = 0.95 * fh.Simulation(lattice, model, fh.Fixed()).step_limit, 400.0, 1e-6
+    setup = {"lattice": lattice, "model": model, "initial": {"u": u}, "dt": dt, "threads": 1}
+    try:
+        sim = fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until))
+    except fh.InputError as refused:
+        assert "no layer keeps" in str(refused)
+        return
+    assert worst_error(sim, u, until) <= target
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("case", range(4))
 def test_waves_that_run_backward_in_space_are_followed_each(case):
     """By all modes of the chain in front of a side, as in the plane. As long as one mode stood for them, 13 nodes made

@@ -45,6 +45,8 @@ _FINER = 2  # moments and places at which the largest value is looked for, over 
 _AMPLIFIED = 1e-6
 _UNHEARD = 0.05  # and of what comes back of those that are followed each by itself
 _FELT_BACKWARD = 0.3  # share of the wanted error that backward waves in the data are looked for from
+# of the first backward wavenumber, from which on forward waves have its frequency nearly, and leave as backward ones
+_TURNING = 0.8
 _COMPARED = 2000  # waves by which layers are compared
 _EACH = 1500  # waves of a line that are followed each by itself although none is a backward one, at most: a second
 # such waves where backward ones are among them: those that show what a layer is not enough for, and all, at most
@@ -63,8 +65,9 @@ _STATIC = 1e-9  # eigenvalue over the rate at which modes that do not travel are
 _ROUGH, _GONE = 1e-6, 1e-6
 _NEARLY = 0.01  # and the largest change of log zeta in an iteration from such a root
 _FLAT = 1e-14  # of a polynomial's largest coefficient, the least of the first one: what dies out at once
-# parts of a factor e of frequency, of decay over a node, or of slowness: waves of one such cell return alike
-_CELLS = 2.5
+# parts of a factor e of frequency, of decay or wavenumber over a node, and of slowness: waves of one such cell return
+# alike. Where forward waves meet backward ones, what comes back changes by a hundred within a third of the wavenumber
+_CELLS = 2.5, 10.0, 2.5
 
 
 @dataclass(frozen=True)
@@ -147,7 +150,8 @@ class Sample:
         finite, medium = np.where(amplitude == 0, 0.5, root), self.medium
         slow = np.maximum(1.0, np.abs(slowness) * medium.speed * medium.dt / medium.spacing)
         sizes = np.abs(np.log(factor)), np.abs(np.log(finite)), slow
-        cells = np.stack([np.floor(_CELLS * np.log(np.maximum(size, 1e-12))).astype(int) for size in sizes], axis=1)
+        logs = np.log(np.maximum(sizes, 1e-12))
+        cells = np.floor(np.array(_CELLS)[:, None] * logs).astype(int).T
         if shape is not None:  # along the normal or across it
             cells = np.append(cells, np.abs(shape[:1].T) ** 2 > 0.5, axis=1)
         found, number = np.unique(cells, axis=0, return_inverse=True)
@@ -717,8 +721,9 @@ def hold_backward_waves(medium: LatticeMedium, data: Sequence[Datum], wanted: fl
     damped = high_pass(stencil) if stencil.components == 1 or plane else None
     if damped is None or weak(damped):
         return False
+    first = _TURNING * damped.first
     return any(
-        short_share(datum.values, damped.first) * _briskness(medium, damped.first, datum.time) > _FELT_BACKWARD * wanted
+        short_share(datum.values, first) * _briskness(medium, first, datum.time) > _FELT_BACKWARD * wanted
         for datum in data
         if datum.values.any()
     )
