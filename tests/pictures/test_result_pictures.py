@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from drawn import axes_of, is_picture, wave
 from farhorizon.errors import InputError
@@ -184,6 +185,39 @@ def test_divergence_and_curl_are_those_of_the_displacements(tmp_path, monkeypatc
     np.testing.assert_allclose(seen["div u"], 3 * x + (x if z else 0), atol=1e-12)
     np.testing.assert_allclose(seen["curl u"], rotation, atol=1e-12)
     assert len(drawing.plot_results(open_results(path), tmp_path)) == 1 + dim  # they are drawn where asked for
+
+
+def test_films_and_surfaces_tell_divergence_and_curl_as_pictures_do(tmp_path, monkeypatch):
+    """Numbers without a unit, which are no displacements."""
+    path, seen = tmp_path / "a.h5", []
+    writer = ResultsWriter.create(
+        path,
+        shape=(6, 6, 6),
+        spacing=0.5,
+        lower=(0.0,) * 3,
+        fields=("u",),
+        components={"u": 3},
+        dtype="float64",
+        units={"u": "mm"},
+    )
+    for k in range(2):
+        writer.append(k, float(k), {"u": (1.0 + k) * np.stack(np.indices((6, 6, 6), float))})
+
+    def film(frames, _axes, path, label, **_):
+        seen.append((label, frames[0][0]))
+        return [path]
+
+    def surfaces(_fields, _axes, _path, label, title, **_):
+        seen.append((label, title))
+        return Figure()
+
+    monkeypatch.setattr(drawing, "movie", film)
+    monkeypatch.setattr(drawing, "isosurface_panels", surfaces)
+    for wanted in ({"movie": True}, {"isosurfaces": ()}):
+        view = drawing.View(fields=["u_divergence", "u"], quantities={"u": "displacement u"}, **wanted)
+        drawing.plot_results(open_results(path), tmp_path, view)
+    assert ("div u", "t = 0") in seen and ("div u", "") in seen
+    assert ("|u| (mm)", "displacement u, t = 0") in seen and ("|u| (mm)", "displacement u") in seen
 
 
 def test_the_nearest_time_is_said(tmp_path):

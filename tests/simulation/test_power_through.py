@@ -345,3 +345,10 @@ power = [{given}]
 """
     with pytest.raises(fh.InputError):
         Case(text).run()
+
+
+def test_no_run_has_no_power():
+    power = fh.PowerThrough(fh.Disc(2.0), [0.1])
+    assert power.data["power"].shape == (0, 1)
+    with pytest.raises(fh.InputError, match=r"power: the energy of no run; .*observe=\[power\]"):
+        _ = power.recorded

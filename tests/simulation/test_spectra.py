@@ -149,3 +149,8 @@ def test_a_plane_is_its_layer_of_nodes():
     for where, words in ((("y", 9.0), "no node .* limit: .* remedy"), (("z", 0.0), "no such axis")):
         with pytest.raises(fh.InputError, match=words):
             fh.Simulation(lattice, model, observe=[fh.Spectra(where, [0.1])])
+
+
+def test_no_run_has_no_spectra():
+    with pytest.raises(fh.InputError, match=r"spectra: the spectra of no run; .*observe=\[spectra\]"):
+        _ = fh.Spectra([0.0], [0.1]).data

@@ -164,9 +164,14 @@ def _plot(sub: argparse.ArgumentParser) -> None:
         type=float,
         nargs="*",
         metavar="VALUE",
-        help="in space the surfaces on which a field has these values (default: a fifth and a half of the largest)",
+        help="in space the surfaces on which the first field, or each --field, has these values (default: a fifth "
+        "and a half of the largest)",
     )
-    sub.add_argument("--movie", action="store_true", help="a film of a field: GIF, and MP4 with imageio-ffmpeg")
+    sub.add_argument(
+        "--movie",
+        action="store_true",
+        help="a film of the first field, or of each --field: GIF, and MP4 with imageio-ffmpeg",
+    )
     sub.add_argument("--format", default="png", metavar="png|pdf|svg", help="of pictures (default: png)")
 
 

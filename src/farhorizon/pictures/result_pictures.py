@@ -262,10 +262,13 @@ def _drawn(results: Results, directory: Path, view: View, say: Callable[[str], N
         path = directory / f"deformed.{view.format}"
         deformed_panels(frames, results.axes, path, factor=view.deformed)
         return [path]
+    first = parts if view.fields else parts[:1]  # the others where they are asked for: films take their time
     if view.isosurfaces is not None:
-        return _surfaces(results, directory, view, chosen, parts[0])
+        return [path for part in first for path in _surfaces(results, directory, view, chosen, part)]
     if view.movie:
-        return [path for one in slices for path in _movie(results, directory, view, chosen, parts[0], one)]
+        return [
+            path for part, one in product(first, slices) for path in _movie(results, directory, view, chosen, part, one)
+        ]
     directory.mkdir(parents=True, exist_ok=True)
     written, regions = [], _regions(results)
     for part, one in product(parts if chosen else (), slices):
@@ -355,7 +358,7 @@ def _movie(
     if view.decibels and any(np.nan_to_num(one).any() for one in values):
         values, limits = view.levels(values), limits or (_FLOOR, 0.0)
         label = f"{part.label.strip('|')} (dB below the largest)"
-    title = view.quantities.get(part.field, "")
+    title = view.quantities.get(part.quantity, "")
     frames = [
         (", ".join(filter(None, (title, _moment(results, k)))), field) for k, field in zip(chosen, values, strict=True)
     ]
@@ -382,7 +385,7 @@ def _surfaces(results: Results, directory: Path, view: View, chosen: Sequence[in
         None,
         levels=view.isosurfaces or None,
         cracks=view.cracks,
-        label=with_unit(part.label, part.field),
+        label=with_unit(part.label, part.quantity),
         title=view.quantities.get(part.quantity, ""),
     )
     directory.mkdir(parents=True, exist_ok=True)

@@ -50,7 +50,8 @@ class CrackTips(Recorder):
     dissipated : ndarray, shape (rows,)
         Energy that bonds held when they broke, as "broken" of `Simulation.energies`.
     now : CrackPaths
-        The lines of the cracks, their tips and branches at the last record.
+        The lines of the cracks, their tips and branches at the last record; of a run that goes on from a file, when it
+        was saved.
 
     Raises
     ------
@@ -185,18 +186,23 @@ class CrackTips(Recorder):
         self._places = list(state["places"])
         self._last = reduce(_latest, self._places, self._nowhere)
         self._sums = [(float(a), float(b)) for a, b in state["sums"]]
+        self.now = self._found()
 
-    def _look(self, step: int) -> None:
-        """Find the cracks as they are now."""
+    def _found(self) -> CrackPaths:
+        """The cracks as they are now."""
         lattice, breaking = self._lattice.whole, self._breaking
         damage = breaking.team.joined(self._lattice, breaking.damage)
-        found = breaking.team.first(
+        return breaking.team.first(
             None
             if damage is None  # the first process has it
             else find_cracks(
                 np.squeeze(damage), lattice.lower[self._axes], lattice.spacing, self._threshold, self._horizon
             )
         )
+
+    def _look(self, step: int) -> None:
+        """Record the cracks as they are now."""
+        found, breaking = self._found(), self._breaking
         places = self._nowhere.copy()
         free = [number for number in range(self.most) if np.isnan(self._last[number]).all()]
         for tip, number in zip(found.tips, followed(self._last, found.tips, self._reach), strict=True):

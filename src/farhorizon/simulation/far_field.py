@@ -41,7 +41,7 @@ from farhorizon.simulation.far_box import (
     steps_between_samples,
 )
 from farhorizon.simulation.fourier_sums import SampledSums
-from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, check_from_start, recorder_name
+from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, check_begun, check_from_start, recorder_name
 from farhorizon.simulation.setup import Setup
 
 _SEEN = 16  # steps from one look at the largest field to the next
@@ -467,14 +467,7 @@ class FarField(Recorder):
     # --- what is refused ---------------------------------------------------------------------------------------
 
     def _must_have_run(self) -> None:
-        if self._steps < 0:
-            raise InputError(
-                "the far field of no run",
-                value="0 steps",
-                limit="a run that has begun",
-                key="far_field",
-                remedy="Simulation(..., observe=[far])",
-            )
+        check_begun(self._steps >= 0, "far field", "far_field")
 
     def _must_have_spectra(self, undamped: bool = False) -> None:
         self._must_have_run()

@@ -15,7 +15,7 @@ from farhorizon.geometry.shapes import Shape
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.flux import bonds_left, plane
 from farhorizon.simulation.fourier_sums import FourierSums
-from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
+from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, check_begun, recorder_name
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.spectra import as_frequencies, check_frequencies
 from farhorizon.simulation.state_power import NodeStates, states_at
@@ -108,6 +108,7 @@ class PowerThrough(Recorder):
         self.frequencies = as_frequencies(frequencies, "power.frequencies")
         self.name = recorder_name(name)
         self.notes: list[str] = []
+        self.points = np.zeros((0, 1))
         self._first, self._dt = 0, 0.0
         self._rows: list[np.ndarray] = []
 
@@ -138,7 +139,13 @@ class PowerThrough(Recorder):
         Returns
         -------
         ndarray, shape (F, n)
+
+        Raises
+        ------
+        InputError
+            There has been no run.
         """
+        check_begun(self.points.size > 0, "energy", "power")
         sums, dt = self._sums.values, self._dt
         through = [np.einsum("fi,fi->f", sums.conj(), (form @ sums.T).T).imag for form in self._forms]
         return np.sin(2 * np.pi * self.frequencies * dt)[:, None] / dt * np.stack(through, axis=-1)

@@ -177,6 +177,24 @@ def check_from_start(step: int, what: str, key: str) -> None:
         )
 
 
+def check_begun(begun: bool, what: str, key: str) -> None:
+    """Refuse what was recorded where there has been no run.
+
+    Raises
+    ------
+    InputError
+        It has not begun.
+    """
+    if not begun:
+        raise InputError(
+            f"the {what} of no run",
+            value="0 steps",
+            limit="a run that has begun",
+            key=key,
+            remedy=f"Simulation(..., observe=[{key.partition('_')[0]}])",
+        )
+
+
 def recorder_name(value: object) -> str:
     """A name of a recorder: letters, digits, - and _, which is also one in files.
 

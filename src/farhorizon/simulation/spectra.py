@@ -19,7 +19,7 @@ from farhorizon.simulation.fourier_sums import FourierSums
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.quantities import QUANTITIES, Reading
 from farhorizon.simulation.receivers import check_blocks, moduli_at
-from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
+from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, check_begun, recorder_name
 from farhorizon.simulation.setup import Setup
 
 _LINEAR = [name for name, quantity in QUANTITIES.items() if not quantity.moving]
@@ -119,6 +119,7 @@ class Spectra(Recorder):
     @property
     def data(self) -> dict[str, np.ndarray]:
         """The sums so far, by quantity."""
+        check_begun(self.points.size > 0, "spectra", "spectra")
         sums = self._sums.values.reshape(-1, *self._shape)
         reading = Reading(sums, np.zeros(0), self._sums.dt, 0.0, self._medium, self._warm)
         return reading.of(self.record)
