@@ -8,8 +8,8 @@ from farhorizon.analysis.layers.layer import LayerSide
 from farhorizon.checks.side_modes import Strip
 from farhorizon.engine.dampers import response, springs_of, strengths_of
 from farhorizon.engine.engine import Layer
-from farhorizon.engine.interpreter import Interpreter
 from farhorizon.engine.state import State
+from interpreter import Interpreter
 
 NODES = 4
 DEPTH = (np.arange(NODES + 1) + 0.5) / (NODES + 1)

@@ -8,8 +8,8 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.engine.exchange import Link, Messages, free_of_halos
-from farhorizon.engine.interpreter import Interpreter
 from farhorizon.engine.settings import connect
+from interpreter import Interpreter
 
 ITSELF = Link((0, 0, 0, 0), 0, 0, False, 0)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.engine.interpreter import Interpreter
+from interpreter import Interpreter
 
 SEED = 20261122
 WAVE, SLOW = fh.Wave(fh.Kernel(2.0)), fh.LatticePML(nodes=3)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.engine.interpreter import Interpreter
 from farhorizon.engine.settings import give_heat_beyond
+from interpreter import Interpreter
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))
 LAYER, SPACE = fh.LatticePML(nodes=4), fh.Kernel(1.5, exponent=1)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.engine.interpreter import Interpreter
 from farhorizon.medium.integrators import Verlet
+from interpreter import Interpreter
 
 SPACING = 0.5
 OFFSETS = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j])

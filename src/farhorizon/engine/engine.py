@@ -181,7 +181,7 @@ class Engine:
         Those that follow a law of their own.
     absent : AbsentBonds
     loop : callable or None
-        What works off the table of operations in place of the compiled loop: see `farhorizon.engine.interpreter`.
+        What works off the table of operations in place of the compiled loop: see `tests/interpreter.py`.
     seen : ndarray, shape (steps, n)
         The values at the places of `watch` after each step of an `advance`, until the next one.
     heard : ndarray, shape (steps, R)

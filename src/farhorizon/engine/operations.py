@@ -1,8 +1,7 @@
 """The operations of which a step consists, and the tables that they read.
 
 A step is one or more stages. Each stage is a list of operations, which the compiled loop works off in their order; an
-operation has a number beside it where it needs one. The numpy interpreter (`farhorizon.engine.interpreter`) works off
-the same lists.
+operation has a number beside it where it needs one. The plain numpy program of the tests works off the same lists.
 """
 
 from __future__ import annotations

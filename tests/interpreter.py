@@ -1,5 +1,5 @@
 """A plain numpy program that works off the same table of operations as the compiled loop (`farhorizon.engine.loop`):
-the reference in tests, and a pattern for other machines.
+the reference of the tests, and a pattern for other machines.
 
 It goes by the definitions: each bond one after the other, each stretched shift written out with a memory of its own for
 every offset of the stencil. It is slow, and keeps the layers' memory to itself.
@@ -19,8 +19,8 @@ from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.filter import Filter
 from farhorizon.engine.passes import Passes
 from farhorizon.engine.shape_tensors import stress_left
-from farhorizon.engine.stretched_shifts import StretchedShifts
 from farhorizon.engine.tables import Inputs, Material, Stage
+from stretched_shifts import StretchedShifts
 
 
 class Interpreter:
