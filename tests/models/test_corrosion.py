@@ -246,12 +246,13 @@ def test_a_limited_front_is_that_of_diffusion_control(metal, depth):
 def test_a_limit_that_long_stages_overshoot_is_told_with_what_keeps_it():
     """Stages of Runge-Kutta-Chebyshev go beyond a step of Euler's, in which the limit holds: steel in a pit."""
     steel = fh.Corrosion(fh.Kernel(4e-6), 8.5e-10, saturation=5.1e3, interface=1.0, limited=True, integrator="rkc")
-    sim = fh.Simulation(
-        fh.Lattice(2e-6, -399e-6, 3e-6),
-        steel,
-        {"x-": fh.Free(), "x+": fh.Fixed(0.0)},
-        specimens=[fh.Specimen(fh.Box(-400e-6, 0.0), 143e3)],
-    )
+    setup = {
+        "lattice": fh.Lattice(2e-6, -399e-6, 3e-6),
+        "model": steel,
+        "boundary": {"x-": fh.Free(), "x+": fh.Fixed(0.0)},
+        "specimens": [fh.Specimen(fh.Box(-400e-6, 0.0), 143e3)],
+    }
+    sim = fh.Simulation(**setup, dt=0.5 * fh.Simulation(**setup).step_limit)
     with pytest.warns(fh.ValidityWarning, match="integrator = 'euler' or a smaller step"):
         for t in np.arange(3.75, 40.0, 3.75):
             sim.run(t, progress=False)

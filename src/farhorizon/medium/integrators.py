@@ -66,6 +66,7 @@ class Verlet(_OneStage):
     order = 2
     name = "velocity Verlet"
     alternates = False
+    outruns = False
 
     @staticmethod
     def step_limit(largest: float) -> float:
@@ -137,6 +138,7 @@ class Euler(_OneStage):
     order = 1
     name = "forward Euler"
     alternates = True  # near its limit the shortest waves of diffusion change their sign with each step
+    outruns = False
 
     @staticmethod
     def step_limit(largest: float) -> float:
@@ -161,6 +163,7 @@ class RungeKutta4:
     order = 4
     name = "Runge-Kutta 4"
     alternates = False
+    outruns = False
 
     @staticmethod
     def step_limit(largest: float) -> float:
@@ -202,6 +205,9 @@ class RungeKutta4:
 class RungeKuttaChebyshev(Storable):
     """Stabilised explicit method of second order: its stable step grows with the square of the number of stages.
 
+    A time step that is left out is one that follows the data at the start, and that of Euler's method where anything
+    else drives the field: for longer ones give `dt`.
+
     One step is the polynomial ``a + b T_s(w0 + w1 z)`` of z = dt L with Verwer's damping 2/13 (Sommeijer, Shampine and
     Verwer 1998, J. Comput. Appl. Math. 88, section 2). For a linear operator the Chebyshev polynomials need three terms
     only, ``Y_j = mu Y_(j-1) + nu Y_(j-2) + mu' (L Y_(j-1) + s)`` with mu + nu = 1, and the last of them is mixed with
@@ -232,6 +238,7 @@ class RungeKuttaChebyshev(Storable):
     order = 2
     name = "Runge-Kutta-Chebyshev"
     alternates = False
+    outruns = True  # stable steps may be much longer than those that follow the field
 
     def __post_init__(self) -> None:
         kinds.settle(self, chebyshev=kinds.integer(self.chebyshev, "model.integrator.chebyshev", least=2, most=1000))
