@@ -392,6 +392,18 @@ def test_left_temporary_files_are_removed(small):
     assert [p.name for p in small.glob(".*")] == [".other.h5.4711.tmp"]
 
 
+@pytest.mark.parametrize(
+    ("change", "table"),
+    [("initial.u='exp(-2*x**2)'", "initial"), ("output.probes=[[1.0]]", "output.probes"), ("run.until=4.0", "")],
+)
+def test_a_changed_case_does_not_go_on(small, capsys, change, table):
+    """Its results would be told in the name of the first one; how long it runs may change."""
+    assert main(["run", "small.toml", "--keep-checkpoint"]) == 0
+    assert main(["run", "small.toml", "--resume", "--until", "3", "--set", change]) == (2 if table else 0)
+    said = capsys.readouterr().err
+    assert f"limit: same {table}; remedy: resume with the case that wrote it" in said or not table
+
+
 def test_a_disk_that_is_full_ends_a_run_in_one_line_and_blocks_nothing(small):
     """At limits from before the first output to the last checkpoint: exit code 1, no crash; then the same command runs,
     or --resume does.

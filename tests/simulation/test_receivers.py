@@ -458,3 +458,40 @@ def test_reciprocity_of_forces_and_displacements():
         found.append(receivers.data["u"][..., component])
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-12 * np.abs(found[0]).max())
     assert np.abs(found[0]).max() > 1e-4
+
+
+def two_runs(*lines):
+    lattice, model = fh.Lattice(0.5, (-4.0, -4.0), (4.0, 4.0)), fh.Wave(fh.Kernel(1.0))
+    start = {"u": "exp(-3*(x**2 + y**2))"}
+    return [fh.Simulation(lattice, model, fh.LatticePML(nodes=6), start, observe=[line]) for line in lines]
+
+
+def test_a_recorder_serves_one_run_at_a_time():
+    """A run whose recorder was given to another one does not go on; a new run with it begins anew."""
+    line = fh.Receivers([(1.0, 0.0)])
+    first, second = two_runs(line, line)
+    second.step(5)
+    with pytest.raises(fh.InputError, match=r"observe: another run has this recorder now; value: receivers; .*own"):
+        first.step(5)
+    assert len(line.times) == 6
+
+
+@pytest.mark.parametrize(
+    ("make", "differs"),
+    [
+        (lambda point: fh.Receivers([point]), "points"),
+        (lambda point: fh.Receivers([(1.0, 0.0)], every=1 + (point[0] < 0)), "every"),
+        (lambda point: fh.Spectra([(1.0, 0.0)], [0.1 - 0.01 * point[0]]), "frequencies"),
+        (
+            lambda point: fh.FarField(fh.Box((-2.0, -2.0), (2.0, 2.0)), frequencies=[0.1 - 0.01 * point[0]]),
+            "frequencies",
+        ),
+    ],
+)
+def test_a_run_does_not_go_on_with_what_was_recorded_elsewhere(tmp_path, make, differs):
+    first, same, other = two_runs(make((1.0, 0.0)), make((1.0, 0.0)), make((-2.0, 0.5)))
+    first.step(5)
+    first.save(tmp_path / "state")
+    same.load(tmp_path / "state")
+    with pytest.raises(fh.FileFormatError, match=f"recorded something else under this name; .*limit: same {differs}"):
+        other.load(tmp_path / "state")

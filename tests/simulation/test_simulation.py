@@ -324,3 +324,17 @@ def test_what_a_notebook_shows():
         fh.Lattice(1.0, (-9.0, -4.0), (9.0, 4.0)), fh.Wave(fh.Kernel(2.0)), fh.Fixed(), dt=0.25, threads=1
     )
     assert repr(sim.run(until=2.0)) == "<Simulation on 19 x 9 nodes at t = 2, step 8>"
+
+
+def test_another_model_has_a_step_and_layers_of_its_own():
+    """What is compared with a run has its step and its layers; a faster medium has other ones, as if it were new."""
+    lattice, start = fh.Lattice(0.5, (-4.0, -4.0), (4.0, 4.0)), {"u": "exp(-3*(x**2 + y**2))"}
+    sides = fh.LatticePML(target=1e-6, until=20.0)
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), sides, start)
+    assert sim.remade(sources=[fh.Source("exp(-x**2 - y**2)", "sin(t)")]).dt == sim.dt
+    fast = fh.Wave(fh.Kernel(1.0), speed=4.0)
+    made, new = sim.remade(model=fast), fh.Simulation(lattice, fast, sides, start)
+    assert made.dt == new.dt < sim.dt
+    made.run(20.0, progress=False)
+    new.run(20.0, progress=False)
+    np.testing.assert_allclose(made.fields["u"], new.fields["u"], rtol=0, atol=1e-14)

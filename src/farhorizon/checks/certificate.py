@@ -268,7 +268,16 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf) -> Cer
     Certificate
     """
     if sim.model.bond_law is not None:
-        found = certify(sim.remade(model=sim.given["model"].linearised, balance=False, loads=()), budget, until)
+        found = certify(
+            sim.remade(
+                model=sim.given["model"].linearised,
+                **{name: sim.given[name] for name in ("boundary", "coefficient", "dt")},
+                balance=False,
+                loads=(),
+            ),
+            budget,
+            until,
+        )
         still = " and nothing heats" if any(getattr(load, "coupled", False) for load in sim.given["loads"]) else ""
         return replace(found, reason=f"{found.reason}; that of the linear form, in which no bond breaks{still}")
     if any(b.extended for b in sim.sides.values()):

@@ -7,6 +7,7 @@ import shlex
 import signal
 import sys
 import time
+import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from farhorizon.simulation.output import RunResults
 
 CHECKPOINT_SECONDS = 30.0
+_FREE = {"run", "output"}  # tables of a case that may change in an interrupted run
 
 
 class RunFiles(NamedTuple):
@@ -51,7 +53,7 @@ def march(
     results and the exit code.
     """
     with _stopping(sim) as came:
-        output = _taken_up(sim, files) if options.resume else _begun(options, case, sim, files)
+        output = _taken_up(case, sim, files) if options.resume else _begun(options, case, sim, files)
         for note in (*sim.notes, *sim.probes.notes):
             print(f"note: {note}", file=sys.stderr)
         nodes = round(sim.team.total({"nodes": sim.lattice.nodes})["nodes"])
@@ -103,14 +105,36 @@ def _to_rest(options: argparse.Namespace, case: Any) -> bool:
     return options.until is None and isinstance(case.parts.run.until, str)
 
 
-def _taken_up(sim: Any, files: RunFiles) -> RunResults:
+def _taken_up(case: Any, sim: Any, files: RunFiles) -> RunResults:
     """The results of an interrupted run as they were at its checkpoint, from which the simulation goes on."""
     from farhorizon.simulation.output import RunResults
 
     kept = sim.load(files.checkpoint)
+    with sim.team.agreed():
+        _check_unchanged(case, files.result)
     sim.probes.take()  # the start, which the file has
     outputs, rows, records = (int(kept[name]) for name in ("outputs", "rows", "records"))
     return RunResults.resume(sim, files.result, outputs, rows, records, kept.get("recorded"))
+
+
+def _check_unchanged(case: Any, path: Path) -> None:
+    """Refuse to go on with another case than the one that results are of, in whose name they would be told; how long
+    it runs, and what is written, may change.
+    """
+    from farhorizon.errors import FileFormatError
+    from farhorizon.files.results import open_results
+
+    before, now = (tomllib.loads(text) for text in (open_results(path).case, case.text))
+    for one in (before, now):
+        one["output.probes"] = one.get("output", {}).get("probes", [])
+    changed = sorted(name for name in {*before, *now} - _FREE if before.get(name) != now.get(name))
+    if changed:
+        raise FileFormatError(
+            "the case has changed since this run began",
+            value=str(path),
+            limit=f"same {', '.join(changed)}",
+            remedy="resume with the case that wrote it, or run the new one by itself: --out another name",
+        )
 
 
 def _begun(options: argparse.Namespace, case: Any, sim: Any, files: RunFiles) -> RunResults:

@@ -65,6 +65,8 @@ class Recorder(ABC):
     ----------
     name : str
         By which results and checkpoints know it.
+    run : int
+        Number of the run that it serves, among those of this process.
     notes : list of str
         What is allowed, but to be known.
     doubts : sequence of str
@@ -78,6 +80,7 @@ class Recorder(ABC):
     notes: list[str]
     doubts: Sequence[str] = ()
     shared = False
+    run = 0
 
     @property
     @abstractmethod

@@ -5,6 +5,7 @@ Of several processes each keeps what its own nodes have of it; the recorders of 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -23,6 +24,8 @@ from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.team import ALONE, Team
 
+_ASKED = "points", "every", "frequencies"  # what a recorder that goes on has in common with the one before
+_NUMBERS = itertools.count(1)  # of the runs of this process
 _ROOM = 2**24  # numbers that are kept of the steps between two looks: fewer than memory has
 
 
@@ -76,11 +79,12 @@ class Recording:
                     key="observe",
                     remedy='name="..." tells them apart',
                 )
-        known = self.doubts
+        known, self._number = self.doubts, next(_NUMBERS)
         self._wanted: list[Wanted] = []
         for one in self.recorders:
             with self._naming(one), team.agreed():
                 self._wanted.append(one.begin(setup, parts))
+            one.run = self._number
         for text in self.doubts:
             if text not in known:  # the recorders of a run that is made anew have told it
                 warn(text)
@@ -184,7 +188,21 @@ class Recording:
         """How many of the wanted steps to make from one on: to where a recorder has to see the run; so few that what is
         kept of them stays small; and to where blocks of Fourier sums end, if that is not much less, for whole blocks
         are summed where they lie.
+
+        Raises
+        ------
+        InputError
+            Another run has been given a recorder since.
         """
+        for one in self.recorders:
+            if one.run != self._number:
+                raise InputError(
+                    "another run has this recorder now",
+                    value=one.name,
+                    limit="one run at a time",
+                    key="observe",
+                    remedy="a recorder of its own for each run",
+                )
         most = max(BLOCK, _ROOM // max(1, self._kept))
         wanted = min([wanted, most, *(one.every - step % one.every for one in self._wanted if one.stop)])
         whole = wanted - (step + wanted + 1) % BLOCK
@@ -229,7 +247,11 @@ class Recording:
 
     def state(self) -> Arrays:
         """That of all recorders, by their names."""
-        return {f"recorder/{one.name}/{name}": array for one in self.recorders for name, array in one.state().items()}
+        return {
+            f"recorder/{one.name}/{name}": array
+            for one, wanted in zip(self.recorders, self._wanted, strict=True)
+            for name, array in {**one.state(), **_asked(one, wanted)}.items()
+        }
 
     def take(self, arrays: Arrays, step: int) -> None:
         """Be in a state that `state` gave; recorders that are not in it begin now.
@@ -245,17 +267,34 @@ class Recording:
             if not theirs:
                 one.start(step, self._now(wanted, own))
                 continue
-            mine = one.state()
+            mine, asked = one.state(), _asked(one, wanted)
+            before = {name: theirs.pop(name, asked[name]) for name in asked}
             alike = mine.keys() == theirs.keys() and all(mine[n].shape[1:] == a.shape[1:] for n, a in theirs.items())
-            if not alike:
+            other = [name for name, array in asked.items() if not _same(array, before[name])]
+            if not alike or other:
                 raise FileFormatError(
                     "the checkpoint belongs to a run that recorded something else under this name",
                     value=one.name,
-                    limit=", ".join(f"{n} {a.shape[1:]}" for n, a in mine.items()),
+                    limit=", ".join(
+                        [f"same {name.partition('.')[2]}" for name in other]
+                        or [f"{n} {a.shape[1:]}" for n, a in mine.items()]
+                    ),
                     key="observe",
                     remedy="give the recorders of the run that wrote it, or another name",
                 )
             one.take(theirs)
+
+
+def _asked(one: Recorder, wanted: Wanted) -> Arrays:
+    """Where, when and of which frequencies a recorder records."""
+    found = {name: getattr(one, name, None) for name in _ASKED} | {"every": wanted.every}
+    return {f"asked.{name}": np.atleast_1d(np.asarray(a, float)) for name, a in found.items() if a is not None}
+
+
+def _same(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether arrays are alike to rounding."""
+    size = np.abs(one).max(initial=0.0)
+    return one.shape == other.shape and np.allclose(one, other, rtol=0, atol=1e-9 * size, equal_nan=True)
 
 
 def _by_component(values: np.ndarray, components: int) -> np.ndarray:

@@ -10,12 +10,13 @@ from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.setup import Setup
 
 
-def remade_setup(settled: Setup, parts: Parts, changes: Mapping[str, Any]) -> Setup:
+def remade_setup(setup: Setup, settled: Setup, parts: Parts, changes: Mapping[str, Any]) -> Setup:
     """A set-up at its start with some arguments changed; on another lattice nothing is there, and the medium is
-    uniform, as stiff as it is anywhere.
+    uniform, as stiff as it is anywhere. The time step and the layers stay as they were chosen, but for another model.
     """
     near, start = parts.near, parts.start
     if "lattice" not in changes:
+        settled = setup if "model" in changes else settled
         initial = {"u": start.u + float(changes.get("background", near.background))}
         initial |= {"v": start.v} if near.model.order == 2 else {}
         return replace(settled, **{"initial": initial, **changes})

@@ -435,8 +435,11 @@ class Simulation(Run):
     def remade(self, **changes: Any) -> Simulation:
         """The same set-up at its start with some arguments changed; on another lattice nothing is there, and the medium
         is uniform, as stiff as it is anywhere.
+
+        The time step and layers that chose themselves stay as they are, so that runs can be compared; for another model
+        on the same lattice they are chosen anew.
         """
-        return Simulation.of(remade_setup(self.settled, self.parts, changes))
+        return Simulation.of(remade_setup(self.setup, self.settled, self.parts, changes))
 
     def certificate(self, budget: float = BUDGET, until: float = np.inf) -> Certificate:
         """Whether the complete update, near field and all memory of the boundaries, is stable; see
