@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from functools import lru_cache, reduce
 from inspect import isabstract, signature
@@ -182,6 +182,20 @@ class ElementsPart(Part):
     """Factor of its coordinates."""
 
 
+#: What a region may be; the keys of its table are in the order of the arguments.
+_SHAPES: dict[str, Callable[..., Shape]] = {
+    "disc": fh.Disc,
+    "ball": fh.Ball,
+    "box": fh.Box,
+    "polygon": fh.Polygon,
+    "text": fh.Text,
+    "image": fh.ImageMask,
+    "voxels": fh.Voxels,
+    "mesh": fh.Mesh,
+    "elements": fh.Elements,
+}
+
+
 class RegionPart(Part):
     """One shape, with shapes taken out of it."""
 
@@ -214,28 +228,11 @@ class RegionPart(Part):
             raise error.at(under(key, error.key)) from None
 
     def _shape(self, key: str) -> Shape:
-        shapes: list[Shape] = []
-        for kind, part in ((fh.Disc, self.disc), (fh.Ball, self.ball)):
-            if part is not None:
-                shapes.append(kind(part.radius, part.centre))
-        if self.box is not None:
-            shapes.append(fh.Box(self.box.lower, self.box.upper))
-        if self.polygon is not None:
-            shapes.append(fh.Polygon(self.polygon.points))
-        if self.text is not None:
-            shapes.append(fh.Text(**self.text.model_dump()))
-        if self.image is not None:
-            shapes.append(fh.ImageMask(self.image.file, self.image.width, self.image.centre, self.image.threshold))
-        if self.voxels is not None:
-            shapes.append(fh.Voxels(self.voxels.file, self.voxels.size, self.voxels.lower, self.voxels.labels))
-        if self.mesh is not None:
-            shapes.append(fh.Mesh(self.mesh.file, self.mesh.scale, self.mesh.centre))
-        if self.elements is not None:
-            shapes.append(fh.Elements(self.elements.file, self.elements.group, self.elements.scale))
-        if len(shapes) != 1:
-            known = ", ".join(name for name in type(self).model_fields if name != "without")
-            raise InputError(f"give exactly one of {known}", key=key)
-        region = shapes[0]
+        given = [(make, part) for name, make in _SHAPES.items() if (part := getattr(self, name)) is not None]
+        if len(given) != 1:
+            raise InputError(f"give exactly one of {', '.join(_SHAPES)}", key=key)
+        [(make, part)] = given
+        region = make(*dict(part).values())
         for hole in self.without:
             region = region - hole.build(key + ".without")
         return region

@@ -293,6 +293,13 @@ class Lattice(Storable):
         )
 
 
+def nodes_in(shape: Shape, lattice: Lattice, key: str) -> np.ndarray:
+    """Which nodes of a lattice lie in a shape, of its shape; InputError for a shape of another dimension."""
+    if shape.dim != lattice.dim:
+        raise InputError("shape and lattice differ in dimension", value=shape.dim, limit=lattice.dim, key=key)
+    return shape.contains(np.stack(lattice.coordinates(), axis=-1))
+
+
 def check_any(inside: bool) -> None:
     """InputError for a window or body that holds no node."""
     if not inside:

@@ -23,7 +23,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
-from farhorizon.geometry.lattice import AXES, Lattice
+from farhorizon.geometry.lattice import AXES, Lattice, nodes_in
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.sources import as_source, space_and_time, steady
@@ -592,13 +592,7 @@ def _in_region(
 ) -> _Held:
     assert isinstance(constraint, Temperature)
     where = constraint.where
-    grid = np.stack(lattice.coordinates(), -1)
-    for shape in (where, constraint.within):
-        if isinstance(shape, Shape) and shape.dim != lattice.dim:
-            raise InputError(
-                "shape and lattice differ in dimension", value=shape.dim, limit=lattice.dim, key=f"{key}.where"
-            )
-    mask = where.contains(grid) if isinstance(where, Shape) else np.asarray(where)
+    mask = nodes_in(where, lattice, f"{key}.where") if isinstance(where, Shape) else np.asarray(where)
     size = lattice.shape if isinstance(where, Shape) else lattice.whole.shape
     if mask.shape != size or mask.dtype != bool:
         raise InputError(
@@ -609,7 +603,7 @@ def _in_region(
         )
     mask = mask if isinstance(where, Shape) else mask[lattice.within]
     if constraint.within is not None:
-        mask = mask & constraint.within.contains(grid)
+        mask = mask & nodes_in(constraint.within, lattice, f"{key}.where")
     if lattice.mask is not None:
         mask = mask & lattice.mask
     nodes = np.flatnonzero(mask)

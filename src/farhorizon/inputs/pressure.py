@@ -16,7 +16,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
-from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.lattice import Lattice, nodes_in
 from farhorizon.geometry.shapes import Cut, Shape
 from farhorizon.inputs.cracks import Crack, as_crack, cut_bonds
 from farhorizon.inputs.expressions import as_signal
@@ -236,9 +236,7 @@ def _around(
     hole: Shape, lattice: Lattice, offsets: np.ndarray, rim: str, periodic: Mapping[int, bool], key: str
 ) -> _Faces:
     """The bonds of the body into a hole; InputError where there are nodes in it, or a rim that is not free."""
-    if hole.dim != lattice.dim:
-        raise InputError("shape and lattice differ in dimension", value=hole.dim, limit=lattice.dim, key=f"{key}.on")
-    inside = hole.contains(np.stack(lattice.coordinates(), axis=-1))
+    inside = nodes_in(hole, lattice, f"{key}.on")
     body = np.ones(lattice.shape, bool) if lattice.body is None or lattice.mask is None else lattice.mask
     if (inside & body).any() or rim != "free":
         raise InputError(

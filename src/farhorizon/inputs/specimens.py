@@ -10,7 +10,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
-from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.lattice import Lattice, nodes_in
 from farhorizon.geometry.shapes import Shape
 
 
@@ -55,11 +55,7 @@ class Specimen(Storable):
         part of a lattice, or shape and lattice do not fit.
         """
         if isinstance(self.where, Shape):
-            if self.where.dim != lattice.dim:
-                raise InputError(
-                    "shape and lattice differ in dimension", value=self.where.dim, limit=lattice.dim, key=f"{key}.where"
-                )
-            found = self.where.contains(np.stack(lattice.coordinates(), axis=-1))
+            found = nodes_in(self.where, lattice, f"{key}.where")
         else:
             found = np.asarray(self.where)
             if found.shape != lattice.shape:

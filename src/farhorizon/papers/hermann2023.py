@@ -144,19 +144,24 @@ def _outcome(
     return Outcome(rows, {label: float(found.errors.max()) / peak for label, found in runs.items()}), runs, fields
 
 
-def _fields(
-    path: Path,
+def _pictures(
+    paths: Sequence[Path],
     setup: Mapping[str, Any],
-    times: Sequence[float],
-    first: tuple[str, list[np.ndarray]],
+    course: Sequence[float],
+    reference: tuple[str, list[np.ndarray]],
     runs: Mapping[str, Measured],
+    shown: Sequence[str],
+    apart: Sequence[str],
 ) -> None:
-    """Fields side by side, the reference first, one row a time."""
+    """Fields of some runs beside the reference, one row a time; how far some are from it at the end; errors of all."""
     from farhorizon.pictures.fields import field_table
 
-    columns = [first, *((label, found.fields[: len(times)]) for label, found in runs.items())]
-    cracks = [np.array(notch) for notch in NOTCHES] if "cracks" in setup else []
-    field_table([f"$t = {t:g}$" for t in times], columns, setup["lattice"].axes, path, cracks=cracks)
+    axes, cracks = setup["lattice"].axes, [np.array(notch) for notch in NOTCHES] if "cracks" in setup else []
+    columns = [reference, *((label, runs[label].fields[: len(TIMES)]) for label in shown)]
+    field_table([f"$t = {t:g}$" for t in TIMES], columns, axes, paths[0], cracks=cracks)
+    far = {label: runs[label] for label in apart}
+    differences_picture(paths[1], axes, course[-1], reference[1][-1], far, cracks)
+    errors_picture(paths[2], course, runs)
 
 
 @reproduction(
@@ -184,13 +189,7 @@ def example_1(folder: Path, full: bool = False) -> Outcome:
     counts = [Row("nodes of the square", nodes, 11025), Row("elements", (2 * RADIUS / 0.5) ** 2, 10816)]
     outcome, runs, exact = _outcome(setup, square(_SMALL, 0.05), conditions, COURSE, TIMES)
     paths = [folder / f"hermann2023-{name}.png" for name in ("fig8", "fig9", "ex1-errors")]
-    _fields(
-        paths[0],
-        setup,
-        TIMES,
-        (INFINITE, exact),
-        {name: runs[name] for name in ("published, 2 spacings", "first order, A13", "lattice PML")},
-    )
+    shown = ("published, 2 spacings", "first order, A13", "lattice PML")
     apart = (
         "published, 1 spacing",
         "published, 2 spacings",
@@ -199,8 +198,7 @@ def example_1(folder: Path, full: bool = False) -> Outcome:
         "first order, A13",
         "lattice PML",
     )
-    differences_picture(paths[1], setup["lattice"].axes, TIMES[-1], exact[-1], {name: runs[name] for name in apart})
-    errors_picture(paths[2], COURSE, runs)
+    _pictures(paths, setup, COURSE, (INFINITE, exact), runs, shown, apart)
     return Outcome(counts + outcome.rows, outcome.infinite_error, paths)
 
 
@@ -423,10 +421,8 @@ def example_2(folder: Path, full: bool = False) -> Outcome:
         found, runs, exact = _outcome(setup, disc(_SMALL, reach, 0.05), disc_conditions(reach), COURSE, TIMES)
         paths = [folder / f"hermann2023-{name}.png" for name in names]
         shown = ("published A, thinned by 2", "published B, thinned by 2", "lattice PML")
-        _fields(paths[0], setup, TIMES, (INFINITE, exact), {name: runs[name] for name in shown})
         apart = (*shown[:2], "published A, lattice normals", "repaired", "Higdon (0, 45)", "lattice PML")
-        differences_picture(paths[1], setup["lattice"].axes, TIMES[-1], exact[-1], {name: runs[name] for name in apart})
-        errors_picture(paths[2], COURSE, runs)
+        _pictures(paths, setup, COURSE, (INFINITE, exact), runs, shown, apart)
         mark = f"horizon {reach} spacings: "
         whole.rows.extend(Row(mark + row.what, row.ours, row.printed, note=row.note) for row in found.rows)
         whole.infinite_error.update({mark + label: value for label, value in found.infinite_error.items()})
@@ -513,11 +509,7 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
         paths = [folder / f"hermann2023-{name}.png" for name in names]
         fields = [exact(round(t / dt)) for t in kept]
         shown = ("published A, thinned by 2", "published A, lattice normals", "lattice PML")
-        _fields(paths[0], setup, TIMES, ("large domain", fields), {name: runs[name] for name in shown})
-        differences_picture(
-            paths[1], setup["lattice"].axes, kept[-1], fields[-1], runs, [np.array(notch) for notch in NOTCHES]
-        )
-        errors_picture(paths[2], course, runs)
+        _pictures(paths, setup, course, ("large domain", fields), runs, shown, list(runs))
         whole.pictures.extend(paths)
     for label, boundary in conditions.items():
         less_one, how = stability(disc(_SMALL, 3, 0.05), boundary, _CROSSINGS * 2 * _SMALL)

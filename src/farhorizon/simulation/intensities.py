@@ -11,18 +11,17 @@ from farhorizon import kinds
 from farhorizon.analysis.fracture.interaction import InteractionDomain
 from farhorizon.analysis.fracture.near_tip import NearTip
 from farhorizon.errors import InputError
-from farhorizon.files.records import Recorded
 from farhorizon.geometry.shapes import Cut, Polyline
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
+from farhorizon.simulation.recorder import Heard, RowRecorder, Wanted
 from farhorizon.simulation.setup import Setup
 
 _PART = 0.75  # of the way to the next corner of a crack, for the larger circle
 _UNEVEN = 1e-9  # of a factor on bonds
 
 
-class StressIntensity(Recorder):
+class StressIntensity(RowRecorder):
     r"""Stress intensity factors in time, from the interaction integral; given to a run in ``observe=[...]``.
 
     K of a crack at rest is a sum over the nodes around its tip: the interaction integral is linear in the field, and
@@ -86,6 +85,7 @@ class StressIntensity(Recorder):
     def __init__(
         self, tips: Any = None, radii: tuple[float, float] | None = None, every: int = 1, name: str = "stress_intensity"
     ) -> None:
+        super().__init__(name)
         self.tips = None if tips is None else np.atleast_2d(kinds.array(tips, "stress_intensity.tips"))
         if self.tips is not None and (self.tips.shape[1:] != (2,) or not len(self.tips)):
             raise InputError(
@@ -96,13 +96,8 @@ class StressIntensity(Recorder):
             inner, outer = kinds.array(radii, "stress_intensity.radii", shape=(2,))
             self.radii = float(inner), float(outer)
         self.every = kinds.integer(every, "stress_intensity.every", least=1)
-        self.name = recorder_name(name)
-        self.notes: list[str] = []
         self.points = self.ahead = np.zeros((0, 2))
         self.domains: list[InteractionDomain] = []
-        self._steps: list[np.ndarray] = []
-        self._rows: list[np.ndarray] = []
-        self._dt = 0.0
 
     def __repr__(self) -> str:
         return f"StressIntensity({'all' if self.tips is None else len(self.tips)} tips, every={self.every})"
@@ -110,27 +105,13 @@ class StressIntensity(Recorder):
     # --- what was recorded -------------------------------------------------------------------------------------
 
     @property
-    def times(self) -> np.ndarray:
-        """When each row was recorded, shape (rows,)."""
-        return np.concatenate([np.zeros(0, int), *self._steps]) * self._dt
-
-    @property
     def data(self) -> dict[str, np.ndarray]:
         """Intensities and what would be released, by name."""
         if not self.domains:
             return {}
-        medium = self.domains[0].medium
-        rows = np.concatenate([np.zeros((0, len(self.points), len(medium.modes))), *self._rows])
+        medium, rows = self.domains[0].medium, super().data["rows"]
         found = {mode: rows[..., number] for number, mode in enumerate(medium.modes)}
         return {**found, "G": medium.release(rows)}
-
-    @property
-    def recorded(self) -> Recorded:
-        """What was recorded, apart from the run."""
-        return Recorded(self.name, self.points, self.times, self.data)
-
-    def forget(self) -> None:
-        self._steps, self._rows = [], []
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
@@ -161,7 +142,7 @@ class StressIntensity(Recorder):
         return Wanted(nodes, (), self.every)
 
     def start(self, step: int, heard: Heard) -> None:
-        self._steps, self._rows = [], []
+        self._begin_rows({"rows": np.zeros((0, *self._table.shape[:2]))})
         self.add(step, Heard(heard.nodes[1:], ()))
 
     def add(self, step: int, heard: Heard) -> None:
@@ -170,16 +151,8 @@ class StressIntensity(Recorder):
         if len(rows):
             steps = np.arange(step, step + len(heard.nodes))[kept]
             loads = np.array([[time(self._dt * n) for time in self._times] for n in steps]).reshape(len(steps), -1)
-            self._steps.append(steps)
             found = np.einsum("tknc,snc->stk", self._table, rows)
-            self._rows.append(found + np.einsum("tjk,sj->stk", self._faces, loads))
-
-    def state(self) -> Arrays:
-        rows = np.concatenate([np.zeros((0, *self._table.shape[:2])), *self._rows])
-        return {"steps": np.concatenate([np.zeros(0, np.int64), *self._steps]), "rows": rows}
-
-    def take(self, state: Arrays) -> None:
-        self._steps, self._rows = [np.asarray(state["steps"])], [state["rows"]]
+            self._keep(steps, {"rows": found + np.einsum("tjk,sj->stk", self._faces, loads)})
 
 
 def _shares(domain: InteractionDomain, parts: Parts, loads: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:

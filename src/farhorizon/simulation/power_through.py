@@ -15,7 +15,7 @@ from farhorizon.geometry.shapes import Shape
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.flux import bonds_left, plane
 from farhorizon.simulation.fourier_sums import FourierSums
-from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, check_begun, recorder_name
+from farhorizon.simulation.recorder import Arrays, Heard, RowRecorder, Wanted, check_begun
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.spectra import as_frequencies, check_frequencies
 from farhorizon.simulation.state_power import NodeStates, states_at
@@ -23,7 +23,7 @@ from farhorizon.simulation.state_power import NodeStates, states_at
 _SYMMETRIC = 1e-12  # of a bond's largest weight
 
 
-class PowerThrough(Recorder):
+class PowerThrough(RowRecorder):
     r"""Power of waves through surfaces, recorded in every step: the sum over the bonds that cross them.
 
     It is given to a run in ``observe=[...]``. A bond of weights w between the nodes x inside and y outside carries out
@@ -85,9 +85,10 @@ class PowerThrough(Recorder):
     True
     """
 
-    shared = True
+    shared = unbroken = True
 
     def __init__(self, surfaces: Any, frequencies: Any = (), name: str = "power") -> None:
+        super().__init__(name)
         alone = isinstance(surfaces, Shape) or (
             isinstance(surfaces, tuple) and bool(surfaces) and isinstance(surfaces[0], str)
         )
@@ -106,24 +107,11 @@ class PowerThrough(Recorder):
                 "there is no surface", value="none", limit="at least 1", key="power.surfaces", remedy="give one"
             )
         self.frequencies = as_frequencies(frequencies, "power.frequencies")
-        self.name = recorder_name(name)
-        self.notes: list[str] = []
         self.points = np.zeros((0, 1))
-        self._first, self._dt = 0, 0.0
-        self._rows: list[np.ndarray] = []
+        self._begin_rows({"power": np.zeros((0, len(self.surfaces)))})
 
     def __repr__(self) -> str:
         return f"PowerThrough({', '.join(map(str, self.surfaces))})"
-
-    @property
-    def data(self) -> dict[str, np.ndarray]:
-        """ "power" through each surface at `times`."""
-        return {"power": np.concatenate([np.zeros((0, len(self.surfaces))), *self._rows])}
-
-    @property
-    def times(self) -> np.ndarray:
-        """Times of the rows."""
-        return (self._first + np.arange(sum(map(len, self._rows)))) * self._dt
 
     def energy(self) -> np.ndarray:
         r"""Energy that has gone through each surface, by frequency: integrated over positive frequencies it is the sum
@@ -156,10 +144,6 @@ class PowerThrough(Recorder):
         spectra = {"energy": self.energy()} if self.frequencies.size else {}
         return Recorded(self.name, self.points, self.times, self.data, self.frequencies, spectra)
 
-    def forget(self) -> None:
-        self._first += sum(map(len, self._rows))
-        self._rows = []
-
     # --- in a run ----------------------------------------------------------------------------------------------
 
     def begin(self, setup: Setup, parts: Parts) -> Wanted:
@@ -184,7 +168,8 @@ class PowerThrough(Recorder):
         return Wanted(nodes, ())
 
     def start(self, step: int, heard: Heard) -> None:
-        self._first, self._rows, self._last = step, [], heard.nodes
+        self.forget()
+        self._last = heard.nodes
         self._sums = FourierSums(self.frequencies, self._dt, int(np.prod(heard.nodes.shape[1:])))
         self._sums.add(step, heard.nodes[1:].reshape(1, -1))
 
@@ -195,14 +180,15 @@ class PowerThrough(Recorder):
             self._sums.add(step, rows[2:])
         now, twice = rows[1:-1], rows[2:] - rows[:-2]
         powers = [-np.einsum("ti,ti->t", now, (form @ twice.T).T) / (4 * self._dt) for form in self._forms]
-        self._rows.append(np.stack(powers, axis=-1))
+        self._keep(np.arange(len(now)) + step - 1, {"power": np.stack(powers, axis=-1)})
 
     def state(self) -> Arrays:
         sums = {f"sums.{name}": array for name, array in self._sums.state().items()} if self.frequencies.size else {}
-        return {"first": np.array([self._first]), "last": self._last, **self.data, **sums}
+        return {**super().state(), "last": self._last, **sums}
 
     def take(self, state: Arrays) -> None:
-        self._first, self._last, self._rows = int(state["first"][0]), state["last"].copy(), [state["power"]]
+        super().take(state)
+        self._last = state["last"].copy()
         if self.frequencies.size:
             self._sums.take({name[5:]: array for name, array in state.items() if name.startswith("sums.")})
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
-from farhorizon.files.records import Recorded
 from farhorizon.geometry.interpolation import (
     INTERPOLATIONS,
     Blocks,
@@ -21,11 +20,11 @@ from farhorizon.geometry.interpolation import (
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.quantities import QUANTITIES, LocalModuli, Reading
-from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
+from farhorizon.simulation.recorder import Arrays, Heard, RowRecorder, Wanted
 from farhorizon.simulation.setup import Setup
 
 
-class Receivers(Recorder):
+class Receivers(RowRecorder):
     """Points at which a run is recorded in every step of the compiled loop, or in every few.
 
     They are given to a run in ``observe=[...]``.
@@ -93,6 +92,7 @@ class Receivers(Recorder):
         interpolation: str = "sinc",
         name: str = "receivers",
     ) -> None:
+        super().__init__(name)
         self.points = kinds.array(points, "receivers.points")
         wanted = [record] if isinstance(record, str) else kinds.sequence(record, "receivers.record", "quantities")
         if not wanted:
@@ -110,11 +110,6 @@ class Receivers(Recorder):
         self.interpolation = kinds.one_of(
             interpolation, "receivers.interpolation", INTERPOLATIONS, "unknown interpolation"
         )
-        self.name = recorder_name(name)
-        self.notes: list[str] = []
-        self._steps: list[np.ndarray] = []
-        self._rows: dict[str, list[np.ndarray]] = {}
-        self._dt = 0.0
 
     @classmethod
     def line(cls, start: Any, end: Any, count: int, **options: Any) -> Self:
@@ -146,27 +141,6 @@ class Receivers(Recorder):
     def __repr__(self) -> str:
         return f"Receivers({len(self.points)} points, record={list(self.record)}, every={self.every})"
 
-    # --- what was recorded -------------------------------------------------------------------------------------
-
-    @property
-    def times(self) -> np.ndarray:
-        """When each row was recorded, shape (rows,)."""
-        return np.concatenate([np.zeros(0, int), *self._steps]) * self._dt
-
-    @property
-    def data(self) -> dict[str, np.ndarray]:
-        """What was recorded, by quantity."""
-        return {name: np.concatenate(rows) for name, rows in self._rows.items()}
-
-    @property
-    def recorded(self) -> Recorded:
-        """What was recorded, apart from the run: it writes tables and arrays, and traces of ObsPy."""
-        return Recorded(self.name, self.points, self.times, self.data)
-
-    def forget(self) -> None:
-        """Keep no rows of the past."""
-        self._steps, self._rows = [], {name: [rows[0][:0]] for name, rows in self._rows.items()}
-
     # --- in a run ----------------------------------------------------------------------------------------------
 
     def begin(self, setup: Setup, parts: Parts) -> Wanted:
@@ -190,15 +164,14 @@ class Receivers(Recorder):
     def start(self, step: int, heard: Heard) -> None:
         rows = np.stack(heard.blocks, axis=-1)
         self._before = rows[:1]
-        empty = self._recorded(rows[:0], rows[:0])
-        self._steps, self._rows = [], {name: [values] for name, values in empty.items()}
-        self._keep(step, rows[1:])
+        self._begin_rows(self._read(rows[:0], rows[:0]))
+        self._look(step, rows[1:])
 
     def add(self, step: int, heard: Heard) -> None:
         one = heard.blocks[0][..., None]  # of it all quantities make arrays of their own
-        self._keep(step, one if len(heard.blocks) == 1 else np.stack(heard.blocks, axis=-1))
+        self._look(step, one if len(heard.blocks) == 1 else np.stack(heard.blocks, axis=-1))
 
-    def _keep(self, step: int, rows: np.ndarray) -> None:
+    def _look(self, step: int, rows: np.ndarray) -> None:
         """Take the field, its derivatives and what heat strains after the steps from number `step` on, as `Reading` has
         them.
         """
@@ -206,23 +179,20 @@ class Receivers(Recorder):
         now = rows[kept]
         if len(now):
             before = np.concatenate([self._before, rows[:-1]])[kept] if self._moving else now
-            self._steps.append(np.arange(step, step + len(rows))[kept])
-            for name, values in self._recorded(now, before).items():
-                self._rows[name].append(values)
+            self._keep(np.arange(step, step + len(rows))[kept], self._read(now, before))
         self._before = rows[-1:].copy()
 
-    def _recorded(self, now: np.ndarray, before: np.ndarray) -> dict[str, np.ndarray]:
+    def _read(self, now: np.ndarray, before: np.ndarray) -> dict[str, np.ndarray]:
         """All quantities from the field and its derivatives now and a step before."""
         reading = Reading(now, before, self._dt, self._background, self._medium, self._warm)
         return reading.of(self.record)
 
     def state(self) -> Arrays:
-        steps = np.concatenate([np.zeros(0, np.int64), *self._steps])
-        return {"steps": steps, "before": self._before, **self.data}
+        return {**super().state(), "before": self._before}
 
     def take(self, state: Arrays) -> None:
-        self._steps, self._before = [np.asarray(state["steps"])], state["before"].copy()
-        self._rows = {name: [state[name]] for name in self.record}
+        super().take(state)
+        self._before = state["before"].copy()
 
     # --- what is refused ---------------------------------------------------------------------------------------
 

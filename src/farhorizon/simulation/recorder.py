@@ -144,6 +144,71 @@ class Recorder(ABC):
         """Be in a state that `state` gave."""
 
 
+class RowRecorder(Recorder):
+    """A recorder that keeps rows of its quantities, until a file has them.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, dim)
+    unbroken : bool
+        Whether there is a row of every step: the first one tells them all.
+    """
+
+    points: np.ndarray
+    unbroken = False
+
+    def __init__(self, name: str) -> None:
+        self.name = recorder_name(name)
+        self.notes = []
+        self._dt = 0.0
+        self._next = 0  # the step of the next row, where there is one of every step
+        self._begin_rows({})
+
+    @property
+    def times(self) -> np.ndarray:
+        """When each row was recorded, shape (rows,)."""
+        return np.concatenate(self._steps) * self._dt
+
+    @property
+    def data(self) -> Arrays:
+        """What was recorded, by quantity."""
+        return {name: np.concatenate(rows) for name, rows in self._rows.items()}
+
+    @property
+    def recorded(self) -> Recorded:
+        """What was recorded, apart from the run: it writes tables and arrays, and traces of ObsPy."""
+        return Recorded(self.name, self.points, self.times, self.data)
+
+    def forget(self) -> None:
+        """Keep no rows of the past."""
+        self._begin_rows({name: rows[0][:0] for name, rows in self._rows.items()})
+
+    def _begin_rows(self, empty: Arrays) -> None:
+        """Keep nothing yet; of each quantity no rows tell the shape of one."""
+        self._steps, self._rows = [np.zeros(0, np.int64)], {name: [rows] for name, rows in empty.items()}
+
+    def _keep(self, steps: np.ndarray, rows: Arrays) -> None:
+        """Keep what each quantity was at some steps."""
+        self._steps.append(steps)
+        self._next = int(steps[-1]) + 1
+        for name, values in rows.items():
+            self._rows[name].append(values)
+
+    def state(self) -> Arrays:
+        steps = np.concatenate(self._steps)
+        told = {"first": np.array([self._next - len(steps)])} if self.unbroken else {"steps": steps}
+        return {**told, **{name: np.concatenate(rows) for name, rows in self._rows.items()}}
+
+    def take(self, state: Arrays) -> None:
+        self._rows = {name: [state[name]] for name in self._rows}
+        if self.unbroken:
+            first, [rows] = int(state["first"][0]), next(iter(self._rows.values()))
+            self._next = first + len(rows)
+            self._steps = [np.arange(first, self._next)]
+        else:
+            self._steps = [np.asarray(state["steps"])]
+
+
 def size_of_record(need: int, nodes: int, steps: int, key: str, remedy: str) -> str:
     """What a record of some nodes over all steps takes, in words.
 

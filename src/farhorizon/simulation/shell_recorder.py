@@ -13,22 +13,14 @@ from farhorizon.inputs.incidence import Region, region_of, resolved_box
 from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.drives import ends_of, scheme_of
-from farhorizon.simulation.recorder import (
-    Arrays,
-    Heard,
-    Recorder,
-    Wanted,
-    check_from_start,
-    recorder_name,
-    size_of_record,
-)
+from farhorizon.simulation.recorder import Heard, RowRecorder, Wanted, check_from_start, size_of_record
 from farhorizon.simulation.setup import Setup
 
 _KEY = "shell.box"
 _ROUNDING = 1e-12  # of the largest value: data and sources that have no more in the box are not in it
 
 
-class ShellRecorder(Recorder):
+class ShellRecorder(RowRecorder):
     """The field on the nodes with a bond through a face of a box, after every step: all that another run needs to know
     of the waves that come into the box, see `IncidentRecord`.
 
@@ -67,41 +59,21 @@ class ShellRecorder(Recorder):
     True
     """
 
-    shared = True
+    shared = unbroken = True
 
     def __init__(self, box: Box | None = None, name: str = "shell") -> None:
+        super().__init__(name)
         self.box = None if box is None else kinds.instance(box, _KEY, Box, "a Box")
-        self.name = recorder_name(name)
-        self.notes: list[str] = []
         self.points = np.zeros((0, 1))
-        self._rows: list[np.ndarray] = []
-        self._first, self._dt, self._medium = 0, 0.0, 0.0
+        self._medium = 0.0
 
     def __repr__(self) -> str:
         return f"ShellRecorder({self.box}, name={self.name!r})"
-
-    # --- what was recorded -------------------------------------------------------------------------------------
-
-    @property
-    def times(self) -> np.ndarray:
-        """Times of the rows."""
-        return (self._first + np.arange(sum(map(len, self._rows)))) * self._dt
-
-    @property
-    def data(self) -> dict[str, np.ndarray]:
-        """ "u" on the nodes at `times`."""
-        return {"u": np.concatenate(self._rows)} if self._rows else {}
 
     @property
     def recorded(self) -> Recorded:
         """What was recorded, apart from the run."""
         return Recorded(self.name, self.points, self.times, self.data, medium=self._medium)
-
-    def forget(self) -> None:
-        self._first += sum(map(len, self._rows))
-        self._rows = [self._rows[0][:0]]
-
-    # --- in a run ----------------------------------------------------------------------------------------------
 
     def begin(self, setup: Setup, parts: Parts) -> Wanted:
         near, law = parts.whole.near, parts.near.model.bond_law
@@ -132,25 +104,24 @@ class ShellRecorder(Recorder):
         InputError
             It does not fit into memory.
         """
-        need = 8 * int(np.prod(self._rows[0].shape[1:])) * (steps + 1)
+        need = 8 * int(np.prod(self._rows["u"][0].shape[1:])) * (steps + 1)
         size = size_of_record(need, len(self.points), steps, _KEY, "a smaller box, or a shorter run")
         start = f"{self.name} records the shell of a box: "
         self.notes = [note for note in self.notes if not note.startswith(start)] + [start + size]
 
     def start(self, step: int, heard: Heard) -> None:
         check_from_start(step, "the shell of a box", "shell")
-        self._first, self._rows = 0, []
+        self._begin_rows({"u": _rows_of(heard.nodes[:0])})
         self.add(0, Heard(heard.nodes[-1:], ()))
 
     def add(self, step: int, heard: Heard) -> None:
-        rows = np.array(heard.nodes, float)
-        self._rows.append(rows[..., 0] if rows.shape[2] == 1 else rows)
+        self._keep(np.arange(len(heard.nodes)) + step, {"u": _rows_of(heard.nodes)})
 
-    def state(self) -> Arrays:
-        return {"first": np.array([self._first]), **self.data}
 
-    def take(self, state: Arrays) -> None:
-        self._first, self._rows = int(state["first"][0]), [state["u"]]
+def _rows_of(nodes: np.ndarray) -> np.ndarray:
+    """What was heard of nodes, as is kept: of scalar fields without an axis of components."""
+    rows = np.array(nodes, float)
+    return rows[..., 0] if rows.shape[2] == 1 else rows
 
 
 def _factor(setup: Setup, parts: Parts, nodes: np.ndarray) -> float:

@@ -39,7 +39,6 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import brentq
 
 from farhorizon.boundaries import LatticePML
 from farhorizon.geometry.lattice import Lattice
@@ -49,6 +48,7 @@ from farhorizon.inputs.sources import Source
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Elastic
 from farhorizon.simulation.intensities import StressIntensity
+from farhorizon.simulation.running_cracks import rayleigh_speed
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
@@ -68,12 +68,7 @@ NEAR = 1.2 * LENGTH / P_SPEED  # from here on K is compared
 @cache
 def slownesses() -> tuple[float, float, float]:
     """Of P, S and Rayleigh waves."""
-    a, b = 1 / P_SPEED, 1.0
-
-    def rayleigh(z: float) -> float:
-        return float((b**2 - 2 * z**2) ** 2 - 4 * z**2 * np.sqrt((z**2 - a**2) * (z**2 - b**2)))
-
-    return a, b, float(brentq(rayleigh, b * (1 + 1e-9), 2 * b))
+    return 1 / P_SPEED, 1.0, 1 / rayleigh_speed(P_SPEED**2 - 2 * SHEAR, SHEAR, 1.0)
 
 
 def smooth_factor(zeta: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ with :math:`\alpha = \frac{c}{a}\frac{1 - 2\nu}{1 - \nu}` and :math:`\omega = \f
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Elastic
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Outcome, Row
-from farhorizon.validation.explosion import radial
+from farhorizon.validation.explosion import against_exact
 from farhorizon.validation.validations import validation
 
 SHARPE = "Sharpe (1942), The production of elastic waves by explosion pressures"
@@ -78,32 +79,14 @@ def pressed_cavity(folder: Path) -> Outcome:
     """A correspondence solid; the rim of the cavity is a staircase."""
     from farhorizon.pictures.curves import curve_panels
 
-    errors, panels = [], []
+    runs = []
     for spacing in SPACINGS:
         sim, radius = run(spacing)
-        assert isinstance(sim.model, Elastic)
-        apart = []
-        for t in (PASSING, STATIC):
-            sim.run(t, progress=False)
-            r, found = radial(sim)
-            outer = np.isfinite(found) & (r >= NEAREST)
-            r, found = r[outer], found[outer]
-            wanted = exact(r, sim.time, sim.model, radius)
-            apart.append(float(np.abs(found - wanted).max() / np.abs(wanted).max()))
-            order = np.argsort(r)
-            panels.append((f"t = {t:g}", [("exact", r[order], wanted[order]), ("computed", r, found)]))
-        errors.append(apart)
+        runs.append((f"a/{RADIUS / spacing:.3g}", sim, partial(exact, model=solid(spacing), radius=radius)))
+    rows, panels = against_exact(runs, (PASSING, STATIC), 1.0, "the rim is a staircase", NEAREST)
+    _, r, found = panels[-1][1][-1]
     static = radius**3 / (4 * solid(1.0).shear * r**2)
-    rows = [
-        Row(f"largest difference at t = {t:g}, of the largest value, spacing a/{RADIUS / spacing:.3g}", error)
-        for spacing, apart in zip(SPACINGS, errors, strict=True)
-        for t, error in zip((PASSING, STATIC), apart, strict=True)
-    ]
-    rows += [
-        Row(f"order in the spacing, t = {t:g}", float(np.log2(coarse / fine)), 1.0, note="the rim is a staircase")
-        for t, coarse, fine in zip((PASSING, STATIC), *errors, strict=True)
-    ]
     rows.append(Row("static displacement over p a^3/(4 mu r^2), mean", float((found / static).mean()), 1.0))
     picture = folder / "pressed-cavity.png"
-    curve_panels(panels[-2:], picture, xlabel="distance", ylabel="radial displacement")
+    curve_panels(panels, picture, xlabel="distance", ylabel="radial displacement")
     return Outcome(rows, pictures=[picture])
