@@ -109,9 +109,9 @@ def _taken_up(case: Any, sim: Any, files: RunFiles) -> RunResults:
     """The results of an interrupted run as they were at its checkpoint, from which the simulation goes on."""
     from farhorizon.simulation.output import RunResults
 
-    kept = sim.load(files.checkpoint)
     with sim.team.agreed():
         _check_unchanged(case, files.result)
+    kept = sim.load(files.checkpoint)
     sim.probes.take()  # the start, which the file has
     outputs, rows, records = (int(kept[name]) for name in ("outputs", "rows", "records"))
     return RunResults.resume(sim, files.result, outputs, rows, records, kept.get("recorded"))
