@@ -279,9 +279,11 @@ def test_damaged_and_foreign_files_are_refused_and_stay(tmp_path, monkeypatch, c
             assert main(arguments) == 2
             assert "blob.h5" in capsys.readouterr().err and Path("blob.h5").read_bytes() == content
     Path("blob.h5").write_bytes(whole)
-    Path("blob.toml").write_text(Path("blob.toml").read_text().replace("horizon = 0.75", "horizon = 0.5"))
+    same = Path("blob.toml").read_text()
+    Path("blob.toml").write_text(same.replace("horizon = 0.75", "horizon = 0.5"))
     assert main(["run", "blob.toml", "--resume"]) == 2
     assert "the case has changed since this run began" in capsys.readouterr().err
+    Path("blob.toml").write_text(same)
     Path("blob.ckpt").write_text("no checkpoint")
     assert main(["run", "blob.toml", "--resume"]) == 2
     assert "blob.ckpt" in capsys.readouterr().err and Path("blob.h5").read_bytes() == whole

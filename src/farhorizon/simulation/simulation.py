@@ -433,11 +433,8 @@ class Simulation(Run):
         return self.parts.emitters.extents_for(wanted, until)
 
     def remade(self, **changes: Any) -> Simulation:
-        """The same set-up at its start with some arguments changed; on another lattice nothing is there, and the medium
-        is uniform, as stiff as it is anywhere.
-
-        The time step and layers that chose themselves stay as they are, so that runs can be compared; for another model
-        on the same lattice they are chosen anew.
+        """The same set-up at its start with some arguments changed, and with the same time step and layers, unless the
+        model changes; on another lattice nothing is there, and the medium is uniform, as stiff as it is anywhere.
         """
         return Simulation.of(remade_setup(self.setup, self.settled, self.parts, changes))
 
