@@ -45,7 +45,8 @@ _FINER = 2  # moments and places at which the largest value is looked for, over 
 _AMPLIFIED = 1e-6
 _UNHEARD = 0.05  # and of what comes back of those that are followed each by itself
 _FELT_BACKWARD = 0.3  # share of the wanted error that backward waves in the data are looked for from
-# of the first backward wavenumber, from which on forward waves have its frequency nearly, and leave as backward ones
+# of the first backward wavenumber, from which on forward waves have its frequency nearly, and leave as backward ones;
+# of scalars: what is known of vectors that way is too large for a few such waves
 _TURNING = 0.8
 _COMPARED = 2000  # waves by which layers are compared
 _EACH = 1500  # waves of a line that are followed each by itself although none is a backward one, at most: a second
@@ -721,7 +722,7 @@ def hold_backward_waves(medium: LatticeMedium, data: Sequence[Datum], wanted: fl
     damped = high_pass(stencil) if stencil.components == 1 or plane else None
     if damped is None or weak(damped):
         return False
-    first = _TURNING * damped.first
+    first = damped.first * (_TURNING if stencil.components == 1 else 1.0)
     return any(
         short_share(datum.values, first) * _briskness(medium, first, datum.time) > _FELT_BACKWARD * wanted
         for datum in data
