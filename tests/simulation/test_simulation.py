@@ -234,6 +234,21 @@ def test_observers_are_called_at_each_interval():
     assert 2.2 <= times[-1] < 2.2 + 0.19  # the first step at or after the end
 
 
+def test_an_end_in_the_past_is_refused():
+    sim = simulation()
+    for ask in (sim.run, sim.check):
+        with pytest.raises(fh.InputError, match=r"run\.until: must be finite and not negative; value: -1; limit: >= 0"):
+            ask(until=-1)
+    with pytest.raises(fh.InputError, match=r"run\.until: must be a number; value: the text 'static'"):
+        sim.check(until="static")
+    steps = sim.run(until=2.0).step_count
+    with pytest.raises(fh.InputError, match=r"run\.until: the run is beyond its end already; value: 1; limit: >= 2"):
+        sim.run(until=1.0)
+    with pytest.raises(fh.InputError, match=r"run\.limit: the run is beyond its end already; value: 1;"):
+        sim.run(until="static", limit=1.0)
+    assert sim.run(until=2.0).step_count == sim.run(until=sim.time).step_count == steps  # nothing is left to do
+
+
 def test_guard_names_step_place_and_cause():
     """A value that turns into nan is found within one interval and placed."""
     sim = simulation()

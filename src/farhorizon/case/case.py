@@ -76,6 +76,7 @@ class Case:
         self.units: Units | None = context["units"]
         with self.naming():
             self._check_times()
+            self._check_moments()
             self.lattice = lattice_of(self.parts.lattice)
             self.model = model_of(self.parts.model, self.parts.material, self.lattice)
             self._check_absolute()
@@ -319,6 +320,28 @@ class Case:
                 key="output.every",
                 remedy="fewer outputs; probes record every step",
             )
+
+    def _check_moments(self) -> None:
+        """Refuse outputs and pictures at times to which the run does not come."""
+        out = self.parts.output
+        for name, between in (("output.every", out.every), ("output.probe_every", out.probe_every)):
+            if between is not None and between > self.end:
+                raise InputError(
+                    "nothing would be recorded between the start and the end of the run",
+                    value=between,
+                    limit=f"<= {self.end:g}, the end of the run",
+                    key=name,
+                    remedy="a shorter time, or a later end",
+                )
+        for i, time in enumerate(out.pictures or ()):
+            if not 0 <= time <= self.end:
+                raise InputError(
+                    "the run does not go through the time of the picture",
+                    value=time,
+                    limit=f"0 to {self.end:g}, the end of the run",
+                    key=f"output.pictures[{i}]",
+                    remedy="times within the run, or a later end",
+                )
 
     def _check_output(self) -> None:
         out = self.parts.output
