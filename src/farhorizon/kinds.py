@@ -161,8 +161,16 @@ def array(value: Any, key: str, *, shape: tuple[int | None, ...] | None = None, 
     Raises
     ------
     InputError
-        What holds no real numbers, or complex ones; another shape; numbers that are not finite.
+        What holds no real numbers, or complex ones; masked entries; another shape; numbers that are not finite.
     """
+    if np.ma.is_masked(value):
+        raise InputError(
+            "entries are masked: they have no values",
+            value=f"{np.ma.count_masked(value)} of {value.size}",
+            limit="none",
+            key=key,
+            remedy="value.filled(0.0), or whatever they are to be",
+        )
     try:
         found = np.asarray(value)
     except (TypeError, ValueError):  # rows of different lengths

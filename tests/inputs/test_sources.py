@@ -137,6 +137,16 @@ def test_wrong_shapes_and_values():
             split(np.where(X > 1, bad, 0.0), LATTICE)
 
 
+def test_masked_entries_are_refused():
+    """They have no values, whatever stands below the mask."""
+    masked = np.ma.array(np.ones(LATTICE.shape), mask=X > 1)
+    for given in ({"initial": {"u": masked}}, {"sources": [masked]}, {"coefficient": masked}):
+        with pytest.raises(InputError, match=f"entries are masked.*value: {(X > 1).sum()} of {X.size}.*filled"):
+            Simulation(LATTICE, Wave(kernel_stencil(2, 2)), Free(), **given)
+    whole = np.ma.array(np.ones(LATTICE.shape), mask=False)
+    assert (Simulation(LATTICE, Wave(kernel_stencil(2, 2)), Free(), {"u": whole}).fields["u"] == 1).all()
+
+
 @pytest.mark.parametrize(
     "source", [Source(1.0, lambda t: np.nan if t > 1 else 1.0), lambda x, y, t: x * (np.nan if t > 1 else 1.0)]
 )

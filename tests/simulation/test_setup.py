@@ -62,6 +62,11 @@ def test_a_run_that_chooses_between_sides_keeps_what_was_given():
     assert not any(isinstance(side, fh.Auto) for side in sim.settled.sides.values())
 
 
+def test_changes_of_what_there_is_not_are_told_the_nearest():
+    with pytest.raises(fh.InputError, match=r"boundry: a set-up has no such argument.*did you mean 'boundary'"):
+        fh.Simulation(**GIVEN).remade(boundry=fh.Fixed())
+
+
 @pytest.mark.parametrize(
     ("changes", "key"),
     [

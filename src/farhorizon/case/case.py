@@ -29,6 +29,7 @@ from farhorizon.simulation.nodal_stress import fields_of
 from farhorizon.simulation.quantities import QUANTITIES
 from farhorizon.simulation.recorder import Observer
 from farhorizon.simulation.rest import STATIC
+from farhorizon.simulation.setup import check_names
 from farhorizon.simulation.share import checked_topology
 from farhorizon.simulation.steps import WholeSteps, whole_steps
 
@@ -237,6 +238,7 @@ class Case:
     def run(self, observe: Sequence[Observer] = (), communicator: Any = None, **changes: Any) -> fh.Simulation:
         """A new simulation of the case, with some arguments changed; on the processes of a communicator, if any."""
         with self.naming():
+            check_names(changes)
             setup, recorders = replace(self.setup, **changes), [*recorders_of(self.parts), *observe]
             made = fh.Simulation.of(setup, recorders, communicator, self.parts.run.topology)
             self._asked.check(made.dt, "run.dt")

@@ -10,7 +10,6 @@ import numpy as np
 
 from farhorizon import public as fh
 from farhorizon.case.case_values import Values, a_box, built, made, of_time
-from farhorizon.case.problems import nearest
 from farhorizon.case.schema import (
     CONDITIONS,
     BodyForcePart,
@@ -28,7 +27,7 @@ from farhorizon.case.schema import (
     side_kinds,
     source_kinds,
 )
-from farhorizon.errors import InputError
+from farhorizon.errors import InputError, suggestion
 from farhorizon.geometry.lattice import AXES
 from farhorizon.simulation.setup import keys
 
@@ -167,7 +166,7 @@ def _boundary(given: dict[str, Any], key: str, dim: int, end: float) -> dict[str
     for side in boundary:
         if side not in allowed:
             raise InputError(
-                "unknown side", value=side, limit=", ".join(allowed), key=key, remedy=nearest(side, allowed)
+                "unknown side", value=side, limit=", ".join(allowed), key=key, remedy=suggestion(side, allowed)
             )
     return boundary
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.boundaries import LatticePML, Side, sides
 from farhorizon.engine.engine import available_threads
-from farhorizon.errors import InputError
+from farhorizon.errors import InputError, suggestion
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.inputs.conditions import Constraint
 from farhorizon.inputs.cracks import as_crack
@@ -225,6 +225,14 @@ constraints, balance, specimens, loads
     def arguments(self) -> dict[str, Any]:
         """What is given, by the names of the arguments of `Simulation`."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+def check_names(changes: Iterable[str]) -> None:
+    """InputError for a change of what a set-up has not."""
+    known = [field.name for field in fields(Setup)]
+    for name in changes:
+        if name not in known:
+            raise InputError("a set-up has no such argument", value=name, key=name, remedy=suggestion(name, known))
 
 
 def wrapping(sides: Sides) -> frozenset[int]:
