@@ -69,6 +69,18 @@ def test_demo_is_the_published_example():
         ("[run]", "[output]\nprobe_every = 50.0\n[run]", r"output\.probe_every: nothing would be recorded"),
         ("[run]", "[output]\npictures = [-1.0]\n[run]", r"output\.pictures\[0\]: the run does not go through"),
         ("[run]", "[output]\npictures = [3.0, 30.0]\n[run]", r"output\.pictures\[1\]: .*value: 30; limit: 0 to 3,"),
+        (
+            "[run]",
+            "[output]\nfields = []\n[run]",
+            r"output\.fields: a results file has one field or more; .*limit: u, v",
+        ),
+        ("exp(-4*(x**2+y**2))", "1 if x>0 else 0", r"initial\.u: 'if \.\.\. else' is not allowed.*write where\("),
+        (
+            "exp(-4*(x**2+y**2))",
+            "2x",
+            r"initial\.u: unknown unit; value: x; .*in expressions products are written with \*",
+        ),
+        ("exp(-4*(x**2+y**2))", "fast", r"initial\.u: unknown name 'fast'.*known: x, y, pi, e"),
         ("[run]", "[output]\nbalance = 'yes'\n[run]", r"output\.balance: must be true or false; value: the text 'yes'"),
         ("[run]", "[output]\ncompress = 1\n[run]", r"output\.compress: must be true or false; value: 1"),
         ("[run]", "[[crack]]\npoints = [[-9.0, 0.1], [9.0, 3.1]]\n[run]", "across the absorbing side"),

@@ -158,6 +158,22 @@ def test_a_source_that_becomes_nan_stops_the_run(source):
     assert np.isfinite(sim.fields["u"]).all()
 
 
+@pytest.mark.parametrize("time", ["sqrt(2-t)", lambda t: np.sqrt(2 - t) if t <= 2 else np.nan])
+def test_the_time_at_which_a_factor_is_not_finite_is_told(time):
+    """The first step beyond 2, though many are tabulated at once."""
+    sim = Simulation(LATTICE, Wave(kernel_stencil(2, 2)), Free(), sources=[Source(SHAPE, time)])
+    first = sim.dt * (np.floor(2 / sim.dt) + 1)
+    with pytest.raises(InputError, match=f"source: .* is not finite; value: t = {first:g}; limit: no nan"):
+        sim.run(40.0)
+
+
+def test_what_is_not_finite_beyond_a_side_is_told_as_that():
+    source = lambda x, y, t: np.exp(-(x**2) - y**2) * (np.nan if t > 2 else 1.0)  # noqa: E731
+    sim = Simulation(LATTICE, Wave(kernel_stencil(2, 2)), LatticePML(), sources=[source])
+    with pytest.raises(InputError, match=r"source: not finite beyond the absorbing side x-.*value: nan at \["):
+        sim.run(4.0)
+
+
 def test_values_outside_a_body_do_not_count():
     """nan where no node is, zero there."""
     lattice = Lattice(0.5, lower=(-3, -3), upper=(3, 3), body=Disc(2))

@@ -62,6 +62,20 @@ def test_a_run_that_chooses_between_sides_keeps_what_was_given():
     assert not any(isinstance(side, fh.Auto) for side in sim.settled.sides.values())
 
 
+@pytest.mark.parametrize("given", [np.float32, np.dtype("float32"), "float32"])
+def test_types_of_numbers_are_those_of_numpy_too(given):
+    assert fh.Setup(**GIVEN, dtype=given).dtype == "float32"
+
+
+@pytest.mark.parametrize("load", [fh.Traction("y+", (0.0, 1.0)), fh.BodyForce([0.0, 1.0])])
+def test_loads_are_told_from_sources(load):
+    name = type(load).__name__
+    with pytest.raises(fh.InputError, match=rf"source: a load is no source.*remedy: loads=\[{name}\(\.\.\.\)\]"):
+        fh.Setup(**{**GIVEN, "sources": [load]})
+    with pytest.raises(fh.InputError, match=r"load\[0\]: must be a BodyForce.*remedy: sources=\[\.\.\.\]"):
+        fh.Setup(**{**GIVEN, "loads": [fh.Source("exp(-x**2)")]})
+
+
 def test_changes_of_what_there_is_not_are_told_the_nearest():
     with pytest.raises(fh.InputError, match=r"boundry: a set-up has no such argument.*did you mean 'boundary'"):
         fh.Simulation(**GIVEN).remade(boundry=fh.Fixed())

@@ -351,6 +351,14 @@ class Case:
         known += ["damage"] * self._bondwise + ["stress"] * QUANTITIES["stress"].has(self.model)
         warmed = self._warms or any(isinstance(load, ThermalPart) for load in self.parts.load)
         known += ["T", "thermal_strain"] * warmed
+        if not self.fields:
+            raise InputError(
+                "a results file has one field or more",
+                value="[]",
+                limit=", ".join(known),
+                key="output.fields",
+                remedy="leave it out, or name one",
+            )
         for name in self.fields:
             if name not in known:
                 raise InputError(

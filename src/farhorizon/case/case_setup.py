@@ -144,13 +144,7 @@ def _numbered(table: str, parts: list[Any]) -> list[tuple[Any, str]]:
 
 def _initial(given: dict[str, Any], read: Values) -> dict[str, Any]:
     """Initial values, which do not depend on time."""
-    found: dict[str, Any] = {}
-    for name, value in given.items():
-        found[name] = read.expression(value, f"initial.{name}")
-        for entry in found[name] if isinstance(found[name], list) else [found[name]]:
-            if isinstance(entry, fh.Expression) and entry.uses_time:
-                raise InputError("initial data cannot depend on t", value=value, key=f"initial.{name}")
-    return found
+    return {name: read.expression(value, f"initial.{name}", time=False) for name, value in given.items()}
 
 
 def _boundary(given: dict[str, Any], key: str, dim: int, end: float) -> dict[str, Any]:
@@ -176,7 +170,7 @@ def _coefficient(given: Any, lattice: fh.Lattice, read: Values) -> Any:
         return None
     if isinstance(given, dict):
         return {name: _coefficient(one, lattice, read) for name, one in given.items()}
-    found = read.expression(given, "coefficient")
+    found = read.expression(given, "coefficient", time=False)
     return np.broadcast_to(found(*lattice.coordinates()) if callable(found) else found, lattice.shape)
 
 

@@ -21,7 +21,7 @@ from farhorizon.inputs.loads import BodyForce, Traction
 from farhorizon.inputs.local_sources import LocalSource
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.pressure import Pressure
-from farhorizon.inputs.sources import as_source
+from farhorizon.inputs.sources import Source, as_source
 from farhorizon.inputs.specimens import Specimen
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.models import LatticeModel
@@ -59,6 +59,14 @@ def wanted_threads(threads: int | None) -> int:
 
 def _settled_source(source: Any, dim: int, key: str) -> Any:
     """A source with every text in it as an expression."""
+    if isinstance(source, BodyForce | Traction | Pressure | ThermalLoad):
+        raise InputError(
+            "a load is no source",
+            value=source,
+            limit="Source, PointSource and others, IncidentWave and others, functions, expressions",
+            key=key,
+            remedy=f"loads=[{type(source).__name__}(...)]",
+        )
     if isinstance(source, Incident):
         return source.on(dim)
     return source if isinstance(source, LocalSource) else as_source(source, dim, key)
@@ -149,7 +157,8 @@ constraints, balance, specimens, loads
             kinds.settle(self, **{name: tuple(kinds.sequence(getattr(self, name), name))})
         kinds.flag(self.balance, "balance")
         beyond = sides(LatticePML() if self.boundary is None else self.boundary, lattice.dim)
-        kinds.one_of(self.dtype, "dtype", ("float64", "float32"), "unknown number type")
+        real = kinds.number_type(self.dtype)
+        kinds.settle(self, dtype=kinds.one_of(real, "dtype", ("float64", "float32"), "unknown number type"))
         if self.rule is not None:
             kinds.one_of(self.rule, "rule", ("both", "arithmetic", "harmonic"), "unknown bond rule")
         kinds.one_of(self.rim, "rim", ("free", "fixed"), "unknown surface of a body")
@@ -163,7 +172,8 @@ constraints, balance, specimens, loads
             )
         for i, load in enumerate(self.loads):
             loads = (BodyForce, Traction, Pressure, ThermalLoad)
-            kinds.instance(load, f"load[{i}]", loads, "a BodyForce, Traction, Pressure or ThermalLoad")
+            remedy = "sources=[...]" if isinstance(load, Source | LocalSource | Incident) else ""
+            kinds.instance(load, f"load[{i}]", loads, "a BodyForce, Traction, Pressure or ThermalLoad", remedy)
         self._settle_heat()
         kinds.settle(
             self,
