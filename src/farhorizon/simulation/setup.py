@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -25,6 +26,7 @@ from farhorizon.inputs.sources import Source, as_source
 from farhorizon.inputs.specimens import Specimen
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.models import LatticeModel
+from farhorizon.simulation.kept import check_picklable
 from farhorizon.simulation.two_fields import of_one_field
 
 Key = tuple[int, int]  # axis and side, -1 or +1
@@ -188,6 +190,18 @@ constraints, balance, specimens, loads
             if self.coefficient is None
             else as_given(self.coefficient, lattice.dim, "coefficient", time=False),
         )
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        check_picklable(self.arguments)
+        return super().__reduce_ex__(protocol)
+
+    def __copy__(self) -> Setup:
+        return self  # frozen
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Setup:
+        made = object.__new__(type(self))  # functions, which cannot be pickled, are copied as they are
+        made.__dict__.update(deepcopy(self.__dict__, memo))
+        return made
 
     def _settle_heat(self) -> None:
         """The model becomes one that heat strains, and texts of the thermal load expressions."""
