@@ -472,6 +472,11 @@ class TestConverters:
         with pytest.raises(fh.InputError, match=r"a\.key: .*limit: 1 to 1000000"):
             kinds.integer(value, "a.key", least=1)
 
+    def test_a_float_is_seen_as_one(self):
+        for value in (8.0, np.float32(8)):
+            with pytest.raises(fh.InputError, match=r"must be a whole number; value: 8\.0; limit"):
+                kinds.integer(value, "a.key", least=1)
+
     def test_words(self):
         with pytest.raises(
             fh.InputError, match=r"kernel\.influence: unknown influence.*text 'guassian'.*did you mean 'gaussian'"

@@ -37,6 +37,11 @@ def test_others_are_not_there(name):
         getattr(fh, name)
 
 
+def test_the_nearest_name_is_told():
+    with pytest.raises(AttributeError, match="no attribute 'Latice'; did you mean 'Lattice'"):
+        fh.Latice  # noqa: B018
+
+
 @pytest.mark.slow
 def test_type_checkers_see_them(tmp_path):
     code = "import farhorizon as fh\nreveal_type(fh.Wave)\nreveal_type(fh.read_case)\nfh.Waves\n"

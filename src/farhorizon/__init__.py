@@ -15,6 +15,7 @@ else:
         """Load names when they are wanted: NumPy, SciPy and the rest take a second, in which the command line must hear
         an interrupt.
         """
+        from difflib import get_close_matches
         from importlib import import_module
         from importlib.util import find_spec
 
@@ -28,7 +29,9 @@ else:
             return import_module("farhorizon.case.case").read_case
         public = vars(import_module("farhorizon.public"))
         if name not in public:
-            raise AttributeError(f"module 'farhorizon' has no attribute {name!r}")
+            near = get_close_matches(name, _public_names(), 1)
+            guess = f"; did you mean {near[0]!r}?" if near else ""
+            raise AttributeError(f"module 'farhorizon' has no attribute {name!r}{guess}")
         return public[name]
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import numbers
+from collections.abc import Iterable
 from typing import Any, Self
 
 import numpy as np
@@ -112,6 +114,13 @@ class ValidityWarning(UserWarning):
     >>> issubclass(fh.ValidityWarning, UserWarning)
     True
     """
+
+
+def suggestion(word: str, words: Iterable[str]) -> str:
+    """The nearest of some words, if one is near, and all of them."""
+    known = list(words)
+    near = difflib.get_close_matches(word, known, 1, 0.6)
+    return (f"did you mean {near[0]!r}? " if near else "") + f"known: {', '.join(known)}"
 
 
 def shown(value: Any) -> str:

@@ -109,7 +109,8 @@ def integer(value: Any, key: str, *, least: int, most: int = MOST_WHOLE) -> int:
             raise TypeError
         found = operator.index(value)
     except TypeError:
-        raise InputError("must be a whole number", value=said(value), limit=limit, key=key, remedy=remedy) from None
+        words = str(float(value)) if isinstance(value, float | np.floating) else said(value)  # 3.0 is not seen as 3
+        raise InputError("must be a whole number", value=words, limit=limit, key=key, remedy=remedy) from None
     if not least <= found <= most:
         raise InputError("is out of range", value=found, limit=limit, key=key, remedy=remedy)
     return found
@@ -144,6 +145,12 @@ def one_of(value: Any, key: str, known: Iterable[str], message: str = "unknown w
     return value
 
 
+def number_type(value: Any) -> Any:
+    """The name of a type of floating-point numbers, as ``np.float32`` is one; other values as they are."""
+    kind = value.type if isinstance(value, np.dtype) else value
+    return np.dtype(kind).name if isinstance(kind, type) and issubclass(kind, float | np.float32) else value
+
+
 def array(value: Any, key: str, *, shape: tuple[int | None, ...] | None = None, finite: bool = True) -> np.ndarray:
     """Numbers as an array of float64.
 
@@ -161,8 +168,16 @@ def array(value: Any, key: str, *, shape: tuple[int | None, ...] | None = None, 
     Raises
     ------
     InputError
-        What holds no real numbers, or complex ones; another shape; numbers that are not finite.
+        What holds no real numbers, or complex ones; masked entries; another shape; numbers that are not finite.
     """
+    if np.ma.is_masked(value):
+        raise InputError(
+            "entries are masked: they have no values",
+            value=f"{np.ma.count_masked(value)} of {value.size}",
+            limit="none",
+            key=key,
+            remedy="value.filled(0.0), or whatever they are to be",
+        )
     try:
         found = np.asarray(value)
     except (TypeError, ValueError):  # rows of different lengths

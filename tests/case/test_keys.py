@@ -45,6 +45,7 @@ def test_a_key_has_kind_default_and_meaning():
     assert "bulk" in explain_keys("model.elastic") and "diffusivity" not in explain_keys("model.elastic")
     assert explain_keys("lattice.body.without[0].disc.radius") == explain_keys("lattice.body.disc.radius")
     assert "taken out" in explain_keys("lattice.body.without")
+    assert "the equation has 2 d u_t" in explain_keys("model.damping")
     assert "energy that a new crack takes" in explain_keys("model.elastic.fracture_energy")
 
 

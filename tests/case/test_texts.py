@@ -151,7 +151,7 @@ class TestWithoutDim:
             (
                 lambda: waves(initial={"u": "exp(-z**2)"}),
                 r"initial\.u: there is no z in 2 dimensions; value: "
-                r"exp\(-z\*\*2\); remedy: use x, y, t",
+                r"exp\(-z\*\*2\); remedy: use x, y$",
             ),
             (lambda: waves(initial={"u": fh.Expression("exp(-z**2)")}), r"initial\.u: there is no z in 2 dimensions"),
             (lambda: waves(initial={"u": "exp(-x**2)*t"}), r"initial\.u: cannot depend on t; .*remedy: use x, y$"),

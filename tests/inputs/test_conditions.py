@@ -182,6 +182,9 @@ def test_bad_conditions():
         (lambda: Temperature(Disc(1.0), 0.0, "mirror"), "unknown kind|needs a side"),
         (lambda: Flux(Disc(1.0), 0.0), "needs a side"),
         (lambda: Convection("x-", -1.0), "constraint.transfer: must be finite and not negative"),
+        (lambda: Convection("x-", 1.0, ambient="warm"), r"constraint\.ambient: unknown name 'warm'"),
+        (lambda: Temperature("x-", "warm"), r"constraint\.value: unknown name 'warm'"),
+        (lambda: Flux("x-", Source("warm", "t")), r"constraint\.value: unknown name 'warm'"),
     ]:
         with pytest.raises(InputError, match=message):
             make()

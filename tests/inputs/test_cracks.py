@@ -281,6 +281,7 @@ def test_body_is_cut_from_what_surrounds_it():
         (PointCut(0.0), 2, "differ in dimension"),
         ([(0, 0), (1, 1)], 3, "a crack in 3D is a surface"),
         ([(0, 0)], 2, "at least 2 points"),
+        ([(0, 0), (0, 0)], 2, "points: two successive points of the crack are equal"),
         (np.nan, 1, "finite"),
     ],
 )

@@ -206,3 +206,8 @@ def test_bad_loads(load, changes, message):
     }
     with pytest.raises(fh.InputError, match=message):
         fh.Simulation(**{**setup, **changes}, loads=[load])
+
+
+def test_ends_in_the_wrong_order_are_told():
+    with pytest.raises(fh.InputError, match=r"load\.between: the ends are in the wrong order; .*remedy: \(-2, 2\)"):
+        fh.Traction("y+", (0.0, -1.0), between=[(2, -2)])

@@ -137,6 +137,16 @@ def test_wrong_shapes_and_values():
             split(np.where(X > 1, bad, 0.0), LATTICE)
 
 
+def test_masked_entries_are_refused():
+    """They have no values, whatever stands below the mask."""
+    masked = np.ma.array(np.ones(LATTICE.shape), mask=X > 1)
+    for given in ({"initial": {"u": masked}}, {"sources": [masked]}, {"coefficient": masked}):
+        with pytest.raises(InputError, match=f"entries are masked.*value: {(X > 1).sum()} of {X.size}.*filled"):
+            Simulation(LATTICE, Wave(kernel_stencil(2, 2)), Free(), **given)
+    whole = np.ma.array(np.ones(LATTICE.shape), mask=False)
+    assert (Simulation(LATTICE, Wave(kernel_stencil(2, 2)), Free(), {"u": whole}).fields["u"] == 1).all()
+
+
 @pytest.mark.parametrize(
     "source", [Source(1.0, lambda t: np.nan if t > 1 else 1.0), lambda x, y, t: x * (np.nan if t > 1 else 1.0)]
 )
@@ -146,6 +156,22 @@ def test_a_source_that_becomes_nan_stops_the_run(source):
     with pytest.raises(InputError, match=r"source.*finite"):
         sim.run(3.0)
     assert np.isfinite(sim.fields["u"]).all()
+
+
+@pytest.mark.parametrize("time", ["sqrt(2-t)", lambda t: np.sqrt(2 - t) if t <= 2 else np.nan])
+def test_the_time_at_which_a_factor_is_not_finite_is_told(time):
+    """The first step beyond 2, though many are tabulated at once."""
+    sim = Simulation(LATTICE, Wave(kernel_stencil(2, 2)), Free(), sources=[Source(SHAPE, time)])
+    first = sim.dt * (np.floor(2 / sim.dt) + 1)
+    with pytest.raises(InputError, match=f"source: .* is not finite; value: t = {first:g}; limit: no nan"):
+        sim.run(40.0)
+
+
+def test_what_is_not_finite_beyond_a_side_is_told_as_that():
+    source = lambda x, y, t: np.exp(-(x**2) - y**2) * (np.nan if t > 2 else 1.0)  # noqa: E731
+    sim = Simulation(LATTICE, Wave(kernel_stencil(2, 2)), LatticePML(), sources=[source])
+    with pytest.raises(InputError, match=r"source: not finite beyond the absorbing side x-.*value: nan at \["):
+        sim.run(4.0)
 
 
 def test_values_outside_a_body_do_not_count():

@@ -43,6 +43,11 @@ def test_waves_have_the_speeds_that_are_known(name, plane, fast, slow):
     assert model.p_speed == pytest.approx(fast, rel=0.05) and model.s_speed == pytest.approx(slow, rel=0.05)
 
 
+def test_the_nearest_material_is_told():
+    with pytest.raises(AttributeError, match=r"no material 'stel'; did you mean 'steel'.*known: steel, aluminium"):
+        fh.materials.stel  # noqa: B018
+
+
 def test_bonds_refuse_another_ratio_and_say_what_to_do():
     steel = fh.materials.steel
     with pytest.raises(fh.InputError, match=r"0\.25.*leave it out, or give 0\.25, which keeps the modulus"):

@@ -260,6 +260,7 @@ def test_horizon_below_the_spacing():
         ([[1], [1], [-1]], [1.0, 1.0, 1.0], "distinct"),
         ([[1], [-1]], [1.0, np.nan], "finite"),
         ([[1], [-1]], [1.0], "one weight an offset"),
+        (np.zeros((0, 1)), np.zeros(0), r"stencil\.offsets: a stencil needs neighbours; value: 0 offsets"),
         ([[1, 0, 0, 0], [-1, 0, 0, 0]], [1.0, 1.0], "1 to 3 dimensions"),
     ],
 )

@@ -647,5 +647,7 @@ def test_bad_specimens():
         fh.Specimen(3.0)
     with pytest.raises(fh.InputError, match="concentration: must be finite"):
         fh.Specimen(fh.Disc(1.0), np.nan)
+    with pytest.raises(fh.InputError, match="concentration: must be finite and not negative; value: -1"):
+        fh.Specimen(fh.Disc(1.0), -1.0)
     with pytest.raises(fh.InputError, match="saturation: must be finite"):
         model(kernel_stencil(2, 2), saturation=np.inf)

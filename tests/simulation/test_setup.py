@@ -1,5 +1,7 @@
 """A set-up is one value: kept as it is given, changed by `replace`, run by `Simulation.of`, written once."""
 
+import copy
+import pickle
 from dataclasses import FrozenInstanceError, fields, replace
 from inspect import signature
 
@@ -60,6 +62,39 @@ def test_a_run_that_chooses_between_sides_keeps_what_was_given():
     sim.prepare(50.0)
     assert set(sim.setup.sides.values()) == {fh.Auto(target=1e-3)}
     assert not any(isinstance(side, fh.Auto) for side in sim.settled.sides.values())
+
+
+def test_what_cannot_be_pickled_is_told_and_copied():
+    setup = fh.Setup(**{**GIVEN, "sources": [lambda x, t: 0 * x]})
+    with pytest.raises(
+        fh.InputError,
+        match=r"sources: what is made in place, .*cannot be pickled; value: .*lambda.*remedy: an expression as a text",
+    ):
+        pickle.dumps(setup)
+    assert copy.copy(setup).sources == setup.sources
+    again = copy.deepcopy(setup)
+    assert again.sources == setup.sources and again.initial["u"] is not setup.initial["u"]
+    plain = fh.Setup(**GIVEN)
+    assert pickle.loads(pickle.dumps(plain)).initial["u"].text == plain.initial["u"].text
+
+
+@pytest.mark.parametrize("given", [np.float32, np.dtype("float32"), "float32"])
+def test_types_of_numbers_are_those_of_numpy_too(given):
+    assert fh.Setup(**GIVEN, dtype=given).dtype == "float32"
+
+
+@pytest.mark.parametrize("load", [fh.Traction("y+", (0.0, 1.0)), fh.BodyForce([0.0, 1.0])])
+def test_loads_are_told_from_sources(load):
+    name = type(load).__name__
+    with pytest.raises(fh.InputError, match=rf"source: a load is no source.*remedy: loads=\[{name}\(\.\.\.\)\]"):
+        fh.Setup(**{**GIVEN, "sources": [load]})
+    with pytest.raises(fh.InputError, match=r"load\[0\]: must be a BodyForce.*remedy: sources=\[\.\.\.\]"):
+        fh.Setup(**{**GIVEN, "loads": [fh.Source("exp(-x**2)")]})
+
+
+def test_changes_of_what_there_is_not_are_told_the_nearest():
+    with pytest.raises(fh.InputError, match=r"boundry: a set-up has no such argument.*did you mean 'boundary'"):
+        fh.Simulation(**GIVEN).remade(boundry=fh.Fixed())
 
 
 @pytest.mark.parametrize(

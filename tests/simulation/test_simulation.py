@@ -234,6 +234,21 @@ def test_observers_are_called_at_each_interval():
     assert 2.2 <= times[-1] < 2.2 + 0.19  # the first step at or after the end
 
 
+def test_an_end_in_the_past_is_refused():
+    sim = simulation()
+    for ask in (sim.run, sim.check):
+        with pytest.raises(fh.InputError, match=r"run\.until: must be finite and not negative; value: -1; limit: >= 0"):
+            ask(until=-1)
+    with pytest.raises(fh.InputError, match=r"run\.until: must be a number; value: the text 'static'"):
+        sim.check(until="static")
+    steps = sim.run(until=2.0).step_count
+    with pytest.raises(fh.InputError, match=r"run\.until: the run is beyond its end already; value: 1; limit: >= 2"):
+        sim.run(until=1.0)
+    with pytest.raises(fh.InputError, match=r"run\.limit: the run is beyond its end already; value: 1;"):
+        sim.run(until="static", limit=1.0)
+    assert sim.run(until=2.0).step_count == sim.run(until=sim.time).step_count == steps  # nothing is left to do
+
+
 def test_guard_names_step_place_and_cause():
     """A value that turns into nan is found within one interval and placed."""
     sim = simulation()
@@ -301,6 +316,19 @@ BAD = [
     ({"cracks": [[(-5, 0.1), (-3.1, 0.1)]]}, "across the absorbing side"),
     ({"cracks": [[(-5, 0.1), (5, 1.1)]], "boundary": fh.Periodic()}, "cannot continue it"),
     ({"coefficient": -np.ones(LATTICE.shape)}, "negative"),
+    ({"coefficient": 0.0}, r"coefficient: the coefficient is zero everywhere"),
+    ({"coefficient": 0.0, "model": fh.Diffusion(KERNEL)}, r"coefficient: the coefficient is zero everywhere"),
+    (
+        {"model": fh.Wave(fh.Stencil([[1, 0], [-1, 0]], [-1.0, -1.0]))},
+        r"model\.operator: no weight of the stencil is positive.*value: weights from -1 to -1; limit: > 0",
+    ),
+    (
+        {"dtype": "float32", "initial": {"u": "1e-60*exp(-9*(x**2 + y**2))"}},
+        r"initial\.u: .* single precision: .*vanish; value: 1e-60; limit: 1e-15 to 1e\+15; remedy: other units",
+    ),
+    ({"dtype": "float32", "initial": {"v": "1e25*exp(-9*(x**2 + y**2))"}}, r"initial\.v: .*overflow; value: 1e\+25"),
+    ({"dtype": "float32", "initial": {"u": "1e39*exp(-9*(x**2 + y**2))"}}, r"initial\.u: .*overflow; value: 1e\+39"),
+    ({"dtype": np.float16}, "unknown number type; value: float16"),
     ({"rule": "geometric"}, "bond rule"),
     ({"rim": "clamped"}, "unknown surface"),
     ({"rim": "fixed"}, "only a body has a surface"),
@@ -309,6 +337,16 @@ BAD = [
     ({"boundary": {"all": fh.LatticePML(), "x-": fh.Periodic()}}, "both sides"),
     ({"boundary": {"x": fh.Fixed(1.0), "y": fh.LatticePML()}}, "background"),
 ]
+
+
+@pytest.mark.parametrize("scale", [1e-15, 1e15])
+def test_energies_in_single_precision_to_the_ends_of_its_range(scale):
+    """Exactly, but for rounding: the scale is one of units."""
+    energies = [
+        simulation(dtype="float32", initial={"u": f"{size}*exp(-9*(x**2 + y**2))"}).run(1.0).energy() / size**2
+        for size in (1.0, scale)
+    ]
+    assert energies[1] == pytest.approx(energies[0], rel=1e-4)
 
 
 @pytest.mark.parametrize("changes, message", BAD)

@@ -29,6 +29,7 @@ from farhorizon.simulation.nodal_stress import fields_of
 from farhorizon.simulation.quantities import QUANTITIES
 from farhorizon.simulation.recorder import Observer
 from farhorizon.simulation.rest import STATIC
+from farhorizon.simulation.setup import check_names
 from farhorizon.simulation.share import checked_topology
 from farhorizon.simulation.steps import WholeSteps, whole_steps
 
@@ -76,6 +77,7 @@ class Case:
         self.units: Units | None = context["units"]
         with self.naming():
             self._check_times()
+            self._check_moments()
             self.lattice = lattice_of(self.parts.lattice)
             self.model = model_of(self.parts.model, self.parts.material, self.lattice)
             self._check_absolute()
@@ -236,6 +238,7 @@ class Case:
     def run(self, observe: Sequence[Observer] = (), communicator: Any = None, **changes: Any) -> fh.Simulation:
         """A new simulation of the case, with some arguments changed; on the processes of a communicator, if any."""
         with self.naming():
+            check_names(changes)
             setup, recorders = replace(self.setup, **changes), [*recorders_of(self.parts), *observe]
             made = fh.Simulation.of(setup, recorders, communicator, self.parts.run.topology)
             self._asked.check(made.dt, "run.dt")
@@ -320,12 +323,42 @@ class Case:
                 remedy="fewer outputs; probes record every step",
             )
 
+    def _check_moments(self) -> None:
+        """Refuse outputs and pictures at times to which the run does not come."""
+        out = self.parts.output
+        for name, between in (("output.every", out.every), ("output.probe_every", out.probe_every)):
+            if between is not None and between > self.end:
+                raise InputError(
+                    "nothing would be recorded between the start and the end of the run",
+                    value=between,
+                    limit=f"<= {self.end:g}, the end of the run",
+                    key=name,
+                    remedy="a shorter time, or a later end",
+                )
+        for i, time in enumerate(out.pictures or ()):
+            if not 0 <= time <= self.end:
+                raise InputError(
+                    "the run does not go through the time of the picture",
+                    value=time,
+                    limit=f"0 to {self.end:g}, the end of the run",
+                    key=f"output.pictures[{i}]",
+                    remedy="times within the run, or a later end",
+                )
+
     def _check_output(self) -> None:
         out = self.parts.output
         known = ["u", *["solid", "dissolved"] * self._dissolves, *["v"] * (self.model.order == 2)]
         known += ["damage"] * self._bondwise + ["stress"] * QUANTITIES["stress"].has(self.model)
         warmed = self._warms or any(isinstance(load, ThermalPart) for load in self.parts.load)
         known += ["T", "thermal_strain"] * warmed
+        if not self.fields:
+            raise InputError(
+                "a results file has one field or more",
+                value="[]",
+                limit=", ".join(known),
+                key="output.fields",
+                remedy="leave it out, or name one",
+            )
         for name in self.fields:
             if name not in known:
                 raise InputError(

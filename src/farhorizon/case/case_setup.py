@@ -10,7 +10,6 @@ import numpy as np
 
 from farhorizon import public as fh
 from farhorizon.case.case_values import Values, a_box, built, made, of_time
-from farhorizon.case.problems import nearest
 from farhorizon.case.schema import (
     CONDITIONS,
     BodyForcePart,
@@ -28,7 +27,7 @@ from farhorizon.case.schema import (
     side_kinds,
     source_kinds,
 )
-from farhorizon.errors import InputError
+from farhorizon.errors import InputError, suggestion
 from farhorizon.geometry.lattice import AXES
 from farhorizon.simulation.setup import keys
 
@@ -145,13 +144,7 @@ def _numbered(table: str, parts: list[Any]) -> list[tuple[Any, str]]:
 
 def _initial(given: dict[str, Any], read: Values) -> dict[str, Any]:
     """Initial values, which do not depend on time."""
-    found: dict[str, Any] = {}
-    for name, value in given.items():
-        found[name] = read.expression(value, f"initial.{name}")
-        for entry in found[name] if isinstance(found[name], list) else [found[name]]:
-            if isinstance(entry, fh.Expression) and entry.uses_time:
-                raise InputError("initial data cannot depend on t", value=value, key=f"initial.{name}")
-    return found
+    return {name: read.expression(value, f"initial.{name}", time=False) for name, value in given.items()}
 
 
 def _boundary(given: dict[str, Any], key: str, dim: int, end: float) -> dict[str, Any]:
@@ -167,7 +160,7 @@ def _boundary(given: dict[str, Any], key: str, dim: int, end: float) -> dict[str
     for side in boundary:
         if side not in allowed:
             raise InputError(
-                "unknown side", value=side, limit=", ".join(allowed), key=key, remedy=nearest(side, allowed)
+                "unknown side", value=side, limit=", ".join(allowed), key=key, remedy=suggestion(side, allowed)
             )
     return boundary
 
@@ -177,7 +170,7 @@ def _coefficient(given: Any, lattice: fh.Lattice, read: Values) -> Any:
         return None
     if isinstance(given, dict):
         return {name: _coefficient(one, lattice, read) for name, one in given.items()}
-    found = read.expression(given, "coefficient")
+    found = read.expression(given, "coefficient", time=False)
     return np.broadcast_to(found(*lattice.coordinates()) if callable(found) else found, lattice.shape)
 
 

@@ -19,27 +19,24 @@ class Values(NamedTuple):
     dim: int
     vector: bool = False
 
-    def expression(self, value: str | float | list[str | float], key: str) -> Any:
-        """A number or an expression of the coordinates and of t, of a vector a list of them."""
+    def expression(self, value: str | float | list[str | float], key: str, time: bool = True) -> Any:
+        """A number or an expression of the coordinates, and of t where it may be one, of a vector a list of them."""
         if isinstance(value, list):
             if not self.vector or len(value) != self.dim:
                 limit = f"a list of {self.dim}" if self.vector else "one"
                 raise InputError("not as many entries as the field has components", value=value, limit=limit, key=key)
-            return [self.entry(part, f"{key}[{i}]") for i, part in enumerate(value)]
-        return self.entry(value, key)
+            return [self.entry(part, f"{key}[{i}]", time) for i, part in enumerate(value)]
+        return self.entry(value, key, time)
 
-    def entry(self, value: str | float, key: str) -> Any:
-        """A number, or an expression of the coordinates and of t."""
-        return as_given(value, self.dim, key)
+    def entry(self, value: str | float, key: str, time: bool = True) -> Any:
+        """A number, or an expression of the coordinates, and of t where it may be one."""
+        return as_given(value, self.dim, key, time=time)
 
     def steady(self, value: str | float | WeibullPart, key: str) -> Any:
         """An expression of the coordinates alone, a number, or what scatters."""
         if isinstance(value, WeibullPart):
             return made(fh.Weibull, key, **value.model_dump(exclude={"type"}))
-        entry = self.entry(value, key)
-        if isinstance(entry, fh.Expression) and entry.uses_time:
-            raise InputError("a material cannot depend on t", value=value, key=key)
-        return entry
+        return self.entry(value, key, time=False)
 
     def of_times(self, value: Any, key: str) -> Any:
         """Functions of t, one a component, and None where there is none."""

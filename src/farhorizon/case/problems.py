@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
 from typing import Any, get_args
 
 from pydantic import ValidationError
 
 from farhorizon.boundaries.lattice_pml import BY_TARGET
 from farhorizon.case.schema import Part, case_part
-from farhorizon.errors import InputError
-
-
-def nearest(word: str, words: Sequence[str]) -> str:
-    near = difflib.get_close_matches(word, words, 1, 0.6)
-    return (f"did you mean {near[0]!r}? " if near else "") + f"known: {', '.join(words)}"
+from farhorizon.errors import InputError, suggestion
 
 
 def _tables(hint: Any) -> list[type[Part]]:
@@ -113,7 +107,7 @@ def _problem(key: str, same: list[Any]) -> str:
                 InputError("layers are no longer chosen by angle", key=key, remedy=BY_TARGET.replace("=...", " = ..."))
             )
         case "extra_forbidden":
-            return f"unknown key {key}; {nearest(str(location[-1]), _known(location[:-1]))}"
+            return f"unknown key {key}; {suggestion(str(location[-1]), _known(location[:-1]))}"
         case "missing":
             return f"missing key {key}"
         case "value_error" if isinstance(context["error"], InputError):  # the key of it is within the table

@@ -21,6 +21,7 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    Strict,
     Tag,
     ValidationInfo,
     create_model,
@@ -73,6 +74,7 @@ def _no_truth_value(wanted: Literal["float_type", "int_type"]) -> BeforeValidato
 
 Number = Annotated[float, _no_truth_value("float_type"), Field(allow_inf_nan=False)]
 Whole = Annotated[int, _no_truth_value("int_type")]
+Flag = Annotated[bool, Strict()]  # neither "yes" nor 1
 Value = str | Number | list[str | Number]  # an expression or a number, of vectors one a component
 _OF_TIME = "a function of t"
 Named: TypeAlias = Literal[*named_materials()]  # type: ignore[valid-type]
@@ -138,7 +140,7 @@ class TextPart(Part):
     """Centre of what is drawn; the origin unless given."""
     font: str = "DejaVu Sans"
     """A font family that matplotlib finds."""
-    bold: bool = False
+    bold: Flag = False
     """Bold letters."""
 
 
@@ -285,7 +287,7 @@ class KernelPart(Part):
     """Width of the gaussian; a third of the horizon unless given."""
     volume: str = "ramp"
     """ramp: partial volumes at the edge of the family; full: whole cells whose centre lies within the horizon."""
-    calibrate: bool = True
+    calibrate: Flag = True
     """Rescale the weights so that long waves have exactly the given speed or diffusivity."""
 
 
@@ -626,11 +628,11 @@ class OutputPart(Part):
     """Time between two records of the probes; every step unless given."""
     dtype: Literal["float32", "float64"] | None = None
     """Precision of the fields in the results file; that of the run unless given."""
-    compress: bool = False
+    compress: Flag = False
     """Pack the fields in the results file, without loss; ParaView reads them still."""
     pictures: list[Number] | None = None
     """Times of the pictures; four even ones unless given."""
-    balance: bool = False
+    balance: Flag = False
     """Record energies, or what has flowed in and out."""
 
 
@@ -837,7 +839,7 @@ def _of_toml(hint: Any) -> Any:
     if isinstance(origin, type) and issubclass(origin, Mapping):
         values = reduce(or_, map(_of_toml, get_args(inner[1]) or inner[1:]))
         return dict[str, values]  # type: ignore[valid-type]
-    plain = {float: Number, int: Whole, bool: bool, str: str, np.ndarray: list[Number], Path: FilePath}
+    plain = {float: Number, int: Whole, bool: Flag, str: str, np.ndarray: list[Number], Path: FilePath}
     return (plain | {fh.Weibull: WeibullPart}).get(hint)
 
 

@@ -56,7 +56,7 @@ FIELDS = {**dict.fromkeys(("elastic", "correspondence", "thermoelastic", "beam")
 # Tables that no class describes: what is in them has names of `KEYS`.
 _PLAIN_TABLES = ("initial", "rectangle", "disc")
 _NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
-QUANTITY = _NUMBER.pattern + r"\s*(?![eE][-+]?\d)[A-Za-z\u00b5\u03bc\u00b0].*"
+QUANTITY = _NUMBER.pattern + r"\s*(?![eE][-+]?\d)(?!(?:if|and|or)\b)[A-Za-z\u00b5\u03bc\u00b0].*"
 """What is read as a number with a unit, a regular expression: no expression begins in this way."""
 
 
@@ -134,6 +134,14 @@ def unit(text: str) -> Unit:
         ) from None
 
 
+def _known_unit(text: str, key: str) -> Unit:
+    """The unit that a text at a key stands for."""
+    try:
+        return unit(text)
+    except InputError as error:
+        raise error.at(key) from None
+
+
 def _value(node: ast.expr) -> Unit:
     match node:
         case ast.Name(name) if name in _SYMBOLS:
@@ -194,10 +202,7 @@ class Units:
         InputError
             An unknown unit, one of something else than the key takes, or one for which the case has none.
         """
-        try:
-            own = unit(text)
-        except InputError as error:
-            raise error.at(key) from None
+        own = _known_unit(text, key)
         given, wanted = f"{value:g} {text}", self._named.get(si, si)
         if wanted != ANY and own.powers != unit(wanted).powers:
             raise InputError("the unit measures something else", value=given, limit=f"such as {wanted}", key=key)
@@ -260,11 +265,13 @@ def _plain(value: Any, si: str | None, units: Units | None, key: str) -> Any:
         return value
     digits = _NUMBER.match(value)
     assert digits
+    text = value[digits.end() :].strip()
     if units is None:
+        _known_unit(text, key)
         raise InputError(
             "a number with a unit needs a case that says what units it counts in",
             value=f"the text {value!r}",
             key=key,
             remedy='[units] with length = "m", time = "s", mass = "kg"',
         )
-    return units.number(float(digits[0]), value[digits.end() :].strip(), si, key)
+    return units.number(float(digits[0]), text, si, key)

@@ -10,15 +10,14 @@ from farhorizon.cli.common import GOOD
 
 
 def new_command(options: argparse.Namespace) -> int:
-    from farhorizon.case.problems import nearest
     from farhorizon.case.templates import KINDS, brief, template
-    from farhorizon.errors import InputError
+    from farhorizon.errors import InputError, suggestion
 
     if options.kind is None:
         print("\n".join(f"{kind:12}{brief(kind)}" for kind in KINDS))
         return GOOD
     if options.kind not in KINDS:
-        raise InputError("no such kind of case", value=options.kind, key="new", remedy=nearest(options.kind, KINDS))
+        raise InputError("no such kind of case", value=options.kind, key="new", remedy=suggestion(options.kind, KINDS))
     if options.out is None:
         print(template(options.kind), end="")
         return GOOD

@@ -580,7 +580,8 @@ class ResultsWriter:
                     "this name cannot be used for a field in a results file", value=repr(name), remedy=remedy
                 )
         if not fields or len(set(fields)) != len(fields):
-            raise InputError("fields are one or more different names", value=fields)
+            remedy = "name one or more, each once"
+            raise InputError("fields are one or more different names", value=fields, key="fields", remedy=remedy)
         places = np.zeros((0, dim)) if probes is None else np.asarray(probes, dtype=float)
         if places.ndim != 2 or places.shape[1] != dim:
             raise InputError("probes have the shape (n, dim)", value=places.shape, limit=f"(n, {dim})")

@@ -570,7 +570,13 @@ class Polyline(Cut):
         steps = np.diff(self.points, axis=0)
         self._lengths = _norm(steps)
         if not (self._lengths > 0).all():
-            raise InputError("two successive points of the crack are equal", value=points)
+            raise InputError(
+                "two successive points of the crack are equal",
+                value=points,
+                limit="points apart",
+                key="points",
+                remedy="leave one of them out",
+            )
         self._tangents = steps / self._lengths[:, None]
         self._normals = np.stack([-self._tangents[:, 1], self._tangents[:, 0]], axis=1)
         # How far the first and last point of each segment move along it per unit of shift to the right, to where the

@@ -25,8 +25,9 @@ from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import AXES, Lattice, nodes_in
 from farhorizon.geometry.shapes import Shape
+from farhorizon.inputs.expressions import as_given
 from farhorizon.inputs.prescribed import Prescribed
-from farhorizon.inputs.sources import as_source, space_and_time, steady
+from farhorizon.inputs.sources import Source, as_source, space_and_time, steady
 
 Where = str | Shape | np.ndarray
 
@@ -71,6 +72,7 @@ class Temperature(Storable):
     def __post_init__(self) -> None:
         kind = kinds.one_of(self.kind, "constraint.kind", ("node", "volume", "mirror"), "unknown kind of condition")
         _check_place(self.where, self.within, anywhere=kind != "mirror")
+        _check_value(self.value, "constraint.value")
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,7 @@ class Flux(Storable):
     def __post_init__(self) -> None:
         _check_place(self.where, self.within)
         kinds.one_of(self.kind, "constraint.kind", ("source", "layer", "mirror"), "unknown kind of condition")
+        _check_value(self.value, "constraint.value")
 
 
 @dataclass(frozen=True)
@@ -177,6 +180,7 @@ class Convection(Storable):
     def __post_init__(self) -> None:
         _check_place(self.where, self.within)
         kinds.settle(self, transfer=kinds.number(self.transfer, "constraint.transfer", least=0))
+        _check_value(self.ambient, "constraint.ambient")
 
 
 Constraint = Temperature | Flux | Insulated | Convection
@@ -225,6 +229,13 @@ def _check_place(where: Where, within: Any, anywhere: bool = False) -> None:
         )
     elif not isinstance(where, Shape):
         kinds.mask(where, "constraint.where", "a condition is on a side, a shape or a mask")
+
+
+def _check_value(value: Any, key: str) -> None:
+    """A text is an expression at once; of how many coordinates is seen on the lattice, as all else is."""
+    text = value.value if isinstance(value, Source) else value
+    if isinstance(text, str):
+        as_given(text, len(AXES), key)
 
 
 @dataclass

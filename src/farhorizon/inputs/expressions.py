@@ -12,7 +12,7 @@ import difflib
 import functools
 import operator
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from numbers import Real
 from typing import Any
 
@@ -173,16 +173,7 @@ class Expression(Storable):
 
     def __init__(self, text: str, dim: int | None = None) -> None:
         dim = None if dim is None else kinds.integer(dim, "expression.dim", least=0, most=len(COORDINATES))
-        tree = _parse(text)
-        try:
-            _check(tree, len(COORDINATES) if dim is None else dim)
-        except InputError as error:
-            raise (
-                error
-                if error.value is not None
-                else InputError(error.message, value=text, limit=error.limit, remedy=error.remedy)
-            ) from None
-        self._set(text, tree, dim)
+        self._set(text, _checked(text, (*COORDINATES[:dim], "t")), dim)
 
     def on(self, dim: int) -> Expression:
         """The expression of so many coordinates: itself, or if it was made without a number of them, or for fewer, its
@@ -303,6 +294,8 @@ def as_given(value: Any, dim: int, key: str, *, time: bool = True) -> Any:
             kinds.function(value, key, ", ".join(COORDINATES[:dim]))
         return value
     try:
+        if isinstance(value, str) and not time:
+            _checked(value, COORDINATES[:dim])
         found = value.on(dim) if isinstance(value, Expression) else Expression(value, dim)
     except InputError as error:
         raise error.at(key) from None
@@ -406,28 +399,42 @@ def _too_deep() -> InputError:
     )
 
 
-def _check(node: ast.expr, dim: int) -> None:
+def _checked(text: str, variables: Sequence[str]) -> ast.expr:
+    """The tree of an expression of some variables; InputError for all else."""
+    tree = _parse(text)
+    try:
+        _check(tree, variables)
+    except InputError as error:
+        raise (
+            error
+            if error.value is not None
+            else InputError(error.message, value=text, limit=error.limit, remedy=error.remedy)
+        ) from None
+    return tree
+
+
+def _check(node: ast.expr, variables: Sequence[str]) -> None:
     """Raise InputError unless the tree holds nothing but what `_evaluate` knows."""
     match node:
         case ast.Constant(value=value):
             _check_number(value)
         case ast.Name(id=name):
-            _check_name(name, dim)
+            _check_name(name, variables)
         case ast.UnaryOp(op=op, operand=operand):
             _check_operators([op], _UNARY)
-            _check(operand, dim)
+            _check(operand, variables)
         case ast.BinOp(left=left, op=op, right=right):
             _check_operators([op], _BINARY)
-            _check(left, dim)
-            _check(right, dim)
+            _check(left, variables)
+            _check(right, variables)
         case ast.Compare(left=left, ops=ops, comparators=comparators):
             _check_operators(ops, _COMPARE)
             for part in (left, *comparators):
-                _check(part, dim)
+                _check(part, variables)
         case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
-            _check_call(name, len(args), dim)
+            _check_call(name, len(args), variables)
             for part in args:
-                _check(part, dim)
+                _check(part, variables)
         case ast.Call(func=ast.Name()):
             raise InputError(
                 "named arguments are not allowed in an expression", remedy="give the arguments in their order"
@@ -462,12 +469,14 @@ def _check_number(value: object) -> None:
         raise InputError("a number in the expression is beyond the double range", limit=sys.float_info.max)
 
 
-def _check_name(name: str, dim: int) -> None:
-    variables = [*COORDINATES[:dim], "t"]
+def _check_name(name: str, variables: Sequence[str]) -> None:
     known = [*variables, *CONSTANTS]
     if name in known:
         return
+    if name == "t":
+        raise InputError("cannot depend on t", remedy=f"use {', '.join(variables)}")
     if name in COORDINATES:
+        dim = sum(one in COORDINATES for one in variables)
         where = f"in {dim} dimensions" if dim else "in a function of t alone"
         raise InputError(f"there is no {name} {where}", remedy=f"use {', '.join(variables)}")
     if name in FUNCTIONS:
@@ -475,9 +484,9 @@ def _check_name(name: str, dim: int) -> None:
     raise InputError(f"unknown name {name!r} in the expression", remedy=_suggest(name, known))
 
 
-def _check_call(name: str, count: int, dim: int) -> None:
+def _check_call(name: str, count: int, variables: Sequence[str]) -> None:
     if name not in FUNCTIONS:
-        if name in (*COORDINATES[:dim], "t", *CONSTANTS):
+        if name in (*variables, *CONSTANTS):
             raise InputError(f"{name} is not a function", remedy=f"write a product as {name}*(...)")
         raise InputError(f"unknown function {name!r} in the expression", remedy=_suggest(name, list(FUNCTIONS)))
     _, least, most = FUNCTIONS[name]

@@ -71,7 +71,8 @@ class Traction(Storable):
     Raises
     ------
     InputError
-        An unknown side, components or ends that are no finite numbers, a factor that is no function of t.
+        An unknown side, components or ends that are no finite numbers, ends in the wrong order, a factor that is no
+        function of t.
 
     Examples
     --------
@@ -94,7 +95,15 @@ class Traction(Storable):
         kinds.one_of(self.side, "load.side", [axis + sign for axis in AXES for sign in "-+"], "unknown side")
         kinds.array(self.value, "load.value", shape=(None,))
         if self.between is not None:
-            kinds.array(self.between, "load.between", shape=(None, 2))
+            for low, high in kinds.array(self.between, "load.between", shape=(None, 2)):
+                if low > high:
+                    raise InputError(
+                        "the ends are in the wrong order",
+                        value=(low, high),
+                        limit="the lower one first",
+                        key="load.between",
+                        remedy=f"({high:g}, {low:g})",
+                    )
         kinds.settle(self, time=None if self.time is None else as_signal(self.time, "load.time"))
 
     def bounded(self, lattice: Lattice) -> Traction:

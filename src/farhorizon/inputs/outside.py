@@ -131,6 +131,14 @@ class Beyond:
                     self._refuse_outside(function, key, level, missed)
                 where = shown([float(c[np.unravel_index(int(np.argmax(beyond)), beyond.shape)]) for c in coordinates])
                 edge = "outline" if name == "outline" else f"side {name}"
+                if not np.isfinite(worst):
+                    raise InputError(
+                        f"not finite beyond the absorbing {edge}, where the medium goes on",
+                        value=f"{worst:.3g} at {where}",
+                        limit="no nan, no inf",
+                        key=key,
+                        remedy="where(condition, a, b) in an expression keeps to where it is defined",
+                    )
                 raise InputError(
                     f"not zero beyond the absorbing {edge}; the run would miss it: an error of about {share:.2g} of "
                     "the largest "

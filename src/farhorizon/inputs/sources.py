@@ -14,7 +14,9 @@ from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.inputs.expressions import Expression, as_given, as_signal
 
-_LARGEST = 1e150  # of data: the squares of larger values overflow
+#: Of the largest value of data by the type of numbers: in an energy and in its parts squares of larger ones overflow,
+#: and those of smaller ones vanish. Single precision is given way for the coefficients that squares are multiplied by.
+_RANGES = {"float64": (0.0, 1e150), "float32": (1e-15, 1e15)}
 
 
 @dataclass(frozen=True)
@@ -188,16 +190,23 @@ def largest_component(value: Any) -> Callable[..., np.ndarray]:
     return largest
 
 
-def check_size(values: np.ndarray, key: str) -> None:
-    """Refuse data whose squares overflow, with an InputError."""
-    largest = float(np.abs(values).max(initial=0, where=np.isfinite(values)))
-    if largest > _LARGEST:
+def check_size(
+    values: np.ndarray, key: str, dtype: str = "float64", largest_of_all: Callable[[float], float] = float
+) -> None:
+    """Refuse data whose squares overflow in a type of numbers, or vanish there, with an InputError; of several
+    processes all look at the largest value of all.
+    """
+    least, most = _RANGES[dtype]
+    largest = largest_of_all(float(np.abs(values).max(initial=0, where=np.isfinite(values))))
+    if largest > most or 0 < largest < least:
+        single = dtype == "float32"
         raise InputError(
-            "values are beyond what can be computed with: their squares, as in an energy, overflow",
+            "values are beyond what can be computed with" + " in single precision" * single + ": their squares, as in "
+            f"an energy, {'overflow' if largest > most else 'vanish'}",
             value=largest,
-            limit=f"{_LARGEST:g}",
+            limit=f"{least:g} to {most:g}" if single else f"{most:g}",
             key=key,
-            remedy="other units",
+            remedy="other units" + ', or dtype="float64"' * single,
         )
 
 

@@ -29,7 +29,7 @@ class Specimen(Storable):
     Raises
     ------
     InputError
-        Neither a shape nor a mask, a concentration that is not finite.
+        Neither a shape nor a mask, a concentration that is negative or not finite.
 
     Examples
     --------
@@ -48,7 +48,7 @@ class Specimen(Storable):
     def __post_init__(self) -> None:
         if not isinstance(self.where, Shape):
             kinds.mask(self.where, "specimen.where", "a specimen is a shape or a mask")
-        kinds.settle(self, concentration=kinds.number(self.concentration, "specimen.concentration"))
+        kinds.settle(self, concentration=kinds.number(self.concentration, "specimen.concentration", least=0))
 
     def nodes(self, lattice: Lattice, key: str = "specimen") -> np.ndarray:
         """Which nodes of a lattice it holds, mask of the lattice's shape; InputError if there are none, unless it is a

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
+
+from farhorizon.errors import suggestion
 
 
 @dataclass(frozen=True)
@@ -64,7 +67,14 @@ def _of(**sources: str) -> Mapping[str, str]:
     return MappingProxyType(sources)
 
 
-class materials:
+class _Named(type):
+    """Tells the nearest name where there is none."""
+
+    def __getattr__(cls, name: str) -> Any:
+        raise AttributeError(f"there is no material {name!r}; {suggestion(name, named())}")
+
+
+class materials(metaclass=_Named):
     """Named materials, in SI units, each number with its source.
 
     ``constants`` of one are what a model is given. Solids have Young's modulus, Poisson's ratio and density. A

@@ -96,6 +96,14 @@ class Stencil(Storable):
                 "a stencil needs one weight an offset in 1 to 3 dimensions, or one square matrix in 2 or 3",
                 value=(offsets.shape, weights.shape),
             )
+        if not count:
+            raise InputError(
+                "a stencil needs neighbours",
+                value=f"{count} offsets",
+                limit="2 or more",
+                key="stencil.offsets",
+                remedy="those next to a node and their weights: [[1], [-1]] and [1.0, 1.0] in 1D",
+            )
         if len(np.unique(offsets, axis=0)) != count or not offsets.any(1).all():
             raise InputError("stencil offsets must be distinct and not zero", value=offsets.tolist())
         order = np.lexsort(offsets.T[::-1])

@@ -26,7 +26,7 @@ class Beam(LatticeModel):
     stiffness : float
         Bending stiffness over mass per length, :math:`\beta = EI/(\rho A)` (length^4 / time^2).
     damping : float
-        Viscous damping d (1 / time).
+        Viscous damping d (1 / time): the equation has 2 d u_t, so that waves decay as exp(-d t).
 
     Notes
     -----

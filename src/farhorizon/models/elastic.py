@@ -69,7 +69,7 @@ class Elastic(LatticeModel):
     plane : {"strain", "stress"}, optional
         In two dimensions; "strain" unless given.
     damping : float
-        Viscous damping d (1 / time).
+        Viscous damping d (1 / time): the equation has 2 d u_t, so that waves decay as exp(-d t).
     stabilisation : float
         Correspondence: strength of the force against zero-energy modes, 0 to 1 of the P modulus.
     nonlinear : bool

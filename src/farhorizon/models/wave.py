@@ -30,7 +30,7 @@ class Wave(LatticeModel):
         Wave speed c (length / time) of long waves; of a medium that varies an expression or a function of the
         coordinates, or its values at the nodes.
     damping : float
-        Viscous damping d (1 / time).
+        Viscous damping d (1 / time): the equation has 2 d u_t, so that waves decay as exp(-d t).
     density : float, str, ndarray or callable
         Mass per volume; as `speed`.
 

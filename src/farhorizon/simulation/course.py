@@ -11,17 +11,23 @@ from farhorizon import kinds
 from farhorizon.errors import InputError, ValidityWarning
 from farhorizon.files.results import Caution
 from farhorizon.machine import progress
+from farhorizon.simulation.steps import last_step
 from farhorizon.simulation.team import Team, agreed
 
 MOST_STEPS = 2**53  # their numbers are exact in double precision
 
 
-class Advancing(Protocol):
-    """A run that can be advanced."""
+class Clocked(Protocol):
+    """A run at some time."""
 
     dt: float
     time: float
     step_count: int
+
+
+class Advancing(Clocked, Protocol):
+    """A run that can be advanced."""
+
     stop_requested: bool
     observers: list[Callable[[Any], None]]
     cautions: list[Caution]
@@ -54,8 +60,8 @@ def warn(text: str) -> None:
 
 
 def checked_end(until: Any, dt: float) -> float:
-    """The end of a run; InputError where it is not finite, or has more steps before it than can be counted."""
-    until = kinds.number(until, "run.until")
+    """The end of a run; InputError where it is negative, not finite, or after more steps than can be counted."""
+    until = kinds.number(until, "run.until", least=0)
     if until > MOST_STEPS * dt:
         raise InputError(
             "the run has more steps than can be counted",
@@ -65,6 +71,18 @@ def checked_end(until: Any, dt: float) -> float:
             remedy=f"other units: a step is {dt:.3g}",
         )
     return until
+
+
+def check_ahead(run: Clocked, until: float, key: str) -> None:
+    """InputError for an end that a run has left behind; one that it has just reached leaves nothing to do."""
+    if last_step(until, run.dt) < run.step_count:
+        raise InputError(
+            "the run is beyond its end already",
+            value=until,
+            limit=f">= {run.time:g}, the present time",
+            key=key,
+            remedy="a later end, or a new run",
+        )
 
 
 def go(

@@ -192,8 +192,15 @@ class Feed:
         if not table:
             return np.zeros((count, len(weights), 0))
         amplitudes = np.stack(table, axis=-1)
-        if not np.isfinite(amplitudes).all():
-            raise InputError("a source or condition is not finite", value=f"t = {times[0]:g}", key="source")
+        wrong = ~np.isfinite(amplitudes).all(axis=(1, 2))
+        if wrong.any():
+            raise InputError(
+                "a source or condition is not finite",
+                value=f"t = {times[np.argmax(wrong)]:g}",
+                limit="no nan, no inf",
+                key="source",
+                remedy="where(t < ..., a, b) in an expression keeps to where it is defined, or an earlier end",
+            )
         return amplitudes
 
 

@@ -169,6 +169,14 @@ def pace_in(setup: Setup, boxes: Decomposition, stencil: Stencil, variation: Var
     if speeds is None:
         return Pace(strongest, 1.0, strongest, dict.fromkeys(keys, 1.0), strongest * closing)
     strongest = team.largest(float(speeds.max()))
+    if strongest == 0:
+        raise InputError(
+            "the coefficient is zero everywhere: there is no medium",
+            value=0.0,
+            limit="> 0 somewhere",
+            key="coefficient",
+            remedy="leave it out, or a factor that is zero in a part of the medium alone",
+        )
     weakest = -team.largest(-float(speeds.min(where=speeds > 0, initial=strongest)))
     fastest = strongest
     if variation.density is not None:

@@ -2,10 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import pickle
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+
+from farhorizon.errors import InputError
+
+
+def check_picklable(given: Mapping[str, Any]) -> None:
+    """InputError for an argument with a function in it that another process could not find by its name."""
+    for name, value in given.items():
+        try:
+            pickle.dumps(value)
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise InputError(
+                "what is made in place, as a lambda, cannot be pickled",
+                value=str(error),
+                limit="functions of a module, by their names",
+                key=name,
+                remedy="an expression as a text, or a function of a module",
+            ) from None
 
 
 def packed(run: Any) -> tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]:

@@ -7,13 +7,14 @@ from dataclasses import replace
 from typing import Any
 
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.setup import Setup
+from farhorizon.simulation.setup import Setup, check_names
 
 
 def remade_setup(setup: Setup, settled: Setup, parts: Parts, changes: Mapping[str, Any]) -> Setup:
     """A set-up at its start with some arguments changed; on another lattice nothing is there, and the medium is
     uniform, as stiff as it is anywhere. The time step and the layers stay as they were chosen, but for another model.
     """
+    check_names(changes)
     near, start = parts.near, parts.start
     if "lattice" not in changes:
         settled = setup if "model" in changes else settled

@@ -10,7 +10,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
-from farhorizon.simulation.course import checked_end
+from farhorizon.simulation.course import check_ahead, checked_end
 from farhorizon.simulation.steps import last_step
 from farhorizon.simulation.team import Team
 
@@ -101,6 +101,7 @@ class Rest:
         window = run.resting.slow_crossing
         limit = run.time + _PATIENCE * window if limit is None else kinds.number(limit, "run.limit", above=0)
         limit = checked_end(limit, run.dt)
+        check_ahead(run, limit, "run.limit")
         steps = max(_LOOKS, last_step(window, run.dt))
         looks = np.linspace(run.time, limit, max(2, int(_LOOKS * (limit - run.time) / window)))
         settled = run.team.largest(_last_change(run.resting, looks, tolerance))

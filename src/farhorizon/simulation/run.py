@@ -18,7 +18,7 @@ from farhorizon.files.html import table
 from farhorizon.files.results import Caution, dataset
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.medium.stencil import Stencil
-from farhorizon.simulation.course import checked_end, go, say_doubt
+from farhorizon.simulation.course import check_ahead, checked_end, go, say_doubt
 from farhorizon.simulation.examination import Examination
 from farhorizon.simulation.kept import packed
 from farhorizon.simulation.nodal_stress import shown_fields
@@ -166,11 +166,13 @@ class Run(ABC):
         Raises
         ------
         InputError
-            An end that is not finite, a time between outputs that is not a whole number of steps, a run that is not
-            stable, or one to the static state whose loads change up to its latest end; a file that is not ours.
+            An end that is not finite or lies in the past, a time between outputs that is not a whole number of steps, a
+            run that is not stable, or one to the static state whose loads change up to its latest end; a file that is
+            not ours.
         """
         rest = coming_to_rest(self, until, tolerance, limit)
         end = checked_end(until, self.dt) if rest is None else rest.limit
+        check_ahead(self, end, "run.until")
         count = None if every is None else steps_between(every, self.dt)
         last = self.prepare(end)
         self.examine(end, allow_unstable)

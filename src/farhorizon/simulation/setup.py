@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.boundaries import LatticePML, Side, sides
 from farhorizon.engine.engine import available_threads
-from farhorizon.errors import InputError
+from farhorizon.errors import InputError, suggestion
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.inputs.conditions import Constraint
 from farhorizon.inputs.cracks import as_crack
@@ -21,10 +22,11 @@ from farhorizon.inputs.loads import BodyForce, Traction
 from farhorizon.inputs.local_sources import LocalSource
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.pressure import Pressure
-from farhorizon.inputs.sources import as_source
+from farhorizon.inputs.sources import Source, as_source
 from farhorizon.inputs.specimens import Specimen
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.models import LatticeModel
+from farhorizon.simulation.kept import check_picklable
 from farhorizon.simulation.two_fields import of_one_field
 
 Key = tuple[int, int]  # axis and side, -1 or +1
@@ -59,6 +61,14 @@ def wanted_threads(threads: int | None) -> int:
 
 def _settled_source(source: Any, dim: int, key: str) -> Any:
     """A source with every text in it as an expression."""
+    if isinstance(source, BodyForce | Traction | Pressure | ThermalLoad):
+        raise InputError(
+            "a load is no source",
+            value=source,
+            limit="Source, PointSource and others, IncidentWave and others, functions, expressions",
+            key=key,
+            remedy=f"loads=[{type(source).__name__}(...)]",
+        )
     if isinstance(source, Incident):
         return source.on(dim)
     return source if isinstance(source, LocalSource) else as_source(source, dim, key)
@@ -149,7 +159,8 @@ constraints, balance, specimens, loads
             kinds.settle(self, **{name: tuple(kinds.sequence(getattr(self, name), name))})
         kinds.flag(self.balance, "balance")
         beyond = sides(LatticePML() if self.boundary is None else self.boundary, lattice.dim)
-        kinds.one_of(self.dtype, "dtype", ("float64", "float32"), "unknown number type")
+        real = kinds.number_type(self.dtype)
+        kinds.settle(self, dtype=kinds.one_of(real, "dtype", ("float64", "float32"), "unknown number type"))
         if self.rule is not None:
             kinds.one_of(self.rule, "rule", ("both", "arithmetic", "harmonic"), "unknown bond rule")
         kinds.one_of(self.rim, "rim", ("free", "fixed"), "unknown surface of a body")
@@ -163,7 +174,8 @@ constraints, balance, specimens, loads
             )
         for i, load in enumerate(self.loads):
             loads = (BodyForce, Traction, Pressure, ThermalLoad)
-            kinds.instance(load, f"load[{i}]", loads, "a BodyForce, Traction, Pressure or ThermalLoad")
+            remedy = "sources=[...]" if isinstance(load, Source | LocalSource | Incident) else ""
+            kinds.instance(load, f"load[{i}]", loads, "a BodyForce, Traction, Pressure or ThermalLoad", remedy)
         self._settle_heat()
         kinds.settle(
             self,
@@ -178,6 +190,18 @@ constraints, balance, specimens, loads
             if self.coefficient is None
             else as_given(self.coefficient, lattice.dim, "coefficient", time=False),
         )
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        check_picklable(self.arguments)
+        return super().__reduce_ex__(protocol)
+
+    def __copy__(self) -> Setup:
+        return self  # frozen
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Setup:
+        made = object.__new__(type(self))  # functions, which cannot be pickled, are copied as they are
+        made.__dict__.update(deepcopy(self.__dict__, memo))
+        return made
 
     def _settle_heat(self) -> None:
         """The model becomes one that heat strains, and texts of the thermal load expressions."""
@@ -225,6 +249,14 @@ constraints, balance, specimens, loads
     def arguments(self) -> dict[str, Any]:
         """What is given, by the names of the arguments of `Simulation`."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+def check_names(changes: Iterable[str]) -> None:
+    """InputError for a change of what a set-up has not."""
+    known = [field.name for field in fields(Setup)]
+    for name in changes:
+        if name not in known:
+            raise InputError("a set-up has no such argument", value=name, key=name, remedy=suggestion(name, known))
 
 
 def wrapping(sides: Sides) -> frozenset[int]:

@@ -26,7 +26,7 @@ from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.assembly import assemble, assemble_shared
 from farhorizon.simulation.checkpoint_files import read_state, write_state
-from farhorizon.simulation.course import MOST_STEPS, say_doubt, tick
+from farhorizon.simulation.course import MOST_STEPS, checked_end, say_doubt, tick
 from farhorizon.simulation.drives import foreseen, signals
 from farhorizon.simulation.flux import flux_tables, nodal_flux, plane, power_across
 from farhorizon.simulation.guard import likely_cause, refuse_explosion
@@ -473,7 +473,7 @@ class Simulation(Run):
         """
         self.team.alone("reports")
         if until is not None:
-            self._settling.settle(self, until)
+            self._settling.settle(self, checked_end(until, self.dt))
             self.check_sources(until)
             self._recording.foresee(until, last_step(until, self.dt))
         return Report.of(self, until, budget, rows_on_processes(self, self.topology))

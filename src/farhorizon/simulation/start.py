@@ -12,11 +12,12 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.incidence import Incidence
 from farhorizon.inputs.outside import Beyond
-from farhorizon.inputs.sources import field, widened
+from farhorizon.inputs.sources import check_size, field, widened
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Setup, Sides
 from farhorizon.simulation.solid_and_liquid import placed
+from farhorizon.simulation.team import Team
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +60,12 @@ def start_of(setup: Setup, near: NearField, sides: Sides, beyond: Beyond) -> Sta
             shape = specimen.where
             beyond.check_function(lambda *at, shape=shape: shape.contains(np.stack(at, -1)), 1.0, f"specimen[{number}]")
     return Start(np.where(solid, metal - setup.background, u) if solid.any() else u, v, solid)
+
+
+def check_range(start: Start, dtype: str, team: Team) -> None:
+    """Refuse initial data whose squares overflow in the numbers of the run, or vanish there, with an InputError."""
+    for name, values in (("u", start.u), ("v", start.v)):
+        check_size(values, f"initial.{name}", dtype, team.largest)
 
 
 def begun(start: Start, incident: Sequence[Incidence]) -> Start:

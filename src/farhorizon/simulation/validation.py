@@ -121,6 +121,14 @@ def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
             key="incident",
             remedy="a source, or initial data",
         )
+    elif not (stencil.weights > 0).any() and not stencil.strongest_reaction:
+        raise InputError(
+            "no weight of the stencil is positive: nothing draws a node to its neighbours, and what moves grows",
+            value=f"weights from {stencil.weights.min():g} to {stencil.weights.max():g}",
+            limit="> 0 for some",
+            key="model.operator",
+            remedy="positive weights for an operator such as a second derivative",
+        )
     if stencil.strongest_reaction:
         _check_reaction(setup, sides, stencil.strongest_reaction)
     _check_closing(setup, sides)
