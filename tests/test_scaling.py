@@ -65,4 +65,6 @@ def test_examples_in_si(path, share, monkeypatch):
         scaled.run(later)
     assert plain.step_count == scaled.step_count
     one, other = plain.fields["u"], scaled.fields["u"] / length
-    np.testing.assert_allclose(other, one, rtol=0, atol=1e-9 * largest)
+    # of what layers remember in six digits other ones are cut off where u has another unit
+    halves = length != 1 and plain.engine.kept != plain.engine.dtype
+    np.testing.assert_allclose(other, one, rtol=0, atol=(1e-6 if halves else 1e-9) * largest)
