@@ -2,6 +2,7 @@
 on."""
 
 import os
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -684,8 +685,10 @@ def test_a_run_that_outlasts_its_layers_says_so():
     )
     sim.run(until=30.0)
     assert not sim.notes
-    sim.run(until=45.0)
-    sim.run(until=60.0)
+    with pytest.warns(fh.ValidityWarning, match="up to t = 30"):
+        sim.run(until=45.0)
+    with warnings.catch_warnings(action="error"):
+        sim.run(until=60.0)
     (note,) = sim.notes
     assert "up to t = 30" in note
 

@@ -16,6 +16,7 @@ from farhorizon.errors import InputError
 from farhorizon.files.results import read_checkpoint
 from farhorizon.machine import available_memory
 from farhorizon.models import LatticeModel
+from farhorizon.simulation.course import warn
 from farhorizon.simulation.described import rebuild
 from farhorizon.simulation.setup import Key, side_name
 from farhorizon.simulation.surroundings import Surroundings
@@ -110,6 +111,14 @@ def outlasted(around: Surroundings, until: float, dt: float) -> list[str]:
         "Extended(until=...)": _ends(around.extents),
     }
     return [said.format(min(ends)) for said, ends in chosen.items() if ends and until > min(ends) + dt]
+
+
+def warn_outlasted(around: Surroundings, known: float, until: float, dt: float) -> None:
+    """Warn once of a run that outlasts what its sides were chosen for, if it did not by the end that was known."""
+    told = outlasted(around, known, dt)
+    for text in outlasted(around, until, dt):
+        if text not in told:
+            warn(text)
 
 
 def settled_sides(around: Surroundings, model: LatticeModel) -> dict[str, Side]:

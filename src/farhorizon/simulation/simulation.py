@@ -38,7 +38,7 @@ from farhorizon.simulation.remaking import remade_setup
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.running_cracks import with_energy_factor
 from farhorizon.simulation.sent import rows_on_processes
-from farhorizon.simulation.settling import Settling, outlasted, settled_sides
+from farhorizon.simulation.settling import Settling, outlasted, settled_sides, warn_outlasted
 from farhorizon.simulation.setup import Key, Setup, side_name
 from farhorizon.simulation.share import Share, checked_topology
 from farhorizon.simulation.steps import last_step, seconds_of
@@ -231,8 +231,7 @@ class Simulation(Run):
         self._incident_notes = foreseen(self.incident, until)
 
     def prepare(self, until: float) -> int:
-        """What `run` does first: sides that depend on the length of the run, `check_sources`, and kernels of exact ends
-        that last to the end of the run; returns the number of the last step.
+        """What `run` does first for its sides, sources and exact ends; returns the number of the last step.
 
         Raises
         ------
@@ -243,6 +242,7 @@ class Simulation(Run):
             self.share.check_length(until + self.dt)
         self._settling.settle(self, until)
         self.check_sources(until)
+        warn_outlasted(self.parts.around, self._end, until, self.dt)
         self._end = max(self._end, until)
         last = super().prepare(until)
         self._recording.foresee(until, last)
