@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,6 +29,9 @@ from farhorizon.simulation.team import ALONE, Team
 
 _LOOKS, _SOON, _LAST = 512, 2**10, 2**16  # looks at a factor of time, and steps: of a first part of them, of the last
 _THIN = 32  # nodes along an axis on which a source that does not split is looked at
+# looks between two steps at a factor of time, steps at which it is, at most; steps within which it has to leave the
+# straight line, by a quarter of what it is, to be taken for another one
+_BETWEEN, _STEPS, _BENT, _OFF = 8, 4096, 3, 0.25
 _HELD = 4  # steps over which a load is held that may begin with a jump
 
 Drive = tuple[np.ndarray | None, Callable[..., Any]]
@@ -60,26 +64,81 @@ class Moving:
         As functions of the coordinates and t.
     beyond : Beyond
     dt : float
+    courses : sequence of (str, callable)
+        As `courses` gives them; it is looked whether steps are short enough for them.
     """
 
-    def __init__(self, sources: Sequence[Callable[..., Any]], beyond: Beyond, dt: float) -> None:
+    def __init__(
+        self,
+        sources: Sequence[Callable[..., Any]],
+        beyond: Beyond,
+        dt: float,
+        courses: Sequence[tuple[str, Callable[[float], float]]] = (),
+    ) -> None:
         self._sources, self._beyond, self._dt = sources, beyond, dt
+        self._courses = [_FactorOfTime(key, time) for key, time in courses]
         self._looked = 0.0  # up to this time
         self._peaks: dict[int, float] = {}
 
     def check(self, until: float) -> None:
-        """Look at up to 64 even times up to one; what was looked at before is not looked at again.
+        """Look at up to 64 even times up to one, and between steps at factors of time; what was looked at before is not
+        looked at again. A factor that changes within a step is a `ValidityWarning` and a note, once.
 
         Raises
         ------
         InputError
             The near field would miss more of a source than the side's target.
         """
-        if self._sources and until > self._looked:
+        if until > self._looked:
+            for course in self._courses:
+                if text := course.doubt(self._looked, until, self._dt):
+                    self._beyond.notes.append(text)
+                    warn(text)
             times = np.linspace(self._looked, until, min(64, int(np.ceil((until - self._looked) / self._dt))) + 1)
             for number, source in enumerate(self._sources):
                 self._peaks[number] = self._beyond.check_moving(source, times, self._peaks.get(number, 0.0))
             self._looked = until
+
+
+class _FactorOfTime:
+    """A factor of time, as far as it was looked at between steps.
+
+    Parameters
+    ----------
+    key : str
+    time : callable
+    """
+
+    def __init__(self, key: str, time: Callable[[float], float]) -> None:
+        self._key, self._time, self._over = key, time, False
+        self._largest, self._bent, self._sums = np.zeros(2), 0, np.zeros(2)
+
+    def doubt(self, since: float, until: float, dt: float) -> str:
+        """What is to be said of it, once, from one time to another: that there is much of it which steps do not see."""
+        first, last = int(since / dt), int(np.ceil(until / dt))
+        shares = np.arange(_BETWEEN + 1) / _BETWEEN
+        for step in np.unique(np.linspace(first, max(first, last - 1), min(_STEPS, last - first)).astype(int)):
+            if self._over:
+                break
+            try:
+                values = np.array([float(self._time(dt * (step + share))) for share in shares])
+            except (ArithmeticError, LookupError, TypeError, ValueError, InputError):
+                self._over = True  # a function need not be known longer than its run
+                break
+            off = np.abs(values - values[0] - shares * (values[-1] - values[0]))
+            self._largest = np.maximum(self._largest, [np.abs(values).max(), np.abs(values[[0, -1]]).max()])
+            self._bent += int(off.max() > _OFF * self._largest[0])
+            self._sums += (off**2).sum(), (values**2).sum()
+        between, at = self._largest
+        bent = self._bent >= _BENT and self._sums[0] > _OFF**2 * self._sums[1]
+        if self._over or not (between > 2 * at or bent):
+            return ""
+        self._over = True
+        seen = f"it is up to {between:.3g} between them, {at:.3g} at them" if between > 2 * at else "they alias it"
+        return (
+            f"{self._key} changes within the steps of {dt:.3g}: {seen}, and the run is driven by what it is at them; "
+            "a shorter dt, or a slower function of time"
+        )
 
 
 def given(setup: Setup, near: NearField, sides: Sides) -> list[tuple[str, Any]]:
@@ -202,10 +261,11 @@ def jumps(setup: Setup, near: NearField) -> list[str]:
     """
     if near.model.order == 1:
         return []
-    plain = _plain(setup)
-    named = list(zip(keys("source", plain), plain, strict=True))
-    named += [(f"load[{i}]", Source(1.0, load.time)) for i, load in enumerate(setup.loads) if hasattr(load, "time")]
-    shares = {key: _jump(source, near, key) for key, source in named if not isinstance(source, LocalSource)}
+    shares = {
+        key: max([jump_of(time, near.dt, key) for time in _factors(source, near)], default=0.0)
+        for key, source in _named(setup)
+        if not isinstance(source, LocalSource)
+    }
     return [
         f"{key} begins with a jump, {share:.3g} of its largest value at t = 0, and moves on: the waves that it sends "
         "out are as short as its shape; a signal that is cut there needs a delay"
@@ -214,20 +274,38 @@ def jumps(setup: Setup, near: NearField) -> list[str]:
     ]
 
 
-def _jump(source: Any, near: NearField, key: str) -> float:
-    """`jump_of` of a source that has no places of its own; of one that does not split, of its largest value on some of
-    the nodes.
+def courses(setup: Setup, near: NearField) -> list[tuple[str, Callable[[float], float]]]:
+    """The factors of time of sources and loads whose spectra are not known, each after what it is called in messages;
+    of a source that does not split its largest value on some of the nodes.
     """
-    times = []
+    return [(key, time) for key, source in _named(setup) for time in _factors(source, near)]
+
+
+def _named(setup: Setup) -> list[tuple[str, Any]]:
+    """Sources, and loads as sources with their factors of time, each after what it is called in messages."""
+    plain = _plain(setup)
+    loads = [(f"load[{i}]", Source(1.0, load.time)) for i, load in enumerate(setup.loads) if hasattr(load, "time")]
+    return [*zip(keys("source", plain), plain, strict=True), *loads]
+
+
+def _factors(source: Any, near: NearField) -> list[Callable[[float], float]]:
+    """Those of the parts of a source."""
+    if isinstance(source, LocalSource):
+        time = getattr(source, "time", None)
+        return [time] if callable(time) and not isinstance(time, Signal) else []
+    times: list[Callable[[float], float]] = []
     for part, _ in by_component(source, near.lattice, near.stencil.components):
         space, time = space_and_time(part)
         if space is None:
-            at = np.meshgrid(*(axis[:: -(-axis.size // _THIN)] for axis in near.lattice.axes), indexing="ij")
-            size = largest_component(time)
-            times.append(lambda t, size=size, at=at: float(size(*at, t).max()))
-        elif not isinstance(time, Signal):
+            axes = [axis[:: -(-axis.size // _THIN)] for axis in near.lattice.axes]
+            times.append(partial(_largest_at, largest_component(time), np.meshgrid(*axes, indexing="ij")))
+        elif time is not None and not isinstance(time, Signal):
             times.append(time)
-    return max([jump_of(time, near.dt, key) for time in times], default=0.0)
+    return times
+
+
+def _largest_at(size: Callable[..., np.ndarray], at: Sequence[np.ndarray], t: float) -> float:
+    return float(size(*at, t).max())
 
 
 def _of_load(load: BodyForce | Traction | Pressure, setup: Setup, near: NearField, sides: Sides, key: str) -> Source:

@@ -13,7 +13,7 @@ from farhorizon.engine.pieces import Assembly, Box, common, sums_of, take_sums, 
 from farhorizon.inputs.thermal_loads import of_the_heat
 from farhorizon.simulation.assembly import Parts, assemble
 from farhorizon.simulation.checkpoint import Arrays, take_whole, whole_of
-from farhorizon.simulation.drives import Moving
+from farhorizon.simulation.drives import Moving, courses
 from farhorizon.simulation.energies import energies, kinetic_energy
 from farhorizon.simulation.feed import Feed
 from farhorizon.simulation.flow_balance import FlowBalance
@@ -65,7 +65,7 @@ class March:
     def __init__(self, setup: Setup, parts: Parts, run_of: Callable[..., Any], team: Team = ALONE) -> None:
         self.setup, self.parts, self.team = setup, parts, team
         near, grid, sides, start = parts.near, parts.grid, parts.around.sides, parts.start
-        self.moving = Moving(parts.drives.unsplit, parts.beyond, near.dt)
+        self.moving = Moving(parts.drives.unsplit, parts.beyond, near.dt, courses(setup, near))
         self.flow_balance: FlowBalance | None = None
         self._opened = len(setup.cracks)
         self.open_cracks(0)
