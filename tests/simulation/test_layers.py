@@ -1,4 +1,4 @@
-"""How the layers of a set-up share their filter of short waves."""
+"""The layers of a set-up: how they share their filter of short waves, and what is said of a long choice."""
 
 from dataclasses import replace
 
@@ -8,6 +8,7 @@ import pytest
 import farhorizon as fh
 from farhorizon.engine.engine import Layer
 from farhorizon.engine.state import State
+from farhorizon.simulation import layers
 from farhorizon.simulation.layers import with_one_filter
 
 GENTLE, STRONG = ((np.array([0.0, share]), taps) for share, taps in ((0.02, [0.5, 0.25]), (0.5, [0.5, 0.25, 0.1])))
@@ -96,3 +97,16 @@ def test_noise_does_not_grow_where_it_is_filtered_in_every_second_step(reach, la
         sizes.append(found)
     assert sizes[0][-1] < 0.5 * sizes[0][0]
     np.testing.assert_allclose(*sizes, rtol=0.01)
+
+
+def test_a_choice_that_takes_long_says_so(monkeypatch, capfd):
+    """And one that does not says nothing."""
+    for patience in (10.0, 0.0):
+        monkeypatch.setattr(layers, "_PATIENCE", patience)
+        fh.Simulation(
+            fh.Lattice(1.0, (-16.0, -16.0), (16.0, 16.0)),
+            fh.Wave(fh.Kernel(3.0, 0, "constant")),
+            fh.LatticePML(target=1e-3),
+            {"u": "exp(-(x**2 + y**2)/16)"},
+        )
+        assert ("to choose; nodes in place of a target" in capfd.readouterr().err) == (patience == 0)

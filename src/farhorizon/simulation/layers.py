@@ -4,7 +4,10 @@ keep.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import sys
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,11 +34,25 @@ from farhorizon.simulation.solid_and_liquid import placed
 from farhorizon.simulation.surroundings import Surroundings
 from farhorizon.simulation.wave_data import stand_ins
 
+_PATIENCE = 10.0  # seconds after which a choice that still goes on says so
 _LITTLE = 0.3  # damping in two steps that may wait for the second
 _TURN = 0.2  # of a period, in a step of the fastest wave, where it may
 _SHORT = 1e-6  # target down to which six digits are enough for what layers remember
 _TIGHTER = 2.0  # factor by which less is asked for until waves that alternate are kept back, too
 _ALIVE = 0.75  # factor of a step from which on waves are still there when they reach a side
+
+
+@contextmanager
+def _told_if_it_takes_long() -> Iterator[None]:
+    """Without a word a choice in which waves are followed one by one seems to hang."""
+    said = "farhorizon: the layers of these data take a minute or more to choose; nodes in place of a target take none"
+    timer = threading.Timer(_PATIENCE, print, [said], {"file": sys.stderr, "flush": True})
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: Sequence[Any]) -> Surroundings:
@@ -63,7 +80,8 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
     if layers and near.model.order == 1:
         choice.for_diffusion(layers)
     elif layers:
-        choice.for_waves(layers)
+        with _told_if_it_takes_long():
+            choice.for_waves(layers)
     thickness = {side_name(*key): found for key, found in choice.found.items()}
     notes = [words.format(nodes, ", ".join(named), aim) for (words, nodes, aim), named in choice.missed.items()]
     chosen = {key: found.layer for key, found in choice.found.items()}
