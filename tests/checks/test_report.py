@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import farhorizon as fh
@@ -76,3 +77,25 @@ def test_the_cheapest_sides_are_recommended():
         sim = fh.Simulation(line, fh.Wave(fh.Kernel(0.25)), fh.LatticePML(nodes=12), {"u": "exp(-2*x**2)"})
         (row,) = (value for name, value in sim.check(until, budget=0.0).rows if name == "cheapest sides")
         assert row.startswith(said)
+
+
+def test_layers_that_chose_themselves_are_told_by_what_is_predicted_of_the_data():
+    """Plane waves of a few nodes would tell of echoes that data do not have: the run keeps its target."""
+    lattice, model = fh.Lattice(0.5, (-4.0, -4.0), (4.0, 4.0)), fh.Wave(fh.Kernel(1.0))
+    start, target = {"u": "exp(-2*x**2 - 2*y**2)"}, 1e-5
+    sim, exact = (
+        fh.Simulation(lattice, model, side, start, threads=1)
+        for side in (fh.LatticePML(target=target, until=10.0), fh.Extended(target=1e-9, until=10.0))
+    )
+    report = sim.check(until=10.0)
+    assert not report.warnings
+    assert re.search(r"layers chosen to send back \S+ of the largest value at most", report.headline)
+    assert 0 < report.numbers["returned"] <= target
+    worst = 0.0
+    while sim.time < 10.0:
+        sim.step(1)
+        exact.step(1)
+        worst = max(worst, float(np.abs(sim.fields["u"] - exact.fields["u"]).max()))
+    assert worst <= target
+    given = fh.Simulation(lattice, model, fh.LatticePML(nodes=2), start).check(until=10.0)
+    assert "returned" not in given.numbers and any("take more nodes" in text for text in given.warnings)

@@ -101,7 +101,7 @@ def test_noise_does_not_grow_where_it_is_filtered_in_every_second_step(reach, la
 
 def test_a_choice_that_takes_long_says_so(monkeypatch, capfd):
     """And one that does not says nothing."""
-    for patience in (10.0, 0.0):
+    for patience in (60.0, 0.0):
         monkeypatch.setattr(layers, "_PATIENCE", patience)
         fh.Simulation(
             fh.Lattice(1.0, (-16.0, -16.0), (16.0, 16.0)),

@@ -195,7 +195,8 @@ class Report:
     numbers : dict of str to float
         Those of the rows that a program may want: "dt", "step_limit", "seconds", "steps", "memory"; of the extended
         domain over this run "extended_nodes", "extended_cost", "extended_memory", or of layers over this run on an
-        extended domain "layer_nodes", "layer_cost", "layer_memory"; of `farhorizon check` "seconds_in_all".
+        extended domain "layer_nodes", "layer_cost", "layer_memory"; of layers that chose themselves for these data
+        "returned"; of `farhorizon check` "seconds_in_all".
     omitted : list of str
         What the tables lack.
     until : float
@@ -223,6 +224,11 @@ class Report:
         report = cls(until=np.inf if until is None else until)
         waves = content(sim, until)
         report._describe(sim, waves)
+        sides = {AXES[axis] + "-+"[side > 0]: b for (axis, side), b in sim.sides.items() if b.stretched}
+        if sides and sides.keys() == sim.thickness.keys() and not sim.incident:
+            predicted = {name: one.predicted for name, one in sim.thickness.items()}
+            if all(predicted[name] <= b.wanted(sim.model.target) for name, b in sides.items()):
+                report.numbers["returned"] = max(predicted.values())
         if until is not None:
             report._cut_short(sim, until)
             report._estimate(sim, until)
@@ -257,7 +263,9 @@ class Report:
         elif "seconds" in numbers:
             parts.append(f"about {seconds(numbers['seconds'])} of steps")
         parts.append(_mebibytes(numbers["memory"]))
-        if (back := self._largest_returned()) is not None:
+        if "returned" in numbers:
+            parts.append(f"layers chosen to send back {numbers['returned']:.1g} of the largest value at most")
+        elif (back := self._largest_returned()) is not None:
             parts.append(f"echoes of plane waves at most {_decibels(back)} dB up to {_STEEP:g} degrees")
         if self.certificate is not None:
             parts.append(self.certificate.in_words(self.until))
@@ -287,7 +295,8 @@ class Report:
                     found.tables[wavelength] = found.amplitudes(wavelength, found.angles)
             self.reflections.append(found)
             boundary = sim.sides[AXES.index(names[0]), 1 if names[1] == "+" else -1]
-            if boundary.stretched and not found.diffusive:
+            # of what chose itself for the data of the run more is known than plane waves tell
+            if boundary.stretched and not found.diffusive and "returned" not in self.numbers:
                 self._doubt(found, boundary, boundary.wanted(sim.model.target))
 
     def _doubt(self, found: Reflections, boundary: Side, wanted: float) -> None:

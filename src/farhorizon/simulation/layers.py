@@ -34,7 +34,7 @@ from farhorizon.simulation.solid_and_liquid import placed
 from farhorizon.simulation.surroundings import Surroundings
 from farhorizon.simulation.wave_data import stand_ins
 
-_PATIENCE = 10.0  # seconds after which a choice that still goes on says so
+_PATIENCE = 30.0  # seconds after which a choice that still goes on says so
 _LITTLE = 0.3  # damping in two steps that may wait for the second
 _TURN = 0.2  # of a period, in a step of the fastest wave, where it may
 _SHORT = 1e-6  # target down to which six digits are enough for what layers remember
