@@ -50,6 +50,11 @@ def drawn(shape):
     return np.random.default_rng(7).standard_normal(shape) * (np.arange(shape[0]) % 40 > 5)[:, None]
 
 
+def bell(shape):
+    """An array, of which each process has its part."""
+    return np.exp(-sum((i - n // 2) ** 2 for i, n in zip(np.indices(shape), shape, strict=True)) / 9)
+
+
 def uneven(shape):
     return np.random.default_rng(7).uniform(0.5, 2, shape)
 
@@ -356,7 +361,10 @@ SLOW = {
         ),
         SPACE,
     ),
-    "stages": (plane(fh.Diffusion(KERNEL, integrator=fh.RungeKuttaChebyshev(5))), ALONG_Y),
+    "stages": (
+        plane(fh.Diffusion(KERNEL, integrator=fh.RungeKuttaChebyshev(5)), initial={"u": bell((47, 49))}),
+        ALONG_Y,
+    ),
     "beam": (fh.Setup(lattice(241), fh.Beam(), fh.Fixed(), {"u": pulse(1)}), [None]),
 }
 

@@ -1,7 +1,9 @@
 """What drives a run: whether its steps see it."""
 
+import os
 import warnings
 
+import numpy as np
 import pytest
 
 import farhorizon as fh
@@ -47,3 +49,25 @@ def test_a_pulse_of_heat_between_two_steps_is_told():
     pulse = fh.Source(f"{BELL}*exp(-((t - 0.5)/0.002)**2)")
     with pytest.warns(fh.ValidityWarning, match="changes within the steps"):
         driven(pulse, fh.Diffusion(fh.Kernel(1.0), integrator="rkc")).check(until=2.0)
+
+
+def test_random_factors_of_time_are_told_by_their_frequency():
+    """Swings that a tenth of the stable frequencies cannot have are told, those of a sixth of a period a step are not;
+    random amplitudes, phases and rises.
+    """
+    seed = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
+    random = np.random.default_rng(seed)
+    print(f"seed {seed}")
+    dt = driven(fh.Source(BELL)).dt
+    for turn in (*random.uniform(0.01, np.pi / 3, 10), *random.uniform(2.6, 40.0, 10)):
+        size, phase, rise = 10.0 ** random.uniform(-6, 6), random.uniform(0, 6), random.uniform(1, 20)
+        omega = turn / dt
+
+        def time(t, omega=omega, size=size, phase=phase, rise=rise):
+            return size * min(t / rise, 1.0) * np.sin(omega * t + phase)
+
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            driven(fh.Source(BELL, time=time)).check_sources(60.0)
+        told = any("changes within the steps" in str(one.message) for one in caught)
+        assert told == (turn > np.pi / 3), turn

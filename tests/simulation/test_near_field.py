@@ -1,5 +1,7 @@
 """The near field: its time step."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -27,3 +29,40 @@ def test_steps_of_chebyshev_follow_the_data(width):
     assert np.abs(found["rkc"][0] - found["rk4"][0]).max() < 1e-3
     assert found["rkc"][1] > width**2 * found["euler"][1]  # the data's own time goes as their width squared
     assert found["rkc"][2] == pytest.approx(found["euler"][2])
+
+
+def test_steps_of_chebyshev_follow_random_data():
+    """Bells of random width, place and sign in media of random reach, smooth enough for longer steps than Euler's,
+    beside fourth order in time with shorter ones.
+    """
+    seed = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
+    random = np.random.default_rng(seed)
+    print(f"seed {seed}")
+    lattice = fh.Lattice(1.0, (-45.0, -45.0), (45.0, 45.0))
+    for _ in range(4):
+        kernel, u = fh.Kernel(float(random.integers(1, 3)), int(random.integers(0, 3))), np.zeros(lattice.shape)
+        bells = (random.uniform(*one) for one in ((8, 11, 3), (-6, 6, (3, 2)), (-1, 1, 3)))
+        for width, centre, size in zip(*bells, strict=True):
+            u += size * np.exp(
+                -sum((x - c) ** 2 for x, c in zip(lattice.coordinates(), centre, strict=True)) / width**2
+            )
+        ours, exact, euler = (fh.Diffusion(kernel, integrator=one) for one in ("rkc", "rk4", "euler"))
+        sim = fh.Simulation(lattice, ours, fh.Fixed(), {"u": u})
+        finer = int(np.ceil(sim.dt / fh.Simulation(lattice, exact, fh.Fixed(), {"u": u}).dt))
+        other, worst = fh.Simulation(lattice, exact, fh.Fixed(), {"u": u}, dt=sim.dt / finer), 0.0
+        assert sim.dt > fh.Simulation(lattice, euler, fh.Fixed(), {"u": u}).dt
+        while sim.time < 60:
+            sim.step(1)
+            other.step(finer)
+            worst = max(worst, float(np.abs(sim.fields["u"] - other.fields["u"]).max() / np.abs(u).max()))
+        assert 0 < worst < 1e-3
+
+
+def test_a_side_that_holds_another_value_drives():
+    lattice, bell = fh.Lattice(1.0, (-45.0,), (45.0,)), {"u": "exp(-x**2/64)"}
+    steps = []
+    for integrator, value in (("rkc", 0.0), ("rkc", 1.0), ("euler", 1.0)):
+        model = fh.Diffusion(fh.Kernel(2.0), integrator=integrator)
+        steps.append(fh.Simulation(lattice, model, {"x-": fh.Fixed(value), "x+": fh.Fixed()}, bell).dt)
+    assert steps[0] > 2 * steps[1]
+    assert steps[1] == pytest.approx(steps[2])

@@ -225,7 +225,8 @@ class Report:
         waves = content(sim, until)
         report._describe(sim, waves)
         sides = {AXES[axis] + "-+"[side > 0]: b for (axis, side), b in sim.sides.items() if b.stretched}
-        if sides and sides.keys() == sim.thickness.keys() and not sim.incident:
+        known = not sim.incident and all(space is not None for space, _ in sim.sources)
+        if sides and sides.keys() == sim.thickness.keys() and known:
             predicted = {name: one.predicted for name, one in sim.thickness.items()}
             if all(predicted[name] <= b.wanted(sim.model.target) for name, b in sides.items()):
                 report.numbers["returned"] = max(predicted.values())
@@ -264,7 +265,7 @@ class Report:
             parts.append(f"about {seconds(numbers['seconds'])} of steps")
         parts.append(_mebibytes(numbers["memory"]))
         if "returned" in numbers:
-            parts.append(f"layers chosen to send back {numbers['returned']:.1g} of the largest value at most")
+            parts.append(f"layers chosen to send back {numbers['returned']:.1g} of the largest value")
         elif (back := self._largest_returned()) is not None:
             parts.append(f"echoes of plane waves at most {_decibels(back)} dB up to {_STEEP:g} degrees")
         if self.certificate is not None:

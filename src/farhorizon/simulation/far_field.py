@@ -220,6 +220,11 @@ class FarField(Recorder):
         """Nothing before the end of the run."""
         return Recorded(self.name, np.zeros((0, self._lattice.dim)), np.zeros(0), {})
 
+    @property
+    def asked(self) -> Arrays:
+        """The frequencies and the points, where there are any."""
+        return {"frequencies": self.frequencies} | ({} if self.points is None else {"points": self.points})
+
     def forget(self) -> None:
         """Nothing: receivers need all that the shell had."""
 

@@ -280,7 +280,8 @@ def near_field(
     rate = whole.rate_limit
     coupling = _coupling(setup, stencil, variation)
     if coupling is None:
-        most = _step_that_follows(setup, stencil, rate) if model.integrator.outruns else np.inf
+        chosen = model.integrator.outruns and (setup.dt is None or callable(setup.dt))
+        most = _step_that_follows(setup, sides, stencil, rate) if chosen else np.inf
         dt = _choose_step(setup, sides, model.step_limit(rate), most)
     else:
         dt = _choose_step(setup, sides, coupling.step_limit(model, rate), coupling.dt)
@@ -374,12 +375,13 @@ def heat_alone(setup: Setup) -> NearField:
     return near_field(replace(heat, dt=None), heat.sides, medium, of_heat.times(node_factor(heat)))
 
 
-def _step_that_follows(setup: Setup, stencil: Stencil, rate: float) -> float:
+def _step_that_follows(setup: Setup, sides: Sides, stencil: Stencil, rate: float) -> float:
     """The step with which a method of second order, stable with much longer ones, follows data at the start to a
     thousandth of the largest; that of Euler's method, no less, where data are sharp or anything else drives the field.
     """
     shortest, initial = 1 / rate, (setup.initial or {}).get("u")
-    if initial is None or setup.sources or setup.constraints or setup.specimens:
+    held = any(b.held is not None and b.held != setup.background for b in sides.values())
+    if initial is None or held or setup.sources or setup.constraints or setup.specimens:
         return shortest
     values = fft.fftn(field(initial, setup.lattice.whole, 1, "initial.u") - setup.background)
     angles = np.ix_(*[2 * np.pi * fft.fftfreq(n) for n in values.shape])

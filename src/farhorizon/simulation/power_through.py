@@ -113,6 +113,11 @@ class PowerThrough(RowRecorder):
     def __repr__(self) -> str:
         return f"PowerThrough({', '.join(map(str, self.surfaces))})"
 
+    @property
+    def asked(self) -> Arrays:
+        """The points and the frequencies."""
+        return {**super().asked, "frequencies": self.frequencies}
+
     def energy(self) -> np.ndarray:
         r"""Energy that has gone through each surface, by frequency: integrated over positive frequencies it is the sum
         of the power.

@@ -92,6 +92,11 @@ class Recorder(ABC):
         """Keep no rows of the past: a file has them."""
 
     @property
+    def asked(self) -> Arrays:
+        """What a recorder that goes on has in common with the one before, by name."""
+        return {}
+
+    @property
     def names(self) -> list[str]:
         """All names that it takes in results."""
         return [self.name]
@@ -163,6 +168,11 @@ class RowRecorder(Recorder):
         self._dt = 0.0
         self._next = 0  # the step of the next row, where there is one of every step
         self._begin_rows({})
+
+    @property
+    def asked(self) -> Arrays:
+        """The points."""
+        return {"points": self.points}
 
     @property
     def times(self) -> np.ndarray:

@@ -24,7 +24,6 @@ from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.team import ALONE, Team
 
-_ASKED = "points", "every", "frequencies"  # what a recorder that goes on has in common with the one before
 _NUMBERS = itertools.count(1)  # of the runs of this process
 _ROOM = 2**24  # numbers that are kept of the steps between two looks: fewer than memory has
 
@@ -287,8 +286,8 @@ class Recording:
 
 def _asked(one: Recorder, wanted: Wanted) -> Arrays:
     """Where, when and of which frequencies a recorder records."""
-    found = {name: getattr(one, name, None) for name in _ASKED} | {"every": wanted.every}
-    return {f"asked.{name}": np.atleast_1d(np.asarray(a, float)) for name, a in found.items() if a is not None}
+    found = {"every": np.array([wanted.every]), **one.asked}
+    return {f"asked.{name}": np.asarray(values, float) for name, values in found.items()}
 
 
 def _same(one: np.ndarray, other: np.ndarray) -> bool:

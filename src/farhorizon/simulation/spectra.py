@@ -129,6 +129,11 @@ class Spectra(Recorder):
         """The sums so far, apart from the run."""
         return Recorded(self.name, self.points, np.zeros(0), {}, self.frequencies, self.data)
 
+    @property
+    def asked(self) -> Arrays:
+        """The points and the frequencies."""
+        return {"points": self.points, "frequencies": self.frequencies}
+
     def forget(self) -> None:
         """Nothing: there are no rows."""
 
