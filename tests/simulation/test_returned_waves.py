@@ -478,6 +478,25 @@ def test_forward_waves_that_leave_as_backward_ones_keep_their_target(case):
     assert worst_error(sim, u, until) <= target
 
 
+@pytest.mark.parametrize("elastic", [False, True])
+def test_data_in_space_that_are_odd_about_their_middle_keep_their_target(elastic):
+    """Averaged round the point of a side that faces them they are nothing, and elsewhere they are not."""
+    lattice = fh.Lattice(1.0, (-9.0,) * 3, (9.0,) * 3)
+    bell = np.exp(-sum(x**2 for x in lattice.coordinates()) / 5.0)
+    odd = np.stack([x * bell for x in lattice.coordinates()])
+    model = fh.Elastic(fh.Kernel(2.0, 1), young=1.0) if elastic else fh.Wave(fh.Kernel(2.0))
+    start, until, target = {"u": odd if elastic else odd[0]}, 15.0, 1e-3
+    with warnings.catch_warnings(action="error"):
+        sim = fh.Simulation(lattice, model, fh.LatticePML(target=target, until=until), start, threads=1)
+    exact = fh.Simulation(lattice, model, fh.Extended(target=1e-6, until=until), start, threads=1)
+    worst = 0.0
+    while sim.time < until:
+        sim.step(3)
+        exact.step(3)
+        worst = max(worst, float(np.abs(sim.fields["u"] - exact.fields["u"]).max()))
+    assert worst <= target * np.abs(start["u"]).max()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("case", range(4))
 def test_waves_that_run_backward_in_space_are_followed_each(case):

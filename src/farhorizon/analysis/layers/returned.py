@@ -529,7 +529,9 @@ def arrivals(
     else:
         numbers, lengths, near = [], [], []
         spectra = [datum.values * np.exp(-0.5 * smooth**2 * (radial**2).sum(0)) for datum in data]
-    content = np.max([np.abs(spectrum).sum(0) / np.abs(spectrum).sum() for spectrum in spectra], axis=0)
+    sizes = [np.abs(spectrum).sum(0) for spectrum in spectra]
+    # about the point that faces them data that are odd there are nothing
+    content = np.max([size / max(float(size.sum()), 1e-300) for size in sizes], axis=0)
     modes = _largest(content, 0.1 * _FELT * wanted)
     if radial is not None:
         along = radial[:, modes]
