@@ -1,5 +1,7 @@
 """Surfaces of fields in space, against spheres whose area and radius are known."""
 
+import io
+
 import numpy as np
 import pytest
 
@@ -67,3 +69,24 @@ def test_surfaces_of_a_results_file(tmp_path):
     with pytest.raises(InputError, match="--isosurfaces: only a field in space"):
         drawing.plot_results(file(tmp_path / "b.h5", DISTANCE[0]), tmp_path / "new", drawing.View(isosurfaces=()))
     assert not (tmp_path / "new").exists()
+
+
+def test_titles_are_whole_and_the_legend_has_what_is_seen():
+    """With and without a title of the whole; a level that no panel reaches is no entry."""
+    pytest.importorskip("skimage")
+    axes = [np.linspace(-1.0, 1.0, 9)] * 3
+    x, y, z = np.meshgrid(*axes, indexing="ij")
+    bell = np.exp(-3 * (x**2 + y**2 + z**2))
+    for title in ("", "displacement u"):
+        figure = isosurface_panels(
+            [("t = 0", bell), ("t = 1", 0.1 * bell)], axes, None, levels=[0.5, 0.05], title=title
+        )
+        figure.canvas.draw()
+        for panel in figure.axes:
+            box = panel.title.get_window_extent()
+            assert 0 < box.y0 and box.y1 < figure.bbox.height
+        (legend,) = figure.legends
+        assert len(legend.get_texts()) == 2
+    figure = isosurface_panels([("t = 0", bell - 0.01)], axes, None)  # a little below zero as well
+    levels = [float(text.get_text().removeprefix("u = ")) for text in figure.legends[0].get_texts()]
+    np.testing.assert_allclose(levels, [0.198, 0.495], rtol=2e-3)

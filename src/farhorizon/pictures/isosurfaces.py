@@ -126,11 +126,12 @@ def isosurface_panels(
         for number, ((name, _), surfaces) in enumerate(zip(fields, found, strict=True)):
             panel = figure.add_subplot(1, len(fields), number + 1, projection="3d")
             _draw(panel, surfaces, axes, colors, cracks)
-            panel.set_title(name)
+            panel.set_title(name, y=0.96)  # the layout takes no account of what is above a box in space
+        there = [level for level in wanted if any(len(some[level]) for some in found)] or wanted
         figure.legend(
-            handles=[Patch(color=tuple(colors[level][:3]), label=f"{label} = {level:.3g}") for level in wanted],
+            handles=[Patch(color=tuple(colors[level][:3]), label=f"{label} = {level:.3g}") for level in there],
             loc="outside lower center",
-            ncols=len(wanted),
+            ncols=len(there),
         )
         if title:
             figure.suptitle(title)
