@@ -10,6 +10,7 @@ once for each component that gets it.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
+from functools import partial
 from typing import Any
 
 from llvmlite import ir
@@ -26,6 +27,10 @@ from farhorizon.engine.rows.vectors import (
     tile_nodes,
     with_own,
 )
+
+# Lines that are read together: of more of them the first cache holds too few nodes, and each component of ``src`` is
+# swept by itself.
+_LINES = 32
 
 #: (offset >= 0 along the outer axes and along the inner one); every one stands for its mirror images.
 Octant = tuple[tuple[int, int, int], ...]
@@ -118,6 +123,7 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str, inside: Sign
         lines.setdefault((o0, o1), []).append((i, number))
     last = {o0: max(o1 for other, o1 in lines if other == o0) for o0, _ in lines}
     read = sum((1 + (o0 > 0)) * (1 + (o1 > 0)) for o0, o1 in lines)
+    together = columns if columns * read <= _LINES else 1
 
     def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
         weights, s0, s1, step, t, shifts = args[3], args[8], args[9], args[11], args[12], args[13]
@@ -126,20 +132,22 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str, inside: Sign
         read_at, written_at = _shifted_fields(vectors, shifts, columns, rows)
         zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
 
-        def prepare(here: Any, old: Any, new: Any) -> VectorRow:
+        def prepare(some: range, here: Any, old: Any, new: Any) -> VectorRow:
+            """What these columns bring."""
             sources = [vectors.shifted(here, (1, shift)) for shift in read_at]
             olds, news = ([vectors.shifted(start, (1, shift)) for shift in written_at] for start in (old, new))
-            images = {(side * o0, turn * o1) for o0, o1 in lines for side in (1, -1) for turn in (1, -1)}
-            places = [
-                {image: vectors.shifted(source, (image[0], s0), (image[1], s1)) for image in sorted(images)}
-                for source in sources
-            ]
+            images = sorted({(side * o0, turn * o1) for o0, o1 in lines for side in (1, -1) for turn in (1, -1)})
+            places = {
+                column: {image: vectors.shifted(sources[column], (image[0], s0), (image[1], s1)) for image in images}
+                for column in some
+            }
+            begins = some.start == 0  # the first to come to what is written
             ahead = [
                 vectors.shifted(source, (sign * o0, s0), (o1, s1), (AHEAD, step))
-                for source in sources
+                for source in sources[some.start : some.stop]
                 for o0, o1 in last.items()
                 for sign in ((1, -1) if o0 else (1,))
-            ] + [vectors.shifted(address, (AHEAD, t)) for address in (olds if form == "step" else news)]
+            ] + [vectors.shifted(address, (AHEAD, t)) for address in (olds if form == "step" else news) if begins]
 
             def read_from(lines_at: dict[Any, Any], at: Any) -> Callable[[tuple[int, ...]], Any]:
                 return lambda image: vectors.load(builder.add(lines_at[image], at))
@@ -150,7 +158,7 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str, inside: Sign
                 """
                 total: dict[tuple[int, int, int], Any] = {}
                 for line, terms in lines.items():
-                    for column in range(columns):
+                    for column in some:
                         combined = mirror_sums(vectors, line, read_from(places[column], at))
                         for i, number in terms:
                             for row in range(rows):
@@ -171,11 +179,11 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str, inside: Sign
                 {
                     i
                     for number, (_, _, i) in enumerate(offsets)
-                    if i and any(pattern[number][row * columns : (row + 1) * columns])
+                    if i and any(w.used(number, row, column) for column in some)
                 }
                 for row in range(rows)
             ]
-            own = {"step": (sources, olds), "sum": (), "add": (news,)}[form]
+            own = {"step": (sources, olds), "sum": (), "add": (news,)}[form if begins else "add"]
             outputs = [
                 Output(
                     (row, 0),
@@ -187,7 +195,14 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str, inside: Sign
             ]
             return VectorRow(sums, outputs, ahead)
 
-        sweep_lines(vectors, args, tile_nodes(columns * read + rows * (form != "step"), vectors.size), prepare)
+        for first in range(0, columns, together):
+            some = range(first, first + together)
+            sweep_lines(
+                vectors,
+                args,
+                tile_nodes(together * read + rows * (form != "step"), vectors.size),
+                partial(prepare, some),
+            )
 
     return sweep_intrinsic(emit, real)
 
