@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from farhorizon.engine.layout import Layout
+from farhorizon.engine.layout import Layout, row_values
 
 
 @pytest.mark.parametrize("periodic", [p for n in range(1, 4) for p in itertools.combinations(range(3), n)])
@@ -26,3 +26,14 @@ def test_copies_continue_the_box_across_periodic_axes(periodic):
     assert not (nodes | read) & set(filled)
     part = tuple(slice(None) if a in periodic else slice(m, -m) for a, m in enumerate(layout.reach))
     np.testing.assert_array_equal(wide[part], expected)
+
+
+@pytest.mark.parametrize("itemsize", [4, 8])
+def test_rows_take_whole_cache_lines_and_little_more(itemsize):
+    """Long ones are no multiple of 512 bytes apart, of which the first cache would hold a few only."""
+    line = 64 // itemsize
+    for count in range(1, 3000):
+        row = row_values(count, itemsize)
+        assert row % line == 0
+        assert count <= row < count + 2 * line
+        assert row * itemsize % 512 or row * itemsize < 2048

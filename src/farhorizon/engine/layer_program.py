@@ -408,6 +408,7 @@ def stretch_face(stage, sums, worker, number, dithered):
             )
             for c in range(rows):
                 fetch_lines(news + (node + c * apart) * size, count * size)
+                fetch_lines(field + (node + c * apart + (m + 1) * face[ROW_STEP]) * size, count * size)
                 if stage.increments:
                     fetch_lines(olds + (node + c * apart) * size, count * size)
                 fetch_lines(coming + c * of_row * face[ROWS], each)
@@ -418,6 +419,8 @@ def stretch_face(stage, sums, worker, number, dithered):
                 strides = (across, across, apart * size, 0)
                 call_mirrored(function, sides, (field + node * size, 0), strides, weights, vectors)
                 if band_function != 0:
+                    for k in range(stage.components * m * sets):  # of the next row; there are many, far apart
+                        fetch_lines(here + k * step + (m + 1) * slots_across, width * size)
                     strides = (slots_across, slots_across, shift, step)
                     call_mirrored(band_function, sides, (here + ahead, here + behind), strides, band_weights, vectors)
             for part in range(0 if mirrored and edge < 0 and layers.cuts.shape[0] == 0 else rows * sets):

@@ -15,6 +15,10 @@ import numpy as np
 SLACK = 64
 #: Values whose bytes are a whole number of cache lines, in either precision.
 ALIGN = 16
+_CACHE_LINE = 64  # bytes
+# Long rows so many bytes apart, or a multiple of it, compete for the same parts of the first cache; short ones stay
+# there whole, and what lies between them unread slows a sweep more.
+_COMPETING, _LONG_ROW = 512, 2048
 
 #: Axes in the order in which halos along them repeat what lies elsewhere, those of earlier ones with it. All rows read
 #: the halo of the last axis: once that is there whole rows need none of the others.
@@ -107,6 +111,14 @@ def aligned_zeros(count: int, dtype: np.dtype, rows: int = 0) -> np.ndarray:
     return values.reshape(rows, count) if rows else values
 
 
+def row_values(count: int, itemsize: int) -> int:
+    """Distance between rows of so many values: whole cache lines that do not compete with those of the next rows."""
+    lines = -(-count * itemsize // _CACHE_LINE)
+    bytes_apart = lines * _CACHE_LINE
+    competes = bytes_apart >= _LONG_ROW and bytes_apart % _COMPETING == 0
+    return (lines + competes) * _CACHE_LINE // itemsize
+
+
 @dataclass
 class Layout:
     """The box of a core of given size and its layers.
@@ -123,6 +135,8 @@ class Layout:
         Axes that close on themselves.
     components : int
         Of the field. What follows is for one of them.
+    itemsize : int
+        Bytes of a value.
 
     Attributes
     ----------
@@ -140,6 +154,7 @@ class Layout:
     columns: Mapping[tuple[int, int], int]
     periodic: frozenset[int]
     components: int = 1
+    itemsize: int = 8
     reach: tuple[int, int, int] = field(init=False)
     low: tuple[int, ...] = field(init=False)
     high: tuple[int, ...] = field(init=False)
@@ -152,10 +167,8 @@ class Layout:
         self.reach = x, y, z
         self.low, self.high = (tuple(self.columns.get((a, side), 0) for a in range(3)) for side in (-1, 1))
         n0, n1, n2 = (low + n + high for low, n, high in zip(self.low, self.core, self.high, strict=True))
-        # Rows are odd multiples of `ALIGN` and planes odd multiples of rows, so that neighbouring ones do not compete
-        # for the same part of a cache.
-        parts = aligned(n2 + 2 * z) // ALIGN
-        row = (parts + 1 - parts % 2) * ALIGN if y else n2 + 2 * z
+        # Planes are odd multiples of rows for the same reason as rows are what they are.
+        row = row_values(n2 + 2 * z, self.itemsize) if y else n2 + 2 * z
         plane = row * ((n1 + 2 * y) | 1 if x else n1 + 2 * y)
         stride = plane, row, 1
         origin = aligned(SLACK + int(np.dot(self.reach, stride)))
