@@ -141,7 +141,10 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
         which: _on_parts(program, table, inputs.table, which, which in split) if which in swept else ([], [])
         for which in used
     }
-    sums = {which: _sums(table, which, *map(len, parts[which])) for which in used}
+    turns = {
+        which: pass_of(table, which).sweep.blocks if parts[which][0] == [program.block_part] else 1 for which in used
+    }
+    sums = {which: _sums(table, which, turns[which], *map(len, parts[which])) for which in used}
 
     def address(function: Function, stage: Struct, one: Struct) -> int:
         return _address(function, (ALONE.type, stage.type, one.type, tables.type, inputs.type, size, size))
@@ -234,6 +237,8 @@ def _on_parts(
         (program.law_part, one.sweep.law.values.size),
     ]
     after = [function for function, there in found if there]
+    if whole is program.stencil_part and one.sweep.function != 0 and not (after or split):
+        return [program.block_part], []
     return [rest if split else whole, *after], [program.move_part, ahead] if split else []
 
 
@@ -258,7 +263,7 @@ def _keeps(tables: Tables, inputs: Inputs) -> tuple[bool, bool]:
     return bool(inputs.watched.size), bool(tables.listening.rows.size)
 
 
-def _sums(tables: Tables, which: int, parts: int, ahead: int) -> Struct:
+def _sums(tables: Tables, which: int, turns: int, parts: int, ahead: int) -> Struct:
     """What the operations of a pass take, with room for addresses."""
     everywhere = tables.material
     alike = everywhere._replace(coefficient=everywhere.coefficient[:1])
@@ -267,7 +272,7 @@ def _sums(tables: Tables, which: int, parts: int, ahead: int) -> Struct:
     media = tables.media if which == SPRINGS else one_medium(tables.numbers.dtype)
     room = np.zeros(4, np.int64), np.zeros(parts, np.int64), np.zeros(ahead, np.int64)
     free = tables.free if ahead else np.zeros_like(tables.free)
-    return Struct(Sums(*pass_of(tables, which), material, liquid, media, tables.work_space, *room, free))
+    return Struct(Sums(*pass_of(tables, which), material, liquid, media, tables.work_space, *room, turns, free))
 
 
 def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool) -> list[Struct]:
