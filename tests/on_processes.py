@@ -245,6 +245,16 @@ SLOW = {
         ALONG_Y,
     ),
     "states with a crack": (plane(CORRESPONDENCE, cracks=CRACKS, **WIDE), ALONG_Y),
+    "states with a crack, by target": (
+        plane(
+            fh.Elastic(KERNEL, 1.0, 0.45, material="state-based"),
+            fh.LatticePML(target=1e-2, until=5.0),
+            (99, 81),
+            initial={"u": [pulse(2), 0.0]},
+            cracks=[[(-99.0, 0.13), (0.7, 0.13)]],
+        ),
+        ALONG_X + ALONG_Y,
+    ),
     "states that close": (  # faces that are pressed together, of two solids
         plane(
             fh.Elastic(KERNEL, "where(y > 1, 2, 1)", 0.3, material="state-based", contact=True),

@@ -34,7 +34,7 @@ from farhorizon.simulation.drives import (
     split_drives,
 )
 from farhorizon.simulation.extension import Emitters, extend
-from farhorizon.simulation.grid import Grid, choose_margins, largest_rate, make_grid, states_of
+from farhorizon.simulation.grid import Grid, choose_margins, make_grid, states_of
 from farhorizon.simulation.host import looked_at, node_factor, varied
 from farhorizon.simulation.layers import choose_layers
 from farhorizon.simulation.near_field import NearField, extremes_of, near_field
@@ -42,6 +42,7 @@ from farhorizon.simulation.setup import Key, Setup, Sides
 from farhorizon.simulation.share import Share, check_choosable, check_shareable, chooses, share_of
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
 from farhorizon.simulation.start import Start, check_range, start_of
+from farhorizon.simulation.stiffening import stiffening, trial_of
 from farhorizon.simulation.surfaces import check_conditions, rest_and_damp
 from farhorizon.simulation.surroundings import Surroundings, by_target, check_memory
 from farhorizon.simulation.team import ALONE, Team
@@ -201,33 +202,39 @@ def survey(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Share 
 
 
 def assemble(setup: Setup, margins_given: Mapping[Key, int] | None = None) -> Parts:
-    """The parts of a run on one process; see `assembled`."""
-    parts = assembled(setup, margins_given=margins_given)
-    stiffer = stiffening(parts, ALONE)
-    return assembled(setup, stiffer, margins_given=margins_given) if stiffer > 1 else parts
+    """The parts of a run on one process; see `assembled`.
+
+    The step must be known before layers are chosen for it, and how stiff the solid is before the step: a trial tells,
+    and layers are chosen once.
+    """
+    trial = trial_of(setup)
+    try:
+        parts = assembled(trial, margins_given=margins_given)
+    except InputError:
+        if trial is setup:
+            raise
+        trial, parts = setup, assembled(setup, margins_given=margins_given)  # which serves, or tells what does not
+    stiffer = stiffening(parts.near, parts.grid, ALONE)
+    if stiffer == 1 and trial is setup:
+        return parts
+    del parts  # not two of them in memory
+    return assembled(setup, stiffer, margins_given=margins_given)
 
 
 def assemble_shared(
     setup: Setup, team: Team, topology: Sequence[int] | None, observers: Sequence[Any]
 ) -> tuple[Share, Whole, Parts]:
-    """The share of this process in a run, what recorders look at, and the parts; see `shared` and `assembled`."""
-    share, whole = shared(setup, team, topology, observers)
+    """The share of this process in a run, what recorders look at, and the parts; see `shared` and `assemble`."""
+    trial = trial_of(setup)
+    check_shareable(setup, observers)
+    share, whole = shared(trial, team, topology)
     parts = assembled(share.setup, 1.0, team, share)
-    stiffer = stiffening(parts, team)
-    if stiffer > 1:
-        share, whole = shared(setup, team, topology, observers, stiffer)
-        parts = assembled(share.setup, stiffer, team, share)
-    return share, whole, parts
-
-
-def stiffening(parts: Parts, team: Team) -> float:
-    """Of the fastest oscillation the squared frequency over that of the medium with all its bonds; above 1 where states
-    have fewer bonds, or others.
-    """
-    engine = parts.grid.engine
-    unlike = team.any(bool(engine.absent.count) or parts.near.variation.moduli is not None)
-    intact = parts.near.rate_limit - parts.near.closing_rate
-    return max(1.0, largest_rate(parts.grid, team) / intact) if unlike and engine.passes else 1.0
+    stiffer = stiffening(parts.near, parts.grid, team)
+    if stiffer == 1 and trial is setup:
+        return share, whole, parts
+    del share, whole, parts  # not two of them in memory
+    share, whole = shared(setup, team, topology, stiffer)
+    return share, whole, assembled(share.setup, stiffer, team, share)
 
 
 def assembled(
@@ -244,7 +251,7 @@ def assembled(
     whole : Setup
     stiffer : float
         Of the fastest oscillation the squared frequency over that of the medium with all its bonds: `stiffening` of a
-        first assembly.
+        trial.
     team : Team
         The processes that compute the run.
     share : Share, optional
@@ -370,9 +377,7 @@ def _acted_on(near: NearField, driving: Sequence[Drive]) -> np.ndarray:
     return busy
 
 
-def shared(
-    setup: Setup, team: Team, topology: Sequence[int] | None, observers: Sequence[Any], stiffer: float = 1.0
-) -> tuple[Share, Whole]:
+def shared(setup: Setup, team: Team, topology: Sequence[int] | None, stiffer: float = 1.0) -> tuple[Share, Whole]:
     """The share of this process in a run, and what recorders look at; `stiffer` as of `assembled`.
 
     No process looks at the whole, but the first one where layers look at all data.
@@ -382,7 +387,6 @@ def shared(
     InputError
         What does not run on several processes.
     """
-    check_shareable(setup, observers)
     host, _ = looked_at(setup, team)
     uniform = host.uniform(setup)
     stencil = uniform.model.medium(setup.lattice.spacing, setup.lattice.dim)

@@ -20,14 +20,12 @@ from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.integrators import Verlet
-from farhorizon.medium.scatter import uniform
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, Setup, Sides, wanted_threads
 from farhorizon.simulation.surroundings import Surroundings
 from farhorizon.simulation.team import ALONE, Team
 
-_ITERATIONS, _CONVERGED, _ABOVE = 100, 1e-3, 1.1  # of the largest squared frequency
 _FAINT = 1e-11  # part of the data that may touch a layer of given thickness, which may be good to rounding
 
 
@@ -305,37 +303,6 @@ def check_material(near: NearField, around: Surroundings, margins: dict[Key, int
                     limit=f"constant over the last {m + 1 - margins[axis, side] + ahead} nodes",
                     remedy="enlarge the near field",
                 )
-
-
-def largest_rate(grid: Grid, team: Team) -> float:
-    """Largest squared frequency of nodes without their layers, from a little above, of all processes.
-
-    The operator is symmetric, so that repeated application finds it, from below; nodes that never move are at zero.
-    """
-    engine, layout = grid.engine, grid.engine.layout
-    places = layout.box.node_indices()
-    there = engine.absent.exists[places]
-    nodes = engine.all_components(places[there]).reshape(engine.components, -1)
-    root = np.sqrt(engine.mobility[nodes] if engine.mobility.size > 1 else engine.mobility)
-    level, rate = np.zeros(engine.levels.shape[1], engine.dtype), 0.0
-    first = [n - low for n, low in zip(grid.first, layout.low, strict=True)]
-    at = [one[there] + n for one, n in zip(np.indices(layout.box.nodes), first, strict=True)]
-    # what a node begins with goes by its place, whichever process has it
-    values = np.stack([uniform(seed, *at) - 0.5 for seed in range(engine.components)])
-
-    def summed(products: np.ndarray) -> float:
-        return float(team.summed(np.array([products.sum()]))[0])
-
-    for _ in range(_ITERATIONS):
-        values /= np.sqrt(summed(values**2))
-        level[nodes] = root * values
-        engine.complete(level)
-        found = -root * engine.apply_core(level)[nodes]
-        before, rate = rate, summed(values * found)
-        if abs(rate - before) < _CONVERGED * rate:
-            break
-        values = found
-    return float(f"{_ABOVE * rate:.6g}")  # sums in another order make no other step
 
 
 def _hold_beyond(grid: Grid, near: NearField, around: Surroundings, key: Key, value: float) -> None:

@@ -18,7 +18,7 @@ from farhorizon.analysis.layers.choice import weak
 from farhorizon.analysis.layers.returned import Datum
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
 from farhorizon.analysis.layers.thickness import MOST, Thickness, Wall, distance_to_side, thinnest_for_diffusion
-from farhorizon.boundaries import LatticePML
+from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.inputs.incidence import Incident
@@ -55,6 +55,11 @@ def _told_if_it_takes_long() -> Iterator[None]:
         timer.cancel()
 
 
+def looks_at_data(side: Side) -> bool:
+    """Whether a side has a layer that chooses itself for the data, or is to say what it keeps of a target."""
+    return side.stretched and side.profile is None and (side.open_ended or side.target is not None)
+
+
 def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: Sequence[Any]) -> Surroundings:
     """Give each side whose layer chooses for itself the thinnest that keeps its target, and see what one given by hand
     keeps of its own.
@@ -73,9 +78,7 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
     InputError
         No layer keeps a target.
     """
-    layers = {
-        key: b for key, b in around.sides.items() if b.stretched and b.profile is None and (b.open_ended or b.target)
-    }
+    layers = {key: b for key, b in around.sides.items() if looks_at_data(b)}
     choice = _Choice(setup, near, around, sources, {}, {}, set())
     if layers and near.model.order == 1:
         choice.for_diffusion(layers)

@@ -271,6 +271,27 @@ def test_reflection_is_the_exact_one_of_a_single_mode(angle):
     assert abs(found[0]) == pytest.approx(np.abs(layer_amplitudes(wave, layer)[wave.modes.travels]).max(), rel=1e-9)
 
 
+def test_modes_of_one_frequency_and_wavenumber_are_found_once(monkeypatch):
+    """Both waves of a solid that come are picked from the same modes, and judged together as each by itself."""
+    front, calls, chain = (
+        medium(fh.Elastic(fh.Kernel(2.0), 1.0, 0.3, material="state-based"), 2),
+        [],
+        LatticeMedium.chain,
+    )
+    swings, along = front.plane_wave(30.0, 10.0, number=1), np.array([2 * np.pi / 30 * np.sin(np.radians(10.0))])
+    near = [np.exp(1j * number) for number in (0.08, 0.2)]
+    shapes = np.array([[1.0, 0.0], [0.0, 1.0]])
+    alone = [front.wave(along, swings.factor, *one) for one in zip(near, shapes, strict=True)]
+    monkeypatch.setattr(LatticeMedium, "chain", lambda *given: calls.append(given) or chain(*given))
+    sample, layer = returned_waves.Sample(front), rising(6)
+    waves = [sample.wave(root, swings.factor, along, shape) for root, shape in zip(near, shapes, strict=True)]
+    assert len(calls) == 1 and waves[0].modes.incoming != waves[1].modes.incoming
+    for wave, one in zip(waves, alone, strict=True):
+        assert wave.modes.incoming == one.modes.incoming and np.array_equal(wave.modes.vector, one.modes.vector)
+    together = returned_waves._judged(waves, layer)
+    assert together == pytest.approx(np.hstack([returned_waves._judged([wave], layer) for wave in waves]), rel=1e-9)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_prediction_is_the_error_of_a_run(seed):
     """Random pulses, kernels, steps and lengths: the largest error of a run over the prediction is a small factor."""

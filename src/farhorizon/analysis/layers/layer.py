@@ -22,9 +22,9 @@ import numpy as np
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.reflection import (
+    Chain,
     Modes,
     by_type,
-    chain_modes,
     chain_weights,
     eigenvalue_of_type,
     factor_of_wave,
@@ -135,6 +135,7 @@ class LatticeMedium:
         factor: complex,
         near: complex,
         polarisation: np.ndarray | None = None,
+        chain: Chain | None = None,
     ) -> ArrivingWave:
         """The wave of a factor a step and tangential wavenumbers times spacing.
 
@@ -144,6 +145,8 @@ class LatticeMedium:
         factor : complex
         near, polarisation
             Which of the modes comes to the side, see `chain_modes`.
+        chain : Chain, optional
+            All of them, where they are known.
 
         Raises
         ------
@@ -151,9 +154,13 @@ class LatticeMedium:
             No such wave comes to the side.
         """
         along = np.asarray(along, float)
-        weights = self.rate * chain_weights(self.stencil, along.tolist())
-        modes = chain_modes(weights, factor, self.recursion, near, polarisation)
-        return ArrivingWave(weights, along, modes, factor, self.recursion, self.dt)
+        chain = self.chain(along, factor) if chain is None else chain
+        modes = chain.modes(near, polarisation)
+        return ArrivingWave(chain.weights, along, modes, factor, self.recursion, self.dt)
+
+    def chain(self, along: np.ndarray, factor: complex) -> Chain:
+        """All modes of a factor a step and tangential wavenumbers times spacing."""
+        return Chain.of(self.rate * chain_weights(self.stencil, along.tolist()), factor, self.recursion)
 
     def plane_wave(self, wavelength: float, angle: float, azimuth: float = 0.0, number: int = 0) -> ArrivingWave:
         """A plane wave; second order in time.

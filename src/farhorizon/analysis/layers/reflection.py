@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import linalg
+from scipy.linalg import lapack
 from scipy.optimize import linear_sum_assignment
 
 from farhorizon.analysis.exact.chain import Recursion
@@ -138,6 +139,64 @@ def factor_of_wave(eigenvalue: float, recursion: Recursion) -> complex:
     return complex(half - np.sqrt(complex(half**2 - recursion.keep)))
 
 
+@dataclass(frozen=True)
+class Chain:
+    """All modes of a chain that gains a factor a step.
+
+    Attributes
+    ----------
+    weights : ndarray of complex, shape (2 K + 1,) or (2 K + 1, d, d)
+    roots : ndarray of complex, shape (n,)
+        Factors over one node.
+    vectors : ndarray of complex, shape (n, d)
+        Polarisations.
+    ahead : ndarray of bool, shape (n,)
+        Which of them come to the side.
+    """
+
+    weights: np.ndarray
+    roots: np.ndarray
+    vectors: np.ndarray
+    ahead: np.ndarray
+
+    @classmethod
+    def of(cls, weights: np.ndarray, factor: complex, recursion: Recursion) -> Chain:
+        """The modes for weights as from `chain_weights`, times coefficient / spacing^2."""
+        blocks = weights.reshape(len(weights), *weights.shape[1:] or (1, 1))
+        roots, vectors = chain_roots(blocks, complex(recursion.eigenvalue(np.array(factor))))
+        powers = np.arange(len(blocks)) - len(blocks) // 2
+        # zeta dL/dzeta of a wave
+        slope = np.einsum("ni,kij,nj,nk->n", vectors.conj(), blocks, vectors, powers * roots[:, None] ** powers)
+        step = 1e-6
+        rise = (
+            recursion.eigenvalue(np.array(factor * (1 + step))) - recursion.eigenvalue(np.array(factor * (1 - step)))
+        ) / (2 * step)
+        apart = np.abs(roots) - 1
+        # what grows in time came from where it was small: a wave that comes to the side then falls off towards it
+        ahead = np.where(np.abs(apart) > _UNIT, apart, (rise / np.where(slope == 0, 1e-300, slope)).real) < 0
+        return cls(weights, roots, vectors, ahead)
+
+    def modes(self, near: complex, polarisation: np.ndarray | None = None) -> Modes:
+        """Those of which one is the wave that comes, see `chain_modes`."""
+        roots, vectors, ahead = self.roots, self.vectors, self.ahead
+        # so many waves go each way, fewer where the outermost weights are singular
+        there = (len(self.weights) // 2) * vectors.shape[1]
+        if not ahead.any() or not 0 < (~ahead).sum() <= there:  # or overdamped, where nothing travels
+            raise InputError("no wave of this frequency and wavenumber comes to the side", value=near)
+        away = np.minimum(np.abs(roots - near), np.abs(roots - 1 / near))
+        if polarisation is not None:  # another wave, at right angles to this one, may be as near
+            alike = np.abs(vectors.conj() @ polarisation)
+            away = np.where(alike > _MEANT * alike[ahead].max(), away, np.inf)
+        incoming = roots[ahead][np.argmin(away[ahead])]
+        leaving = roots[~ahead]
+        travels = np.abs(np.abs(leaving) - 1) <= _UNIT + 2 * abs(abs(incoming) - 1)
+        if not travels.any():  # what dies out towards the side, and comes back as what dies out away from it
+            travels[np.argmin(np.abs(leaving))] = True
+        basis = linalg.qr(vectors[ahead & (np.abs(roots - incoming) < _ALIKE)].T, mode="economic")[0]
+        vector = basis @ basis.conj().T @ (np.ones(1) if polarisation is None else polarisation)
+        return Modes(complex(incoming), vector / np.linalg.norm(vector), leaving, vectors[~ahead], travels)
+
+
 def chain_modes(
     weights: np.ndarray, factor: complex, recursion: Recursion, near: complex, polarisation: np.ndarray | None = None
 ) -> Modes:
@@ -160,34 +219,7 @@ def chain_modes(
     InputError
         No wave comes to the side.
     """
-    blocks = weights.reshape(len(weights), *weights.shape[1:] or (1, 1))
-    roots, vectors = chain_roots(blocks, complex(recursion.eigenvalue(np.array(factor))))
-    powers = np.arange(len(blocks)) - len(blocks) // 2
-    # zeta dL/dzeta of a wave
-    slope = np.einsum("ni,kij,nj,nk->n", vectors.conj(), blocks, vectors, powers * roots[:, None] ** powers)
-    step = 1e-6
-    rise = (
-        recursion.eigenvalue(np.array(factor * (1 + step))) - recursion.eigenvalue(np.array(factor * (1 - step)))
-    ) / (2 * step)
-    apart = np.abs(roots) - 1
-    # what grows in time came from where it was small: a wave that comes to the side then falls off towards it
-    ahead = np.where(np.abs(apart) > _UNIT, apart, (rise / np.where(slope == 0, 1e-300, slope)).real) < 0
-    # so many waves go each way, fewer where the outermost weights are singular
-    there = (len(blocks) // 2) * blocks.shape[1]
-    if not ahead.any() or not 0 < (~ahead).sum() <= there:  # or overdamped, where nothing travels
-        raise InputError("no wave of this frequency and wavenumber comes to the side", value=near)
-    away = np.minimum(np.abs(roots - near), np.abs(roots - 1 / near))
-    if polarisation is not None:  # another wave, at right angles to this one, may be as near
-        alike = np.abs(vectors.conj() @ polarisation)
-        away = np.where(alike > _MEANT * alike[ahead].max(), away, np.inf)
-    incoming = roots[ahead][np.argmin(away[ahead])]
-    leaving = roots[~ahead]
-    travels = np.abs(np.abs(leaving) - 1) <= _UNIT + 2 * abs(abs(incoming) - 1)
-    if not travels.any():  # a field that dies out towards the side, and comes back as one that dies out away from it
-        travels[np.argmin(np.abs(leaving))] = True
-    basis = linalg.qr(vectors[ahead & (np.abs(roots - incoming) < _ALIKE)].T, mode="economic")[0]
-    vector = basis @ basis.conj().T @ (np.ones(1) if polarisation is None else polarisation)
-    return Modes(complex(incoming), vector / np.linalg.norm(vector), leaving, vectors[~ahead], travels)
+    return Chain.of(weights, factor, recursion).modes(near, polarisation)
 
 
 def chain_roots(blocks: np.ndarray, eigenvalue: complex) -> tuple[np.ndarray, np.ndarray]:
@@ -201,8 +233,10 @@ def chain_roots(blocks: np.ndarray, eigenvalue: complex) -> tuple[np.ndarray, np
     left, right = np.eye(size * d, k=d, dtype=complex), np.eye(size * d, dtype=complex)
     left[-d:] = -np.concatenate(polynomial[:-1], axis=1)
     right[-d:, -d:] = polynomial[-1]
-    # beta = 0 where the outermost weights are singular
-    (alpha, beta), found = linalg.eig(left, right, homogeneous_eigvals=True)
+    # beta = 0 where the outermost weights are singular; what `linalg.eig` does beside takes as long, thousands of times
+    alpha, beta, _, found, _, failed = lapack.zggev(left, right, compute_vl=0)
+    if failed:
+        raise np.linalg.LinAlgError("the modes of a chain were not found")
     finite = (np.abs(alpha) < _FAR * np.abs(beta)) & (np.abs(alpha) > np.abs(beta) / _FAR)
     roots, found = alpha[finite] / beta[finite], found[:, finite]
     vectors = np.where(np.abs(roots) < 1, found[:d], found[-d:]).T  # v, or v zeta^(2 K - 1)

@@ -28,7 +28,7 @@ from scipy import fft, special
 
 from farhorizon.analysis.layers.choice import weak
 from farhorizon.analysis.layers.layer import ArrivingWave, LatticeMedium, amplitudes_of
-from farhorizon.analysis.layers.reflection import factor_of_wave, polarisations
+from farhorizon.analysis.layers.reflection import Chain, factor_of_wave, polarisations
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
@@ -126,6 +126,7 @@ class Sample:
         self._cells: dict[tuple[int, ...], int] = {}
         self._known: dict[bytes, np.ndarray] = {}
         self._followed: dict[tuple[complex, ...], ArrivingWave | None] = {}
+        self._chains: dict[tuple[complex, ...], Chain] = {}
         self._came_back: dict[bytes, dict[tuple[complex, ...], tuple[np.ndarray, np.ndarray]]] = {}
 
     def needed(self, layer: Layer) -> bool:
@@ -175,14 +176,17 @@ class Sample:
         self, root: complex, factor: complex, along: np.ndarray, shape: np.ndarray | None = None
     ) -> ArrivingWave | None:
         """A wave with all modes of the medium; None where none comes to the side. Its shape is that of the sample's
-        type unless given.
+        type unless given. Several modes of one frequency and wavenumber may come, of different types.
         """
         stencil, azimuth = self.medium.stencil, float(np.arctan2(along[-1], along[0])) if len(along) > 1 else 0.0
         angle = float(np.arctan2(np.linalg.norm(along), np.abs(np.log(root))))
         if shape is None:
             shape = polarisations(stencil.components, stencil.dim, angle, azimuth)[self.kind]
+        key = factor, *along.tolist()
+        if key not in self._chains:
+            self._chains[key] = self.medium.chain(along, factor)
         try:
-            return self.medium.wave(along, factor, root, shape)
+            return self.medium.wave(along, factor, root, shape, self._chains[key])
         except InputError:
             return None
 
@@ -192,10 +196,11 @@ class Sample:
         """
         key = _key(layer)
         known = self._known.get(key, np.zeros((2, 0)))
-        waves = [wave for wave in self._waves[known.shape[1] :] if wave is not None]
-        found = iter(amplitudes_of(waves, layer) if waves else [])
-        more = [(0.0, 0.0) if w is None else _judged(w, layer, next(found)) for w in self._waves[known.shape[1] :]]
-        self._known[key] = np.append(known, np.reshape(more, (-1, 2)).T, axis=1)
+        new = self._waves[known.shape[1] :]
+        more, waves = np.zeros((2, len(new))), [wave for wave in new if wave is not None]
+        if waves:
+            more[:, [wave is not None for wave in new]] = _judged(waves, layer)
+        self._known[key] = np.append(known, more, axis=1)
         return self._known[key]
 
     def followed(
@@ -249,15 +254,17 @@ def _rounded(number: complex) -> complex:
     return complex(round(number.real, 9), round(number.imag, 9))
 
 
-def _judged(wave: ArrivingWave, layer: Layer, amplitudes: np.ndarray) -> tuple[float, float]:
-    """A wave's exact reflection, never more than all, and by how much it is above the closed form: of what travels, or
-    of all that is at the last node of the near field, one from the layer, where wide stencils leave what dies out.
+def _judged(waves: Sequence[ArrivingWave], layer: Layer) -> np.ndarray:
+    """Of waves the exact reflection, never more than all, and by how much it is above the closed form: of what travels,
+    or of all that is at the last node of the near field, one from the layer, where wide stencils leave what dies out;
+    shape (2, waves).
     """
-    closed = np.abs(reflected(np.array([wave.modes.incoming]), np.array([wave.s]), layer))[0]
-    modes = wave.modes
-    beside = float(np.linalg.norm((amplitudes / modes.leaving) @ modes.vectors))
-    exact = min(1.0, max(float(np.linalg.norm(amplitudes[modes.travels])), beside))
-    return exact, max(0.0, exact - float(closed))
+    closed = np.abs(reflected(np.array([w.modes.incoming for w in waves]), np.array([w.s for w in waves]), layer))
+    exact = np.zeros(len(waves))
+    for i, (wave, amplitudes) in enumerate(zip(waves, amplitudes_of(waves, layer), strict=True)):
+        beside = float(np.linalg.norm((amplitudes / wave.modes.leaving) @ wave.modes.vectors))
+        exact[i] = min(1.0, max(float(np.linalg.norm(amplitudes[wave.modes.travels])), beside))
+    return np.stack([exact, np.maximum(0.0, exact - closed)])
 
 
 @dataclass(frozen=True)

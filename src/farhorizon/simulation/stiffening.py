@@ -1,0 +1,115 @@
+"""How much faster a solid oscillates whose nodes lack bonds, or differ, than one that is whole and uniform."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import eigh_tridiagonal
+
+from farhorizon.boundaries import Side
+from farhorizon.engine.engine import Layer
+from farhorizon.medium.scatter import uniform
+from farhorizon.simulation.grid import Grid
+from farhorizon.simulation.layers import looks_at_data
+from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.setup import Setup, side_name
+from farhorizon.simulation.team import Team
+
+# of the largest squared frequency: applications of the operator at most, and the residual that is told from none, which
+# bounds the error: a crack and its mirror image have the same step, that of the faster one of two tips
+_ITERATIONS, _RESIDUAL = 200, 1e-6
+# applications after which what is not above a known rate is not looked for any longer: one that is above it by more
+# than (ln n / 4 m)^2 of it, a thousandth of n = 1e4 nodes, has come out of their noise after m
+_SEEN = 80
+# what is added to the excess over the medium, a part of it but no more of the medium's rate: waves along a crack or a
+# free face oscillate the faster the farther these go on, and the layers that are chosen may be thicker than a trial's.
+# Measured, near fields of 13 nodes, layers of 12 and of 58: a third of the excess, 0.013 of the rate, at most
+_MORE, _MOST = 0.5, 0.02
+_NODES = 12  # of a trial's layers
+
+
+def stiffening(near: NearField, grid: Grid, team: Team) -> float:
+    """Of the fastest oscillation the squared frequency over that of the medium with all its bonds; above 1 where states
+    have fewer bonds, or others.
+    """
+    unlike = team.any(bool(grid.engine.absent.count) or near.variation.moduli is not None)
+    if not unlike or not grid.engine.passes:
+        return 1.0
+    intact = near.rate_limit - near.closing_rate
+    excess = max(0.0, largest_rate(grid, team, intact) / intact - 1)
+    return float(f"{1 + excess + min(_MORE * excess, _MOST):.7g}")  # sums in another order make no other step
+
+
+def trial_of(setup: Setup) -> Setup:
+    """A set-up as stiff as a given one, whose layers nobody has to choose: a few nodes of the medium stand for those
+    that follow from the data. The same where none do, or where nothing can be stiffer than the medium.
+    """
+    if not _may_stiffen(setup):
+        return setup
+    plain = {key: _plain(side, setup.model.target) for key, side in setup.sides.items()}
+    if all(plain[key] is side for key, side in setup.sides.items()):
+        return setup
+    return replace(setup, boundary={side_name(*key): side for key, side in plain.items()})
+
+
+def _may_stiffen(setup: Setup) -> bool:
+    """Whether nodes have states that may be of fewer bonds than in the medium, or of others."""
+    cut = bool(setup.cracks) or not all(side.bonded and not side.closing for side in setup.sides.values())
+    cut |= setup.lattice.body is not None and setup.rim == "free"
+    return not setup.model.bonds and (cut or bool(setup.model.varying) or setup.coefficient is not None)
+
+
+def _plain(side: Side, default: float) -> Side:
+    """A side whose layer, if it is one that looks at the data, does nothing to them, and misses as much of them."""
+    layer = side.as_layer(None, default) if side.undecided else side
+    if not looks_at_data(layer):
+        return side
+    nodes = layer.nodes or _NODES
+    edges = np.ones(nodes + 1)
+    return replace(layer, target=layer.wanted(default), nodes=nodes, profile=Layer(edges, 0 * edges, 0 * edges))  # type: ignore[type-var]
+
+
+def largest_rate(grid: Grid, team: Team, known: float = 0.0) -> float:
+    """Largest squared frequency of nodes without their layers, of all processes.
+
+    The operator is symmetric, so that Lanczos' method finds it, from below; nodes that never move are at zero.
+
+    Parameters
+    ----------
+    grid : Grid
+    team : Team
+    known : float
+        A rate below which it need not be found to all digits.
+    """
+    engine, layout = grid.engine, grid.engine.layout
+    places = layout.box.node_indices()
+    there = engine.absent.exists[places]
+    nodes = engine.all_components(places[there]).reshape(engine.components, -1)
+    root = np.sqrt(engine.mobility[nodes] if engine.mobility.size > 1 else engine.mobility)
+    level = np.zeros(engine.levels.shape[1], engine.dtype)
+
+    def applied(values: np.ndarray) -> np.ndarray:
+        level[nodes] = root * values
+        engine.complete(level)
+        return -root * np.asarray(engine.apply_core(level)[nodes])
+
+    def product(one: np.ndarray, other: np.ndarray) -> float:
+        return float(team.summed(np.array([(one * other).sum()]))[0])
+
+    first = [n - low for n, low in zip(grid.first, layout.low, strict=True)]
+    at = [one[there] + n for one, n in zip(np.indices(layout.box.nodes), first, strict=True)]
+    # what a node begins with goes by its place, whichever process has it
+    values = np.stack([uniform(seed, *at) - 0.5 for seed in range(engine.components)])
+    values /= np.sqrt(product(values, values))
+    before, diagonal, beside = np.zeros_like(values), [], [0.0]
+    for count in range(_ITERATIONS):
+        found = applied(values)
+        diagonal.append(product(values, found))
+        found -= diagonal[-1] * values + beside[-1] * before
+        (rate,), vector = eigh_tridiagonal(diagonal, beside[1:], select="i", select_range=(count, count))
+        beside.append(np.sqrt(product(found, found)))
+        if beside[-1] * abs(vector[-1, 0]) <= _RESIDUAL * rate or (count >= _SEEN and rate <= known):
+            break
+        before, values = values, found / beside[-1]
+    return float(rate)

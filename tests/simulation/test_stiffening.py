@@ -1,0 +1,195 @@
+"""How much faster solids with cracks oscillate than whole ones, and that layers are chosen once for the step."""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.simulation import assembly
+from farhorizon.simulation.assembly import assembled
+from farhorizon.simulation.returned_waves import ReturnedWaves
+from farhorizon.simulation.stiffening import largest_rate, trial_of
+from farhorizon.simulation.team import Team
+
+KERNEL = fh.Kernel(2.0)
+SOLIDS = {
+    "state-based": fh.Elastic(KERNEL, 1.0, 0.3, material="state-based"),
+    "nearly incompressible": fh.Elastic(KERNEL, 1.0, 0.45, material="state-based"),
+    "correspondence": fh.Correspondence(KERNEL, 1.0, 0.3, stabilisation=0.3),
+}
+LATTICE = fh.Lattice(1.0, (-10.0, -10.0), (10.0, 10.0))
+CRACK, INTO = [(-4.0, 1.3), (3.0, 1.3)], [(2.0, 0.5), (900.0, 0.5)]
+PULSE = {"u": ["exp(-((x + 2)**2 + (y + 2)**2)/3)", 0.0]}
+CHOSEN = fh.LatticePML(target=1e-2, until=15.0)
+
+
+def setup_of(name="nearly incompressible", boundary=CHOSEN, cracks=(CRACK,), **others):
+    given = {"lattice": LATTICE, "initial": PULSE, "threads": 1} | others
+    return fh.Setup(given.pop("lattice"), SOLIDS[name], boundary, cracks=cracks, **given)
+
+
+def counted(monkeypatch, owner, name):
+    """How often something is called from now on, as a list that grows."""
+    calls, called = [], getattr(owner, name)
+
+    def counting(*given, **named):
+        calls.append(given)
+        return called(*given, **named)
+
+    monkeypatch.setattr(owner, name, counting)
+    return calls
+
+
+class Counting(Team):
+    """One process that counts the sums over all of them."""
+
+    sums = 0
+
+    def summed(self, values):
+        self.sums += 1
+        return super().summed(values)
+
+
+def dense_rate(setup):
+    """The largest squared frequency, from all of a matrix."""
+    grid = assembled(setup).grid
+    engine = grid.engine
+    nodes = engine.all_components(
+        engine.layout.box.node_indices()[engine.absent.exists[engine.layout.box.node_indices()]]
+    )
+    places, level, columns = nodes.ravel(), np.zeros(engine.levels.shape[1]), []
+    for place in places:
+        level[:] = 0
+        level[place] = 1
+        engine.complete(level)
+        columns.append(-engine.apply_core(level)[places])
+    return np.linalg.eigvalsh(np.array(columns))[-1]
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_the_largest_rate_is_that_of_the_matrix(name):
+    body = fh.Lattice(1.0, (-5.0, -4.0), (5.0, 4.0), body=fh.Box((-5.2, -4.2), (5.2, 4.2)) - fh.Disc(1.5, (0.4, 0.0)))
+    setup = setup_of(name, fh.Free(), [[(2.0, 0.5), (9.0, 0.5)]], lattice=body, initial=None)
+    parts = assembled(setup)
+    assert largest_rate(parts.grid, Team()) == pytest.approx(dense_rate(setup), rel=1e-7)
+
+
+def test_what_is_below_a_known_rate_is_not_looked_for_any_longer():
+    parts, teams = assembled(setup_of("state-based", fh.LatticePML(nodes=12))), (Counting(), Counting())
+    found = [
+        largest_rate(parts.grid, team, known) for team, known in zip(teams, (0.0, parts.near.rate_limit), strict=True)
+    ]
+    assert teams[1].sums < 0.5 * teams[0].sums
+    assert 0.99 < found[1] / found[0] <= 1 and found[0] < parts.near.rate_limit
+
+
+@pytest.mark.parametrize("boundary", [fh.LatticePML(nodes=6), CHOSEN], ids=["given", "chosen"])
+@pytest.mark.parametrize("name", SOLIDS)
+def test_mirrored_cracks_have_the_same_step_limit(name, boundary):
+    """Cracks that end inside, and those that run into a layer; beside data in the middle."""
+    middle = {"u": ["exp(-(x**2 + y**2)/3)", 0.0]}
+    for crack in (CRACK, INTO):
+        limits = [
+            fh.Simulation.of(setup_of(name, boundary, [[(x * a, y * b) for x, y in crack]], initial=middle)).step_limit
+            for a, b in ((1, 1), (-1, 1), (1, -1))
+        ]
+        assert limits == pytest.approx([limits[0]] * 3, rel=1e-6)
+
+
+def test_a_crack_shortens_the_step_only_where_it_makes_the_solid_stiffer():
+    whole, cut = (
+        {name: fh.Simulation.of(setup_of(name, cracks=c)).step_limit for name in SOLIDS} for c in ([], [CRACK])
+    )
+    assert cut["state-based"] == whole["state-based"]
+    assert 0.98 < cut["nearly incompressible"] / whole["nearly incompressible"] < 0.999
+    assert 0.5 < cut["correspondence"] / whole["correspondence"] < 0.8
+
+
+@pytest.mark.parametrize("cracks", [[CRACK], [INTO]], ids=["inside", "into a side"])
+@pytest.mark.parametrize("name", SOLIDS)
+def test_noise_keeps_its_energy_just_below_the_limit(name, cracks):
+    noise = {"u": 1e-3 * np.random.default_rng(5).standard_normal((2, *LATTICE.shape))}
+    setup = setup_of(name, fh.Extended(nodes=4), cracks, initial=noise, dt=lambda half: 0.999 * 2 * half)
+    run = fh.Simulation.of(setup)
+    run.step(600)
+    assert run.dt == pytest.approx(0.999 * run.step_limit) and np.abs(run.fields["u"]).max() < 0.02
+
+
+@pytest.mark.parametrize("cracks", [[CRACK], [INTO]], ids=["inside", "into a layer"])
+@pytest.mark.parametrize("name", SOLIDS)
+def test_a_run_with_the_step_that_was_found_is_stable(name, cracks):
+    sim = fh.Simulation.of(setup_of(name, cracks=cracks))
+    sim.step(150)
+    early = np.abs(sim.fields["u"]).max()
+    sim.step(1500)
+    # what oscillates at the crack alone, faster than any wave, stays as it is
+    assert sim.dt == pytest.approx(sim.step_limit / 2) and np.abs(sim.fields["u"]).max() < 1.5 * early
+
+
+@pytest.mark.parametrize("cracks", [[CRACK], [INTO], [CRACK, INTO]])
+@pytest.mark.parametrize("name", ["nearly incompressible", "correspondence"])
+def test_the_limit_is_that_of_the_layers_that_were_chosen(name, cracks):
+    """A trial with a few nodes in their place tells of thicker and thinner ones, too."""
+    for nodes in (1, 3, 30):
+        parts = fh.Simulation.of(setup_of(name, fh.LatticePML(nodes=nodes), cracks)).parts
+        own = largest_rate(parts.grid, Team())
+        trial = fh.Simulation.of(setup_of(name, cracks=cracks)).rate_limit
+        assert own < parts.near.rate_limit and own < trial < 1.05 * own
+
+
+@pytest.mark.parametrize(
+    ("boundary", "asked", "chosen"),
+    [
+        (CHOSEN, "layer", 4),
+        ({"all": CHOSEN, "y+": fh.Free()}, "layer", 3),
+        (fh.LatticePML(target=1e-2, nodes=5, until=2.0), "returned", 4),
+        (fh.Auto(target=1e-2, until=15.0), "layer", 4),
+    ],
+    ids=["by target", "half-space", "nodes with a target", "auto"],
+)
+@pytest.mark.parametrize("name", ["state-based", "correspondence"])
+def test_layers_are_chosen_once(monkeypatch, name, boundary, asked, chosen):
+    calls = counted(monkeypatch, ReturnedWaves, asked)
+    assemblies = counted(monkeypatch, assembly, "assembled")
+    sim = fh.Simulation.of(setup_of(name, boundary))
+    assert len(calls) == chosen and len(assemblies) == 2
+    assert sim.setup.boundary == setup_of(name, boundary).boundary  # what was given
+
+
+def test_what_is_not_stiffer_is_assembled_once(monkeypatch):
+    """Nothing chooses, and the crack adds nothing; or all bonds are there; or they are springs."""
+    assemblies = counted(monkeypatch, assembly, "assembled")
+    for setup in (
+        setup_of("state-based", fh.LatticePML(nodes=5)),
+        setup_of("state-based", cracks=()),
+        fh.Setup(LATTICE, fh.Elastic(KERNEL, 1.0), CHOSEN, PULSE, cracks=[CRACK]),
+    ):
+        assert trial_of(setup) is setup
+        assemblies.clear()
+        fh.Simulation.of(setup)
+        assert len(assemblies) == 1
+
+
+def test_the_chosen_layers_are_those_of_the_same_step():
+    """What a trial has of layers leaves no trace."""
+    sim = fh.Simulation.of(setup_of("correspondence", cracks=[INTO]))
+    again = fh.Simulation.of(setup_of("correspondence", cracks=[INTO], dt=sim.dt))
+    assert sim.beyond == again.beyond and sim.notes == again.notes and sim.thickness.keys() == again.thickness.keys()
+    assert sim.parts.grid.margins == again.parts.grid.margins
+
+
+def test_a_set_up_serves_whose_trial_does_not():
+    """An oblique crack across a side that is an extended domain, because no layer keeps the target."""
+    given = {"cracks": [[(2.0, 0.2), (30.0, 14.0)]], "initial": {"u": ["exp(-(x + 2)**2 - (y + 2)**2)", 0.0]}}
+    auto, far = (
+        fh.Simulation.of(setup_of("correspondence", side(1e-12, until=15.0), **given))
+        for side in (fh.Auto, fh.Extended)
+    )
+    assert len(auto.extents) == 4 and auto.beyond == far.beyond
+    assert auto.step_limit == far.step_limit
+
+
+def test_what_is_refused_is_said_of_the_set_up_itself():
+    with pytest.raises(fh.InputError, match="only straight along its normal"):
+        fh.Simulation.of(setup_of("correspondence", cracks=[[(2.0, 0.2), (30.0, 14.0)]]))
+    with pytest.raises(fh.InputError, match="no layer keeps the target"):
+        fh.Simulation.of(setup_of("correspondence", fh.LatticePML(target=1e-13, until=15.0)))
