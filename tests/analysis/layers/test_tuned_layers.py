@@ -340,7 +340,7 @@ def test_noise_decays_beside_light_dampers_where_layers_meet_in_space(number):
     name, share = str(random.choice(list(SCALARS))), float(random.uniform(0.3, 0.9))
     model = fh.Wave(SCALARS[name])
     stencil = model.stencil(1.0, 3)
-    nodes = int(random.integers(3, 13))
+    nodes = int(random.integers(2, 13))
     strengths = [1.4, 2.0, 4.0] + [5.6] * (steady_rise(stencil, nodes) not in (None, 0.75))
     steep = fh.LatticePML(nodes=nodes).make_layer(2, stencil, 1.0, 1.0, 0.0)
     layer = steep if random.random() < 0.3 else filtered(model, nodes, float(random.choice(strengths)))

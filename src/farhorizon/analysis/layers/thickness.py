@@ -7,7 +7,7 @@ that hardly move towards the side:
 - *steep*: little alpha. The least leak of travelling waves: best below 1e-6 and in short runs.
 - *thin*: sigma as depth^(3/4), alpha rising as depth^4 to the outer end. The fewest nodes for 1e-3 to 1e-6.
 - *tuned*: for stencils with strong backward waves, as thin as the thin ones. Dampers take the backward waves by their
-  frequency; one medium along the whole side.
+  frequency; one medium along the whole side. Of weak ones of scalars in space, the others with light dampers.
 - *short*: for the same, whose damping by wavelength decides what comes back. sigma and damping rise together, and the
   filter of the damping reads few neighbours.
 - *late*: made for the length T of a run. On the line Re s = 1/T a travelling, grazing, evanescent or static wave is one
