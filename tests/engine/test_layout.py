@@ -26,3 +26,14 @@ def test_copies_continue_the_box_across_periodic_axes(periodic):
     assert not (nodes | read) & set(filled)
     part = tuple(slice(None) if a in periodic else slice(m, -m) for a, m in enumerate(layout.reach))
     np.testing.assert_array_equal(wide[part], expected)
+
+
+@pytest.mark.parametrize("line", [8, 16])
+def test_rows_are_whole_cache_lines_that_do_not_compete(line):
+    """With at most one that nothing is in: rows take a large part of the memory."""
+    for nodes in range(1, 9 * line):
+        layout = Layout((4, 6, nodes), np.diag([1, 1, 3]), {}, frozenset(), line=line)
+        plane, row, _ = layout.box.stride
+        lines, rest = divmod(row, line)
+        assert rest == 0 and lines % 4 and nodes + 6 <= row < nodes + 6 + 2 * line
+        assert plane % row == 0 and plane // row % 2 and layout.box.origin % 16 == 0

@@ -218,7 +218,8 @@ class Engine:
         halves = self.dtype.itemsize == 8 and plain and layers and all(layer.short for layer in layers.values())
         self.kept = np.dtype("int32") if halves else self.dtype
         columns = {name: layer.columns for name, layer in self.layers.items()}
-        self.layout = Layout(core, self.offsets, columns, frozenset(periodic), self.components)
+        line = 64 // self.dtype.itemsize
+        self.layout = Layout(core, self.offsets, columns, frozenset(periodic), self.components, line)
         self.core = self.layout.near
         self.remember = any(np.any(layer.sigma) for layer in self.layers.values())
         recursion = {name: layer.recursion(dt) for name, layer in self.layers.items()}

@@ -123,6 +123,8 @@ class Layout:
         Axes that close on themselves.
     components : int
         Of the field. What follows is for one of them.
+    line : int
+        Values of a cache line.
 
     Attributes
     ----------
@@ -140,6 +142,7 @@ class Layout:
     columns: Mapping[tuple[int, int], int]
     periodic: frozenset[int]
     components: int = 1
+    line: int = ALIGN
     reach: tuple[int, int, int] = field(init=False)
     low: tuple[int, ...] = field(init=False)
     high: tuple[int, ...] = field(init=False)
@@ -152,10 +155,10 @@ class Layout:
         self.reach = x, y, z
         self.low, self.high = (tuple(self.columns.get((a, side), 0) for a in range(3)) for side in (-1, 1))
         n0, n1, n2 = (low + n + high for low, n, high in zip(self.low, self.core, self.high, strict=True))
-        # Rows are odd multiples of `ALIGN` and planes odd multiples of rows, so that neighbouring ones do not compete
-        # for the same part of a cache.
-        parts = aligned(n2 + 2 * z) // ALIGN
-        row = (parts + 1 - parts % 2) * ALIGN if y else n2 + 2 * z
+        # Rows are whole cache lines, but no multiple of four of them, and planes odd multiples of rows, so that
+        # neighbouring ones do not compete for the same part of a cache.
+        lines = -(-(n2 + 2 * z) // self.line)
+        row = (lines + (lines % 4 == 0)) * self.line if y else n2 + 2 * z
         plane = row * ((n1 + 2 * y) | 1 if x else n1 + 2 * y)
         stride = plane, row, 1
         origin = aligned(SLACK + int(np.dot(self.reach, stride)))
