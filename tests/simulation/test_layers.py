@@ -14,9 +14,9 @@ from farhorizon.simulation.layers import with_one_filter
 GENTLE, STRONG = ((np.array([0.0, share]), taps) for share, taps in ((0.02, [0.5, 0.25]), (0.5, [0.5, 0.25, 0.1])))
 
 
-def cube(reach=2.0, nodes=11, layers=4, share=0.5, **changes):
+def cube(reach=2.0, nodes=11, layers=4, share=0.5, damping=0.0, **changes):
     lattice = fh.Lattice(1.0, (0.0,) * 3, (nodes - 1.0,) * 3)
-    model = fh.Wave(fh.Kernel(reach))
+    model = fh.Wave(fh.Kernel(reach), damping=damping)
     free = fh.Simulation(lattice, model, fh.Fixed())
     pulse = np.zeros(lattice.shape)
     pulse[(nodes // 2,) * 3] = 1
@@ -113,10 +113,11 @@ def test_a_choice_that_takes_long_says_so(monkeypatch, capfd):
 
 
 def test_layers_of_scalars_in_space_have_dampers_in_place_of_a_box_of_all_nodes():
-    """Few given nodes, down to a target of 1e-5; also beside a free side."""
+    """Few given nodes, down to a target of 1e-5; also beside a free side, and in a medium that damps waves."""
     pml = fh.LatticePML(nodes=4, target=1e-4)
-    for boundary in (pml, {"x": pml, "y": pml, "z-": pml, "z+": fh.Free()}):
-        sim = cube(3.0, boundary=boundary)
+    beside_free = {"x": pml, "y": pml, "z-": pml, "z+": fh.Free()}
+    for boundary, damping in ((pml, 0.0), (beside_free, 0.0), (pml, 0.5)):
+        sim = cube(3.0, boundary=boundary, damping=damping)
         assert all(one.tuned.size for one in sim.engine.layers.values())
         assert not sim.engine.tables.filter.runs.size and sim.engine.tables.dampers.runs.size
 

@@ -111,8 +111,8 @@ def with_light_dampers(near: NearField, around: Surroundings) -> Surroundings:
         squared = around.coefficients[key]
         stencil = near.stencil.along(key[0]).beside(squared / model.coefficient)
         light = lightly_tuned(layer, stencil, float(np.sqrt(squared)) / spacing, near.dt)
-        recursion = Recursion.of(model.integrator, near.dt, model.damping)
-        medium = LatticeMedium(stencil, squared, spacing, recursion, near.dt)
+        # without the damping of the model, which takes of both alike
+        medium = LatticeMedium(stencil, squared, spacing, Recursion.of(model.integrator, near.dt), near.dt)
         if light is not None and spreads(around.sides, key[0]) and as_quiet(light, layer, medium):
             found[key] = light
     return replace(around, layers=found)

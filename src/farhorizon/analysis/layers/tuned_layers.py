@@ -22,6 +22,7 @@ from farhorizon.analysis.layers.choice import rising_alpha
 from farhorizon.analysis.layers.layer import LatticeMedium, amplitudes_of
 from farhorizon.engine.dampers import response, springs_of, strengths_of
 from farhorizon.engine.engine import Layer
+from farhorizon.errors import InputError
 from farhorizon.medium.stencil import Stencil
 
 _APART = 0.5  # part of the largest frequency above which backward waves have to be
@@ -169,9 +170,12 @@ def lightly_tuned(layer: Layer, stencil: Stencil, pace: float, dt: float) -> Lay
 
 def as_quiet(light: Layer, layer: Layer, medium: LatticeMedium) -> bool:
     """Whether no more comes back from a layer than from another one of the waves that a lattice resolves, by the
-    largest share of any.
+    largest share of any; not where these are too short for a wide stencil.
     """
-    waves = [medium.plane_wave(length, angle) for length in _RESOLVED for angle in _ANGLES]
+    try:
+        waves = [medium.plane_wave(length, angle) for length in _RESOLVED for angle in _ANGLES]
+    except InputError:
+        return False
     back = [
         max(float(np.abs(one[wave.modes.travels]).max()) for one, wave in zip(found, waves, strict=True))
         for found in (amplitudes_of(waves, light), amplitudes_of(waves, layer))
