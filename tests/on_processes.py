@@ -104,6 +104,10 @@ CASES = {
         SPACE[:1],
     ),
     "space": (fh.Setup(lattice(21, 22, 23), WAVE, fh.LatticePML(nodes=3), {"u": pulse(3)}), SPACE[:1]),
+    "space, with dampers": (
+        fh.Setup(lattice(21, 22, 23), WAVE, fh.LatticePML(nodes=3, target=1e-4), {"u": pulse(3)}),
+        SPACE[:1],
+    ),
 }
 CRACKS = [[(-1.0, 0.1), (1.3, 0.7)], fh.Crack([(-2.0, -1.4), (2.0, -1.4)], opens=1.5)]
 SOLID = fh.Elastic(KERNEL, 1.0)

@@ -28,6 +28,7 @@ MEDIA = {
         2,
     ),
     "space": (BONDS, 3),
+    "scalar in space": (fh.Wave(fh.Kernel(2.0)), 3),
 }
 
 
@@ -99,7 +100,7 @@ def test_the_interpreter_computes_the_same(name):
     np.testing.assert_allclose(plain.fields["u"], field, rtol=0, atol=1e-12 * np.abs(field).max())
 
 
-@pytest.mark.parametrize("name", ["bonds", "space"])
+@pytest.mark.parametrize("name", ["bonds", "space", "scalar in space"])
 def test_more_threads_change_nothing(name):
     one, two = (simulation(name, nodes=161 if name == "bonds" else 27, threads=threads) for threads in (1, 2))
     for sim in (one, two):
@@ -111,7 +112,7 @@ def test_more_threads_change_nothing(name):
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("short", [False, True])
 def test_a_checkpoint_has_them(tmp_path, dtype, short):
-    """In full beside layers that remember six digits, too."""
+    """Beside layers that remember six digits, too."""
     layer = fh.LatticePML(nodes=NODES, profile=Layer(**{**vars(TUNED), "short": short}))
     ahead, later = (simulation("space", layer, dtype=dtype) for _ in range(2))
     ahead.step(20)
@@ -121,6 +122,28 @@ def test_a_checkpoint_has_them(tmp_path, dtype, short):
         sim.step(15)
     assert np.abs(ahead.engine.tables.dampers.states).max() > 1e-4
     np.testing.assert_array_equal(later.fields["u"], ahead.fields["u"])
+
+
+@pytest.mark.parametrize("name", ["space", "scalar in space"])
+def test_halves_of_states_miss_a_part_of_what_dampers_take(name):
+    """Beside layers that remember six digits; at all amplitudes alike."""
+    layer, found = fh.LatticePML(nodes=NODES, profile=Layer(**{**vars(TUNED), "short": True})), []
+    start = simulation(name, layer).fields["u"].copy()
+    for boundary, factor in ((side(), 1.0), (layer, 1.0), (layer, 2.0**-200), (layer, 2.0**200)):
+        sim = simulation(name, boundary, u=factor * start)
+        sim.step(60)
+        found.append(sim.fields["u"] / factor)
+    assert sim.engine.tables.dampers.states.dtype == "int32"
+    assert 0 < np.abs(found[1] - found[0]).max() < 1e-6 * np.abs(start).max()
+    for other in found[2:]:
+        np.testing.assert_array_equal(other, found[1])
+
+
+def test_each_node_of_the_layers_has_one_place():
+    """Where layers meet, too."""
+    sim = simulation("space")
+    layout = sim.engine.layout
+    assert sim.engine.dampers.size == np.prod(layout.box.nodes) - np.prod(layout.core) + 1
 
 
 def test_single_precision():

@@ -14,9 +14,9 @@ from farhorizon.simulation.layers import with_one_filter
 GENTLE, STRONG = ((np.array([0.0, share]), taps) for share, taps in ((0.02, [0.5, 0.25]), (0.5, [0.5, 0.25, 0.1])))
 
 
-def cube(reach=2.0, nodes=11, layers=4, share=0.5, **changes):
+def cube(reach=2.0, nodes=11, layers=4, share=0.5, damping=0.0, **changes):
     lattice = fh.Lattice(1.0, (0.0,) * 3, (nodes - 1.0,) * 3)
-    model = fh.Wave(fh.Kernel(reach))
+    model = fh.Wave(fh.Kernel(reach), damping=damping)
     free = fh.Simulation(lattice, model, fh.Fixed())
     pulse = np.zeros(lattice.shape)
     pulse[(nodes // 2,) * 3] = 1
@@ -110,3 +110,51 @@ def test_a_choice_that_takes_long_says_so(monkeypatch, capfd):
             {"u": "exp(-(x**2 + y**2)/16)"},
         )
         assert ("to choose; nodes in place of a target" in capfd.readouterr().err) == (patience == 0)
+
+
+def test_layers_of_scalars_in_space_have_dampers_in_place_of_a_box_of_all_nodes():
+    """Few given nodes, down to a target of 1e-5; also beside a free side, and in a medium that damps waves."""
+    pml = fh.LatticePML(nodes=4, target=1e-4)
+    beside_free = {"x": pml, "y": pml, "z-": pml, "z+": fh.Free()}
+    for boundary, damping in ((pml, 0.0), (beside_free, 0.0), (pml, 0.5)):
+        sim = cube(3.0, boundary=boundary, damping=damping)
+        assert all(one.tuned.size for one in sim.engine.layers.values())
+        assert not sim.engine.tables.filter.runs.size and sim.engine.tables.dampers.runs.size
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"boundary": fh.LatticePML(nodes=4)},
+        {"boundary": fh.LatticePML(nodes=4, target=1e-6)},
+        {"boundary": fh.LatticePML(nodes=13, target=1e-4)},
+        {"share": 0.999},
+        {"boundary": {"x": fh.LatticePML(nodes=4, target=1e-4), "y": fh.Periodic(), "z": fh.Periodic()}},
+        {"coefficient": "1 + 0.5*(x > 5)"},
+    ],
+)
+def test_else_they_keep_their_filter(changes):
+    """Nothing is known of what is asked, or more is; more nodes; steps near the limit; between sides that repeat
+    themselves; springs have one frequency, where the medium varies.
+    """
+    sim = cube(3.0, **({"boundary": fh.LatticePML(nodes=4, target=1e-4)} | changes))
+    assert all(one.filtered for one in sim.engine.layers.values())
+
+
+def test_a_scalar_in_space_chooses_dampers_where_they_keep_its_target():
+    """And filters where these do; the prediction is kept."""
+    lattice = fh.Lattice(1.0, (-10.0,) * 3, (10.0,) * 3)
+    x, y, z = lattice.coordinates()
+    u, model = np.exp(-(x**2 + y**2 + z**2) / 8), fh.Wave(fh.Kernel(3.0))
+    exact = fh.Simulation(lattice, model, fh.Extended(1e-8, until=80.0), {"u": u}, threads=1)
+    sim = fh.Simulation(lattice, model, fh.LatticePML(target=1e-3, until=80.0), {"u": u}, threads=1)
+    assert all(one.name.startswith("tuned, ") for one in sim.thickness.values())
+    assert all(one.layer.tuned.size for one in sim.thickness.values())
+    worst = 0.0
+    for step in np.linspace(0, 80.0 / sim.dt, 9).astype(int)[1:].tolist():
+        for run in (sim, exact):
+            run.step(step - run.step_count)
+        worst = max(worst, float(np.abs(sim.fields["u"] - exact.fields["u"]).max()))
+    assert 1e-7 < worst <= 1e-3
+    fine = fh.Simulation(lattice, model, fh.LatticePML(target=1e-8, until=80.0), {"u": u}, threads=1)
+    assert all(one.layer.filtered for one in fine.thickness.values())

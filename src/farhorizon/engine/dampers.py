@@ -28,11 +28,12 @@ import numpy as np
 
 from farhorizon.engine.layout import SLACK, Layout
 from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.vectors import move_masses
+from farhorizon.engine.rows.vectors import fetch, move_masses
 from farhorizon.engine.threads import barrier, share
 
 # largest shares of the frequency that a step carries at most, and of the width, where a step is too long for them
 _NEAR, _MOST = 0.98, 0.9
+_AHEAD = 8  # runs between use and prefetch
 
 
 class Dampers(NamedTuple):
@@ -48,7 +49,8 @@ class Dampers(NamedTuple):
     strengths : ndarray
         Lines of them along the last axis, each that occurs once; they go on for `SLACK` values, as the states do.
     states : ndarray, shape (3 * components * apart,)
-        Last increments of the nodes, then p, then q; of each the components one after the other.
+        Last increments of the nodes, then p, then q; of each the components one after the other. Of the memory's type,
+        halves where layers remember these: dampers take a small part of a force, and miss as much of that.
     apart : int
     """
 
@@ -94,7 +96,7 @@ class DamperTables:
     ----------
     slabs : dict of (axis, side) to ndarray of int
         Places of the states of each layer that has dampers, by its nodes in the box, corners included; where layers
-        meet those of the first axis are in use.
+        meet those of the first axis are in use, and the others share one place, the last.
     used : dict of (axis, side) to ndarray of bool
     size : int
         Numbers that are kept of one component.
@@ -123,30 +125,30 @@ class DamperTables:
             slab = [_columns(n, side, layer.columns) if a == axis else slice(None) for a, n in enumerate(nodes)]
             free = [outside[a][slab[a]] | (a >= axis) for a in range(3)]
             self.used[axis, side] = used = free[0][:, None, None] & free[1][:, None] & free[2]
-            self.slabs[axis, side] = places = self.size + np.arange(used.size).reshape(used.shape)
-            self.size += used.size
+            self.slabs[axis, side] = places = np.where(used, self.size - 1 + np.cumsum(used).reshape(used.shape), -1)
+            self.size += int(used.sum())
             at = [np.arange(n)[one] for n, one in zip(nodes, slab, strict=True)]
             parts = [one * step for one, step in zip(at, box.stride, strict=True)]
             levels = box.origin + np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])
             entries = np.add.outer(line[slab[0], slab[1]], at[2])
             runs.append(_runs(levels[used], entries[used], places[used], number))
+        for places in self.slabs.values():
+            places[places < 0] = self.size
+        self.size += bool(self.slabs)
         self._runs = np.concatenate(runs)
 
     def tables(self, memory: np.ndarray, real: np.dtype) -> Dampers:
         """Those of the compiled loop, whose states are the memory of an engine from `start` on."""
-        components = self.layout.components
-        states = memory[self.start :].view(real)[: 3 * components * self.size]
+        states = memory[self.start :][: 3 * self.layout.components * self.size]
         strengths = np.append(self._strengths, np.zeros(SLACK)).astype(real)
         return Dampers(self._runs, self._springs.astype(real), strengths, states, self.size)
 
-    def lines(self, parts: int) -> Iterator[tuple[str, np.ndarray, tuple[int, ...]]]:
-        """Places in the memory by name, see `LayerTables.lines`; `parts`: in how many numbers each state lies."""
+    def lines(self) -> Iterator[tuple[str, np.ndarray, tuple[int, ...]]]:
+        """Places in the memory by name, see `LayerTables.lines`."""
         for (axis, side), places in self.slabs.items():
             along = np.moveaxis(places, axis, 0)
             every = self.size * np.arange(3 * self.layout.components)[:, None, None, None] + along
-            found = parts * every[:, None] + np.arange(parts)[:, None, None, None]
-            found = found.reshape(len(every), -1, *along.shape[1:])
-            yield f"{axis}{'-+'[side > 0]}", self.start + found, tuple(a for a in range(3) if a != axis)
+            yield f"{axis}{'-+'[side > 0]}", self.start + every, tuple(a for a in range(3) if a != axis)
 
     def cells(self) -> list[tuple[tuple[int, int], np.ndarray]]:
         """Places of the states in use, of each layer by component, number (those of the nodes outwards, three times),
@@ -180,15 +182,19 @@ def move_dampers(thread, stage, dampers):
     """The hanging masses move, and pull their nodes; one thread's share."""
     runs, springs, size = dampers.runs, dampers.springs, stage.out.itemsize
     apart, each = stage.src.size // stage.components, dampers.apart
-    later = stage.components * each * size
+    later = stage.components * each * dampers.states.itemsize
     out, src, base = stage.out.ctypes.data, stage.src.ctypes.data, stage.base.ctypes.data
-    states, strengths = dampers.states.ctypes.data, dampers.strengths.ctypes.data
+    states, strengths, kept = dampers.states.ctypes.data, dampers.strengths.ctypes.data, dampers.states.itemsize
     share_of_source = stage.out.dtype.type(0 if stage.increments else 1)
     own = share(thread, runs.shape[0])
     for i in range(own[0], own[1]):
         node, strength, state, count, number = runs[i, 0], runs[i, 1], runs[i, 2], runs[i, 3], runs[i, 4]
+        # beside the last axis runs are short, and too far apart for the hardware to notice
+        ahead = runs[min(i + _AHEAD, runs.shape[0] - 1), 0] * size
+        fetch(out + ahead)
+        fetch(src + ahead)
         for c in range(stage.components):
-            level, last = (c * apart + node) * size, states + (c * each + state) * size
+            level, last = (c * apart + node) * size, states + (c * each + state) * kept
             there = base if stage.increments else out
             move_masses(
                 (last, last + later, last + 2 * later),
@@ -198,5 +204,6 @@ def move_dampers(thread, stage, dampers):
                 springs[number, 1],
                 share_of_source,
                 count,
+                dampers.states[0],
             )
     barrier(thread)

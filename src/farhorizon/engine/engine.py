@@ -270,7 +270,7 @@ class Engine:
         every = self.all_layers
         starts = np.cumsum([0, *(aligned(tables.layers.memory.size) for tables in every)])
         stretched = 0 if self.passes is None else self.passes.stretches.memory.size
-        hanging = 3 * self.components * self.dampers.size * self.dtype.itemsize // self.kept.itemsize
+        hanging = 3 * self.components * self.dampers.size
         end = int(starts[-1]) if stretched or hanging else int(starts[-2]) + every[-1].layers.memory.size
         self.dampers.start = aligned(end + stretched) if hanging else 0
         memory = aligned_zeros(self.dampers.start + hanging + SLACK if hanging else end + stretched, self.kept)
@@ -588,7 +588,7 @@ class Engine:
         for number, tables in enumerate(self.all_layers if self.remember else ()):
             for name, places, axes in tables.lines():
                 yield f"memory/{number}/{name}", tables.start + places, axes
-        for name, places, axes in self.dampers.lines(self.dtype.itemsize // self.kept.itemsize):
+        for name, places, axes in self.dampers.lines():
             yield f"memory/dampers/{name}", places, axes
 
     @property

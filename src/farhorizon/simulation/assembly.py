@@ -36,7 +36,7 @@ from farhorizon.simulation.drives import (
 from farhorizon.simulation.extension import Emitters, extend
 from farhorizon.simulation.grid import Grid, choose_margins, make_grid, states_of
 from farhorizon.simulation.host import looked_at, node_factor, varied
-from farhorizon.simulation.layers import choose_layers
+from farhorizon.simulation.layers import choose_layers, with_light_dampers
 from farhorizon.simulation.near_field import NearField, extremes_of, near_field
 from farhorizon.simulation.setup import Key, Setup, Sides
 from farhorizon.simulation.share import Share, check_choosable, check_shareable, chooses, share_of
@@ -363,7 +363,8 @@ def _choose_sides(
 
 def _with_layers(setup: Setup, near: NearField, sides: Sides, sources: Sequence[Any]) -> Surroundings:
     stencil: Stencil = near.stencil
-    found = choose_layers(setup, near, by_target(setup, sides, stencil, near.pace.sides), sources)
+    around = with_light_dampers(near, by_target(setup, sides, stencil, near.pace.sides))
+    found = choose_layers(setup, near, around, sources)
     if found.thickness:
         check_memory(setup, stencil, found)
     return found
@@ -395,8 +396,10 @@ def shared(setup: Setup, team: Team, topology: Sequence[int] | None, stiffer: fl
     bare = replace(uniform, initial={}, loads=(), coefficient=None, constraints=held)
     extremes = extremes_of(setup, host, stencil, team, stiffer)
     around = by_target(uniform, setup.sides, stencil, extremes.pace.sides)
+    near = near_field(bare, setup.sides, stencil, Variation(), whole=extremes)
     if chooses(around):
         check_choosable(setup.lattice)
         around = team.first(team.by_first(lambda: survey(setup, stiffer).around))
-    near = near_field(bare, setup.sides, stencil, Variation(), whole=extremes)
+    else:
+        around = with_light_dampers(near, around)
     return share_of(setup, host, around, near, team, topology), Whole(near, setup.sides, team)

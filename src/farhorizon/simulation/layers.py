@@ -15,9 +15,11 @@ import numpy as np
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.choice import weak
+from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.returned import Datum
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
 from farhorizon.analysis.layers.thickness import MOST, Thickness, Wall, distance_to_side, thinnest_for_diffusion
+from farhorizon.analysis.layers.tuned_layers import as_quiet, lightly_tuned
 from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
@@ -28,7 +30,7 @@ from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.alternating_waves import FOLLOWED, AlternatingWaves
 from farhorizon.simulation.coupling import expansion_of
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.returned_waves import CROSSINGS, FORESEEN, LASTING, MOST_CROSSINGS, ReturnedWaves
+from farhorizon.simulation.returned_waves import CROSSINGS, FORESEEN, LASTING, MOST_CROSSINGS, ReturnedWaves, spreads
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.solid_and_liquid import placed
 from farhorizon.simulation.surroundings import Surroundings
@@ -38,6 +40,7 @@ _PATIENCE = 30.0  # seconds after which a choice that still goes on says so
 _LITTLE = 0.3  # damping in two steps that may wait for the second
 _TURN = 0.2  # of a period, in a step of the fastest wave, where it may
 _SHORT = 1e-6  # target down to which six digits are enough for what layers remember
+_LIGHT = 1e-5  # and for light dampers: they send 2e-6 of a resolved pulse back at most
 _TIGHTER = 2.0  # factor by which less is asked for until waves that alternate are kept back, too
 _ALIVE = 0.75  # factor of a step from which on waves are still there when they reach a side
 
@@ -92,6 +95,30 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
     if _may_be_short(near, around.sides):
         chosen = {key: replace(layer, short=True) for key, layer in chosen.items()}
     return replace(around, layers=chosen, thickness=thickness, notes=notes + choice.unforeseen(layers))
+
+
+def with_light_dampers(near: NearField, around: Surroundings) -> Surroundings:
+    """The sides with light dampers in place of the filters of layers of scalars that are given by their nodes, with a
+    target down to `_LIGHT`, if no more comes back then: in a medium that does not vary, and goes on to one side at
+    least along each other axis.
+
+    It follows from what each of several processes knows.
+    """
+    model, spacing, found = near.model, near.lattice.spacing, dict(around.layers)
+    if model.order == 1 or near.stencil.components > 1 or near.weakest != near.strongest:
+        return around
+    for key, boundary in around.sides.items():
+        layer = found.get(key)
+        if layer is None or not layer.filtered or boundary.profile is not None or (boundary.target or 0.0) < _LIGHT:
+            continue
+        squared = around.coefficients[key]
+        stencil = near.stencil.along(key[0]).beside(squared / model.coefficient)
+        light = lightly_tuned(layer, stencil, float(np.sqrt(squared)) / spacing, near.dt)
+        # without the damping of the model, which takes of both alike
+        medium = LatticeMedium(stencil, squared, spacing, Recursion.of(model.integrator, near.dt), near.dt)
+        if light is not None and spreads(around.sides, key[0]) and as_quiet(light, layer, medium):
+            found[key] = light
+    return replace(around, layers=found)
 
 
 def _may_be_short(near: NearField, sides: Sides) -> bool:

@@ -54,6 +54,18 @@ _HERE = 0.01  # of its largest value: a datum is where it has more
 _BESIDE_FREE = 0.4
 
 
+def spreads(sides: Mapping[tuple[int, int], Side], axis: int) -> bool:
+    """Whether a medium goes on to one side at least along each axis but this one.
+
+    Between two walls, and where it repeats itself, waves near their cut-off hardly move towards a side and come back
+    again and again, and those of plates run backward at low frequencies, too: in thin layers they grow by 0.01
+    c/spacing.
+    """
+    others = {other for other, _ in sides} - {axis}
+    open_to = {other for (other, _), b in sides.items() if not b.periodic and not b.image}
+    return bool(others) and others <= open_to
+
+
 @dataclass(frozen=True)
 class ReturnedWaves:
     """A wave field with open sides, of a scalar or of vectors.
@@ -135,7 +147,7 @@ class ReturnedWaves:
             return replace(boundary, nodes=nodes).make_layer(2, medium.stencil, medium.coefficient, self.spacing, 0.0)
 
         share = _BESIDE_FREE if any(b.image > 0 for b in self._beside(axis)) else 1.0
-        dt = self.dt if self._spreads(axis) else None
+        dt = self.dt if self.squared_speed is None and spreads(self.sides, axis) else None
         members = family(medium.stencil, pace, slowest, until, distance_to_side(data), share * wanted, dt, steep)
         found = thinnest(members, sent, share * wanted, size)
         if found is None and boundary.target is None:
@@ -279,17 +291,6 @@ class ReturnedWaves:
         scale, offset = np.ones(datum.values.ndim), np.zeros(datum.values.ndim)
         scale[axis], offset[axis] = 1 / ratio, centre - centre / ratio
         return replace(datum, values=datum.values + affine_transform(datum.values, scale, offset, order=1))
-
-    def _spreads(self, axis: int) -> bool:
-        """Whether the medium does not vary, and goes on to one side at least along each other axis.
-
-        Between two walls, and where it repeats itself, waves near their cut-off hardly move towards a side and come
-        back again and again, and those of plates run backward at low frequencies, too: in thin layers they grow by
-        0.01 c/spacing.
-        """
-        others = {other for other, _ in self.sides} - {axis}
-        open_to = {other for (other, _), b in self.sides.items() if not b.periodic and not b.image}
-        return bool(others) and others <= open_to and self.squared_speed is None
 
     def _beside(self, axis: int) -> list[Side]:
         """The sides along the other axes."""

@@ -1,14 +1,18 @@
 """Layers whose dampers are tuned to backward waves: how thin they are, and that noise does not grow in them."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.layers.thickness import briefly_damped
-from farhorizon.analysis.layers.tuned_layers import backward_band, tuned_layers
+from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.layers.layer import LatticeMedium
+from farhorizon.analysis.layers.thickness import briefly_damped, gently_damped, steady_rise, thin
+from farhorizon.analysis.layers.tuned_layers import as_quiet, backward_band, lightly_tuned, tuned_layers
+from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.checks.side_modes import Strip, plain_twin
 from farhorizon.engine.state import State
 
@@ -260,3 +264,123 @@ def test_plates_and_guides_have_none(other):
     layer = fh.LatticePML(target=1e-3, until=100.0)
     sim = fh.Simulation(lattice, solid(2.0), {"x": layer, "y": other}, {"u": np.stack([g, 0 * g])}, threads=1)
     assert all(not found.layer.tuned.size for found in sim.thickness.values())
+
+
+#: Scalars in space: their backward waves are weak.
+SCALARS = {
+    "reach 2": fh.Kernel(2.0),
+    "reach 3": fh.Kernel(3.0),
+    "reach 4": fh.Kernel(4.0),
+    "linear": fh.Kernel(2.0, 1, "linear"),
+    "linear, whole cells": fh.Kernel(2.0, 1, "linear", volume="full"),
+    "exponent 3": fh.Kernel(3.0, 3, volume="full"),
+    "exponent 3, reach 2": fh.Kernel(2.0, 3, volume="full"),
+    "gaussian": fh.Kernel(4.0, 0, "gaussian", volume="full"),
+}
+
+
+def filtered(model, nodes, strength):
+    """A thin profile with a short filter."""
+    stencil = model.stencil(1.0, 3)
+    return gently_damped(thin(nodes, strength, 1.0, steady_rise(stencil, nodes)), stencil)
+
+
+def test_light_dampers_take_the_place_of_a_weak_filter():
+    """The stretch stays; not with more nodes, in the plane, without such waves, nor at a step near the limit."""
+    model = fh.Wave(SCALARS["reach 3"])
+    stencil, dt = model.stencil(1.0, 3), 0.5 * step_limit(model, 3)
+    layer = filtered(model, 6, 2.0)
+    light = lightly_tuned(layer, stencil, 1.0, dt)
+    assert layer.filtered and not light.filtered and light.taps.size == 1
+    for part in ("kappa", "sigma", "alpha"):
+        np.testing.assert_array_equal(getattr(light, part), getattr(layer, part))
+    band = backward_band(stencil, 0.1)
+    assert band.frequency - band.width / 2 < light.tuned[0] <= band.highest
+    assert (np.diff(light.damping) > 0).all()
+    assert lightly_tuned(filtered(model, 13, 2.0), stencil, 1.0, dt) is None
+    assert lightly_tuned(thin(6, 2.0, 1.0), stencil, 1.0, dt) is None
+    assert lightly_tuned(layer, stencil, 1.0, 0.99 * step_limit(model, 3)) is None
+    flat = fh.Wave(fh.Kernel(3.0, 1)).stencil(1.0, 2)
+    assert backward_band(flat) is not None and lightly_tuned(layer, flat, 1.0, dt) is None
+
+
+def test_light_dampers_know_no_units():
+    model = fh.Wave(SCALARS["reach 2"])
+    stencil, dt = model.stencil(1.0, 3), 0.5 * step_limit(model, 3)
+    layer = filtered(model, 4, 2.0)
+    one = lightly_tuned(layer, stencil, 1.0, dt)
+    scaled = {name: 1e4 * getattr(layer, name) for name in ("sigma", "alpha", "damping")}
+    other = lightly_tuned(replace(layer, **scaled), stencil, 1e4, 1e-4 * dt)
+    for part in ("damping", "tuned"):
+        np.testing.assert_allclose(getattr(other, part), 1e4 * getattr(one, part), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["reach 3", *(pytest.param(n, marks=pytest.mark.slow) for n in SCALARS if n not in ("reach 3", "exponent 3"))],
+)
+@pytest.mark.parametrize("share", [0.5, pytest.param(0.3, marks=pytest.mark.slow)])
+def test_no_wave_along_a_side_grows_faster_than_beside_a_filter(name, share):
+    """The eigenvalues of a strip; where those with a filter decay, these do. Exponent 3 with a reach of 3 has waves
+    that grow by 3e-4 whatever damps them, a little more or less.
+    """
+    model = fh.Wave(SCALARS[name])
+    stencil, dt = model.stencil(1.0, 3), share * step_limit(model, 3)
+    lattice, rates = fh.Lattice(1.0, (0.0,) * 3, (8.0,) * 3), []
+    for nodes, strength in ((3, 1.4), (4, 2.0), (6, 4.0), (8, 2.0)):
+        layer = filtered(model, nodes, strength)
+        for one in (layer, lightly_tuned(layer, stencil, 1.0, dt)):
+            sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=nodes, profile=one), dt=dt, threads=1)
+            strip = Strip(sim, 0, lattice.shape[0])
+            angles = [(0.01, 0.01), (0.01, 0.5), (1.3, 1.3), (1.9, 2.6), (2.6, np.pi), (np.pi, np.pi)]
+            rates.append(max(strip.growth(*pair).rate for pair in angles))
+        assert rates[-1] <= max(rates[-2], 0.0), (nodes, strength, rates[-2:])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(16))
+def test_noise_decays_beside_light_dampers_where_layers_meet_in_space(number):
+    """Thin and steep layers on all sides of few nodes."""
+    random = np.random.default_rng([SEED, number])
+    name, share = str(random.choice(list(SCALARS))), float(random.uniform(0.3, 0.9))
+    model = fh.Wave(SCALARS[name])
+    stencil = model.stencil(1.0, 3)
+    nodes = int(random.integers(2, 13))
+    strengths = [1.4, 2.0, 4.0] + [5.6] * (steady_rise(stencil, nodes) not in (None, 0.75))
+    steep = fh.LatticePML(nodes=nodes).make_layer(2, stencil, 1.0, 1.0, 0.0)
+    layer = steep if random.random() < 0.3 else filtered(model, nodes, float(random.choice(strengths)))
+    light = lightly_tuned(layer, stencil, 1.0, share * step_limit(model, 3))
+    print(f"seed {SEED}, number {number}: {name}, {nodes} nodes, step {share:.2f}, {light}")
+    if light is not None:  # the step may be too long
+        assert _growth(model, 3, light, share, 4000.0, number) < 1.0
+
+
+@pytest.mark.parametrize("nodes", [4, pytest.param(8, marks=pytest.mark.slow)])
+def test_light_dampers_send_next_to_nothing_of_resolved_pulses_back(nodes):
+    """On top of what a layer with a filter does: corners included, over four crossings of waves of eight nodes."""
+    model, half = fh.Wave(SCALARS["reach 3"]), 12.0
+    lattice = fh.Lattice(1.0, (-half,) * 3, (half,) * 3)
+    x, y, z = lattice.coordinates()
+    u = np.exp(-((x - 3.0) ** 2 + (y + 2.0) ** 2 + z**2) * (np.pi / 8) ** 2)
+    layer, dt = filtered(model, nodes, 2.0), 0.5 * step_limit(model, 3)
+    errors = []
+    for one in (layer, lightly_tuned(layer, model.stencil(1.0, 3), 1.0, dt)):
+        sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=nodes, profile=one), {"u": u}, dt=dt, threads=1)
+        last = int(8 * half / dt)
+        infinite = InfiniteLattice(sim.stencil, 1.0, model.integrator, dt, last, u)
+        errors.append(0.0)
+        for step in np.linspace(0, last, 9).astype(int)[1:].tolist():
+            sim.step(step - sim.step_count)
+            errors[-1] = max(errors[-1], float(np.abs(sim.fields["u"] - infinite.after(step)).max()))
+    print(errors)
+    assert errors[1] < errors[0] + 2.5e-6
+
+
+def test_the_largest_wave_that_comes_back_decides():
+    """Thick layers, of which long waves along the side come back less than short ones do from dampers, keep filters."""
+    model = fh.Wave(SCALARS["linear"])
+    stencil, dt = model.stencil(1.0, 3), 0.5 * step_limit(model, 3)
+    medium = LatticeMedium(stencil, 1.0, 1.0, Recursion.of(model.integrator, dt, 0.0), dt)
+    layer = fh.LatticePML(nodes=12).make_layer(2, stencil, 1.0, 1.0, 0.0)
+    assert as_quiet(layer, layer, medium)
+    assert not as_quiet(lightly_tuned(layer, stencil, 1.0, dt), layer, medium)

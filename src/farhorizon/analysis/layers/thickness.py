@@ -7,7 +7,7 @@ that hardly move towards the side:
 - *steep*: little alpha. The least leak of travelling waves: best below 1e-6 and in short runs.
 - *thin*: sigma as depth^(3/4), alpha rising as depth^4 to the outer end. The fewest nodes for 1e-3 to 1e-6.
 - *tuned*: for stencils with strong backward waves, as thin as the thin ones. Dampers take the backward waves by their
-  frequency; one medium along the whole side.
+  frequency; one medium along the whole side. Of weak ones of scalars in space, the others with light dampers.
 - *short*: for the same, whose damping by wavelength decides what comes back. sigma and damping rise together, and the
   filter of the damping reads few neighbours.
 - *late*: made for the length T of a run. On the line Re s = 1/T a travelling, grazing, evanescent or static wave is one
@@ -32,7 +32,7 @@ from scipy import special
 from farhorizon.analysis.layers.choice import rising_alpha, smooth_ramp, weak
 from farhorizon.analysis.layers.returned import Arrivals, reflected
 from farhorizon.analysis.layers.short_waves import HighPass, high_pass
-from farhorizon.analysis.layers.tuned_layers import tuned_layers
+from farhorizon.analysis.layers.tuned_layers import lightly_tuned, tuned_layers
 from farhorizon.engine.engine import Layer
 from farhorizon.medium.stencil import Stencil
 
@@ -347,9 +347,15 @@ def family(
                 found[f"thin ({strength:g})"] = gently_damped(thin(nodes, strength, pace, rise), stencil)
         if nodes > max(_EQUAL) and timely:
             found["late"] = long_run_profile(nodes, pace, until, distance, wanted)
-        return found
+        return found if dt is None or not backward else _with_light(found, stencil, pace, dt)
 
     return members
+
+
+def _with_light(members: Mapping[str, Layer], stencil: Stencil, pace: float, dt: float) -> dict[str, Layer]:
+    """Layers by name, those with light dampers in place of a filter first: they cost less."""
+    light = {f"tuned, {name}": lightly_tuned(layer, stencil, pace, dt) for name, layer in members.items()}
+    return {name: layer for name, layer in light.items() if layer is not None} | dict(members)
 
 
 def thinnest(
@@ -374,11 +380,18 @@ def thinnest(
         None if no layer of up to 60 nodes keeps it.
     """
     aim = _AIM * wanted * (_AIM_CROWDED if crowded(waves[0].medium.stencil) else 1.0)
+    scalar = waves[0].medium.stencil.components == 1
 
     def best(nodes: int) -> Thickness | None:
-        name, layer = _quietest(members(nodes), waves)
-        predicted = predicted_error(layer, waves, size, aim)
-        return Thickness(name, layer, predicted) if predicted <= aim else None
+        every = members(nodes)
+        # of scalars: dampers take no box of all nodes, so that filters are for what these do not keep
+        light = {name: one for name, one in every.items() if one.tuned.size} if scalar else {}
+        for some in filter(None, (light, {name: one for name, one in every.items() if name not in light})):
+            name, layer = _quietest(some, waves)
+            predicted = predicted_error(layer, waves, size, aim)
+            if predicted <= aim:
+                return Thickness(name, layer, predicted)
+        return None
 
     low, high, found = 0, 2, best(2)
     while found is None:

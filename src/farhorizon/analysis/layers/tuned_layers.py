@@ -5,6 +5,9 @@ gamma from the symbol (`Stencil.layer_growth`). All waves of positive kernels an
 fastest of their medium: from 0.65 (bilinear elements) to 0.9 of the largest frequency on, ten times that of a wave of
 twenty nodes. A filter in space tells them from long waves by their wavelength, and in a thin layer, where long waves
 fall within a few nodes, takes part of these, too; dampers tell them by their frequency, which a layer does not change.
+
+Weak backward waves, as those of scalars in space, lie in a narrow band right below the largest frequency. There light
+dampers of that band do what the short filter does (`lightly_tuned`), node by node, without a box of all nodes.
 """
 
 from __future__ import annotations
@@ -16,8 +19,10 @@ from typing import NamedTuple
 import numpy as np
 
 from farhorizon.analysis.layers.choice import rising_alpha
+from farhorizon.analysis.layers.layer import LatticeMedium, amplitudes_of
 from farhorizon.engine.dampers import response, springs_of, strengths_of
 from farhorizon.engine.engine import Layer
+from farhorizon.errors import InputError
 from farhorizon.medium.stencil import Stencil
 
 _APART = 0.5  # part of the largest frequency above which backward waves have to be
@@ -26,6 +31,12 @@ _APART = 0.5  # part of the largest frequency above which backward waves have to
 _PLACE, _WIDTH, _LEAST_WIDTH = 0.5, 1.2, 0.2
 _REAL = 0.3  # real stretch over sigma: backward waves grow by less, and the fastest waves are slower
 _GRADUAL = 2.5  # nodes after the first in which the dampers may come in one power of the depth later
+# of light dampers: the least width over the largest frequency, for what a damper does to slow waves goes with its
+# width; the rate over what first order in sigma asks for, at the outer end, and the power of its ramp; and the most
+# nodes, beyond which filters send back less
+_LIGHT_WIDTH, _LIGHT_RATE, _LIGHT_RAMP, _LIGHT_NODES = 0.1, 5.0, 2, 12
+# resolved waves, in nodes, their angles to the normal in degrees, and how many times as much of them may come back
+_RESOLVED, _ANGLES, _MORE = (8.0, 12.0, 20.0, 40.0), (0.0, 45.0, 65.0), 1.05
 
 
 class _Family(NamedTuple):
@@ -88,8 +99,10 @@ class BackwardBand:
 
 
 @lru_cache(maxsize=64)
-def backward_band(stencil: Stencil) -> BackwardBand | None:
-    """The band of a stencil; None where there are no backward waves, or some that are as slow as others."""
+def backward_band(stencil: Stencil, least_width: float = _LEAST_WIDTH) -> BackwardBand | None:
+    """The band of a stencil, with dampers at least so wide over the largest frequency; None where there are no backward
+    waves, or some that are as slow as others.
+    """
     value, growth = stencil.zone_branches[1], stencil.layer_growth[1]
     backward = growth > 1e-6
     if not backward.any() or np.any(stencil.reaction):
@@ -99,7 +112,7 @@ def backward_band(stencil: Stencil) -> BackwardBand | None:
     if lowest < _APART * highest:
         return None
     frequency = lowest + _PLACE * (highest - lowest)
-    width = max(_WIDTH * (highest - lowest), _LEAST_WIDTH * highest)
+    width = max(_WIDTH * (highest - lowest), least_width * highest)
     taken = (width * square) ** 2 / (frequency**2 * ((frequency**2 - square) ** 2 + width**2 * square))
     return BackwardBand(frequency, width, highest, float((2 * growth[backward] / taken).max()))
 
@@ -131,6 +144,43 @@ def tuned_layers(nodes: int, stencil: Stencil, pace: float, dt: float) -> dict[s
         if least <= nodes <= most and _is_steady(layer, band.highest * pace, stencil.dim, dt):
             found[f"tuned ({strength:g}, {rise:g})"] = layer
     return found
+
+
+def lightly_tuned(layer: Layer, stencil: Stencil, pace: float, dt: float) -> Layer | None:
+    """The layer with dampers of weak backward waves in space in place of its filter; None where there are no such
+    waves, or more nodes, with which filters send back less, or the step is too long.
+
+    Parameters
+    ----------
+    layer : Layer
+        Of a scalar, with the ramps of stencils without backward waves.
+    stencil : Stencil
+    pace : float
+        Speed / spacing.
+    dt : float
+    """
+    band = backward_band(stencil, _LIGHT_WIDTH)
+    if band is None or stencil.dim < 3 or not layer.filtered or layer.columns > _LIGHT_NODES:
+        return None
+    ramp = (np.arange(1, layer.columns + 1) / (layer.columns + 1)) ** _LIGHT_RAMP
+    rates, tuned = _LIGHT_RATE * band.rate * layer.sigma[-1] * ramp, np.array([band.frequency, band.width]) * pace
+    light = replace(layer, damping=rates, taps=np.zeros(1), tuned=tuned)
+    return light if _is_steady(light, band.highest * pace, stencil.dim, dt) else None
+
+
+def as_quiet(light: Layer, layer: Layer, medium: LatticeMedium) -> bool:
+    """Whether no more comes back from a layer than from another one of the waves that a lattice resolves, by the
+    largest share of any; not where these are too short for a wide stencil.
+    """
+    try:
+        waves = [medium.plane_wave(length, angle) for length in _RESOLVED for angle in _ANGLES]
+    except InputError:
+        return False
+    back = [
+        max(float(np.abs(one[wave.modes.travels]).max()) for one, wave in zip(found, waves, strict=True))
+        for found in (amplitudes_of(waves, light), amplitudes_of(waves, layer))
+    ]
+    return back[0] <= _MORE * back[1]
 
 
 def _is_steady(layer: Layer, highest: float, axes: int, dt: float) -> bool:

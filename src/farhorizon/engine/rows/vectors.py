@@ -104,14 +104,16 @@ class Vectors:
         )
         return lambda value, address: self.builder.call(masked, [value, self.pointer(address), I32(self.size), mask])
 
-    def in_chunks(self, count: Any, chunk: Callable[[Any, Callable[[Any, Any], None]], None]) -> None:
-        """Call ``chunk(x, store)`` for every whole vector of `count` values and for the rest."""
-        rest = self.builder.srem(count, I64(self.lanes))
+    def in_chunks(self, count: Any, chunk: Callable[..., None], *others: Vectors) -> None:
+        """Call ``chunk(x, store)`` for every whole vector of `count` values and for the rest; with a store of each of
+        other types of as many lanes besides.
+        """
+        rest, every = self.builder.srem(count, I64(self.lanes)), (self, *others)
         whole = self.builder.sub(count, rest)
         with cgutils.for_range_slice(self.builder, I64(0), whole, I64(self.lanes), I64) as (x, _):
-            chunk(x, self.store)
+            chunk(x, *(one.store for one in every))
         with self.builder.if_then(self.builder.icmp_signed(">", rest, I64(0))):
-            chunk(whole, self.store_first(rest))
+            chunk(whole, *(one.store_first(rest) for one in every))
 
     def loop(
         self, first: Any, last: Any, step: int, start: Sequence[Any], body: Callable[[Any, list[Any]], list[Any]]
@@ -928,7 +930,7 @@ def weigh_change(typingctx, to, level, before, share, strengths, count):
 
 
 @intrinsic
-def move_masses(typingctx, states, levels, strengths, keep, pull, share, count):
+def move_masses(typingctx, states, levels, strengths, keep, pull, share, count, kept):
     """The masses that hang on `count` neighbouring nodes move, and pull them; see `engine.dampers`.
 
     Parameters
@@ -943,36 +945,59 @@ def move_masses(typingctx, states, levels, strengths, keep, pull, share, count):
     share : float
         Of the second level in the increment, 0 or 1.
     count : int
+    kept : float or int
+        Of the states' type: that of the levels, or int32 for the first halves of their numbers, see
+        `rows.shifts.Remembered`; rounded to the nearest, for nothing that lasts is learnt from them.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-        last, p, q, level, before, other, out, strengths, keep, pull, share, count = flat(builder, args)
+        last, p, q, level, before, other, out, strengths, keep, pull, share, count, _ = flat(builder, args)
         vectors = Vectors.of(builder, str(signature.args[3]))
+        narrow = Vectors(builder, ir.FloatType(), vectors.lanes)
+        halves = str(signature.args[7]) == "int32"
+        long, short = (ir.VectorType(one, vectors.lanes) for one in (I64, I32))
+        places, rounding = (ir.Constant(long, [one] * vectors.lanes) for one in (32, 1 << 31))
         kept, pulled, less = (vectors.splat(one) for one in (keep, builder.fneg(pull), builder.fneg(share)))
 
-        def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
+        def chunk(x: Any, store: Callable[[Any, Any], None], store_half: Callable[[Any, Any], None]) -> None:
             at = builder.mul(x, I64(vectors.size))
 
             def there(address: Any) -> Any:
                 return builder.add(address, at)
 
+            def half(address: Any) -> Any:
+                return builder.add(address, builder.mul(x, I64(narrow.size)))
+
+            def recalled(address: Any) -> Any:
+                if not halves:
+                    return vectors.load(there(address))
+                bits = builder.zext(builder.bitcast(narrow.load(half(address)), short), long)
+                return builder.bitcast(builder.shl(bits, places), vectors.type)
+
+            def keep_state(value: Any, address: Any) -> None:
+                if not halves:
+                    store(value, there(address))
+                    return
+                bits = builder.lshr(builder.add(builder.bitcast(value, long), rounding), places)
+                store_half(builder.bitcast(builder.trunc(bits, short), narrow.type), half(address))
+
             increment = vectors.multiply_add(vectors.load(there(level)), less, vectors.load(there(before)))
-            place, pace = vectors.load(there(p)), vectors.load(there(q))
-            moved = builder.fsub(increment, vectors.load(there(last)))
+            place, pace = recalled(p), recalled(q)
+            moved = builder.fsub(increment, recalled(last))
             moved = vectors.multiply_add(vectors.multiply_add(moved, kept, pace), pulled, place)
             gained = builder.fmul(vectors.load(there(strengths)), builder.fsub(moved, pace))
-            store(builder.fadd(increment, gained), there(last))
-            store(builder.fadd(place, moved), there(p))
-            store(moved, there(q))
+            keep_state(builder.fadd(increment, gained), last)
+            keep_state(builder.fadd(place, moved), p)
+            keep_state(moved, q)
             store(builder.fadd(vectors.load(there(out)), gained), there(out))
             with builder.if_then(builder.icmp_signed("!=", other, I64(0))):
                 store(builder.fadd(vectors.load(there(other)), gained), there(other))
 
-        vectors.in_chunks(count, chunk)
+        vectors.in_chunks(count, chunk, narrow)
         return context.get_dummy_value()
 
     addresses = types.UniTuple(types.int64, 3), types.UniTuple(types.int64, 4)
-    return types.void(*addresses, types.int64, keep, keep, keep, types.int64), codegen
+    return types.void(*addresses, types.int64, keep, keep, keep, types.int64, kept), codegen
 
 
 @intrinsic
