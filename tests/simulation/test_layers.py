@@ -109,7 +109,7 @@ def test_a_choice_that_takes_long_says_so(monkeypatch, capfd):
             fh.LatticePML(target=1e-3),
             {"u": "exp(-(x**2 + y**2)/16)"},
         )
-        assert ("to choose; nodes in place of a target" in capfd.readouterr().err) == (patience == 0)
+        assert ("to judge; nodes without a target" in capfd.readouterr().err) == (patience == 0)
 
 
 def test_layers_of_scalars_in_space_have_dampers_in_place_of_a_box_of_all_nodes():

@@ -48,7 +48,7 @@ _ALIVE = 0.75  # factor of a step from which on waves are still there when they 
 @contextmanager
 def _told_if_it_takes_long() -> Iterator[None]:
     """Without a word a choice in which waves are followed one by one seems to hang."""
-    said = "farhorizon: the layers of these data take a minute or more to choose; nodes in place of a target take none"
+    said = "farhorizon: these layers take a minute or more to choose or to judge; nodes without a target take none"
     timer = threading.Timer(_PATIENCE, print, [said], {"file": sys.stderr, "flush": True})
     timer.daemon = True
     timer.start()
