@@ -12,12 +12,15 @@ from farhorizon.engine.rows.build import load_program
 from helpers import lattice_of
 
 WAVE = fh.Wave(fh.Kernel(2.0))
+#: Two components that know nothing of each other.
+ALIKE = fh.Elastic(fh.Stencil([(1, 0), (-1, 0), (0, 1), (0, -1)], np.tile(np.eye(2), (4, 1, 1))), 1.0)
 LAYERS = {"continue_band", "add_bands", "stretch_faces", "stretch_face"}
 #: Beside the sweep of a box, what these runs compile.
 RUNS = {
     "wave": ((12, 12), WAVE, fh.Fixed(), {"stencil_part"}),
     "layers": ((12, 12), WAVE, fh.LatticePML(nodes=4), {"stencil_part", *LAYERS}),
     "space": ((12, 12, 12), WAVE, fh.LatticePML(nodes=4), {"stencil_part", *LAYERS, "stretch_edge", "filter_layers"}),
+    "blocks": ((12, 12), ALIKE, fh.Fixed(), {"block_part"}),
     "sponge": ((12, 12), WAVE, fh.Sponge(3), {"stencil_part", "damp_old", "damp_new"}),
     "metal": ((12, 12), fh.Corrosion(fh.Kernel(2.0), saturation=0.5), fh.Fixed(), {"phases_part", "dissolve_nodes"}),
 }
@@ -31,7 +34,7 @@ def test_every_operation_has_a_function():
 @pytest.mark.parametrize(("shape", "model", "side", "found"), RUNS.values(), ids=RUNS)
 def test_a_run_compiles_what_it_has(shape, model, side, found, monkeypatch):
     monkeypatch.setattr(loop, "_FUNCTIONS", {})
-    fh.Simulation(lattice_of(shape), model, side, initial={"u": 0.0}).step(2)
+    fh.Simulation(lattice_of(shape), model, side).step(2)
     assert {name for name, _ in loop._FUNCTIONS} - {"general_rows"} == {"sweep_box", *found}
 
 

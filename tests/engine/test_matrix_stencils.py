@@ -43,6 +43,12 @@ def alike(dim, reach):
     return Stencil(scalar.offsets, scalar.weights[:, None, None] * np.eye(dim))
 
 
+def apart(dim, reach):
+    """Scalar stencils that differ, one for each component."""
+    scalar = kernel_stencil(dim, reach)
+    return Stencil(scalar.offsets, scalar.weights[:, None, None] * np.diag([1.0, 0.5, 0.7][:dim]))
+
+
 STENCILS = {
     **{f"2D m{m}": (elastic(2, m), (17, 21)) for m in (1, 2, 3)},
     "2D m6": (elastic(2, 6), (15, 33)),
@@ -56,8 +62,18 @@ STENCILS = {
     "3D m1": (elastic(3, 1), (7, 8, 19)),
     "3D m2 linear": (elastic(3, 2, influence="linear"), (7, 8, 19)),
     "3D without symmetry": (random_stencil(3), (5, 6, 9)),
+    # of more lines than are read together
+    "2D m8": (elastic(2, 8), (19, 37)),
+    "2D m8 apart": (apart(2, 8), (19, 37)),
+    "3D m2": (elastic(3, 2), (7, 8, 19)),
+    "3D m3": (elastic(3, 3), (8, 9, 27)),
+    "3D m3 apart": (apart(3, 3), (8, 9, 27)),
+    "3D state-based": (elastic(3, 2, "state-based"), (9, 10, 21)),
 }
-SOME = {name: STENCILS[name] for name in ("2D m3", "2D without symmetry", "2D alike", "3D m1", "3D alike")}
+SOME = {
+    name: STENCILS[name]
+    for name in ("2D m3", "2D without symmetry", "2D alike", "2D m8", "3D m1", "3D alike", "3D m2", "3D m3 apart")
+}
 
 
 @pytest.mark.parametrize(("stencil", "shape"), STENCILS.values(), ids=STENCILS)
@@ -135,18 +151,26 @@ def test_layers_are_swept_alike_with_and_without_compiled_rows(dim, monkeypatch)
         np.testing.assert_allclose(getattr(fast.engine, name), getattr(slow.engine, name), rtol=0, atol=1e-12)
 
 
-def test_two_threads_compute_what_one_does(monkeypatch):
+@pytest.mark.parametrize(
+    ("shape", "solid"),
+    [
+        ((15, 40), Elastic(Kernel(2.0), 1.0)),
+        ((10, 11, 14), Elastic(Kernel(2.0), 1.0, 0.3, material="correspondence", stabilisation=0.3)),
+    ],
+    ids=["bonds", "blocks"],
+)
+def test_two_threads_compute_what_one_does(shape, solid, monkeypatch):
     """Bit by bit, layers, periodic copies and damped nodes included."""
     monkeypatch.setattr("farhorizon.engine.engine._PARALLEL_NUMBERS", 0)
-    lattice = lattice_of((15, 40))
+    lattice = lattice_of(shape)
     runs = []
     for threads in (1, 2):
         monkeypatch.setattr("farhorizon.simulation.setup.available_threads", lambda n=threads: n)
         sim = Simulation(
             lattice,
-            Elastic(Kernel(2.0), 1.0),
-            {"x-": LatticePML(nodes=4), "x+": Sponge(5), "y": Periodic()},
-            {"u": np.random.default_rng(2).standard_normal((2, *lattice.shape))},
+            solid,
+            {"x-": LatticePML(nodes=4), "x+": Sponge(3)} | dict.fromkeys("yz"[: len(shape) - 1], Periodic()),
+            {"u": np.random.default_rng(2).standard_normal((len(shape), *lattice.shape))},
             threads=threads,
         )
         sim.step(9)

@@ -604,7 +604,7 @@ def go_through(thread, stage, sums, tables, inputs, step, each, turn, shares):
     Each thread has parts of its own, the same in all steps, for the threads' caches may lie far apart. It claims some
     as it goes, and when it is through some of the others', so that one whose processor is busy otherwise does less.
     """
-    count = count_parts(sums.sweep) * sums.turns
+    count = count_parts(sums.sweep) * sums.rounds
     for shift in range(thread.threads):
         owner = (thread.number + shift) % thread.threads
         first = owner * count // thread.threads

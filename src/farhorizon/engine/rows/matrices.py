@@ -142,6 +142,10 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str, inside: Sign
                 for column in some
             }
             begins = some.start == 0  # the first to come to what is written
+            reached = {
+                row for n in range(len(offsets)) for row in range(rows) for column in some if w.used(n, row, column)
+            }
+            written = range(rows) if begins else sorted(reached)
             ahead = [
                 vectors.shifted(source, (sign * o0, s0), (o1, s1), (AHEAD, step))
                 for source in sources[some.start : some.stop]
@@ -168,7 +172,9 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str, inside: Sign
                                     total[key] = vectors.multiply_add(
                                         total.get(key), w.of(number, row, column), combined[tuple(outer)]
                                     )
-                found: dict[Hashable, Any] = {(row, 0): total.get((row, 0, 0)) for row in range(rows)}
+                found: dict[Hashable, Any] = {
+                    (row, 0): total.get((row, 0, 0), None if row in reached else zero) for row in written
+                }
                 for row, i in {(row, i) for row, _, i in total if i}:
                     even, turned = total.get((row, 0, i), zero), total.get((row, 1, i))
                     found[row, i, "ahead"] = even if turned is None else builder.fadd(even, turned)
@@ -191,7 +197,7 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str, inside: Sign
                     [at[row] for at in own],
                     news[row],
                 )
-                for row in range(rows)
+                for row in written
             ]
             return VectorRow(sums, outputs, ahead)
 
