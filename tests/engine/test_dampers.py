@@ -1,5 +1,7 @@
 """Masses that hang on the nodes of layers, against their equations at one frequency."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,6 +18,7 @@ DEPTH = (np.arange(NODES + 1) + 0.5) / (NODES + 1)
 TUNED = Layer(
     1 + 0.5 * DEPTH, 2.0 * DEPTH, 0.01 + 0.3 * DEPTH**4, np.array([0.05, 0.2, 0.3, 0.7]), tuned=np.array([1.6, 0.5])
 )
+STILL = Layer(np.ones(NODES + 1), 0 * DEPTH, 0 * DEPTH, TUNED.damping, tuned=TUNED.tuned)  # dampers alone
 OTHER = Layer(np.ones(NODES + 1), DEPTH, 0.01 * DEPTH, np.array([0.1, 0.1, 0.3, 0.2]), tuned=np.array([1.3, 0.9]))
 BONDS = fh.Elastic(fh.Kernel(2.0, 1), young=1.0)
 MEDIA = {
@@ -125,16 +128,19 @@ def test_a_checkpoint_has_them(tmp_path, dtype, short):
 
 
 @pytest.mark.parametrize("name", ["space", "scalar in space"])
-def test_halves_of_states_miss_a_part_of_what_dampers_take(name):
-    """Beside layers that remember six digits; at all amplitudes alike."""
-    layer, found = fh.LatticePML(nodes=NODES, profile=Layer(**{**vars(TUNED), "short": True})), []
-    start = simulation(name, layer).fields["u"].copy()
-    for boundary, factor in ((side(), 1.0), (layer, 1.0), (layer, 2.0**-200), (layer, 2.0**200)):
+@pytest.mark.parametrize(("layer", "most"), [(STILL, 1e-7), (TUNED, 1e-6)])
+def test_halves_of_states_miss_a_part_of_what_dampers_take(name, layer, most):
+    """Without stretch, and beside layers that remember six digits themselves; at all amplitudes alike."""
+    short, found = side(replace(layer, short=True)), []
+    start = simulation(name, short).fields["u"].copy()
+    for boundary, factor in ((side(layer), 1.0), (short, 1.0), (short, 2.0**-200), (short, 2.0**200)):
         sim = simulation(name, boundary, u=factor * start)
         sim.step(60)
         found.append(sim.fields["u"] / factor)
     assert sim.engine.tables.dampers.states.dtype == "int32"
-    assert 0 < np.abs(found[1] - found[0]).max() < 1e-6 * np.abs(start).max()
+    missed = np.abs(found[1] - found[0]).max() / np.abs(start).max()
+    print(missed)
+    assert 0 < missed < most
     for other in found[2:]:
         np.testing.assert_array_equal(other, found[1])
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.analysis.layers.tuned_layers import as_quiet
 from farhorizon.engine.engine import Layer
 from farhorizon.engine.state import State
 from farhorizon.simulation import layers
@@ -120,6 +121,16 @@ def test_layers_of_scalars_in_space_have_dampers_in_place_of_a_box_of_all_nodes(
         sim = cube(3.0, boundary=boundary, damping=damping)
         assert all(one.tuned.size for one in sim.engine.layers.values())
         assert not sim.engine.tables.filter.runs.size and sim.engine.tables.dampers.runs.size
+
+
+@pytest.mark.parametrize(("layer", "asked"), [({"nodes": 4}, 1), ({}, 0)])
+def test_what_comes_back_from_sides_that_are_alike_is_asked_once(monkeypatch, layer, asked):
+    """And not of layers that choose themselves, which are followed by what arrives there."""
+    calls = []
+    monkeypatch.setattr(layers, "as_quiet", lambda *one: calls.append(one) or as_quiet(*one))
+    sim = cube(3.0, boundary=fh.LatticePML(target=1e-4, until=20.0, **layer))
+    assert len(calls) == asked
+    assert all(one.tuned.size for one in sim.engine.layers.values())
 
 
 @pytest.mark.parametrize(

@@ -64,7 +64,9 @@ class LatticePML(Side):
         formula in the length of the run and the distance of the data designs for 1e-5, diffusion and waves in a medium
         with a reaction one that is chosen for 1e-5; others have a fixed number of nodes.
     nodes : int, optional
-        Fixes the thickness in nodes; with a target, a note tells where they do not keep it.
+        Fixes the thickness in nodes; with a target, a note tells where they do not keep it, and one of 1e-5 or
+        more lets dampers take the place of the filter in up to 12 nodes of scalars in space, where no more comes back
+        then (`docs/explanation/backward_waves.md`).
     profile : mapping or Layer, optional
         Stretch by hand: "kappa" (>= 1), "sigma" (1/time), "alpha" (1/time), each a number or an array of
         ``nodes + 1`` values from the near field outwards; names left out keep 1, 0 and 0. Needs nodes. Or a whole

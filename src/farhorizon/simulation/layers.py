@@ -27,6 +27,7 @@ from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.sources import by_component, field, split
 from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.integrators import Verlet
+from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.alternating_waves import FOLLOWED, AlternatingWaves
 from farhorizon.simulation.coupling import expansion_of
 from farhorizon.simulation.near_field import NearField
@@ -100,25 +101,42 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
 def with_light_dampers(near: NearField, around: Surroundings) -> Surroundings:
     """The sides with light dampers in place of the filters of layers of scalars that are given by their nodes, with a
     target down to `_LIGHT`, if no more comes back then: in a medium that does not vary, and goes on to one side at
-    least along each other axis.
+    least along each other axis. Layers that choose themselves choose this, too.
 
     It follows from what each of several processes knows.
     """
-    model, spacing, found = near.model, near.lattice.spacing, dict(around.layers)
-    if model.order == 1 or near.stencil.components > 1 or near.weakest != near.strongest:
+    if near.model.order == 1 or near.weakest != near.strongest:
         return around
+    found = dict(around.layers)
+    known: dict[tuple[Side, Stencil, float], Layer] = {}  # sides that are alike have the same layer
     for key, boundary in around.sides.items():
         layer = found.get(key)
-        if layer is None or not layer.filtered or boundary.profile is not None or (boundary.target or 0.0) < _LIGHT:
+        if layer is None or not _may_be_light(boundary, layer) or not spreads(around.sides, key[0]):
             continue
-        squared = around.coefficients[key]
-        stencil = near.stencil.along(key[0]).beside(squared / model.coefficient)
-        light = lightly_tuned(layer, stencil, float(np.sqrt(squared)) / spacing, near.dt)
-        # without the damping of the model, which takes of both alike
-        medium = LatticeMedium(stencil, squared, spacing, Recursion.of(model.integrator, near.dt), near.dt)
-        if light is not None and spreads(around.sides, key[0]) and as_quiet(light, layer, medium):
-            found[key] = light
+        squared, first = around.coefficients[key], 0 if near.stencil.same_along(0, key[0]) else key[0]
+        stencil = near.stencil.along(first).beside(squared / near.model.coefficient)
+        alike = boundary, stencil, squared
+        if alike not in known:
+            known[alike] = _light_if_quiet(layer, stencil, squared, near)
+        found[key] = known[alike]
     return replace(around, layers=found)
+
+
+def _may_be_light(boundary: Side, layer: Layer) -> bool:
+    """Whether a side has a filter, by its nodes, and enough is known of what is asked to do without it."""
+    by_nodes = boundary.profile is None and not boundary.open_ended
+    return layer.filtered and by_nodes and (boundary.target or 0.0) >= _LIGHT
+
+
+def _light_if_quiet(layer: Layer, stencil: Stencil, squared: float, near: NearField) -> Layer:
+    """The layer with light dampers, or itself where it has none, or more would come back."""
+    light = lightly_tuned(layer, stencil, float(np.sqrt(squared)) / near.lattice.spacing, near.dt)
+    if light is None:
+        return layer
+    # without the damping of the model, which takes of both alike
+    recursion = Recursion.of(near.model.integrator, near.dt)
+    medium = LatticeMedium(stencil, squared, near.lattice.spacing, recursion, near.dt)
+    return light if as_quiet(light, layer, medium) else layer
 
 
 def _may_be_short(near: NearField, sides: Sides) -> bool:

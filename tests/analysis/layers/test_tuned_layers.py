@@ -285,18 +285,33 @@ def filtered(model, nodes, strength):
     return gently_damped(thin(nodes, strength, 1.0, steady_rise(stencil, nodes)), stencil)
 
 
+def light(layer, stencil, dt):
+    """The layer with light dampers, which it has to have: else a filter would be compared with itself."""
+    found = lightly_tuned(layer, stencil, 1.0, dt)
+    assert found is not None and found.tuned.size
+    return found
+
+
+def fastest_along_a_side(model, layer, dt):
+    """Growth of the fastest of some waves along two sides 8 nodes apart."""
+    lattice, side = fh.Lattice(1.0, (0.0,) * 3, (8.0,) * 3), fh.LatticePML(nodes=layer.columns, profile=layer)
+    strip = Strip(fh.Simulation(lattice, model, side, dt=dt, threads=1), 0, lattice.shape[0])
+    angles = [(0.01, 0.01), (0.01, 0.5), (1.3, 1.3), (1.9, 2.6), (2.6, np.pi), (np.pi, np.pi)]
+    return max(strip.growth(*pair).rate for pair in angles)
+
+
 def test_light_dampers_take_the_place_of_a_weak_filter():
     """The stretch stays; not with more nodes, in the plane, without such waves, nor at a step near the limit."""
     model = fh.Wave(SCALARS["reach 3"])
     stencil, dt = model.stencil(1.0, 3), 0.5 * step_limit(model, 3)
     layer = filtered(model, 6, 2.0)
-    light = lightly_tuned(layer, stencil, 1.0, dt)
-    assert layer.filtered and not light.filtered and light.taps.size == 1
+    found = light(layer, stencil, dt)
+    assert layer.filtered and not found.filtered and found.taps.size == 1
     for part in ("kappa", "sigma", "alpha"):
-        np.testing.assert_array_equal(getattr(light, part), getattr(layer, part))
+        np.testing.assert_array_equal(getattr(found, part), getattr(layer, part))
     band = backward_band(stencil, 0.1)
-    assert band.frequency - band.width / 2 < light.tuned[0] <= band.highest
-    assert (np.diff(light.damping) > 0).all()
+    assert band.frequency - band.width / 2 < found.tuned[0] <= band.highest
+    assert (np.diff(found.damping) > 0).all()
     assert lightly_tuned(filtered(model, 13, 2.0), stencil, 1.0, dt) is None
     assert lightly_tuned(thin(6, 2.0, 1.0), stencil, 1.0, dt) is None
     assert lightly_tuned(layer, stencil, 1.0, 0.99 * step_limit(model, 3)) is None
@@ -304,11 +319,20 @@ def test_light_dampers_take_the_place_of_a_weak_filter():
     assert backward_band(flat) is not None and lightly_tuned(layer, flat, 1.0, dt) is None
 
 
+def test_vectors_have_no_light_dampers():
+    """Of solids with weak backward waves, too."""
+    model = solid(3.0, 2)
+    stencil, dt = model.stencil(1.0, 3), 0.5 * step_limit(model, 3)
+    assert backward_band(stencil, 0.1) is not None
+    layer = filtered(fh.Wave(SCALARS["reach 3"]), 4, 2.0)
+    assert layer.filtered and lightly_tuned(layer, stencil, pace_of(model), dt) is None
+
+
 def test_light_dampers_know_no_units():
     model = fh.Wave(SCALARS["reach 2"])
     stencil, dt = model.stencil(1.0, 3), 0.5 * step_limit(model, 3)
     layer = filtered(model, 4, 2.0)
-    one = lightly_tuned(layer, stencil, 1.0, dt)
+    one = light(layer, stencil, dt)
     scaled = {name: 1e4 * getattr(layer, name) for name in ("sigma", "alpha", "damping")}
     other = lightly_tuned(replace(layer, **scaled), stencil, 1e4, 1e-4 * dt)
     for part in ("damping", "tuned"):
@@ -321,20 +345,27 @@ def test_light_dampers_know_no_units():
 )
 @pytest.mark.parametrize("share", [0.5, pytest.param(0.3, marks=pytest.mark.slow)])
 def test_no_wave_along_a_side_grows_faster_than_beside_a_filter(name, share):
-    """The eigenvalues of a strip; where those with a filter decay, these do. Exponent 3 with a reach of 3 has waves
-    that grow by 3e-4 whatever damps them, a little more or less.
-    """
+    """The eigenvalues of a strip; where those with a filter decay, these do."""
     model = fh.Wave(SCALARS[name])
     stencil, dt = model.stencil(1.0, 3), share * step_limit(model, 3)
-    lattice, rates = fh.Lattice(1.0, (0.0,) * 3, (8.0,) * 3), []
     for nodes, strength in ((3, 1.4), (4, 2.0), (6, 4.0), (8, 2.0)):
         layer = filtered(model, nodes, strength)
-        for one in (layer, lightly_tuned(layer, stencil, 1.0, dt)):
-            sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=nodes, profile=one), dt=dt, threads=1)
-            strip = Strip(sim, 0, lattice.shape[0])
-            angles = [(0.01, 0.01), (0.01, 0.5), (1.3, 1.3), (1.9, 2.6), (2.6, np.pi), (np.pi, np.pi)]
-            rates.append(max(strip.growth(*pair).rate for pair in angles))
-        assert rates[-1] <= max(rates[-2], 0.0), (nodes, strength, rates[-2:])
+        rates = [fastest_along_a_side(model, one, dt) for one in (layer, light(layer, stencil, dt))]
+        assert rates[1] <= max(rates[0], 0.0), (nodes, strength, rates)
+
+
+@pytest.mark.parametrize(("nodes", "strength"), [(4, 2.0), (6, 2.0), (6, 4.0), (8, 2.0)])
+@pytest.mark.parametrize("share", [0.5, pytest.param(0.3, marks=pytest.mark.slow)])
+def test_waves_that_nothing_damps_grow_hardly_faster_than_beside_a_filter(nodes, strength, share):
+    """Exponent 3 and reach 3, of which waves that stand still along the normal are at the lower end of the band: beside
+    3 to 6 nodes they grow without any damping, too.
+    """
+    model = fh.Wave(SCALARS["exponent 3"])
+    stencil, dt = model.stencil(1.0, 3), share * step_limit(model, 3)
+    layer = filtered(model, nodes, strength)
+    rates = [fastest_along_a_side(model, one, dt) for one in (layer, light(layer, stencil, dt))]
+    print(rates)
+    assert rates[1] < min(max(rates[0], 0.0) + 8e-5, 6e-4)
 
 
 @pytest.mark.slow
@@ -342,21 +373,20 @@ def test_no_wave_along_a_side_grows_faster_than_beside_a_filter(name, share):
 def test_noise_decays_beside_light_dampers_where_layers_meet_in_space(number):
     """Thin and steep layers on all sides of few nodes."""
     random = np.random.default_rng([SEED, number])
-    name, share = str(random.choice(list(SCALARS))), float(random.uniform(0.3, 0.9))
+    name, share = str(random.choice(list(SCALARS))), float(random.uniform(0.3, 0.85))
     model = fh.Wave(SCALARS[name])
     stencil = model.stencil(1.0, 3)
     nodes = int(random.integers(2, 13))
     strengths = [1.4, 2.0, 4.0] + [5.6] * (steady_rise(stencil, nodes) not in (None, 0.75))
     steep = fh.LatticePML(nodes=nodes).make_layer(2, stencil, 1.0, 1.0, 0.0)
     layer = steep if random.random() < 0.3 else filtered(model, nodes, float(random.choice(strengths)))
-    light = lightly_tuned(layer, stencil, 1.0, share * step_limit(model, 3))
-    print(f"seed {SEED}, number {number}: {name}, {nodes} nodes, step {share:.2f}, {light}")
-    if light is not None:  # the step may be too long
-        assert _growth(model, 3, light, share, 4000.0, number) < 1.0
+    found = light(layer, stencil, share * step_limit(model, 3))
+    print(f"seed {SEED}, number {number}: {name}, {nodes} nodes, step {share:.2f}, {found}")
+    assert _growth(model, 3, found, share, 4000.0, number) < 1.0
 
 
-@pytest.mark.parametrize("nodes", [4, pytest.param(8, marks=pytest.mark.slow)])
-def test_light_dampers_send_next_to_nothing_of_resolved_pulses_back(nodes):
+@pytest.mark.parametrize(("nodes", "most"), [(4, 6e-6), pytest.param(8, 6e-7, marks=pytest.mark.slow)])
+def test_light_dampers_send_next_to_nothing_of_resolved_pulses_back(nodes, most):
     """On top of what a layer with a filter does: corners included, over four crossings of waves of eight nodes."""
     model, half = fh.Wave(SCALARS["reach 3"]), 12.0
     lattice = fh.Lattice(1.0, (-half,) * 3, (half,) * 3)
@@ -364,7 +394,7 @@ def test_light_dampers_send_next_to_nothing_of_resolved_pulses_back(nodes):
     u = np.exp(-((x - 3.0) ** 2 + (y + 2.0) ** 2 + z**2) * (np.pi / 8) ** 2)
     layer, dt = filtered(model, nodes, 2.0), 0.5 * step_limit(model, 3)
     errors = []
-    for one in (layer, lightly_tuned(layer, model.stencil(1.0, 3), 1.0, dt)):
+    for one in (layer, light(layer, model.stencil(1.0, 3), dt)):
         sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=nodes, profile=one), {"u": u}, dt=dt, threads=1)
         last = int(8 * half / dt)
         infinite = InfiniteLattice(sim.stencil, 1.0, model.integrator, dt, last, u)
@@ -373,6 +403,7 @@ def test_light_dampers_send_next_to_nothing_of_resolved_pulses_back(nodes):
             sim.step(step - sim.step_count)
             errors[-1] = max(errors[-1], float(np.abs(sim.fields["u"] - infinite.after(step)).max()))
     print(errors)
+    assert errors[0] < most
     assert errors[1] < errors[0] + 2.5e-6
 
 
@@ -383,4 +414,4 @@ def test_the_largest_wave_that_comes_back_decides():
     medium = LatticeMedium(stencil, 1.0, 1.0, Recursion.of(model.integrator, dt, 0.0), dt)
     layer = fh.LatticePML(nodes=12).make_layer(2, stencil, 1.0, 1.0, 0.0)
     assert as_quiet(layer, layer, medium)
-    assert not as_quiet(lightly_tuned(layer, stencil, 1.0, dt), layer, medium)
+    assert not as_quiet(light(layer, stencil, dt), layer, medium)

@@ -147,20 +147,24 @@ def tuned_layers(nodes: int, stencil: Stencil, pace: float, dt: float) -> dict[s
 
 
 def lightly_tuned(layer: Layer, stencil: Stencil, pace: float, dt: float) -> Layer | None:
-    """The layer with dampers of weak backward waves in space in place of its filter; None where there are no such
-    waves, or more nodes, with which filters send back less, or the step is too long.
+    """The layer of a scalar in space with dampers of weak backward waves in place of its filter.
+
+    None for vectors and in the plane; where there are no such waves; with more nodes, where filters send back less; and
+    where the step is too long.
 
     Parameters
     ----------
     layer : Layer
-        Of a scalar, with the ramps of stencils without backward waves.
+        With the ramps of stencils without backward waves.
     stencil : Stencil
     pace : float
         Speed / spacing.
     dt : float
     """
+    if stencil.components > 1 or stencil.dim < 3 or not layer.filtered or layer.columns > _LIGHT_NODES:
+        return None
     band = backward_band(stencil, _LIGHT_WIDTH)
-    if band is None or stencil.dim < 3 or not layer.filtered or layer.columns > _LIGHT_NODES:
+    if band is None:
         return None
     ramp = (np.arange(1, layer.columns + 1) / (layer.columns + 1)) ** _LIGHT_RAMP
     rates, tuned = _LIGHT_RATE * band.rate * layer.sigma[-1] * ramp, np.array([band.frequency, band.width]) * pace

@@ -947,7 +947,8 @@ def move_masses(typingctx, states, levels, strengths, keep, pull, share, count, 
     count : int
     kept : float or int
         Of the states' type: that of the levels, or int32 for the first halves of their numbers, see
-        `rows.shifts.Remembered`; rounded to the nearest, for nothing that lasts is learnt from them.
+        `rows.shifts.Remembered`. They are rounded to the nearest half, which what layers remember must not be: under
+        a load that lasts the layers would stop following the field, but dampers come to rest.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
