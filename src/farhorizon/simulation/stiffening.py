@@ -155,9 +155,10 @@ def _noise(grid: Grid, team: Team, places: np.ndarray) -> tuple[np.ndarray, int]
 
 
 def _unlike(grid: Grid, team: Team, places: np.ndarray) -> np.ndarray:
-    """Which nodes lack bonds, or have a neighbour along an axis of other moduli."""
+    """Which nodes have states that lack bonds, or a neighbour along an axis of other moduli."""
     engine, passes = grid.engine, grid.engine.passes
-    assert passes is not None
+    if passes is None:  # bonds without states, of which none makes another stiffer
+        return np.zeros(len(places), bool)
     law = engine.tables.gather.sweep.law
     found = np.isin(places, law.nodes)
     if team.any(bool(law.local.size)):
