@@ -1,13 +1,15 @@
 """How much faster solids with cracks oscillate than whole ones, and that layers are chosen once for the step."""
 
+import itertools
+
 import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.simulation import assembly
+from farhorizon.simulation import assembly, share
 from farhorizon.simulation.assembly import assembled
 from farhorizon.simulation.returned_waves import ReturnedWaves
-from farhorizon.simulation.stiffening import largest_rate, trial_of
+from farhorizon.simulation.stiffening import largest_rate, stiffening, trial_of
 from farhorizon.simulation.team import Team
 
 KERNEL = fh.Kernel(2.0)
@@ -95,11 +97,48 @@ def test_mirrored_cracks_have_the_same_step_limit(name, boundary):
         assert limits == pytest.approx([limits[0]] * 3, rel=1e-6)
 
 
+@pytest.mark.parametrize("poisson", [0.42, 0.43, 0.44])
+def test_what_oscillates_at_a_crack_is_found_in_a_large_box(poisson):
+    """Mirror images of a crack have the same limit, which covers the fastest oscillation, of each of four."""
+    solid, limits, middle = fh.Elastic(KERNEL, 1.0, poisson, material="state-based"), [], [0.0, 0.0]
+    lattice = fh.Lattice(1.0, (-150.0, -150.0), (150.0, 150.0))
+    for a, b in itertools.product((1, -1), repeat=2):
+        cracks = [[(x * a, y * b) for x, y in CRACK]]
+        setup = fh.Setup(lattice, solid, fh.LatticePML(nodes=6), {"u": middle}, cracks=cracks, threads=1)
+        limits.append(fh.Simulation.of(setup).step_limit)
+    assert limits == pytest.approx([limits[0]] * 4, rel=1e-6)
+    small = fh.Lattice(1.0, (-30.0, -30.0), (30.0, 30.0))  # in which what oscillates at the crack has room, just so
+    parts = fh.Simulation.of(fh.Setup(small, solid, fh.LatticePML(nodes=6), {"u": middle}, cracks=[CRACK])).parts
+    assert (limits[0] / parts.near.step_limit) ** 2 == pytest.approx(1, rel=1e-4)
+    assert largest_rate(parts.grid, Team()) < parts.near.rate_limit
+
+
+def test_noise_in_a_large_box_stays_bounded_near_the_limit():
+    """What oscillates at the crack grew by 1.02 a step where it was not found."""
+    lattice = fh.Lattice(1.0, (-150.0, -150.0), (150.0, 150.0))
+    noise = {"u": 1e-3 * np.random.default_rng(5).standard_normal((2, *lattice.shape))}
+    solid = fh.Elastic(KERNEL, 1.0, 0.44, material="state-based")
+    given = {"cracks": [CRACK], "threads": 1, "dt": lambda half: 0.9998 * 2 * half}
+    run = fh.Simulation.of(fh.Setup(lattice, solid, fh.Fixed(), noise, **given))
+    run.step(600)
+    assert run.dt == pytest.approx(0.9998 * run.step_limit) and np.abs(run.fields["u"]).max() < 0.2
+
+
+def test_where_moduli_differ_waves_along_the_interface_are_found():
+    """Beside the converged rate of a narrow and a wide box."""
+    for size in (20.0, 60.0):
+        lattice = fh.Lattice(1.0, (-size, -12.0), (size, 12.0))
+        solid = fh.Elastic(KERNEL, "1 + (y > 0.3)", "0.3 + 0.14*(y > 0.3)", material="state-based")
+        parts = assembled(fh.Setup(lattice, solid, fh.LatticePML(nodes=6), {"u": [0.0, 0.0]}, threads=1))
+        found = stiffening(parts.near, parts.grid, Team())
+        assert largest_rate(parts.grid, Team()) < found * parts.near.rate_limit
+
+
 def test_a_crack_shortens_the_step_only_where_it_makes_the_solid_stiffer():
     whole, cut = (
         {name: fh.Simulation.of(setup_of(name, cracks=c)).step_limit for name in SOLIDS} for c in ([], [CRACK])
     )
-    assert cut["state-based"] == whole["state-based"]
+    assert 0.9997 < cut["state-based"] / whole["state-based"] < 1
     assert 0.98 < cut["nearly incompressible"] / whole["nearly incompressible"] < 0.999
     assert 0.5 < cut["correspondence"] / whole["correspondence"] < 0.8
 
@@ -193,3 +232,12 @@ def test_what_is_refused_is_said_of_the_set_up_itself():
         fh.Simulation.of(setup_of("correspondence", cracks=[[(2.0, 0.2), (30.0, 14.0)]]))
     with pytest.raises(fh.InputError, match="no layer keeps the target"):
         fh.Simulation.of(setup_of("correspondence", fh.LatticePML(target=1e-13, until=15.0)))
+
+
+def test_a_lattice_on_which_no_layer_is_chosen_is_refused_before_any_work(monkeypatch):
+    """Its trial, whose layers nobody chooses, is not put together first."""
+    assemblies = counted(monkeypatch, assembly, "assembled")
+    monkeypatch.setattr(share, "_CHOSEN", 100)
+    with pytest.raises(fh.InputError, match="no process has on so large a lattice"):
+        assembly.assemble_shared(setup_of("correspondence"), Team(), None, [])
+    assert not assemblies

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -42,12 +42,14 @@ from farhorizon.simulation.setup import Key, Setup, Sides
 from farhorizon.simulation.share import Share, check_choosable, check_shareable, chooses, share_of
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
 from farhorizon.simulation.start import Start, check_range, start_of
-from farhorizon.simulation.stiffening import stiffening, trial_of
+from farhorizon.simulation.stiffening import least_stiffening, stiffening, trial_of
 from farhorizon.simulation.surfaces import check_conditions, rest_and_damp
 from farhorizon.simulation.surroundings import Surroundings, by_target, check_memory
 from farhorizon.simulation.team import ALONE, Team
 from farhorizon.simulation.validation import check_model, check_repeats, check_stencil, check_variation
 from farhorizon.simulation.warm_sides import heat_front, warm_margins, warm_sides
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,34 +209,53 @@ def assemble(setup: Setup, margins_given: Mapping[Key, int] | None = None) -> Pa
     The step must be known before layers are chosen for it, and how stiff the solid is before the step: a trial tells,
     and layers are chosen once.
     """
-    trial = trial_of(setup)
-    try:
-        parts = assembled(trial, margins_given=margins_given)
-    except InputError:
-        if trial is setup:
-            raise
-        trial, parts = setup, assembled(setup, margins_given=margins_given)  # which serves, or tells what does not
-    stiffer = stiffening(parts.near, parts.grid, ALONE)
-    if stiffer == 1 and trial is setup:
-        return parts
-    del parts  # not two of them in memory
-    return assembled(setup, stiffer, margins_given=margins_given)
+    return _of_trial(
+        setup, ALONE, lambda one, stiffer: assembled(one, stiffer, margins_given=margins_given), lambda parts: parts
+    )
 
 
 def assemble_shared(
     setup: Setup, team: Team, topology: Sequence[int] | None, observers: Sequence[Any]
 ) -> tuple[Share, Whole, Parts]:
     """The share of this process in a run, what recorders look at, and the parts; see `shared` and `assemble`."""
-    trial = trial_of(setup)
     check_shareable(setup, observers)
-    share, whole = shared(trial, team, topology)
-    parts = assembled(share.setup, 1.0, team, share)
-    stiffer = stiffening(parts.near, parts.grid, team)
-    if stiffer == 1 and trial is setup:
-        return share, whole, parts
-    del share, whole, parts  # not two of them in memory
-    share, whole = shared(setup, team, topology, stiffer)
-    return share, whole, assembled(share.setup, stiffer, team, share)
+    check_choosable(setup)
+
+    def built(one: Setup, stiffer: float) -> tuple[Share, Whole, Parts]:
+        share, whole = shared(one, team, topology, stiffer)
+        return share, whole, assembled(share.setup, stiffer, team, share)
+
+    return _of_trial(setup, team, built, lambda found: found[2])
+
+
+def _of_trial(setup: Setup, team: Team, built: Callable[[Setup, float], T], parts_of: Callable[[T], Parts]) -> T:
+    """What is built of a set-up, as stiff as its trial tells it is.
+
+    Parameters
+    ----------
+    setup : Setup
+    team : Team
+    built : callable
+        Of a set-up and its stiffening; on several processes all fail where one does.
+    parts_of : callable
+        The parts among what was built.
+    """
+    trial, least = trial_of(setup), least_stiffening(setup)
+    found: T | None = None
+    if trial is not setup:
+        try:
+            with team.agreed():
+                found = built(trial, least)
+        except InputError:
+            trial = setup  # which serves, or tells what does not
+    if found is None:
+        found = built(setup, least)
+    parts = parts_of(found)
+    stiffer = stiffening(parts.near, parts.grid, team, least)
+    if stiffer == least and trial is setup:
+        return found
+    del found, parts  # not two of them in memory
+    return built(setup, stiffer)
 
 
 def assembled(
@@ -397,8 +418,7 @@ def shared(setup: Setup, team: Team, topology: Sequence[int] | None, stiffer: fl
     extremes = extremes_of(setup, host, stencil, team, stiffer)
     around = by_target(uniform, setup.sides, stencil, extremes.pace.sides)
     near = near_field(bare, setup.sides, stencil, Variation(), whole=extremes)
-    if chooses(around):
-        check_choosable(setup.lattice)
+    if chooses(setup.sides):
         around = team.first(team.by_first(lambda: survey(setup, stiffer).around))
     else:
         around = with_light_dampers(near, around)

@@ -88,6 +88,11 @@ class NearField:
         return Extremes(self.rate_limit, self.pace)
 
     @property
+    def medium_rate(self) -> float:
+        """The largest rate of the medium with all its bonds, of what is in the symbol."""
+        return _medium_rate(self.model, self.lattice.spacing, self.stencil, self.pace)
+
+    @property
     def closing_rate(self) -> float:
         """What absent bonds that close have in the largest rate, of a material with states."""
         return self.model.coefficient / self.lattice.spacing**2 * self.pace.closing
@@ -325,10 +330,15 @@ def extremes_of(setup: Setup, host: Host, stencil: Stencil, team: Team, stiffer:
     return Extremes(_rate_limit(part, stencil, pace, team.largest(float(leak.max(initial=0))), stiffer), pace)
 
 
+def _medium_rate(model: LatticeModel, spacing: float, stencil: Stencil, pace: Pace) -> float:
+    unit = model.coefficient / spacing**2
+    return stencil.with_reaction(0.0).symbol_maximum * (unit * max(pace.fastest, 1e-300))
+
+
 def _rate_limit(setup: Setup, stencil: Stencil, pace: Pace, leak: float, stiffer: float) -> float:
     """The largest rate of an operator, with what a leak adds."""
     unit = setup.model.coefficient / setup.lattice.spacing**2
-    rate = stencil.with_reaction(0.0).symbol_maximum * (unit * max(pace.fastest, 1e-300)) * stiffer
+    rate = _medium_rate(setup.model, setup.lattice.spacing, stencil, pace) * stiffer
     rate += unit * pace.closing
     return rate + stencil.strongest_reaction * setup.model.coefficient / setup.lattice.spacing**2 + leak
 

@@ -281,15 +281,15 @@ def _of_one_process(side: Side) -> str:
     return ""
 
 
-def check_choosable(lattice: Lattice) -> None:
-    """Refuse layers that choose themselves for data that the first process cannot hold.
+def check_choosable(setup: Setup) -> None:
+    """Refuse layers that choose themselves for data that the first process cannot hold, before any work.
 
     Raises
     ------
     InputError
     """
-    nodes = int(np.prod(lattice.shape))
-    if nodes > _CHOSEN:
+    nodes = int(np.prod(setup.lattice.shape))
+    if chooses(setup.sides) and nodes > _CHOSEN:
         raise InputError(
             "layers choose their thickness by looking at all data, which no process has on so large a lattice",
             value=f"{nodes:.3g} nodes",
@@ -303,9 +303,9 @@ def _varies(setup: Setup) -> bool:
     return bool(setup.model.varying) or setup.coefficient is not None
 
 
-def chooses(around: Surroundings) -> list[Key]:
+def chooses(sides: Sides) -> list[Key]:
     """Sides whose layers choose themselves for the data and the length of the run."""
-    return [key for key, side in around.sides.items() if side.stretched and side.profile is None and side.open_ended]
+    return [key for key, side in sides.items() if side.stretched and side.profile is None and side.open_ended]
 
 
 def checked_topology(topology: Any) -> list[int] | None:

@@ -18,10 +18,9 @@ from farhorizon.simulation.team import Team
 
 # of the largest squared frequency: applications of the operator at most, and the residual that is told from none, which
 # bounds the error: a crack and its mirror image have the same step, that of the faster one of two tips
-_ITERATIONS, _RESIDUAL = 200, 1e-6
-# applications after which what is not above a known rate is not looked for any longer: one that is above it by more
-# than (ln n / 4 m)^2 of it, a thousandth of n = 1e4 nodes, has come out of their noise after m
-_SEEN = 80
+_ITERATIONS, _RESIDUAL = 400, 1e-6
+# the least excess over a known rate that is surely found; the rest is added to the rate, whether it is there or not
+_UNSEEN = 3e-4
 # what is added to the excess over the medium, a part of it but no more of the medium's rate: waves along a crack or a
 # free face oscillate the faster the farther these go on, and the layers that are chosen may be thicker than a trial's.
 # Measured, near fields of 13 nodes, layers of 12 and of 58: a third of the excess, 0.013 of the rate, at most
@@ -29,15 +28,33 @@ _MORE, _MOST = 0.5, 0.02
 _NODES = 12  # of a trial's layers
 
 
-def stiffening(near: NearField, grid: Grid, team: Team) -> float:
+def stiffening(near: NearField, grid: Grid, team: Team, counted: float = 1.0) -> float:
     """Of the fastest oscillation the squared frequency over that of the medium with all its bonds; above 1 where states
     have fewer bonds, or others.
+
+    Parameters
+    ----------
+    near : NearField
+    grid : Grid
+    team : Team
+    counted : float
+        What the near field already has in its rate of this.
     """
     unlike = team.any(bool(grid.engine.absent.count) or near.variation.moduli is not None)
     if not unlike or not grid.engine.passes:
         return 1.0
-    intact = near.rate_limit - near.closing_rate
-    excess = max(0.0, largest_rate(grid, team, intact) / intact - 1)
+    intact = near.rate_limit - near.closing_rate - (counted - 1) * near.medium_rate
+    return _with_margin(largest_rate(grid, team, intact) / intact - 1)
+
+
+def least_stiffening(setup: Setup) -> float:
+    """What `stiffening` is of a set-up where nothing is found to be stiffer than the medium."""
+    return _with_margin(0.0) if _may_stiffen(setup) else 1.0
+
+
+def _with_margin(excess: float) -> float:
+    """Stiffening for an excess that was found, below zero where there is none."""
+    excess = max(excess, _UNSEEN)
     return float(f"{1 + excess + min(_MORE * excess, _MOST):.7g}")  # sums in another order make no other step
 
 
@@ -61,7 +78,9 @@ def _may_stiffen(setup: Setup) -> bool:
 
 
 def _plain(side: Side, default: float) -> Side:
-    """A side whose layer, if it is one that looks at the data, does nothing to them, and misses as much of them."""
+    """A side whose layer, if it is one that looks at the data, does nothing to them, and asks for the same target, so
+    that margins are the same.
+    """
     layer = side.as_layer(None, default) if side.undecided else side
     if not looks_at_data(layer):
         return side
@@ -97,10 +116,7 @@ def largest_rate(grid: Grid, team: Team, known: float = 0.0) -> float:
     def product(one: np.ndarray, other: np.ndarray) -> float:
         return float(team.summed(np.array([(one * other).sum()]))[0])
 
-    first = [n - low for n, low in zip(grid.first, layout.low, strict=True)]
-    at = [one[there] + n for one, n in zip(np.indices(layout.box.nodes), first, strict=True)]
-    # what a node begins with goes by its place, whichever process has it
-    values = np.stack([uniform(seed, *at) - 0.5 for seed in range(engine.components)])
+    values, enough = _noise(grid, team, places[there])
     values /= np.sqrt(product(values, values))
     before, diagonal, beside = np.zeros_like(values), [], [0.0]
     for count in range(_ITERATIONS):
@@ -109,7 +125,47 @@ def largest_rate(grid: Grid, team: Team, known: float = 0.0) -> float:
         found -= diagonal[-1] * values + beside[-1] * before
         (rate,), vector = eigh_tridiagonal(diagonal, beside[1:], select="i", select_range=(count, count))
         beside.append(np.sqrt(product(found, found)))
-        if beside[-1] * abs(vector[-1, 0]) <= _RESIDUAL * rate or (count >= _SEEN and rate <= known):
+        if beside[-1] * abs(vector[-1, 0]) <= _RESIDUAL * rate or (count >= enough and rate <= known):
             break
         before, values = values, found / beside[-1]
     return float(rate)
+
+
+def _noise(grid: Grid, team: Team, places: np.ndarray) -> tuple[np.ndarray, int]:
+    """What Lanczos' method begins with, half of it at the nodes that are unlike the medium, and applications after
+    which what is not above the medium's rate is above it by `_UNSEEN` of it at most.
+
+    What oscillates faster than the medium does so about those nodes: in noise that is spread over all nodes it would be
+    the less, the larger the box. Where it is one of n numbers, m applications miss (ln n / 4 m)^2 of the rate at most.
+    """
+    engine = grid.engine
+    box, components = engine.layout.box, engine.components
+    first = [n - low for n, low in zip(grid.first, engine.layout.low, strict=True)]
+    at = [one + n for one, n in zip(box.coordinates(places).T, first, strict=True)]
+    # what a node begins with goes by its place, whichever process has it
+    values = np.stack([uniform(seed, *at) - 0.5 for seed in range(components)])
+    unlike = _unlike(grid, team, places)
+    some, every = team.summed(np.array([unlike.sum(), len(places)], float))
+    if 0 < some < every:
+        values[:, unlike] *= np.sqrt((every - some) / some)
+        numbers = 2 * components * some
+    else:
+        numbers = components * every
+    return values, int(np.ceil(np.log(numbers) / (4 * np.sqrt(_UNSEEN))))
+
+
+def _unlike(grid: Grid, team: Team, places: np.ndarray) -> np.ndarray:
+    """Which nodes have states that lack bonds, or a neighbour along an axis of other moduli."""
+    engine, passes = grid.engine, grid.engine.passes
+    if passes is None:  # bonds without states, of which none makes another stiffer
+        return np.zeros(len(places), bool)
+    law = engine.tables.gather.sweep.law
+    found = np.isin(places, law.nodes)
+    if team.any(bool(law.local.size)):
+        near = engine.layout.near.node_indices()
+        for one in passes.moduli_at(near.ravel()).T:
+            moduli = engine.spread(one.reshape(near.shape), jointly=True)
+            for step, reach in zip(engine.layout.box.stride, engine.layout.reach, strict=True):
+                for neighbour in (places - step, places + step) if reach else ():
+                    found |= moduli[neighbour] != moduli[places]
+    return found

@@ -6,7 +6,7 @@ from scipy import optimize
 
 import farhorizon as fh
 from farhorizon.analysis.exact.chain import Recursion
-from farhorizon.analysis.layers.reflection import chain_modes, chain_weights, factor_of_wave
+from farhorizon.analysis.layers.reflection import Chain, chain_weights, factor_of_wave
 from farhorizon.checks.side_modes import Strip
 from farhorizon.medium.integrators import Verlet
 from farhorizon.studies.compare import compare
@@ -69,12 +69,12 @@ def test_modes_solve_the_equation_and_are_sorted_by_where_they_go():
         weights = chain_weights(stencil, [along])
         factor = factor_of_wave(-float(stencil.symbol(0.5, along)), recursion)
         assert abs(factor) == pytest.approx(1.0, abs=1e-14) and factor.imag < 0
-        modes = chain_modes(weights, factor, recursion, np.exp(0.5j))
+        modes = Chain.of(weights, factor, recursion).modes(np.exp(0.5j))
         assert modes.incoming == pytest.approx(np.exp(0.5j)) and len(modes.leaving) == 3
         powers = np.arange(-3, 4)
         for zeta in (modes.incoming, *modes.leaving):
             assert (weights * zeta**powers).sum() == pytest.approx(recursion.eigenvalue(np.array(factor)), abs=1e-10)
-        grown = chain_modes(weights, factor * (1 + 1e-4), recursion, np.exp(0.5j))
+        grown = Chain.of(weights, factor * (1 + 1e-4), recursion).modes(np.exp(0.5j))
         assert abs(grown.incoming) < 1 and (np.abs(grown.leaving) > 1).all()
 
 
@@ -87,9 +87,8 @@ def test_a_backward_wave_comes_with_its_phase_running_away():
     number = 2 * np.pi / 3.5
     assert stencil.symbol_gradient(0, number) < 0
     factor = factor_of_wave(-float(stencil.symbol(number)), recursion)
-    assert chain_modes(chain_weights(stencil, []), factor, recursion, np.exp(1j * number)).incoming == pytest.approx(
-        np.exp(-1j * number)
-    )
+    modes = Chain.of(chain_weights(stencil, []), factor, recursion).modes(np.exp(1j * number))
+    assert modes.incoming == pytest.approx(np.exp(-1j * number))
 
 
 @pytest.mark.parametrize("detuned", [0.8, 0.95, 1.05, 1.25])
@@ -103,9 +102,8 @@ def test_a_wave_is_told_from_one_at_right_angles_to_it(detuned):
     values, vectors = np.linalg.eigh(stencil.symbol(number, along, 0.0))
     for value, vector in zip(values, vectors.T, strict=True):
         factor = factor_of_wave(-float(value), recursion)
-        modes = chain_modes(
-            chain_weights(stencil, [along, 0.0]), factor, recursion, np.exp(1j * number * detuned), vector
-        )
+        chain = Chain.of(chain_weights(stencil, [along, 0.0]), factor, recursion)
+        modes = chain.modes(np.exp(1j * number * detuned), vector)
         assert modes.incoming == pytest.approx(np.exp(1j * number), abs=1e-9)
         assert abs(np.vdot(modes.vector, vector)) == pytest.approx(1.0, abs=1e-9)
 

@@ -273,16 +273,13 @@ def test_reflection_is_the_exact_one_of_a_single_mode(angle):
 
 def test_modes_of_one_frequency_and_wavenumber_are_found_once(monkeypatch):
     """Both waves of a solid that come are picked from the same modes, and judged together as each by itself."""
-    front, calls, chain = (
-        medium(fh.Elastic(fh.Kernel(2.0), 1.0, 0.3, material="state-based"), 2),
-        [],
-        LatticeMedium.chain,
-    )
+    front = medium(fh.Elastic(fh.Kernel(2.0), 1.0, 0.3, material="state-based"), 2)
+    calls, every = [], LatticeMedium.waves
     swings, along = front.plane_wave(30.0, 10.0, number=1), np.array([2 * np.pi / 30 * np.sin(np.radians(10.0))])
     near = [np.exp(1j * number) for number in (0.08, 0.2)]
     shapes = np.array([[1.0, 0.0], [0.0, 1.0]])
     alone = [front.wave(along, swings.factor, *one) for one in zip(near, shapes, strict=True)]
-    monkeypatch.setattr(LatticeMedium, "chain", lambda *given: calls.append(given) or chain(*given))
+    monkeypatch.setattr(LatticeMedium, "waves", lambda *given: calls.append(given) or every(*given))
     sample, layer = returned_waves.Sample(front), rising(6)
     waves = [sample.wave(root, swings.factor, along, shape) for root, shape in zip(near, shapes, strict=True)]
     assert len(calls) == 1 and waves[0].modes.incoming != waves[1].modes.incoming

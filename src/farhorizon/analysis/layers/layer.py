@@ -73,6 +73,35 @@ class ArrivingWave:
 
 
 @dataclass(frozen=True)
+class Waves:
+    """All waves of a medium at one factor a step and one tangential wavenumber, from which several may be taken.
+
+    Attributes
+    ----------
+    chain : Chain
+    along, factor, recursion, dt
+        As of `ArrivingWave`.
+    """
+
+    chain: Chain
+    along: np.ndarray
+    factor: complex
+    recursion: Recursion
+    dt: float
+
+    def coming(self, near: complex, polarisation: np.ndarray | None = None) -> ArrivingWave:
+        """The one that is meant, see `Chain.modes`, as it comes to the side.
+
+        Raises
+        ------
+        InputError
+            No such wave does.
+        """
+        modes = self.chain.modes(near, polarisation)
+        return ArrivingWave(self.chain.weights, self.along, modes, self.factor, self.recursion, self.dt)
+
+
+@dataclass(frozen=True)
 class LatticeMedium:
     """An endless medium and its scheme.
 
@@ -135,32 +164,21 @@ class LatticeMedium:
         factor: complex,
         near: complex,
         polarisation: np.ndarray | None = None,
-        chain: Chain | None = None,
     ) -> ArrivingWave:
-        """The wave of a factor a step and tangential wavenumbers times spacing.
-
-        Parameters
-        ----------
-        along : sequence of float
-        factor : complex
-        near, polarisation
-            Which of the modes comes to the side, see `chain_modes`.
-        chain : Chain, optional
-            All of them, where they are known.
+        """The wave of a factor a step and tangential wavenumbers times spacing; see `Chain.modes`.
 
         Raises
         ------
         InputError
             No such wave comes to the side.
         """
-        along = np.asarray(along, float)
-        chain = self.chain(along, factor) if chain is None else chain
-        modes = chain.modes(near, polarisation)
-        return ArrivingWave(chain.weights, along, modes, factor, self.recursion, self.dt)
+        return self.waves(along, factor).coming(near, polarisation)
 
-    def chain(self, along: np.ndarray, factor: complex) -> Chain:
-        """All modes of a factor a step and tangential wavenumbers times spacing."""
-        return Chain.of(self.rate * chain_weights(self.stencil, along.tolist()), factor, self.recursion)
+    def waves(self, along: Sequence[float] | np.ndarray, factor: complex) -> Waves:
+        """All waves of a factor a step and tangential wavenumbers times spacing."""
+        along = np.asarray(along, float)
+        chain = Chain.of(self.rate * chain_weights(self.stencil, along.tolist()), factor, self.recursion)
+        return Waves(chain, along, factor, self.recursion, self.dt)
 
     def plane_wave(self, wavelength: float, angle: float, azimuth: float = 0.0, number: int = 0) -> ArrivingWave:
         """A plane wave; second order in time.

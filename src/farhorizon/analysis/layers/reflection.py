@@ -177,7 +177,21 @@ class Chain:
         return cls(weights, roots, vectors, ahead)
 
     def modes(self, near: complex, polarisation: np.ndarray | None = None) -> Modes:
-        """Those of which one is the wave that comes, see `chain_modes`."""
+        """Those of which one is the wave that comes.
+
+        Parameters
+        ----------
+        near : complex
+            Factor over one node of the wave that is meant; if that one leaves the side (a backward wave), its mirror
+            image comes.
+        polarisation : ndarray, shape (d,), optional
+            Of a field of vectors: that of the wave, about.
+
+        Raises
+        ------
+        InputError
+            No wave comes to the side.
+        """
         roots, vectors, ahead = self.roots, self.vectors, self.ahead
         # so many waves go each way, fewer where the outermost weights are singular
         there = (len(self.weights) // 2) * vectors.shape[1]
@@ -197,31 +211,6 @@ class Chain:
         return Modes(complex(incoming), vector / np.linalg.norm(vector), leaving, vectors[~ahead], travels)
 
 
-def chain_modes(
-    weights: np.ndarray, factor: complex, recursion: Recursion, near: complex, polarisation: np.ndarray | None = None
-) -> Modes:
-    """Modes of a chain that gains a factor a step.
-
-    Parameters
-    ----------
-    weights : ndarray of complex, shape (2 K + 1,) or (2 K + 1, d, d)
-        As from `chain_weights`, times coefficient / spacing^2.
-    factor : complex
-    recursion : Recursion
-    near : complex
-        Factor over one node of the wave that is meant; if that one leaves the side (a backward wave), its mirror image
-        comes.
-    polarisation : ndarray, shape (d,), optional
-        Of a field of vectors: that of the wave, about.
-
-    Raises
-    ------
-    InputError
-        No wave comes to the side.
-    """
-    return Chain.of(weights, factor, recursion).modes(near, polarisation)
-
-
 def chain_roots(blocks: np.ndarray, eigenvalue: complex) -> tuple[np.ndarray, np.ndarray]:
     """Factors and polarisations, shapes (n,) and (n, d), of ``sum_k B_k zeta^k v = eigenvalue v`` by the companion
     pencil of the polynomial.
@@ -233,7 +222,8 @@ def chain_roots(blocks: np.ndarray, eigenvalue: complex) -> tuple[np.ndarray, np
     left, right = np.eye(size * d, k=d, dtype=complex), np.eye(size * d, dtype=complex)
     left[-d:] = -np.concatenate(polynomial[:-1], axis=1)
     right[-d:, -d:] = polynomial[-1]
-    # beta = 0 where the outermost weights are singular; what `linalg.eig` does beside takes as long, thousands of times
+    # beta = 0 where the outermost weights are singular. Chains are small and solved by the thousand: what
+    # `linalg.eig` does around the same call would double the time
     alpha, beta, _, found, _, failed = lapack.zggev(left, right, compute_vl=0)
     if failed:
         raise np.linalg.LinAlgError("the modes of a chain were not found")

@@ -27,8 +27,8 @@ import numpy as np
 from scipy import fft, special
 
 from farhorizon.analysis.layers.choice import weak
-from farhorizon.analysis.layers.layer import ArrivingWave, LatticeMedium, amplitudes_of
-from farhorizon.analysis.layers.reflection import Chain, factor_of_wave, polarisations
+from farhorizon.analysis.layers.layer import ArrivingWave, LatticeMedium, Waves, amplitudes_of
+from farhorizon.analysis.layers.reflection import factor_of_wave, polarisations
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
@@ -126,7 +126,7 @@ class Sample:
         self._cells: dict[tuple[int, ...], int] = {}
         self._known: dict[bytes, np.ndarray] = {}
         self._followed: dict[tuple[complex, ...], ArrivingWave | None] = {}
-        self._chains: dict[tuple[complex, ...], Chain] = {}
+        self._every: dict[tuple[complex, ...], Waves] = {}
         self._came_back: dict[bytes, dict[tuple[complex, ...], tuple[np.ndarray, np.ndarray]]] = {}
 
     def needed(self, layer: Layer) -> bool:
@@ -183,10 +183,10 @@ class Sample:
         if shape is None:
             shape = polarisations(stencil.components, stencil.dim, angle, azimuth)[self.kind]
         key = factor, *along.tolist()
-        if key not in self._chains:
-            self._chains[key] = self.medium.chain(along, factor)
+        if key not in self._every:
+            self._every[key] = self.medium.waves(along, factor)
         try:
-            return self.medium.wave(along, factor, root, shape, self._chains[key])
+            return self._every[key].coming(root, shape)
         except InputError:
             return None
 
