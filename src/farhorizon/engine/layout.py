@@ -167,7 +167,7 @@ class Layout:
         self.reach = x, y, z
         self.low, self.high = (tuple(self.columns.get((a, side), 0) for a in range(3)) for side in (-1, 1))
         n0, n1, n2 = (low + n + high for low, n, high in zip(self.low, self.core, self.high, strict=True))
-        # Planes are odd multiples of rows, so that those of neighbouring ones do not compete for the first cache, either.
+        # Planes are odd multiples of rows, so that those of neighbouring ones do not compete, either.
         row = row_values(n2 + 2 * z, self.itemsize) if y else n2 + 2 * z
         plane = row * ((n1 + 2 * y) | 1 if x else n1 + 2 * y)
         stride = plane, row, 1
