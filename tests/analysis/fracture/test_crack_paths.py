@@ -26,19 +26,24 @@ def damaged(lines, reach, spacing=1.0):
 
 @pytest.mark.parametrize("reach", [2, 3, 4])
 def test_straight_cracks_in_any_direction(reach):
-    """A tip is known to about half a horizon at worst, the length to as much at both ends and 2 %."""
+    """A tip is known to about half a horizon, but for a few in a thousand, and to a horizon always; the length to as much
+    as both ends and 2 %.
+    """
     print(f"seed {SEED}")
-    rng = np.random.default_rng(SEED)
-    for turn in (0.0, np.pi / 4, *rng.uniform(0, np.pi, 4)):
+    rng, missed = np.random.default_rng(SEED), []
+    for turn in (0.0, np.pi / 4, *rng.uniform(0, np.pi, 50)):
         way, middle = np.array([np.cos(turn), np.sin(turn)]), rng.uniform(-0.5, 0.5, 2)
         ends = np.array([middle - 12.3 * way, middle + 14.1 * way])
         found = damaged([ends], reach)
         assert len(found.tips) == 2 and not len(found.branches)
         for end, sign in zip(ends, (-1, 1), strict=True):
             nearest = np.linalg.norm(found.tips - end, axis=1).argmin()
-            assert np.linalg.norm(found.tips[nearest] - end) < 0.5 + reach / 4
+            missed.append(np.linalg.norm(found.tips[nearest] - end))
             assert sign * way @ found.ahead[nearest] > 0.95
         assert abs(found.length - 26.4) < 0.02 * 26.4 + 0.5 * reach
+    missed = np.array(missed)
+    assert missed.max() < reach
+    assert np.count_nonzero(missed > 0.5 + reach / 4) <= 2
 
 
 def test_a_branch_and_an_end_beyond_the_edge():

@@ -73,7 +73,7 @@ class ArrivingWave:
 
 
 @dataclass(frozen=True)
-class Waves:
+class WavesAtFrequency:
     """All waves of a medium at one factor a step and one tangential wavenumber, from which several may be taken.
 
     Attributes
@@ -174,11 +174,11 @@ class LatticeMedium:
         """
         return self.waves(along, factor).coming(near, polarisation)
 
-    def waves(self, along: Sequence[float] | np.ndarray, factor: complex) -> Waves:
+    def waves(self, along: Sequence[float] | np.ndarray, factor: complex) -> WavesAtFrequency:
         """All waves of a factor a step and tangential wavenumbers times spacing."""
         along = np.asarray(along, float)
         chain = Chain.of(self.rate * chain_weights(self.stencil, along.tolist()), factor, self.recursion)
-        return Waves(chain, along, factor, self.recursion, self.dt)
+        return WavesAtFrequency(chain, along, factor, self.recursion, self.dt)
 
     def plane_wave(self, wavelength: float, angle: float, azimuth: float = 0.0, number: int = 0) -> ArrivingWave:
         """A plane wave; second order in time.

@@ -27,7 +27,7 @@ import numpy as np
 from scipy import fft, special
 
 from farhorizon.analysis.layers.choice import weak
-from farhorizon.analysis.layers.layer import ArrivingWave, LatticeMedium, Waves, amplitudes_of
+from farhorizon.analysis.layers.layer import ArrivingWave, LatticeMedium, WavesAtFrequency, amplitudes_of
 from farhorizon.analysis.layers.reflection import factor_of_wave, polarisations
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
 from farhorizon.engine.engine import Layer
@@ -126,7 +126,7 @@ class Sample:
         self._cells: dict[tuple[int, ...], int] = {}
         self._known: dict[bytes, np.ndarray] = {}
         self._followed: dict[tuple[complex, ...], ArrivingWave | None] = {}
-        self._every: dict[tuple[complex, ...], Waves] = {}
+        self._every: dict[tuple[complex, ...], WavesAtFrequency] = {}
         self._came_back: dict[bytes, dict[tuple[complex, ...], tuple[np.ndarray, np.ndarray]]] = {}
 
     def needed(self, layer: Layer) -> bool:
