@@ -20,7 +20,7 @@ RUNS = {
     "wave": ((12, 12), WAVE, fh.Fixed(), {"stencil_part"}),
     "layers": ((12, 12), WAVE, fh.LatticePML(nodes=4), {"stencil_part", *LAYERS}),
     "space": ((12, 12, 12), WAVE, fh.LatticePML(nodes=4), {"stencil_part", *LAYERS, "stretch_edge", "filter_layers"}),
-    "blocks": ((12, 12), ALIKE, fh.Fixed(), {"block_part"}),
+    "alike": ((12, 12), ALIKE, fh.Fixed(), {"stencil_part"}),
     "sponge": ((12, 12), WAVE, fh.Sponge(3), {"stencil_part", "damp_old", "damp_new"}),
     "metal": ((12, 12), fh.Corrosion(fh.Kernel(2.0), saturation=0.5), fh.Fixed(), {"phases_part", "dissolve_nodes"}),
 }

@@ -138,10 +138,10 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
     split = {which for operations in lists for operation, _, which in operations if operation == AHEAD}
     swept = {which for operations in lists for operation, _, which in operations if operation in (SWEEP, AHEAD)}
     parts = {
-        which: _on_parts(program, table, inputs.table, which, which in split) if which in swept else ([], [], 1)
+        which: _on_parts(program, table, inputs.table, which, which in split) if which in swept else ([], [])
         for which in used
     }
-    sums = {which: _sums(table, which, len(each), len(ahead), rounds) for which, (each, ahead, rounds) in parts.items()}
+    sums = {which: _sums(table, which, *map(len, parts[which])) for which in used}
 
     def address(function: Function, stage: Struct, one: Struct) -> int:
         return _address(function, (ALONE.type, stage.type, one.type, tables.type, inputs.type, size, size))
@@ -153,7 +153,7 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
     with _COMPILING, importing(program.__name__):
         for which, one in sums.items():
             first = stages[0][0][which]
-            for places, functions in zip((one.table.each, one.table.ahead), parts[which][:2], strict=True):
+            for places, functions in zip((one.table.each, one.table.ahead), parts[which], strict=True):
                 places[:] = [address(function, first, one) for function in functions]
             _set_called(program, first, one)
         does = [
@@ -215,9 +215,9 @@ def _on_axis(layers: Layers, axis: int) -> list[Function]:
 
 def _on_parts(
     program: ModuleType, tables: Tables, inputs: Inputs, which: int, split: bool
-) -> tuple[list[Function], list[Function], int]:
+) -> tuple[list[Function], list[Function]]:
     """What is done with each part of the box as a pass sweeps it, and while messages are on their way: if it is `split`
-    what needs no halo has been swept then; and in how many rounds.
+    what needs no halo has been swept then.
     """
     one, bonds = pass_of(tables, which), tables.bonds
     if tables.phases.runs.size:
@@ -234,10 +234,7 @@ def _on_parts(
         (program.law_part, one.sweep.law.values.size),
     ]
     after = [function for function, there in found if there]
-    by_blocks = one.sweep.blocks > 1 and one.sweep.function != 0
-    if by_blocks and whole is program.stencil_part and not (after or split):
-        return [program.block_part], [], one.sweep.blocks
-    return [rest if split else whole, *after], [program.move_part, ahead] if split else [], 1
+    return [rest if split else whole, *after], [program.move_part, ahead] if split else []
 
 
 def _set_called(program: ModuleType, stage: Struct, sums: Struct) -> None:
@@ -261,7 +258,7 @@ def _keeps(tables: Tables, inputs: Inputs) -> tuple[bool, bool]:
     return bool(inputs.watched.size), bool(tables.listening.rows.size)
 
 
-def _sums(tables: Tables, which: int, parts: int, ahead: int, rounds: int) -> Struct:
+def _sums(tables: Tables, which: int, parts: int, ahead: int) -> Struct:
     """What the operations of a pass take, with room for addresses."""
     everywhere = tables.material
     alike = everywhere._replace(coefficient=everywhere.coefficient[:1])
@@ -270,7 +267,7 @@ def _sums(tables: Tables, which: int, parts: int, ahead: int, rounds: int) -> St
     media = tables.media if which == SPRINGS else one_medium(tables.numbers.dtype)
     room = np.zeros(4, np.int64), np.zeros(parts, np.int64), np.zeros(ahead, np.int64)
     free = tables.free if ahead else np.zeros_like(tables.free)
-    return Struct(Sums(*pass_of(tables, which), material, liquid, media, tables.work_space, *room, rounds, free))
+    return Struct(Sums(*pass_of(tables, which), material, liquid, media, tables.work_space, *room, free))
 
 
 def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool) -> list[Struct]:

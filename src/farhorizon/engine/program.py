@@ -218,7 +218,8 @@ def sweep_rows(stage, sums, i0, i1, end, first, last):
     """Nodes `first` to `last` of the rows i1 to `end` of a plane, which belong to one part of the box."""
     sweep, media = sums.sweep, sums.media
     if sweep.function != 0:
-        sweep_compiled(stage, sweep, sweep.function, weights_of(stage, sweep), stage.a, i0, i1, end, first, last)
+        weights = sweep.weights.ctypes.data + stage.part * sweep.weights.shape[1] * stage.src.itemsize
+        sweep_compiled(stage, sweep, sweep.function, weights, stage.a, i0, i1, end, first, last)
     elif media.function == 0:
         sweep_general(stage, sums, i0, i1, end, first, last)
     else:
@@ -237,37 +238,25 @@ def sweep_rows(stage, sums, i0, i1, end, first, last):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def weights_of(stage, sweep):
-    """Address of the weights of a stage."""
-    return sweep.weights.ctypes.data + stage.part * sweep.weights.shape[1] * stage.src.itemsize
-
-
-@njit(error_model="numpy", cache=True, counted=False)
 def sweep_compiled(stage, sweep, function, weights, a, i0, i1, end, first, last):
     """The same by compiled rows, with the address of their weights and the factor of a node's own value."""
-    for number in range(sweep.blocks):
-        sweep_block(stage, sweep, function, weights, a, i0, i1, end, first, last, number)
-
-
-@njit(error_model="numpy", cache=True, counted=False)
-def sweep_block(stage, sweep, function, weights, a, i0, i1, end, first, last, number):
-    """One of the equal blocks of a stencil."""
     src, block = stage.src, sweep.block
     start, to = block[0] + i0 * block[4] + i1 * block[5] + first, block[9] + i0 * block[10] + i1 * block[11] + first
     size = src.itemsize
-    here = start * size + number * (src.nbytes // sweep.blocks)
-    there = to * size + number * (stage.out.nbytes // sweep.blocks)
-    call_sweep(
-        function,
-        (src.ctypes.data + here, stage.base.ctypes.data + there, stage.out.ctypes.data + there),
-        weights,
-        a,
-        stage.b,
-        (last - first, end - i1),
-        (block[6], block[7], block[8]),
-        (block[5], block[11]),
-        block.ctypes.data + 8 * SHIFTS,
-    )
+    read, written = src.nbytes // sweep.blocks, stage.out.nbytes // sweep.blocks
+    for number in range(sweep.blocks):
+        here, there = start * size + number * read, to * size + number * written
+        call_sweep(
+            function,
+            (src.ctypes.data + here, stage.base.ctypes.data + there, stage.out.ctypes.data + there),
+            weights,
+            a,
+            stage.b,
+            (last - first, end - i1),
+            (block[6], block[7], block[8]),
+            (block[5], block[11]),
+            block.ctypes.data + 8 * SHIFTS,
+        )
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -294,16 +283,6 @@ def stencil_part(thread, stage, sums, tables, inputs, step, number):
     """
     i0, first, last = rows_of(sums.sweep, number)
     sweep_rows(stage, sums, i0, first, last, ZERO, sums.sweep.block[3])
-
-
-def block_part(thread, stage, sums, tables, inputs, step, number):
-    """The same with one block of a stencil, all parts of the box with one before the next: so the planes that a block
-    reads stay in the second cache.
-    """
-    count, sweep = count_parts(sums.sweep), sums.sweep
-    i0, first, last = rows_of(sweep, number % count)
-    weights, nodes = weights_of(stage, sweep), sweep.block[3]
-    sweep_block(stage, sweep, sweep.function, weights, stage.a, i0, first, last, ZERO, nodes, number // count)
 
 
 def stencil_ahead(thread, stage, sums, tables, inputs, step, number):
@@ -604,7 +583,7 @@ def go_through(thread, stage, sums, tables, inputs, step, each, turn, shares):
     Each thread has parts of its own, the same in all steps, for the threads' caches may lie far apart. It claims some
     as it goes, and when it is through some of the others', so that one whose processor is busy otherwise does less.
     """
-    count = count_parts(sums.sweep) * sums.rounds
+    count = count_parts(sums.sweep)
     for shift in range(thread.threads):
         owner = (thread.number + shift) % thread.threads
         first = owner * count // thread.threads

@@ -176,8 +176,6 @@ class Sums(NamedTuple):
     each, ahead : ndarray of int
         Addresses of what is done with each part of the box, one after the other: as it is swept, and while messages are
         on their way.
-    rounds : int
-        How often all parts are gone through, each time for one more of the equal blocks of a stencil.
     free : ndarray of int, shape (2, 2)
         The rows that have been swept meanwhile: first and end along the first two axes.
     """
@@ -195,7 +193,6 @@ class Sums(NamedTuple):
     called: np.ndarray
     each: np.ndarray
     ahead: np.ndarray
-    rounds: int
     free: np.ndarray
 
 

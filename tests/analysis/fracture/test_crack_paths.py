@@ -26,8 +26,8 @@ def damaged(lines, reach, spacing=1.0):
 
 @pytest.mark.parametrize("reach", [2, 3, 4])
 def test_straight_cracks_in_any_direction(reach):
-    """A tip is known to about half a horizon, but for a few in a thousand, and to a horizon always; the length to as much
-    as both ends and 2 %.
+    """A tip is known to about half a horizon, but for a few in a thousand, and to a horizon always; the length to as
+    much at both ends and 2 %.
     """
     print(f"seed {SEED}")
     rng, missed = np.random.default_rng(SEED), []
