@@ -354,18 +354,21 @@ def test_no_wave_along_a_side_grows_faster_than_beside_a_filter(name, share):
         assert rates[1] <= max(rates[0], 0.0), (nodes, strength, rates)
 
 
-@pytest.mark.parametrize(("nodes", "strength"), [(4, 2.0), (6, 2.0), (6, 4.0), (8, 2.0)])
 @pytest.mark.parametrize("share", [0.5, pytest.param(0.3, marks=pytest.mark.slow)])
-def test_waves_that_nothing_damps_grow_hardly_faster_than_beside_a_filter(nodes, strength, share):
+def test_waves_that_nothing_damps_grow_no_faster_than_beside_filters(share):
     """Exponent 3 and reach 3, of which waves that stand still along the normal are at the lower end of the band: beside
-    3 to 6 nodes they grow without any damping, too.
+    3 to 6 nodes they grow without any damping, too, and by thickness and strength faster with dampers or with a filter.
+    The fastest growth of all is that beside filters.
     """
     model = fh.Wave(SCALARS["exponent 3"])
     stencil, dt = model.stencil(1.0, 3), share * step_limit(model, 3)
-    layer = filtered(model, nodes, strength)
-    rates = [fastest_along_a_side(model, one, dt) for one in (layer, light(layer, stencil, dt))]
-    print(rates)
-    assert rates[1] < min(max(rates[0], 0.0) + 8e-5, 6e-4)
+    rates = []
+    for nodes, strength in ((3, 1.4), (4, 2.0), (6, 2.0), (6, 4.0), (8, 2.0), (8, 4.0)):
+        layer = filtered(model, nodes, strength)
+        rates.append([fastest_along_a_side(model, one, dt) for one in (layer, light(layer, stencil, dt))])
+    filters, dampers = np.transpose(rates)
+    print(filters, dampers)
+    assert dampers.max() <= filters.max()
 
 
 @pytest.mark.slow
@@ -387,7 +390,9 @@ def test_noise_decays_beside_light_dampers_where_layers_meet_in_space(number):
 
 @pytest.mark.parametrize(("nodes", "most"), [(4, 6e-6), pytest.param(8, 6e-7, marks=pytest.mark.slow)])
 def test_light_dampers_send_next_to_nothing_of_resolved_pulses_back(nodes, most):
-    """On top of what a layer with a filter does: corners included, over four crossings of waves of eight nodes."""
+    """On top of what a layer with a filter does, at most a quarter of the least target that takes dampers: corners
+    included, over four crossings of waves of eight nodes.
+    """
     model, half = fh.Wave(SCALARS["reach 3"]), 12.0
     lattice = fh.Lattice(1.0, (-half,) * 3, (half,) * 3)
     x, y, z = lattice.coordinates()
@@ -404,7 +409,7 @@ def test_light_dampers_send_next_to_nothing_of_resolved_pulses_back(nodes, most)
             errors[-1] = max(errors[-1], float(np.abs(sim.fields["u"] - infinite.after(step)).max()))
     print(errors)
     assert errors[0] < most
-    assert errors[1] < errors[0] + 2.5e-6
+    assert errors[1] < errors[0] + 1e-5 / 4
 
 
 def test_the_largest_wave_that_comes_back_decides():
