@@ -12,14 +12,14 @@ alarms are such notes where the target was kept.
 
 Sources: the same with sources in place of data at the start, spread over a bell or at one node, anywhere and beside
 sides. Walls: of those in the plane, one side or both across is free or holds the nodes beyond it, with sources in a
-quarter of them.
+quarter of them. Space: of the second, those of waves of a scalar in space.
 
 Thickness: of set-ups that keep their target, and whose layers are chosen and whose runs done within a time (`LONGEST`),
 the nodes of all layers over those of the thinnest that keep it, too. Of layers of so many nodes those count that are
 chosen when larger targets are asked for.
 
-Run: ``python benchmarks/promise.py [first] [second] [default] [sources] [walls] [thickness] [--json FILE]``: 200
-set-ups each; ``--count N`` for fewer, ``--first N`` to begin with a later one, ``--longest S`` to leave out longer
+Run: ``python benchmarks/promise.py [first] [second] [default] [sources] [walls] [space] [thickness] [--json FILE]``:
+200 set-ups each; ``--count N`` for fewer, ``--first N`` to begin with a later one, ``--longest S`` to leave out longer
 runs, ``--seed N`` for another seed.
 """
 
@@ -40,7 +40,7 @@ import farhorizon as fh
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.simulation.steps import seconds_of
 
-SEEDS = {"first": 41, "second": 42, "default": 43, "sources": 45, "walls": 46, "thickness": 44}
+SEEDS = {"first": 41, "second": 42, "default": 43, "sources": 45, "walls": 46, "space": 47, "thickness": 44}
 TARGETS = (1e-3, 1e-4, 1e-5, 1e-6)
 MOMENTS = 60
 SENT = {"sources": 1.0, "walls": 0.25}  # share of set-ups with sources, by part
@@ -217,11 +217,12 @@ def empty(kind: str) -> dict[str, Any]:
 
 
 def drawn(seed: int, count: int, first: int, part: str) -> Iterator[tuple[int, dict[str, Any], float, bool]]:
-    """Number, set-up, end and whether it is a guide, of so many random set-ups; of walls those that have some."""
+    """Number, set-up, end and whether it is a guide, of so many random set-ups, as far as they belong to a part."""
+    belongs = {"walls": walled, "space": in_space}.get(part, lambda setup: True)
     for number in range(first, count):
         try:
             setup, until, guide = random_setup(np.random.default_rng([seed, number]), part)
-            if part != "walls" or walled(setup):
+            if belongs(setup):
                 yield number, setup, until, guide
         except fh.InputError as refusal:  # a kernel that makes no solid
             print(f"{number}: not judged, {refusal}", flush=True)
@@ -230,6 +231,12 @@ def drawn(seed: int, count: int, first: int, part: str) -> Iterator[tuple[int, d
 def walled(setup: dict[str, Any]) -> bool:
     """Whether a side is free or holds the nodes beyond it."""
     return any(isinstance(side, fh.Free | fh.Fixed) for side in setup["boundary"].values())
+
+
+def in_space(setup: dict[str, Any]) -> bool:
+    """Whether a scalar has waves in space."""
+    model = setup["model"]
+    return bool(setup["lattice"].dim == 3 and model.order == 2 and model.stencil(1.0, 3).components == 1)
 
 
 def kind_of(setup: dict[str, Any], guide: bool) -> str:
@@ -406,6 +413,7 @@ if __name__ == "__main__":
         "default": "layers of which nothing is asked",
         "sources": "random sources",
         "walls": "random data and sources beside walls",
+        "space": "random waves in space",
     }
     parts = {name: (title, partial(promise, part=name)) for name, title in names.items()}
     run_parts(__doc__, parts | {"thickness": ("nodes of layers over those of the thinnest that do", thickness)})
