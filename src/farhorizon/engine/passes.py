@@ -23,14 +23,15 @@ from farhorizon.engine.layer_cuts import cut_layers
 from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import aligned_zeros
 from farhorizon.engine.operations import Pass, layered_states, state_operations
-from farhorizon.engine.point_law import CHUNK, PointLaw
-from farhorizon.engine.rows.build import load_law
+from farhorizon.engine.point_law import CHUNK, LawRows, PointLaw
+from farhorizon.engine.rows.build import load_map
 from farhorizon.engine.rows.choose import compiled_sums, equal_blocks
 from farhorizon.engine.rows.matrices import Signs, signs_of
 from farhorizon.engine.shape_tensors import firmness
 from farhorizon.engine.stretches import Stretches, no_stretches, stretches_of, without_bonds
-from farhorizon.engine.surface import surface_of
-from farhorizon.engine.tables import Cuts, Surface, Sweep
+from farhorizon.engine.surface import no_surface, surface_of
+from farhorizon.engine.surface_laws import law_rows
+from farhorizon.engine.tables import Cuts, Sweep
 from farhorizon.errors import InputError
 
 _STRAIGHT = 1e-9  # part of a shape tensor beside its diagonal that is rounding
@@ -123,8 +124,7 @@ class Passes:
 
     def tables(self, springs: Sweep) -> tuple[Pass, Pass]:
         """Those of an operator with all bonds; parts of the box are those of the sweep of its springs."""
-        none = np.zeros(0, np.int64)
-        found = []
+        none, found = np.zeros(0, np.int64), []
         for number, (weights, signs) in enumerate(zip(self.weights, self.signs, strict=True)):
             rows, columns = weights.shape[1:]
             blocks = self.engine.components if equal_blocks(weights, self.engine.components) else 1
@@ -139,9 +139,7 @@ class Passes:
                 general=(scale * weights.ravel()).astype(self.dtype),
                 law=no_law(self.engine) if number else self._law(),
             )
-            nothing = np.zeros((rows * columns, 0), self.dtype)
-            surface = Surface(np.zeros((0, 2), np.int64), np.zeros((0, 3), np.int64), nothing)
-            cuts = Cuts(none, none, np.zeros(0, self.dtype))
+            cuts, surface = Cuts(none, none, np.zeros(0, self.dtype)), no_surface(self.dtype)
             found.append(Pass(sweep, self.layer_tables[number].layers, cuts, surface, columns, rows))
         return found[0], found[1]
 
@@ -208,12 +206,14 @@ class Passes:
         matrices = np.concatenate([nothing, found]).astype(self.dtype)
         of_node = np.zeros(len(odd), np.int64)
         of_node[there] = 1 + numbers.ravel()
+        rows = law_rows(self.layout.box, odd, of_node, matrices)
         sweep = passes[0].sweep
         first, end = (np.zeros(3, np.int64), np.zeros(3, np.int64)) if len(nodes) else self._whole()
         law = sweep.law._replace(
             nodes=odd.astype(np.int64),
             numbers=of_node,
-            matrices=matrices,
+            matrices=rows.weights[: matrices.size].reshape(matrices.shape),
+            rows=rows,
             firmness=(not self.sums.unweakened) * np.append(1.0, firmness(of_law)).astype(self.dtype),
             first=first,
             end=end,
@@ -268,13 +268,16 @@ class Passes:
         middle, real = moduli.reshape(3, -1)[:, 0], self.dtype.name
         intact = np.einsum("c,cab->ab", middle, bases).astype(self.dtype)
         some = tuple(tuple(np.flatnonzero(row).tolist()) for row in np.any(bases, axis=0))
+        every, nothing = (tuple(range(count)),) * count, np.zeros((1, count, count), self.dtype)
+        laws = ((some, False), (every, False), (every, True))  # by `WHOLE`, `ALIKE`, `EACH`
         return PointLaw(
             aligned_zeros(count * self.layout.size, self.dtype),
-            np.array([load_law(entries, real) for entries in (some, (tuple(range(count)),) * count)]),
+            np.array([load_map(entries, count, each, False, real) for entries, each in laws]),
             np.ascontiguousarray(intact),
             none,
             none,
-            np.zeros((1, count, count), self.dtype),
+            nothing,
+            law_rows(self.layout.box, none, none, nothing),
             np.full(1, not self.sums.unweakened, self.dtype),
             middle.astype(self.dtype),
             local.astype(self.dtype),
@@ -352,6 +355,7 @@ def no_law(engine: Field) -> PointLaw:
     none, nothing = np.zeros(0, np.int64), np.zeros((1, 1), engine.dtype)
     room = np.zeros((1, 1, CHUNK), engine.dtype)
     empty, local = np.zeros(0, engine.dtype), np.zeros((3, 0), engine.dtype)
-    matrices = none, nothing, none, none, nothing[None], empty, empty, local, nothing[None]
+    rows = LawRows(none.reshape(0, 2), none.reshape(0, 6), none, empty)
+    matrices = none, nothing, none, none, nothing[None], rows, empty, empty, local, nothing[None]
     heat = empty, engine.dtype.type(1), empty, nothing, nothing
     return PointLaw(empty, *matrices, nothing, False, none, none, room, *heat)

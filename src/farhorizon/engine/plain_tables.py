@@ -16,17 +16,8 @@ from farhorizon.engine.passes import no_law
 from farhorizon.engine.phases import one_phase
 from farhorizon.engine.rows.choose import compiled_rows, equal_blocks
 from farhorizon.engine.stretches import no_stretches
-from farhorizon.engine.tables import (
-    Cuts,
-    Damping,
-    Dependents,
-    Listening,
-    Material,
-    Surface,
-    Sweep,
-    no_flows,
-    one_medium,
-)
+from farhorizon.engine.surface import no_surface
+from farhorizon.engine.tables import Cuts, Damping, Dependents, Listening, Material, Sweep, no_flows, one_medium
 from farhorizon.engine.warmth import no_heat
 
 _SECOND_CACHE = 600_000  # bytes of the second cache that a part of the box may take
@@ -39,7 +30,7 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
     numbers = [numbers_of(engine, *stage) for stage in engine.stages.numbers]
     sweep, layers = _sweep(engine, heterogeneous), engine.layer_tables.layers
     cuts = Cuts(none, none, nothing)
-    surface = Surface(np.zeros((0, 2), np.int64), np.zeros((0, 3), np.int64), np.zeros((1, 0), engine.dtype))
+    surface = no_surface(engine.dtype)
     springs = Pass(sweep, layers, cuts, surface, engine.components, engine.components)
     gather, scatter = (springs, springs) if engine.passes is None else engine.passes.tables(sweep)
     pushes, traces = (springs, springs) if engine.warm_layers is None else engine.warm_layers.tables(sweep)

@@ -10,9 +10,32 @@ from typing import NamedTuple
 import numpy as np
 
 from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.laws import call_law
+from farhorizon.engine.rows.linear_maps import call_map
 
 CHUNK = 256  # neighbours whose states go through the law together
+WHOLE, ALIKE, EACH = range(3)  # neighbours with all their bonds, others with one matrix, and each with its own
+
+
+class LawRows(NamedTuple):
+    """Nodes of each row that do not have all their bonds.
+
+    Attributes
+    ----------
+    ranges : ndarray of int, shape (R, 2)
+        First stretch of neighbours of each row, and the one after its last; rows that are alike share theirs.
+    stretches : ndarray of int, shape (T, 6)
+        Along the row the first node and that after the last; `ALIKE` or `EACH`; of `weights` the first of their
+        matrices, and how far on the next entry of a matrix is; of `kinds` the first.
+    kinds : ndarray of int
+        Numbers of the matrices of the nodes of all stretches.
+    weights : ndarray
+        The matrices themselves, and those of stretches `EACH`, entry by entry.
+    """
+
+    ranges: np.ndarray
+    stretches: np.ndarray
+    kinds: np.ndarray
+    weights: np.ndarray
 
 
 class PointLaw(NamedTuple):
@@ -22,8 +45,8 @@ class PointLaw(NamedTuple):
     ----------
     values : ndarray
         States, laid out as a level of so many components; empty where the operator has no passes.
-    functions : ndarray of int, shape (2,)
-        Addresses of the compiled law of neighbouring nodes: of those that have all their bonds, of others.
+    functions : ndarray of int, shape (3,)
+        Addresses of the compiled law of neighbours: `WHOLE`, `ALIKE`, `EACH`.
     intact : ndarray, shape (n, n)
         Matrix of all nodes but these:
     nodes : ndarray of int, shape (S,)
@@ -31,6 +54,8 @@ class PointLaw(NamedTuple):
     numbers : ndarray of int, shape (S,)
         Of each which of the matrices it has.
     matrices : ndarray, shape (m, n, n)
+    rows : LawRows
+        The same nodes, row by row.
     firmness : ndarray, shape (m,)
         Of the shape tensors that the matrices are for, see `farhorizon.engine.shape_tensors.firmness`; the first, of
         places without a node, is 1, that of all other nodes. Zeros where nodes bear all of their stress on the last of
@@ -66,6 +91,7 @@ class PointLaw(NamedTuple):
     nodes: np.ndarray
     numbers: np.ndarray
     matrices: np.ndarray
+    rows: LawRows
     firmness: np.ndarray
     moduli: np.ndarray
     local: np.ndarray
@@ -128,28 +154,38 @@ def leave_out_heat(law, start, n, number):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def apply_law(thread, law, first, last):
-    """The law of the places from `first` on, before `last`, of neighbours in memory; in place."""
-    values, intact, nodes, numbers = law.values, law.intact, law.nodes, law.numbers
-    apart = values.size // intact.shape[0] * values.itemsize
-    start, odd = first, first_special(nodes, first)
-    while start < last:  # as many neighbours as are alike
-        end, number, matrix, function = min(start + CHUNK, last), -1, intact.ctypes.data, law.functions[0]
-        if odd < nodes.size and nodes[odd] == start:
-            number, begin = numbers[odd], odd
-            while odd < nodes.size and numbers[odd] == number and nodes[odd] == start + odd - begin < end:
-                odd += 1
-            end, matrix = start + odd - begin, law.matrices.ctypes.data + number * intact.nbytes
-            function = law.functions[1]
-        elif odd < nodes.size:
-            end = min(end, nodes[odd])
-        if law.warmth.size:
-            leave_out_heat(law, start, end - start, number)
-        if number < 0 and law.local.size:
-            apply_local(law, start, end - start, law.room[thread.number])
-        else:
-            call_law(function, values.ctypes.data + start * values.itemsize, apart, matrix, end - start)
-        start = end
+def apply_whole(thread, law, first, last):
+    """The law of neighbours with all their bonds, from the place `first` on, before `last`; in place."""
+    values, intact, size = law.values, law.intact, law.values.itemsize
+    if law.warmth.size and first < last:
+        leave_out_heat(law, first, last - first, -1)
+    if law.local.size:
+        for start in range(first, last, CHUNK):
+            apply_local(law, start, min(CHUNK, last - start), law.room[thread.number])
+    elif first < last:
+        place, apart = values.ctypes.data + first * size, values.size // intact.shape[0] * size
+        call_map(law.functions[WHOLE], place, apart, place, apart, intact.ctypes.data, size, last - first, 1.0)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def apply_law(thread, law, row, origin, first, last):
+    """The law of nodes of a row, from `first` on, before `last`; `origin` is the place of its first node. In place."""
+    values, rows, size = law.values, law.rows, law.values.itemsize
+    apart, start = values.size // law.intact.shape[0] * size, first
+    for stretch in range(rows.ranges[row, 0], rows.ranges[row, 1]):
+        place, stop, function, weight, step, kind = rows.stretches[stretch]
+        begin, end = max(place, first), min(stop, last)
+        if begin < end:
+            apply_whole(thread, law, origin + start, origin + begin)
+            at, on = origin + begin, begin - place
+            if law.warmth.size:
+                for i in range(end - begin):
+                    leave_out_heat(law, at + i, 1, rows.kinds[kind + on + i])
+            matrix = rows.weights.ctypes.data + (weight + on * (function == EACH)) * size
+            state, laws = values.ctypes.data + at * size, law.functions
+            call_map(laws[function], state, apart, state, apart, matrix, step * size, end - begin, 1.0)
+            start = end
+    apply_whole(thread, law, origin + start, origin + last)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -157,12 +193,12 @@ def apply_to_rows(thread, law, block, i0, first, last, whole):
     """The law of rows of a plane: of the nodes whose states are whole once they are swept, or of the others."""
     inside = law.first[0] <= i0 < law.end[0]
     for i1 in range(first, last):
-        place = block[0] + i0 * block[4] + i1 * block[5]
+        origin, row = block[0] + i0 * block[4] + i1 * block[5], i0 * block[2] + i1
         low, high = law.first[2], law.end[2]
         if not inside or not law.first[1] <= i1 < law.end[1]:
             low, high = block[3], block[3]
         if whole:
-            apply_law(thread, law, place + low, place + high)
+            apply_law(thread, law, row, origin, low, high)
         else:
-            apply_law(thread, law, place, place + low)
-            apply_law(thread, law, place + high, place + block[3])
+            apply_law(thread, law, row, origin, 0, low)
+            apply_law(thread, law, row, origin, high, block[3])

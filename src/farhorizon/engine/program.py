@@ -75,16 +75,8 @@ from farhorizon.engine.release import break_by_energy
 from farhorizon.engine.rows.calls import call_operation, call_with
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.exchanges import MOVES, RECEIVES, SENDS, TABLE, USED, call_exchange
-from farhorizon.engine.rows.vectors import (
-    TILE,
-    TILE_ROWS,
-    add_weighted,
-    block_sum,
-    call_sweep,
-    copy_run,
-    copy_values,
-    sweep_phases,
-)
+from farhorizon.engine.rows.linear_maps import call_map
+from farhorizon.engine.rows.vectors import TILE, TILE_ROWS, block_sum, call_sweep, copy_run, copy_values, sweep_phases
 from farhorizon.engine.stretches import stretch_forces, stretch_states
 from farhorizon.engine.tables import GENERAL
 from farhorizon.engine.threads import barrier, claim, share
@@ -436,30 +428,27 @@ def release_part(thread, stage, sums, tables, inputs, step, number):
     sweep, material, surface, scale = sums.sweep, sums.material, sums.surface, stage.scale
     src, base, out, block = stage.src, stage.base, stage.out, sweep.block
     ranges, stretches, weights, coefficient = surface.ranges, surface.stretches, surface.weights, material.coefficient
-    rule, components = material.rule, stage.components
-    size, count = src.itemsize, weights.shape[1]
-    apart, away = src.size // components, out.size // stage.rows
+    rule, components, function = material.rule, stage.components, surface.function
+    size = src.itemsize
+    apart, away = src.nbytes // components, out.nbytes // stage.rows
     i0, first, last = rows_of(sweep, number)
     for i1 in range(first, last):
         start, to = block[0] + i0 * block[4] + i1 * block[5], block[9] + i0 * block[10] + i1 * block[11]
         row = i0 * block[2] + i1
         for stretch in range(ranges[row, 0], ranges[row, 1]):
-            place, stop = stretches[stretch, 0], stretches[stretch, 1]
-            entry = place + stretches[stretch, 2]
+            place, stop, own = stretches[stretch]
             if rule == PHASES:
                 for i in range(stop - place):
-                    own = start + place + i
-                    factor = scale * abs(coefficient[own])  # beyond a body all is liquid
-                    liquid = abs(coefficient[own])
-                    gap = bond_gap(rule, coefficient[own], liquid, src[own] * 0, src[own], material.ceiling)
-                    out[to + place + i] += factor * weights[0, entry + i] * gap
+                    node = start + place + i
+                    factor = scale * abs(coefficient[node])  # beyond a body all is liquid
+                    liquid = abs(coefficient[node])
+                    gap = bond_gap(rule, coefficient[node], liquid, src[node] * 0, src[node], material.ceiling)
+                    out[to + place + i] += factor * weights[own + i] * gap
                 continue
-            for a in range(stage.rows):
-                here, node = src.ctypes.data + (start + place) * size, (to + place + a * away) * size
-                taken = weights.ctypes.data + (a * components * count + entry) * size
-                add_weighted(out.ctypes.data + node, here, taken, scale, stop - place, components, apart, count)
-                if stage.increments:
-                    add_weighted(base.ctypes.data + node, here, taken, scale, stop - place, components, apart, count)
+            here, taken, n = src.ctypes.data + (start + place) * size, weights.ctypes.data + own * size, stop - place
+            call_map(function, here, apart, out.ctypes.data + (to + place) * size, away, taken, n * size, n, scale)
+            if stage.increments:
+                call_map(function, here, apart, base.ctypes.data + (to + place) * size, away, taken, n * size, n, scale)
 
 
 @njit(error_model="numpy", cache=True, counted=False)

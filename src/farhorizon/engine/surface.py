@@ -11,6 +11,7 @@ import itertools
 import numpy as np
 
 from farhorizon.engine.layout import SLACK, Block
+from farhorizon.engine.rows.build import load_map
 from farhorizon.engine.tables import Surface
 
 
@@ -38,15 +39,29 @@ def bare_bonds(block: Block, offsets: np.ndarray, exists: np.ndarray) -> tuple[t
     return tuple(i[found] for i in at), bare[:, found]
 
 
+def no_surface(dtype: np.dtype) -> Surface:
+    """Tables of a block all of whose bonds are there."""
+    return Surface(np.zeros((0, 2), np.int64), np.zeros((0, 3), np.int64), np.zeros(0, dtype), 0)
+
+
 def surface_of(block: Block, nodes: np.ndarray, weights: np.ndarray) -> Surface:
     """Tables of the weights on the nodes' own values, for places of the block and weights of shape (S,), or (S, rows,
     columns).
     """
+    if not len(nodes):
+        return no_surface(weights.dtype)
+    rows, columns = weights.shape[1:] or (1, 1)
+    function = load_map((tuple(range(columns)),) * rows, columns, True, True, weights.dtype.name)
+    return Surface(*in_rows(block, nodes, weights), function)
+
+
+def in_rows(block: Block, nodes: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`shared_rows` of some numbers of each of these places."""
     first, second, third = block.coordinates(nodes).T
     order = np.lexsort((third, second, first))
     counts = np.bincount(first * block.nodes[1] + second, minlength=block.nodes[0] * block.nodes[1])
-    matrices = weights[order].reshape(len(nodes), int(np.prod(weights.shape[1:])))
-    return Surface(*shared_rows(np.cumsum(np.append(0, counts)), third[order], matrices))
+    numbers = weights[order].reshape(len(nodes), int(np.prod(weights.shape[1:])))
+    return shared_rows(np.cumsum(np.append(0, counts)), third[order], numbers)
 
 
 def _reached(block: Block, there: np.ndarray) -> np.ndarray:
@@ -75,9 +90,10 @@ def shared_rows(
     ranges : ndarray of int, shape (R, 2)
         First stretch of each row, and the one after its last.
     stretches : ndarray of int, shape (T, 3)
-        Place of the first node, that after the last, and what is to be added to a place for its entry of `weights`.
-    weights : ndarray, shape (n, M)
-        With as many entries more as a vector may read beyond the last.
+        Place of the first node, that after the last, and the first of its entries of `weights`.
+    weights : ndarray
+        Of each stretch the first number of all its nodes, then the second; with as many entries more as a vector may
+        read beyond the last.
     """
     known: dict[bytes, int] = {}
     kept: list[np.ndarray] = []
@@ -91,7 +107,13 @@ def shared_rows(
     owner = np.repeat(np.arange(len(kept)), [len(k) for k in kept])
     places, end = places[entries], len(entries)
     begins = np.flatnonzero((np.diff(places, prepend=-1) != 1) | (np.diff(owner, prepend=-1) != 0))
-    ends = np.append(begins[1:], end)[: len(begins)]
-    stretches = np.stack([places[begins], places[begins] + ends - begins, begins - places[begins]], axis=1)
+    lengths, numbers = np.diff(begins, append=end), weights.shape[1]
+    stretches = np.stack([places[begins], places[begins] + lengths, numbers * begins], axis=1)
     ranges = np.searchsorted(owner[begins], np.stack([rows, rows + 1], axis=1))
-    return ranges, stretches, np.ascontiguousarray(np.pad(weights[entries], ((0, SLACK), (0, 0))).T)
+    # where the numbers of each entry are to be: behind those of earlier stretches, one after another of its own
+    own = np.repeat(np.arange(len(begins)), lengths)
+    at = (numbers - 1) * begins[own] + np.arange(end)
+    found = np.zeros(numbers * end + SLACK, weights.dtype)
+    for number in range(numbers):
+        found[at + number * lengths[own]] = weights[entries, number]
+    return ranges, stretches, found

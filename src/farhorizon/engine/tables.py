@@ -148,13 +148,17 @@ class Surface(NamedTuple):
     ranges : ndarray of int, shape (rows, 2)
         Stretches of each row of the box: first, last + 1.
     stretches : ndarray of int, shape (n, 3)
-        First node in its row, last + 1, and how far its weights are from it.
-    weights : ndarray, shape (components**2, n)
+        First node in its row, last + 1, and of `weights` the first of its own.
+    weights : ndarray
+        Those of each stretch, entry by entry of their matrices.
+    function : int
+        Address of what adds them, see `farhorizon.engine.rows.linear_maps.linear_map`; 0 where there is nothing to add.
     """
 
     ranges: np.ndarray
     stretches: np.ndarray
     weights: np.ndarray
+    function: int
 
 
 GENERAL, FACE, EDGE, ABSENT = range(4)  # of what is called by operations

@@ -20,7 +20,8 @@ from farhorizon.engine.layout import aligned_zeros
 from farhorizon.engine.nested import Layers
 from farhorizon.engine.operations import Pass
 from farhorizon.engine.rows.matrices import signs_of
-from farhorizon.engine.tables import Cuts, Surface, Sweep
+from farhorizon.engine.surface import no_surface
+from farhorizon.engine.tables import Cuts, Sweep
 
 
 class WarmLayers:
@@ -75,11 +76,10 @@ class WarmLayers:
 
     def tables(self, springs: Sweep) -> tuple[Pass, Pass]:
         """Those of both passes, on the box that the springs are swept over."""
-        none, nothing = np.zeros(0, np.int64), np.zeros((1, 0), springs.general.dtype)
-        surface = Surface(np.zeros((0, 2), np.int64), np.zeros((0, 3), np.int64), nothing)
+        none, dtype = np.zeros(0, np.int64), springs.general.dtype
+        cuts, surface = Cuts(none, none, np.zeros(0, dtype)), no_surface(dtype)
         pushes, traces = (
-            Pass(springs, tables.layers, Cuts(none, none, nothing[0]), surface, tables.columns, tables.rows)
-            for tables in self.layer_tables
+            Pass(springs, tables.layers, cuts, surface, tables.columns, tables.rows) for tables in self.layer_tables
         )
         return pushes, traces
 

@@ -44,7 +44,7 @@ _COMPILED_IN = (
     "rows/shifts",
     "rows/bond_sweeps",
     "rows/exchanges",
-    "rows/laws",
+    "rows/linear_maps",
     "rows/structs",
     "rows/layer_sums",
     "rows/matrices",
@@ -137,11 +137,10 @@ def load_exchange() -> tuple[int, int, int]:
     return int(made.send.address), int(made.receive.address), int(made.move.address)
 
 
-def load_law(entries: tuple[tuple[int, ...], ...], real: str) -> int:
-    """Address of the law of states with a matrix of whose rows these columns may differ from zero (see
-    `laws.linear_law`).
-    """
-    return int(_load("rows/law_rows", ENTRIES=entries, REAL=real).law.address)
+def load_map(entries: tuple[tuple[int, ...], ...], columns: int, each: bool, added: bool, real: str) -> int:
+    """Address of the product of numbers of nodes with a matrix (see `linear_maps.linear_map`)."""
+    made = _load("rows/map_rows", ENTRIES=entries, COLUMNS=columns, EACH=each, ADDED=added, REAL=real)
+    return int(made.product.address)
 
 
 def load_bonds(

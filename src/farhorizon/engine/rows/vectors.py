@@ -438,42 +438,6 @@ def call_sweep(typingctx, function, levels, weights, a, b, extent, strides, apar
     return call_of(_sweep_types(a))
 
 
-@intrinsic
-def add_weighted(typingctx, out, src, weights, scale, n, terms, apart, step):
-    """``out += scale * sum_b weights_b * src_b`` on `n` neighbouring values, b below `terms` (at least 1).
-
-    `out`, `src` and `weights` are byte addresses of the first values; those of the terms lie `apart` and `step`
-    elements apart. Reads up to one vector beyond the last value, writes none.
-    """
-
-    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-        out, src, weights, scale, n, terms, apart, step = args
-        vectors = Vectors.of(builder, str(signature.args[3]))
-        scales = vectors.splat(scale)
-
-        def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
-            before, body, after = builder.block, builder.append_basic_block("terms"), builder.append_basic_block("done")
-            builder.branch(body)
-            builder.position_at_end(body)
-            term, total = builder.phi(I64), builder.phi(vectors.type)
-            value = vectors.load(vectors.shifted(src, (1, x), (1, builder.mul(term, apart))))
-            weight = vectors.load(vectors.shifted(weights, (1, x), (1, builder.mul(term, step))))
-            grown, following = vectors.multiply_add(total, weight, value), builder.add(term, I64(1))
-            nothing = ir.Constant(vectors.type, [0.0] * vectors.lanes)
-            for phi, first, later in ((term, I64(0), following), (total, nothing, grown)):
-                phi.add_incoming(first, before)
-                phi.add_incoming(later, body)
-            builder.cbranch(builder.icmp_signed("<", following, terms), body, after)
-            builder.position_at_end(after)
-            at = vectors.shifted(out, (1, x))
-            store(vectors.multiply_add(vectors.load(at), scales, grown), at)
-
-        vectors.in_chunks(n, chunk)
-        return context.get_dummy_value()
-
-    return types.void(*[types.int64] * 3, scale, *[types.int64] * 4), codegen
-
-
 #: Nodes of a row, and rows, that `sweep_phases` takes at a time: a vector a row, so that all sums of a tile stay in
 #: registers.
 TILE, TILE_ROWS = 8, 4
