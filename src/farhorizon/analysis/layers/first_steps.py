@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy import fft
 
-from farhorizon.analysis.layers.layer import inwards_of, outwards_of
+from farhorizon.analysis.layers.layer import continuations
 from farhorizon.analysis.layers.reflection import chain_weights
 from farhorizon.engine.engine import Layer
 from farhorizon.medium.stencil import Stencil
@@ -144,22 +144,14 @@ def _matrices(kappa: np.ndarray, reach: int) -> np.ndarray:
     ndarray, shape (2 K + 1, K + 1 + L, K + 1 + L)
     """
     count, last = len(kappa) - 1, reach
-    inwards = inwards_of(kappa[None].astype(complex))[0].real
-    outwards, here, before = (part[0].real for part in outwards_of(kappa[None].astype(complex)))
     found = np.zeros((2 * reach + 1, reach + 1 + count, reach + 1 + count))
     columns = slice(reach + 1, None)
     found[reach, columns, columns] = np.eye(count)
-    # continued by nodes: columns 0 .. L outwards, by one another; columns 1 .. L inwards, by these and by the near
-    # field's nodes 0, -1 .. -K
-    ahead, back, near = np.eye(count + 1), np.eye(count), np.zeros((reach + 1, count))
-    for k in range(1, reach + 1):
-        ahead, back = inwards @ ahead, outwards @ back
-        near = near @ outwards.T
-        near[k - 1] += here
-        near[k] += before
+    for k, parts in enumerate(continuations(kappa[None], reach), 1):
+        ahead, back, near = (part[0] for part in parts)
         for i in range(reach - k + 1):  # of the node -i, from which column 0 is i nodes off
             found[reach + i + k, last - i, last:] += ahead[0]
         found[reach + k, columns, last:] += ahead[1:]
         found[reach - k, columns, columns] += back
-        found[reach - k, columns, : last + 1] += near[::-1].T
+        found[reach - k, columns, : last + 1] += near[:, ::-1]
     return found

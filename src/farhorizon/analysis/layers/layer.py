@@ -15,7 +15,7 @@ in front make one small linear system.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,6 +35,8 @@ from farhorizon.engine.dampers import response, springs_of, strengths_of
 from farhorizon.engine.engine import Layer
 from farhorizon.engine.filter import line_damping
 from farhorizon.medium.stencil import Stencil
+
+_IN_CACHE = 1 << 16  # numbers of equations that are solved at once
 
 
 @dataclass(frozen=True)
@@ -265,27 +267,27 @@ def amplitudes_of(waves: Sequence[ArrivingWave], layer: Layer) -> list[np.ndarra
     -------
     list of ndarray of complex
     """
+    size = layer.columns * (waves[0].weights.shape[1] if waves[0].weights.ndim > 1 else 1)
+    together = max(1, _IN_CACHE // size**2)
+    blocks = (waves[first : first + together] for first in range(0, len(waves), together))
+    return [found for block in blocks for found in _amplitudes(block, layer)]
+
+
+def _amplitudes(waves: Sequence[ArrivingWave], layer: Layer) -> list[np.ndarray]:
+    """The same of so few that their equations stay in the cache."""
     stretch = layer.kappa + layer.sigma / (np.array([wave.s for wave in waves])[:, None] + layer.alpha)
     blocks = np.stack([wave.weights.reshape(len(wave.weights), *wave.weights.shape[1:] or (1, 1)) for wave in waves])
     n, reach, d, count = len(waves), blocks.shape[1] // 2, blocks.shape[2], layer.columns
-    inwards, (outwards, here, before) = inwards_of(stretch), outwards_of(stretch)
     system = np.einsum("nij,pq->nipjq", blocks[:, reach], np.eye(count))
-    ahead, back, first = np.eye(count + 1)[:, 1:], np.eye(count), np.eye(count + 1)[:, :1]
     entrance = np.zeros((n, reach, count), complex)  # U(0, k), k = 1 .. K, by the columns
     entrance_near = np.zeros((n, reach), complex)  # and by the last node of the near field
-    # columns continued by -k nodes, by the near field's nodes 0, -1, .. -K
-    near = np.zeros((n, reach + 1, count), complex)
     drive = np.zeros((n, reach + 1, d * count, d), complex)
-    for k in range(1, reach + 1):
-        ahead, first, back = inwards @ ahead, inwards @ first, outwards @ back
-        entrance[:, k - 1], entrance_near[:, k - 1] = ahead[:, 0], first[:, 0, 0]
-        system += np.einsum("nij,npq->nipjq", blocks[:, reach + k], ahead[:, 1:]) + np.einsum(
-            "nij,npq->nipjq", blocks[:, reach - k], back
-        )
-        near = near @ outwards.swapaxes(1, 2)
-        near[:, k - 1] += here
-        near[:, k] += before
-        drive += np.einsum("nij,nkp->nkipj", blocks[:, reach - k], near).reshape(drive.shape)
+    for k, (ahead, back, near) in enumerate(continuations(stretch, reach), 1):
+        entrance[:, k - 1], entrance_near[:, k - 1] = ahead[:, 0, 1:], ahead[:, 0, 0]
+        inwards, outwards = blocks[:, reach + k], blocks[:, reach - k]
+        system += np.einsum("nij,npq->nipjq", inwards, ahead[:, 1:, 1:])
+        system += np.einsum("nij,npq->nipjq", outwards, back)
+        drive += np.einsum("nij,npk->nkipj", outwards, near).reshape(drive.shape)
     system = np.array([wave.eigenvalue for wave in waves])[:, None, None] * np.eye(d * count) - system.reshape(
         n, d * count, d * count
     )
@@ -353,29 +355,40 @@ def _hanging(waves: Sequence[ArrivingWave], layer: Layer) -> np.ndarray:
     return np.tile(change, first.weights.shape[1] if first.weights.ndim > 1 else 1)
 
 
-def _bands(size: int, bands: Mapping[int, np.ndarray]) -> np.ndarray:
-    """Matrices (n, size, size) with the given diagonals, arrays (n, size - |offset|) by their offset."""
-    found = np.zeros((len(next(iter(bands.values()))), size, size), complex)
-    for offset, values in bands.items():
-        row = np.arange(size - abs(offset)) + max(-offset, 0)
-        found[:, row, row + offset] = values
+def continuations(stretch: np.ndarray, reach: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """The field of a layer continued by k = 1 .. reach nodes, in stretches of shape (n, L + 1).
+
+    Yields
+    ------
+    inwards : ndarray, shape (n, L + 1, L + 1)
+        U(., k) at the columns 0 .. L, by these.
+    outwards : ndarray, shape (n, L, L)
+        U(., -k) at the columns 1 .. L, by these,
+    near : ndarray, shape (n, L, reach + 1)
+        and by the near field's nodes 0, -1 .. -reach.
+    """
+    ratio, (n, edges) = (1 - stretch) / (1 + stretch), stretch.shape
+    count, nothing = edges - 1, np.zeros(1)
+    inwards = np.broadcast_to(np.eye(edges, dtype=ratio.dtype), (n, edges, edges))
+    outwards = np.broadcast_to(np.eye(count, count + reach + 1, dtype=ratio.dtype), (n, count, count + reach + 1))
+    beyond = np.eye(count + reach + 1)[count:]
+    for k in range(1, reach + 1):
+        inwards = _over_a_node(ratio[:, ::-1], inwards[:, ::-1], (nothing, nothing))[:, ::-1]
+        outwards = _over_a_node(ratio[:, :-1], outwards, (beyond[k - 1], beyond[k]))
+        yield inwards, outwards[..., :count], outwards[..., count:]
+
+
+def _over_a_node(ratio: np.ndarray, field: np.ndarray, beyond: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """A field q, shape (n, columns, unknowns), continued by one more node, v: ``(1 + s) (v(p) - q(p-1)) = (1 - s)
+    (v(p-1) - q(p))`` over the edge between two columns, of which `ratio` is (1 - s)/(1 + s); and q and v beyond the
+    first.
+    """
+    found = np.empty_like(field)
+    q, v = beyond
+    for column in range(field.shape[1]):
+        found[:, column] = q + ratio[:, column, None] * (v - field[:, column])
+        q, v = field[:, column], found[:, column]
     return found
-
-
-def inwards_of(stretch: np.ndarray) -> np.ndarray:
-    """U(., k + 1) from U(., k) for k >= 0, by columns 0 .. L; for stretches (n, L + 1)."""
-    plus, minus, size = 1 + stretch, 1 - stretch, stretch.shape[1]
-    left = _bands(size, {0: plus, 1: -minus[:, :-1]})
-    return np.asarray(np.linalg.solve(left, _bands(size, {0: -minus, 1: plus[:, :-1]})))
-
-
-def outwards_of(stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """U(., k - 1) from U(., k) for k <= 0, by columns 1 .. L; and what the near field's nodes k and k - 1 add to it."""
-    plus, minus, size = 1 + stretch[:, :-1], 1 - stretch[:, :-1], stretch.shape[1] - 1
-    left, first = _bands(size, {0: plus, -1: -minus[:, 1:]}), np.eye(size)[0][:, None]
-    right = [_bands(size, {0: -minus, -1: plus[:, 1:]}), plus[:, :1, None] * first, minus[:, :1, None] * first]
-    found = np.linalg.solve(left, np.concatenate(right, axis=2))
-    return found[..., :-2], found[..., -2], found[..., -1]
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,6 @@ _EACH = 1500  # waves of a line that are followed each by itself although none i
 # such waves where backward ones are among them: those that show what a layer is not enough for, and all, at most
 _FIRST, _MOST_EACH = 300, 4000
 _TOO_MUCH = 5.0  # what the first of them must make over what is enough: without the others they ring
-_TOGETHER = 256  # of them whose equations are solved at once: more do not stay in the cache
 _COHERENT = 0.05  # the largest value over the sum of all amplitudes, at least
 _SPARSE = 8  # every so many tangential modes tell which frequencies are felt
 _PASSED = 2.0  # of a wave's displacement, the most that an interface lets through into a faster medium
@@ -235,13 +234,12 @@ class Sample:
             if key not in self._followed:
                 self._followed[key] = self.wave(*waves[i], along[i], shape[i])
         there = [(key, wave) for key in asked if key not in known and (wave := self._followed[key]) is not None]
-        for block in range(0, len(there), _TOGETHER):
-            part = there[block : block + _TOGETHER]
-            for (key, wave), amplitudes in zip(part, amplitudes_of([wave for _, wave in part], layer), strict=True):
-                known[key] = amplitudes[:, None] * wave.modes.vectors, wave.modes.leaving
+        amplitudes = amplitudes_of([wave for _, wave in there], layer) if there else []
+        for (key, wave), one in zip(there, amplitudes, strict=True):
+            known[key] = one[:, None] * wave.modes.vectors, wave.modes.leaving
         nothing = np.zeros((0, shape.shape[1])), np.ones(0)
         found = [known.get(name, nothing) for name in names]
-        return [(amplitudes * one, leaving) for (amplitudes, leaving), one in zip(found, sign, strict=True)]
+        return [(came * one, leaving) for (came, leaving), one in zip(found, sign, strict=True)]
 
 
 def _key(layer: Layer) -> bytes:
@@ -372,7 +370,7 @@ class Arrivals:
         """Largest value of what comes back of waves, of which the loudest are followed each by itself."""
         loud = np.abs(self.amplitude) * self.sample.judged(layer)[0, self.number]
         heard = _largest(loud, self.silent * max(self.size, self.largest))
-        heard = heard[np.argsort(-loud[heard])]
+        heard = heard[_loudest_first(loud[heard], _MOST_EACH)]
         for most in (_FIRST, _MOST_EACH):
             back = self.amplitude * self._exact(layer, heard[:most])
             rest = np.zeros_like(loud)
@@ -971,6 +969,14 @@ def _chain(lines: np.ndarray, root: np.ndarray, back: int = 1) -> tuple[np.ndarr
         value = value + line * (power + back / power)
         slope = slope + line * distance * (power - back / power)
     return value, slope
+
+
+def _loudest_first(sizes: np.ndarray, most: int) -> np.ndarray:
+    """Indices of the largest values, from the largest on, and then of all others: there may be millions of them."""
+    if len(sizes) <= most:
+        return np.argsort(-sizes)
+    order = np.argpartition(-sizes, most)
+    return np.append(order[:most][np.argsort(-sizes[order[:most]])], order[most:])
 
 
 def _largest(sizes: np.ndarray, rest: float) -> np.ndarray:
