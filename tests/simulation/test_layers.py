@@ -169,3 +169,22 @@ def test_a_scalar_in_space_chooses_dampers_where_they_keep_its_target():
     assert 1e-7 < worst <= 1e-3
     fine = fh.Simulation(lattice, model, fh.LatticePML(target=1e-8, until=80.0), {"u": u}, threads=1)
     assert all(one.layer.filtered for one in fine.thickness.values())
+
+
+@pytest.mark.parametrize(
+    "model, target, wall, told",
+    [
+        (fh.Wave(fh.Kernel(3.0, 1)), 1e-6, fh.Free(), True),
+        (fh.Wave(fh.Kernel(3.0, 1)), 1e-6, fh.Fixed(), True),
+        (fh.Wave(fh.Kernel(3.0, 1)), 1e-3, fh.Free(), False),
+        (fh.Wave(fh.Kernel(3.0, 1)), 1e-6, None, False),
+        (fh.Wave(fh.Kernel(3.0, 2)), 1e-6, fh.Free(), False),
+    ],
+)
+def test_filters_that_end_at_walls_are_told_of(model, target, wall, told):
+    """Only where they damp waves that run backward, and where a target is small."""
+    layer = fh.LatticePML(target=target, until=60.0)
+    sides = {"x": layer, "y-": layer if wall is None else wall, "y+": layer}
+    pulse = "exp(-((x - 15)**2 + (y - 15)**2)/12)"
+    sim = fh.Simulation(fh.Lattice(1.0, (0.0, 0.0), (30.0, 30.0)), model, sides, {"u": pulse})
+    assert any("beside a wall" in note for note in sim.notes) == told

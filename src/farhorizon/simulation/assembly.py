@@ -41,7 +41,7 @@ from farhorizon.simulation.near_field import NearField, extremes_of, near_field
 from farhorizon.simulation.setup import Key, Setup, Sides
 from farhorizon.simulation.share import Share, check_choosable, check_shareable, chooses, share_of
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
-from farhorizon.simulation.start import Start, check_range, start_of
+from farhorizon.simulation.start import Start, check_range, drifting, start_of
 from farhorizon.simulation.stiffening import least_stiffening, stiffening, trial_of
 from farhorizon.simulation.surfaces import check_conditions, rest_and_damp
 from farhorizon.simulation.surroundings import Surroundings, by_target, check_memory
@@ -301,6 +301,7 @@ def assembled(
         notes += gradients(near.density, "the density", beyond.targets, stencil.reach)
     start = start_of(setup, near, sides, beyond)
     check_range(start, setup.dtype, team)
+    notes += drifting(near, sides, setup.dtype)
     cuts_given = _cuts(setup)
     beyond.check_cracks(cuts_given, stencil.reach)
     drives = split_drives(sources, near, beyond)
