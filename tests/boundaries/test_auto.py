@@ -115,6 +115,21 @@ def test_where_no_layer_serves_the_domain_is_extended(dear):
     assert kinds(sim) == {Extended} and any("layers do not serve: no layer keeps" in note for note in sim.notes)
 
 
+def test_where_layers_grow_the_domain_is_extended(dear, monkeypatch):
+    """As the run would be refused, which examines it."""
+
+    def examine(sim, until, allow_unstable=False):
+        if kinds(sim) == {LatticePML}:
+            raise fh.InputError("the run is not stable", value="a mode grows")
+
+    monkeypatch.setattr(fh.Simulation, "examine", examine)
+    dear(3.0)
+    sim = fh.Simulation(**SETUP, boundary=fh.Auto(target=1e-4))
+    sim.run(until=2.0)
+    assert kinds(sim) == {Extended}
+    assert any("layers do not serve: the run is not stable" in note for note in sim.notes)
+
+
 def test_a_case_and_its_check(dear):
     dear(0.5)
     case = Case(CASE)

@@ -461,7 +461,8 @@ def test_a_layer_of_which_nothing_is_asked_keeps_the_target_of_the_model(reach, 
     sides = {"x": fh.LatticePML(until=until), "y": fh.Fixed()} if shape == "guide" else fh.LatticePML(until=until)
     u = np.exp(-((x - half[0] + 11) ** 2 + y**2) / 2.2**2)
     sim = fh.Simulation(lattice, model, sides, {"u": u}, threads=1)
-    assert max(found.layer.columns for found in sim.thickness.values()) <= 13
+    assert max(found.nodes for found in sim.thickness.values()) <= 13
+    assert repr(sim.thickness["x-"]).startswith(f"Thickness({sim.thickness['x-'].nodes} nodes, ")
     assert all("designed for an error of 1e-05" in str(found) for found in sim.thickness.values())
     more = int(until / 2) + 40
     wide = {"x": fh.Fixed(), "y": fh.Fixed()} if shape == "guide" else None

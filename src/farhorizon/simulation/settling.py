@@ -27,6 +27,9 @@ class Changeable(Examined, Protocol):
 
     step_count: int
 
+    def examine(self, until: float) -> object:
+        """Look at the stability of a run; InputError where it is refused."""
+
     def take(self, sides: Mapping[Key, Side]) -> None:
         """Be at the start of the same run with some other sides."""
 
@@ -95,11 +98,18 @@ class Settling:
             self.why = [f"the domain is extended, for layers do not serve: {error.message}"]
             return
         layers, far = price(run), extended_price(run, until, list(self.autos))
-        if far.seconds >= layers.seconds or far.memory > available_memory():
-            self.why = [f"layers: the extended domain would take {far.over(layers)}"]
+        fits = far.memory <= available_memory()
+        if fits and far.seconds < layers.seconds:
+            run.take(far_sides)
+            self.why = [f"the domain is extended: layers would take {layers.over(far)}"]
             return
-        run.take(far_sides)
-        self.why = [f"the domain is extended: layers would take {layers.over(far)}"]
+        self.why = [f"layers: the extended domain would take {far.over(layers)}"]
+        try:
+            run.examine(until)  # as the run will, which knows the answer then
+        except InputError as error:
+            if fits:
+                run.take(far_sides)
+                self.why = [f"the domain is extended, for layers do not serve: {error.message}"]
 
 
 def outlasted(around: Surroundings, until: float, dt: float) -> list[str]:

@@ -81,7 +81,7 @@ _PLACES = 65  # at which, beside its source's own, the largest value is looked f
 _BEGIN, _TIMES = 0.03, 60
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Thickness:
     """A layer and the error that it is predicted to make, or designed for.
 
@@ -103,6 +103,14 @@ class Thickness:
     predicted: float
     until: float = np.inf
     designed: bool = False
+
+    @property
+    def nodes(self) -> int:
+        """Thickness of the layer in nodes."""
+        return self.layer.columns
+
+    def __repr__(self) -> str:
+        return f"Thickness({self.nodes} nodes, {self})"
 
     def __str__(self) -> str:
         known = "designed for an error of" if self.designed else "predicted error"
