@@ -55,7 +55,8 @@ def started(folder, before="", *arguments):
     return subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-@pytest.mark.parametrize("what", BAD)
+# that the processes do not fit is refused, in the fast tier, where boxes are too many, and by `tests/on_processes.py`
+@pytest.mark.parametrize("what", [pytest.param(w, marks=pytest.mark.slow) if w == "topology" else w for w in BAD])
 def test_bad_input_ends_all_processes(tmp_path, what):
     before, arguments, words = BAD[what]
     run = started(tmp_path, before, *arguments)

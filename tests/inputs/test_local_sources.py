@@ -135,11 +135,14 @@ def test_a_point_source_is_that_of_the_plane():
 
 
 def in_the_plane(rock, at, times, solution):
-    """Displacement (n, 2) that a line of sources causes: the sum of what they do in space."""
+    """Displacement (n, 2) that a line of sources causes: the sum of what they do in space, those below the plane the
+    same as those above it.
+    """
     points, weights = np.polynomial.legendre.leggauss(160)
-    far = rock.p_speed * times[-1]
+    far, above = rock.p_speed * times[-1], points > 0
     return sum(
-        w * far * solution(rock, np.array([*at, far * z]), times)[:2].T for z, w in zip(points, weights, strict=True)
+        2 * w * far * solution(rock, np.array([*at, far * z]), times)[:2].T
+        for z, w in zip(points[above], weights[above], strict=True)
     )
 
 

@@ -250,7 +250,7 @@ class Engine:
         self.watch_stride = 1
         self._repeats = Repeats()
         self._own_loop = CompiledLoop()
-        self._asked: dict[tuple[Any, ...], tuple[Tables, Tables, np.ndarray, CompiledLoop, np.ndarray]] = {}
+        self._asked: dict[tuple[Any, ...], _Prepared] = {}
         self.loop: Loop | None = None
 
     def in_a_line(self, side: int) -> int:
@@ -461,7 +461,11 @@ class Engine:
         """The operator L on a level with whatever its halo holds, with plain shifts everywhere, without heat and, of
         nodes with states, without bonds that close.
         """
-        return self.operate(level, sweep_operations(self.tables), cold=True, gaping=True)
+        return self.core_operator()(level)
+
+    def core_operator(self) -> Callable[[np.ndarray], np.ndarray]:
+        """`apply_core` for one level after the other: what is made for it takes longer than a small sweep."""
+        return _Prepared(self, sweep_operations(self.tables), cold=True, gaping=True)
 
     def forces_of_heat(self) -> tuple[np.ndarray, np.ndarray]:
         """What heat does to nodes with states that are where they were, as a level, and four times the energy of each
@@ -488,49 +492,11 @@ class Engine:
         """
         asked = (apart, cold, gaping, *operations)
         kept = self._asked.get(asked) if again else None
-        if kept is None or kept[0] is not self.tables:
-            scale = self.stages.numbers[0][2]  # the last stage may be without operator
-            numbers = np.array([numbers_of(self, float(self.stages.increments), 0.0, scale, 0.0)], self.dtype)
-            tables = once(self.tables, operations, numbers)
-            if cold:
-                tables = without_heat(tables)
-            if gaping:
-                tables = without_contact(tables)
-            memory = self.memory.copy() if apart else self.memory
-            if apart:
-                tables = self._with_memory(tables, memory)
-            kept = self.tables, tables, np.zeros((3, level.size), level.dtype), CompiledLoop(self._own_loop), memory
+        if kept is None or kept.of is not self.tables:
+            kept = _Prepared(self, operations, apart, cold, gaping)
             if again:
                 self._asked[asked] = kept
-        _, tables, levels, loop, memory = kept
-        if apart:
-            memory[:] = self.memory
-        levels[0], levels[1:] = level, 0
-        if self.loop is None:
-            loop(1, 0, levels, tables, self._no_inputs(1), 1)
-        else:
-            self.loop(1, 0, levels, tables, self._no_inputs(1))
-        level[:] = levels[0]
-        return np.asarray(levels[1 if self.stages.increments else 2] / tables.numbers[0, 3])
-
-    def _with_memory(self, tables: Tables, memory: np.ndarray) -> Tables:
-        """Tables whose layers have another memory."""
-        starts = [one.start for one in self.all_layers]
-        tables = tables._replace(layers=_remembering(tables.layers, memory, starts[0]))
-        if self.warm_layers is not None:
-            pushes, traces = (
-                one._replace(layers=_remembering(one.layers, memory, start))
-                for one, start in zip((tables.pushes, tables.traces), starts[-2:], strict=True)
-            )
-            tables = tables._replace(pushes=pushes, traces=traces)
-        if self.passes is None:
-            return tables
-        gather, scatter = (
-            one._replace(layers=_remembering(one.layers, memory, start))
-            for one, start in zip((tables.gather, tables.scatter), starts[1:3], strict=True)
-        )
-        stretches = _remembering(tables.stretches, memory, self.passes.start)
-        return tables._replace(gather=gather, scatter=scatter, stretches=stretches)
+        return kept(level)
 
     def _no_inputs(self, steps: int) -> Inputs:
         """Nothing from outside for some steps; prescribed values are zero."""
@@ -614,6 +580,59 @@ class Engine:
         stretched = tables.stretches.keep, tables.stretches.gain, tables.stretches.own
         held = (self.levels, tables.layers.slots, self.memory, tables.material.coefficient, states, *stretched)
         return sum(np.asarray(a).nbytes for part in (held, *parts) for a in part)
+
+
+class _Prepared:
+    """Operations that are ready for any level, as `Engine.operate` has them, as long as the engine's tables stay."""
+
+    def __init__(
+        self, engine: Engine, operations: list[Operation], apart: bool = False, cold: bool = False, gaping: bool = False
+    ) -> None:
+        self.engine, self.of, self.apart = engine, engine.tables, apart
+        scale = engine.stages.numbers[0][2]  # the last stage may be without operator
+        numbers = np.array([numbers_of(engine, float(engine.stages.increments), 0.0, scale, 0.0)], engine.dtype)
+        tables = once(engine.tables, operations, numbers)
+        if cold:
+            tables = without_heat(tables)
+        if gaping:
+            tables = without_contact(tables)
+        self.memory = engine.memory.copy() if apart else engine.memory
+        self.tables = self._with_own_memory(tables) if apart else tables
+        self.levels = np.zeros((3, engine.levels.shape[1]), engine.dtype)
+        self.loop = CompiledLoop(engine._own_loop)
+
+    def __call__(self, level: np.ndarray) -> np.ndarray:
+        """What they make of a level, as a level; fills its halo."""
+        engine, levels = self.engine, self.levels
+        if self.apart:
+            self.memory[:] = engine.memory
+        levels[0], levels[1:] = level, 0
+        if engine.loop is None:
+            self.loop(1, 0, levels, self.tables, engine._no_inputs(1), 1)
+        else:
+            engine.loop(1, 0, levels, self.tables, engine._no_inputs(1))
+        level[:] = levels[0]
+        return np.asarray(levels[1 if engine.stages.increments else 2] / self.tables.numbers[0, 3])
+
+    def _with_own_memory(self, tables: Tables) -> Tables:
+        """Tables whose layers have another memory than the engine's."""
+        engine, memory = self.engine, self.memory
+        starts = [one.start for one in engine.all_layers]
+        tables = tables._replace(layers=_remembering(tables.layers, memory, starts[0]))
+        if engine.warm_layers is not None:
+            pushes, traces = (
+                one._replace(layers=_remembering(one.layers, memory, start))
+                for one, start in zip((tables.pushes, tables.traces), starts[-2:], strict=True)
+            )
+            tables = tables._replace(pushes=pushes, traces=traces)
+        if engine.passes is None:
+            return tables
+        gather, scatter = (
+            one._replace(layers=_remembering(one.layers, memory, start))
+            for one, start in zip((tables.gather, tables.scatter), starts[1:3], strict=True)
+        )
+        stretches = _remembering(tables.stretches, memory, engine.passes.start)
+        return tables._replace(gather=gather, scatter=scatter, stretches=stretches)
 
 
 def _remembering(layers: Kept, memory: np.ndarray, start: int) -> Kept:

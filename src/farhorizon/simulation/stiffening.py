@@ -106,12 +106,12 @@ def largest_rate(grid: Grid, team: Team, known: float = 0.0) -> float:
     there = engine.absent.exists[places]
     nodes = engine.all_components(places[there]).reshape(engine.components, -1)
     root = np.sqrt(engine.mobility[nodes] if engine.mobility.size > 1 else engine.mobility)
-    level = np.zeros(engine.levels.shape[1], engine.dtype)
+    level, operator = np.zeros(engine.levels.shape[1], engine.dtype), engine.core_operator()
 
     def applied(values: np.ndarray) -> np.ndarray:
         level[nodes] = root * values
         engine.complete(level)
-        return -root * np.asarray(engine.apply_core(level)[nodes])
+        return -root * operator(level)[nodes]
 
     def product(one: np.ndarray, other: np.ndarray) -> float:
         return float(team.summed(np.array([(one * other).sum()]))[0])
