@@ -171,20 +171,26 @@ def test_a_scalar_in_space_chooses_dampers_where_they_keep_its_target():
     assert all(one.layer.filtered for one in fine.thickness.values())
 
 
-@pytest.mark.parametrize(
-    "model, target, wall, told",
-    [
-        (fh.Wave(fh.Kernel(3.0, 1)), 1e-6, fh.Free(), True),
-        (fh.Wave(fh.Kernel(3.0, 1)), 1e-6, fh.Fixed(), True),
-        (fh.Wave(fh.Kernel(3.0, 1)), 1e-3, fh.Free(), False),
-        (fh.Wave(fh.Kernel(3.0, 1)), 1e-6, None, False),
-        (fh.Wave(fh.Kernel(3.0, 2)), 1e-6, fh.Free(), False),
-    ],
-)
-def test_filters_that_end_at_walls_are_told_of(model, target, wall, told):
-    """Only where they damp waves that run backward, and where a target is small."""
-    layer = fh.LatticePML(target=target, until=60.0)
-    sides = {"x": layer, "y-": layer if wall is None else wall, "y+": layer}
-    pulse = "exp(-((x - 15)**2 + (y - 15)**2)/12)"
-    sim = fh.Simulation(fh.Lattice(1.0, (0.0, 0.0), (30.0, 30.0)), model, sides, {"u": pulse})
-    assert any("beside a wall" in note for note in sim.notes) == told
+@pytest.mark.parametrize("wall", [fh.Free(), fh.Fixed()], ids=["free", "held"])
+def test_filters_that_end_at_walls_take_more_nodes(wall):
+    """Only where they damp waves that run backward, and where a target is small; and where the nodes are given, what
+    they send back is told of.
+    """
+
+    def chosen(model, target, wall, **options):
+        layer = fh.LatticePML(target=target, until=60.0, **options)
+        sides = {"x": layer, "y-": layer if wall is None else wall, "y+": layer}
+        pulse = "exp(-((x - 15)**2 + (y - 15)**2)/12)"
+        return fh.Simulation(fh.Lattice(1.0, (0.0, 0.0), (30.0, 30.0)), model, sides, {"u": pulse})
+
+    wide, usual = fh.Wave(fh.Kernel(3.0, 1)), fh.Wave(fh.Kernel(3.0, 2))
+    nodes = {
+        (model.operator.exponent, target, there is None): chosen(model, target, there).thickness["x+"].nodes
+        for model, target in ((wide, 1e-3), (wide, 1e-6), (usual, 1e-6))
+        for there in (None, wall)
+    }
+    assert nodes[1, 1e-6, False] > 1.5 * nodes[1, 1e-6, True]
+    assert nodes[1, 1e-3, False] <= nodes[1, 1e-3, True] + 2
+    assert nodes[2, 1e-6, False] <= nodes[2, 1e-6, True] + 2
+    notes = chosen(wide, 1e-6, wall, nodes=24).notes
+    assert any("layers of 24 nodes" in note and "predicted to send back" in note for note in notes)

@@ -43,9 +43,6 @@ _TURN = 0.2  # of a period, in a step of the fastest wave, where it may
 _SHORT = 1e-6  # target down to which six digits are enough for what layers remember
 _LIGHT = 1e-5  # and for light dampers: they send 2e-6 of a resolved pulse back at most
 _TIGHTER = 2.0  # factor by which less is asked for until waves that alternate are kept back, too
-# What 20 nodes whose filter damps short waves that run backward send back beside walls, of scalars and of vectors, with
-# a horizon of 3 nodes; it falls as the 3.5th power of their number, in trials (docs/limits.md).
-_BESIDE_WALLS = {False: 1e-5, True: 5e-5}
 _ALIVE = 0.75  # factor of a step from which on waves are still there when they reach a side
 
 
@@ -232,10 +229,8 @@ class _Choice:
                 self.followed.add(key)
             if boundary.open_ended:
                 found = far.layer(*key, boundary, wanted, until)
-                if found is None:
-                    continue
-                self._take(key, found, wanted)
-                layer = found.layer
+                if found is not None:
+                    self._take(key, found, wanted)
             else:
                 layer = around.layers[key]
                 error = far.returned(*key, layer, wanted, min(until, far.foreseen))
@@ -247,25 +242,6 @@ class _Choice:
                         layer.columns,
                         wanted,
                     )
-            if boundary.target is not None and (error := self._back_along_walls(key, layer)) > wanted:
-                self._miss(
-                    key,
-                    f"beside a wall layers of {{}} nodes ({{}}) may send back {error:.1g} of the largest value, more "
-                    "than the target {:g}, for their filter of short waves ends there",
-                    layer.columns,
-                    wanted,
-                )
-
-    def _back_along_walls(self, key: Key, layer: Layer) -> float:
-        """What a filter of short waves makes of long ones where it ends at a wall: near it these are not those of the
-        medium, which is all that predictions know.
-        """
-        stencil, walls = self.near.stencil, [side for (axis, _), side in self.around.sides.items() if axis != key[0]]
-        if not layer.filtered or weak(high_pass(stencil)) or not any(side.image for side in walls):
-            return 0.0
-        reach = max(stencil.reach) / 3
-        at_twenty = _BESIDE_WALLS[stencil.components > 1] * reach ** (5 if reach > 1 else 10)
-        return float(at_twenty * (20 / layer.columns) ** 3.5)
 
     def unforeseen(self, layers: Sides) -> list[str]:
         """What is to be said of short waves in the data that predictions leave out: those that run backward, of vectors

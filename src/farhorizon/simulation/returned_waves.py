@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy import fft
 from scipy.ndimage import affine_transform
 
 from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.layers.choice import weak
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.returned import (
     Arrivals,
@@ -21,6 +23,7 @@ from farhorizon.analysis.layers.returned import (
     reach_the_end,
     round_a_point,
 )
+from farhorizon.analysis.layers.short_waves import high_pass
 from farhorizon.analysis.layers.thickness import (
     Thickness,
     by_formula,
@@ -51,6 +54,9 @@ _SILENT = 1e-3  # of the wanted error: sources that are fainter send nothing any
 _HERE = 0.01  # of its largest value: a datum is where it has more
 # of the wanted error, where a free side runs into a layer: predictions take it for a mirror, but it lacks bonds, and
 # waves run along it that are bound to it
+# What 20 nodes whose filter damps short waves that run backward send back beside walls, over the largest value, of
+# scalars and of vectors, with a horizon of 3 nodes; it falls as the 3.5th power of their number.
+_BESIDE_WALLS = {False: 1.2e-5, True: 5e-5}
 _BESIDE_FREE = 0.4
 
 
@@ -149,13 +155,14 @@ class ReturnedWaves:
         share = _BESIDE_FREE if any(b.image > 0 for b in self._beside(axis)) else 1.0
         dt = self.dt if self.squared_speed is None and spreads(self.sides, axis) else None
         members = family(medium.stencil, pace, slowest, until, distance_to_side(data), share * wanted, dt, steep)
-        found = thinnest(members, sent, share * wanted, size)
+        beside = partial(self._along_walls, axis)
+        found = thinnest(members, sent, share * wanted, size, beside)
         if found is None and boundary.target is None:
             return None
         if found is None:
-            limit = least(members, sent, size) / share
+            limit = least(members, sent, size, beside) / share
             # of the waves more is left out for a larger target
-            limit = max(limit, least(members, *self._arriving(axis, side, until, limit)[1:]) / share)
+            limit = max(limit, least(members, *self._arriving(axis, side, until, limit)[1:], beside) / share)
             raise InputError(
                 "no layer keeps the target for these data",
                 value=wanted,
@@ -173,7 +180,18 @@ class ReturnedWaves:
         wanted one or larger.
         """
         _, sent, size = self._arriving(axis, side, until, wanted)
-        return predicted_error(layer, sent, size)
+        return predicted_error(layer, sent, size) + self._along_walls(axis, layer)
+
+    def _along_walls(self, axis: int, layer: Layer) -> float:
+        """What a layer's filter of short waves sends back where it ends at a wall, at most, from trials
+        (docs/limits.md): near a wall long waves are not those of the medium, which is all that predictions know.
+        """
+        walls = any(side.image for side in self._beside(axis))
+        if not walls or not layer.filtered or weak(high_pass(self.stencil)):
+            return 0.0
+        reach = max(self.stencil.reach) / 3
+        at_twenty = _BESIDE_WALLS[self.stencil.components > 1] * reach ** (5 if reach > 1 else 10)
+        return float(at_twenty * (20 / layer.columns) ** 3.5)
 
     def _arriving(
         self, axis: int, side: int, until: float, wanted: float

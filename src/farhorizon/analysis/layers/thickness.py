@@ -367,7 +367,11 @@ def _with_light(members: Mapping[str, Layer], stencil: Stencil, pace: float, dt:
 
 
 def thinnest(
-    members: Callable[[int], Mapping[str, Layer]], waves: Sequence[Arrivals], wanted: float, size: float
+    members: Callable[[int], Mapping[str, Layer]],
+    waves: Sequence[Arrivals],
+    wanted: float,
+    size: float,
+    beside: Callable[[Layer], float] = lambda layer: 0.0,
 ) -> Thickness | None:
     """The fewest nodes with which some member of a family keeps an error at a side.
 
@@ -381,6 +385,8 @@ def thinnest(
         Relative to `size`.
     size : float
         The largest of the data.
+    beside : callable, optional
+        What a layer sends back besides, at most, which no waves of the medium show.
 
     Returns
     -------
@@ -396,9 +402,9 @@ def thinnest(
         light = {name: one for name, one in every.items() if one.tuned.size} if scalar else {}
         for some in filter(None, (light, {name: one for name, one in every.items() if name not in light})):
             name, layer = _quietest(some, waves)
-            predicted = predicted_error(layer, waves, size, aim)
-            if predicted <= aim:
-                return Thickness(name, layer, predicted)
+            predicted, more = predicted_error(layer, waves, size, aim), beside(layer)
+            if predicted <= aim and predicted + more <= wanted:
+                return Thickness(name, layer, predicted + more)
         return None
 
     low, high, found = 0, 2, best(2)
@@ -434,11 +440,18 @@ def crowded(stencil: Stencil) -> bool:
     return float((np.abs(np.gradient(frequency, k)) < _HARDLY).mean()) > _CROWDED
 
 
-def least(members: Callable[[int], Mapping[str, Layer]], waves: Sequence[Arrivals], size: float) -> float:
+def least(
+    members: Callable[[int], Mapping[str, Layer]],
+    waves: Sequence[Arrivals],
+    size: float,
+    beside: Callable[[Layer], float] = lambda layer: 0.0,
+) -> float:
     """The smallest target, rounded up to one digit, that a layer of 60 nodes keeps; parameters as of `thinnest`."""
     _, layer = _quietest(members(MOST), waves)
-    found = predicted_error(layer, waves, size) / _AIM  # as `thinnest` judges
+    predicted = predicted_error(layer, waves, size)
+    found = predicted / _AIM  # as `thinnest` judges
     found /= _AIM_CROWDED if crowded(waves[0].medium.stencil) else 1.0
+    found = max(found, predicted + beside(layer))
     digit = 10.0 ** np.floor(np.log10(max(found, 1e-300)))
     return float(np.ceil(found / digit) * digit)
 
