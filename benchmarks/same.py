@@ -60,7 +60,7 @@ def _marks(steps: int) -> Iterator[tuple[str, str]]:
 
 def _mark(make: Callable[[], Any], steps: int) -> str:
     """Hash of the fields and of what a checkpoint holds after some steps."""
-    from farhorizon.files.results import read_checkpoint
+    from farhorizon.files.checkpoint_format import read_checkpoint
 
     run, mark = make(), hashlib.sha256()
     run.step(steps)

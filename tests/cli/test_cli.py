@@ -16,7 +16,9 @@ import pytest
 from doubtful import CRACK_AT_THE_RIM
 from drawn import is_picture
 from farhorizon.cli import main
-from farhorizon.files.results import ResultsWriter, open_results, read_checkpoint
+from farhorizon.files.checkpoint_format import read_checkpoint
+from farhorizon.files.results import open_results
+from farhorizon.files.results_writer import ResultsWriter
 from farhorizon.files.storage import locked
 from outputs import written
 

@@ -10,7 +10,8 @@ import pytest
 from farhorizon.cli import main
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.files.parts import folder_of, part_path
-from farhorizon.files.results import ResultsWriter, open_results
+from farhorizon.files.results import open_results
+from farhorizon.files.results_writer import ResultsWriter
 
 CUTS = {1: ([0, 3, 7],), 2: ([0, 4, 7], [0, 2, 5]), 3: ([0, 3, 7], [0, 5], [0, 2, 4])}
 

@@ -10,7 +10,8 @@ import pytest
 import farhorizon as fh
 from farhorizon.cli import main
 from farhorizon.files.records import Recorded
-from farhorizon.files.results import ResultsWriter, open_results
+from farhorizon.files.results import open_results
+from farhorizon.files.results_writer import ResultsWriter
 from farhorizon.pictures import result_pictures
 
 POINTS = np.array([[0.5, 1.0], [1.5, -1.0], [2.5, 0.25]])

@@ -10,7 +10,9 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.files import storage
-from farhorizon.files.results import ResultsWriter, open_results, read_checkpoint, write_checkpoint
+from farhorizon.files.checkpoint_format import read_checkpoint, write_checkpoint
+from farhorizon.files.results import open_results
+from farhorizon.files.results_writer import ResultsWriter
 
 SHAPE = (40, 30)
 
@@ -149,7 +151,8 @@ def test_a_full_disk_is_an_error_and_leaves_the_file(tmp_path, room):
     script = f"""
 import resource, sys
 import numpy as np
-from farhorizon.files.results import ResultsWriter, write_checkpoint
+from farhorizon.files.checkpoint_format import write_checkpoint
+from farhorizon.files.results_writer import ResultsWriter
 writer = ResultsWriter({str(path)!r})
 resource.setrlimit(resource.RLIMIT_FSIZE, ({len(before) + room}, {len(before) + room}))
 errors = 0

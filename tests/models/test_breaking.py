@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.files.results import ResultsWriter, open_results
+from farhorizon.files.results import open_results
+from farhorizon.files.results_writer import ResultsWriter
 from farhorizon.medium.fracture import fracture_energy
 from helpers import fitted_rate, lattice_of
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from farhorizon.errors import InputError
-from farhorizon.files.results import ResultsWriter, open_results
+from farhorizon.files.results import open_results
+from farhorizon.files.results_writer import ResultsWriter
 from farhorizon.pictures import result_pictures as drawing
 from farhorizon.pictures.isosurfaces import chosen_levels, isosurface, isosurface_panels
 

@@ -10,7 +10,8 @@ from drawn import axes_of, is_picture, wave
 from farhorizon.errors import InputError
 from farhorizon.files.records import Recorded
 from farhorizon.files.region_numbers import Regions
-from farhorizon.files.results import ResultsWriter, open_results
+from farhorizon.files.results import open_results
+from farhorizon.files.results_writer import ResultsWriter
 from farhorizon.pictures import fields
 from farhorizon.pictures import result_pictures as drawing
 from farhorizon.pictures.deformed import chosen_factor

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from farhorizon.analysis.layers.returned import Datum
+from farhorizon.analysis.layers.side_data import Datum
 from farhorizon.simulation.wave_data import by_time, depth_of, largest_along
 
 SEED = 20261122

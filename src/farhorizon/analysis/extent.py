@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from farhorizon.analysis.layers.returned import Datum
+from farhorizon.analysis.layers.side_data import Datum
 from farhorizon.analysis.references.infinite import largest_speed, undisturbed
 from farhorizon.medium.integrators import Integrator, Verlet, VerletModes
 from farhorizon.medium.stencil import Stencil

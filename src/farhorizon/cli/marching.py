@@ -139,7 +139,7 @@ def _check_unchanged(case: Any, path: Path) -> None:
 
 def _begun(options: argparse.Namespace, case: Any, sim: Any, files: RunFiles) -> RunResults:
     """Empty results, in place of what was there."""
-    from farhorizon.files.results import check_replaceable
+    from farhorizon.files.results_writer import check_replaceable
     from farhorizon.simulation.checkpoint_files import remove_checkpoint
     from farhorizon.simulation.output import RunResults
 

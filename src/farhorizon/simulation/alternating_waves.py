@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from farhorizon.analysis.layers.first_steps import FirstSteps
-from farhorizon.analysis.layers.returned import Datum
 from farhorizon.analysis.layers.short_waves import short_share
+from farhorizon.analysis.layers.side_data import Datum
 from farhorizon.boundaries import Side
 from farhorizon.engine.engine import Layer
 from farhorizon.medium.integrators import Verlet

@@ -14,8 +14,8 @@ from typing import Any
 
 from farhorizon.engine.pieces import Box, common
 from farhorizon.errors import FileFormatError
+from farhorizon.files.checkpoint_format import read_checkpoint, write_checkpoint
 from farhorizon.files.parts import folder_of
-from farhorizon.files.results import read_checkpoint, write_checkpoint
 from farhorizon.simulation.checkpoint import OF_A_BOX, Arrays, fingerprint
 from farhorizon.simulation.described import describe
 from farhorizon.simulation.march import March

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from farhorizon import kinds
 from farhorizon.errors import InputError, ValidityWarning
-from farhorizon.files.results import Caution
+from farhorizon.files.results_layout import Caution
 from farhorizon.machine import progress
 from farhorizon.simulation.steps import last_step
 from farhorizon.simulation.team import Team, agreed

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon.analysis.extent import Extent, Waves, extent, largest
-from farhorizon.analysis.layers.returned import Datum
+from farhorizon.analysis.layers.side_data import Datum
 from farhorizon.machine import available_memory
 from farhorizon.simulation.drives import Drive
 from farhorizon.simulation.near_field import NearField

@@ -16,8 +16,8 @@ import numpy as np
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.choice import weak
 from farhorizon.analysis.layers.layer import LatticeMedium
-from farhorizon.analysis.layers.returned import Datum
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
+from farhorizon.analysis.layers.side_data import Datum
 from farhorizon.analysis.layers.thickness import MOST, Thickness, Wall, distance_to_side, thinnest_for_diffusion
 from farhorizon.analysis.layers.tuned_layers import as_quiet, lightly_tuned
 from farhorizon.boundaries import LatticePML, Side

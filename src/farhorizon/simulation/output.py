@@ -18,7 +18,8 @@ from farhorizon.errors import InputError
 from farhorizon.files.parts import folder_of, part_path
 from farhorizon.files.provenance import computed_with
 from farhorizon.files.region_numbers import Regions
-from farhorizon.files.results import ResultsWriter, open_results
+from farhorizon.files.results import open_results
+from farhorizon.files.results_writer import ResultsWriter
 from farhorizon.simulation.nodal_stress import fields_of
 from farhorizon.simulation.outlines import outlines_of
 from farhorizon.simulation.recorder import Recorder

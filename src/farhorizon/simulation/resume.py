@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon.errors import FileFormatError
-from farhorizon.files.results import read_checkpoint
+from farhorizon.files.checkpoint_format import read_checkpoint
 from farhorizon.simulation.described import rebuild
 
 

@@ -11,19 +11,13 @@ from scipy import fft
 from scipy.ndimage import affine_transform
 
 from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.layers.arrivals import arrivals, round_a_point
 from farhorizon.analysis.layers.choice import weak
 from farhorizon.analysis.layers.layer import LatticeMedium
-from farhorizon.analysis.layers.returned import (
-    Arrivals,
-    Datum,
-    Sample,
-    arrivals,
-    frequency_of_slow_waves,
-    hold_backward_waves,
-    reach_the_end,
-    round_a_point,
-)
+from farhorizon.analysis.layers.returned import Arrivals
+from farhorizon.analysis.layers.samples import Sample
 from farhorizon.analysis.layers.short_waves import high_pass
+from farhorizon.analysis.layers.side_data import Datum, frequency_of_slow_waves, hold_backward_waves, reach_the_end
 from farhorizon.analysis.layers.thickness import (
     Thickness,
     by_formula,

@@ -14,8 +14,9 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.checks.certificate import UNDECIDED, Certificate
 from farhorizon.errors import InputError, shown
+from farhorizon.files.datasets import dataset
 from farhorizon.files.html import table
-from farhorizon.files.results import Caution, dataset
+from farhorizon.files.results_layout import Caution
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.course import check_ahead, checked_end, go, say_doubt

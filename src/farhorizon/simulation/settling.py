@@ -13,7 +13,7 @@ from farhorizon.boundaries import Side
 from farhorizon.checks.examined import Examined
 from farhorizon.checks.price import extended_price, price
 from farhorizon.errors import InputError
-from farhorizon.files.results import read_checkpoint
+from farhorizon.files.checkpoint_format import read_checkpoint
 from farhorizon.machine import available_memory
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.course import warn

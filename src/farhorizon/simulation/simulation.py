@@ -15,7 +15,7 @@ from farhorizon.boundaries import ExactEnds, Side
 from farhorizon.checks.certificate import BUDGET, Certificate, certify
 from farhorizon.checks.report import Report
 from farhorizon.errors import InputError
-from farhorizon.files.results import Caution
+from farhorizon.files.results_layout import Caution
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.conditions import Constraint
 from farhorizon.inputs.loads import BodyForce, Traction

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from farhorizon.analysis.layers.returned import Datum
+from farhorizon.analysis.layers.side_data import Datum
 
 _STAND_IN = 2.0  # width, in nodes, of the pulses that stand for data which are not known
 

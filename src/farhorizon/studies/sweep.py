@@ -19,7 +19,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.engine.engine import available_threads
 from farhorizon.errors import FileFormatError, InputError
-from farhorizon.files.results import xarray_module
+from farhorizon.files.datasets import xarray_module
 from farhorizon.files.storage import locked, replacing
 
 if TYPE_CHECKING:

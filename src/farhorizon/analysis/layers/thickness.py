@@ -30,7 +30,8 @@ import numpy as np
 from scipy import special
 
 from farhorizon.analysis.layers.choice import rising_alpha, smooth_ramp, weak
-from farhorizon.analysis.layers.returned import Arrivals, reflected
+from farhorizon.analysis.layers.returned import Arrivals
+from farhorizon.analysis.layers.samples import reflected
 from farhorizon.analysis.layers.short_waves import HighPass, high_pass
 from farhorizon.analysis.layers.tuned_layers import lightly_tuned, tuned_layers
 from farhorizon.engine.engine import Layer

@@ -1,0 +1,117 @@
+"""Data in front of a side, and which of the waves that they hold are felt there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from farhorizon.analysis.layers.chain_modes import all_modes
+from farhorizon.analysis.layers.choice import weak
+from farhorizon.analysis.layers.layer import LatticeMedium
+from farhorizon.analysis.layers.reflection import factor_of_wave
+from farhorizon.analysis.layers.short_waves import high_pass, short_share
+
+_FELT_BACKWARD = 0.3  # share of the wanted error that backward waves in the data are looked for from
+# of the first backward wavenumber, from which on forward waves have its frequency nearly, and leave as backward ones;
+# of scalars: what is known of vectors that way is too large for a few such waves
+_TURNING = 0.8
+_STATIC = 1e-9  # eigenvalue over the rate at which modes that do not travel are told from the longest waves
+
+
+@dataclass(frozen=True)
+class Datum:
+    """A field of the data at one side.
+
+    Attributes
+    ----------
+    values : ndarray
+        On the near field, the first axis along the normal and towards the side.
+    kind : {"u", "v", "source"}
+        Values or velocities at the start, or a source, ``u_tt = .. + values time``.
+    time : ndarray, shape (steps,)
+        Of a source, its factor at each step; empty otherwise.
+    component : int
+        Of a field of vectors, the one whose values these are.
+    behind : tuple of (int, float), or None
+        Number of nodes next to the side beyond which the medium is slower, and its squared speed over that at the side.
+        Waves keep their frequency at such an interface, so that they arrive longer than they set out.
+    """
+
+    values: np.ndarray
+    kind: str
+    time: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    component: int = 0
+    behind: tuple[int, float] | None = None
+
+    def turned(self, axis: int, side: int) -> Datum:
+        """The same with an axis first, and towards its lower (-1) or upper (1) end."""
+        values = np.moveaxis(self.values, axis, 0)
+        return replace(self, values=values if side > 0 else values[::-1])
+
+    def with_entrance(self) -> Datum:
+        """The same with the node between the side that it is turned to and the layer, which holds nothing."""
+        values = np.pad(self.values, [(0, 1), *[(0, 0)] * (self.values.ndim - 1)])
+        behind = self.behind and (self.behind[0] + 1, self.behind[1])
+        return replace(self, values=values, behind=behind)
+
+
+def hold_backward_waves(medium: LatticeMedium, data: Sequence[Datum], wanted: float) -> bool:
+    """Whether data hold waves of which some run backward and are felt, so that all modes of the chain in front of a
+    side are to be followed; in a medium that varies they are not, nor are vectors but in the plane.
+    """
+    stencil = medium.stencil
+    plane = stencil.components == stencil.dim == 2 and all(stencil.even_along(axis) for axis in range(2))
+    damped = high_pass(stencil) if stencil.components == 1 or plane else None
+    if damped is None or weak(damped):
+        return False
+    first = damped.first * (_TURNING if stencil.components == 1 else 1.0)
+    return any(
+        short_share(datum.values, first) * _briskness(medium, first, datum.time) > _FELT_BACKWARD * wanted
+        for datum in data
+        if datum.values.any()
+    )
+
+
+def reach_the_end(medium: LatticeMedium, data: Sequence[Datum], wanted: float) -> bool:
+    """Whether data at the end of a line are felt in front of the layer by waves, too, that do not travel: some of these
+    a layer amplifies, and all modes are to be followed. Along a side long waves that graze it set more than they do.
+    """
+    if medium.stencil.dim > 1 or medium.stencil.reach[0] == 1:
+        return False
+    roots = all_modes(medium, np.array([_STATIC * medium.rate + 0j]), np.zeros((0, 1)))[0]
+    fall = np.sort(np.abs(roots.ravel()))[-2]
+    sizes = [np.abs(datum.values) for datum in data if datum.values.any()]
+    return any(size[::-1] @ fall ** np.arange(len(size)) > _FELT_BACKWARD * wanted * size.max() for size in sizes)
+
+
+def frequency_of_slow_waves(medium: LatticeMedium, speed: float) -> float:
+    """The frequency from which on no wave is faster than a speed; all of them, if there are none so slow.
+
+    Those of the largest frequency stand still, and others about them go slowly, forward and backward.
+    """
+    _, values, slopes = medium.stencil.zone_branches
+    turn = np.minimum(medium.dt * np.sqrt(np.maximum(medium.rate * values, 0.0)) / 2, 1.0)
+    # of the steps: d(omega)/dk with sin(omega dt / 2) = turn
+    rise = medium.spacing * medium.rate * np.sqrt(sum(slope**2 for slope in slopes)) * medium.dt
+    fast = rise > speed * 4 * turn * np.sqrt(1 - turn**2)
+    return float(2 * np.arcsin(turn[fast].max(initial=0.0)) / medium.dt)
+
+
+def _briskness(medium: LatticeMedium, first: float, course: np.ndarray) -> float:
+    """What a source that follows a course in time sends of waves from a wavenumber times spacing on, over what it sends
+    of them if it is switched on at once; 1 for what is there at the start.
+
+    A field that follows its source slowly is none of waves: these are as large as the source changes at their
+    frequency.
+    """
+    if not course.any():
+        return 1.0
+    line = np.linspace(first, np.pi, 9)
+    symbol = medium.stencil.symbol(line, *[np.zeros_like(line)] * (medium.stencil.dim - 1))
+    values = symbol if medium.stencil.components == 1 else np.linalg.eigvalsh(symbol).ravel()
+    turns = np.angle([factor_of_wave(-medium.rate * float(one), medium.recursion) for one in values])
+    changes = np.diff(course, prepend=0.0)
+    heard = np.abs(np.exp(-1j * np.outer(turns, np.arange(len(course)))) @ changes).max()
+    return min(1.0, float(heard / np.abs(course).max()))
