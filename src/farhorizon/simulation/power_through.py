@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.sparse import csr_array
 
 from farhorizon import kinds
 from farhorizon.errors import InputError, shown
 from farhorizon.files.records import Recorded
-from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Shape
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.flux import bonds_left, plane
@@ -43,7 +44,8 @@ class PowerThrough(RowRecorder):
     surfaces : Shape, (str, float), or sequence of these
         A region, of which it is what leaves it; or a plane, ``("x", 2.5)``, half-way between two nodes, of which it is
         what crosses it towards larger coordinates within the near field, by states between nodes all of whose bonds
-        are in it.
+        are in it. No bond through a surface, nor one that their states follow from, may lead beyond the near field, of
+        a plane along its normal: a plane keeps as many nodes off layers, sponges and fixed sides.
     frequencies : array_like, shape (F,)
         In cycles per unit of time, at which `energy` tells what goes through; memory is by frequency, not by time.
     name : str
@@ -52,7 +54,7 @@ class PowerThrough(RowRecorder):
     Attributes
     ----------
     points : ndarray, shape (n, dim)
-        The middle of each region's nodes, and of each plane.
+        The middle of each region's nodes, and of each plane's part in the lattice.
     times : ndarray, shape (rows,)
         Those of the steps from the first on; the power of a step is known after the next one.
     data : dict of str to ndarray
@@ -63,8 +65,8 @@ class PowerThrough(RowRecorder):
     ------
     InputError
         What is neither a region nor a plane, a frequency below zero. When a run is made: no waves, bonds that are
-        nonlinear or break or are cut later, a region without nodes or out of which bonds reach beyond the near field, a
-        plane outside it, frequencies that no wave on the lattice has.
+        nonlinear or break or are cut later, a region without nodes, a plane outside the near field, bonds through a
+        surface that lead beyond it, frequencies that no wave on the lattice has.
 
     Notes
     -----
@@ -155,14 +157,14 @@ class PowerThrough(RowRecorder):
         _check_bonds(setup, parts)
         check_frequencies(self.frequencies, parts.near, "power.frequencies")
         lattice = parts.whole.near.lattice
-        sides = [_side_of(one, parts) for one in self.surfaces]
-        bonds, passes = [_crossing(parts, *one) for one in sides], parts.grid.engine.passes
+        surfaces = [_surface_of(one, parts) for one in self.surfaces]
+        bonds, passes = [_crossing(parts, one) for one in surfaces], parts.grid.engine.passes
         nodes = np.unique(np.concatenate([one.ends.ravel() for one in bonds]))
         if passes is not None:
             states = states_at(parts, nodes)
-            bonds = [_of_known(states, one, normal, parts) for one, (_, normal) in zip(bonds, sides, strict=True)]
+            bonds = [_of_known(states, one, at, parts) for one, at in zip(bonds, surfaces, strict=True)]
             nodes = np.union1d(nodes, states.places)
-        self.points = np.array([_middle(lattice, one.ends) for one in bonds])
+        self.points = np.array([one.middle for one in surfaces])
         self._dt = parts.near.dt
         mass = lattice.spacing**lattice.dim / parts.near.model.source_factor
         self._forms = [_form(np.searchsorted(nodes, one.ends), mass * one.weights, len(nodes)) for one in bonds]
@@ -198,9 +200,28 @@ class PowerThrough(RowRecorder):
             self._sums.take({name[5:]: array for name, array in state.items() if name.startswith("sums.")})
 
 
-def _side_of(surface: Any, parts: Parts) -> tuple[np.ndarray, int | None]:
-    """Which nodes of this part of the lattice, and within one reach around it, lie in a region or before a plane, and
-    the axis that the plane is normal to; across the sides of the whole lattice it repeats itself.
+class _Surface(NamedTuple):
+    """A surface among the nodes.
+
+    Attributes
+    ----------
+    given : Shape or (str, float)
+    axes : list of int
+        Along which bonds that cross it may not lead out of the near field: a plane ends with it along the others.
+    sides : ndarray of int
+        Of the nodes of this part of the lattice and within one reach around it: it goes up across the surface.
+    middle : ndarray, shape (dim,)
+    """
+
+    given: Any
+    axes: list[int]
+    sides: np.ndarray
+    middle: np.ndarray
+
+
+def _surface_of(given: Any, parts: Parts) -> _Surface:
+    """A region or a plane among the nodes; across the sides of the whole lattice a region repeats itself, and so does a
+    plane across periodic ones.
 
     Raises
     ------
@@ -209,29 +230,38 @@ def _side_of(surface: Any, parts: Parts) -> tuple[np.ndarray, int | None]:
     """
     part, lattice, team = parts.near.lattice, parts.whole.near.lattice, parts.whole.team
     more = parts.near.stencil.reach
-    around = [
-        np.arange(first - m, first + n + m) % count
-        for first, n, m, count in zip(part.first, part.shape, more, lattice.shape, strict=True)
-    ]
-    if not isinstance(surface, Shape):
+    around = [np.arange(first - m, first + n + m) for first, n, m in zip(part.first, part.shape, more, strict=True)]
+    if not isinstance(given, Shape):
         try:
-            axis, row = plane(lattice, *surface)
+            axis, row = plane(lattice, *given)
         except InputError as error:
             raise error.at("power.surfaces") from None
+        past = around[axis] - row - 1
+        sides = past // lattice.shape[axis] if parts.whole.sides[axis, -1].periodic else (past >= 0).astype(int)
         others = [a for a in range(lattice.dim) if a != axis]
+        middle = (lattice.lower + lattice.upper) / 2
+        middle[axis] = lattice.lower[axis] + (row + 0.5) * lattice.spacing
         shape = [len(along) for along in around]
-        return np.broadcast_to(np.expand_dims(around[axis] <= row, others), shape), axis
-    axes = [along[places] for along, places in zip(lattice.axes, around, strict=True)]
-    inside = np.asarray(surface.contains(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)))
-    if not team.any(bool(inside[tuple(slice(m, -m or None) for m in more)].any())):
+        return _Surface(given, [axis], np.broadcast_to(np.expand_dims(sides, others), shape), middle)
+    axes = [along[places % len(along)] for along, places in zip(lattice.axes, around, strict=True)]
+    inside = np.asarray(given.contains(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)))
+    nodes = np.argwhere(inside[tuple(slice(m, -m or None) for m in more)]) + np.array(part.first)
+    total, count = (sum(one) for one in zip(*team.gather((nodes.sum(axis=0), len(nodes))), strict=True))
+    if not count:
         raise InputError(
             "no node of the near field lies in the region",
-            value=repr(surface),
+            value=repr(given),
             limit=f"{shown(lattice.lower)} to {shown(lattice.upper)}",
             key="power.surfaces",
             remedy="move it inside or enlarge the lattice",
         )
-    return inside, None
+    near = [
+        parts.whole.sides[a, -1].periodic | ((along >= 0) & (along < lattice.shape[a]))
+        for a, along in enumerate(around)
+    ]
+    inside = inside & reduce(np.logical_and.outer, near)
+    middle = lattice.lower + lattice.spacing * total / count
+    return _Surface(given, list(range(lattice.dim)), (~inside).astype(int), middle)
 
 
 def _check_bonds(setup: Setup, parts: Parts) -> None:
@@ -271,66 +301,66 @@ class _Bonds(NamedTuple):
     weights: np.ndarray
 
 
-def _crossing(parts: Parts, inside: np.ndarray, normal: int | None) -> _Bonds:
-    """Bonds of the near field from nodes inside to nodes that are not. Each process looks at those of its nodes.
-
-    Bonds across periodic sides are among them, but along the normal of a plane, which they do not cross.
-
-    Parameters
-    ----------
-    parts : Parts
-    inside : ndarray of bool
-        Of the nodes of this part and within one reach around it.
-    normal : int or None
+def _crossing(parts: Parts, surface: _Surface) -> _Bonds:
+    """Bonds of the near field, across periodic sides too, from nodes inside to nodes that are not. Each process looks
+    at those of its nodes.
 
     Raises
     ------
     InputError
-        Of a closed surface, if bonds lead from nodes inside beyond the near field.
+        Bonds through the surface lead beyond the near field.
     """
     grid, engine, part, lattice = parts.grid, parts.grid.engine, parts.near.lattice, parts.whole.near.lattice
-    more, shape = np.array(parts.near.stencil.reach), np.array(lattice.shape)
-    own = np.argwhere(inside[tuple(slice(m, -m or None) for m in more)])
+    more, shape, sides = np.array(parts.near.stencil.reach), np.array(lattice.shape), surface.sides
+    # only nodes within one reach of the surface have bonds that cross it
+    beside = maximum_filter(sides, 2 * more + 1) != minimum_filter(sides, 2 * more + 1)
+    own = np.argwhere(beside[tuple(slice(m, -m or None) for m in more)])
     index, here = own + np.array(part.first), grid.nodes.reshape(part.shape)[tuple(own.T)]
-    wraps = np.array([parts.whole.sides[a, -1].periodic and a != normal for a in range(lattice.dim)])
+    side = sides[tuple((own + more).T)]
+    wraps = np.array([parts.whole.sides[a, -1].periodic for a in range(lattice.dim)])
     ends, found = [np.zeros((0, 3), np.int64)], [np.zeros((0, engine.components, engine.components))]
     for number, (offset, weight) in enumerate(zip(engine.offsets, engine.weights, strict=True)):
         step = offset[grid.lead :]
         there = np.where(wraps, (index + step) % shape, index + step)
-        near = ((there >= 0) & (there < shape)).all(axis=1)
-        crosses = near & ~inside[tuple((own + more + step).T)]
-        beyond = ~near & (normal is None)
-        left = bonds_left(engine, here, here + int(offset @ np.array(engine.core.stride)), weight)
-        if (left[beyond] > 0).any():
-            raise _leads_out(parts)
-        kept = crosses & (left > 0)
+        out, rise = (there < 0) | (there >= shape), sides[tuple((own + more + step).T)] - side
+        near, crosses = ~out.any(axis=1), rise > 0
+        leads_out = out[:, surface.axes].any(axis=1) & (rise != 0)
+        some = np.flatnonzero(crosses & near | leads_out)
+        left = bonds_left(engine, here[some], here[some] + int(offset @ np.array(engine.core.stride)), weight)
+        if (left[leads_out[some]] > 0).any():
+            raise _leads_out(parts, surface)
+        kept, left = some[left > 0], left[left > 0]
         pair = (np.ravel_multi_index(tuple(one[kept].T), lattice.shape) for one in (index, there))
-        ends.append(np.stack([*pair, np.full(kept.sum(), number)], axis=-1))
-        found.append(left[kept, None, None] * weight.reshape(engine.components, engine.components))
+        ends.append(np.stack([*pair, np.full(len(kept), number)], axis=-1))
+        found.append(left[:, None, None] * weight.reshape(engine.components, engine.components))
     every = parts.whole.team.gather((np.concatenate(ends), np.concatenate(found)))
     bonds, weights = (np.concatenate(one) for one in zip(*every, strict=True))
     order = np.lexsort((bonds[:, 0], bonds[:, 2]))  # that of one process
     return _Bonds(bonds[order, :2], bonds[order, 2], weights[order])
 
 
-def _of_known(states: NodeStates, bonds: _Bonds, normal: int | None, parts: Parts) -> _Bonds:
-    """Those of the bonds both ends of which have known states: all through a plane, which ends with the near field,
-    need not have them.
+def _of_known(states: NodeStates, bonds: _Bonds, surface: _Surface, parts: Parts) -> _Bonds:
+    """Those of the bonds both ends of which have known states: where a plane ends, some may lack them.
+
+    Raises
+    ------
+    InputError
+        States next to the surface follow from what lies beyond the near field.
     """
     known = states.knows(bonds.ends)
-    if normal is None and not known.all():
-        raise _leads_out(parts)
-    return _Bonds(*(one[known] for one in bonds))
+    if not known[:, surface.axes].all():
+        raise _leads_out(parts, surface)
+    return _Bonds(*(one[known.all(axis=1)] for one in bonds))
 
 
-def _leads_out(parts: Parts) -> InputError:
-    lattice = parts.whole.near.lattice
+def _leads_out(parts: Parts, surface: _Surface) -> InputError:
+    nodes = max(parts.near.stencil.reach[a] for a in surface.axes)  # of states both passes together
     return InputError(
-        "bonds lead out of the region beyond the near field",
-        value=[lattice.lower.tolist(), lattice.upper.tolist()],
-        limit=f"{parts.near.stencil.reach} nodes between the region and the edges",
+        "bonds through the surface lead beyond the near field",
+        value=repr(surface.given),
+        limit=f"{nodes} nodes of the near field between the surface and a side that bonds cross",
         key="power.surfaces",
-        remedy="a smaller region or a larger near field",
+        remedy="move the surface inwards, or enlarge the lattice",
     )
 
 
@@ -349,9 +379,3 @@ def _form(ends: np.ndarray, weights: np.ndarray, count: int) -> csr_array:
                     values.append(sign * weights[:, a, b])
     size = components * count
     return csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(size, size))
-
-
-def _middle(lattice: Lattice, ends: np.ndarray) -> np.ndarray:
-    """Mean of the places of the ends of bonds."""
-    at = np.stack(np.unravel_index(ends.ravel(), lattice.shape), axis=-1)
-    return np.asarray(lattice.lower + lattice.spacing * (at.mean(axis=0) if len(at) else 0.0))

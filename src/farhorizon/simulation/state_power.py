@@ -20,8 +20,8 @@ class NodeStates(NamedTuple):
     ----------
     nodes : ndarray of int, shape (E,)
         Flat numbers in the lattice, in order.
-    known : ndarray of bool, shape (E,)
-        Whether all that a state follows from is in the near field.
+    known : ndarray of bool, shape (E, dim)
+        Whether all that a state follows from is in the near field, along each axis.
     owners : ndarray of int, shape (T,)
         Of each term the number of its node among these.
     places : ndarray of int, shape (T,)
@@ -36,7 +36,7 @@ class NodeStates(NamedTuple):
     terms: np.ndarray
 
     def knows(self, ends: np.ndarray) -> np.ndarray:
-        """Of which bonds, ends of shape (bonds, 2), both states are known."""
+        """Of which bonds, ends of shape (bonds, 2), both states are known, along each axis."""
         return np.asarray(self.known[np.searchsorted(self.nodes, ends)].all(1))
 
     def form(self, nodes: np.ndarray, ends: np.ndarray, pushes: np.ndarray) -> csr_array:
@@ -79,17 +79,17 @@ def states_at(parts: Parts, nodes: np.ndarray) -> NodeStates:
     here, index = parts.grid.nodes.ravel()[own], np.stack(np.unravel_index(nodes[inside], lattice.shape), -1)
     wraps = np.array([parts.whole.sides[a, -1].periodic for a in range(lattice.dim)])
     dim = sums.shapes.shape[1]
-    shapes, known = np.zeros((len(here), dim, dim)), np.ones(len(here), bool)
+    shapes, known = np.zeros((len(here), dim, dim)), np.ones((len(here), lattice.dim), bool)
     bonds, exists = [], engine.absent.exists
     for k, offset in enumerate(engine.offsets):
         other = here + int(offset @ np.array(engine.core.stride))
         present = exists[here] & exists[other] & ~is_cut(engine.tables.gather.cuts, engine.layout.size, here, other)[0]
         there = index + offset[parts.grid.lead :]
         there = np.where(wraps, there % shape, there)
-        within = ((there >= 0) & (there < shape)).all(1)
-        known &= within | ~present
+        within = (there >= 0) & (there < shape)
+        known &= within | ~present[:, None]
         shapes += (exists[other] if sums.kept else present)[:, None, None] * sums.shapes[k]
-        bonds.append((k, np.flatnonzero(present & within), there))
+        bonds.append((k, np.flatnonzero(present & within.all(1)), there))
     laws = sums.law(shapes, passes.moduli_at(here)) if len(here) else np.zeros((0, *sums.gradient.shape[1:2] * 2))
     owners, places, terms = [], [], []
     number = np.flatnonzero(inside)
@@ -101,6 +101,6 @@ def states_at(parts: Parts, nodes: np.ndarray) -> NodeStates:
             terms.append(sign * term)
     mine = number, known, *(np.concatenate(one) for one in (owners, places, terms))
     every = [np.concatenate(one) for one in zip(*parts.whole.team.gather(mine), strict=True)]
-    found = np.zeros(len(nodes), bool)
+    found = np.zeros((len(nodes), lattice.dim), bool)
     found[every[0]] = every[1]
     return NodeStates(nodes, found, *every[2:])
