@@ -474,7 +474,10 @@ class TestConverters:
 
     def test_a_float_is_seen_as_one(self):
         for value in (8.0, np.float32(8)):
-            with pytest.raises(fh.InputError, match=r"must be a whole number; value: 8\.0; limit"):
+            with pytest.raises(fh.InputError, match=r"must be a whole number; value: 8\.0; limit.*; remedy: write 8$"):
+                kinds.integer(value, "a.key", least=1)
+        for value in (8.5, 0.0, np.nan):
+            with pytest.raises(fh.InputError, match="remedy: a whole number within these limits"):
                 kinds.integer(value, "a.key", least=1)
 
     def test_words(self):

@@ -109,7 +109,11 @@ def integer(value: Any, key: str, *, least: int, most: int = MOST_WHOLE) -> int:
             raise TypeError
         found = operator.index(value)
     except TypeError:
-        words = str(float(value)) if isinstance(value, float | np.floating) else said(value)  # 3.0 is not seen as 3
+        words = said(value)
+        if isinstance(value, float | np.floating):
+            words = str(float(value))  # 3.0 is not seen as 3
+            if least <= value <= most and float(value).is_integer():
+                remedy = f"write {value:.0f}"
         raise InputError("must be a whole number", value=words, limit=limit, key=key, remedy=remedy) from None
     if not least <= found <= most:
         raise InputError("is out of range", value=found, limit=limit, key=key, remedy=remedy)

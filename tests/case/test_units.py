@@ -53,6 +53,14 @@ dt = "20 ns"
         ("J/(g·K)", 1e3),
         ("mm^2/s", 1e-6),
         ("1/us", 1e6),
+        ("1 / us", 1e6),
+        ("us^-1", 1e6),
+        ("us**-1", 1e6),
+        ("µs⁻¹", 1e6),
+        ("K^-1", 1.0),
+        ("mm us^-2", 1e9),
+        ("mg mm^-3", 1e3),
+        ("W m^-1 K^-1", 1.0),
         ("km/h", 1 / 3.6),
         ("bar", 1e5),
         ("t/m**3", 1e3),
@@ -60,6 +68,35 @@ dt = "20 ns"
 )
 def test_units_are_those_of_the_si(text, scale):
     assert unit(text).scale == pytest.approx(scale, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    "text", ["1/", "K^-", "K^--1", "K^-1^-1", "K⁻", "1/xyz", "1/0", "2/K", "m^-99", "1/(nm^9)^9^9"]
+)
+def test_what_is_no_unit_is_refused(text):
+    with pytest.raises(fh.InputError, match="unknown unit"):
+        unit(text)
+
+
+@pytest.mark.parametrize("text", ["0.1 1/us", "0.1 us^-1", "0.1 us⁻¹", "1e-1 MHz", "+.1  1 / us"])
+def test_inverse_units(text):
+    case = Case(PLATE, changes={"model.damping": text})
+    assert case.parts.model.damping == 0.1
+    damping = schema()["$defs"]["ElasticPart"]["properties"]["damping"]
+    jsonschema.validate(text, damping)
+
+
+@pytest.mark.parametrize("text", ["0.1 1/", "0.1 us^-", "0.1 1/xyz"])
+def test_inverse_units_that_are_none(text):
+    with pytest.raises(fh.InputError, match=r"model\.damping: unknown unit; .*\"1/s\", \"s\^-1\""):
+        Case(PLATE, changes={"model.damping": text})
+
+
+def test_a_number_over_a_unit_says_how_it_is_written():
+    with pytest.raises(fh.InputError, match=r'model\.damping: a number over a unit .* remedy: "0\.1 1/us"'):
+        Case(PLATE, changes={"model.damping": "0.1/us"})
+    for text in ("11/(2+x)", "3/(1+x*x)", "1/max(x, 1)"):  # they stay expressions
+        assert Case(PLATE, changes={"model.young": text}).parts.model.young == text
 
 
 def test_a_case_with_units_is_the_case_in_si():

@@ -113,6 +113,17 @@ def test_constants_that_are_the_same_everywhere_are_numbers():
     assert np.array_equal(one.fields["u"], two.fields["u"]) and one.energy() == two.energy()
 
 
+@pytest.mark.parametrize("varying", [{"young": "1+x"}, {"young": 1.0, "density": "1+x"}])
+@pytest.mark.parametrize("asked", ["moduli", "p_modulus", "p_speed", "s_speed", "speeds", "speed_ratio"])
+def test_a_material_that_varies_has_no_one_speed(varying, asked):
+    solid = fh.Elastic(fh.Kernel(2.0), **varying)
+    with pytest.raises(
+        fh.InputError, match=r"model\.\w+: where constants vary .*the text '1\+x'.*Simulation\(...\)\.model"
+    ):
+        getattr(solid, asked)
+    assert (solid.young, solid.bulk, solid.lame) == (varying["young"], None, None)
+
+
 def test_a_heavier_medium_is_pushed_less():
     """A source is a force by volume: the same one moves a medium of three times the density a third as far."""
     lattice = fh.Lattice(1.0, -20.0, 20.0)

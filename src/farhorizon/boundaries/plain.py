@@ -48,6 +48,9 @@ class Fixed(Side):
 class Free(Side):
     """The body ends: bonds across the side do not exist.
 
+    Two such sides face each other at least twice the reach of the stencil apart; a plate that is thinner is the `body`
+    of a wider `Lattice`.
+
     Examples
     --------
     >>> import farhorizon as fh

@@ -56,8 +56,10 @@ FIELDS = {**dict.fromkeys(("elastic", "correspondence", "thermoelastic", "beam")
 # Tables that no class describes: what is in them has names of `KEYS`.
 _PLAIN_TABLES = ("initial", "rectangle", "disc")
 _NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
-QUANTITY = _NUMBER.pattern + r"\s*(?![eE][-+]?\d)(?!(?:if|and|or)\b)[A-Za-z\u00b5\u03bc\u00b0].*"
+QUANTITY = _NUMBER.pattern + r"(\s*(?![eE][-+]?\d)(?!(?:if|and|or)\b)[A-Za-z\u00b5\u03bc\u00b0]|\s+1\s*/).*"
 """What is read as a number with a unit, a regular expression: no expression begins in this way."""
+_QUOTIENT = re.compile(rf"(?P<number>{_NUMBER.pattern})\s*/\s*(?P<below>.+)")
+_SUPERSCRIPTS = str.maketrans("\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079", "-0123456789")
 
 
 @dataclass(frozen=True)
@@ -120,17 +122,18 @@ _SYMBOLS["degC"] = Unit(1.0, _SYMBOLS["K"].powers, zero=273.15)
 
 
 def unit(text: str) -> Unit:
-    """The unit that a text such as "W/(m K)" or "kg/m^3" stands for; InputError if it is none."""
+    """The unit that a text such as "W/(m K)", "1/us" or "kg m^-3" stands for; InputError if it is none."""
     written = text.strip().replace("^", "**").replace("\u00b0", "deg").replace("\u00b7", "*")
-    written = written.replace("\u00b2", "**2").replace("\u00b3", "**3")
+    superscript = f"[{''.join(map(chr, _SUPERSCRIPTS))}]+"
+    written = re.sub(superscript, lambda power: f"**{power[0].translate(_SUPERSCRIPTS)}", written)
     try:
         return _value(ast.parse(re.sub(r"(?<=[\w)])\s+(?=[\w(])", "*", written), mode="eval").body)
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
+    except (SyntaxError, ValueError, ArithmeticError, RecursionError, MemoryError):
         raise InputError(
             "unknown unit",
             value=text,
             limit=f"products and powers of {', '.join((*_PREFIXED, *_PLAIN, 'degC'))}; prefixes n, u, m, c, k, M, G, T",
-            remedy='for example "mm", "kg/m^3", "W/(m K)"; in expressions products are written with *',
+            remedy='for example "mm", "kg/m^3", "W/(m K)", "1/s", "s^-1"; in expressions products are written with *',
         ) from None
 
 
@@ -154,6 +157,8 @@ def _value(node: ast.expr) -> Unit:
             return _value(left) * _value(right) ** -1
         case ast.BinOp(left, ast.Pow(), ast.Constant(int(power))) if power < 10:
             return _value(left) ** power
+        case ast.BinOp(left, ast.Pow(), ast.UnaryOp(ast.USub(), ast.Constant(int(power)))) if power < 10:
+            return _value(left) ** -power
     raise ValueError
 
 
@@ -251,7 +256,7 @@ def without_units(table: str, data: Mapping[str, Any], units: Units | None) -> d
     Raises
     ------
     InputError
-        A number with a unit in a case that has no ``[units]``; else as `Units.number`.
+        A number with a unit in a case that has no ``[units]``, or over one; else as `Units.number`.
     """
     return {key: _plain(value, measured(table, key), units, key) for key, value in data.items()}
 
@@ -261,7 +266,10 @@ def _plain(value: Any, si: str | None, units: Units | None, key: str) -> Any:
         return [_plain(one, si, units, f"{key}[{i}]") for i, one in enumerate(value)]
     if isinstance(value, Mapping) and key in _PLAIN_TABLES:
         return {name: _plain(one, measured("", name), units, f"{key}.{name}") for name, one in value.items()}
-    if si is None or not isinstance(value, str) or not re.fullmatch(QUANTITY, value):
+    if si is None or not isinstance(value, str):
+        return value
+    if not re.fullmatch(QUANTITY, value):
+        _check_quotient(value, key)
         return value
     digits = _NUMBER.match(value)
     assert digits
@@ -275,3 +283,21 @@ def _plain(value: Any, si: str | None, units: Units | None, key: str) -> Any:
             remedy='[units] with length = "m", time = "s", mass = "kg"',
         )
     return units.number(float(digits[0]), text, si, key)
+
+
+def _check_quotient(text: str, key: str) -> None:
+    """Refuse a number over a unit, as in "2/K": it reads as an expression, in which K is no name."""
+    divided = _QUOTIENT.fullmatch(text)
+    if divided is None or re.search(r"\bt\b", text):  # in expressions t is the time, not tonnes
+        return
+    inverse = f"1/{divided['below']}"
+    try:
+        unit(inverse)
+    except InputError:
+        return
+    raise InputError(
+        "a number over a unit reads as an expression, and expressions have no units",
+        value=f"the text {text!r}",
+        key=key,
+        remedy=f'"{divided["number"]} {inverse}", with a space',
+    )

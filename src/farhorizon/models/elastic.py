@@ -95,17 +95,18 @@ class Elastic(LatticeModel):
 
     Attributes
     ----------
-    lame : float
-        Lame's first constant, in plane stress that of the plane, ``2 lam mu / (lam + 2 mu)``.
-    shear : float
+    young, poisson, bulk, shear, lame : float
+        All moduli; `lame` is Lame's first constant, in plane stress that of the plane, ``2 lam mu / (lam + 2 mu)``.
+        Where moduli or density vary there are only those that are given, as they are given, and the others are None.
     coefficient : float
-        Squared speed of P waves.
+        Squared speed of P waves; there is none where moduli or density vary.
 
     Raises
     ------
     InputError
         Constants that are missing, superfluous or impossible: Poisson's ratio outside -1..0.5, bond-based other than
-        1/4 (1/3 in plane stress).
+        1/4 (1/3 in plane stress). Later the speeds of waves where moduli or density vary, as there is not one of
+        each: `Simulation.model`, the uniform medium in the middle of all, has them.
 
     Notes
     -----
@@ -371,8 +372,8 @@ class Elastic(LatticeModel):
         """Set all constants from those that are given."""
         given = self._given_moduli
         if self.uneven:
-            self.young, self.poisson, self.bulk, self.shear = (
-                given.get(name) for name in ("young", "poisson", "bulk", "shear")
+            self.young, self.poisson, self.bulk, self.shear, self.lame = (
+                given.get(name) for name in ("young", "poisson", "bulk", "shear", "lame")
             )
             return
         self.young, self.poisson, self.bulk, self.shear, self.lame = _moduli(self, given)
@@ -426,13 +427,22 @@ class Elastic(LatticeModel):
 
     @property
     def moduli(self) -> tuple[float, float]:
-        """Lame's constants."""
+        """Lame's constants; InputError where moduli or density vary."""
+        for name, value in self.uneven.items():
+            raise InputError(
+                "where constants vary from node to node there is no one modulus or speed of waves",
+                value=kinds.said(value),
+                limit="a number",
+                key=f"model.{name}",
+                remedy="Simulation(...).model, which is the uniform medium in the middle of all",
+            )
         return self.lame, self.shear
 
     @property
     def p_modulus(self) -> float:
         """Modulus of P waves, ``lam + 2 mu``."""
-        return self.lame + 2 * self.shear
+        lame, shear = self.moduli
+        return lame + 2 * shear
 
     @property
     def p_speed(self) -> float:
@@ -447,7 +457,7 @@ class Elastic(LatticeModel):
     @property
     def s_speed(self) -> float:
         """Speed of long S waves."""
-        return float(np.sqrt(self.shear / self.density))
+        return float(np.sqrt(self.moduli[1] / self.density))
 
     @property
     def speeds(self) -> dict[str, float]:

@@ -134,12 +134,14 @@ def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
     _check_closing(setup, sides)
     for axis, (n, m) in enumerate(zip(setup.lattice.shape, stencil.reach, strict=True)):
         if n < 2 * m + 1 and not sides[axis, -1].periodic:
+            free = not (sides[axis, -1].bonded or sides[axis, 1].bonded)
             raise InputError(
                 "the near field is thinner than the stencil",
                 value=f"{n} nodes along {AXES[axis]}",
                 limit=f">= {2 * m + 1}",
                 key="lattice",
-                remedy="enlarge the lattice or refine it",
+                remedy="enlarge the lattice or refine it"
+                + (", or make what is thin the body of a wider lattice: lattice.body" if free else ""),
             )
 
 
