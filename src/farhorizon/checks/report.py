@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NotRequired
 
@@ -19,6 +19,16 @@ from farhorizon.analysis.resolution import ENOUGH, resolution
 from farhorizon.boundaries import Fixed, Side
 from farhorizon.checks.certificate import BUDGET, NOT_CERTIFIED, Certificate, CertificateFacts, certify, told
 from farhorizon.checks.examined import Examined, Timed
+from farhorizon.checks.facts import (
+    bond_rows,
+    lattice_rows,
+    layer_rows,
+    mebibytes,
+    metal_rows,
+    side_rows,
+    size_rows,
+    wave_rows,
+)
 from farhorizon.checks.price import Price, extended_price, layered, price
 from farhorizon.checks.side_modes import Strip
 from farhorizon.engine.engine import Layer
@@ -28,7 +38,6 @@ from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.signals import Signal
 from farhorizon.machine import one_blas_thread
 from farhorizon.medium.stencil import BackwardWaves
-from farhorizon.pictures.style import speed_text
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
 _FINE = tuple(np.linspace(0, 85, 35).tolist())  # angles of the picture
@@ -53,8 +62,6 @@ _SHORT = (
     "time in all",
     "outputs",
 )
-#: What bonds do beyond a critical stretch, by how they soften.
-_ENDS = {None: "break at", "linear": "soften linearly from", "exponential": "soften exponentially from"}
 _LONG = 30 * 86400.0  # seconds of a run that is warned of
 
 
@@ -120,12 +127,6 @@ class Reflections:
             ):
                 for wavelength in sorted(self.tables, reverse=True):
                     yield pair, wavelength, self.tables[wavelength][number]
-
-
-def options_shown(boundary: Any) -> str:
-    """A boundary with the options that differ from their defaults."""
-    given = {f.name: getattr(boundary, f.name) for f in fields(boundary) if getattr(boundary, f.name) != f.default}
-    return f"{type(boundary).__name__}({', '.join(f'{k}={v!r}' for k, v in given.items())})"
 
 
 class ReflectionFacts(TypedDict):
@@ -263,7 +264,7 @@ class Report:
             parts.append(f"about {seconds(numbers['seconds_in_all'])} in all")
         elif "seconds" in numbers:
             parts.append(f"about {seconds(numbers['seconds'])} of steps")
-        parts.append(_mebibytes(numbers["memory"]))
+        parts.append(mebibytes(numbers["memory"]))
         if "returned" in numbers:
             parts.append(f"layers chosen to send back {numbers['returned']:.1g} of the largest value")
         elif (back := self._largest_returned()) is not None:
@@ -316,99 +317,10 @@ class Report:
 
     def _describe(self, sim: Examined, waves: Band | None) -> None:
         """Sizes, step, layers and memory."""
-        lattice, stencil, engine, say = sim.lattice, sim.stencil, sim.engine, self._say
-        say(
-            "near field",
-            f"{' x '.join(map(str, lattice.shape))} nodes, {lattice.nodes} shown, spacing {lattice.spacing:g}",
-        )
-        say("stencil", f"{len(stencil.weights)} neighbours, reach {' x '.join(map(str, stencil.reach))} nodes")
-        say(
-            "time step",
-            f"{sim.dt:.6g}, {sim.dt / sim.step_limit:.3g} of the stable limit {sim.step_limit:.6g} "
-            f"({sim.model.integrator.name})",
-        )
-        if sim.model.speeds:
-            of = " of the medium in the middle of all" if sim.varied else ""
-            say("wave speeds", ", ".join(f"{wave} {speed_text(c)}" for wave, c in sim.model.speeds.items()) + of)
-        if waves is not None:
-            say(
-                "wavelengths",
-                f"{waves.shortest:.3g} to {waves.longest:.3g}, half of the energy below {waves.typical:.3g} = "
-                f"{waves.typical / lattice.spacing:.3g} nodes",
-            )
+        self.rows += [*lattice_rows(sim), *wave_rows(sim, waves)]
         self._resolve(sim)
-        layers: dict[str, list[str]] = {}
-        for (axis, side), layer in engine.layers.items():
-            boundary = sim.sides[axis - 3 + lattice.dim, side]
-            length, reach = layer.columns * lattice.spacing, stencil.reach[axis - 3 + lattice.dim]
-            share = "" if waves is None else f" = {length / waves.typical:.3g} wavelengths"
-            text = f"{layer.columns} nodes = {layer.columns / reach:.3g} horizons{share}, length {length:g}"
-            name = AXES[axis - 3 + lattice.dim] + "-+"[side > 0]
-            if boundary.target is not None or name in sim.thickness:
-                text += f", target {boundary.wanted(sim.model.target):g}"
-            if name in sim.thickness:
-                text += f"; {sim.thickness[name]}"
-            elif boundary.open_ended:
-                text += "; a fixed number, for the stencil has backward waves or reaches far: give target=..."
-            layers.setdefault(text, []).append(name)
-        for text, names in layers.items():
-            say(f"layer {', '.join(names)}", text)
-        extents: dict[str, list[str]] = {}
-        for (axis, side), extent in sim.extents.items():
-            extents.setdefault(str(extent), []).append(AXES[axis] + "-+"[side > 0])
-        for text, names in extents.items():
-            say(f"extended {', '.join(names)}", text)
-        for (axis, side), boundary in sim.sides.items():
-            told = boundary.stretched or boundary.exact or boundary.extended
-            if not told and not (boundary.closing and lattice.window is not None):
-                say(f"side {AXES[axis]}{'-+'[side > 0]}", options_shown(boundary))
-        if sim.closure is not None:
-            if lattice.window is not None:
-                say("outline", options_shown(sim.sides[0, -1]))
-            say("fitted", sim.closure.describe())
-        for name, serves in sim.ends.items():
-            say(f"exact end {name}", serves)
-        if (dissolution := sim.model.dissolution) is not None:
-            metal = int(np.nansum(sim.fields["solid"]))
-            say(
-                "metal",
-                f"{metal} solid nodes shown, saturation {dissolution.saturation:g}, "
-                f"interface {dissolution.interface:g} of the liquid",
-            )
-            if metal:
-                whole = float(np.nanmax(sim.fields["u"]))
-                speed = dissolution.speed(lattice.spacing, lattice.dim, whole, sim.background)
-                say(
-                    "front",
-                    f"speed {speed:.4g} under activation "
-                    f"control{' (limited by saturation)' if dissolution.limited else ''}; "
-                    f"for another speed v: interface = {dissolution.interface / speed:.4g} v",
-                )
-        total = int(np.prod(engine.core.nodes))
-        extra = int(np.prod(engine.layout.box.nodes)) - int(np.prod(lattice.shape))
-        say("nodes computed", f"{total} in the core, {extra} beyond the near field")
-        say(
-            "memory",
-            f"{_mebibytes(engine.nbytes)} = "
-            f"{engine.nbytes / (np.prod(sim.field_shape) * engine.dtype.itemsize):.3g} near fields"
-            + (", layers remember six digits" if engine.kept != engine.dtype else ""),
-        )
-        say("absent bonds", str(engine.absent.count))
-        if (law := sim.model.bond_law) is not None:
-            least, largest = (f"{stretch:.4g}" for stretch in engine.bonds.critical_stretches)
-            stretch = least if least == largest else f"{least} to {largest}"
-            breaking = (
-                f"{_ENDS[law.softening]} a stretch of {stretch}, except within one reach of sides that are not free"
-                if np.isfinite(engine.bonds.limit)
-                else "none breaks"
-            )
-            say(
-                "bonds",
-                f"{'nonlinear' if law.nonlinear else 'linear'}, {breaking}"
-                f"{', absent ones carry compression' if law.contact else ''}; what is predicted is the linear "
-                "form, whole",
-            )
-        self.numbers |= {"dt": sim.dt, "step_limit": sim.step_limit, "memory": float(engine.nbytes)}
+        self.rows += [*layer_rows(sim, waves), *side_rows(sim), *metal_rows(sim), *size_rows(sim), *bond_rows(sim)]
+        self.numbers |= {"dt": sim.dt, "step_limit": sim.step_limit, "memory": float(sim.engine.nbytes)}
 
     def _resolve(self, sim: Examined) -> None:
         """Say how many nodes the shortest wave has that signals send through the slowest medium, and warn of few."""
@@ -745,10 +657,6 @@ def _decibels(amplitude: float) -> str:
     if not np.isfinite(amplitude):
         return "none"
     return f"{20 * np.log10(amplitude):.0f}" if amplitude > _EXACT else f"< {20 * np.log10(_EXACT):.0f}"
-
-
-def _mebibytes(size: float) -> str:
-    return f"{size / 2**20:.3g} MiB"
 
 
 def seconds(duration: float) -> str:

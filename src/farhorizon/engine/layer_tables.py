@@ -92,65 +92,77 @@ class LayerTables:
         self.dtype, self.kept = dtype, kept
         self.lanes, self.signs = 64 // dtype.itemsize, (inside, outside)
         self.columns, self.rows = len(inside), len(outside)
-        names = list(recursion)
-        self._profiles = {name: i for i, name in enumerate(names)}
+        self._profiles = {name: i for i, name in enumerate(recursion)}
         self.even = [self._mirrors(axis) for axis in range(3)]
         self.sets = [1 if even else 2 for even in self.even]  # parts outwards and inwards are the same, or not
+        room = self._place()
+        self.layers = self._layers(recursion, room)
+
+    def _place(self) -> int:
+        """Makes bands, tiles, faces, edges and the sums over them, each of which takes its part of the memory; the
+        numbers that the slots take.
+        """
         self.memory = self.start = 0
         self.bands = np.zeros((2, LINE + 1), np.int64)
-        self.slots = Slots(layout, self.sets[2], self.bands)
+        self.slots = Slots(self.layout, self.sets[2], self.bands)
         room = self._make_bands()
-        self.terms = Terms(layout, offsets, self.weights, dtype.itemsize, self.slots)
+        self.terms = Terms(self.layout, self.offsets, self.weights, self.dtype.itemsize, self.slots)
         self.tiles = self._make_tiles()
         self.faces = self._make_faces()
-        edges, kinds = self._make_edges()
+        self.edges, self.kinds = self._make_edges()
         self.band_sums = self.terms.count
         for row in range(self.rows):
             self.terms.add(row, [{}], [0, 1])
-        items, ranges = self._make_items(edges)
-        self.edges, self.kinds = edges, kinds
-        longest = max((len(r) for r, _, _ in recursion.values()), default=1)
-        tables = np.zeros((3, max(len(names), 1), longest), dtype)
-        for i, name in enumerate(names):
-            for row, values in zip(tables, recursion[name], strict=True):
-                row[i, : len(values)] = values
-        if not remember:
-            tables[1:] = 0
-        none = np.zeros(0, np.int64)
-        neighbours = [list(self.terms.neighbours.get(across, ())) for across in ACROSS]
-        self.layers = Layers(
+        return room
+
+    def _layers(self, recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]], room: int) -> Layers:
+        """The tables of layers with all bonds."""
+        none, real, terms = np.zeros(0, np.int64), self.dtype, self.terms
+        r, e, f = self._recursions(recursion)
+        neighbours = [list(terms.neighbours.get(across, ())) for across in ACROSS]
+        return Layers(
             self.faces,
             self.bands,
-            edges,
-            kinds,
+            self.edges,
+            self.kinds,
             self.tiles,
-            items,
-            ranges,
-            np.array(self.terms.ends, np.int64),
-            np.array(self.terms.places, np.int64),
-            np.array(self.terms.factors, np.int64),
+            *self._make_items(),
+            np.array(terms.ends, np.int64),
+            np.array(terms.places, np.int64),
+            np.array(terms.factors, np.int64),
             np.array([n for found in neighbours for n in found], np.int64),
             np.cumsum([0, *map(len, neighbours)]),
-            np.array(self.terms.values, dtype).reshape(-1, max(layout.reach)),
+            np.array(terms.values, real).reshape(-1, max(self.layout.reach)),
             none.reshape(0, 6),
-            np.zeros(0, dtype),
+            np.zeros(0, real),
             none,
             none.reshape(0, 8),
-            np.zeros(0, dtype),
+            np.zeros(0, real),
             none,
             none.reshape(0, 5),
-            np.zeros(0, dtype),
+            np.zeros(0, real),
             self._copies(),
-            tables[0],
-            tables[1],
-            tables[2],
-            *self._mirrored(alike),
+            r,
+            e,
+            f,
+            *self._mirrored(),
             self._sizes(),
-            kept.itemsize * remember,
-            dtype.type(self.unit),
-            aligned_zeros(room, dtype),
-            aligned_zeros(self.memory if remember else ALIGN * 4, kept),
+            self.kept.itemsize * self.remember,
+            real.type(self.unit),
+            aligned_zeros(room, real),
+            aligned_zeros(self.memory if self.remember else ALIGN * 4, self.kept),
         )
+
+    def _recursions(self, recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]]) -> np.ndarray:
+        """The numbers r, e and f of the layers, without memory the last two zero; shape (3, layers, columns + 1)."""
+        longest = max((len(r) for r, _, _ in recursion.values()), default=1)
+        tables = np.zeros((3, max(len(recursion), 1), longest), self.dtype)
+        for i, of_layer in enumerate(recursion.values()):
+            for row, values in zip(tables, of_layer, strict=True):
+                row[i, : len(values)] = values
+        if not self.remember:
+            tables[1:] = 0
+        return tables
 
     def _mirrors(self, axis: int) -> bool:
         """Whether the stencil looks alike along an axis and against it."""
@@ -281,11 +293,13 @@ class LayerTables:
                 self.memory += self.rows * self._tile_lanes * cells
         return np.array(rows, np.int64).reshape(-1, 8), np.array(kinds, np.int64).reshape(-1, 6)
 
-    def _make_items(self, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _make_items(self) -> tuple[np.ndarray, np.ndarray]:
         """Pieces of work, each done by one thread; those of the first axis take the rows of an edge together."""
         found: list[list[tuple[int, ...]]] = [[], []]
         for number, face in enumerate(self.faces):
-            ends = [(int(e[EDGE_FIRST]), int(e[EDGE_ROWS]), i) for i, e in enumerate(edges) if e[EDGE_FACE] == number]
+            ends = [
+                (int(e[EDGE_FIRST]), int(e[EDGE_ROWS]), i) for i, e in enumerate(self.edges) if e[EDGE_FACE] == number
+            ]
             first = max((last for start, last, _ in ends if start == 0), default=0)
             last = min((start for start, _, _ in ends if start > 0), default=int(face[ROWS]))
             step = max(1, -(-(last - first) // 32))
@@ -362,14 +376,14 @@ class LayerTables:
             np.int64,
         )
 
-    def _mirrored(self, alike: bool) -> tuple[np.ndarray, np.ndarray]:
+    def _mirrored(self) -> tuple[np.ndarray, np.ndarray]:
         """What `Layers.mirrored` and `mirrored_weights` hold."""
         functions, rows, size = np.zeros((3, 2, 2), np.int64), [np.zeros(0)], self.rows * self.columns
         shape, matrices = mirrored(dict(zip(map(tuple, self.offsets.tolist()), self.weights, strict=True)), *self.signs)
         in_bands = bool(self.bands[:, COLUMNS].any())
         used = [in_bands if axis == 2 else bool((self.faces[:, AXIS] == axis).any()) for axis in range(3)]
         for axis, apart in (
-            itertools.product(range(3), (False, True)) if alike and self.layout.reach[2] <= self.lanes else ()
+            itertools.product(range(3), (False, True)) if self.alike and self.layout.reach[2] <= self.lanes else ()
         ):
             chosen = [i for i, o in enumerate(shape) if (axis == 2 or o[axis] > 0) and (o[2] > 0 or not apart)]
             products = np.count_nonzero(matrices[chosen])

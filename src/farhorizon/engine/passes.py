@@ -171,45 +171,51 @@ class Passes:
         InputError
             Where derivatives are stretched, one along an axis would see bonds along another.
         """
-        distances = self.offsets @ np.array(self.layout.box.stride)
-        order = np.argsort(distances)
-        bonds = order[np.searchsorted(distances[order], neighbours - nodes)]
-        odd = np.union1d(nodes, bare_nodes)
-        at, beside = np.searchsorted(odd, nodes), np.searchsorted(odd, bare_nodes)
+        missing = _MissingBonds.of(self, nodes, neighbours, bare_nodes, bare, exists)
+        shapes, left = self._shapes_beside(missing)
+        gather, scatter = self._cut_passes(missing)
+        law = self._law_beside(gather.sweep.law, missing, shapes, left)
+        self.engine.replace(gather=gather._replace(sweep=gather.sweep._replace(law=law)), scatter=scatter)
+        if len(self.engine.tables.bonds.released):
+            self._spread_firmness(law)
+        if self.engine.tables.stretches.runs.size:
+            self._cut_stretches(missing, shapes)
 
-        def lost(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            """Sums of the weights of the bonds of each node that have no other end, and of those that are cut."""
-            missing, cut = (np.zeros((len(odd), *weights.shape[1:])) for _ in range(2))
-            missing[beside] = np.einsum("ks,k...->s...", bare, weights)
-            np.add.at(cut, at, weights[bonds])
-            return missing, cut
+    def _shapes_beside(self, missing: _MissingBonds) -> tuple[np.ndarray, np.ndarray]:
+        """Shape tensors of nodes that lack bonds: those that the law goes by, and those of the bonds that are left."""
+        whole = np.eye(self.sums.shapes.shape[1])
+        bare, cut = missing.sums(self.sums.shapes)
+        return whole - bare - (0 if self.sums.kept else cut), whole - bare - cut
 
-        there = exists[odd]
-        passes = [self.engine.tables.gather, self.engine.tables.scatter]
-        for number, (weights, tables) in enumerate(zip(self.weights, self.layer_tables, strict=True)):
-            missing, cut = lost(weights)
-            own = missing if number == 0 else -missing - 2 * cut
-            passes[number] = passes[number]._replace(
-                cuts=Cuts(nodes, neighbours, weights[bonds].astype(self.dtype).ravel()),
-                layers=cut_layers(tables, nodes, neighbours, weights[bonds]),
-                surface=surface_of(self.layout.box, odd[there], own[there].astype(self.dtype)),
+    def _cut_passes(self, missing: _MissingBonds) -> tuple[Pass, Pass]:
+        """Both passes without these bonds."""
+        engine, there, found = self.engine.tables, missing.there, []
+        both = zip((engine.gather, engine.scatter), self.weights, self.layer_tables, strict=True)
+        for number, (given, weights, tables) in enumerate(both):
+            bare, cut = missing.sums(weights)
+            own, of_cut = bare if number == 0 else -bare - 2 * cut, weights[missing.bonds]
+            found.append(
+                given._replace(
+                    cuts=Cuts(missing.nodes, missing.neighbours, of_cut.astype(self.dtype).ravel()),
+                    layers=cut_layers(tables, missing.nodes, missing.neighbours, of_cut),
+                    surface=surface_of(self.layout.box, missing.odd[there], own[there].astype(self.dtype)),
+                )
             )
-        dim = self.sums.shapes.shape[1]
-        bare_shapes, cut_shapes = lost(self.sums.shapes)
-        shapes = np.eye(dim) - bare_shapes - (0 if self.sums.kept else cut_shapes)
-        left = np.eye(dim) - bare_shapes - cut_shapes
+        return found[0], found[1]
+
+    def _law_beside(self, law: PointLaw, missing: _MissingBonds, shapes: np.ndarray, left: np.ndarray) -> PointLaw:
+        """The law with matrices of nodes that lack bonds, one for all that have the same tensors and moduli."""
+        dim, odd, there = shapes.shape[1], missing.odd, missing.there
         tensors = [one[there].round(14).reshape(-1, dim * dim) for one in (shapes, left)]
         kinds, numbers = np.unique(np.hstack([*tensors, self.moduli_at(odd[there])]), axis=0, return_inverse=True)
         nothing = np.zeros((1, *self.sums.gradient.shape[1:2] * 2))
         of_law, present = kinds[:, :-3].reshape(-1, 2, dim, dim).swapaxes(0, 1)
-        found = self.sums.law(of_law, kinds[:, -3:])
-        matrices = np.concatenate([nothing, found]).astype(self.dtype)
+        matrices = np.concatenate([nothing, self.sums.law(of_law, kinds[:, -3:])]).astype(self.dtype)
         of_node = np.zeros(len(odd), np.int64)
         of_node[there] = 1 + numbers.ravel()
         rows = law_rows(self.layout.box, odd, of_node, matrices)
-        sweep = passes[0].sweep
-        first, end = (np.zeros(3, np.int64), np.zeros(3, np.int64)) if len(nodes) else self._whole()
-        law = sweep.law._replace(
+        first, end = (np.zeros(3, np.int64), np.zeros(3, np.int64)) if len(missing.nodes) else self._whole()
+        return law._replace(
             nodes=odd.astype(np.int64),
             numbers=of_node,
             matrices=rows.weights[: matrices.size].reshape(matrices.shape),
@@ -219,21 +225,24 @@ class Passes:
             end=end,
             units=np.vstack([nothing[0, :1], self._units(present)]).astype(self.dtype),
         )
-        self.engine.replace(gather=passes[0]._replace(sweep=sweep._replace(law=law)), scatter=passes[1])
-        breaking = self.engine.tables.bonds
-        if len(breaking.released):
-            firm = np.ones(self.layout.size)
-            firm[odd] = law.firmness[of_node]
-            firm = self.engine.spread(firm[self.layout.near.node_indices()], jointly=True)
-            self.engine.replace(bonds=breaking._replace(firmness=firm))
-        stretches = self.engine.tables.stretches
-        if stretches.runs.size:
-            of_slots, vectors = stretches.places, np.zeros((len(odd), dim))
-            vectors[:] = sum(lost(self.sums.divergence[:, 0, :dim]))
-            vectors, exist = np.vstack([vectors, np.zeros(dim)]), np.isin(of_slots, odd)
-            at = np.where(exist, np.searchsorted(odd, of_slots), len(odd))
-            _check_straight(shapes[at[exist & exists[of_slots]]])
-            self.engine.replace(stretches=without_bonds(stretches, vectors[at].T, nodes, neighbours, bonds))
+
+    def _spread_firmness(self, law: PointLaw) -> None:
+        """Tell bonds that break by their energy how firm their ends are."""
+        firm = np.ones(self.layout.size)
+        firm[law.nodes] = law.firmness[law.numbers]
+        firm = self.engine.spread(firm[self.layout.near.node_indices()], jointly=True)
+        self.engine.replace(bonds=self.engine.tables.bonds._replace(firmness=firm))
+
+    def _cut_stretches(self, missing: _MissingBonds, shapes: np.ndarray) -> None:
+        """Leave the bonds out of stretched derivatives."""
+        stretches, odd, dim = self.engine.tables.stretches, missing.odd, shapes.shape[1]
+        vectors = np.zeros((len(odd) + 1, dim))
+        vectors[:-1] = sum(missing.sums(self.sums.divergence[:, 0, :dim]))
+        lacking = np.isin(stretches.places, odd)
+        at = np.where(lacking, np.searchsorted(odd, stretches.places), len(odd))
+        _check_straight(shapes[at[lacking & missing.exists[stretches.places]]])
+        cut = missing.nodes, missing.neighbours, missing.bonds
+        self.engine.replace(stretches=without_bonds(stretches, vectors[at].T, *cut))
 
     def _units(self, shapes: np.ndarray) -> np.ndarray:
         """What a unit of strain in all directions is in the states of nodes with some shape tensors, shape (S, n)."""
@@ -338,6 +347,65 @@ class Passes:
         """Moduli that the law of some nodes goes by, shape (S, 3)."""
         law = self.engine.tables.gather.sweep.law
         return law.local[:, nodes].T if law.local.size else np.tile(law.moduli, (len(nodes), 1))
+
+
+@dataclass(frozen=True, eq=False)
+class _MissingBonds:
+    """Bonds that are absent, and the nodes that lack them.
+
+    Attributes
+    ----------
+    nodes, neighbours, bonds : ndarray of int, shape (n,)
+        Ends of bonds that are cut, one row a direction, and their numbers in the stencil.
+    odd : ndarray of int, shape (N,)
+        Nodes that lack some, ascending.
+    at : ndarray of int, shape (n,)
+        Which of them the first ends of cut bonds are.
+    beside : ndarray of int, shape (S,)
+        Which of them have bonds with one end only.
+    bare : ndarray of bool, shape (K, S)
+        Which bonds these are.
+    exists : ndarray of bool, shape (places,)
+    """
+
+    nodes: np.ndarray
+    neighbours: np.ndarray
+    bonds: np.ndarray
+    odd: np.ndarray
+    at: np.ndarray
+    beside: np.ndarray
+    bare: np.ndarray
+    exists: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        passes: Passes,
+        nodes: np.ndarray,
+        neighbours: np.ndarray,
+        bare_nodes: np.ndarray,
+        bare: np.ndarray,
+        exists: np.ndarray,
+    ) -> _MissingBonds:
+        """Of arguments of `Passes.leave_out`."""
+        distances = passes.offsets @ np.array(passes.layout.box.stride)
+        order = np.argsort(distances)
+        bonds = order[np.searchsorted(distances[order], neighbours - nodes)]
+        odd = np.union1d(nodes, bare_nodes)
+        at, beside = np.searchsorted(odd, nodes), np.searchsorted(odd, bare_nodes)
+        return cls(nodes, neighbours, bonds, odd, at, beside, bare, exists)
+
+    @property
+    def there(self) -> np.ndarray:
+        """Which of the nodes exist."""
+        return np.asarray(self.exists[self.odd])
+
+    def sums(self, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Sums of the weights of the bonds of each node that have no other end, and of those that are cut."""
+        bare, cut = (np.zeros((len(self.odd), *weights.shape[1:])) for _ in range(2))
+        bare[self.beside] = np.einsum("ks,k...->s...", self.bare, weights)
+        np.add.at(cut, self.at, weights[self.bonds])
+        return bare, cut
 
 
 def _check_straight(shapes: np.ndarray) -> None:

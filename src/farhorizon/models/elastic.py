@@ -158,31 +158,14 @@ class Elastic(LatticeModel):
         kinds.one_of(material, "model.material", MATERIALS, "unknown material")
         if plane is not None:
             kinds.one_of(plane, "model.plane", ("strain", "stress"), "unknown plane state")
-        if (kernel is None) != (material == "finite-element") and not isinstance(kernel, Stencil):
-            raise InputError(
-                f"a {material} material takes " + ("a kernel" if kernel is None else "no kernel"),
-                value=kinds.said(kernel),
-                key="model.kernel",
-                remedy="Kernel(horizon=3*spacing, exponent=1)" if kernel is None else "leave it out",
-            )
+        _check_kernel(kernel, material)
         if kernel is not None:
             super().__init__(kernel)
         self.kernel, self.material, self.plane = kernel, material, plane
-        self.stabilisation = kinds.number(stabilisation, "model.stabilisation", least=0, most=1)
-        if stabilisation and material != "correspondence":
-            raise InputError(
-                "stabilisation is for correspondence materials",
-                value=material,
-                limit="correspondence",
-                key="model.stabilisation",
-                remedy="leave it out",
-            )
+        self.stabilisation = _checked_stabilisation(stabilisation, material)
         self.bonds = material == "bond-based"
-        self.nonlinear, self.critical_stretch, self.fracture_energy = (
-            kinds.flag(nonlinear, "model.nonlinear"),
-            critical_stretch,
-            fracture_energy,
-        )
+        self.nonlinear = kinds.flag(nonlinear, "model.nonlinear")
+        self.critical_stretch, self.fracture_energy = critical_stretch, fracture_energy
         if softening is not None:
             kinds.one_of(softening, "model.softening", SOFTENINGS, "unknown softening")
         self.softening = softening
@@ -523,6 +506,30 @@ class Elastic(LatticeModel):
             if self.material == "state-based":
                 made = sum_of(made, dilatation(offsets, weights, lame - shear, self.kernel.calibrate))
         return stable_solid(stencil_of(made))
+
+
+def _check_kernel(kernel: Kernel | Stencil | None, material: str) -> None:
+    """Finite elements have no bonds, all other materials do; a stencil is in place of either."""
+    if (kernel is None) != (material == "finite-element") and not isinstance(kernel, Stencil):
+        raise InputError(
+            f"a {material} material takes " + ("a kernel" if kernel is None else "no kernel"),
+            value=kinds.said(kernel),
+            key="model.kernel",
+            remedy="Kernel(horizon=3*spacing, exponent=1)" if kernel is None else "leave it out",
+        )
+
+
+def _checked_stabilisation(strength: float, material: str) -> float:
+    found = kinds.number(strength, "model.stabilisation", least=0, most=1)
+    if found and material != "correspondence":
+        raise InputError(
+            "stabilisation is for correspondence materials",
+            value=material,
+            limit="correspondence",
+            key="model.stabilisation",
+            remedy="leave it out",
+        )
+    return found
 
 
 def _springs(kernel: Kernel | Stencil | None, offsets: np.ndarray, weights: np.ndarray, shear: float) -> Table:

@@ -17,6 +17,7 @@ from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.incidence import Incidence
 from farhorizon.inputs.outside import Beyond, gradients
 from farhorizon.inputs.prescribed import Prescribed
+from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
 from farhorizon.simulation.breaking import Breaking
@@ -286,68 +287,40 @@ def assembled(
         Anything that cannot be computed.
     """
     found = survey(whole, stiffer, team, share)
-    setup, autos, near, around = found.setup, found.autos, found.near, found.around
-    waves, sources, sides, factor = found.waves, found.sources, found.around.sides, found.near.factor
-    lattice, model, stencil = setup.lattice, setup.model, near.stencil
-
-    depth = around.depth(stencil, lattice.spacing, lattice.shape)
-    beyond = Beyond(lattice, sides, model.target, depth, near.closed, team.largest)
-    notes = beyond.notes
-    notes += near.conditions.notes + around.notes + jumps(setup, near)
-    if factor is not None:
-        name = "the coefficient" if factor is near.coefficient else "the stiffness"
-        notes += gradients(factor, name, beyond.targets, stencil.reach)
-    if near.density is not None:
-        notes += gradients(near.density, "the density", beyond.targets, stencil.reach)
+    setup, near, sides = found.setup, found.near, found.around.sides
+    beyond = _look_beyond(found, team)
     start = start_of(setup, near, sides, beyond)
     check_range(start, setup.dtype, team)
-    notes += drifting(near, sides, setup.dtype)
-    cuts_given = _cuts(setup)
-    beyond.check_cracks(cuts_given, stencil.reach)
-    drives = split_drives(sources, near, beyond)
+    beyond.notes.extend(drifting(near, sides, setup.dtype))
+    beyond.check_cracks(_cuts(setup), near.stencil.reach)
+    drives = split_drives(found.sources, near, beyond)
     driving = drives.sources + [drive for _, drive in near.conditions.sources]
     warm = frozenset() if share is not None else warm_sides(setup, sides, near.dt)
-    everywhere = bool(waves or drives.unsplit or warm)  # a hot spot may be anywhere
+    everywhere = bool(found.waves or drives.unsplit or warm)  # a hot spot may be anywhere
     emitters = Emitters(near, sides, start, tuple(driving), everywhere, partial(heat_front, setup, warm))
-    around = extend(setup, around, emitters)
+    around = extend(setup, found.around, emitters)
 
-    solid = start.solid
-    material = solid.astype(float) if solid.any() else factor
     states = states_of(setup, sides, near.variation.moduli is not None)
-    margins = choose_margins(near, around, (start.u, start.v), material, cuts_given, states, team)
-    margins |= {**warm_margins(setup, warm, around), **(margins_given or {})}
-    check_conditions(near, sides, margins, notes)
+    margins = _margins(found, around, start, states, warm, team) | dict(margins_given or {})
+    check_conditions(near, sides, margins, beyond.notes)
     link, neighbours = (None, None) if share is None else (team.link, share.neighbours)
     grid = make_grid(setup, near, around, margins, states, link, neighbours, bool(warm))
-    phases = None
-    if model.dissolution is not None:
-        phases = SolidAndLiquid(grid, model.dissolution, setup.background, solid)
-        team.gather(None)  # those of one that has failed nobody receives
-        phases.start()
-        if solid.any():
-            phases.refuse_wet(_acted_on(near, driving))
-    closure = close(near, sides, grid, solid)
-    free_rim = lattice.body is not None and setup.rim == "free"
-    cuts = CutBonds(near, around, grid, closure, free_rim, notes)
-    law = model.bond_law
+    phases = _phases(setup, near, start, grid, driving, team)
+    closure = close(near, sides, grid, start.solid)
+    free_rim = setup.lattice.body is not None and setup.rim == "free"
+    cuts = CutBonds(near, around, grid, closure, free_rim, beyond.notes)
+    law = setup.model.bond_law
     breaking = None if law is None else Breaking(law, near, sides, grid, cuts, team)
-    if setup.lasting:
-        grid.engine.record_work()
-    if model.drag:
-        corner = np.array([0] * grid.lead + [margins[a, -1] for a in range(lattice.dim)])
-        set_drag(grid.engine, model.drag, corner, corner + np.array((1,) * grid.lead + lattice.shape))
-    cuts.cut(setup.cracks)
-    alone = breaking.loose() if breaking is not None and setup.cracks else 0
-    if alone:
-        notes.append(f"cracks leave {alone} nodes without any bond: they move freely")
+    _set_engine(setup, grid, margins)
+    _cut(setup, cuts, breaking, beyond.notes)
     held = rest_and_damp(near, around, cuts, setup.rim == "fixed")
     ends = exact_ends_of(near, sides, grid)
-    incident = [incidence(one, near, sides, notes) for one in waves]
-    driving += [(None, lambda t, one=one: one.source(t) / model.source_factor) for one in incident]
+    incident = [incidence(one, near, sides, beyond.notes) for one in found.waves]
+    driving += [(None, lambda t, one=one: one.source(t) / setup.model.source_factor) for one in incident]
     return Parts(
         near,
         around,
-        autos,
+        found.autos,
         beyond,
         start,
         drives,
@@ -364,6 +337,62 @@ def assembled(
         Whole(near, around.sides),
         warm,
     )
+
+
+def _look_beyond(found: Survey, team: Team) -> Beyond:
+    """What is looked at beyond the sides that absorb, with all notes so far and those of a medium that varies there."""
+    setup, near, around = found.setup, found.near, found.around
+    lattice, stencil = setup.lattice, near.stencil
+    depth = around.depth(stencil, lattice.spacing, lattice.shape)
+    beyond = Beyond(lattice, around.sides, setup.model.target, depth, near.closed, team.largest)
+    beyond.notes += near.conditions.notes + around.notes + jumps(setup, near)
+    name = "the coefficient" if near.factor is near.coefficient else "the stiffness"
+    for factor, called in ((near.factor, name), (near.density, "the density")):
+        if factor is not None:
+            beyond.notes += gradients(factor, called, beyond.targets, stencil.reach)
+    return beyond
+
+
+def _margins(
+    found: Survey, around: Surroundings, start: Start, states: ForceStates | None, warm: frozenset[Key], team: Team
+) -> dict[Key, int]:
+    """Nodes of the core beyond each side of the near field."""
+    setup, near = found.setup, found.near
+    material = start.solid.astype(float) if start.solid.any() else near.factor
+    margins = choose_margins(near, around, (start.u, start.v), material, _cuts(setup), states, team)
+    return margins | warm_margins(setup, warm, around)
+
+
+def _phases(
+    setup: Setup, near: NearField, start: Start, grid: Grid, driving: Sequence[Drive], team: Team
+) -> SolidAndLiquid | None:
+    """Those of a corrosion, put on the grid."""
+    if setup.model.dissolution is None:
+        return None
+    phases = SolidAndLiquid(grid, setup.model.dissolution, setup.background, start.solid)
+    team.gather(None)  # those of one that has failed nobody receives
+    phases.start()
+    if start.solid.any():
+        phases.refuse_wet(_acted_on(near, driving))
+    return phases
+
+
+def _set_engine(setup: Setup, grid: Grid, margins: Mapping[Key, int]) -> None:
+    """Tell the engine what it computes beside the waves: work, and the drag of the model."""
+    if setup.lasting:
+        grid.engine.record_work()
+    if setup.model.drag:
+        lattice = setup.lattice
+        corner = np.array([0] * grid.lead + [margins[a, -1] for a in range(lattice.dim)])
+        set_drag(grid.engine, setup.model.drag, corner, corner + np.array((1,) * grid.lead + lattice.shape))
+
+
+def _cut(setup: Setup, cuts: CutBonds, breaking: Breaking | None, notes: list[str]) -> None:
+    """Cut the bonds across cracks that are open from the start."""
+    cuts.cut(setup.cracks)
+    alone = breaking.loose() if breaking is not None and setup.cracks else 0
+    if alone:
+        notes.append(f"cracks leave {alone} nodes without any bond: they move freely")
 
 
 def _cuts(setup: Setup) -> list[Cut]:

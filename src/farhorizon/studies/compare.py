@@ -174,35 +174,65 @@ def compare(
     InputError
         What `Simulation` refuses, times that are not positive, an infinite medium that does not fit into memory.
     """
-    if times is not None and not (np.size(times) and np.isfinite(times).all() and np.min(times) > 0):
-        raise InputError("the times of a comparison must be positive", value=list(times), limit="> 0", key="times")
-    wanted = np.linspace(0, until, 41)[1:] if times is None else np.sort(np.asarray(times, float))
+    wanted = _moments(until, times)
     if not isinstance(setup, Setup):
         setup = Setup(**setup)
     ours = Simulation.of(setup)
     ours.prepare(until)
     steps = sorted({max(1, round(t / ours.dt)) for t in wanted})
-    shown_step = None if shown is None else min(steps, key=lambda n: abs(n * ours.dt - shown))
-    most = -1.0
     runs: dict[str, Simulation] = {_name(ours): ours}
     if beside:
         runs |= _besides(setup, ours, steps[-1])
     how, exact_after = _infinite(setup, ours, steps[-1])
-    background = ours.background
-    result = Comparison(
-        how, float(np.nanmax(np.abs(ours.fields["u"] - background), initial=0.0)), [n * ours.dt for n in steps]
-    )
-    if beside and _has_layers(ours) and ours.lattice.dim == 1 and _long_kernel(ours, steps[-1]):
-        result.left_out = (
-            f"exact ends, whose kernel for {steps[-1]} steps would take minutes to make: compare a case "
-            'of type = "exact"'
-        )
+    initial = float(np.nanmax(np.abs(ours.fields["u"] - ours.background), initial=0.0))
+    result = Comparison(how, initial, [n * ours.dt for n in steps])
     if beside:
-        result.edges = (
-            "on the outline of the window"
-            if ours.lattice.window is not None
-            else "at the absorbing sides of the near field"
-        )
+        result.edges, result.left_out = _edges(ours), _left_out(ours, steps[-1])
+    shown_step = None if shown is None else min(steps, key=lambda n: abs(n * ours.dt - shown))
+    errors, size = _step_together(result, runs, steps, exact_after, shown_step)
+    # driven by sources or prescribed values: the largest value of the run is the scale
+    driven = setup.constraints or any(isinstance(s, Incident) for s in setup.sources)
+    if result.initial == 0 or driven:
+        result.initial, result.scale = max(size), "largest value of the run"
+    result.curves = {name: _curve(result, error, size) for name, error in errors.items()}
+    _measure_growth(result, ours)
+    return result
+
+
+def _moments(until: float, times: Sequence[float] | None) -> np.ndarray:
+    """When to compare, ascending."""
+    if times is None:
+        return np.linspace(0, until, 41)[1:]
+    if not (np.size(times) and np.isfinite(times).all() and np.min(times) > 0):
+        raise InputError("the times of a comparison must be positive", value=list(times), limit="> 0", key="times")
+    return np.sort(np.asarray(times, float))
+
+
+def _edges(ours: Simulation) -> str:
+    """Where the fixed and the free edge lie."""
+    if ours.lattice.window is not None:
+        return "on the outline of the window"
+    return "at the absorbing sides of the near field"
+
+
+def _left_out(ours: Simulation, steps: int) -> str:
+    """The absorber that would serve beside layers on a line but is not run, and why; empty if there is none."""
+    if not (_has_layers(ours) and ours.lattice.dim == 1 and _long_kernel(ours, steps)):
+        return ""
+    return f'exact ends, whose kernel for {steps} steps would take minutes to make: compare a case of type = "exact"'
+
+
+def _step_together(
+    result: Comparison,
+    runs: Mapping[str, Simulation],
+    steps: Sequence[int],
+    exact_after: Callable[[int], np.ndarray],
+    shown_step: int | None,
+) -> tuple[dict[str, list[float]], list[float]]:
+    """Errors of each run after some steps, and the largest value of the infinite medium; the fields to be shown are
+    kept in the result.
+    """
+    ours, most = next(iter(runs.values())), -1.0
     errors: dict[str, list[float]] = {name: [] for name in runs}
     size: list[float] = []
     with progress(steps[-1]) as bar:
@@ -210,7 +240,7 @@ def compare(
             exact = exact_after(step)
             if ours.lattice.mask is not None:
                 exact = np.where(ours.lattice.mask, exact, np.nan)
-            size.append(float(np.nanmax(np.abs(exact - background))))
+            size.append(float(np.nanmax(np.abs(exact - ours.background))))
             now = {"infinite medium": exact}
             for name, sim in runs.items():
                 sim.step(step - sim.step_count)
@@ -220,24 +250,27 @@ def compare(
             if step == shown_step or (shown_step is None and worth > most):
                 result.fields, result.shown_time, most = now, step * ours.dt, worth
             bar.update(step - bar.n)
-    # driven by sources or prescribed values: the largest value of the run is the scale
-    driven = setup.constraints or any(isinstance(s, Incident) for s in setup.sources)
-    if result.initial == 0 or driven:
-        result.initial, result.scale = max(size), "largest value of the run"
-    for name, error in errors.items():
-        result.curves[name] = {
-            "times": result.times,
-            "error": error,
-            "error_rel_current": [e / max(s, 1e-300) for e, s in zip(error, size, strict=True)],
-            "error_rel_initial": [e / max(result.initial, 1e-300) for e in error],
-            "error_max_over_run": max(error),
-        }
-    undamped = ours.model.order == 2 and any(not layer.damping.any() for layer in ours.engine.layers.values())
+    return errors, size
+
+
+def _curve(result: Comparison, error: list[float], size: Sequence[float]) -> Curve:
+    return {
+        "times": result.times,
+        "error": error,
+        "error_rel_current": [e / max(s, 1e-300) for e, s in zip(error, size, strict=True)],
+        "error_rel_initial": [e / max(result.initial, 1e-300) for e in error],
+        "error_max_over_run": max(error),
+    }
+
+
+def _measure_growth(result: Comparison, ours: Simulation) -> None:
+    """Note how fast the error of the given boundary grows where backward waves do in a layer."""
+    layers = ours.engine.layers.values()
+    undamped = ours.model.order == 2 and any(not layer.damping.any() for layer in layers)
     backward = ours.stencil.backward_waves() if undamped else None
     if backward:
-        result.growth_bound = backward.growth * max(float(layer.sigma.max()) for layer in ours.engine.layers.values())
-        result.growth[_name(ours)] = growth_rate(result.times, errors[_name(ours)])
-    return result
+        result.growth_bound = backward.growth * max(float(layer.sigma.max()) for layer in layers)
+        result.growth[_name(ours)] = growth_rate(result.times, result.curves[_name(ours)]["error"])
 
 
 def _infinite(setup: Setup, ours: Simulation, steps: int) -> tuple[str, Callable[[int], np.ndarray]]:

@@ -18,7 +18,8 @@ from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.layer import ArrivingWave, LatticeMedium
 from farhorizon.boundaries import Higdon, Periodic, PlaneWave
 from farhorizon.checks.certificate import CERTIFIED, Certificate
-from farhorizon.checks.report import TunedFacts, content, options_shown
+from farhorizon.checks.facts import options_shown
+from farhorizon.checks.report import TunedFacts, content
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
 

@@ -1,0 +1,159 @@
+"""What is said of a set-up before its run, line by line: a name and a value each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from farhorizon.analysis.layers.spectrum import Band
+from farhorizon.boundaries import Side
+from farhorizon.checks.examined import Examined
+from farhorizon.engine.engine import Layer
+from farhorizon.geometry.lattice import AXES
+from farhorizon.pictures.style import speed_text
+
+Rows = list[tuple[str, str]]
+
+#: What bonds do beyond a critical stretch, by how they soften.
+_ENDS = {None: "break at", "linear": "soften linearly from", "exponential": "soften exponentially from"}
+
+
+def options_shown(boundary: Any) -> str:
+    """A boundary with the options that differ from their defaults."""
+    given = {f.name: getattr(boundary, f.name) for f in fields(boundary) if getattr(boundary, f.name) != f.default}
+    return f"{type(boundary).__name__}({', '.join(f'{k}={v!r}' for k, v in given.items())})"
+
+
+def lattice_rows(sim: Examined) -> Rows:
+    """The lattice, its stencil and its steps."""
+    lattice, stencil = sim.lattice, sim.stencil
+    shape, reach = (" x ".join(map(str, numbers)) for numbers in (lattice.shape, stencil.reach))
+    limit = f"{sim.dt / sim.step_limit:.3g} of the stable limit {sim.step_limit:.6g}"
+    return [
+        ("near field", f"{shape} nodes, {lattice.nodes} shown, spacing {lattice.spacing:g}"),
+        ("stencil", f"{len(stencil.weights)} neighbours, reach {reach} nodes"),
+        ("time step", f"{sim.dt:.6g}, {limit} ({sim.model.integrator.name})"),
+    ]
+
+
+def wave_rows(sim: Examined, waves: Band | None) -> Rows:
+    """The speeds of waves, and how long those are that the data hold."""
+    found = []
+    if sim.model.speeds:
+        of = " of the medium in the middle of all" if sim.varied else ""
+        speeds = ", ".join(f"{wave} {speed_text(c)}" for wave, c in sim.model.speeds.items())
+        found.append(("wave speeds", speeds + of))
+    if waves is not None:
+        half = f"half of the energy below {waves.typical:.3g} = {waves.typical / sim.lattice.spacing:.3g} nodes"
+        found.append(("wavelengths", f"{waves.shortest:.3g} to {waves.longest:.3g}, {half}"))
+    return found
+
+
+def layer_rows(sim: Examined, waves: Band | None) -> Rows:
+    """The layers, and how far the medium is computed beyond sides that extend it; those that are alike together."""
+    lead = 3 - sim.lattice.dim
+    layers = [
+        (_side(axis - lead, side), _layer(sim, axis - lead, side, layer, waves))
+        for (axis, side), layer in sim.engine.layers.items()
+    ]
+    extents = [(_side(*key), str(extent)) for key, extent in sim.extents.items()]
+    return [*_together("layer", layers), *_together("extended", extents)]
+
+
+def _layer(sim: Examined, axis: int, side: int, layer: Layer, waves: Band | None) -> str:
+    boundary, name = sim.sides[axis, side], _side(axis, side)
+    length, reach = layer.columns * sim.lattice.spacing, sim.stencil.reach[axis]
+    share = "" if waves is None else f" = {length / waves.typical:.3g} wavelengths"
+    text = f"{layer.columns} nodes = {layer.columns / reach:.3g} horizons{share}, length {length:g}"
+    if boundary.target is not None or name in sim.thickness:
+        text += f", target {boundary.wanted(sim.model.target):g}"
+    if name in sim.thickness:
+        text += f"; {sim.thickness[name]}"
+    elif boundary.open_ended:
+        text += "; a fixed number, for the stencil has backward waves or reaches far: give target=..."
+    return text
+
+
+def _side(axis: int, side: int) -> str:
+    return AXES[axis] + "-+"[side > 0]
+
+
+def _together(what: str, told: Iterable[tuple[str, str]]) -> Rows:
+    """What is told of sides, once of those of which it is the same."""
+    found: dict[str, list[str]] = {}
+    for name, text in told:
+        found.setdefault(text, []).append(name)
+    return [(f"{what} {', '.join(names)}", text) for text, names in found.items()]
+
+
+def side_rows(sim: Examined) -> Rows:
+    """Sides of which nothing else is told, the condition along an outline, and exact ends."""
+    windowed = sim.lattice.window is not None
+    found = [
+        (f"side {_side(*key)}", options_shown(boundary))
+        for key, boundary in sim.sides.items()
+        if not _is_told(boundary) and not (boundary.closing and windowed)
+    ]
+    if sim.closure is not None:
+        if windowed:
+            found.append(("outline", options_shown(sim.sides[0, -1])))
+        found.append(("fitted", sim.closure.describe()))
+    return found + [(f"exact end {name}", serves) for name, serves in sim.ends.items()]
+
+
+def _is_told(boundary: Side) -> bool:
+    """Whether lines of its own tell of a side."""
+    return boundary.stretched or boundary.exact or boundary.extended
+
+
+def metal_rows(sim: Examined) -> Rows:
+    """The metal of a corrosion, and how fast its front goes."""
+    dissolution = sim.model.dissolution
+    if dissolution is None:
+        return []
+    metal = int(np.nansum(sim.fields["solid"]))
+    liquid = f"saturation {dissolution.saturation:g}, interface {dissolution.interface:g} of the liquid"
+    found = [("metal", f"{metal} solid nodes shown, {liquid}")]
+    if metal:
+        whole = float(np.nanmax(sim.fields["u"]))
+        speed = dissolution.speed(sim.lattice.spacing, sim.lattice.dim, whole, sim.background)
+        control = f"under activation control{' (limited by saturation)' if dissolution.limited else ''}"
+        other = f"for another speed v: interface = {dissolution.interface / speed:.4g} v"
+        found.append(("front", f"speed {speed:.4g} {control}; {other}"))
+    return found
+
+
+def size_rows(sim: Examined) -> Rows:
+    """Nodes that are computed, memory, and bonds that are absent."""
+    engine = sim.engine
+    extra = int(np.prod(engine.layout.box.nodes)) - int(np.prod(sim.lattice.shape))
+    times = engine.nbytes / (np.prod(sim.field_shape) * engine.dtype.itemsize)
+    digits = ", layers remember six digits" if engine.kept != engine.dtype else ""
+    return [
+        ("nodes computed", f"{int(np.prod(engine.core.nodes))} in the core, {extra} beyond the near field"),
+        ("memory", f"{mebibytes(engine.nbytes)} = {times:.3g} near fields{digits}"),
+        ("absent bonds", str(engine.absent.count)),
+    ]
+
+
+def bond_rows(sim: Examined) -> Rows:
+    """What bonds do that follow a law of their own stretch."""
+    law, bonds = sim.model.bond_law, sim.engine.bonds
+    if law is None:
+        return []
+    breaking = "none breaks"
+    if np.isfinite(bonds.limit):
+        least, largest = (f"{stretch:.4g}" for stretch in bonds.critical_stretches)
+        stretch = least if least == largest else f"{least} to {largest}"
+        breaking = f"{_ENDS[law.softening]} a stretch of {stretch}, except within one reach of sides that are not free"
+    shape = "nonlinear" if law.nonlinear else "linear"
+    contact = ", absent ones carry compression" if law.contact else ""
+    return [("bonds", f"{shape}, {breaking}{contact}; what is predicted is the linear form, whole")]
+
+
+def mebibytes(size: float) -> str:
+    """A number of bytes in words."""
+    return f"{size / 2**20:.3g} MiB"
