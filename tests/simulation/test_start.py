@@ -1,17 +1,22 @@
 """What is said of a run as it begins."""
 
+import os
+
 import numpy as np
 import pytest
 
 import farhorizon as fh
 from helpers import lattice_of
 
+SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))
 LOOSE = {"free": fh.Free(), "periodic": {"x": fh.Periodic(), "y": fh.Free()}}
 HELD = {"fixed": fh.Fixed(), "layers": {"x": fh.LatticePML(nodes=4), "y": fh.Free()}}
+WAVES = fh.Wave(fh.Kernel(2.0))
+SOLIDS = {"bond-based": {}, "state-based": {"poisson": 0.3}, "correspondence": {"poisson": 0.3, "stabilisation": 0.5}}
 
 
-def with_sides(sides, dtype, **initial):
-    return fh.Simulation(lattice_of((17, 17)), fh.Wave(fh.Kernel(2.0)), sides, initial, dtype=dtype)
+def with_sides(sides, dtype, model=WAVES, shape=(17, 17), constraints=(), **initial):
+    return fh.Simulation(lattice_of(shape), model, sides, initial, constraints=constraints, dtype=dtype, threads=1)
 
 
 @pytest.mark.parametrize("sides", LOOSE.values(), ids=LOOSE)
@@ -28,3 +33,27 @@ def test_a_body_that_nothing_holds_is_no_case_for_single_precision(sides):
 def test_one_that_something_holds_is(sides):
     sim = with_sides(sides, "float32", u="exp(-((x - 8)**2 + (y - 8)**2)/4)")
     assert not any("single precision" in note for note in sim.notes)
+
+
+def test_a_body_is_held_by_some_of_its_nodes():
+    held = [fh.Prescribed([(0.0, 0.0)], 0.0)]
+    assert not any("single precision" in note for note in with_sides(fh.Free(), "float32", constraints=held).notes)
+
+
+@pytest.mark.slow
+def test_rounding_pushes_a_body_as_the_note_says():
+    """Random bodies: as weak springs would, whose work on a motion grows with the square of the steps."""
+    rng = np.random.default_rng(SEED)
+    print(f"seed {SEED}")
+    for _ in range(6):
+        dim = int(rng.integers(2, 4))
+        shape = tuple(rng.integers(10, 25 if dim == 2 else 14, dim).tolist())
+        material = rng.choice([None, *SOLIDS])
+        solid = None if material is None else fh.Elastic(fh.Kernel(2.0, 1), 1.0, material=material, **SOLIDS[material])
+        speed, sides = 10 ** rng.uniform(-4, 0), rng.choice([fh.Free(), fh.Periodic()])
+        v = speed if solid is None else [speed] * dim
+        sim, off = with_sides(sides, "float32", solid or WAVES, shape, v=v), []
+        for steps in (2000, 8000):
+            sim.step(steps - sim.step_count)
+            off.append(abs(float(np.array(sim.fields["v"], float).mean()) / speed - 1))
+        assert 3e-4 < off[0] < 0.3 and 6 < off[1] / off[0] < 40, (shape, material, sides, off)
