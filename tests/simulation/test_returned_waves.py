@@ -764,3 +764,40 @@ def test_layers_go_by_the_fastest_waves_at_their_side():
         setup = {"lattice": lattice, "model": sim.model, "boundary": fh.LatticePML(target=1e-3, until=until), **ground}
         kept = compare(setup, 40.0, beside=False)
         assert max(kept.curves["lattice PML"]["error_rel_initial"]) < 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("vectors", [False, True], ids=["scalar", "elastic"])
+def test_what_comes_back_beside_walls_is_no_more_than_is_told(vectors):
+    """Random bonds whose short waves run backward, nodes, walls and sources: against a domain from which nothing
+    returns; the filter of such waves ends at a wall, which the prediction knows of by an allowance alone.
+    """
+    seed = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))
+    print(f"seed {seed}")
+    random = np.random.default_rng([seed, int(vectors)])
+    for _ in range(6):
+        kernel = fh.Kernel(
+            float(random.integers(2, 6)), int(random.integers(2)), volume=str(random.choice(["ramp", "full"]))
+        )
+        model = fh.Elastic(kernel, 1.0) if vectors else fh.Wave(kernel)
+        shape = random.integers(30, 60, 2)
+        lattice = fh.Lattice(1.0, (0.0, 0.0), shape - 1.0)
+        bell = pulse(lattice, random.uniform(0.2, 0.7, 2) * shape, random.uniform(3.0, 6.0))
+        source = fh.Source(np.stack([bell, 0.5 * bell]) if vectors else bell, time=fh.Ricker(0.04))
+        speed = model.p_speed if vectors else model.speed
+        nodes, until = int(random.integers(14, 45)), float(random.uniform(2, 4) * shape.max() / speed)
+        wall = random.choice([fh.Free(), fh.Fixed()])
+        wide, layer = fh.Extended(target=1e-10, until=until), fh.LatticePML(nodes=nodes, target=1e-12, until=until)
+        far, near = (
+            fh.Simulation(lattice, model, {"x": side, "y-": wall, "y+": side}, sources=[source], threads=1)
+            for side in (wide, layer)
+        )
+        assert near.dt == far.dt
+        told = max(float(note.split("send back ")[1].split()[0]) for note in near.notes if "send back" in note)
+        worst = largest = 0.0
+        while far.time < until:
+            far.step(2)
+            near.step(2)
+            exact = np.array(far.fields["u"])
+            worst, largest = max(worst, np.abs(near.fields["u"] - exact).max()), max(largest, np.abs(exact).max())
+        assert worst < 1.1 * told * largest, (kernel, nodes, wall, worst / largest, told)  # told by one digit

@@ -12,7 +12,6 @@ from scipy.ndimage import affine_transform
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.arrivals import arrivals, round_a_point
-from farhorizon.analysis.layers.choice import weak
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.returned import Arrivals
 from farhorizon.analysis.layers.samples import Sample
@@ -48,9 +47,9 @@ _SILENT = 1e-3  # of the wanted error: sources that are fainter send nothing any
 _HERE = 0.01  # of its largest value: a datum is where it has more
 # of the wanted error, where a free side runs into a layer: predictions take it for a mirror, but it lacks bonds, and
 # waves run along it that are bound to it
-# What 20 nodes whose filter damps short waves that run backward send back beside walls, over the largest value, of
-# scalars and of vectors, with a horizon of 3 nodes; it falls as the 3.5th power of their number.
-_BESIDE_WALLS = {False: 1.2e-5, True: 5e-5}
+# What 20 nodes whose filter stops waves from a wavenumber times spacing on send back beside walls, over the largest
+# value; it falls as a power of their number, and of the wavenumber, of one beyond it as another power than below.
+_BESIDE_WALLS, _STOPPED, _BY_NODES, _BY_STOPPED = 1.5e-5, 1.94, 3.5, (5.5, 14.0)
 _BESIDE_FREE = 0.4
 
 
@@ -180,12 +179,11 @@ class ReturnedWaves:
         """What a layer's filter of short waves sends back where it ends at a wall, at most, from trials
         (docs/limits.md): near a wall long waves are not those of the medium, which is all that predictions know.
         """
-        walls = any(side.image for side in self._beside(axis))
-        if not walls or not layer.filtered or weak(high_pass(self.stencil)):
+        damped, walls = high_pass(self.stencil), any(side.image for side in self._beside(axis))
+        if not walls or not layer.filtered or damped is None or damped.weak:
             return 0.0
-        reach = max(self.stencil.reach) / 3
-        at_twenty = _BESIDE_WALLS[self.stencil.components > 1] * reach ** (5 if reach > 1 else 10)
-        return float(at_twenty * (20 / layer.columns) ** 3.5)
+        shorter = damped.first / _STOPPED
+        return float(_BESIDE_WALLS * shorter ** -_BY_STOPPED[shorter > 1] * (20 / layer.columns) ** _BY_NODES)
 
     def _arriving(
         self, axis: int, side: int, until: float, wanted: float
