@@ -60,7 +60,7 @@ from farhorizon.engine.nested import (
 )
 from farhorizon.engine.rows.calls import call_with
 from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.layer_sums import call_mirrored
+from farhorizon.engine.rows.layer_sums import call_crossing, call_mirrored
 from farhorizon.engine.rows.shifts import call_shifts
 from farhorizon.engine.rows.vectors import TURNED, add_lines, call_parts, clear, fetch, turn
 from farhorizon.engine.tables import ABSENT, EDGE, FACE
@@ -292,7 +292,80 @@ def take_edge_cuts(sums, src, work, cuts, which, node, slot, band, parts):
         take_bond(sums, src, work, to, layers.edge_cut_weights[i], at, near, far, there)
 
 
-def stretch_edge(stage, sums, worker, number, c, t, dithered):
+@njit(error_model="numpy", cache=True, counted=False)
+def edge_parts(face, other):
+    """How many rows of work space the parts of an edge take: of a component, of a set, and of one direction along the
+    second axis. There they go by its column, from -reach on, and by k - 1.
+    """
+    one = (other[COLUMNS] + other[REACH] + 1) * other[REACH]
+    return face[SETS] * other[SETS] * one, other[SETS] * one, one
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def sum_crossings(stage, sums, place, a, steps, node, slot, band, vectors):
+    """All parts of distance `a` + 1 along the first axis on a column of an edge at once, of a stencil that goes over
+    into itself in mirrors. All are addresses; place: of the first component's that lie upwards along both axes; steps:
+    distances from it to those downwards along each axis, of the next component and of the next k.
+    """
+    layers, size = sums.layers, stage.src.itemsize
+    weights, apart = address(layers.mirrored_weights), stage.src.size // stage.components * size
+    to = place, steps[0], steps[1], steps[2], steps[3]
+    function, first = layers.mirrored[3 + a, 0]
+    call_crossing(function, to, (node, 0), (apart, 0), weights + first * size, vectors)
+    function, first = layers.mirrored[3 + a, 1]
+    if band >= 0 and function != 0:
+        step, shift, ahead, behind = slot_steps(layers, band, size)
+        call_crossing(function, to, (slot + ahead, slot + behind), (shift, step), weights + first * size, vectors)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def sum_edge(stage, sums, worker, number, t, a, p, factors):
+    """The parts of distance `a` + 1 along the first axis on its column `p`, on all columns of the second."""
+    layers, work, varied = sums.layers, sums.work_space[worker], sums.liquid.coefficient.size > 1
+    edge, tile, sizes, rows = layers.edges[number], layers.tiles[t], layers.sizes, stage.rows
+    face, other = layers.faces[edge[EDGE_FACE]], layers.faces[edge[EDGE_OTHER]]
+    kind, band, vectors = layers.kinds[edge[EDGE_KINDS] + a], tile[TILE_BAND], tile[TILE_VECTORS]
+    m, n, sets, inwards, most = face[REACH], other[REACH], face[SETS], other[SETS], kind[KIND_REACH]
+    size, start = stage.src.itemsize, address(work)
+    row, width = LINES * size, layers.bands[max(band, 0), WIDTH]
+    of_row, of_set, of_inward = edge_parts(face, other)
+    corner = face[ORIGIN] + (other[ORIGIN] - sizes[8]) + tile[TILE_FIRST]  # column 0 of both
+    line = layers.bands[max(band, 0), BASE] + (face[SLOT] + other[SLOT] - sizes[3]) * width + tile[TILE_COLUMN]
+    up = 1 if face[STEP] > 0 else -1, 1 if other[STEP] > 0 else -1
+    steps = of_set * row * up[0], of_inward * row * up[1], of_row * row, row
+    first = (0 if up[0] > 0 else (sets - 1) * of_set) + (0 if up[1] > 0 else (inwards - 1) * of_inward)
+    for q in range(-most, other[COLUMNS] + 1):
+        node = corner + p * face[STEP] + q * other[STEP]
+        slot = line + (p * face[SLOT_STEP] + q * other[SLOT_STEP]) * width
+        place = sizes[11] + (q + n) * n
+        here, there = address(stage.src) + node * size, address(layers.slots) + slot * size
+        mirrored = not varied and layers.mirrored[3 + a, 0, 0] != 0
+        if mirrored:
+            sum_crossings(stage, sums, start + (place + first) * row, a, steps, here, there, band, vectors)
+        for c in range(0 if mirrored and layers.edge_cuts.shape[0] == 0 else rows):
+            cuts = (number * rows + c) * layers.tiles.shape[0] + t
+            for own in range(0 if p >= 0 else sets - 1, sets):
+                sum_number = edge[EDGE_SUMS] + ((c * sets + own) * m + a) * inwards
+                for inward in range(0 if q >= 0 else inwards - 1, inwards):
+                    to, source = place + c * of_row + own * of_set + inward * of_inward, (here, factors)
+                    if not mirrored:
+                        weigh(
+                            layers,
+                            kind[KIND_PARTS],
+                            sum_number + inward,
+                            source,
+                            there,
+                            band,
+                            start + to * row,
+                            row,
+                            vectors,
+                            max(1, -q),
+                        )
+                    if layers.edge_cuts.shape[0]:
+                        take_edge_cuts(sums, stage.src, work, cuts, (own, a, inward, q), node, slot, band, to)
+
+
+def stretch_edge(stage, sums, worker, number, t, dithered):
     """What the second axis' layer adds to the parts of the first one's, for the rows of an edge and one tile; into the
     last rows of the work space.
 
@@ -300,66 +373,35 @@ def stretch_edge(stage, sums, worker, number, c, t, dithered):
     -reach.
     """
     layers, work, varied = sums.layers, sums.work_space[worker], sums.liquid.coefficient.size > 1
-    src, slots, memory = stage.src, layers.slots, layers.memory
     edge, tile, sizes = layers.edges[number], layers.tiles[t], layers.sizes
     face, other = layers.faces[edge[EDGE_FACE]], layers.faces[edge[EDGE_OTHER]]
-    band, count, vectors = tile[TILE_BAND], tile[TILE_COUNT], tile[TILE_VECTORS]
-    m, n = face[REACH], other[REACH]
-    size, like = src.itemsize, work[0]
-    row, start = LINES * size, address(work)
-    parts, half = stage.rows * sizes[5], sizes[5] // 2
-    target = (stage.rows + 2) * sizes[5] + c * sizes[9]
-    wide, high = face[COLUMNS] + m + 1, other[COLUMNS] + n + 1
-    stretch = stretch_of(layers, other[PROFILE])
-    field, extra = address(src), address(slots)
-    lanes = vectors * 64 // size
-    first_cell = edge[EDGE_MEMORY] + (c * sizes[6] + tile[TILE_PLACE]) * edge[EDGE_CELLS]
-    cell = layers.cell * lanes
-    corner = face[ORIGIN] + (other[ORIGIN] - sizes[8]) + tile[TILE_FIRST]  # column 0 of both
-    factors = weigh_bonds(sums, worker, OF_EDGES, corner, count) if varied else start
-    width = layers.bands[max(band, 0), WIDTH]
-    line = layers.bands[max(band, 0), BASE] + (face[SLOT] + other[SLOT] - sizes[3]) * width + tile[TILE_COLUMN]
-    for own in range(face[SETS]):
-        for a in range(m):
-            kind = layers.kinds[edge[EDGE_KINDS] + own * m + a]
-            most = kind[KIND_REACH]
-            past = first_cell + kind[KIND_CELLS] * lanes
-            for p in range(kind[KIND_FIRST], face[COLUMNS] + 1):
-                to = target + ((own * m + a) * wide + p + m) * high + n
-                if most == 0:
-                    clear(start + (to + 1 - n) * row, (high - 1) * LINES, like)
+    m, n, sets, vectors, columns = face[REACH], other[REACH], face[SETS], tile[TILE_VECTORS], other[COLUMNS]
+    size, start = stage.src.itemsize, address(work)
+    row, wide, high = LINES * size, face[COLUMNS] + m + 1, columns + n + 1
+    of_row, of_set, of_inward = edge_parts(face, other)
+    stretch, cell = stretch_of(layers, other[PROFILE]), layers.cell * (vectors * 64 // size)
+    corner = face[ORIGIN] + (other[ORIGIN] - sizes[8]) + tile[TILE_FIRST]
+    factors = weigh_bonds(sums, worker, OF_EDGES, corner, tile[TILE_COUNT]) if varied else start
+    for a in range(m):
+        kinds = edge[EDGE_KINDS] + a
+        most = layers.kinds[kinds, KIND_REACH]
+        for p in range(-a - 1, face[COLUMNS] + 1 if most > 0 else -a - 1):
+            sum_edge(stage, sums, worker, number, t, a, p, factors)
+            for part in range(stage.rows * sets):
+                c, own = part // sets, part % sets
+                kind = layers.kinds[kinds + own * m]
+                if p < kind[KIND_FIRST]:
                     continue
-                for inward in range(other[SETS]):
-                    first = edge[EDGE_SUMS] + ((c * face[SETS] + own) * m + a) * other[SETS] + inward
-                    for q in range(0 if inward < other[SETS] - 1 else -most, other[COLUMNS] + 1):
-                        node = corner + p * face[STEP] + q * other[STEP]
-                        slot = line + (p * face[SLOT_STEP] + q * other[SLOT_STEP]) * width
-                        place = parts + inward * half + (q + n) * n
-                        weigh(
-                            layers,
-                            kind[KIND_PARTS],
-                            first,
-                            (field + node * size, factors),
-                            extra + slot * size,
-                            band,
-                            start + place * row,
-                            row,
-                            vectors,
-                            max(1, -q),
-                        )
-                        if layers.edge_cuts.shape[0]:
-                            cuts = (number * stage.rows + c) * layers.tiles.shape[0] + t
-                            take_edge_cuts(sums, src, work, cuts, (own, a, inward, q), node, slot, band, place)
-                memo = address(memory) + layers.cell * past
-                zero, there = start + (parts + n * n) * row, start + to * row
-                outer, inner = (zero, n * row, row), (zero + (other[SETS] - 1) * half * row, n * row, row)
-                total, inwards = (there, row, row), memo + (other[COLUMNS] + 1) * most * cell
-                call_shifts(kind[KIND_OUTWARDS], outer, total, (memo, cell, dithered), stretch, other[COLUMNS], vectors)
-                call_shifts(
-                    kind[KIND_INWARDS], inner, total, (inwards, cell, dithered), stretch, other[COLUMNS], vectors
-                )
-                clear(start + (to + 1 - n) * row, (n - most) * LINES, like)
-                past += (2 * other[COLUMNS] + 1) * most * lanes
+                past = (kind[KIND_CELLS] + (p - kind[KIND_FIRST]) * (2 * columns + 1) * most) * cell
+                of_part = layers.cell * (edge[EDGE_MEMORY] + (c * sizes[6] + tile[TILE_PLACE]) * edge[EDGE_CELLS])
+                memo = address(layers.memory) + of_part + past
+                to = (stage.rows + 2) * sizes[5] + c * sizes[9] + ((own * m + a) * wide + p + m) * high
+                zero, found = start + (sizes[11] + c * of_row + own * of_set + n * n) * row, start + to * row
+                outer, inner = (zero, n * row, row), (zero + (of_set - of_inward) * row, n * row, row)
+                total, back = (found + n * row, row, row), memo + (columns + 1) * most * cell
+                call_shifts(kind[KIND_OUTWARDS], outer, total, (memo, cell, dithered), stretch, columns, vectors)
+                call_shifts(kind[KIND_INWARDS], inner, total, (back, cell, dithered), stretch, columns, vectors)
+                clear(found + row, (n - most) * LINES, work[0])
 
 
 def stretch_face(stage, sums, worker, number, dithered):
@@ -393,8 +435,8 @@ def stretch_face(stage, sums, worker, number, dithered):
     step, shift, ahead, behind = slot_steps(layers, band, size)
     on, back = (0, (sets - 1) * half * wide) if face[STEP] > 0 else ((sets - 1) * half * wide, 0)
     across, slots_across = face[ROW_STEP] * size, face[SLOT_ROW] * width * size
-    for c in range(rows if edge >= 0 else 0):
-        call_with(sums.called[EDGE], stage, sums, (worker, edge, c, item[3], dithered))
+    if edge >= 0:
+        call_with(sums.called[EDGE], stage, sums, (worker, edge, item[3], dithered))
     for row in range(item[1], item[2]):
         first = face[ORIGIN] + row * face[ROW_STEP] + tile[TILE_FIRST]
         factors = weigh_bonds(sums, worker, face[AXIS], first, count) if varied else start
@@ -442,13 +484,15 @@ def stretch_face(stage, sums, worker, number, dithered):
                         max(1, -p),
                     )
                 for k in range(max(0, -p - 1), m if edge >= 0 else 0):
+                    if layers.kinds[layers.edges[edge, EDGE_KINDS] + k, KIND_REACH] == 0:
+                        continue
                     far = (
                         c * sizes[9]
                         + ((own * m + k) * (columns + m + 1) + p + m) * high
                         + (row - corner) * side
                         + other[REACH]
                     )
-                    add_lines(start + (added + far) * wide, start + (here + k) * wide, work.dtype.type(1), LINES)
+                    add_lines(start + (added + far) * wide, start + (here + k) * wide, work.dtype.type(1), lanes)
                 if layers.cuts.shape[0]:
                     cuts = face[CUTS] + (c * face[ROWS] + row) * layers.tiles.shape[0] + item[3]
                     numbers = worker, cuts, own, p, node, slot, band, here

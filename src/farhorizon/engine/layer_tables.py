@@ -38,7 +38,7 @@ from farhorizon.engine.nested import (
     WIDTH,
     Layers,
 )
-from farhorizon.engine.rows.build import load_parts, load_shifts
+from farhorizon.engine.rows.build import load_crossing, load_parts, load_shifts
 from farhorizon.engine.rows.choose import UNROLLED_LIMIT, mirrored
 from farhorizon.engine.rows.matrices import Signs
 from farhorizon.engine.rows.vectors import TURNED
@@ -349,14 +349,14 @@ class LayerTables:
         rows = [int(f[COLUMNS] + f[REACH] + 1) * int(f[REACH]) for f in self.faces]
         rows += [int(b[WIDTH] + TURNED) * int(b[REACH]) for b in self.bands]
         parts = 2 * max(rows)
-        edge = 0
+        edge = crossing = 0
         for e in self.edges:
             face, other = self.faces[e[EDGE_FACE]], self.faces[e[EDGE_OTHER]]
-            edge = max(
-                edge,
-                int(face[SETS] * face[REACH] * (face[COLUMNS] + face[REACH] + 1) * (other[COLUMNS] + other[REACH] + 1)),
-            )
-        before = (self.rows + 2) * parts + self.rows * edge
+            high = int(other[COLUMNS] + other[REACH] + 1)
+            edge = max(edge, int(face[SETS] * face[REACH] * (face[COLUMNS] + face[REACH] + 1)) * high)
+            crossing = max(crossing, self.rows * int(face[SETS] * other[SETS] * other[REACH]) * high)
+        at_crossing = (self.rows + 2) * parts + self.rows * edge
+        before = at_crossing + crossing
         factors = 0 if self.alike else max(map(len, self.terms.neighbours.values()), default=0)
         self.scratch = (before + factors) * LINES + SLACK
         return np.array(
@@ -372,42 +372,45 @@ class LayerTables:
                 self.layout.box.origin,
                 edge,
                 before,
+                at_crossing,
             ],
             np.int64,
         )
 
     def _mirrored(self) -> tuple[np.ndarray, np.ndarray]:
         """What `Layers.mirrored` and `mirrored_weights` hold."""
-        functions, rows, size = np.zeros((3, 2, 2), np.int64), [np.zeros(0)], self.rows * self.columns
+        m, size = self.layout.reach, self.rows * self.columns
+        functions, rows = np.zeros((3 + m[0], 2, 2), np.int64), [np.zeros(0)]
+        if not self.alike or m[2] > self.lanes:
+            return functions, np.concatenate(rows).astype(self.dtype)
         shape, matrices = mirrored(dict(zip(map(tuple, self.offsets.tolist()), self.weights, strict=True)), *self.signs)
         in_bands = bool(self.bands[:, COLUMNS].any())
-        used = [in_bands if axis == 2 else bool((self.faces[:, AXIS] == axis).any()) for axis in range(3)]
-        for axis, apart in (
-            itertools.product(range(3), (False, True)) if self.alike and self.layout.reach[2] <= self.lanes else ()
-        ):
-            chosen = [i for i, o in enumerate(shape) if (axis == 2 or o[axis] > 0) and (o[2] > 0 or not apart)]
-            products = np.count_nonzero(matrices[chosen])
-            if (
-                not used[axis]
-                or not 0 < products <= UNROLLED_LIMIT
-                or (apart and not in_bands)
-                or (axis == 2 and not apart)
-            ):
+        of_faces = [axis for axis in (0, 1) if (self.faces[:, AXIS] == axis).any()]
+        wanted = [(axis, apart) for axis in of_faces for apart in (False, True)]
+        wanted += [(3 + a, apart) for a in range(m[0] if len(self.edges) else 0) for apart in (False, True)]
+        for number, apart in [*wanted, (2, True)]:
+            chosen = [i for i, o in enumerate(shape) if self._takes(number, o) and (o[2] > 0 or not apart)]
+            if (apart and not in_bands) or not 0 < np.count_nonzero(matrices[chosen]) <= UNROLLED_LIMIT:
                 continue
+            found = tuple(shape[i] for i in chosen)
             pattern = tuple(tuple(row) for row in (matrices[chosen].reshape(-1, size) != 0).tolist())
-            parts = load_parts(
-                tuple(shape[i] for i in chosen),
-                pattern,
-                *self.signs,
-                axis,
-                self.sets[axis] == 2,
-                apart,
-                self.sets[2] == 2,
-                self.dtype.name,
-            )
-            functions[axis, int(apart)] = parts, sum(map(len, rows))
+            differ, real = self.sets[2] == 2, self.dtype.name
+            if number < 3:
+                both = self.sets[number] == 2
+                function = load_parts(found, pattern, *self.signs, number, both, apart, differ, real)
+            else:
+                each, reach = (self.sets[0] == 2, self.sets[1] == 2), max(o[1] for o in found)
+                function = load_crossing(found, pattern, *self.signs, each, reach, apart, differ, real)
+            functions[number, int(apart)] = function, sum(map(len, rows))
             rows.append(matrices[chosen].ravel())
         return functions, np.concatenate(rows).astype(self.dtype)
+
+    @staticmethod
+    def _takes(number: int, offset: tuple[int, ...]) -> bool:
+        """Whether the sums of a row of `Layers.mirrored` take the terms at an offset."""
+        if number > 2:
+            return offset[0] == number - 2 and offset[1] > 0
+        return number == 2 or offset[number] > 0
 
     # --- the memory --------------------------------------------------------------------------------------------
 

@@ -93,14 +93,15 @@ class Layers(NamedTuple):
     copies : ndarray of int, shape (2, n)
         Of the slots, where an axis is periodic.
     r, e, f : ndarray, shape (layers, columns + 1)
-    mirrored : ndarray of int, shape (3, 2, 2)
-        Of stencils that go over into themselves in mirrors, for each axis, for terms in the level and in the bands: the
-        function that sums all parts at once, or 0, and the first of its weights.
+    mirrored : ndarray of int, shape (3 + reach, 2, 2)
+        Of stencils that go over into themselves in mirrors, for each axis, then for each distance along the first one
+        where faces meet, for terms in the level and in the bands: the function that sums all parts at once, or 0, and
+        the first of its weights.
     mirrored_weights : ndarray
-    sizes : ndarray of int, shape (11,)
+    sizes : ndarray of int, shape (12,)
         Lines along the first two axes, of a band with their halo, and to the first one; the first sum of the bands;
         rows of work space of the parts of a face; lanes of all tiles and of a group of lines; the place of the first
-        node; rows of work space of an edge; the row at which factors of bonds begin.
+        node; rows of work space of an edge; the row at which factors of bonds begin, and that of parts of an edge.
     cell : int
         Bytes of each number that layers remember; 0 where they have no memory.
     unit : float

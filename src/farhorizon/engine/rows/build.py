@@ -129,6 +129,33 @@ def load_parts(
     return int(made.tile_parts.address)
 
 
+def load_crossing(
+    shape: tuple[tuple[int, int, int], ...],
+    pattern: tuple[tuple[bool, ...], ...],
+    inside: tuple[tuple[int, int, int], ...],
+    outside: tuple[tuple[int, int, int], ...],
+    both: tuple[bool, bool],
+    reach: int,
+    apart: bool,
+    differ: bool,
+    real: str,
+) -> int:
+    """Address of the sums where faces meet (see `layer_sums.crossing_parts`)."""
+    made = _load(
+        "rows/crossing_rows",
+        SHAPE=shape,
+        PATTERN=pattern,
+        INSIDE=inside,
+        OUTSIDE=outside,
+        BOTH=both,
+        REACH=reach,
+        APART=apart,
+        DIFFER=differ,
+        REAL=real,
+    )
+    return int(made.tile_parts.address)
+
+
 def load_exchange() -> tuple[int, int, int]:
     """Addresses of what begins and ends messages with other processes, and lets them move on (see
     `exchanges.send_values`, `receive_values` and `move_messages`).

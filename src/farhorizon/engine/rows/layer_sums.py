@@ -7,6 +7,8 @@ and each is multiplied once for every part that it belongs to.
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
@@ -17,9 +19,12 @@ from farhorizon.engine.rows.calls import call_of
 from farhorizon.engine.rows.matrices import Octant, Pattern, Signs, mirror_sums, parity
 from farhorizon.engine.rows.vectors import I64, Vectors, flat, int64s
 
+Sums = dict[tuple[int, ...], Any]  # by parity along the first two axes
+
 _IN_FLIGHT = 6  # sums that a vector is added up in, at least: each waits for itself
 _MIRRORED = int64s(4), int64s(2), int64s(4), types.int64, types.int64
-MIRRORED_SIGNATURE = types.void(*_MIRRORED)
+_CROSSING = int64s(5), int64s(2), int64s(2), types.int64, types.int64
+MIRRORED_SIGNATURE, CROSSING_SIGNATURE = types.void(*_MIRRORED), types.void(*_CROSSING)
 
 
 def mirrored_parts(
@@ -79,42 +84,17 @@ def mirrored_parts(
         vectors = Vectors.of(builder, real)
         width = vectors.lanes * vectors.size
 
-        def moved(address: Any, *moves: tuple[int, Any]) -> Any:
-            for count, distance in moves:
-                if count:
-                    address = builder.add(address, builder.mul(I64(count), distance))
-            return address
-
         def weight(number: int, row: int, column: int) -> Any:
             place = (number * rows + row) * columns + column
             return vectors.splat_all(builder.add(weights, I64(place * vectors.size)), 1)[0]
 
-        def along_lines(start: Any, line: tuple[int, int]) -> dict[tuple[int, ...], Any]:
+        def along_lines(line: tuple[int, int]) -> Callable[[Any], Sums]:
             """Sums over the mirror images of a line, by parity along the first two axes."""
-            return mirror_sums(vectors, line, lambda image: vectors.load(moved(start, (image[0], s0), (image[1], s1))))
+            return lambda start: mirror_sums(
+                vectors, line, lambda image: vectors.load(_moved(builder, start, (image[0], s0), (image[1], s1)))
+            )
 
-        def neighbours(at: Any, column: int, line: tuple[int, int], i: int, kept: dict[str, Any]) -> tuple[Any, Any]:
-            """Sums i nodes on and back along the last axis; where these are added up, and for i = 0, the first
-            alone."""
-            if apart:
-                on = along_lines(moved(builder.add(ahead, at), (column, shift), (i - 1, step)), line)
-                return on, along_lines(
-                    moved(builder.add(behind, at), (column, shift), (i - 1, step)), line
-                ) if differ else None
-            for name, distance in (("here", 0), ("next", width), ("last", -width)):
-                if name not in kept and (i or not distance):
-                    kept[name] = along_lines(
-                        moved(builder.add(ahead, builder.add(at, I64(distance))), (column, shift)), line
-                    )
-            if i == 0:
-                return kept["here"], None
-            on = {
-                p: vectors.concatenate(kept["here"][p], kept["next"][p], i) if i < vectors.lanes else kept["next"][p]
-                for p in kept["here"]
-            }
-            back = {p: vectors.concatenate(kept["last"][p], kept["here"][p], vectors.lanes - i) for p in kept["here"]}
-            return on, back
-
+        neighbours = _Neighbours(vectors, ahead, behind, shift, step, apart, differ)
         with cgutils.for_range_slice(builder, I64(0), builder.mul(number_of_vectors, I64(width)), I64(width), I64) as (
             at,
             _,
@@ -124,7 +104,7 @@ def mirrored_parts(
                 for column in range(columns):
                     kept: dict[str, Any] = {}
                     for i in sorted({i for _, i, _ in terms}):
-                        on, back = neighbours(at, column, line, i, kept)
+                        on, back = neighbours.at(at, column, i, along_lines(line), kept)
                         made: dict[tuple[int, ...], Any] = {}
                         for k, inner, number in terms:
                             for row in range(rows) if inner == i else ():
@@ -157,8 +137,160 @@ def mirrored_parts(
                     )
                     for address, join in ((plus, builder.fadd), (minus, builder.fsub))[: 1 + both]:
                         value = even if odd is None else join(even, odd)
-                        place = moved(builder.add(address, at), (k - 1, part_k), (row, part_c))
+                        place = _moved(builder, builder.add(address, at), (k - 1, part_k), (row, part_c))
                         vectors.store(builder.fadd(vectors.load(place), value) if adds else value, place)
+
+    return _sums(emit, MIRRORED_SIGNATURE)
+
+
+def crossing_parts(
+    offsets: Octant,
+    pattern: Pattern,
+    inside: Signs,
+    outside: Signs,
+    both: tuple[bool, bool],
+    reach: int,
+    apart: bool,
+    differ: bool,
+    real: str,
+) -> Any:
+    """Make the intrinsic ``parts(to, source, strides, weights, vectors)`` for the nodes where faces meet.
+
+    It sums what the line of a node along the last axis brings to those that lie a certain distance away along the first
+    axis and k nodes along the second: for each component, both directions along each of the two axes, and each k.
+
+    Parameters
+    ----------
+    offsets : tuple of (int, int, int)
+        Offsets >= 0 that stand for their mirror images, all with the same distance along the first axis.
+    pattern, inside, outside, apart, differ, real
+        See `mirrored_parts`.
+    both : (bool, bool)
+        Whether what lies on and what lies back differ, along the first and along the second axis.
+    reach : int
+        The largest k.
+
+    Returns
+    -------
+    numba intrinsic
+        Takes groups. `to`: byte address of the first sum (k = 1, first component, on along both axes), and the
+        distances of the sums back along the first axis, back along the second, of one more component, of one more k.
+        `source` as in `mirrored_parts`. `strides`: distances in bytes of components, and of lines one node farther
+        ahead. Then the weights, and how many vectors. From lines of their own, sums are added to what is there.
+    """
+    columns, rows = len(inside), len(outside)
+    signs = [[parity(row, column) for column in inside] for row in outside]
+
+    def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
+        to, other_x, other_y, part_c, part_k, ahead, behind, shift, step, weights, number_of_vectors = args
+        vectors = Vectors.of(builder, real)
+        width = vectors.lanes * vectors.size
+        neighbours = _Neighbours(vectors, ahead, behind, shift, step, apart, differ)
+
+        with cgutils.for_range_slice(builder, I64(0), builder.mul(number_of_vectors, I64(width)), I64(width), I64) as (
+            at,
+            _,
+        ):
+            total: dict[tuple[int, int], Sums] = {}
+            for column in range(columns):
+                kept: dict[str, Any] = {}
+                made: dict[tuple[int, int], Any] = {}
+                for number, (_, k, i) in enumerate(offsets):
+                    for row in range(rows):
+                        if not pattern[number][row * columns + column]:
+                            continue
+                        sign = signs[row][column]
+                        if (i, sign[2]) not in made:
+                            on, back = neighbours.at(at, column, i, lambda start: {(): vectors.load(start)}, kept)
+                            join = builder.fsub if sign[2] else builder.fadd
+                            made[i, sign[2]] = on[()] if back is None else join(on[()], back[()])
+                        sums, place = total.setdefault((row, k), {}), (number * rows + row) * columns + column
+                        w = vectors.splat_all(builder.add(weights, I64(place * vectors.size)), 1)[0]
+                        sums[sign[:2]] = vectors.multiply_add(sums.get(sign[:2]), w, made[i, sign[2]])
+            for row, k in itertools.product(range(rows), range(1, reach + 1)):
+                if apart and (row, k) not in total:
+                    continue
+                for on_x, on_y in itertools.product((0, 1)[: 1 + both[0]], (0, 1)[: 1 + both[1]]):
+                    value = None
+                    for sign, term in sorted(total.get((row, k), {}).items()):
+                        minus = (on_x * sign[0] + on_y * sign[1]) % 2
+                        value = _joined(builder, value, term, bool(minus))
+                    moves = (on_x, other_x), (on_y, other_y), (row, part_c), (k - 1, part_k)
+                    place = _moved(builder, builder.add(to, at), *moves)
+                    if value is None:
+                        value = ir.Constant(vectors.type, [0.0] * vectors.lanes)
+                    vectors.store(builder.fadd(vectors.load(place), value) if apart else value, place)
+
+    return _sums(emit, CROSSING_SIGNATURE)
+
+
+class _Neighbours:
+    """Reads sums of values some nodes on and back along the last axis.
+
+    Parameters
+    ----------
+    vectors : Vectors
+    ahead, behind, shift, step : ir.Value
+        See `mirrored_parts`.
+    apart, differ : bool
+    """
+
+    def __init__(
+        self, vectors: Vectors, ahead: Any, behind: Any, shift: Any, step: Any, apart: bool, differ: bool
+    ) -> None:
+        self.vectors, self.apart, self.differ = vectors, apart, differ
+        self.ahead, self.behind, self.shift, self.step = ahead, behind, shift, step
+
+    def at(self, at: Any, column: int, i: int, read: Callable[[Any], Sums], kept: dict[str, Any]) -> tuple[Any, Any]:
+        """Sums i nodes on and back; where these are added up, and for i = 0, the first alone.
+
+        Parameters
+        ----------
+        at : ir.Value
+            Distance of the vector in bytes.
+        column, i : int
+        read : callable
+            The sums at an address.
+        kept : dict
+            What has been read of this column and line.
+        """
+        vectors, builder = self.vectors, self.vectors.builder
+        if self.apart:
+            moves = (column, self.shift), (i - 1, self.step)
+            on = read(_moved(builder, builder.add(self.ahead, at), *moves))
+            return on, read(_moved(builder, builder.add(self.behind, at), *moves)) if self.differ else None
+        width = vectors.lanes * vectors.size
+        for name, distance in (("here", 0), ("next", width), ("last", -width)):
+            if name not in kept and (i or not distance):
+                start = builder.add(self.ahead, builder.add(at, I64(distance)))
+                kept[name] = read(_moved(builder, start, (column, self.shift)))
+        if i == 0:
+            return kept["here"], None
+        on = {
+            p: vectors.concatenate(kept["here"][p], kept["next"][p], i) if i < vectors.lanes else kept["next"][p]
+            for p in kept["here"]
+        }
+        back = {p: vectors.concatenate(kept["last"][p], kept["here"][p], vectors.lanes - i) for p in kept["here"]}
+        return on, back
+
+
+def _moved(builder: ir.IRBuilder, address: Any, *moves: tuple[int, Any]) -> Any:
+    """An address so many times a distance on."""
+    for count, distance in moves:
+        if count:
+            address = builder.add(address, builder.mul(I64(count), distance))
+    return address
+
+
+def _joined(builder: ir.IRBuilder, total: Any, term: Any, minus: bool) -> Any:
+    """A sum with one more term, of either sign; None is no sum."""
+    if total is None:
+        return builder.fneg(term) if minus else term
+    return (builder.fsub if minus else builder.fadd)(total, term)
+
+
+def _sums(emit: Callable[[ir.IRBuilder, tuple[Any, ...]], None], kind: Any) -> Any:
+    """The intrinsic of a signature that emits what it is given."""
 
     @intrinsic
     def parts(typingctx, to, source, strides, weights, vectors):
@@ -166,7 +298,7 @@ def mirrored_parts(
             emit(builder, flat(builder, args))
             return context.get_dummy_value()
 
-        return MIRRORED_SIGNATURE, codegen
+        return kind, codegen
 
     return parts
 
@@ -175,3 +307,9 @@ def mirrored_parts(
 def call_mirrored(typingctx, function, to, source, strides, weights, vectors):
     """Call compiled `mirrored_parts` by their address."""
     return call_of(_MIRRORED)
+
+
+@intrinsic
+def call_crossing(typingctx, function, to, source, strides, weights, vectors):
+    """Call compiled `crossing_parts` by their address."""
+    return call_of(_CROSSING)
