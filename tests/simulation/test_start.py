@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.analysis.references.infinite import InfiniteLattice
 from helpers import lattice_of
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))
@@ -38,6 +39,35 @@ def test_one_that_something_holds_is(sides):
 def test_a_body_is_held_by_some_of_its_nodes():
     held = [fh.Prescribed([(0.0, 0.0)], 0.0)]
     assert not any("single precision" in note for note in with_sides(fh.Free(), "float32", constraints=held).notes)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+@pytest.mark.parametrize("field", ["u", "v"])
+def test_data_may_reach_up_to_the_sides(field, damping):
+    """A near field that is displaced, or struck, as a whole, from its first to its last nodes, with those of the
+    corners: against the infinite lattice.
+    """
+    model, values = fh.Wave(fh.Kernel(2.0), damping=damping), np.ones((13, 13))
+    sim = with_sides(fh.LatticePML(nodes=20), "float64", model, (13, 13), **{field: values})
+    rest = np.zeros_like(values)
+    data = (values, rest) if field == "u" else (rest, values)
+    infinite = InfiniteLattice(sim.stencil, 1.0, model.integrator, sim.dt, 90, *data, damping=damping)
+    for steps in (1, 2, 10, 30, 90):
+        sim.step(steps - sim.step_count)
+        assert np.abs(sim.fields["u"] - infinite.after(steps)).max() < 1e-9
+
+
+def test_data_at_the_sides_go_on_after_a_restart(tmp_path):
+    """Whose layers have just begun."""
+    sides, data = fh.LatticePML(nodes=8), {"u": np.ones((13, 13))}
+    whole, first = (with_sides(sides, "float64", WAVES, (13, 13), **data) for _ in range(2))
+    first.step(1)
+    first.save(tmp_path / "one.h5")
+    again = with_sides(sides, "float64", WAVES, (13, 13), **data)
+    again.load(tmp_path / "one.h5")
+    for sim in (whole, again):
+        sim.step(40 - sim.step_count)
+    np.testing.assert_array_equal(again.fields["u"], whole.fields["u"])
 
 
 @pytest.mark.slow

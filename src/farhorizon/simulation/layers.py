@@ -205,8 +205,9 @@ class _Choice:
         near, around, model = self.near, self.around, self.near.model
         crossing = near.crossing
         lengths = {key: min(b.until or CROSSINGS * crossing, MOST_CROSSINGS * crossing) for key, b in layers.items()}
-        # a formula looks at no course in time
-        watched = max((lengths[key] for key, b in layers.items() if b.target is not None), default=0.0)
+        # a formula looks at no course in time, and knows no reaction
+        slow = bool(near.stencil.strongest_reaction)
+        watched = max((lengths[key] for key, b in layers.items() if b.target is not None or slow), default=0.0)
         data = self._data(watched)
         far = ReturnedWaves(
             near.lattice.shape,
