@@ -345,3 +345,32 @@ def test_a_crack_from_the_surface_is_inside():
     fh.Simulation(lattice, _bonds(2.5), cracks=[[(0.5, -4.0), (0.5, 1.0)]], **given)
     with pytest.raises(fh.InputError, match="a crack reaches"):
         fh.Simulation(lattice, _bonds(2.5), cracks=[[(0.5, -9.0), (0.5, 1.0)]], **given)
+
+
+@pytest.mark.parametrize("constants", [{}, {"poisson": 0.3, "material": "state-based"}], ids=["bonds", "states"])
+def test_a_wave_breaks_no_sound_bond_at_the_faces_of_its_box(constants):
+    """Through which the field jumps by more than the critical stretch, whereas the wave strains by a third of it at
+    most; inside it breaks bonds beside a crack.
+    """
+    model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, critical_stretch=5e-4, **constants)
+    lattice, crack = fh.Lattice(1.0, (-22.0, -22.0), (22.0, 22.0)), [[(0.5, -4.0), (0.5, 4.0)]]
+
+    def run(size, cracks=()):
+        wave = fh.IncidentWave((1.0, 0.3), f"{size}*exp(-((t - 10)/4)**2)", 20.0)
+        sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=6), sources=[wave], cracks=cracks)
+        sim.run(until=40.0)
+        return sim
+
+    sound = run(1e-3)
+    assert not sound.fields["damage"].any() and not sound.cautions
+    broken = run(2e-3, crack).fields["damage"] > run(1e-5, crack).fields["damage"]
+    assert broken.any() and not broken[~_mask(sound)].any()
+
+
+def test_a_surface_wave_breaks_no_sound_bond_at_the_faces_of_its_box():
+    model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, critical_stretch=5e-4)
+    wave = fh.RayleighWave((1.0, 0.0), "1e-3*exp(-((t - 25)/7)**2)", 50.0)
+    sides = {"all": fh.LatticePML(nodes=6), "y+": fh.Free()}
+    sim = fh.Simulation(fh.Lattice(1.0, (-20.0, -30.0), (20.0, 0.0)), model, sides, sources=[wave])
+    sim.run(until=45.0)
+    assert np.abs(sim.fields["u"]).max() > 5e-4 and not sim.fields["damage"].any()

@@ -171,6 +171,30 @@ def test_cracks_that_close_near_a_layer_stay_open():
         assert (np.abs(found[0] - found[1]).max() > 1e-9 * np.abs(found[0]).max()) == carry
 
 
+@pytest.mark.parametrize("name", ["bond-based", *MATERIALS])
+def test_extended_domains_continue_cracks_that_close(name):
+    """Against a domain so large that nothing comes back; of layers, in which faces do not meet, that is told."""
+    pulse = "1e-4*exp(-((x - 1)**2 + (y + 2)**2)/8)"
+    model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, critical_stretch=1.0, contact=True)
+    model = model if name == "bond-based" else material(name, spacing=1.0)
+
+    def made(half, side, **options):
+        start, crack = {"u": [pulse, f"0.5*{pulse}"]}, [[(-3.0, 0.5), (300.0, 0.5)]]
+        return fh.Simulation(fh.Lattice(1.0, (-half, -half), (half, half)), model, side, start, cracks=crack, **options)
+
+    sim = made(12, fh.Extended(target=1e-6, until=20.0))
+    large, layer = made(36, fh.Fixed(), dt=sim.dt), made(12, fh.LatticePML(nodes=12))
+    assert not any(
+        "do not meet" in note for note in [*sim.notes, *made(12, fh.LatticePML(nodes=12)).remade(cracks=[]).notes]
+    )
+    assert any("do not meet within one reach of x+ and" in note for note in layer.notes)
+    errors = {}
+    for one in (large, sim, layer):
+        one.run(until=20.0)
+        errors[one] = np.abs(one.fields["u"] - large.fields["u"][:, 24:49, 24:49]).max() if one is not large else 0.0
+    assert errors[sim] < 1e-6 * 1e-4 * 10 and errors[layer] > 1e-6
+
+
 # --- pulses ----------------------------------------------------------------------------------------------------
 
 

@@ -58,6 +58,10 @@ class Region:
         edge = 0 if side < 0 else self.lattice.shape[axis] - 1
         return FreeSide(self.scheme.stencil, axis, side, edge, self.states)
 
+    def along(self, axis: int, part: Lattice) -> tuple[int, int]:
+        """The first node along an axis, and that after the last one, as a part of the lattice counts them."""
+        return int(self.first[axis]) - part.first[axis], int(self.last[axis]) + 1 - part.first[axis]
+
     def nodes(self, most: int) -> np.ndarray:
         """Indices of the nodes of the box, every so many of them that there are at most `most`; shape (n, dim)."""
         counts = self.last - self.first + 1

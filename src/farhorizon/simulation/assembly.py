@@ -39,7 +39,7 @@ from farhorizon.simulation.grid import Grid, choose_margins, make_grid, states_o
 from farhorizon.simulation.host import looked_at, node_factor, varied
 from farhorizon.simulation.layers import choose_layers, with_light_dampers
 from farhorizon.simulation.near_field import NearField, extremes_of, near_field
-from farhorizon.simulation.setup import Key, Setup, Sides
+from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.share import Share, check_choosable, check_shareable, chooses, share_of
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
 from farhorizon.simulation.start import Start, check_range, drifting, start_of
@@ -310,12 +310,18 @@ def assembled(
     free_rim = setup.lattice.body is not None and setup.rim == "free"
     cuts = CutBonds(near, around, grid, closure, free_rim, beyond.notes)
     law = setup.model.bond_law
-    breaking = None if law is None else Breaking(law, near, sides, grid, cuts, team)
+    incident = [incidence(one, near, sides, beyond.notes) for one in found.waves]
+    regions = [one.region for one in incident]
+    breaking = None if law is None else Breaking(law, near, sides, grid, cuts, regions, team)
+    if law is not None and law.nonlinear and incident:
+        beyond.notes.append(
+            "an incident wave is one of linear bonds: of nonlinear ones a part of it leaves its box that is about as "
+            "large as its strain"
+        )
     _set_engine(setup, grid, margins)
     _cut(setup, cuts, breaking, beyond.notes)
     held = rest_and_damp(near, around, cuts, setup.rim == "fixed")
     ends = exact_ends_of(near, sides, grid)
-    incident = [incidence(one, near, sides, beyond.notes) for one in found.waves]
     driving += [(None, lambda t, one=one: one.source(t) / setup.model.source_factor) for one in incident]
     return Parts(
         near,
@@ -393,6 +399,13 @@ def _cut(setup: Setup, cuts: CutBonds, breaking: Breaking | None, notes: list[st
     alone = breaking.loose() if breaking is not None and setup.cracks else 0
     if alone:
         notes.append(f"cracks leave {alone} nodes without any bond: they move freely")
+    ends = breaking.open_ends(_cuts(setup)) if breaking is not None else []
+    if ends:
+        names = ", ".join(side_name(*key) for key in ends)
+        notes.append(
+            f"the faces of a crack do not meet within one reach of {names} and beyond: compression is sent back there; "
+            "Extended continues cracks whose faces meet, contact = false does without"
+        )
 
 
 def _cuts(setup: Setup) -> list[Cut]:

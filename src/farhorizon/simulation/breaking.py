@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -9,6 +11,8 @@ import numpy as np
 from farhorizon.engine.engine import Zone
 from farhorizon.engine.settings import set_heat
 from farhorizon.errors import InputError
+from farhorizon.geometry.shapes import Cut
+from farhorizon.inputs.incidence import Region
 from farhorizon.medium.fracture import final_stretch
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models.model import BondLaw
@@ -16,7 +20,7 @@ from farhorizon.simulation.cuts import CutBonds
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.overstretch import IntactMargin, intact_margin
-from farhorizon.simulation.setup import Sides
+from farhorizon.simulation.setup import Key, Sides
 from farhorizon.simulation.team import ALONE, Team
 
 _ROUNDING = 1e-9
@@ -33,6 +37,9 @@ class Breaking:
     sides : dict of (axis, side) to Side
     grid : Grid
     cuts : CutBonds
+    regions : sequence of Region
+        Boxes of incident waves. The field in them is the total one and around them the scattered one alone, so that
+        bonds through their faces see a jump that no solid has, and those outside miss a part: none of them break.
     team : Team
         Processes that have parts of the near field, which all make one.
 
@@ -45,9 +52,17 @@ class Breaking:
     """
 
     def __init__(
-        self, law: BondLaw, near: NearField, sides: Sides, grid: Grid, cuts: CutBonds, team: Team = ALONE
+        self,
+        law: BondLaw,
+        near: NearField,
+        sides: Sides,
+        grid: Grid,
+        cuts: CutBonds,
+        regions: Sequence[Region] = (),
+        team: Team = ALONE,
     ) -> None:
         self.law, self.near, self.sides, self.grid, self.cuts, self.team = law, near, sides, grid, cuts, team
+        self.regions = regions
         self.critical_stretch = -team.largest(-float(self.critical_stretches.min()))
         self.begin()
         self.families = self.left()
@@ -59,18 +74,27 @@ class Breaking:
 
     @cached_property
     def zone(self) -> Zone:
-        """Where the law holds: one reach away from sides that are not free."""
+        """Where the law holds: one reach away from sides that are not free, of those that extend the domain from their
+        far ends, and inside the boxes of incident waves.
+        """
         near, lead, margins = self.near, self.grid.lead, self.grid.margins
         lattice = near.lattice
         first, end = [0] * 3, [1] * 3
         onward = {(lead + axis, side) for (axis, side), b in self.sides.items() if b.periodic or b.shared}
         for axis, n in enumerate(lattice.shape):
-            apart = [
-                0 if (lead + axis, side) in onward or not self.sides[axis, side].bonded else near.stencil.reach[axis]
-                for side in (-1, 1)
-            ]
-            first[lead + axis] = margins[axis, -1] + apart[0]
-            end[lead + axis] = margins[axis, -1] + n - apart[1]
+            inset = {}
+            for side in (-1, 1):
+                boundary, more = self.sides[axis, side], margins[axis, side]
+                apart = 0 if (lead + axis, side) in onward or not boundary.bonded else near.stencil.reach[axis]
+                inset[side] = apart + (0 if boundary.extended else more)
+            first[lead + axis] = inset[-1]
+            end[lead + axis] = margins[axis, -1] + n + margins[axis, 1] - inset[1]
+            for region in self.regions:
+                low, high = region.along(axis, lattice)
+                first[lead + axis] = max(first[lead + axis], margins[axis, -1] + low)
+                end[lead + axis] = min(end[lead + axis], margins[axis, -1] + high)
+                onward -= {(lead + axis, side) for side, face in ((-1, low >= 0), (1, high <= n)) if face}
+            end[lead + axis] = max(first[lead + axis], end[lead + axis])
         return Zone((first[0], first[1], first[2]), (end[0], end[1], end[2]), onward)
 
     @cached_property
@@ -186,10 +210,18 @@ class Breaking:
         """Where bonds would break, but cannot; looked at each time that a longitudinal wave has crossed one reach."""
         engine, lattice, law, near = self.grid.engine, self.near.lattice, self.law, self.near
         low, high = (
-            np.array(edge[self.grid.lead :]) - [self.grid.margins[a, -1] for a in range(lattice.dim)]
+            np.clip(
+                np.array(edge[self.grid.lead :]) - [self.grid.margins[a, -1] for a in range(lattice.dim)],
+                0,
+                lattice.shape,
+            )
             for edge in (self.zone.first, self.zone.end)
         )
         crossing = min(near.stencil.reach) * lattice.spacing / np.sqrt(law.p_modulus / law.density * near.strongest)
+        within = [np.zeros(lattice.shape, bool) for _ in self.regions]
+        for inside, region in zip(within, self.regions, strict=True):
+            bounds = np.maximum([region.along(axis, lattice) for axis in range(lattice.dim)], 0)
+            inside[tuple(slice(*pair) for pair in bounds)] = True
         part, bonds = self.grid.near, lattice.spacing * engine.offsets[:, self.grid.lead :].astype(float)
         if len(engine.bonds.table.released):  # bonds that break by their energy become as much longer as the longest
             lengths = np.linalg.norm(bonds, axis=1)
@@ -200,6 +232,7 @@ class Breaking:
             engine.core.node_indices()[part].reshape(lattice.shape),
             engine.offsets[:, self.grid.lead :],
             engine.bonds.present(part).reshape(-1, *lattice.shape),
+            within,
             engine.offsets @ np.array(engine.core.stride),
             bonds,
             engine.bonds.limit,
@@ -207,6 +240,18 @@ class Breaking:
             engine.bonds.table.strength,
             max(1, int(crossing / near.dt)),
         )
+
+    def open_ends(self, cracks: Iterable[Cut]) -> list[Key]:
+        """Sides within one reach of which there are cracks whose faces would meet, but do not there and beyond."""
+        near, found = self.near, set()
+        for (low, high), (key, side) in itertools.product((cut.bounds() for cut in cracks), self.sides.items()):
+            if self.law.contact and side.bonded and not (side.periodic or side.shared or side.extended):
+                axis, sign = key
+                edge = (near.lattice.lower if sign < 0 else near.lattice.upper)[axis]
+                beyond = sign * ((low if sign < 0 else high)[axis] - edge) / near.lattice.spacing
+                if beyond > -near.stencil.reach[axis]:
+                    found.add(key)
+        return sorted(found)
 
     def check_start(self, force: np.ndarray) -> None:
         """Look for bonds that the start, or the first strain of a load, would break at once.

@@ -1,9 +1,10 @@
-"""The margin of a near field whose bonds break: within one reach of sides that are not free they cannot, so that a
-crack that gets there stops.
+"""The margin of a near field whose bonds break: within one reach of sides that are not free, and outside the boxes of
+incident waves, they cannot, so that a crack that gets there stops.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +17,7 @@ from farhorizon.simulation.course import say_doubt
 
 @dataclass(frozen=True, eq=False)
 class IntactMargin:
-    """The bonds of the nodes that lie within one reach of such sides.
+    """The bonds of the nodes that lie there.
 
     Attributes
     ----------
@@ -65,8 +66,8 @@ class IntactMargin:
         place = (lattice.lower + lattice.spacing * found).round(9).tolist()
         return (
             f"bonds near {place} are stretched beyond the critical stretch where they cannot break, within one "
-            "reach of a side that is not free: a crack stops there, and what follows is not valid; enlarge the "
-            "near field"
+            "reach of a side that is not free or outside the box of an incident wave: a crack stops there, and what "
+            "follows is not valid; enlarge the near field"
         )
 
 
@@ -76,6 +77,7 @@ def intact_margin(
     places: np.ndarray,
     offsets: np.ndarray,
     present: np.ndarray,
+    within: Sequence[np.ndarray],
     distances: np.ndarray,
     bonds: np.ndarray,
     limit: float,
@@ -96,6 +98,8 @@ def intact_margin(
     offsets : ndarray of int, shape (K, dim)
     present : ndarray of uint64, shape (words, *shape)
         Bits of the bonds that are there.
+    within : sequence of ndarray of bool, of that shape
+        Nodes in the boxes of incident waves: bonds through their faces have no stretch that means anything.
 
     The rest as of `IntactMargin`.
     """
@@ -106,6 +110,9 @@ def intact_margin(
     for k, offset in enumerate(offsets):
         other = corners + offset
         leaves = ((other < 0) | (other >= shape)).any(1)
+        there = tuple(np.where(leaves[:, None], corners, other).T)
+        for inside in within:
+            leaves |= inside[outside] != inside[there]
         bits[k >> 6, leaves] &= ~(np.uint64(1) << np.uint64(k & 63))
     held = bits.any(0)
     if not held.any() or not np.isfinite(limit):

@@ -169,6 +169,7 @@ class Motion:
         box = engine.layout.box
         box.view(engine.levels[1])[...] = box.view(engine.levels[0]) - box.view(change)
         engine.memory[:] = 0
+        engine.apply(engine.levels[1])  # the states of nodes are those of one step before, as after any step
         engine.begin(engine.current)
 
     def halve(self) -> None:
