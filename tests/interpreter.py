@@ -63,7 +63,7 @@ class Interpreter:
             op.DAMP_NEW: self._damp_new,
             op.FILTER: self._filter,
             op.DAMPERS: self._dampers,
-            op.HOLD: lambda: self._set(self.inputs.held, self.inputs.held_values[self.step]),
+            op.HOLD: self._hold,
             op.WORK: self._work,
             op.FLOW_LAYERS: self._flow_of_layers,
             op.FLOW: self._flow,
@@ -117,6 +117,16 @@ class Interpreter:
         stage.out[nodes] = values
         if stage.increments:
             stage.base[nodes] = stage.out[nodes] - stage.src[nodes]
+
+    def _hold(self) -> None:
+        stage, nodes, values = self.stage, self.inputs.held, self.inputs.held_values[self.step]
+        if self.tables.work.size:
+            mobility = (
+                np.tile(self.tables.mobility, self.components) if self.tables.mobility.size else np.ones(stage.out.size)
+            )
+            force = (values - stage.out[nodes]) / (stage.scale * mobility[nodes])
+            self.tables.work[0] += 0.5 * force @ (values - stage.base[nodes])
+        self._set(nodes, values)
 
     def add(self, values: np.ndarray, nodes: np.ndarray | None = None) -> None:
         """Add to the new step what nodes gain, shape (components, nodes), of all nodes unless they are given."""

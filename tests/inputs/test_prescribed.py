@@ -421,3 +421,30 @@ def test_what_is_held_at_the_background_runs_on():
         sim.run(30.0, progress=False)
         fields.append(sim.fields["u"] - rest)
     assert np.abs(fields[1] - fields[0]).max() < 1e-13  # rounding of values of 5 over a hundred steps
+
+
+SOLIDS = {
+    "bonds": {},
+    "bonds that break": {"critical_stretch": 1.2e-3},
+    "states": {"poisson": 0.3, "material": "state-based", "density": "1 + 0.03*x"},
+    "states that break": {"poisson": 0.3, "material": "state-based", "critical_stretch": 1.2e-3},
+    "correspondence": {"poisson": 0.3, "material": "correspondence", "stabilisation": 0.3},
+}
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_what_holds_nodes_does_the_work_that_is_found(name):
+    """A plate that is pulled apart by its ends while a traction acts on its side: energies add up to rounding."""
+    constants = SOLIDS[name]
+    model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, **constants)
+    ends = [
+        fh.Prescribed(fh.Box((7.0, -8.0), (8.0, 8.0)), velocity=["1.5e-3*sin(t/8)**2", None]),
+        fh.Prescribed(fh.Box((-8.0, -8.0), (-7.0, 8.0)), [0.0, 0.0]),
+    ]
+    traction = fh.Traction("y+", (0.0, 1e-4), time="sin(t/4)**2")
+    lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
+    sim = fh.Simulation(lattice, model, fh.Free(), constraints=ends, loads=[traction], balance=True)
+    sim.run(until=30.0)
+    found = sim.balance()
+    assert found["work"] > 1e-5 and abs(found["lost"]) < 1e-12 * found["work"]
+    assert sim.fields["damage"].any() if "critical_stretch" in constants else found["strain"] > 1e-5

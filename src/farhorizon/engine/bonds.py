@@ -420,6 +420,25 @@ def add_work(thread, stage, work, inputs, times):
     barrier(thread)  # the next sweep writes over the older level
 
 
+@njit(error_model="numpy", cache=True, counted=False)
+def hold_nodes(thread, stage, work, mobility, inputs, values):
+    """Give nodes the values that they have after a step. Where work is added up so is that of what holds them, which is
+    the force that makes the difference to where they would have gone.
+    """
+    held, places = inputs.held, stage.out.size // stage.components
+    for chunk in range(thread.number, (held.size + CHUNK - 1) // CHUNK, thread.threads):
+        for i in range(chunk * CHUNK, min(held.size, (chunk + 1) * CHUNK)):
+            node = held[i]
+            free = np.float64(stage.out[node])
+            stage.out[node] = values[i]
+            if work.size:
+                now, change = np.float64(stage.out[node]), np.float64(stage.out[node]) - np.float64(stage.base[node])
+                mobile = np.float64(mobility[node % places]) if mobility.size else 1.0
+                work[chunk] += 0.5 * (now - free) / (stage.scale * mobile) * change
+            if stage.increments:
+                stage.base[node] = stage.out[node] - stage.src[node]
+
+
 @njit(error_model="numpy", cache=True, entry=False)
 def strains(found, level, node, distance, xi, components, nonlinear):
     """`strain_of` one bond of neighbouring nodes, in vectors."""

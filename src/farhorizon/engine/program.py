@@ -26,6 +26,7 @@ from farhorizon.engine.bonds import (
     add_work,
     bond_factor,
     bond_gap,
+    hold_nodes,
     next_piece,
     sweep_tiles,
 )
@@ -738,12 +739,8 @@ def feed(thread, stage, sums, tables, inputs, step, number):
 
 @operation(HOLD)
 def hold(thread, stage, sums, tables, inputs, step, number):
-    """Give nodes the values that they have after a step."""
-    for i in range(thread.number, inputs.held.size, thread.threads):
-        node = inputs.held[i]
-        stage.out[node] = inputs.held_values[step, i]
-        if stage.increments:
-            stage.base[node] = stage.out[node] - stage.src[node]
+    """Give nodes the values that they have after a step; what holds them does work."""
+    hold_nodes(thread, stage, tables.work, tables.mobility, inputs, inputs.held_values[step])
     barrier(thread)
 
 

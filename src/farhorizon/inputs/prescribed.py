@@ -43,7 +43,7 @@ class Prescribed(Storable):
     Notes
     -----
     Displacements by a velocity are its integrals over the steps by Simpson's rule. What holds the nodes does work,
-    which the balance of energies does not tell from what is "lost".
+    which the balance of energies has under "work".
 
     Nodes that are held at the background (0 unless given) for ever and reach an absorbing side go on beyond it along
     its normal without end, as cracks do: a wire or a rigid line that runs on. There they must be the same over one

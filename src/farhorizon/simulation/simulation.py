@@ -313,14 +313,14 @@ class Simulation(Run):
 
         Waves: "kinetic" and "strain", half a step ago, ``1/2 v . v`` and ``1/4 sum_k (u_k - u) . w_k (u_k^- - u^-)``
         times the density of an elastic medium, and with a reaction r "reaction", ``1/2 r u . u^-``; the undamped scheme
-        conserves their sum exactly. Of an elastic medium with ``balance=True`` "work", done by sources and loads since
-        the start, and of a solid that heats as it is deformed "thermal", that of its temperature half a step ago,
-        ``rho c theta . theta^- / 2 T0``; the strain energy is then that of the strains as they are, and without
-        conduction the sum of all three stays as it is, exactly. Diffusion: "stored",
+        conserves their sum exactly. Of an elastic medium with ``balance=True`` "work", done by sources, loads and
+        what holds prescribed nodes since the start, and of a solid that heats as it is deformed "thermal", that of its
+        temperature half a step ago, ``rho c theta . theta^- / 2 T0``; the strain energy is then that of the strains as
+        they are, and without conduction the sum of all three stays as it is, exactly. Diffusion: "stored",
         ``1/2 integral (u - background)^2``.
 
         Bonds that are nonlinear or break: the strain energy is ``c d d^- / 2`` of the elongations d and d^- now and a
-        step ago, and there are "work", done by the sources since the start, and "broken", what bonds held when they
+        step ago, and there are "work", as before, and "broken", what bonds held when they
         broke. Where no energy leaves through the sides and nothing is damped, kinetic + strain + broken - work stays as
         it was: exactly for linear bonds, else up to the error of the time step.
         """
