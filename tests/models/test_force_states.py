@@ -328,6 +328,36 @@ def test_threads_and_a_checkpoint_change_nothing_as_bonds_break(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", BREAKING)
+def test_a_checkpoint_beside_cracks_that_open_one_after_the_other_changes_nothing(name, tmp_path):
+    """Across bonds of which some have broken before, by the pressure on the faces to be."""
+    first, second = [(-3.0, 0.5), (3.0, 0.5)], [(-0.5, -7.0), (-0.5, -2.0)]
+    start = {"u": 1e-5 * np.random.default_rng(3).standard_normal((2, 21, 21))}
+
+    def made():
+        return fh.Simulation(
+            fh.Lattice(1.0, (-10.0, -10.0), (10.0, 10.0)),
+            elastic(name, critical_stretch=8e-4),
+            fh.Free(),
+            start,
+            cracks=[fh.Crack(first, opens=4.0), fh.Crack(second, opens=8.0)],
+            loads=[fh.Pressure(crack, 2e-3, time="min(t/5,1)") for crack in (first, second)],
+            threads=1,
+        )
+
+    whole, steps = made(), [int(np.ceil(t / made().dt)) + 1 for t in (4.0, 8.0)]
+    for n in steps:
+        whole.step(n - whole.step_count)
+        whole.save(tmp_path / f"{n}.ckpt")
+    whole.step(30)
+    assert whole.broken_bonds
+    for n in steps:
+        again = made()
+        again.load(tmp_path / f"{n}.ckpt")
+        again.step(whole.step_count - n)
+        assert np.array_equal(again.fields["u"], whole.fields["u"])
+
+
+@pytest.mark.parametrize("name", BREAKING)
 @pytest.mark.parametrize("side", [fh.Free(), fh.Fixed(0.0)], ids=["faces", "inside"])
 def test_a_uniform_stretch_breaks_no_bond_below_the_critical_one(name, side):
     """Inside to rounding; at the faces of a correspondence body, where nodes are not as firm in all directions, from

@@ -50,6 +50,14 @@ class BondZone:
     def __init__(self, engine: Field) -> None:
         self.engine: Field = weakref.proxy(engine)  # which holds this: a circle would keep its levels
         self.softening: str | None = None
+        self._unbroken: np.ndarray | None = None
+
+    def expect_cuts(self) -> None:
+        """Know from now on which bonds are there but for those that break: more are going to be cut, some of which may
+        have broken before.
+        """
+        if self._unbroken is None and not self.table.forces:
+            self._unbroken = self.table.alive.copy()
 
     @property
     def table(self) -> Bonds:
@@ -109,6 +117,7 @@ class BondZone:
             (len(all_bits(len(places))), block.origin + block.nodes[0] * block.stride[0] + LANES), np.uint64
         )
         alive[:, block.node_indices()] = all_bits(len(places))[:, None, None, None]
+        self._unbroken = None
         zone = zone.moved(self.engine.layout.low)
         rows = block.nodes[0], -(-block.nodes[1] // high)
         kinds = np.zeros((*rows, -(-(zone.end[2] - zone.first[2]) // LANES)), np.uint8)
@@ -182,7 +191,11 @@ class BondZone:
         mine = mine[number[nodes[mine]] >= 0]
         order = np.argsort(places[:, 0])
         bond = order[np.searchsorted(places[order, 0], neighbours[mine] - nodes[mine])]
-        np.bitwise_and.at(self.table.alive, (bond >> 6, nodes[mine]), ~(np.uint64(1) << (bond & 63).astype(np.uint64)))
+        for bits in (self.table.alive, self._unbroken):
+            if bits is not None:
+                np.bitwise_and.at(bits, (bond >> 6, nodes[mine]), ~(np.uint64(1) << (bond & 63).astype(np.uint64)))
+        if self._unbroken is not None:
+            self._find_changed(self._unbroken)
         self.find_kinds()
         self._look_at_closing()
         self._remember()
@@ -242,10 +255,14 @@ class BondZone:
         """
         self.find_kinds()
         if not self.table.forces:
-            gone = (self.table.alive != alive)[:, self.engine.layout.box.node_indices()].any(0)
-            self.table.changed[...] = np.where(self._tiles_with(gone), CHANGED, UNCHANGED)
+            self._find_changed(alive)
             self._look_at_closing()
             self._remember()
+
+    def _find_changed(self, unbroken: np.ndarray) -> None:
+        """Find the tiles where bonds have broken, from the bits of those that are there but for these."""
+        gone = (self.table.alive != unbroken)[:, self.engine.layout.box.node_indices()].any(0)
+        self.table.changed[...] = np.where(self._tiles_with(gone), CHANGED, UNCHANGED)
 
     def _look_at_closing(self) -> None:
         """Say which tiles of nodes with states have absent bonds that may close."""

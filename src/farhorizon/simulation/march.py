@@ -198,6 +198,8 @@ class March:
         if breaking is not None and not step:
             breaking.begin()
         self.parts.cuts.cut(due)
+        if breaking is not None and len(due) < len(self.setup.cracks):
+            engine.bonds.expect_cuts()
         if breaking is not None and stored:
             lost = stored - self.energies()["strain"]  # of all processes, of which one counts it
             engine.bonds.count_cut(lost / breaking.mass * (self.team.number == 0))
