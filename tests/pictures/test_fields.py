@@ -7,6 +7,7 @@ from drawn import axes_of, is_picture, wave
 from farhorizon.errors import InputError
 from farhorizon.files.region_numbers import Regions
 from farhorizon.pictures import fields as drawing
+from farhorizon.pictures.images import cell_edges
 
 
 @pytest.mark.parametrize("shared", [True, False])
@@ -94,7 +95,7 @@ def test_coarse_fields_are_drawn_between_nodes_and_broken_bonds_over_them():
     np.testing.assert_array_equal(image.get_array(), field.T)
     np.testing.assert_array_equal(over.get_array()[4, 3], [0, 0, 0, 1])
     assert over.get_array().sum() == 1
-    assert (*panel.get_xlim(), *panel.get_ylim()) == drawing.cell_edges(axes)
+    assert (*panel.get_xlim(), *panel.get_ylim()) == cell_edges(axes)
     field[0, 0] = np.nan  # outside a window
     plain = drawing.field_panels([("", field)], axes, None, smooth=True).axes[0].images[0]
     assert plain.get_interpolation() != "bilinear"

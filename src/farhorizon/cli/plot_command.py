@@ -13,7 +13,8 @@ def plot_command(options: argparse.Namespace) -> int:
     from farhorizon.case.case import Case
     from farhorizon.errors import InputError
     from farhorizon.files.results import open_results
-    from farhorizon.pictures.result_pictures import View, plot_results
+    from farhorizon.pictures.result_pictures import plot_results
+    from farhorizon.pictures.views import View
 
     path = Path(options.result)
     folder = Path(options.out) if options.out else path.with_suffix("")

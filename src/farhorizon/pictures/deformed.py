@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from farhorizon.errors import InputError
-from farhorizon.pictures.fields import cell_edges, panel_grid
+from farhorizon.pictures.fields import panel_grid
+from farhorizon.pictures.images import cell_edges
 from farhorizon.pictures.style import DAMAGE, SEQUENTIAL, figure_at, with_unit
 
 _PART = 0.05  # of the extent of the near field that the largest displacement takes, unless a factor is given
