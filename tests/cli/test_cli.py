@@ -667,12 +667,16 @@ def test_shells_complete_commands(tmp_path):
 def test_plot_draws_what_it_is_asked_for(small, capsys):
     assert main(["run", "small.toml"]) == 0
     capsys.readouterr()
+    whole = Path("small/u.png").read_bytes()
+    assert main(["plot", "small.h5", "--field", "u", "--time", "0", "2", "--db"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "small/u-t=0,2-dB.png"
+    assert Path("small/u.png").read_bytes() == whole  # pictures of other times are not in its place
     assert main(["plot", "small.h5", "--field", "u", "--time", "1.001", "--range", "-1", "1", "--format", "pdf"]) == 0
     said = capsys.readouterr().out
-    assert said.startswith("t = 1.001 is not stored") and said.splitlines()[1:] == ["small/u.pdf"]
-    assert Path("small/u.pdf").read_bytes().startswith(b"%PDF")
+    assert said.startswith("t = 1.001 is not stored") and said.splitlines()[1:] == ["small/u-t=1.001.pdf"]
+    assert Path("small/u-t=1.001.pdf").read_bytes().startswith(b"%PDF")
     assert main(["plot", "small.h5", "--movie", "--db"]) == 0
-    assert "small/u.gif" in capsys.readouterr().out
+    assert "small/u-dB.gif" in capsys.readouterr().out
     for options, why in (
         (["--slice", "z=0.5"], "--slice: only a lattice in space"),
         (["--slice", "0.5"], "--slice: a slice is an axis and a number"),

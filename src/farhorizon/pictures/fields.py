@@ -12,16 +12,26 @@ from farhorizon.errors import InputError
 from farhorizon.files.region_numbers import Regions
 from farhorizon.pictures.curves import lines
 from farhorizon.pictures.images import Overlay, cell_edges, image_of
-from farhorizon.pictures.style import DIVERGING, color_range, extent_beyond, figure_at, number_text, scale_of, with_unit
+from farhorizon.pictures.style import (
+    DIVERGING,
+    color_range,
+    extent_beyond,
+    figure_at,
+    number_text,
+    scale_of,
+    with_unit,
+    wrapped,
+)
 
 _ARROWS = 18  # along an axis
+_LINE = 0.16  # inches, of a title
 _ROOM = 5.0  # how much larger than in the first column values may be in the others without leaving the colours
 _SHARED = 0.2  # panels whose largest values differ by more than this factor have colour scales of their own
 
 
 def panel_grid(number: int, ratio: float) -> tuple[int, int, float, float]:
     """Rows, columns and size in inches of `number` panels of height / width = `ratio`."""
-    most = 1 if ratio < 0.35 else 2 if ratio < 0.6 else 3 if number in (3, 5, 6, 9) else 4
+    most = 1 if ratio < 0.35 else 3 if number in (3, 5, 6, 9) else 2 if ratio < 0.6 else 4  # few places stay empty
     columns = min(number, most)
     width = min(5.5 / columns + 0.8, 3.4)
     if ratio < 0.35:
@@ -188,21 +198,28 @@ def slice_panels(
     sides = [[line for number, line in enumerate(axes) if number != normal] for normal, _ in planes]
     sizes = [np.ptp(edges[:2]) / np.ptp(edges[2:]) for edges in map(np.array, map(cell_edges, sides))]
     height = min(2.1, 8.0 / sum(sizes))
-    with figure_at(
-        path, (height * sum(sizes) + 2.2, len(fields) * (height + 0.3) + 0.5 + 0.3 * bool(title)), "compressed"
-    ) as figure:
+    places = [number_text(axes[axis][index], float(np.ptp(axes[axis]))) for axis, index in planes]
+    heads = [
+        [
+            wrapped(", ".join(filter(None, (name, f"{'xyz'[axis]} = {place}"))), height * wide)
+            for (axis, _), place, wide in zip(planes, places, sizes, strict=True)
+        ]
+        for name, _ in fields
+    ]
+    above = _LINE * max(head.count("\n") for row in heads for head in row)
+    size = (height * sum(sizes) + 2.2, len(fields) * (height + 0.3 + above) + 0.5 + 0.3 * bool(title))
+    with figure_at(path, size, "compressed") as figure:
         panels = figure.subplots(len(fields), 3, squeeze=False, width_ratios=sizes)
         arrays = [np.asarray(field, float) for _, field in fields]
         signed = any(color_range([array])["cmap"] == DIVERGING for array in arrays)
         overlays = _overlays(len(fields), [np.asarray(points, float) for points in cracks], (), broken, regions, smooth)
-        for row, (array, (name, _)) in enumerate(zip(arrays, fields, strict=True)):
+        for row, array in enumerate(arrays):
             alike = arrays if shared_scale else [array]
             scale = scale_of(alike, limits, colors, signed, usual=True)
-            for panel, (normal, index), lines_along in zip(panels[row], planes, sides, strict=True):
+            for panel, head, (normal, index), lines_along in zip(panels[row], heads[row], planes, sides, strict=True):
                 along, up = (name for name in "xyz" if name != "xyz"[normal])
                 image = image_of(panel, array.take(index, normal), lines_along, scale, overlays[row].cut(normal, index))
-                place = number_text(axes[normal][index], float(np.ptp(axes[normal])))
-                panel.set_title(f"{name}, {'xyz'[normal]} = {place}" if name else f"{'xyz'[normal]} = {place}")
+                panel.set_title(head)
                 panel.set(xlabel=with_unit(along) if row + 1 == len(fields) else "", ylabel=with_unit(up))
                 panel.tick_params(labelbottom=row + 1 == len(fields))
                 panel.locator_params(nbins=4)
@@ -212,7 +229,7 @@ def slice_panels(
                 tall = 20 * (len(fields) if shared_scale else 1)
                 figure.colorbar(image, ax=list(beside), label=label, pad=0.02, extend=beyond, aspect=tall)
         if title:
-            figure.suptitle(title, fontsize=panels[0, 0].title.get_size())
+            figure.suptitle(wrapped(title, size[0]), fontsize=panels[0, 0].title.get_size())
     return figure
 
 
@@ -297,7 +314,9 @@ def _images(
     left, right, bottom, top = cell_edges(axes)
     rows, columns, width, height = panel_grid(len(arrays), (top - bottom) / (right - left))
     bar = 0.9 if shared_scale else 0.9 * columns
-    size = (columns * (width + 0.15) + 0.6 + bar, rows * (height + 0.35) + 0.45 + 0.3 * bool(title))
+    heads = [wrapped(name, width) for name in titles]
+    above = _LINE * max(head.count("\n") for head in heads)
+    size = (columns * (width + 0.15) + 0.6 + bar, rows * (height + 0.35 + above) + 0.45 + 0.3 * bool(title))
     with figure_at(path, size, "compressed") as figure:
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
         for empty in panels[len(arrays) :]:
@@ -305,14 +324,14 @@ def _images(
         scale = scale_of(arrays, limits, colors, usual=True)
         # one colour map for all panels, whatever the scales
         signed = any(color_range([array])["cmap"] == DIVERGING for array in arrays)
-        for number, (array, name) in enumerate(zip(arrays, titles, strict=True)):
+        for number, (array, head) in enumerate(zip(arrays, heads, strict=True)):
             panel = panels[number]
             if not shared_scale:
                 scale = scale_of([array], limits, colors, signed, usual=True)
             image = image_of(panel, array, axes, scale, overlays[number])
             if arrows:
                 _arrows(panel, arrows[number], axes)
-            panel.set_title(name)
+            panel.set_title(head)
             lowest = number + columns >= len(arrays)
             panel.tick_params(labelbottom=lowest, labelleft=number % columns == 0)
             first = number % columns == 0
@@ -324,7 +343,7 @@ def _images(
             beyond = extent_beyond(arrays, limits, scale)
             figure.colorbar(image, ax=list(panels[: len(arrays)]), label=label, pad=0.02, extend=beyond)
         if title:
-            figure.suptitle(title, fontsize=panels[0].title.get_size())
+            figure.suptitle(wrapped(title, size[0]), fontsize=panels[0].title.get_size())
     return figure
 
 

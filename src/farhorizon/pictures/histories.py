@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,54 +12,118 @@ from farhorizon.pictures.curves import lines
 from farhorizon.pictures.polar import polar_picture
 from farhorizon.pictures.style import number_text, with_unit
 from farhorizon.pictures.traces import spectrum_picture, trace_picture
+from farhorizon.pictures.words import axis_label, in_words
 
 if TYPE_CHECKING:
     from farhorizon.files.records import Recorded
     from farhorizon.files.results import Results
 
+_MOMENT = 0.05  # of a record: what was seen for no longer is not drawn
+_MEASURED = {"position": "length", "advance": "length"}  # in the unit of something else
+_ACCOUNTS = {side: f"through {side}".replace("-", "\N{MINUS SIGN}") for side in ("x-", "x+", "y-", "y+", "z-", "z+")}
 _LEVELS = {"intensity": "energy per frequency and angle", "cross_section": "scattering cross section per angle"}
 
 
-def history_pictures(results: Results, directory: Path, ending: str) -> list[Path]:
-    """Draw what was recorded over time: probes, energy, balance."""
-    written = []
+def history_pictures(results: Results, directory: Path, ending: str, words: Mapping[str, str]) -> list[Path]:
+    """Draw what was recorded over time: probes, receivers, energy, balance.
+
+    Parameters
+    ----------
+    results : Results
+    directory : Path
+    ending : str
+        The format.
+    words : mapping of str to str
+        What quantities are called in the case.
+
+    Returns
+    -------
+    list of Path
+    """
+    written = _probes(results, directory / f"probes.{ending}", words)
+    for one in results.recorded.values():
+        written += _records(one, directory, ending, words)
+    return [*written, *_energies(results, directory, ending, words)]
+
+
+def _probes(results: Results, path: Path, words: Mapping[str, str]) -> list[Path]:
+    """Draw the field at the probes over time."""
     moments, values = results.probe_times, results.probe_values
-    if moments.size:
-        names = [
-            ", ".join(f"{axis} = {number_text(x, results.spacing)}" for axis, x in zip("xyz", place, strict=False))
-            for place in results.probes
-        ]
-        if values.ndim > 2:
-            names = [f"u_{axis} at {name}" for name in names for axis in "xyz"[: values.shape[2]]]
-            values = values.reshape(len(values), -1)
-        written.append(directory / f"probes.{ending}")
-        title = f"probe at {names[0]}" if len(names) == 1 else ""
-        curves = [(name, *_recorded(moments, column)) for name, column in zip(names, values.T, strict=True)]
-        ylabel = with_unit("probe value", "u")
-        lines(curves, written[-1], xlabel=with_unit("t", "time"), ylabel=ylabel, title=title)
-    for name, one in results.recorded.items():
-        for quantity in one.data if len(one.times) > 1 and not one.medium else ():
-            for column, traces in _distinct(one.columns(quantity)).items():
-                written.append(directory / f"{name}_{column}.{ending}")
-                trace_picture(one.points, one.times, traces, written[-1], label=with_unit(column, quantity))
-        if one.directions:
-            written += _pattern(one, directory / f"{name}.{ending}")
-            continue
-        for quantity in one.spectra:
-            for column, sums in _distinct(one.columns(quantity)).items():
-                written.append(directory / f"{name}_{column}.{ending}")
-                spectrum_picture(one.points, one.frequencies, sums, written[-1], label=column)
+    if not moments.size:
+        return []
+    names = [
+        ", ".join(f"{axis} = {number_text(x, results.spacing)}" for axis, x in zip("xyz", place, strict=False))
+        for place in results.probes
+    ]
+    if values.ndim > 2:
+        names = [f"{in_words(f'u_{axis}')} at {name}" for name in names for axis in "xyz"[: values.shape[2]]]
+        values = values.reshape(len(values), -1)
+    title = f"probe at {names[0]}" if len(names) == 1 else ""
+    curves = [(name, *_recorded(moments, column)) for name, column in zip(names, values.T, strict=True)]
+    lines(curves, path, xlabel=with_unit("t", "time"), ylabel=axis_label("u", "u", words), title=title)
+    return [path]
+
+
+def _records(one: Recorded, directory: Path, ending: str, words: Mapping[str, str]) -> list[Path]:
+    """Draw what one recorder has, a picture for each component of each quantity."""
+    written = []
+    for quantity in one.data if len(one.times) > 1 and not one.medium else ():
+        measured = _MEASURED.get(quantity, quantity)
+        for column, values in _distinct(one.columns(quantity)).items():
+            path, label = directory / f"{one.name}_{column}.{ending}", axis_label(column, measured, words)
+            if one.labels:
+                curves, title = _followed(one, values)
+                lines(curves, path, xlabel=with_unit("t", "time"), ylabel=label, title=title)
+            else:
+                trace_picture(one.points, one.times, values, path, label=label, measured=measured)
+            written.append(path)
+    if one.directions:
+        return [*written, *_pattern(one, directory / f"{one.name}.{ending}")]
+    for quantity in one.spectra:
+        for column, sums in _distinct(one.columns(quantity)).items():
+            written.append(directory / f"{one.name}_{column}.{ending}")
+            spectrum_picture(
+                one.points,
+                one.frequencies,
+                sums,
+                written[-1],
+                label=in_words(column, words),
+                measured=quantity,
+                labels=one.labels,
+            )
+    return written
+
+
+def _followed(one: Recorded, values: np.ndarray) -> tuple[list[tuple[str, np.ndarray, np.ndarray]], str]:
+    """Curves of what was seen for more than a moment, such as tips of cracks, and how many others there were."""
+    first = next(iter(one.data.values())).reshape(len(one.times), len(one.points), -1)
+    seen = np.isfinite(first).all(2).mean(0)
+    curves = [
+        (label, one.times, column)
+        for label, column, share in zip(one.labels, values.T, seen, strict=True)
+        if share > _MOMENT
+    ]
+    brief = int(((seen > 0) & (seen <= _MOMENT)).sum())
+    return curves, f"without {brief} seen for a moment" if brief else ""
+
+
+def _energies(results: Results, directory: Path, ending: str, words: Mapping[str, str]) -> list[Path]:
+    """Draw the energy and the balance over time."""
+    written, time = [], with_unit("t", "time")
     history, energy = results.history_times, results.energy
     if np.isfinite(energy).any():
         moments, energies = _recorded(history, energy)
         log = bool((energies > 0).all() and energies.max() > 100 * energies.min())
         written.append(directory / f"energy.{ending}")
-        lines([("energy", moments, energies)], written[-1], xlabel=with_unit("t", "time"), ylabel="energy", log=log)
+        label, top = axis_label("energy", "energy", words), 1.05 * float(energies.max())
+        limits = (0.0, top) if not log and energies.min() >= 0 < top else None  # small changes look small
+        lines([("energy", moments, energies)], written[-1], xlabel=time, ylabel=label, log=log, limits=limits)
     if results.balance:
         written.append(directory / f"balance.{ending}")
-        curves = [(name, *_recorded(history, values)) for name, values in results.balance.items()]
-        ylabel = "energy" if "kinetic" in results.balance else "gain since the start, and inflow"
-        lines(curves, written[-1], xlabel=with_unit("t", "time"), ylabel=ylabel)
+        curves = [(_ACCOUNTS.get(name, name), *_recorded(history, one)) for name, one in results.balance.items()]
+        waves = "kinetic" in results.balance
+        label = with_unit("energy", "energy") if waves else "gain since the start, and inflow"
+        lines(curves, written[-1], xlabel=time, ylabel=label)
     return written
 
 

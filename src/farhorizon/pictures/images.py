@@ -67,7 +67,7 @@ def image_of(
     if overlay.broken is not None:
         dark = np.zeros((*array.T.shape, 4))
         dark[..., 3] = np.clip((np.nan_to_num(overlay.broken.T) - _HURT) / (_SEVERED - _HURT), 0, 1)
-        panel.imshow(dark, **shown)
+        panel.imshow(dark, interpolation="bilinear" if between else None, **shown)
     if overlay.regions is not None and flat:
         _outline_regions(panel, overlay.regions, axes, overlay.named)
     if outside.any() and not outside.all() and flat:

@@ -18,13 +18,15 @@ from farhorizon.pictures.histories import history_pictures
 from farhorizon.pictures.isosurfaces import isosurface_panels
 from farhorizon.pictures.movie import movie
 from farhorizon.pictures.scalars import Scalar, wanted_scalars
-from farhorizon.pictures.style import DAMAGE, counted_in, time_text, with_unit
+from farhorizon.pictures.style import DAMAGE, SEQUENTIAL, counted_in, time_text
 from farhorizon.pictures.views import FLOOR, Slice, View
+from farhorizon.pictures.words import axis_label, in_words
 
 if TYPE_CHECKING:
     from farhorizon.files.results import Results
 
 _FAINT = 1e-6  # of the largest value that is shown: a panel of no more shows rounding and tails
+_MARKS = "*\N{DAGGER}\N{DOUBLE DAGGER}\N{SECTION SIGN}"  # of what makes a field doubtful
 _FEW_REGIONS = 8  # whose outlines do not cover the field
 
 
@@ -72,8 +74,18 @@ def _drawn(results: Results, directory: Path, view: View, say: Callable[[str], N
     if view.deformed is not None:
         frames = [(_moment(results, k), *_strained(results, k)) for k in chosen]
         directory.mkdir(parents=True, exist_ok=True)
-        path = directory / f"deformed.{view.format}"
-        deformed_panels(frames, results.axes, path, factor=view.deformed)
+        path = directory / f"deformed{view.suffix}.{view.format}"
+        named = "damage" if "damage" in results.field_names else "|u|"
+        label = axis_label(named, named.strip("|"), view.quantities)
+        deformed_panels(
+            frames,
+            results.axes,
+            path,
+            factor=view.deformed,
+            label=label,
+            title=_doubts(results, chosen),
+            colors=DAMAGE if named == "damage" else SEQUENTIAL,
+        )
         return [path]
     first = parts if view.fields else parts[:1]  # the others where they are asked for: films take their time
     if view.isosurfaces is not None:
@@ -99,7 +111,9 @@ def _drawn(results: Results, directory: Path, view: View, say: Callable[[str], N
         else:
             told = say if one == slices[0] else lambda text: None
             written += _panels(results, directory, view, chosen, part, one, regions, told)
-    return written if view.fields is not None else [*written, *history_pictures(results, directory, view.format)]
+    if view.fields is None:
+        written += history_pictures(results, directory, view.format, view.quantities)
+    return written
 
 
 def _panels(
@@ -132,18 +146,16 @@ def _panels(
     limits = view.limits
     if view.decibels:
         shown, limits = view.levels(shown), limits or (FLOOR, 0.0)
-        label = f"{part.label.strip('|')} (dB below the largest)"
-    else:
-        label = with_unit(part.label, part.quantity)
+    label = _label(part, view)
     broken = part.name == "damage"  # shows the cracks, those cut in advance among them
-    damage = [] if broken or "damage" not in results.field_names else [results.field("damage", k) for k in kept]
+    damage = [] if broken or "damage" not in results.field_names else [_broken(results, k, view) for k in kept]
     given: dict[str, Any] = {
         "shared_scale": limits is not None or comparable(shown),
         "cracks": () if broken else view.cracks,
         "label": label,
         "colors": DAMAGE if broken and not view.decibels else None,
         "limits": limits,
-        "title": view.quantities.get(part.quantity, ""),
+        "title": _doubts(results, kept),
         "smooth": not (broken or solids),
         "broken": damage,
         "regions": regions,
@@ -167,14 +179,10 @@ def _movie(
 ) -> list[Path]:
     """Draw the chosen outputs one after the other."""
     values = [part.of(results.field(part.field, k)) for k in chosen]
-    label, limits = with_unit(part.label, part.quantity), view.limits
+    label, limits = _label(part, view), view.limits
     if view.decibels and any(np.nan_to_num(one).any() for one in values):
         values, limits = view.levels(values), limits or (FLOOR, 0.0)
-        label = f"{part.label.strip('|')} (dB below the largest)"
-    title = view.quantities.get(part.quantity, "")
-    frames = [
-        (", ".join(filter(None, (title, _moment(results, k)))), field) for k, field in zip(chosen, values, strict=True)
-    ]
+    frames = [(_moment(results, k), field) for k, field in zip(chosen, values, strict=True)]
     broken = part.name == "damage"
     return movie(
         frames,
@@ -185,6 +193,7 @@ def _movie(
         cracks=() if broken else view.cracks,
         colors=DAMAGE if broken and not view.decibels else None,
         plane=one.plane,
+        title=_doubts(results, chosen),
     )
 
 
@@ -198,17 +207,17 @@ def _surfaces(results: Results, directory: Path, view: View, chosen: Sequence[in
         None,
         levels=view.isosurfaces or None,
         cracks=view.cracks,
-        label=with_unit(part.label, part.quantity),
-        title=view.quantities.get(part.quantity, ""),
+        label=axis_label(part.label, part.quantity, view.quantities),
+        title=_doubts(results, chosen),
     )
     directory.mkdir(parents=True, exist_ok=True)
-    path = directory / f"{part.name}-surfaces.{view.format}"
-    figure.savefig(path, dpi=150)
+    path = directory / f"{part.name}-surfaces{view.suffix}.{view.format}"
+    figure.savefig(path)
     return [path]
 
 
-def _strained(results: Results, index: int) -> tuple[np.ndarray, str, np.ndarray]:
-    """Displacements of an output, and what colours them: name and values."""
+def _strained(results: Results, index: int) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements of an output, and the values that colour them: damage, or their lengths."""
     if results.dim != 2 or results.components.get("u") != 2:
         raise InputError(
             "only a run in 2D with displacements has a deformed shape",
@@ -216,15 +225,35 @@ def _strained(results: Results, index: int) -> tuple[np.ndarray, str, np.ndarray
             key="--deformed",
         )
     u = results.field("u", index)
-    damaged = "damage" in results.field_names
-    return u, *(("damage", results.field("damage", index)) if damaged else ("|u|", magnitude(u)))
+    return u, results.field("damage", index) if "damage" in results.field_names else magnitude(u)
+
+
+def _label(part: Scalar, view: View) -> str:
+    """What the colours of a scalar show."""
+    if view.decibels:
+        return f"{in_words(part.label.strip('|'), view.quantities)} (dB below the largest)"
+    return axis_label(part.label, part.quantity, view.quantities)
 
 
 def _moment(results: Results, index: int) -> str:
-    """The title of a panel: its time, and what makes the field doubtful by then."""
+    """The title of a panel: its time, and the marks of what makes the field doubtful by then."""
     time = float(results.times[index])
-    doubts = (caution.brief for caution in results.cautions if caution.time <= time)
-    return ", ".join([f"t = {time_text(time)}", *doubts])
+    marks = (mark for mark, caution in zip(_MARKS, results.cautions, strict=False) if caution.time <= time)
+    return f"t = {time_text(time)}{''.join(marks)}"
+
+
+def _doubts(results: Results, chosen: Sequence[int]) -> str:
+    """What the marks at some times say."""
+    last = float(results.times[list(chosen)].max(initial=-np.inf))
+    marked = zip(_MARKS, results.cautions, strict=False)
+    return ", ".join(f"{mark} {caution.brief}" for mark, caution in marked if caution.time <= last)
+
+
+def _broken(results: Results, index: int, view: View) -> np.ndarray:
+    """Part of the bonds of each node that is broken, without those of cracks from the start that are drawn as lines."""
+    damage = results.field("damage", index)
+    drawn = len(view.cracks) > 0 and results.times[0] == 0
+    return damage - results.field("damage", 0) if drawn else damage
 
 
 def _solid(results: Results, index: int) -> np.ndarray:

@@ -19,13 +19,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Scalar:
-    """A scalar that is drawn: a field, the length of a vector field, a component of it, or what follows from it."""
+    """A scalar that is drawn: a field, the length of a vector field, a component of it, or what follows from it.
+
+    Attributes
+    ----------
+    name : str
+        In names of files, and by which it is asked for.
+    label : str
+        As it is written in plain text.
+    field : str
+    of : callable
+        Gives its values from those of the field.
+    pure : bool
+        A number without a unit.
+    """
 
     name: str
     label: str
     field: str
     of: Callable[[np.ndarray], np.ndarray]
-    pure: bool = False  # a number without a unit, and nothing that the case has a word for
+    pure: bool = False
 
     @property
     def quantity(self) -> str:
@@ -73,6 +86,13 @@ def _curl(spacing: float, values: np.ndarray) -> np.ndarray:
 
 
 def wanted_scalars(results: Results, names: Sequence[str] | None) -> list[Scalar]:
+    """Those of some names, or of all fields without any.
+
+    Raises
+    ------
+    InputError
+        No field and no component has this name.
+    """
     plain = {part.name: part for part in _parts(results)}
     parts = plain | {part.name: part for part in _derived(results)}
     stresses = [name for name in plain if name.startswith("stress_")]

@@ -45,10 +45,12 @@ class View:
         Of fields in space draw the surfaces on which they have these values in place of slices; without any values a
         fifth and a half of the largest magnitude.
     format : {"png", "pdf", "svg"}
+    suffix : str
+        What the names of the pictures of fields end in, before that of the format.
     cracks : sequence of ndarray, each of shape (n, dim)
         Polylines, drawn over the fields.
     quantities : mapping of str to str
-        What fields are in words ("temperature"), for the titles.
+        What a case calls them ("temperature"), at colour bars and axes.
 
     Raises
     ------
@@ -65,6 +67,7 @@ class View:
     movie: bool = False
     isosurfaces: Sequence[float] | None = None
     format: str = "png"
+    suffix: str = ""
     cracks: Sequence[np.ndarray] = ()
     quantities: Mapping[str, str] = field(default_factory=dict)
 
@@ -112,9 +115,9 @@ class View:
                     limit=f"{axis[0]:g} to {axis[-1]:g}",
                     key="--slice",
                 )
-            suffix = f"-{name}={place:g}" if len(self.planes) > 1 else ""
-            found.append(Slice(("xyz".index(name), int(np.abs(axis - place).argmin())), suffix))
-        return found or [Slice(None, "")]
+            plane = "xyz".index(name), int(np.abs(axis - place).argmin())
+            found.append(Slice(plane, f"-{name}={place:g}{self.suffix}"))
+        return found or [Slice(None, self.suffix)]
 
     def levels(self, values: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Magnitudes in decibels below the largest of them, which is not zero."""
@@ -125,7 +128,15 @@ class View:
 
 
 class Slice(NamedTuple):
-    """Axis and index of a slice, None for all of the lattice, and what the names of its pictures end in."""
+    """A slice of a lattice in space.
+
+    Attributes
+    ----------
+    plane : (int, int) or None
+        Its axis and index; None for all of the lattice.
+    suffix : str
+        What the names of its pictures end in.
+    """
 
     plane: tuple[int, int] | None
     suffix: str
