@@ -152,6 +152,45 @@ def test_demo(tmp_path, capsys):
     assert (tmp_path / "compare.png").exists()
 
 
+def test_compare_names_quantities_and_units(tmp_path, monkeypatch):
+    """Colours and times have the units of the case."""
+    from farhorizon.pictures import curves, fields
+
+    seen, whole = [], {"panels": fields.field_panels, "lines": curves.lines}
+    monkeypatch.setattr(fields, "field_panels", lambda *given, **named: seen.append(whole["panels"](*given, **named)))
+    monkeypatch.setattr(curves, "lines", lambda *given, **named: seen.append(whole["lines"](*given, **named)))
+    (tmp_path / "bump.toml").write_text(BUMP)
+    assert main(["compare", str(tmp_path / "bump.toml"), "--out", str(tmp_path), "--times", "2", "--quiet"]) == 0
+    panels, history = seen
+    *drawn, bar = panels.axes
+    assert bar.get_ylabel() == "displacement $|u|$ (mm)" and len(drawn) == 3
+    assert all(panel.get_title().replace("\n", " ").endswith("\N{MICRO SIGN}s") for panel in drawn)
+    assert history.axes[0].get_xlabel() == "t (\N{MICRO SIGN}s)"
+
+
+BUMP = """
+[lattice]
+spacing = "1 mm"
+lower = ["-12 mm", "-5 mm"]
+upper = ["12 mm", "5 mm"]
+[units]
+length = "mm"
+time = "us"
+pressure = "GPa"
+[model]
+type = "elastic"
+young = "70 GPa"
+density = "2700 kg/m^3"
+kernel = { horizon = "2 mm" }
+[initial]
+u = ["0.01*exp(-x**2 - y**2)", 0.0]
+[boundary]
+all = { type = "lattice-pml", nodes = 3 }
+[run]
+until = "2 us"
+"""
+
+
 def test_plot_check_info(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     case = str(EXAMPLES / "blob.toml")

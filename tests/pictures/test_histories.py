@@ -43,11 +43,7 @@ def test_tips_that_are_seen_for_a_moment_are_left_out_and_counted(tmp_path, monk
     for (curves, _), named in seen:
         assert [name for name, _, _ in curves] == ["tip 1", "tip 2"]
         assert named["title"] == "without 2 seen for a moment" and named["xlabel"] == "t (\N{MICRO SIGN}s)"
-    assert [named["ylabel"] for _, named in seen] == [
-        "tip position $x$ (mm)",
-        "tip position $y$ (mm)",
-        "tip advance (mm)",
-    ]
+    assert [named["ylabel"] for _, named in seen] == ["position $x$ (mm)", "position $y$ (mm)", "advance (mm)"]
 
 
 def test_power_is_named_by_its_surface(tmp_path, monkeypatch):
@@ -69,6 +65,14 @@ def test_power_is_named_by_its_surface(tmp_path, monkeypatch):
     assert tuple(name for name, _, _ in curves) == names and named["ylabel"] == "power (W/m)"
     assert over[0][1] == {"label": "energy", "measured": "energy", "labels": names}
     assert [path.name for path in plot_results(old, tmp_path)] == ["power_power.png", "power_energy.png"]
+
+
+def test_one_surface_stands_in_the_title(tmp_path, monkeypatch):
+    """For one curve has no legend."""
+    power = Recorded("power", np.zeros((1, 2)), TIMES, {"power": np.ones((100, 1))}, labels=("plane x = 2.5",))
+    seen = drawn(monkeypatch, "lines")
+    plot_results(recorded(tmp_path / "a.h5", power), tmp_path)
+    assert seen[0][1]["title"] == "plane x = 2.5"
 
 
 def test_energies_and_balances_have_units(tmp_path, monkeypatch):

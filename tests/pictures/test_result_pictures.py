@@ -12,7 +12,7 @@ from farhorizon.files.region_numbers import Regions
 from farhorizon.files.results import open_results
 from farhorizon.files.results_layout import Caution
 from farhorizon.files.results_writer import ResultsWriter
-from farhorizon.pictures import fields
+from farhorizon.pictures import fields, movie
 from farhorizon.pictures import result_pictures as drawing
 from farhorizon.pictures.deformed import deformed_cells
 from farhorizon.pictures.views import View
@@ -231,7 +231,7 @@ def test_in_space_the_three_planes_through_the_middle_are_in_one_picture(tmp_pat
     crack = np.arange(6.0).reshape(2, 3)
     (made,) = drawing.plot_results(results, tmp_path, View(fields=["u_x"], times=[0.5, 1.0], cracks=[crack]))
     assert made.name == "u_x.png" and is_picture(made)
-    for (_, array, axes, _, overlay), (k, axis) in zip(drawn, itertools.product((1, 2), range(3)), strict=True):
+    for ((_, array, axes, _, overlay), _), (k, axis) in zip(drawn, itertools.product((1, 2), range(3)), strict=True):
         middle = results.shape[axis] // 2
         np.testing.assert_array_equal(array, results.field("u", k)[0].take(middle, axis))
         np.testing.assert_array_equal(overlay.cracks[0], np.delete(crack, axis, 1))
@@ -241,9 +241,9 @@ def test_in_space_the_three_planes_through_the_middle_are_in_one_picture(tmp_pat
 def drawing_of(function, seen):
     """A function that notes what it is given."""
 
-    def noting(*given):
-        seen.append(given)
-        return function(*given)
+    def noting(*given, **named):
+        seen.append((given, named))
+        return function(*given, **named)
 
     return noting
 
@@ -265,7 +265,7 @@ def test_what_is_broken_and_regions_are_drawn_over_fields(tmp_path, monkeypatch,
     monkeypatch.setattr(fields, "image_of", drawing_of(fields.image_of, drawn))
     made = drawing.plot_results(open_results(tmp_path / "a.h5"), tmp_path)
     assert [path.name for path in made] == ["u.png", "damage.png"] and all(map(is_picture, made))
-    overlays = [given[-1] for given in drawn]
+    overlays = [given[-1] for given, _ in drawn]
     ours, theirs = overlays[: len(overlays) // 2], overlays[len(overlays) // 2 :]
     planes = [(damage, numbers)] if dim == 2 else [(damage.take(5, a), numbers.take(5, a)) for a in range(3)]
     for overlay, (broken, there) in zip(ours, planes, strict=True):
@@ -363,6 +363,11 @@ def test_cracks_that_are_drawn_as_lines_are_not_drawn_as_broken_bonds_too(tmp_pa
         drawing.plot_results(open_results(tmp_path / "a.h5"), tmp_path, View(fields=["u"], cracks=cracks))
     np.testing.assert_allclose(seen[0], damage, atol=1e-7)
     np.testing.assert_allclose(seen[1], damage - damage[0], atol=1e-7)
+    frames = []
+    monkeypatch.setattr(movie, "field_panels", drawing_of(movie.field_panels, frames))
+    drawing.plot_results(open_results(tmp_path / "a.h5"), tmp_path, View(fields=["u"], cracks=cracks, movie=True))
+    over = [named["broken"] for _, named in frames][:2]  # a film in another format draws them again
+    np.testing.assert_allclose(np.concatenate(over), damage - damage[0], atol=1e-7)
 
 
 def test_colours_are_named_in_words_with_units(tmp_path, monkeypatch):

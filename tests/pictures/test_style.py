@@ -118,3 +118,5 @@ def test_units_of_products_are_named_where_all_are_known():
     with style.counted_in({"u": "mm", "time": "us"}):
         assert style.with_unit("a", "u", "time") == "a (mm \N{MICRO SIGN}s)"
         assert style.with_unit("a", "v", "time") == "a"
+    with style.counted_in({"K_I": "GPa mm^(1/2)"}):
+        assert style.with_unit("a", "K_I") == "a (GPa \N{SQUARE ROOT}mm)"

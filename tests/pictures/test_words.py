@@ -17,7 +17,7 @@ from farhorizon.pictures.words import axis_label, in_words
         ("stress_xy", r"stress $\sigma_{xy}$"),
         ("stress_von_mises", "von Mises stress"),
         ("energy_flux_x", "energy flux $S_{x}$"),
-        ("position_x", "tip position $x$"),
+        ("position_x", "position $x$"),
         ("K_II", r"stress intensity $K_{\mathrm{II}}$"),
         ("damage", "damage"),
         ("my_own_field", "my own field"),

@@ -21,7 +21,7 @@ from farhorizon.case.changes import changed
 from farhorizon.case.problems import explain
 from farhorizon.case.schema import ThermalPart, UnitsPart, case_part
 from farhorizon.case.toml import document
-from farhorizon.case.units import ANY, FIELD, FIELDS, RATE, Units, unit
+from farhorizon.case.units import ANY, FIELD, FIELDS, KEYS, RATE, Units, unit
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.files.region_numbers import Regions
 from farhorizon.geometry.lattice import AXES
@@ -206,8 +206,8 @@ class Case:
 
     @property
     def unit_names(self) -> dict[str, str]:
-        """The units of length, time, frequency and what is recorded in pictures and files; nothing of those that the
-        case does not say.
+        """The units of length, time, frequency, what is recorded in pictures and files, and constants that vary;
+        nothing of those that the case does not say.
         """
         if (units := self.units) is None:
             return {}
@@ -216,6 +216,7 @@ class Case:
             per = ["/m^2", "/m", ""][self.lattice.dim - 1]  # of a line per area, of a plane per thickness
             named |= {"stress": "Pa", "pressure": "Pa", "energy_flux": "W/m^2", "T": "K", "G": "J/m^2"}
             named |= {"energy": f"J{per}", "power": f"W{per}"}
+        named |= {constant: KEYS[constant] for constant in self.model.varying if constant in KEYS}
         found = {what: name for what, si in named.items() if (name := units.name(si))}
         if {"stress", "length"} <= found.keys():
             found |= dict.fromkeys(("K_I", "K_II"), f"{found['stress']} {found['length']}^(1/2)")

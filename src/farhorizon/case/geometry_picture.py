@@ -10,6 +10,7 @@ import numpy as np
 from farhorizon.case.case import Case
 from farhorizon.pictures.fields import field_panels
 from farhorizon.pictures.style import counted_in
+from farhorizon.pictures.words import axis_label
 from farhorizon.simulation.regions import uneven
 from farhorizon.simulation.run import Run
 
@@ -38,9 +39,8 @@ def draw_geometry(case: Case, run: Run, folder: Path) -> list[Path]:
         for plane in planes:
             made.append(folder / f"{case.name}-{what}{'' if plane is None else '-' + 'xyz'[plane[0]]}.png")
             with counted_in(case.unit_names):
-                field_panels(
-                    [("", values)], lattice.axes, made[-1], cracks=case.polylines, label=what, plane=plane, title=what
-                )
+                label = axis_label(what, what)
+                field_panels([("", values)], lattice.axes, made[-1], cracks=case.polylines, label=label, plane=plane)
     return made
 
 

@@ -123,6 +123,6 @@ def deformed_panels(
                 ylabel=with_unit("y") if number % columns == 0 else "",
             )
         figure.colorbar(nodes, ax=list(panels[: len(frames)]), label=label, pad=0.02)
-        whole = ", ".join(filter(None, (f"displacements times {factor:g}", title)))
+        whole = "; ".join(filter(None, (f"displacements times {factor:g}", title)))
         figure.suptitle(wrapped(whole, size[0]), fontsize=panels[0].title.get_size())
     return figure

@@ -95,7 +95,9 @@ def _records(one: Recorded, directory: Path, ending: str, words: Mapping[str, st
 
 
 def _followed(one: Recorded, values: np.ndarray) -> tuple[list[tuple[str, np.ndarray, np.ndarray]], str]:
-    """Curves of what was seen for more than a moment, such as tips of cracks, and how many others there were."""
+    """Curves of what was seen for more than a moment, such as tips of cracks, and a title: what stands alone, and how
+    many others there were.
+    """
     first = next(iter(one.data.values())).reshape(len(one.times), len(one.points), -1)
     seen = np.isfinite(first).all(2).mean(0)
     curves = [
@@ -104,7 +106,8 @@ def _followed(one: Recorded, values: np.ndarray) -> tuple[list[tuple[str, np.nda
         if share > _MOMENT
     ]
     brief = int(((seen > 0) & (seen <= _MOMENT)).sum())
-    return curves, f"without {brief} seen for a moment" if brief else ""
+    alone = curves[0][0] if len(curves) == 1 else ""  # which has no legend
+    return curves, ", ".join(filter(None, (alone, f"without {brief} seen for a moment" if brief else "")))
 
 
 def _energies(results: Results, directory: Path, ending: str, words: Mapping[str, str]) -> list[Path]:

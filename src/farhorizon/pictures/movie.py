@@ -64,6 +64,7 @@ def made_film(
     colors: str | None = None,
     plane: tuple[int, int] | None = None,
     title: str = "",
+    broken: Sequence[np.ndarray] = (),
 ) -> Film:
     """Draw a film, each frame as `field_panels` draws it, on one scale.
 
@@ -77,7 +78,7 @@ def made_film(
     axes : sequence of ndarray
         Coordinates of the nodes along each axis.
     kind : {"gif", "mp4"}
-    label, limits, cracks, colors, plane, title
+    label, limits, cracks, colors, plane, title, broken
         As of `field_panels`.
 
     Raises
@@ -97,9 +98,10 @@ def made_film(
         )
     limits = limits or _limits([values for _, values in frames], cut=len(axes) > 1 and colors is None)
     rate = int(np.clip(len(frames) / _SECONDS, *_RATES))
+    look: dict[str, Any] = {"label": label, "limits": limits, "cracks": cracks, "colors": colors, "plane": plane}
     drawn = (
-        _pixels(name, values, axes, label=label, limits=limits, cracks=cracks, colors=colors, plane=plane, title=title)
-        for name, values in frames
+        _pixels(name, values, axes, **look, title=title, broken=broken[k : k + 1])
+        for k, (name, values) in enumerate(frames)
     )
     return Film(_MAKERS[kind](drawn, rate), kind, len(frames))
 

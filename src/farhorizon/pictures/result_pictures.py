@@ -148,7 +148,6 @@ def _panels(
         shown, limits = view.levels(shown), limits or (FLOOR, 0.0)
     label = _label(part, view)
     broken = part.name == "damage"  # shows the cracks, those cut in advance among them
-    damage = [] if broken or "damage" not in results.field_names else [_broken(results, k, view) for k in kept]
     given: dict[str, Any] = {
         "shared_scale": limits is not None or comparable(shown),
         "cracks": () if broken else view.cracks,
@@ -157,7 +156,7 @@ def _panels(
         "limits": limits,
         "title": _doubts(results, kept),
         "smooth": not (broken or solids),
-        "broken": damage,
+        "broken": _broken(results, kept, view, part),
         "regions": regions,
     }
     panels = [(_moment(results, k), values) for k, values in zip(kept, shown, strict=True)]
@@ -194,6 +193,7 @@ def _movie(
         colors=DAMAGE if broken and not view.decibels else None,
         plane=one.plane,
         title=_doubts(results, chosen),
+        broken=_broken(results, chosen, view, part),
     )
 
 
@@ -231,7 +231,7 @@ def _strained(results: Results, index: int) -> tuple[np.ndarray, np.ndarray]:
 def _label(part: Scalar, view: View) -> str:
     """What the colours of a scalar show."""
     if view.decibels:
-        return f"{in_words(part.label.strip('|'), view.quantities)} (dB below the largest)"
+        return f"{in_words(part.label, view.quantities)} (dB below the largest)"
     return axis_label(part.label, part.quantity, view.quantities)
 
 
@@ -246,14 +246,18 @@ def _doubts(results: Results, chosen: Sequence[int]) -> str:
     """What the marks at some times say."""
     last = float(results.times[list(chosen)].max(initial=-np.inf))
     marked = zip(_MARKS, results.cautions, strict=False)
-    return ", ".join(f"{mark} {caution.brief}" for mark, caution in marked if caution.time <= last)
+    return "; ".join(f"{mark} {caution.brief}" for mark, caution in marked if caution.time <= last)
 
 
-def _broken(results: Results, index: int, view: View) -> np.ndarray:
-    """Part of the bonds of each node that is broken, without those of cracks from the start that are drawn as lines."""
-    damage = results.field("damage", index)
-    drawn = len(view.cracks) > 0 and results.times[0] == 0
-    return damage - results.field("damage", 0) if drawn else damage
+def _broken(results: Results, chosen: Sequence[int], view: View, part: Scalar) -> list[np.ndarray]:
+    """Part of the bonds of each node that is broken, at some times, to be drawn over a scalar that does not show it:
+    without those of cracks from the start that are drawn as lines.
+    """
+    if part.name == "damage" or "damage" not in results.field_names:
+        return []
+    lines = len(view.cracks) > 0 and results.times[0] == 0
+    cut = results.field("damage", 0) if lines else 0.0
+    return [results.field("damage", k) - cut for k in chosen]
 
 
 def _solid(results: Results, index: int) -> np.ndarray:

@@ -58,6 +58,7 @@ _SMALL = 400  # nodes of a field that is shown whole
 _BEYOND = 0.02  # of the range of colours: what is further beyond is told by an arrow
 _WORD = re.compile(r"(?:\$[^$]*\$|\S)+")  # formulas are not broken
 _MICRO = re.compile(r"\bu(?=[a-zA-Z])")  # of us and um
+_ROOT = re.compile(r"(\w+)\^\(1/2\)")
 _UNITS: ContextVar[Mapping[str, str]] = ContextVar("units", default=MappingProxyType({}))
 
 
@@ -116,8 +117,8 @@ def with_unit(name: str, *measured: str) -> str:
 
 
 def _unit_of(measured: str) -> str:
-    """The unit of what is measured, with the sign of micro; empty without one."""
-    return _MICRO.sub("\N{MICRO SIGN}", _UNITS.get().get(measured, ""))
+    """The unit of what is measured, with the signs of micro and of roots; empty without one."""
+    return _ROOT.sub(r"√\1", _MICRO.sub("\N{MICRO SIGN}", _UNITS.get().get(measured, "")))
 
 
 def speed_text(value: float) -> str:
