@@ -75,6 +75,25 @@ def test_one_surface_stands_in_the_title(tmp_path, monkeypatch):
     assert seen[0][1]["title"] == "plane x = 2.5"
 
 
+def test_tips_of_no_crack_have_no_picture(tmp_path):
+    nowhere = Recorded("tips", np.ones((1, 1)), TIMES, {"advance": np.full((100, 1), np.nan)}, labels=("tip 1",))
+    assert plot_results(recorded(tmp_path / "a.h5", nowhere), tmp_path) == []
+
+
+def test_patterns_have_units(tmp_path, monkeypatch):
+    """Of a plane: a cross section is a length."""
+    around = {"points": np.eye(2), "times": np.zeros(0), "data": {}, "frequencies": np.ones(1), "directions": True}
+    seen = drawn(monkeypatch, "polar_picture")
+    for name in ("cross_section", "intensity_P"):
+        pattern = Recorded("pattern", **around, spectra={name: np.ones((1, 2))})
+        units = {"length": "mm", "energy": "J/m", "time": "s"}
+        plot_results(recorded(tmp_path / f"{name}.h5", pattern, units=units), tmp_path)
+    assert [given[-1] for given, _ in seen] == [
+        "scattering cross section per angle (mm)",
+        "energy per frequency and angle (J/m s)",
+    ]
+
+
 def test_energies_and_balances_have_units(tmp_path, monkeypatch):
     options = {"accounts": ("kinetic", "work"), "units": {"energy": "J", "time": "s"}}
     shape = {"shape": (5,), "spacing": 1.0, "lower": (0.0,), "dtype": "float64"}

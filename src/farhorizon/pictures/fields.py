@@ -443,7 +443,7 @@ def mode_picture(mode: np.ndarray, spacing: float, title: str, path: str | Path)
     axes = [spacing * (np.arange(n) - (n - 1) / 2) for n in values.shape]
     if values.ndim == 1:
         curves = [("real part", axes[0], values.real), ("imaginary part", axes[0], values.imag)]
-        lines(curves, path, xlabel="distance along the normal", ylabel="mode", title=title)
+        lines(curves, path, xlabel=with_unit("distance along the normal"), ylabel="mode", title=title)
     else:
         field_panels(
             [("real part", values.real), ("imaginary part", values.imag)], axes, path, label=f"mode that {title}"

@@ -71,12 +71,12 @@ def _records(one: Recorded, directory: Path, ending: str, words: Mapping[str, st
         measured = _MEASURED.get(quantity, quantity)
         for column, values in _distinct(one.columns(quantity)).items():
             path, label = directory / f"{one.name}_{column}.{ending}", axis_label(column, measured, words)
-            if one.labels:
-                curves, title = _followed(one, values)
-                lines(curves, path, xlabel=with_unit("t", "time"), ylabel=label, title=title)
-            else:
+            curves, title = _followed(one, values)
+            if not one.labels:
                 trace_picture(one.points, one.times, values, path, label=label, measured=measured)
-            written.append(path)
+            elif curves:
+                lines(curves, path, xlabel=with_unit("t", "time"), ylabel=label, title=title)
+            written += [path] if curves or not one.labels else []
     if one.directions:
         return [*written, *_pattern(one, directory / f"{one.name}.{ending}")]
     for quantity in one.spectra:
@@ -102,8 +102,8 @@ def _followed(one: Recorded, values: np.ndarray) -> tuple[list[tuple[str, np.nda
     seen = np.isfinite(first).all(2).mean(0)
     curves = [
         (label, one.times, column)
-        for label, column, share in zip(one.labels, values.T, seen, strict=True)
-        if share > _MOMENT
+        for label, column, share in zip(one.labels, values.T, seen, strict=False)
+        if share > _MOMENT and np.isfinite(column).any()
     ]
     brief = int(((seen > 0) & (seen <= _MOMENT)).sum())
     alone = curves[0][0] if len(curves) == 1 else ""  # which has no legend
@@ -148,7 +148,8 @@ def _pattern(records: Recorded, path: Path) -> list[Path]:
     levels = {name: values for name, values in records.spectra.items() if name.startswith(tuple(_LEVELS))}
     what = next(what for what in _LEVELS if next(iter(levels)).startswith(what))
     waves = {name.removeprefix(f"{what}_"): values for name, values in levels.items()}
-    polar_picture(records.points, records.frequencies, waves, path, _LEVELS[what])
+    measured = ("energy", "time") if what == "intensity" else ("length",) * (records.dim - 1)
+    polar_picture(records.points, records.frequencies, waves, path, with_unit(_LEVELS[what], *measured))
     return [path]
 
 

@@ -128,6 +128,11 @@ def speed_text(value: float) -> str:
     return f"{value:.4g}" + (f" {both[0]}/{both[1]}" if all(both) else "")
 
 
+def length_text(value: float) -> str:
+    """A length with three digits and its unit."""
+    return f"{value:.3g} {_unit_of('length')}".rstrip()
+
+
 def number_text(value: float, scale: float) -> str:
     """Text of a coordinate, free of round-off and with a true minus sign; `scale` is the size of coordinates that
     matter.

@@ -217,4 +217,5 @@ def _curves(axes: Any, points: np.ndarray, x: np.ndarray, values: np.ndarray, la
         axes.plot(x, values[:, number], label=name, marker="o" if len(x) == 1 else None)
     axes.margins(x=0.01)
     axes.grid(True)
-    axes.legend(fontsize="x-small")
+    letters = "" if labels else with_unit(f"({', '.join('xyz'[: points.shape[1]])})")
+    axes.legend(title=letters, fontsize="x-small", title_fontsize="x-small")
