@@ -36,7 +36,7 @@ def _compare_case(
     with counted_in(case.unit_names):
         fields = [(f"{name}, t = {time_text(result.shown_time)}", value) for name, value in shown.items()]
         label = axis_label(named, "u", case.quantities)
-        field_panels(fields, case.lattice.axes, picture, cracks=case.polylines, label=label)
+        field_panels(fields, case.lattice.axes, picture, cracks=case.polylines, label=label, smooth=True)
         above, below = f"max error / {result.scale}", with_unit("t", "time")
         error_history(curves, history, above, "Error against the infinite medium", xlabel=below)
     print(f"pictures: {picture}, {history}")

@@ -30,6 +30,7 @@ _NAMES = {
     "v": Name("velocity", "v"),
     "T": Name("temperature", "T"),
     "damage": Name("damage"),
+    "solid": Name("metal"),
     "dissolved": Name("time of dissolution"),
     "thermal_strain": Name("thermal strain"),
     "stress": Name("stress", r"\sigma"),
