@@ -95,7 +95,7 @@ def test_a_case_is_its_set_up():
     for name, values in other.fields.items():
         np.testing.assert_array_equal(ours.fields[name], values)
     assert case.fields == ("u", "T")
-    assert case.unit_names["T"] == "K" and case.quantities["T"] == "temperature T"
+    assert case.unit_names["T"] == "K" and case.quantities["u"] == "displacement"
     assert np.ptp(ours.fields["T"]) > 5
 
 

@@ -152,6 +152,45 @@ def test_demo(tmp_path, capsys):
     assert (tmp_path / "compare.png").exists()
 
 
+def test_compare_names_quantities_and_units(tmp_path, monkeypatch):
+    """Colours and times have the units of the case."""
+    from farhorizon.pictures import curves, fields
+
+    seen, whole = [], {"panels": fields.field_panels, "lines": curves.lines}
+    monkeypatch.setattr(fields, "field_panels", lambda *given, **named: seen.append(whole["panels"](*given, **named)))
+    monkeypatch.setattr(curves, "lines", lambda *given, **named: seen.append(whole["lines"](*given, **named)))
+    (tmp_path / "bump.toml").write_text(BUMP)
+    assert main(["compare", str(tmp_path / "bump.toml"), "--out", str(tmp_path), "--times", "2", "--quiet"]) == 0
+    panels, history = seen
+    *drawn, bar = panels.axes
+    assert bar.get_ylabel() == "displacement $|u|$ (mm)" and len(drawn) == 3
+    assert all(panel.get_title().replace("\n", " ").endswith("\N{MICRO SIGN}s") for panel in drawn)
+    assert history.axes[0].get_xlabel() == "t (\N{MICRO SIGN}s)"
+
+
+BUMP = """
+[lattice]
+spacing = "1 mm"
+lower = ["-12 mm", "-5 mm"]
+upper = ["12 mm", "5 mm"]
+[units]
+length = "mm"
+time = "us"
+pressure = "GPa"
+[model]
+type = "elastic"
+young = "70 GPa"
+density = "2700 kg/m^3"
+kernel = { horizon = "2 mm" }
+[initial]
+u = ["0.01*exp(-x**2 - y**2)", 0.0]
+[boundary]
+all = { type = "lattice-pml", nodes = 3 }
+[run]
+until = "2 us"
+"""
+
+
 def test_plot_check_info(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     case = str(EXAMPLES / "blob.toml")
@@ -667,12 +706,16 @@ def test_shells_complete_commands(tmp_path):
 def test_plot_draws_what_it_is_asked_for(small, capsys):
     assert main(["run", "small.toml"]) == 0
     capsys.readouterr()
+    whole = Path("small/u.png").read_bytes()
+    assert main(["plot", "small.h5", "--field", "u", "--time", "0", "2", "--db"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "small/u-t=0,2-dB.png"
+    assert Path("small/u.png").read_bytes() == whole  # pictures of other times are not in its place
     assert main(["plot", "small.h5", "--field", "u", "--time", "1.001", "--range", "-1", "1", "--format", "pdf"]) == 0
     said = capsys.readouterr().out
-    assert said.startswith("t = 1.001 is not stored") and said.splitlines()[1:] == ["small/u.pdf"]
-    assert Path("small/u.pdf").read_bytes().startswith(b"%PDF")
+    assert said.startswith("t = 1.001 is not stored") and said.splitlines()[1:] == ["small/u-t=1.001.pdf"]
+    assert Path("small/u-t=1.001.pdf").read_bytes().startswith(b"%PDF")
     assert main(["plot", "small.h5", "--movie", "--db"]) == 0
-    assert "small/u.gif" in capsys.readouterr().out
+    assert "small/u-dB.gif" in capsys.readouterr().out
     for options, why in (
         (["--slice", "z=0.5"], "--slice: only a lattice in space"),
         (["--slice", "0.5"], "--slice: a slice is an axis and a number"),

@@ -100,6 +100,14 @@ def test_log_panels(tmp_path, monkeypatch):
     np.testing.assert_allclose(np.diff(np.log(drawn[-1][1])), 2 * np.diff(np.log(drawn[-1][0])))
 
 
+def test_reflection_that_is_rounding_leaves_a_gap(monkeypatch):
+    """No wave turns into another one at right angles: that is no curve down to -280 dB."""
+    seen = []
+    monkeypatch.setattr(drawing, "lines", lambda curves, *_, **__: seen.extend(curves))
+    drawing.reflection_picture(np.array([0.0, 5.0, 10.0]), [("P to S", np.array([1e-14, 1e-4, 1e-2]))], "", "a.png")
+    np.testing.assert_allclose(seen[0][2], [np.nan, -80.0, -40.0])
+
+
 def test_waterfall(tmp_path):
     """Lines over time, with something behind the last."""
     x, times = np.linspace(0, 1, 51), np.linspace(0, 1, 6)

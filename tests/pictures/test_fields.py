@@ -7,6 +7,7 @@ from drawn import axes_of, is_picture, wave
 from farhorizon.errors import InputError
 from farhorizon.files.region_numbers import Regions
 from farhorizon.pictures import fields as drawing
+from farhorizon.pictures.images import cell_edges
 
 
 @pytest.mark.parametrize("shared", [True, False])
@@ -94,7 +95,7 @@ def test_coarse_fields_are_drawn_between_nodes_and_broken_bonds_over_them():
     np.testing.assert_array_equal(image.get_array(), field.T)
     np.testing.assert_array_equal(over.get_array()[4, 3], [0, 0, 0, 1])
     assert over.get_array().sum() == 1
-    assert (*panel.get_xlim(), *panel.get_ylim()) == drawing.cell_edges(axes)
+    assert (*panel.get_xlim(), *panel.get_ylim()) == cell_edges(axes)
     field[0, 0] = np.nan  # outside a window
     plain = drawing.field_panels([("", field)], axes, None, smooth=True).axes[0].images[0]
     assert plain.get_interpolation() != "bilinear"
@@ -123,3 +124,29 @@ def test_outline_of_metal(tmp_path, dim):
         drawing.field_panels([("", field)], axes, tmp_path / f"{name}.png", solids=solids)
     same = (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     assert same == (dim == 1)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_titles_are_no_wider_than_their_panels(dim):
+    """Long ones are wrapped, formulas stay whole."""
+    axes = axes_of(dim)
+    name = r"t = $1.5 \times 10^{-6}$ s, crack where bonds cannot break, and so on"
+    draw = drawing.field_panels if dim == 2 else drawing.slice_panels
+    figure = draw([(name, wave(axes, k)) for k in range(4)], axes, None, title=3 * name)
+    figure.draw_without_rendering()
+    panels = [one for one in figure.axes if one.get_title()]
+    for panel in panels:
+        title = panel.title
+        assert title.get_window_extent().width <= 1.02 * panel.get_window_extent().width
+        assert title.get_text().replace("\n", " ").startswith(name) and "10^{-6}$ s" in title.get_text().replace(
+            "\n", " "
+        )
+    assert len(panels) == (4 if dim == 2 else 12)
+    assert figure._suptitle.get_window_extent().width <= figure.bbox.width
+
+
+@pytest.mark.parametrize("ratio", [0.2, 0.4, 0.5, 1.0, 2.0])
+@pytest.mark.parametrize("number", [1, 2, 3, 4, 6])
+def test_no_place_among_panels_stays_empty(number, ratio):
+    rows, columns, _, _ = drawing.panel_grid(number, ratio)
+    assert rows * columns == number

@@ -10,6 +10,7 @@ from farhorizon.files.results import open_results
 from farhorizon.files.results_writer import ResultsWriter
 from farhorizon.pictures import result_pictures as drawing
 from farhorizon.pictures.isosurfaces import chosen_levels, isosurface, isosurface_panels
+from farhorizon.pictures.views import View
 
 AXES = [np.linspace(-2, 2, 41), np.linspace(-3, 1, 41), np.linspace(0, 4, 41)]
 CENTRE = np.array([0.0, -1.0, 2.0])
@@ -63,12 +64,12 @@ def file(path, values):
 
 def test_surfaces_of_a_results_file(tmp_path):
     results = file(tmp_path / "a.h5", DISTANCE[::8, ::8, ::8])
-    (made,) = drawing.plot_results(results, tmp_path, drawing.View(isosurfaces=(), format="pdf"))
+    (made,) = drawing.plot_results(results, tmp_path, View(isosurfaces=(), format="pdf"))
     assert made.name == "u-surfaces.pdf" and made.read_bytes().startswith(b"%PDF")
     with pytest.raises(InputError, match="--isosurfaces: levels are finite numbers"):
-        drawing.View(isosurfaces=[np.nan])
+        View(isosurfaces=[np.nan])
     with pytest.raises(InputError, match="--isosurfaces: only a field in space"):
-        drawing.plot_results(file(tmp_path / "b.h5", DISTANCE[0]), tmp_path / "new", drawing.View(isosurfaces=()))
+        drawing.plot_results(file(tmp_path / "b.h5", DISTANCE[0]), tmp_path / "new", View(isosurfaces=()))
     assert not (tmp_path / "new").exists()
 
 

@@ -100,3 +100,23 @@ def test_figures_show_themselves_in_notebooks():
     with style.figure_at(None, (1.0, 1.0)) as figure:
         figure.add_subplot().plot([0, 1])
     assert figure._repr_png_().startswith(b"\x89PNG")
+
+
+def test_pictures_have_no_empty_edges(tmp_path):
+    """However large the layout takes its figure."""
+    from matplotlib.image import imread
+
+    with style.figure_at(tmp_path / "a.png", (4.0, 6.0), "compressed") as figure:
+        figure.add_subplot().imshow(np.eye(4))
+    drawn = np.argwhere(imread(tmp_path / "a.png")[..., :3].min(2) < 0.5)
+    height, width = imread(tmp_path / "a.png").shape[:2]
+    empty = [*drawn.min(0), height - 1 - drawn[:, 0].max(), width - 1 - drawn[:, 1].max()]
+    assert max(empty) <= 15 and height < 1.2 * width
+
+
+def test_units_of_products_are_named_where_all_are_known():
+    with style.counted_in({"u": "mm", "time": "us"}):
+        assert style.with_unit("a", "u", "time") == "a (mm \N{MICRO SIGN}s)"
+        assert style.with_unit("a", "v", "time") == "a"
+    with style.counted_in({"K_I": "GPa mm^(1/2)"}):
+        assert style.with_unit("a", "K_I") == "a (GPa \N{SQUARE ROOT}mm)"

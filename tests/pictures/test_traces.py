@@ -54,6 +54,24 @@ def test_spectra_of_one_frequency_and_energies_with_signs():
     np.testing.assert_array_equal(line.get_ydata(), [5.0, 1.0])
 
 
+def test_a_legend_of_places_says_what_they_are():
+    with counted_in({"length": "mm", "time": "us", "u": "mm"}):
+        points = np.array([[1.0, 2.0], [3.0, 2.0]])
+        figure = trace_picture(points, TIMES, traces(points), None, label="u (mm)", measured="u")
+    first, second = figure.axes
+    assert first.get_legend().get_title().get_text() == "(x, y) (mm)"
+    assert second.get_ylabel() == "amplitude of the spectrum (mm \N{MICRO SIGN}s)"
+
+
+def test_labels_stand_for_places_in_spectra():
+    energy = np.ones((2, 1))
+    with counted_in({"energy": "J", "time": "s"}):
+        named = {"label": "energy", "measured": "energy", "labels": ("plane x = 2.5",)}
+        (axes,) = spectrum_picture(np.zeros((1, 2)), np.array([0.2, 0.3]), energy, None, **named).axes
+    assert axes.get_ylabel() == "energy per frequency (J s)"
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["plane x = 2.5"]
+
+
 def test_positions_along_a_line():
     """By the coordinate along an axis, by the distance otherwise, by number where they lie on no line."""
     even = np.linspace(1.0, 3.0, 5)

@@ -85,7 +85,8 @@ def test_files_and_pictures_have_it_where_it_is_asked_for(tmp_path):
     assert results.field_names == ("u", *names) and "stress_xx" not in sim.fields
     assert fh.open_results(sim.write(tmp_path / "b.h5", fields=["stress_xy"])).field_names == ("stress_xy",)
     np.testing.assert_allclose(results.field("stress_xy"), MU * 2e-3, rtol=1e-9)
-    from farhorizon.pictures.result_pictures import View, plot_results
+    from farhorizon.pictures.result_pictures import plot_results
+    from farhorizon.pictures.views import View
 
     drawn = plot_results(results, tmp_path, View(fields=["stress"]))
     assert [path.stem for path in drawn] == list(names)

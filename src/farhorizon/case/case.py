@@ -21,7 +21,7 @@ from farhorizon.case.changes import changed
 from farhorizon.case.problems import explain
 from farhorizon.case.schema import ThermalPart, UnitsPart, case_part
 from farhorizon.case.toml import document
-from farhorizon.case.units import ANY, FIELD, FIELDS, RATE, Units, unit
+from farhorizon.case.units import ANY, FIELD, FIELDS, KEYS, RATE, Units, unit
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.files.region_numbers import Regions
 from farhorizon.geometry.lattice import AXES
@@ -206,15 +206,21 @@ class Case:
 
     @property
     def unit_names(self) -> dict[str, str]:
-        """The units of length, time, frequency and what is recorded in pictures and files; nothing of those that the
-        case does not say.
+        """The units of length, time, frequency, what is recorded in pictures and files, and constants that vary;
+        nothing of those that the case does not say.
         """
         if (units := self.units) is None:
             return {}
-        named = {"length": "m", "time": "s", "frequency": "1/s", "u": FIELD, "v": RATE}
+        named = {"length": "m", "time": "s", "frequency": "1/s", "speed": "m/s", "u": FIELD, "v": RATE}
         if self.model.mechanical:
-            named |= {"stress": "Pa", "pressure": "Pa", "energy_flux": "W/m^2", "T": "K"}
-        return {what: name for what, si in named.items() if (name := units.name(si))}
+            per = ["/m^2", "/m", ""][self.lattice.dim - 1]  # of a line per area, of a plane per thickness
+            named |= {"stress": "Pa", "pressure": "Pa", "energy_flux": "W/m^2", "T": "K", "G": "J/m^2"}
+            named |= {"energy": f"J{per}", "power": f"W{per}"}
+        named |= {constant: KEYS[constant] for constant in self.model.varying if constant in KEYS}
+        found = {what: name for what, si in named.items() if (name := units.name(si))}
+        if {"stress", "length"} <= found.keys():
+            found |= dict.fromkeys(("K_I", "K_II"), f"{found['stress']} {found['length']}^(1/2)")
+        return found
 
     @property
     def materials(self) -> Regions | None:
@@ -223,17 +229,16 @@ class Case:
 
     @property
     def quantities(self) -> dict[str, str]:
-        """What fields are, in words."""
+        """What this case calls quantities, in words."""
         known = {
-            "heat": "temperature u",
-            "diffusion": "concentration u",
-            "corrosion": "concentration u",
-            "beam": "deflection u",
+            "heat": "temperature",
+            "diffusion": "concentration",
+            "corrosion": "concentration",
+            "beam": "deflection",
         }
-        u = "displacement u" if self.model.mechanical else known.get(self.parts.model.type, "")
-        words = {"u": u, "v": "velocity v", "damage": "damage: part of the bonds that are broken", "solid": "metal"}
-        words |= {"T": "temperature T"} if self._warms else {}
-        return {name: text for name, text in words.items() if text}
+        u = "displacement" if self.model.mechanical else known.get(self.parts.model.type, "")
+        energy = "energy" if self.model.order == 2 else r"$\frac{1}{2} \int (u - u_0)^2\,$d$V$, $u_0$ the background"
+        return {"energy": energy, **({"u": u} if u else {})}
 
     def run(self, observe: Sequence[Observer] = (), communicator: Any = None, **changes: Any) -> fh.Simulation:
         """A new simulation of the case, with some arguments changed; on the processes of a communicator, if any."""

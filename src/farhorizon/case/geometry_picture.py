@@ -9,13 +9,13 @@ import numpy as np
 
 from farhorizon.case.case import Case
 from farhorizon.pictures.fields import field_panels
-from farhorizon.pictures.style import counted_in
+from farhorizon.pictures.words import axis_label
 from farhorizon.simulation.regions import uneven
 from farhorizon.simulation.run import Run
 
 
 def draw_geometry(case: Case, run: Run, folder: Path) -> list[Path]:
-    """Draw the nodes of a case, as far as they are not the same everywhere.
+    """Draw the nodes of a case, as far as they are not the same everywhere; within `counted_in` with units.
 
     Parameters
     ----------
@@ -37,10 +37,8 @@ def draw_geometry(case: Case, run: Run, folder: Path) -> list[Path]:
     for what, values in _uneven(case, run):
         for plane in planes:
             made.append(folder / f"{case.name}-{what}{'' if plane is None else '-' + 'xyz'[plane[0]]}.png")
-            with counted_in(case.unit_names):
-                field_panels(
-                    [("", values)], lattice.axes, made[-1], cracks=case.polylines, label=what, plane=plane, title=what
-                )
+            label = axis_label(what, what)
+            field_panels([("", values)], lattice.axes, made[-1], cracks=case.polylines, label=label, plane=plane)
     return made
 
 

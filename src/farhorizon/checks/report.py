@@ -457,6 +457,7 @@ class Report:
         """
         from farhorizon.pictures.curves import reflection_picture
         from farhorizon.pictures.fields import mode_picture
+        from farhorizon.pictures.style import length_text
 
         made = []
         worst = None if self.certificate is None else self.certificate.worst
@@ -467,7 +468,7 @@ class Report:
             )
         curves = [
             (
-                ", ".join([*_named_pair(pair), f"wavelength {wavelength:.3g}"])
+                ", ".join([*_named_pair(pair), f"wavelength {length_text(wavelength)}"])
                 + f", {found.sides}" * (len(self.reflections) > 1),
                 amplitudes,
             )

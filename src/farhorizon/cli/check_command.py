@@ -38,7 +38,9 @@ def check_command(options: argparse.Namespace) -> int:
     print(report.details if options.details else report)
     if options.out:
         folder = made_folder(options.out)
-        for picture in [*draw_geometry(case, sim, folder), *report.draw(folder, case.name, case.lattice.spacing)]:
+        with counted_in(case.unit_names):
+            pictures = [*draw_geometry(case, sim, folder), *report.draw(folder, case.name, case.lattice.spacing)]
+        for picture in pictures:
             print(f"picture: {picture}")
     facts = report.as_json()
     if options.tune:

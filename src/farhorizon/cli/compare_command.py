@@ -17,6 +17,8 @@ def _compare_case(
 
     from farhorizon.pictures.curves import error_history
     from farhorizon.pictures.fields import field_panels, magnitude
+    from farhorizon.pictures.style import counted_in, time_text, with_unit
+    from farhorizon.pictures.words import axis_label
     from farhorizon.studies.compare import compare
 
     with case.naming():
@@ -27,13 +29,16 @@ def _compare_case(
         for name, value in result.fields.items()
         if name != "free edge"
     }
-    fields = [(f"{name}, t = {result.shown_time:.3g}", value) for name, value in shown.items()]
     folder.mkdir(parents=True, exist_ok=True)
     picture, history = folder / "compare.png", folder / "error.png"
-    label = "|u|" if any(value.ndim > case.lattice.dim for value in result.fields.values()) else "u"
-    field_panels(fields, case.lattice.axes, picture, cracks=case.polylines, label=label)
+    named = "|u|" if any(value.ndim > case.lattice.dim for value in result.fields.values()) else "u"
     curves = {name: (np.array(c["times"]), np.array(c["error_rel_initial"])) for name, c in result.curves.items()}
-    error_history(curves, history, f"max error / {result.scale}", "Error against the infinite medium")
+    with counted_in(case.unit_names):
+        fields = [(f"{name}, t = {time_text(result.shown_time)}", value) for name, value in shown.items()]
+        label = axis_label(named, "u", case.quantities)
+        field_panels(fields, case.lattice.axes, picture, cracks=case.polylines, label=label, smooth=True)
+        above, below = f"max error / {result.scale}", with_unit("t", "time")
+        error_history(curves, history, above, "Error against the infinite medium", xlabel=below)
     print(f"pictures: {picture}, {history}")
     if options.quiet:
         print(f"{case.name}: {result.headline}", file=options.output)

@@ -13,7 +13,8 @@ def plot_command(options: argparse.Namespace) -> int:
     from farhorizon.case.case import Case
     from farhorizon.errors import InputError
     from farhorizon.files.results import open_results
-    from farhorizon.pictures.result_pictures import View, plot_results
+    from farhorizon.pictures.result_pictures import plot_results
+    from farhorizon.pictures.views import View
 
     path = Path(options.result)
     folder = Path(options.out) if options.out else path.with_suffix("")
@@ -32,12 +33,19 @@ def plot_command(options: argparse.Namespace) -> int:
         movie=options.movie,
         isosurfaces=options.isosurfaces,
         format=options.format,
+        suffix=_suffix(options),
         cracks=results.outlines.get("cracks", ()),
         quantities=case.quantities if case else {},
     )
     for picture in plot_results(results, folder, view, print):
         print(picture)
     return GOOD
+
+
+def _suffix(options: argparse.Namespace) -> str:
+    """What tells the names of these pictures from those of the run, which they are not to overwrite."""
+    times = options.times and f"-t={','.join(f'{time:g}' for time in options.times)}"
+    return f"{times or ''}{'-dB' if options.db else ''}"
 
 
 def _plane(text: str) -> tuple[str, float]:

@@ -150,7 +150,8 @@ def _tell(
     from farhorizon.case.run_page import write_report
     from farhorizon.files.results import open_results
     from farhorizon.machine import available_memory
-    from farhorizon.pictures.result_pictures import View, plot_results
+    from farhorizon.pictures.result_pictures import plot_results
+    from farhorizon.pictures.views import View
     from farhorizon.simulation.setup import wanted_threads
 
     results = open_results(files.result)

@@ -39,6 +39,8 @@ class Recorded:
         Whether the points are unit vectors, the directions of a pattern.
     medium : float
         Of the shell of a box, recorded for another run: coefficient over squared spacing there; 0 for all else.
+    labels : tuple of str
+        What the points stand for where they are no places at which something is read: "tip 1", "plane x = 2.5".
 
     Examples
     --------
@@ -61,6 +63,7 @@ class Recorded:
     spectra: dict[str, np.ndarray] = field(default_factory=dict)
     directions: bool = False
     medium: float = 0.0
+    labels: tuple[str, ...] = ()
 
     @property
     def dim(self) -> int:

@@ -199,6 +199,7 @@ class Results:
                     spectra,
                     bool(group.attrs.get("directions", False)),
                     float(group.attrs.get("medium", 0.0)),
+                    words_in(group, "labels"),
                 )
         return found
 

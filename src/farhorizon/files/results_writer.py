@@ -20,6 +20,7 @@ from farhorizon.files.hdf5 import (
     put_fixed,
     put_rows,
     put_word,
+    put_words,
     read_indices,
     words_in,
 )
@@ -366,6 +367,8 @@ class ResultsWriter:
             group.attrs["rows"], group.attrs["directions"] = 0, records.directions
             group.attrs["medium"] = records.medium
             put_fixed(group, "points", np.asarray(records.points, float))
+            if records.labels:
+                put_words(group, "labels", records.labels)
             put_fixed(group, "frequencies", np.asarray(records.frequencies, float))
             grow(group, "times", "f8")
             rows, spectra = (group.create_group(one, track_order=True) for one in ("data", "spectra"))

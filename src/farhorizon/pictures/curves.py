@@ -13,6 +13,7 @@ from farhorizon.pictures.style import COLORS, figure_at
 
 # A logarithmic axis shows at most so many decades below its maximum; double precision resolves 16.
 DECADES = 20
+_ROUNDING = 1e-13  # of a wave that comes in: no more is sent back of it but by rounding
 
 
 def lines(
@@ -257,7 +258,8 @@ def reflection_picture(
     """
     if not curves:
         raise InputError("a picture of reflection needs one curve or more")
-    levels = [(name, angles, 20 * np.log10(np.maximum(values, 1e-14))) for name, values in curves]
+    shown = [(name, np.where(values > _ROUNDING, values, np.nan)) for name, values in curves]  # zeros leave a gap
+    levels = [(name, angles, 20 * np.log10(values)) for name, values in shown]
     lines(levels, path, xlabel="angle of incidence (degrees)", ylabel="reflection (dB)", title=title)
 
 

@@ -2,70 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any
 
 import numpy as np
 
 from farhorizon.errors import InputError
 from farhorizon.files.region_numbers import Regions
 from farhorizon.pictures.curves import lines
+from farhorizon.pictures.images import Overlay, cell_edges, image_of
 from farhorizon.pictures.style import (
     DIVERGING,
-    RIM,
     color_range,
     extent_beyond,
     figure_at,
     number_text,
     scale_of,
     with_unit,
+    wrapped,
 )
 
 _ARROWS = 18  # along an axis
-_COARSE = 100  # nodes along an axis: so many pixels do not show
-_HURT, _SEVERED = 0.25, 0.45  # of a node's bonds, drawn from clear to dark: beside a crack nearly half are broken
-_INTERFACE = (("white", 1.4), ("0.25", 0.6))  # between regions, lighter than cracks
+_LINE = 0.16  # inches, of a title
 _ROOM = 5.0  # how much larger than in the first column values may be in the others without leaving the colours
 _SHARED = 0.2  # panels whose largest values differ by more than this factor have colour scales of their own
 
 
-class Overlay(NamedTuple):
-    """What is drawn over a field.
-
-    Attributes
-    ----------
-    cracks : sequence of ndarray, shapes (n, dim)
-    solid : ndarray of bool, optional
-        Its outline is drawn.
-    broken : ndarray, optional
-        Part of a node's bonds that is broken: dark.
-    regions : Regions, optional
-        Their outlines are drawn.
-    named : bool
-        With the names of the materials in them.
-    smooth : bool
-        Values between the nodes of a coarse lattice are linearly interpolated.
-    """
-
-    cracks: Sequence[np.ndarray] = ()
-    solid: np.ndarray | None = None
-    broken: np.ndarray | None = None
-    regions: Regions | None = None
-    named: bool = False
-    smooth: bool = False
-
-    def cut(self, normal: int, index: int) -> Self:
-        """That over a slice in space; cracks are projected onto it."""
-        solid, broken = (None if one is None else one.take(index, normal) for one in (self.solid, self.broken))
-        regions = self.regions and self.regions._replace(numbers=self.regions.numbers.take(index, normal))
-        cracks = [np.delete(points, normal, 1) for points in self.cracks]
-        return self._replace(cracks=cracks, solid=solid, broken=broken, regions=regions)
-
-
 def panel_grid(number: int, ratio: float) -> tuple[int, int, float, float]:
     """Rows, columns and size in inches of `number` panels of height / width = `ratio`."""
-    most = 1 if ratio < 0.35 else 2 if ratio < 0.6 else 3 if number in (3, 5, 6, 9) else 4
+    most = 1 if ratio < 0.35 else 3 if number in (3, 5, 6, 9) else 2 if ratio < 0.6 else 4  # few places stay empty
     columns = min(number, most)
     width = min(5.5 / columns + 0.8, 3.4)
     if ratio < 0.35:
@@ -232,21 +198,28 @@ def slice_panels(
     sides = [[line for number, line in enumerate(axes) if number != normal] for normal, _ in planes]
     sizes = [np.ptp(edges[:2]) / np.ptp(edges[2:]) for edges in map(np.array, map(cell_edges, sides))]
     height = min(2.1, 8.0 / sum(sizes))
-    with figure_at(
-        path, (height * sum(sizes) + 2.2, len(fields) * (height + 0.3) + 0.5 + 0.3 * bool(title)), "compressed"
-    ) as figure:
+    places = [number_text(axes[axis][index], float(np.ptp(axes[axis]))) for axis, index in planes]
+    heads = [
+        [
+            wrapped(", ".join(filter(None, (name, f"{'xyz'[axis]} = {place}"))), height * wide)
+            for (axis, _), place, wide in zip(planes, places, sizes, strict=True)
+        ]
+        for name, _ in fields
+    ]
+    above = _LINE * max(head.count("\n") for row in heads for head in row)
+    size = (height * sum(sizes) + 2.2, len(fields) * (height + 0.3 + above) + 0.5 + 0.3 * bool(title))
+    with figure_at(path, size, "compressed") as figure:
         panels = figure.subplots(len(fields), 3, squeeze=False, width_ratios=sizes)
         arrays = [np.asarray(field, float) for _, field in fields]
         signed = any(color_range([array])["cmap"] == DIVERGING for array in arrays)
         overlays = _overlays(len(fields), [np.asarray(points, float) for points in cracks], (), broken, regions, smooth)
-        for row, (array, (name, _)) in enumerate(zip(arrays, fields, strict=True)):
+        for row, array in enumerate(arrays):
             alike = arrays if shared_scale else [array]
             scale = scale_of(alike, limits, colors, signed, usual=True)
-            for panel, (normal, index), lines_along in zip(panels[row], planes, sides, strict=True):
+            for panel, head, (normal, index), lines_along in zip(panels[row], heads[row], planes, sides, strict=True):
                 along, up = (name for name in "xyz" if name != "xyz"[normal])
-                image = _image(panel, array.take(index, normal), lines_along, scale, overlays[row].cut(normal, index))
-                place = number_text(axes[normal][index], float(np.ptp(axes[normal])))
-                panel.set_title(f"{name}, {'xyz'[normal]} = {place}" if name else f"{'xyz'[normal]} = {place}")
+                image = image_of(panel, array.take(index, normal), lines_along, scale, overlays[row].cut(normal, index))
+                panel.set_title(head)
                 panel.set(xlabel=with_unit(along) if row + 1 == len(fields) else "", ylabel=with_unit(up))
                 panel.tick_params(labelbottom=row + 1 == len(fields))
                 panel.locator_params(nbins=4)
@@ -256,7 +229,7 @@ def slice_panels(
                 tall = 20 * (len(fields) if shared_scale else 1)
                 figure.colorbar(image, ax=list(beside), label=label, pad=0.02, extend=beyond, aspect=tall)
         if title:
-            figure.suptitle(title, fontsize=panels[0, 0].title.get_size())
+            figure.suptitle(wrapped(title, size[0]), fontsize=panels[0, 0].title.get_size())
     return figure
 
 
@@ -322,13 +295,6 @@ def _arrows(panel: Any, vectors: np.ndarray, axes: Sequence[np.ndarray]) -> None
     )
 
 
-def cell_edges(axes: Sequence[np.ndarray]) -> tuple[float, float, float, float]:
-    """Left, right, lower and upper edge of the cells of two axes."""
-    spacing = max(float(axis[1] - axis[0]) if axis.size > 1 else 0.0 for axis in axes) or 1.0
-    left, right, bottom, top = (float(end) for axis in axes for end in (axis[0] - spacing / 2, axis[-1] + spacing / 2))
-    return left, right, bottom, top
-
-
 def _images(
     arrays: Sequence[np.ndarray],
     titles: Sequence[str],
@@ -348,7 +314,9 @@ def _images(
     left, right, bottom, top = cell_edges(axes)
     rows, columns, width, height = panel_grid(len(arrays), (top - bottom) / (right - left))
     bar = 0.9 if shared_scale else 0.9 * columns
-    size = (columns * (width + 0.15) + 0.6 + bar, rows * (height + 0.35) + 0.45 + 0.3 * bool(title))
+    heads = [wrapped(name, width) for name in titles]
+    above = _LINE * max(head.count("\n") for head in heads)
+    size = (columns * (width + 0.15) + 0.6 + bar, rows * (height + 0.35 + above) + 0.45 + 0.3 * bool(title))
     with figure_at(path, size, "compressed") as figure:
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
         for empty in panels[len(arrays) :]:
@@ -356,14 +324,14 @@ def _images(
         scale = scale_of(arrays, limits, colors, usual=True)
         # one colour map for all panels, whatever the scales
         signed = any(color_range([array])["cmap"] == DIVERGING for array in arrays)
-        for number, (array, name) in enumerate(zip(arrays, titles, strict=True)):
+        for number, (array, head) in enumerate(zip(arrays, heads, strict=True)):
             panel = panels[number]
             if not shared_scale:
                 scale = scale_of([array], limits, colors, signed, usual=True)
-            image = _image(panel, array, axes, scale, overlays[number])
+            image = image_of(panel, array, axes, scale, overlays[number])
             if arrows:
                 _arrows(panel, arrows[number], axes)
-            panel.set_title(name)
+            panel.set_title(head)
             lowest = number + columns >= len(arrays)
             panel.tick_params(labelbottom=lowest, labelleft=number % columns == 0)
             first = number % columns == 0
@@ -375,58 +343,8 @@ def _images(
             beyond = extent_beyond(arrays, limits, scale)
             figure.colorbar(image, ax=list(panels[: len(arrays)]), label=label, pad=0.02, extend=beyond)
         if title:
-            figure.suptitle(title, fontsize=panels[0].title.get_size())
+            figure.suptitle(wrapped(title, size[0]), fontsize=panels[0].title.get_size())
     return figure
-
-
-def _image(
-    panel: Any, array: np.ndarray, axes: Sequence[np.ndarray], scale: Mapping[str, Any], overlay: Overlay
-) -> Any:
-    """Draw a field, the outline of its window, and what is over it into one panel; returns the image."""
-    left, right, bottom, top = cell_edges(axes)
-    shown: dict[str, Any] = {"origin": "lower", "extent": (left, right, bottom, top), "aspect": "equal"}
-    outside, flat = np.isnan(array), min(array.shape) > 1
-    between = overlay.smooth and max(array.shape) <= _COARSE and bool(np.isfinite(array).all())
-    image = panel.imshow(array.T, interpolation="bilinear" if between else None, **shown, **scale)
-    if overlay.broken is not None:
-        dark = np.zeros((*array.T.shape, 4))
-        dark[..., 3] = np.clip((np.nan_to_num(overlay.broken.T) - _HURT) / (_SEVERED - _HURT), 0, 1)
-        panel.imshow(dark, **shown)
-    if overlay.regions is not None and flat:
-        _outline_regions(panel, overlay.regions, axes, overlay.named)
-    if outside.any() and not outside.all() and flat:
-        panel.contour(*axes, outside.T, levels=[0.5], colors="0.6", linewidths=0.6)
-    for color, width in RIM:
-        if overlay.solid is not None and flat:
-            panel.contour(*axes, overlay.solid.T.astype(float), levels=[0.5], colors=color, linewidths=width)
-    for points in overlay.cracks:
-        for color, width in RIM:
-            panel.plot(points[:, 0], points[:, 1], color=color, linewidth=width, linestyle="-")
-    panel.set(xlim=(left, right), ylim=(bottom, top))  # a crack may go beyond
-    return image
-
-
-def _outline_regions(panel: Any, regions: Regions, axes: Sequence[np.ndarray], named: bool) -> None:
-    """Draw the outlines of all regions but the first, and the names of materials where they have most room."""
-    from matplotlib import patheffects
-    from scipy.ndimage import distance_transform_edt
-
-    known = set()  # names; the largest region of each has it
-    for number, name in enumerate(regions.names):
-        there = regions.numbers == number
-        if not there.any():
-            continue
-        for color, width in _INTERFACE if number else ():
-            panel.contour(*axes, there.T.astype(float), levels=[0.5], colors=color, linewidths=width)
-        called = name.split(", ")[0]
-        if named and " = " not in called and called not in known:
-            known.add(called)
-            room = distance_transform_edt(np.pad(there, 1))[1:-1, 1:-1]
-            aside = np.add.outer(*(np.abs(axis - axis.mean()) for axis in axes)) / np.ptp(axes[0])
-            place = np.unravel_index(int((room - aside).argmax()), room.shape)  # of alike ones the middle
-            x, y = (axis[k] for axis, k in zip(axes, place, strict=True))
-            rim = [patheffects.withStroke(linewidth=1.6, foreground="white")]
-            panel.text(x, y, called, ha="center", va="center", fontsize=7, color="0.1", path_effects=rim)
 
 
 def field_table(
@@ -478,7 +396,7 @@ def field_table(
             for j, (title, fields) in enumerate(columns):
                 panel = panels[i, j]
                 if i < len(fields):
-                    image = _image(panel, fields[i], axes, scale, Overlay(cracks))
+                    image = image_of(panel, fields[i], axes, scale, Overlay(cracks))
                 else:
                     panel.text(0.5, 0.5, "overflow", transform=panel.transAxes, ha="center", va="center", color="0.4")
                 panel.set(
@@ -525,7 +443,7 @@ def mode_picture(mode: np.ndarray, spacing: float, title: str, path: str | Path)
     axes = [spacing * (np.arange(n) - (n - 1) / 2) for n in values.shape]
     if values.ndim == 1:
         curves = [("real part", axes[0], values.real), ("imaginary part", axes[0], values.imag)]
-        lines(curves, path, xlabel="distance along the normal", ylabel="mode", title=title)
+        lines(curves, path, xlabel=with_unit("distance along the normal"), ylabel="mode", title=title)
     else:
         field_panels(
             [("real part", values.real), ("imaginary part", values.imag)], axes, path, label=f"mode that {title}"

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from farhorizon.errors import InputError
-from farhorizon.pictures.fields import cell_edges, panel_grid
+from farhorizon.pictures.fields import panel_grid
+from farhorizon.pictures.images import cell_edges
 from farhorizon.pictures.style import figure_at, number_text, with_unit
 
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon.errors import InputError
-from farhorizon.pictures.style import color_range, figure_at, with_unit
+from farhorizon.pictures.style import color_range, figure_at, with_unit, wrapped
 
 SHARES = (0.2, 0.5)  # of the largest magnitude, on both sides of zero, where no levels are given
 _FINEST = 80  # cells along an axis of which surfaces are made
@@ -126,7 +126,7 @@ def isosurface_panels(
         for number, ((name, _), surfaces) in enumerate(zip(fields, found, strict=True)):
             panel = figure.add_subplot(1, len(fields), number + 1, projection="3d")
             _draw(panel, surfaces, axes, colors, cracks)
-            panel.set_title(name, y=0.96)  # the layout takes no account of what is above a box in space
+            panel.set_title(wrapped(name, 3.4), y=0.96)  # the layout takes no account of what is above a box in space
         there = [level for level in wanted if any(len(some[level]) for some in found)] or wanted
         figure.legend(
             handles=[Patch(color=tuple(colors[level][:3]), label=f"{label} = {level:.3g}") for level in there],
@@ -134,7 +134,7 @@ def isosurface_panels(
             ncols=len(there),
         )
         if title:
-            figure.suptitle(title)
+            figure.suptitle(wrapped(title, 3.6 * len(fields)))
     return figure
 
 

@@ -63,6 +63,8 @@ def made_film(
     cracks: Sequence[np.ndarray] = (),
     colors: str | None = None,
     plane: tuple[int, int] | None = None,
+    title: str = "",
+    broken: Sequence[np.ndarray] = (),
 ) -> Film:
     """Draw a film, each frame as `field_panels` draws it, on one scale.
 
@@ -76,7 +78,7 @@ def made_film(
     axes : sequence of ndarray
         Coordinates of the nodes along each axis.
     kind : {"gif", "mp4"}
-    label, limits, cracks, colors, plane
+    label, limits, cracks, colors, plane, title, broken
         As of `field_panels`.
 
     Raises
@@ -96,9 +98,10 @@ def made_film(
         )
     limits = limits or _limits([values for _, values in frames], cut=len(axes) > 1 and colors is None)
     rate = int(np.clip(len(frames) / _SECONDS, *_RATES))
+    look: dict[str, Any] = {"label": label, "limits": limits, "cracks": cracks, "colors": colors, "plane": plane}
     drawn = (
-        _pixels(title, values, axes, label=label, limits=limits, cracks=cracks, colors=colors, plane=plane)
-        for title, values in frames
+        _pixels(name, values, axes, **look, title=title, broken=broken[k : k + 1])
+        for k, (name, values) in enumerate(frames)
     )
     return Film(_MAKERS[kind](drawn, rate), kind, len(frames))
 
@@ -137,11 +140,11 @@ def _limits(values: Sequence[np.ndarray], cut: bool) -> tuple[float, float]:
     return (low, high) if 0 < 0.5 * high < low < high else (0.0, top)
 
 
-def _pixels(title: str, values: np.ndarray, axes: Sequence[np.ndarray], **look: Any) -> np.ndarray:
+def _pixels(name: str, values: np.ndarray, axes: Sequence[np.ndarray], **look: Any) -> np.ndarray:
     """One frame, shape (height, width, 3), both even, as films want it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    figure = field_panels([(title, values)], axes, None, **look)
+    figure = field_panels([(name, values)], axes, None, **look)
     figure.set_dpi(_DPI)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()

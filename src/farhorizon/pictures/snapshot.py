@@ -13,6 +13,7 @@ from farhorizon.errors import InputError
 from farhorizon.pictures.fields import field_panels, magnitude
 from farhorizon.pictures.movie import Film, film_format, made_film
 from farhorizon.pictures.style import DAMAGE, FORMATS
+from farhorizon.pictures.words import in_words
 
 
 def scalars(fields: Mapping[str, np.ndarray], dim: int) -> dict[str, tuple[str, np.ndarray]]:
@@ -61,6 +62,7 @@ def snapshot(
             raise InputError("unknown format", value=path.name, limit=", ".join(FORMATS), key="path")
     limits = scale_limits(limits)
     label, values = chosen(fields, name, len(axes))
+    label = in_words(label)
     colors = DAMAGE if name == "damage" else None
     return field_panels([(title, values)], axes, path, label=label, colors=colors, limits=limits, cracks=cracks)
 
@@ -101,7 +103,8 @@ class Frames:
 
     def add(self, fields: Mapping[str, np.ndarray], title: str) -> None:
         """Take the field as it is now; InputError for a name that there is not."""
-        self._label, values = chosen(fields, self._name, len(self._axes))
+        label, values = chosen(fields, self._name, len(self._axes))
+        self._label = in_words(label)
         self._frames.append((title, values if values.ndim < 3 else values[..., values.shape[2] // 2, None].copy()))
 
     def film(self) -> Film:

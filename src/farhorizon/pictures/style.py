@@ -20,9 +20,11 @@ import numpy as np
 
 from farhorizon.errors import InputError
 
+_TITLE = 9.5  # points
+_FILLED = 0.94  # of a panel's width by a line of its title: pixels make letters wider
 _STYLE = {
     "font.size": 9.0,
-    "axes.titlesize": 9.5,
+    "axes.titlesize": _TITLE,
     "axes.labelsize": 9.5,
     "legend.fontsize": 8.5,
     "legend.frameon": False,
@@ -35,13 +37,17 @@ _STYLE = {
     "lines.markersize": 4.0,
     "grid.linewidth": 0.4,
     "grid.color": "0.88",
-    "savefig.dpi": 150,
 }
+_SAVED: dict[str, Any] = {
+    "dpi": 150,
+    "bbox_inches": "tight",
+    "pad_inches": 0.05,
+}  # no strips that a layout has left empty
 # Okabe and Ito's colours, which the colour-blind can tell apart; their yellow is left out, as it does not show on
 # white.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _DASHES = ("-", "--", "-.", ":")
-RIM = (("white", 2.2), ("0.1", 0.9))  # a light rim shows a line on dark colours
+RIM = (("white", 1.5), ("0.1", 0.8))  # a light rim shows a line on dark colours
 # Maps that the colour-blind read: two hues on either side of white, and lightness that rises evenly.
 DIVERGING, SEQUENTIAL = "RdBu_r", "viridis"
 DAMAGE = "magma_r"  # light where nothing is broken
@@ -50,19 +56,24 @@ _FEW = 8  # nodes whose values may lie beyond the colours
 _MORE = 1.75  # if the largest is more than so many times that of the others
 _SMALL = 400  # nodes of a field that is shown whole
 _BEYOND = 0.02  # of the range of colours: what is further beyond is told by an arrow
+_WORD = re.compile(r"(?:\$[^$]*\$|\S)+")  # formulas are not broken
 _MICRO = re.compile(r"\bu(?=[a-zA-Z])")  # of us and um
+_ROOT = re.compile(r"(\w+)\^\(1/2\)")
 _UNITS: ContextVar[Mapping[str, str]] = ContextVar("units", default=MappingProxyType({}))
 
 
 @lru_cache(maxsize=1)
 def _picture() -> Any:
-    """A figure that notebooks show without pyplot."""
+    """A figure that notebooks show without pyplot, and that is saved without empty edges."""
     from matplotlib.figure import Figure
 
     class Picture(Figure):
+        def savefig(self, fname: Any, **options: Any) -> None:
+            super().savefig(fname, **(_SAVED | options))
+
         def _repr_png_(self) -> bytes:
             buffer = io.BytesIO()
-            self.savefig(buffer, format="png", dpi=_STYLE["savefig.dpi"])
+            self.savefig(buffer, format="png")
             return buffer.getvalue()
 
     return Picture
@@ -99,15 +110,15 @@ def counted_in(units: Mapping[str, str]) -> Iterator[None]:
         _UNITS.reset(token)
 
 
-def with_unit(name: str, measured: str = "length") -> str:
-    """The label of what is measured in a unit of `counted_in`, by default of a coordinate."""
-    unit = _unit_of(measured)
-    return f"{name} ({unit})" if unit else name
+def with_unit(name: str, *measured: str) -> str:
+    """The label of what is measured in a unit of `counted_in`, or in a product of these; by default of a coordinate."""
+    units = [_unit_of(one) for one in measured or ("length",)]
+    return f"{name} ({' '.join(units)})" if all(units) else name
 
 
 def _unit_of(measured: str) -> str:
-    """The unit of what is measured, with the sign of micro; empty without one."""
-    return _MICRO.sub("\N{MICRO SIGN}", _UNITS.get().get(measured, ""))
+    """The unit of what is measured, with the signs of micro and of roots; empty without one."""
+    return _ROOT.sub(r"√\1", _MICRO.sub("\N{MICRO SIGN}", _UNITS.get().get(measured, "")))
 
 
 def speed_text(value: float) -> str:
@@ -115,6 +126,11 @@ def speed_text(value: float) -> str:
     known = _UNITS.get()
     both = known.get("length"), known.get("time")
     return f"{value:.4g}" + (f" {both[0]}/{both[1]}" if all(both) else "")
+
+
+def length_text(value: float) -> str:
+    """A length with three digits and its unit."""
+    return f"{value:.3g} {_unit_of('length')}".rstrip()
 
 
 def number_text(value: float, scale: float) -> str:
@@ -195,3 +211,19 @@ def time_text(time: float) -> str:
         digits, power = text.split("e")
         text = rf"${digits} \times 10^{{{int(power)}}}$"
     return f"{text} {unit}" if unit else text
+
+
+def wrapped(text: str, inches: float) -> str:
+    """A title on as many lines as it takes to be no wider than its panel; a word that is wider stays whole."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import TextPath
+
+    font = FontProperties(size=_TITLE)
+    lines: list[str] = []
+    for word in _WORD.findall(text):
+        longer = f"{lines[-1]} {word}" if lines else word
+        if lines and TextPath((0, 0), longer, prop=font).get_extents().width <= 72 * _FILLED * inches:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return "\n".join(lines)

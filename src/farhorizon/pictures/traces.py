@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,13 @@ _STRAIGHT = 1e-6  # of a line's length: points further from it do not lie on it
 
 
 def trace_picture(
-    points: np.ndarray, times: np.ndarray, values: np.ndarray, path: str | Path | None, *, label: str
+    points: np.ndarray,
+    times: np.ndarray,
+    values: np.ndarray,
+    path: str | Path | None,
+    *,
+    label: str,
+    measured: str = "",
 ) -> Any:
     """Draw traces, and the amplitudes of their spectra: up to seven as curves over time, more of them beside their
     receivers, time downwards, and as an image.
@@ -32,7 +39,9 @@ def trace_picture(
     path : str or Path, optional
         The file; without one nothing is written.
     label : str
-        What the values are.
+        What the values are, with their unit.
+    measured : str
+        What they are measured as: the spectrum has that unit times that of time.
 
     Returns
     -------
@@ -55,11 +64,19 @@ def trace_picture(
             _curves(panels[0], points, times, values)
             panels[0].set(xlabel=with_unit("t", "time"), ylabel=label)
         _spectra(panels[-1], points, times, values)
+        panels[-1].set_ylabel(with_unit("amplitude of the spectrum", measured, "time"))
     return figure
 
 
 def spectrum_picture(
-    points: np.ndarray, frequencies: np.ndarray, values: np.ndarray, path: str | Path | None, *, label: str
+    points: np.ndarray,
+    frequencies: np.ndarray,
+    values: np.ndarray,
+    path: str | Path | None,
+    *,
+    label: str,
+    measured: str = "",
+    labels: Sequence[str] = (),
 ) -> Any:
     """Draw amplitudes of spectra: up to seven points over frequency, more of them over their places, a curve a
     frequency.
@@ -73,7 +90,11 @@ def spectrum_picture(
     path : str or Path, optional
         The file; without one nothing is written.
     label : str
-        What the values are.
+        What the values are, without a unit.
+    measured : str
+        What they are measured as: the spectrum has that unit times that of time.
+    labels : sequence of str
+        What the points stand for where they are no places.
 
     Raises
     ------
@@ -84,10 +105,11 @@ def spectrum_picture(
     with figure_at(path, (6.4, 3.6)) as figure:
         axes = figure.add_subplot()
         flows = np.isrealobj(values)
-        axes.set_ylabel(f"{label} per frequency" if flows else f"amplitude of the spectrum of {label}")
+        what = f"{label} per frequency" if flows else f"amplitude of the spectrum of {label}"
+        axes.set_ylabel(with_unit(what, measured, "time"))
         values = values if flows else np.abs(values)
-        if len(points) < _LEAST_IN_SECTION:
-            _curves(axes, points, frequencies, values)
+        if labels or len(points) < _LEAST_IN_SECTION:
+            _curves(axes, points, frequencies, values, labels)
             axes.set_xlabel(_frequency_label())
             return figure
         some = np.unique(np.linspace(0, len(frequencies) - 1, min(len(frequencies), _MOST_CURVES)).round().astype(int))
@@ -177,7 +199,7 @@ def _spectra(axes: Any, points: np.ndarray, times: np.ndarray, values: np.ndarra
     strong = np.flatnonzero(amplitudes.max(1) > 1e-2 * amplitudes.max())
     shown = slice(0, min(len(frequencies), int(strong[-1]) + 2) if strong.size else None)
     _curves(axes, points, frequencies[shown], amplitudes[shown])
-    axes.set(xlabel=_frequency_label(), ylabel="amplitude of the spectrum")
+    axes.set_xlabel(_frequency_label())
 
 
 def _frequency_label() -> str:
@@ -185,13 +207,15 @@ def _frequency_label() -> str:
     return f"{label} (cycles per unit of time)" if label == "frequency" else label
 
 
-def _curves(axes: Any, points: np.ndarray, x: np.ndarray, values: np.ndarray) -> None:
-    """Values at some of the receivers, which the legend names by their places."""
+def _curves(axes: Any, points: np.ndarray, x: np.ndarray, values: np.ndarray, labels: Sequence[str] = ()) -> None:
+    """Values at some of the receivers, which the legend names by their places, or by labels."""
     some = np.unique(np.linspace(0, len(points) - 1, min(len(points), _MOST_CURVES)).round().astype(int))
     size = float(np.abs(points).max()) or 1.0
     for number in some:
         place = ", ".join(number_text(float(f"{coordinate:.4g}"), size) for coordinate in points[number])
-        axes.plot(x, values[:, number], label=f"({place})", marker="o" if len(x) == 1 else None)
+        name = labels[number] if labels else f"({place})"
+        axes.plot(x, values[:, number], label=name, marker="o" if len(x) == 1 else None)
     axes.margins(x=0.01)
     axes.grid(True)
-    axes.legend(fontsize="x-small")
+    letters = "" if labels else with_unit(f"({', '.join('xyz'[: points.shape[1]])})")
+    axes.legend(title=letters, fontsize="x-small", title_fontsize="x-small")

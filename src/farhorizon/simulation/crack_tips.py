@@ -134,7 +134,9 @@ class CrackTips(Recorder):
     def recorded(self) -> Recorded:
         """What was recorded, apart from the run."""
         new = slice(self._given, None)
-        return Recorded(self.name, self.points, self.times[new], {name: one[new] for name, one in self.data.items()})
+        rows = {name: one[new] for name, one in self.data.items()}
+        labels = tuple(f"tip {number:g}" for number in self.points[:, 0])
+        return Recorded(self.name, self.points, self.times[new], rows, labels=labels)
 
     def forget(self) -> None:
         self._given = len(self._steps)  # all are kept, for ways and speeds follow from those before

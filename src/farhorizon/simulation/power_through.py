@@ -149,7 +149,8 @@ class PowerThrough(RowRecorder):
     def recorded(self) -> Recorded:
         """What was recorded, apart from the run."""
         spectra = {"energy": self.energy()} if self.frequencies.size else {}
-        return Recorded(self.name, self.points, self.times, self.data, self.frequencies, spectra)
+        labels = tuple(_label(*one) for one in zip(self.surfaces, self.points, strict=False))
+        return Recorded(self.name, self.points, self.times, self.data, self.frequencies, spectra, labels=labels)
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
@@ -198,6 +199,13 @@ class PowerThrough(RowRecorder):
         self._last = state["last"].copy()
         if self.frequencies.size:
             self._sums.take({name[5:]: array for name, array in state.items() if name.startswith("sums.")})
+
+
+def _label(given: Any, middle: np.ndarray) -> str:
+    """What a surface is called in pictures."""
+    if isinstance(given, Shape):
+        return f"{type(given).__name__.lower()} around ({', '.join(f'{x:.4g}' for x in middle)})"
+    return f"plane {given[0]} = {middle['xyz'.index(given[0])]:.4g}"
 
 
 class _Surface(NamedTuple):

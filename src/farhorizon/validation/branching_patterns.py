@@ -60,7 +60,7 @@ def measured(sim: Simulation, tips: CrackTips, name: str) -> list[Row]:
 
 def draw_patterns(found: dict[tuple[float, int], Simulation], picture: Path) -> None:
     """Draw the damage of all cracks at the end: a row a horizon, a column a number of spacings in it."""
-    from farhorizon.pictures.fields import cell_edges
+    from farhorizon.pictures.images import cell_edges
     from farhorizon.pictures.style import figure_at
 
     horizons = list(dict.fromkeys(horizon for horizon, _ in found))

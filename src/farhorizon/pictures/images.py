@@ -1,0 +1,105 @@
+"""One field as an image, with what lies over it: cracks, broken bonds, solids and regions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from farhorizon.files.region_numbers import Regions
+from farhorizon.pictures.style import RIM
+
+_COARSE = 100  # nodes along an axis: so many pixels do not show
+_HURT, _SEVERED = 0.25, 0.45  # of a node's bonds, drawn from clear to dark: beside a crack nearly half are broken
+_INTERFACE = (("white", 1.4), ("0.25", 0.6))  # between regions, lighter than cracks
+
+
+class Overlay(NamedTuple):
+    """What is drawn over a field.
+
+    Attributes
+    ----------
+    cracks : sequence of ndarray, shapes (n, dim)
+    solid : ndarray of bool, optional
+        Its outline is drawn.
+    broken : ndarray, optional
+        Part of a node's bonds that is broken: dark.
+    regions : Regions, optional
+        Their outlines are drawn.
+    named : bool
+        With the names of the materials in them.
+    smooth : bool
+        Values between the nodes of a coarse lattice are linearly interpolated.
+    """
+
+    cracks: Sequence[np.ndarray] = ()
+    solid: np.ndarray | None = None
+    broken: np.ndarray | None = None
+    regions: Regions | None = None
+    named: bool = False
+    smooth: bool = False
+
+    def cut(self, normal: int, index: int) -> Self:
+        """That over a slice in space; cracks are projected onto it."""
+        solid, broken = (None if one is None else one.take(index, normal) for one in (self.solid, self.broken))
+        regions = self.regions and self.regions._replace(numbers=self.regions.numbers.take(index, normal))
+        cracks = [np.delete(points, normal, 1) for points in self.cracks]
+        return self._replace(cracks=cracks, solid=solid, broken=broken, regions=regions)
+
+
+def cell_edges(axes: Sequence[np.ndarray]) -> tuple[float, float, float, float]:
+    """Left, right, lower and upper edge of the cells of two axes."""
+    spacing = max(float(axis[1] - axis[0]) if axis.size > 1 else 0.0 for axis in axes) or 1.0
+    left, right, bottom, top = (float(end) for axis in axes for end in (axis[0] - spacing / 2, axis[-1] + spacing / 2))
+    return left, right, bottom, top
+
+
+def image_of(
+    panel: Any, array: np.ndarray, axes: Sequence[np.ndarray], scale: Mapping[str, Any], overlay: Overlay
+) -> Any:
+    """Draw a field, the outline of its window, and what is over it into one panel; returns the image."""
+    left, right, bottom, top = cell_edges(axes)
+    shown: dict[str, Any] = {"origin": "lower", "extent": (left, right, bottom, top), "aspect": "equal"}
+    outside, flat = np.isnan(array), min(array.shape) > 1
+    between = overlay.smooth and max(array.shape) <= _COARSE and bool(np.isfinite(array).all())
+    image = panel.imshow(array.T, interpolation="bilinear" if between else None, **shown, **scale)
+    if overlay.broken is not None:
+        dark = np.zeros((*array.T.shape, 4))
+        dark[..., 3] = np.clip((np.nan_to_num(overlay.broken.T) - _HURT) / (_SEVERED - _HURT), 0, 1)
+        panel.imshow(dark, interpolation="bilinear" if between else None, **shown)
+    if overlay.regions is not None and flat:
+        _outline_regions(panel, overlay.regions, axes, overlay.named)
+    if outside.any() and not outside.all() and flat:
+        panel.contour(*axes, outside.T, levels=[0.5], colors="0.6", linewidths=0.6)
+    for color, width in RIM:
+        if overlay.solid is not None and flat:
+            panel.contour(*axes, overlay.solid.T.astype(float), levels=[0.5], colors=color, linewidths=width)
+    for points in overlay.cracks:
+        for color, width in RIM:
+            panel.plot(points[:, 0], points[:, 1], color=color, linewidth=width, linestyle="-")
+    panel.set(xlim=(left, right), ylim=(bottom, top))  # a crack may go beyond
+    return image
+
+
+def _outline_regions(panel: Any, regions: Regions, axes: Sequence[np.ndarray], named: bool) -> None:
+    """Draw the outlines of all regions but the first, and the names of materials where they have most room."""
+    from matplotlib import patheffects
+    from scipy.ndimage import distance_transform_edt
+
+    known = set()  # names; the largest region of each has it
+    for number, name in enumerate(regions.names):
+        there = regions.numbers == number
+        if not there.any():
+            continue
+        for color, width in _INTERFACE if number else ():
+            panel.contour(*axes, there.T.astype(float), levels=[0.5], colors=color, linewidths=width)
+        called = name.split(", ")[0]
+        if named and " = " not in called and called not in known:
+            known.add(called)
+            room = distance_transform_edt(np.pad(there, 1))[1:-1, 1:-1]
+            aside = np.add.outer(*(np.abs(axis - axis.mean()) for axis in axes)) / np.ptp(axes[0])
+            place = np.unravel_index(int((room - aside).argmax()), room.shape)  # of alike ones the middle
+            x, y = (axis[k] for axis, k in zip(axes, place, strict=True))
+            rim = [patheffects.withStroke(linewidth=1.6, foreground="white")]
+            panel.text(x, y, called, ha="center", va="center", fontsize=7, color="0.1", path_effects=rim)

@@ -1,0 +1,104 @@
+"""Scalars that are drawn of the fields of a results file: components of vectors, lengths, what follows from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from operator import itemgetter
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from farhorizon.errors import InputError
+from farhorizon.pictures.fields import magnitude
+
+if TYPE_CHECKING:
+    from farhorizon.files.results import Results
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A scalar that is drawn: a field, the length of a vector field, a component of it, or what follows from it.
+
+    Attributes
+    ----------
+    name : str
+        In names of files, and by which it is asked for.
+    label : str
+        As it is written in plain text.
+    field : str
+    of : callable
+        Gives its values from those of the field.
+    pure : bool
+        A number without a unit.
+    """
+
+    name: str
+    label: str
+    field: str
+    of: Callable[[np.ndarray], np.ndarray]
+    pure: bool = False
+
+    @property
+    def quantity(self) -> str:
+        """What it is measured as."""
+        if self.field.startswith("stress_"):
+            return "stress"
+        return "" if self.pure else "time" if self.field == "dissolved" else self.field
+
+
+def _parts(results: Results) -> Iterator[Scalar]:
+    for name in results.field_names:
+        count = results.components[name]
+        if count == 1:
+            yield Scalar(name, name, name, lambda values: values)
+            continue
+        yield Scalar(name, f"|{name}|", name, magnitude)
+        for i, axis in enumerate("xyz"[:count]):
+            yield Scalar(f"{name}_{axis}", f"{name}_{axis}", name, itemgetter(i))
+
+
+def _derived(results: Results) -> Iterator[Scalar]:
+    """What is drawn of displacements in the plane and in space when it is asked for: of waves the P and the S part."""
+    for name in results.field_names:
+        if results.components[name] == results.dim > 1:
+            yield Scalar(f"{name}_divergence", f"div {name}", name, partial(_divergence, results.spacing), True)
+            yield Scalar(f"{name}_curl", f"curl {name}", name, partial(_curl, results.spacing), True)
+
+
+def _slopes(spacing: float, values: np.ndarray) -> np.ndarray:
+    """Derivatives of a vector field along the axes by differences of second order, shape (dim, dim, ...)."""
+    axes = tuple(range(len(values)))
+    order: Literal[1, 2] = 2 if min(values.shape[1:]) > 2 else 1
+    return np.stack([np.stack(np.gradient(one, spacing, axis=axes, edge_order=order)) for one in values])
+
+
+def _divergence(spacing: float, values: np.ndarray) -> np.ndarray:
+    return np.asarray(np.trace(_slopes(spacing, values)))
+
+
+def _curl(spacing: float, values: np.ndarray) -> np.ndarray:
+    """In the plane the component across it, in space the length."""
+    slopes = _slopes(spacing, values)
+    parts = [slopes[i, j] - slopes[j, i] for i, j in ((1, 0), (2, 1), (0, 2))[: 1 if len(values) == 2 else 3]]
+    return parts[0] if len(parts) == 1 else magnitude(np.stack(parts))
+
+
+def wanted_scalars(results: Results, names: Sequence[str] | None) -> list[Scalar]:
+    """Those of some names, or of all fields without any.
+
+    Raises
+    ------
+    InputError
+        No field and no component has this name.
+    """
+    plain = {part.name: part for part in _parts(results)}
+    parts = plain | {part.name: part for part in _derived(results)}
+    stresses = [name for name in plain if name.startswith("stress_")]
+    if names is not None and stresses:
+        names = [part for name in names for part in (stresses if name == "stress" else [name])]
+    for name in names or ():
+        if name not in parts:
+            raise InputError("the file has no such field", value=name, limit=", ".join(parts), key="--field")
+    return [parts[name] for name in (plain if names is None else dict.fromkeys(names))]

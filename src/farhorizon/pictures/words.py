@@ -1,0 +1,99 @@
+"""What quantities are called at axes and colour bars: words and symbols for their names in files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+from farhorizon.pictures.style import with_unit
+
+_NONE: Mapping[str, str] = MappingProxyType({})
+
+
+class Name(NamedTuple):
+    """How a quantity is called.
+
+    Attributes
+    ----------
+    words : str
+    symbol : str
+        As TeX; empty where words are enough.
+    """
+
+    words: str
+    symbol: str = ""
+
+
+_NAMES = {
+    "u": Name("", "u"),
+    "v": Name("velocity", "v"),
+    "T": Name("temperature", "T"),
+    "damage": Name("damage"),
+    "solid": Name("metal"),
+    "dissolved": Name("time of dissolution"),
+    "thermal_strain": Name("thermal strain"),
+    "stress": Name("stress", r"\sigma"),
+    "stress_von_mises": Name("von Mises stress"),
+    "strain": Name("strain", r"\varepsilon"),
+    "gradient": Name("gradient", r"(\nabla u)"),
+    **{f"div {one}": Name("divergence", rf"\nabla \cdot {one}") for one in "uv"},
+    **{f"curl {one}": Name("curl", rf"\nabla \times {one}") for one in "uv"},
+    "pressure": Name("pressure", "p"),
+    "divergence": Name("divergence", r"\nabla \cdot u"),
+    "curl": Name("curl", r"(\nabla \times u)"),
+    "rotation": Name("rotation", r"\omega"),
+    "energy_flux": Name("energy flux", "S"),
+    "position": Name("position"),
+    "advance": Name("advance"),
+    "speed": Name("speed"),
+    "power": Name("power"),
+    "young": Name("Young's modulus", "E"),
+    "bulk": Name("bulk modulus", "K"),
+    "shear": Name("shear modulus", r"\mu"),
+    "poisson": Name("Poisson's ratio", r"\nu"),
+    "density": Name("density", r"\rho"),
+    "coefficient": Name("factor on bonds"),
+    "energy": Name("energy"),
+    "K_I": Name("stress intensity", r"K_{\mathrm{I}}"),
+    "K_II": Name("stress intensity", r"K_{\mathrm{II}}"),
+    "K_III": Name("stress intensity", r"K_{\mathrm{III}}"),
+    "G": Name("energy release rate", "G"),
+}
+
+
+def in_words(name: str, words: Mapping[str, str] = _NONE) -> str:
+    """A name as it is read: "u_x" as "displacement" and its symbol, "|u|" with bars, "div u" as it is written in
+    formulas; names that nobody knows stay as they are, with spaces.
+
+    Parameters
+    ----------
+    name : str
+        Of a quantity, a component "u_x", a length "|u|", or what follows from displacements, "div u" and "curl u".
+    words : mapping of str to str
+        What quantities are called in a case, over what they are called anyway.
+
+    Examples
+    --------
+    >>> in_words("stress_von_mises")
+    'von Mises stress'
+    >>> in_words("u_x", {"u": "displacement"})
+    'displacement $u_{x}$'
+    >>> in_words("div u"), in_words("my_field")
+    ('divergence $\\\\nabla \\\\cdot u$', 'my field')
+    """
+    bare = name.strip("|")
+    quantity, component = (bare, "") if bare in _NAMES else (bare.rpartition("_")[0], bare.rpartition("_")[2])
+    if quantity not in _NAMES:
+        return name.replace("_", " ")
+    known = _NAMES[quantity]
+    symbol = f"{known.symbol}_{{{component}}}" if component else known.symbol
+    if not known.symbol:
+        return f"{known.words} ${component}$" if component else words.get(quantity, known.words)
+    symbol = f"|{symbol}|" if name != bare else symbol
+    return f"{words.get(quantity, known.words)} ${symbol}$".strip()
+
+
+def axis_label(name: str, measured: str, words: Mapping[str, str] = _NONE) -> str:
+    """What a name is called, with the unit in which it is measured."""
+    return with_unit(in_words(name, words), measured)
