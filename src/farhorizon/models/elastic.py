@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from farhorizon.medium.fracture import fracture_energy as energy_of_fracture
 from farhorizon.medium.fracture import stretch_that_spends
 from farhorizon.medium.integrators import Verlet
 from farhorizon.medium.kernel import Kernel
-from farhorizon.medium.moduli import Moduli, moduli_of
+from farhorizon.medium.moduli import Moduli, check_ratio, moduli_of
 from farhorizon.medium.solids import (
     Table,
     central,
@@ -133,6 +133,10 @@ class Elastic(LatticeModel):
     shear: Any
     lame: Any
     density: Any
+    others: ClassVar[Mapping[str, str]] = {
+        "speed": "young and poisson, as of a solid of fh.materials; a fluid is a Wave of its pressure: "
+        "fh.Wave(kernel, **fh.materials.water.constants)"
+    }
     energy_factor: float | None = None  # see `farhorizon.simulation.running_cracks.energy_factor`
     target = 1e-4  # a tenth of it costs as many nodes again: strong backward waves decide
 
@@ -194,12 +198,12 @@ class Elastic(LatticeModel):
     mechanical = True
 
     def serves(self, side: Any) -> bool:
-        """Whether a side goes with the material; where `bonds` may not be cut, those of vector fields do that bonds
+        """Whether a side goes with the material: one for vector fields, and where bonds may not be cut one that they
         cross.
         """
         if side.derivatives:
             return self.material == "correspondence" and isinstance(self.kernel, Kernel) and not self.stabilisation
-        return super().serves(side) and (self.bonds or side.vectors)
+        return super().serves(side) and side.vectors
 
     def _check_law(self) -> None:
         """What bonds that follow a law of their own stretch need."""
@@ -384,10 +388,13 @@ class Elastic(LatticeModel):
         model._settle()
         return model
 
-    def check_constant(self, name: str, values: np.ndarray) -> None:
+    @classmethod
+    def check_constant(cls, name: str, values: np.ndarray, key: str) -> None:
         """Refuse values that are not positive; Poisson's ratio has a range of its own."""
-        if name != "poisson":
-            super().check_constant(name, values)
+        if name == "poisson":
+            check_ratio(values, key)
+        else:
+            super().check_constant(name, values, key)
 
     def ordered(self, values: Mapping[str, np.ndarray]) -> list[Ordered]:
         """By the speed of P waves, and each strength by itself."""

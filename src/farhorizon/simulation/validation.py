@@ -32,7 +32,7 @@ def check_model(setup: Setup, sides: Sides) -> None:
             raise InputError(
                 f"{model.title} has no such side",
                 value=type(boundary).__name__,
-                limit=names(model.serves),
+                limit=names(lambda kind: model.serves(kind) and setup.lattice.dim in kind.dims),
                 key=f"boundary.{side_name(*key)}",
                 remedy=model.combinations,
             )
