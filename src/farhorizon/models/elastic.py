@@ -78,8 +78,10 @@ class Elastic(LatticeModel):
     critical_stretch : float, str, ndarray or callable, optional
         Bonds whose length has grown by more than this part break for good; not of finite elements. Those of a
         correspondence material break when as much energy is lost with them as in an intact body that is stretched
-        evenly until the longest bonds have this stretch (`farhorizon.medium.force_states.energy_of_bonds`). Where it
-        varies, as `young`: a bond breaks as the weaker of its ends does.
+        evenly until the longest bonds have this stretch (`farhorizon.medium.force_states.energy_of_bonds`). In
+        uniaxial tension that takes a larger stretch, from about ``1 / sqrt(1 - poisson)`` times it in plane stress and
+        ``sqrt((1 - poisson) / (1 - 2 poisson))`` in plane strain on: 1.12 and 1.15 for a ratio of 0.2, 1.35 and 2.35
+        for 0.45. Where it varies, as `young`: a bond breaks as the weaker of its ends does.
     fracture_energy : float, str, ndarray or callable, optional
         Instead of the critical stretch the energy that a new crack takes per area; see `critical_stretch_on`. In
         bond-based materials beside it where bonds soften.
