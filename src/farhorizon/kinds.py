@@ -23,6 +23,7 @@ LARGEST = 1e60
 """Of a constant; positive ones are at least its inverse. Products of five such numbers, as of the horizon's powers,
 stay finite.
 """
+_FINITE, _GAPS = "no nan, no inf", "see where it comes from: a division by zero, or a gap in a file"
 MOST_WHOLE = 1_000_000
 """Of a whole number, unless it has another limit."""
 
@@ -36,6 +37,7 @@ def number(
     below: float | None = None,
     most: float | None = None,
     remedy: str = "",
+    beyond: str = "",
 ) -> float:
     """A finite real number.
 
@@ -49,6 +51,8 @@ def number(
         Limits, the first and the third excluded.
     remedy : str
         What to do instead of giving something that is no number, as an array.
+    beyond : str
+        What to do instead of giving a number out of range.
 
     Raises
     ------
@@ -74,7 +78,11 @@ def number(
     )
     if not fits:
         raise InputError(
-            _demand(above, least, below, most), value=value, limit=_range(above, least, below, most), key=key
+            _demand(above, least, below, most),
+            value=value,
+            limit=_range(above, least, below, most) or _FINITE,
+            key=key,
+            remedy=_GAPS if np.isnan(found) or not (np.isfinite(found) or beyond) else beyond,
         )
     check_magnitude(found, key)
     return found
@@ -206,13 +214,7 @@ def array(value: Any, key: str, *, shape: tuple[int | None, ...] | None = None, 
             remedy="as many entries along each axis as the limit says",
         )
     if finite and not np.isfinite(found).all():
-        raise InputError(
-            "values must be finite",
-            value=said(value),
-            limit="no nan, no inf",
-            key=key,
-            remedy="see where they come from: a division by zero, or a gap in a file",
-        )
+        raise InputError("values must be finite", value=said(value), limit=_FINITE, key=key, remedy=_GAPS)
     return found
 
 

@@ -14,6 +14,7 @@ model = { type = "wave", speed = 1.0, kernel = { horizon = 1.0 } }
 initial = { u = "exp(-2*(x**2+y**2))" }
 run = { until = 2.0 }
 """
+UNITS = 'units = { length = "m", time = "s", mass = "kg" }\n'
 ELASTIC = """lattice = { spacing = 0.5, lower = [-4.0, -4.0], upper = [4.0, 4.0] }
 model = { type = "elastic", young = 1.0, kernel = { horizon = 1.0 } }
 initial = { u = ["exp(-2*(x**2+y**2))", 0.0] }
@@ -121,6 +122,111 @@ WORST = {
         r"initial\.u: values must be finite; value: nan at \[-4, -4\], and on 153 of 289 nodes in all; "
         "limit: no nan, no inf; remedy: where",
         "41 nan",
+    ),
+    "a fluid for a solid": (
+        case(UNITS + ELASTIC, "young = 1.0", 'of = "water"'),
+        r"model\.of: such a model has no speed; value: water; limit: steel, .*; remedy: .* type = \"wave\"",
+        "unknown key",
+    ),
+    "a solid for a fluid": (
+        case(UNITS + WAVE, "speed = 1.0", 'of = "steel"'),
+        r"model\.of: such a model has no .*young; value: steel; limit: water, air; remedy: one of these, or type",
+        "unknown key",
+    ),
+    "a fluid for a solid, as arguments": (
+        lambda: fh.Elastic(fh.Kernel(1.0), **fh.materials.water.constants),
+        r"model\.speed: Elastic has no such argument; value: 1482\.3; limit: kernel, young.*; remedy: .*fh\.Wave\(",
+        "__init__",
+    ),
+    "a misspelt argument": (
+        lambda: fh.Elastic(fh.Kernel(1.0), youngs=1.0),
+        r"model\.youngs: Elastic has no such argument; value: 1; limit: .*; remedy: did you mean 'young'\?",
+        "__init__",
+    ),
+    "a fracture energy of bonds that break by their stretch": (
+        lambda: fh.Correspondence(fh.Kernel(1.0), 1.0, 0.3, fracture_energy=1.0),
+        r"model\.fracture_energy: Correspondence has no .*; remedy: critical_stretch: bonds break by their stretch",
+        "__init__",
+    ),
+    "the same in a case": (
+        case(ELASTIC, 'type = "elastic", young = 1.0', 'type = "correspondence", young = 1.0, fracture_energy = 1.0'),
+        r"unknown key model\.fracture_energy; known: type, .*; remedy: critical_stretch: bonds break by their stretch",
+        "did you mean",
+    ),
+    "points outside": (
+        lambda: fh.Simulation(PLANE, fh.Wave(fh.Kernel(1.0)), constraints=[fh.Prescribed([(9.0, 0.0)], 1.0)]),
+        r"^constraint\.where: the point lies outside the near field; value: \[9, 0\]; limit: ",
+        "probes",
+    ),
+    "displacements held near a layer": (
+        lambda: fh.Simulation(
+            PLANE,
+            fh.Elastic(fh.Kernel(1.0), 1.0),
+            constraints=[fh.Prescribed(fh.Box((3.0, -1.0), (9.0, 1.0)), [1e-3, 0.0])],
+        ),
+        r"constraints: a condition holds on .* x\+, .*; value: \d+ nodes; limit: nodes held at the background, 0, for "
+        r"ever, on the last 3 nodes; remedy: keep what moves away from it, or a Free side there",
+        "temperature",
+    ),
+    "no strength in a region": (
+        case(
+            ELASTIC,
+            "young = 1.0",
+            "young = 1.0, critical_stretch = 1e-3",
+            "[[material]]\nregion = { disc = { radius = 1.0 } }\ncritical_stretch = 0.0\n",
+        ),
+        r"material\[0\]\.critical_stretch: .* must be positive .*; value: 0; limit: > 0; remedy: a crack where",
+        "body",
+    ),
+    "an impossible ratio in a region": (
+        case(
+            ELASTIC,
+            "young = 1.0",
+            'young = 1.0, poisson = 0.3, material = "state-based"',
+            "[[material]]\nregion = { disc = { radius = 1.0 } }\npoisson = 0.6\n",
+        ),
+        r"material\[0\]\.poisson: Poisson's ratio is out of range; value: 0\.6; limit: above -1, below 0\.5",
+        "model.poisson",
+    ),
+    "a region without nodes": (
+        case(ELASTIC, more="[[material]]\nregion = { disc = { radius = 1.0, centre = [50.0, 0.0] } }\nyoung = 2.0\n"),
+        r"material\[0\]\.region: the region has no node of the near field; .*limit: \[-4, -4\] to \[4, 4\]; remedy",
+        "np.float64",
+    ),
+    "a constant in a region that the model does not have": (
+        case(ELASTIC, more="[[material]]\nregion = { disc = { radius = 1.0 } }\nspeed = 2.0\n"),
+        r"material\[0\]\.speed: a region has constants that the model has, too",
+        "material:",
+    ),
+    "a side of another material": (
+        lambda: fh.Simulation(PLANE, fh.Elastic(fh.Kernel(1.0), 1.0), fh.PlaneWave()),
+        r"limit: Auto, Extended, Fixed, Free, LatticePML, Periodic, Sponge; remedy",
+        "Exact",
+    ),
+    "no density": (
+        lambda: fh.Elastic(fh.Kernel(1.0), 1.0, density=0.0),
+        r"model\.density: .* value: 0; limit: > 0; remedy: where there is no medium, leave it out of the lattice",
+        "a number,",
+    ),
+    "no strength": (
+        lambda: fh.Elastic(fh.Kernel(1.0), 1.0, critical_stretch=0.0),
+        r"model\.critical_stretch: .* value: 0; limit: > 0; remedy: a crack where bonds are cut from the start",
+        "body",
+    ),
+    "an expansion that is nan": (
+        lambda: fh.ThermalLoad("x", expansion=np.nan, reference=0.0),
+        r"load\.expansion: must be finite; value: nan; limit: no nan, no inf; remedy: see where it comes from",
+        "value: none",
+    ),
+    "a pressure that is not symmetric": (
+        lambda: fh.Pressure(fh.Disc(1.0, (0.0, 0.0)), [[1.0, 2.0], [0.0, 1.0]]),
+        r"load\.value: .* symmetric; value: \[\[1, 2\], \[0, 1\]\]; limit: P = P\^T; remedy: \[\[1, 1\], \[1, 1\]\]",
+        "np.",
+    ),
+    "heat without a reference": (
+        case(ELASTIC, more='[[load]]\ntype = "thermal"\ntemperature = "10*exp(-x**2)"\nexpansion = 1e-5\n'),
+        r"missing key load\[0\]\.reference: temperature at which the solid is free of stress$",
+        "None",
     ),
 }
 BEST = {

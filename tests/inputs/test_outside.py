@@ -196,6 +196,56 @@ def test_interfaces_are_no_gradients_and_gradients_across_the_normal_are_none():
     assert sum("changes by" in note for note in along.notes) == 2
 
 
+PULSE = {"u": ["1e-3*exp(-(x**2+y**2)/8)", "0"]}  # which reaches the sides, as far as layers are concerned
+PUSH = {"loads": [fh.BodyForce(["0", "exp(-x**2-y**2)"], time="exp(-(t-4)**2)")]}
+ALONG = "goes on beyond straight along the normal"
+ROOM = fh.Box((-99.0, -99.0), (99.0, 99.0))
+
+
+def solid(start, body=None, **constants):
+    lattice = fh.Lattice(1.0, (-12.0, -12.0), (12.0, 12.0), body=body)
+    medium = fh.Elastic(fh.Kernel(2.0, 1), **{"young": 1.0} | constants)
+    return fh.Simulation(lattice, medium, fh.LatticePML(nodes=8), threads=1, **start)
+
+
+@pytest.mark.parametrize("start", [{}, PUSH, {"initial": PULSE}], ids=["rest", "push", "pulse"])
+@pytest.mark.parametrize(
+    ("medium", "noted", "what"),
+    [
+        ({"density": "1+0.05*x"}, {"x-", "x+"}, "the density changes by"),
+        ({"density": "2+0.05*x", "material": "state-based", "poisson": 0.3}, {"x-", "x+"}, "the density changes by"),
+        ({"poisson": "0.3+0.01*x", "material": "state-based"}, {"x-", "x+"}, "the stiffness changes by"),
+        ({"body": ROOM - fh.Disc(4.5, (13.0, 0.0))}, {"x+"}, "the body: an interface"),
+    ],
+    ids=["bonds", "states", "poisson", "hole"],
+)
+def test_layers_continue_any_medium_whatever_drives_it(start, medium, noted, what):
+    """One reach of nodes beyond the edge, where it varies there, and a note: also of a medium at rest."""
+    sim = solid(start, **medium)
+    reach = sim.parts.near.stencil.reach[0]
+    assert {name for name in ("x-", "x+", "y-", "y+") if any(what in n and name in n for n in sim.notes)} == noted
+    for side in noted:
+        assert sim.parts.grid.margins[0, 1 if side == "x+" else -1] == 1 + reach
+
+
+@pytest.mark.parametrize(
+    ("young", "bends"),
+    [
+        ("where((x-12)**2+y**2<16,3,1)", True),  # a disc that the side cuts
+        ("where(x+y>3,3,1)", True),
+        ("where(x+0.2*y>12,3,1)", True),
+        ("where(x+y>3,3,1+0.01*y)", True),
+        ("where((x-7)**2+y**2<16,3,1)", False),  # a disc before it
+        ("where((x-7)**2+y**2<16,3,where(y>0,2,1))", False),
+        ("where(y>3,3,1)", False),
+        ("where(x>10,3,1)", False),
+        ("1+0.01*y+where((x-7)**2+y**2<16,1,0)", False),
+    ],
+)
+def test_an_interface_that_meets_a_side_at_an_angle_is_noted(young, bends):
+    assert any("x+" in note and ALONG in note for note in solid({}, young=young).notes) == bends
+
+
 def test_a_gradient_in_a_body_is_noted():
     """A body's material may not vary within one reach of a layer, but before it."""
     lattice = fh.Lattice(1.0, (-12, -8), (12, 8))

@@ -49,3 +49,42 @@ def test_both_directions_of_a_bond_have_one_energy(case, dim):
     back = [at[tuple(-c for c in offset)] for offset in states.offsets.tolist()]
     found = energy_of_bonds(states)
     np.testing.assert_array_equal(found, found[back])
+
+
+def breaks_at(model, sides, strain):
+    """Whether a bond of a bar breaks that is pulled along x and free to contract; at once, which is refused."""
+    lattice = fh.Lattice(1.0, (-20.0, -10.0), (20.0, 10.0))
+    x, y = lattice.coordinates()
+    narrower = model.lame / (model.lame + 2 * model.shear)
+    try:
+        fh.Simulation(lattice, model, sides, {"u": np.stack([strain * x, -narrower * strain * y])}, threads=1)
+    except fh.InputError as error:
+        assert "stretch bonds beyond the critical stretch" in str(error)
+        return True
+    return False
+
+
+def first_inside(model):
+    """Of an intact body that is pulled along x the strain at which a bond breaks, for a critical stretch of 1."""
+    states = model.force_states(1.0, 2)
+    narrower = model.lame / (model.lame + 2 * model.shear)
+    eta, every = states.offsets * [1.0, -narrower], np.ones(len(states.offsets), bool)
+    whole, limits = energy(states, eta, every), energy_of_bonds(states) @ states.moduli
+    lost = [whole - energy(states, eta, every & (np.arange(len(eta)) != bond)) for bond in range(len(eta))]
+    return min(np.sqrt(limit / one) for limit, one in zip(limits, lost, strict=True) if one > 0)
+
+
+@pytest.mark.parametrize(("plane", "poisson"), [("strain", 0.2), ("strain", 0.45), ("stress", 0.3), ("stress", 0.45)])
+def test_in_uniaxial_tension_a_bond_bears_more_than_the_critical_stretch(plane, poisson):
+    """By the root of the modulus of an even stretch over Young's modulus at a free face, to 3 %, and more inside."""
+    strength, kernel = 1e-3, fh.Kernel(3.0, 1)
+    options = {"material": "correspondence", "plane": plane, "stabilisation": 0.4, "critical_stretch": strength}
+    model = fh.Elastic(kernel, 1.0, poisson, **options)
+    even, tension = 2 * (model.lame + model.shear), 4 * model.shear * (model.lame + model.shear)
+    face = np.sqrt(even / (tension / (model.lame + 2 * model.shear)))
+    said = 1 / (1 - poisson) if plane == "stress" else (1 - poisson) / (1 - 2 * poisson)
+    assert face == pytest.approx(np.sqrt(said))
+    for sides, strain, error in ((fh.Free(), face, 0.03), (fh.Fixed(), first_inside(model), 0.002)):
+        assert breaks_at(model, sides, (1 + error) * strain * strength)
+        assert not breaks_at(model, sides, (1 - error) * strain * strength)
+    assert first_inside(model) > face

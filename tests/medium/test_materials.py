@@ -33,8 +33,13 @@ def test_the_page_has_the_numbers(name):
 
 
 #: Speeds of long waves, to 5 %: metals as most tables have them; Homalite's S wave of 1 200 m/s, its P wave of
-#: 2 498 m/s: Xia, Rosakis and Kanamori (2004), Science 303.
-SPEEDS = [("steel", None, 6000, 3200), ("aluminium", None, 5910, 3160), ("homalite", None, 2498, 1200)]
+#: 2 498 m/s: Xia, Rosakis and Kanamori (2004), Science 303; of PMMA: Xu and Needleman (1994), who give both speeds.
+SPEEDS = [
+    ("steel", None, 6000, 3200),
+    ("aluminium", None, 5910, 3160),
+    ("homalite", None, 2498, 1200),
+    ("pmma", None, 2090, 1004),
+]
 
 
 @pytest.mark.parametrize(("name", "plane", "fast", "slow"), SPEEDS)

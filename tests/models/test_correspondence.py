@@ -387,7 +387,7 @@ def test_bad_constants(change, words):
         ),
         (
             {"sides": fh.NonlocalPML(6), "young": np.arange(1.0, 257.0).reshape(16, 16)},
-            "varies along x within one reach of an absorbing side",
+            "^model.young: varies along x within one reach of x-, whose layer.*value: .1, 17, 33, 49, 65. from",
         ),
     ],
 )

@@ -223,7 +223,7 @@ def test_case_of_regions_with_strengths():
     ("old", "new", "message"),
     [
         ("lower = [-4.0, -1.0], upper = [4.0, 0.0]", "lower = [5.0, 5.0], upper = [6.0, 6.0]", "has no node"),
-        ('"0.01 + 0.001*x"', '"0.01*x"', "model.critical_stretch: the critical_stretch must be positive"),
+        ('"0.01 + 0.001*x"', '"0.01*x"', r"material\[0\].critical_stretch: the critical_stretch must be positive"),
         ('"0.01 + 0.001*x"', '"0.01 + t"', "depend on t"),
         ('critical_stretch = "0.01 + 0.001*x"', "fracture_energy = 1e-4", "constants that the model has, too"),
         ("scale = 0.05", "scale = 0.0", r"model.critical_stretch.scale: must be finite and positive"),

@@ -11,7 +11,7 @@ import numpy as np
 from farhorizon import public as fh
 from farhorizon.case.case_values import Values, made
 from farhorizon.case.schema import MaterialPart, Part, WeibullPart, model_kinds
-from farhorizon.errors import InputError
+from farhorizon.errors import InputError, shown
 from farhorizon.files.region_numbers import Regions
 
 _NO_CONSTANTS = {"region", "of", "name"}  # of a material
@@ -54,7 +54,7 @@ def model_of(part: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice) 
     if "integrator" in takes and part.stages is not None:
         values["integrator"] = _integrator(part)
     _check(materials)
-    named = {name for material in materials for name in material.model_fields_set - _NO_CONSTANTS}
+    named = {name: i for i, one in enumerate(materials) for name in one.model_fields_set - _NO_CONSTANTS}
     for name in sorted(named):
         if values.get(name) is None:
             known = sorted(set(MaterialPart.model_fields) & {one for one, value in values.items() if value is not None})
@@ -62,10 +62,10 @@ def model_of(part: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice) 
                 "a region has constants that the model has, too",
                 value=name,
                 limit=", ".join(known) or "none",
-                key="material",
+                key=f"material[{named[name]}].{name}",
                 remedy=f"give [model] its {name}, of what is elsewhere" if name in takes else "leave it out",
             )
-        values[name] = _constant(name, values[name], materials, lattice)
+        values[name] = _constant(kind, name, values[name], materials, lattice)
     return made(kind, "model", **values)
 
 
@@ -122,8 +122,10 @@ def _check(materials: Sequence[MaterialPart]) -> None:
             )
 
 
-def _constant(name: str, value: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice) -> Any:
-    """A constant of the model, with what regions have in its place."""
+def _constant(
+    kind: type[fh.LatticeModel], name: str, value: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice
+) -> Any:
+    """A constant of a kind of model, with what regions have in its place."""
     read = Values(lattice.dim)
     found = read.steady(value, f"model.{name}")
     given = [(i, part) for i, part in enumerate(materials) if getattr(part, name) is not None]
@@ -137,12 +139,14 @@ def _constant(name: str, value: Any, materials: Sequence[MaterialPart], lattice:
             raise InputError(
                 "the region has no node of the near field",
                 value=part.region.build(f"material[{i}].region"),
-                limit=f"{list(lattice.lower)} to {list(lattice.upper)}",
+                limit=f"{shown(lattice.lower)} to {shown(lattice.upper)}",
                 key=f"material[{i}].region",
                 remedy="move it inside, enlarge it, or refine the lattice",
             )
-        inside = read.steady(getattr(part, name), f"material[{i}].{name}")
+        key = f"material[{i}].{name}"
+        inside = read.steady(getattr(part, name), key)
         values[there] = inside(*(x[there] for x in at)) if callable(inside) else inside
+        kind.check_constant(name, values[there], key)
     return values
 
 

@@ -8,7 +8,7 @@ from typing import Any, get_args
 from pydantic import ValidationError
 
 from farhorizon.boundaries.lattice_pml import BY_TARGET
-from farhorizon.case.schema import Part, case_part
+from farhorizon.case.schema import Part, case_part, model_kinds
 from farhorizon.errors import InputError, suggestion
 
 
@@ -74,6 +74,20 @@ def _types(location: tuple[Any, ...]) -> list[str]:
     return [tag for table in _at(location) for tag in _tags(table)]
 
 
+def _instead(location: tuple[Any, ...]) -> str:
+    """What a model takes in place of a key of other models, if that is known."""
+    kind = model_kinds().get(str(location[-2])) if len(location) > 1 else None
+    found = kind.others.get(str(location[-1])) if kind else None
+    return f"; remedy: {found}" if found else ""
+
+
+def _meaning(location: tuple[Any, ...]) -> str:
+    """What a key stands for, as the schema says it."""
+    fields = [table.model_fields.get(location[-1]) for table in _at(location[:-1])]
+    texts = [field.description for field in fields if field and field.description]
+    return f": {texts[0][0].lower()}{' '.join(texts[0][1:].split()).rstrip('.')}" if texts else ""
+
+
 def explain(error: ValidationError, data: dict[str, Any]) -> str:
     """The first problems in one line: key, value, what is wrong, the nearest known key."""
     # a misspelt key is why another is missing
@@ -107,9 +121,9 @@ def _problem(key: str, same: list[Any]) -> str:
                 InputError("layers are no longer chosen by angle", key=key, remedy=BY_TARGET.replace("=...", " = ..."))
             )
         case "extra_forbidden":
-            return f"unknown key {key}; {suggestion(str(location[-1]), _known(location[:-1]))}"
+            return f"unknown key {key}; {suggestion(str(location[-1]), _known(location[:-1]))}{_instead(location)}"
         case "missing":
-            return f"missing key {key}"
+            return f"missing key {key}{_meaning(location)}"
         case "value_error" if isinstance(context["error"], InputError):  # the key of it is within the table
             return str(context["error"].at(f"{key}.{context['error'].key}".lstrip(".")))
         case "union_tag_not_found" | "union_tag_invalid":

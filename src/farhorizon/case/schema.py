@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from functools import lru_cache, reduce
 from inspect import isabstract, signature
@@ -57,7 +57,7 @@ class Part(BaseModel):
         if not isinstance(data, dict) or "units" not in context:
             return data
         if "of" in cls.model_fields and isinstance(data.get("of"), str):
-            data = _named_constants(data, context["units"]) | data
+            data = _named_constants(data, context["units"], cls.model_fields) | data
         return without_units(cls.__name__, data, context["units"])
 
 
@@ -84,11 +84,22 @@ Factor = Annotated[str | Number, _OF_TIME]  # or a table with a signal
 Factors = Annotated[Any, _OF_TIMES]  # a `Factor`, or a list of them and of false
 
 
-def _named_constants(data: Mapping[str, Any], units: Units | None) -> dict[str, float]:
-    """Constants of the material that a table names, in the units of the case."""
+def _named_constants(data: Mapping[str, Any], units: Units | None, keys: Iterable[str]) -> dict[str, float]:
+    """Constants of the material that a table with some keys names, in the units of the case."""
     material = named_materials().get(data["of"])
     if material is None:
         return {}  # the table refuses the name
+    fits = [name for name, one in named_materials().items() if one.constants.keys() <= set(keys)]
+    if data["of"] not in fits:
+        raise InputError(
+            f"such a model has no {' and no '.join(sorted(material.constants.keys() - set(keys)))}",
+            value=data["of"],
+            limit=", ".join(fits) or "none of the named materials",
+            key="of",
+            remedy='one of these, or type = "wave", whose field is the pressure of a fluid'
+            if isinstance(material, Fluid)
+            else 'one of these, or type = "elastic" for a solid',
+        )
     if units is None:
         raise InputError(
             "the constants of a named material need a case that says what units it counts in",

@@ -248,15 +248,15 @@ class Lattice(Storable):
         _check_size(np.array(self.shape), self.dim)
         return list(np.meshgrid(*self.axes, indexing="ij"))
 
-    def index(self, point: ArrayLike) -> tuple[int, ...]:
-        """Index of the node nearest to a point, in one dimension to a number; InputError beyond the near field or
-        outside the window.
+    def index(self, point: ArrayLike, key: str = "point") -> tuple[int, ...]:
+        """Index of the node nearest to a point, in one dimension to a number; InputError, which names the key, beyond
+        the near field or outside the window.
         """
-        given = kinds.array(point, "point")
+        given = kinds.array(point, key)
         at = np.atleast_1d(given)
         if at.shape != (self.dim,):
             count = "one coordinate" if self.dim == 1 else f"{self.dim} coordinates"
-            raise InputError("a point needs one coordinate an axis", value=given, limit=count, key="point")
+            raise InputError("a point needs one coordinate an axis", value=given, limit=count, key=key)
         with np.errstate(over="ignore"):  # so far away is outside, too
             place = np.round((at - self.lower) / self.spacing)
         inside = bool(((place >= 0) & (place < self.shape)).all())
@@ -266,6 +266,7 @@ class Lattice(Storable):
                 "the point lies outside the near field",
                 value=at.tolist(),
                 limit=f"{shown(self.lower)} to {shown(self.upper)}",
+                key=key,
                 remedy="move it inside or enlarge the lattice",
             )
         return node

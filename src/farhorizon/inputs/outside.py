@@ -281,12 +281,12 @@ class Beyond:
         return coordinates, np.broadcast_to(edge, coordinates[0].shape)
 
 
-def gradients(values: np.ndarray, what: str, sides: Iterable[tuple[int, int]], reach: Sequence[int]) -> list[str]:
-    """Notes on a material that varies gradually along the normal in front of absorbing sides, beyond which it goes on
-    as at the edge.
+def changes(values: np.ndarray, what: str, sides: Iterable[tuple[int, int]], reach: Sequence[int]) -> list[str]:
+    """Notes on a medium that changes along the normal in front of absorbing sides, beyond which it goes on as at the
+    edge: gradually, or at an interface that runs into the side, and not along its normal.
 
-    Gradually: it changes between more neighbours than one reach holds, of the last `_REACHES` reaches. An interface is
-    not a gradient.
+    Gradually: it changes between more neighbours than one reach holds, of the last `_REACHES` reaches. An interface
+    that does not run into the side is neither.
 
     Parameters
     ----------
@@ -303,14 +303,37 @@ def gradients(values: np.ndarray, what: str, sides: Iterable[tuple[int, int]], r
         gradual = (np.diff(lines, axis=0) != 0).sum(0) > reach[axis]
         size = np.abs(lines).max(0)
         change = np.divide(np.ptp(lines, axis=0), size, out=np.zeros(size.shape), where=gradual & (size > 0)).max()
+        name, where = _name(axis, side), f"over the last {len(lines) - 1} nodes in front of"
+        missed = "sends back is missed; a wider near field misses less"
         if change > _FLAT:
             notes.append(
-                f"{what} changes by {100 * change:.2g} % along the normal over the last {len(lines) - 1} nodes in "
-                f"front of {_name(axis, side)}, and "
-                "goes on beyond as it is at the edge: what a medium that goes on changing sends back is missed; a "
-                "wider near field misses less"
+                f"{what} changes by {100 * change:.2g} % along the normal {where} {name}, and goes on beyond as it is "
+                f"at the edge: what a medium that goes on changing {missed}"
+            )
+        elif _oblique(lines):
+            notes.append(
+                f"{what}: an interface meets {name} at an angle, or bends {where} it, and goes on beyond straight "
+                f"along the normal: what one that goes on otherwise {missed}"
             )
     return notes
+
+
+def _oblique(lines: np.ndarray) -> bool:
+    """Whether an interface runs into the edge, the first of some lines, not straight: a line begins on one side of it
+    and is soon on the other, where its neighbour begins.
+    """
+    edge = lines[0]
+    first = (lines != edge).argmax(0)
+    behind = np.take_along_axis(lines, first[None], 0)[0]
+    step = np.abs(behind - edge)
+    for axis in range(edge.ndim):
+        pads = [(1, 1) if a == axis else (0, 0) for a in range(edge.ndim)]
+        padded = np.pad(edge, pads, mode="edge")
+        for shift in (0, 2):
+            beside = np.take(padded, np.arange(shift, shift + edge.shape[axis]), axis)
+            if (4 * np.abs(behind - beside) < step).any():
+                return True
+    return False
 
 
 def _name(axis: int, side: int) -> str:

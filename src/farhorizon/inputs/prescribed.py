@@ -121,7 +121,9 @@ class Prescribed(Storable):
         if given.dtype != bool:
             points = kinds.array(given, "constraint.where")
             points = points.reshape(-1, 1) if lattice.dim == 1 else np.atleast_2d(points)
-            nodes = np.array([lattice.whole.index(point) for point in points], int).reshape(-1, lattice.dim)
+            nodes = np.array([lattice.whole.index(point, "constraint.where") for point in points], int).reshape(
+                -1, lattice.dim
+            )
             found = np.unique(lattice.own(np.ravel_multi_index(tuple(nodes.T), lattice.whole.shape))[1])
             return found if lattice.mask is None else found[lattice.mask.flat[found]]
         if given.shape != lattice.whole.shape:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.errors import InputError
+from farhorizon.errors import InputError, shown
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import Lattice, nodes_in
 from farhorizon.geometry.shapes import Cut, Shape
@@ -83,10 +83,20 @@ class Pressure(Storable):
             kinds.settle(self, value=kinds.number(self.value, "load.value"))
         elif (value := kinds.array(self.value, "load.value")).ndim != 2 or value.shape[0] != value.shape[1]:
             raise InputError(
-                "a pressure is a number or a symmetric matrix", value=f"shape {value.shape}", key="load.value"
+                "a pressure is a number or a symmetric matrix",
+                value=f"shape {value.shape}",
+                limit="one row for each axis, as long as there are rows",
+                key="load.value",
+                remedy="a number where it presses alike in all directions",
             )
         elif np.abs(value - value.T).max() > _UNEVEN * np.abs(value).max():
-            raise InputError("the tensor of a pressure is symmetric", value=value.tolist(), key="load.value")
+            raise InputError(
+                "the tensor of a pressure is symmetric",
+                value=value,
+                limit="P = P^T",
+                key="load.value",
+                remedy=f"{shown((value + value.T) / 2)}, which presses alike, but turns nothing",
+            )
         kinds.settle(self, time=None if self.time is None else as_signal(self.time, "load.time"))
 
     def bounded(self, lattice: Lattice) -> Pressure:

@@ -130,7 +130,7 @@ class ThermalLoad(Storable):
                 remedy="leave it out",
             )
         kinds.number(
-            self.reference, "load.reference", above=0, remedy="heat of deformation goes by the absolute temperature"
+            self.reference, "load.reference", above=0, beyond="heat of deformation goes by the absolute temperature"
         )
 
     @staticmethod

@@ -97,6 +97,13 @@ class materials(metaclass=_Named):
         C30/37, uncracked, without reinforcement.
     homalite : Solid
         Homalite-100, for waves and running cracks.
+    pmma : Solid
+        Poly(methyl methacrylate).
+    granite : Solid
+        Lac du Bonnet granite, intact.
+    bone : Solid
+        Human cortical bone, taken for isotropic: across the axis of a long bone it is about a third softer than along
+        it (Reilly and Burstein 1975).
     water : Fluid
         At 20 degrees Celsius.
     air : Fluid
@@ -154,6 +161,36 @@ class materials(metaclass=_Named):
             young="Samudrala and Rosakis (2003), dynamic",
             poisson="Samudrala and Rosakis (2003), dynamic",
             density="Samudrala and Rosakis (2003)",
+        ),
+    )
+    pmma = Solid(
+        young=3.24e9,
+        poisson=0.35,
+        density=1190.0,
+        sources=_of(
+            young="Xu and Needleman (1994), J. Mech. Phys. Solids 42",
+            poisson="Xu and Needleman (1994), J. Mech. Phys. Solids 42",
+            density="Xu and Needleman (1994), J. Mech. Phys. Solids 42",
+        ),
+    )
+    granite = Solid(
+        young=69e9,
+        poisson=0.26,
+        density=2630.0,
+        sources=_of(
+            young="Potyondy and Cundall (2004), Int. J. Rock Mech. Min. Sci. 41, after Martin (1993)",
+            poisson="Potyondy and Cundall (2004), Int. J. Rock Mech. Min. Sci. 41, after Martin (1993)",
+            density="Potyondy and Cundall (2004), Int. J. Rock Mech. Min. Sci. 41",
+        ),
+    )
+    bone = Solid(
+        young=20.7e9,
+        poisson=0.3,
+        density=1920.0,
+        sources=_of(
+            young="Rho, Ashman and Turner (1993), J. Biomechanics 26, by ultrasound",
+            poisson="Zysset, Guo, Hoffler, Moore and Goldstein (1999), J. Biomechanics 32, as assumed there",
+            density="ICRU Report 44 (1989)",
         ),
     )
     water = Fluid(

@@ -55,8 +55,10 @@ def moduli_of(
             key="model",
             remedy="give young" if one else "give young and poisson",
         )
-    for ratio in {float(np.min(nu)), float(np.max(nu))}:
-        _check_ratio(ratio, fixed, plane, combinations)
+    check_ratio(nu, "model.poisson")
+    if fixed is not None:
+        for ratio in {float(np.min(nu)), float(np.max(nu))}:
+            _check_fixed(ratio, fixed, plane, combinations)
     if "shear" in given:
         shear = given["shear"]
     elif "young" in given:
@@ -81,16 +83,21 @@ def moduli_of(
     return found
 
 
-def _check_ratio(nu: float, fixed: float | None, plane: str | None, combinations: str) -> None:
-    if not -1 < nu < 0.5:
-        raise InputError(
-            "Poisson's ratio is out of range",
-            value=nu,
-            limit="above -1, below 0.5",
-            key="model.poisson",
-            remedy="0.49 for a nearly incompressible material" if nu >= 0.5 else "",
-        )
-    if fixed is not None and abs(nu - fixed) > _CLOSE:
+def check_ratio(values: np.ndarray | float, key: str) -> None:
+    """Refuse Poisson's ratios that no solid has, which stand at a key, with an InputError."""
+    for nu in (float(np.max(values)), float(np.min(values))) if np.size(values) else ():
+        if not -1 < nu < 0.5:
+            raise InputError(
+                "Poisson's ratio is out of range",
+                value=nu,
+                limit="above -1, below 0.5",
+                key=key,
+                remedy="0.49 for a nearly incompressible material" if nu >= 0.5 else "most solids have 0 to 0.49",
+            )
+
+
+def _check_fixed(nu: float, fixed: float, plane: str | None, combinations: str) -> None:
+    if abs(nu - fixed) > _CLOSE:
         state = "plane stress" if plane == "stress" else "three dimensions and plane strain"
         raise InputError(
             f"bond-based materials have one Poisson's ratio, in {state}",

@@ -47,6 +47,12 @@ class Variation:
         """Factor on bonds."""
         return self.stiffness if self.moduli is None else self.springs
 
+    @property
+    def of_waves(self) -> list[np.ndarray]:
+        """All that waves feel, each of the lattice's shape."""
+        given = self.stiffness, self.density, self.springs, *(() if self.moduli is None else self.moduli)
+        return [values for values in given if values is not None]
+
     def times(self, factor: np.ndarray | None) -> Variation:
         """The same with another factor on bonds."""
         if factor is None:

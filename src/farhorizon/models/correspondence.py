@@ -4,7 +4,9 @@ with shape tensors that are recomputed or kept.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
@@ -69,6 +71,13 @@ class Correspondence(Elastic):
     >>> bool(sim.fields["u"][1][8, -1] < 0)  # what is pushed gives way
     True
     """
+
+    others: ClassVar[Mapping[str, str]] = {
+        **Elastic.others,
+        "fracture_energy": "critical_stretch: bonds break by their stretch here, and what a crack spends goes by the "
+        'shape tensor and the drag as well; Elastic(material="correspondence"), whose bonds break by their energy, '
+        "takes a fracture_energy",
+    }
 
     def __init__(
         self,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from farhorizon.medium.fracture import fracture_energy as energy_of_fracture
 from farhorizon.medium.fracture import stretch_that_spends
 from farhorizon.medium.integrators import Verlet
 from farhorizon.medium.kernel import Kernel
-from farhorizon.medium.moduli import Moduli, moduli_of
+from farhorizon.medium.moduli import Moduli, check_ratio, moduli_of
 from farhorizon.medium.solids import (
     Table,
     central,
@@ -78,8 +78,10 @@ class Elastic(LatticeModel):
     critical_stretch : float, str, ndarray or callable, optional
         Bonds whose length has grown by more than this part break for good; not of finite elements. Those of a
         correspondence material break when as much energy is lost with them as in an intact body that is stretched
-        evenly until the longest bonds have this stretch (`farhorizon.medium.force_states.energy_of_bonds`). Where it
-        varies, as `young`: a bond breaks as the weaker of its ends does.
+        evenly until the longest bonds have this stretch (`farhorizon.medium.force_states.energy_of_bonds`). In
+        uniaxial tension that takes a larger stretch, from about ``1 / sqrt(1 - poisson)`` times it in plane stress and
+        ``sqrt((1 - poisson) / (1 - 2 poisson))`` in plane strain on: 1.12 and 1.15 for a ratio of 0.2, 1.35 and 2.35
+        for 0.45. Where it varies, as `young`: a bond breaks as the weaker of its ends does.
     fracture_energy : float, str, ndarray or callable, optional
         Instead of the critical stretch the energy that a new crack takes per area; see `critical_stretch_on`. In
         bond-based materials beside it where bonds soften.
@@ -133,6 +135,10 @@ class Elastic(LatticeModel):
     shear: Any
     lame: Any
     density: Any
+    others: ClassVar[Mapping[str, str]] = {
+        "speed": "young and poisson, as of a solid of fh.materials; a fluid is a Wave of its pressure: "
+        "fh.Wave(kernel, **fh.materials.water.constants)"
+    }
     energy_factor: float | None = None  # see `farhorizon.simulation.running_cracks.energy_factor`
     target = 1e-4  # a tenth of it costs as many nodes again: strong backward waves decide
 
@@ -194,12 +200,12 @@ class Elastic(LatticeModel):
     mechanical = True
 
     def serves(self, side: Any) -> bool:
-        """Whether a side goes with the material; where `bonds` may not be cut, those of vector fields do that bonds
+        """Whether a side goes with the material: one for vector fields, and where bonds may not be cut one that they
         cross.
         """
         if side.derivatives:
             return self.material == "correspondence" and isinstance(self.kernel, Kernel) and not self.stabilisation
-        return super().serves(side) and (self.bonds or side.vectors)
+        return super().serves(side) and side.vectors
 
     def _check_law(self) -> None:
         """What bonds that follow a law of their own stretch need."""
@@ -384,10 +390,13 @@ class Elastic(LatticeModel):
         model._settle()
         return model
 
-    def check_constant(self, name: str, values: np.ndarray) -> None:
+    @classmethod
+    def check_constant(cls, name: str, values: np.ndarray, key: str) -> None:
         """Refuse values that are not positive; Poisson's ratio has a range of its own."""
-        if name != "poisson":
-            super().check_constant(name, values)
+        if name == "poisson":
+            check_ratio(values, key)
+        else:
+            super().check_constant(name, values, key)
 
     def ordered(self, values: Mapping[str, np.ndarray]) -> list[Ordered]:
         """By the speed of P waves, and each strength by itself."""

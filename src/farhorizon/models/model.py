@@ -4,6 +4,7 @@ components.)"""
 from __future__ import annotations
 
 import copy
+import functools
 import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Protocol, Self, get_args
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from farhorizon import kinds
-from farhorizon.errors import InputError, shown
+from farhorizon.errors import InputError, shown, suggestion
 from farhorizon.files.html import table
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.integrators import Euler, Integrator, RungeKutta4, RungeKuttaChebyshev, Verlet
@@ -106,6 +107,8 @@ class LatticeModel:
     target : float
         Error that sides keep unless they are given one: of waves relative to the largest value, of diffusion to the
         largest at the same time.
+    others : dict of str to str
+        What to do instead of giving it some arguments of other models, for messages.
     tag : str
         Its `type` in a case file: ``KleinGordon`` is "klein-gordon".
     known : dict of str to type
@@ -139,6 +142,7 @@ class LatticeModel:
     of_temperature: LatticeModel | None = None
     speed_ratio: float = 1.0
     target: float = 1e-5
+    others: ClassVar[Mapping[str, str]] = {}
     tag: ClassVar[str]
     known: ClassVar[dict[str, type[LatticeModel]]] = {}
     _given: Stencil | None = None  # in place of what follows from the operator
@@ -171,6 +175,8 @@ class LatticeModel:
                 words = f"there is a model {tag!r} already"
                 raise InputError(words, value=other, remedy="give yours another name")
         LatticeModel.known[cls.__name__] = cls
+        if "__init__" in vars(cls):
+            setattr(cls, "__init__", _named(cls.__init__))  # noqa: B010 (mypy lets nobody assign to it)
 
     @property
     def _parameters(self) -> list[tuple[str, str]]:
@@ -217,8 +223,9 @@ class LatticeModel:
         """The same model with others of its constants `varying`."""
         return self
 
-    def check_constant(self, name: str, values: np.ndarray) -> None:
-        """Refuse values of a constant that varies.
+    @classmethod
+    def check_constant(cls, name: str, values: np.ndarray, key: str) -> None:
+        """Refuse values of a constant that varies, which stand at a key.
 
         Raises
         ------
@@ -229,10 +236,10 @@ class LatticeModel:
                 f"the {name} must be positive at every node",
                 value=float(values.min()),
                 limit="> 0",
-                key=f"model.{name}",
-                remedy="where there is no medium, leave it out of the lattice: body=...",
+                key=key,
+                remedy=_instead_of_none(key),
             )
-        kinds.check_magnitude(values, f"model.{name}")
+        kinds.check_magnitude(values, key)
 
     def ordered(self, values: Mapping[str, np.ndarray]) -> list[Ordered]:
         """By what nodes are put in order, and the constants of which the uniform model takes those of the node in the
@@ -406,5 +413,37 @@ def material_constant(value: Any, key: str, positive: bool = True) -> Any:
     """
     if callable(value) or isinstance(value, str) or (isinstance(value, np.ndarray) and value.ndim):
         return value
-    least = 0.0 if positive else None
-    return kinds.number(value, key, above=least, remedy="a number, an expression, a function or an array of the nodes")
+    return kinds.number(
+        value,
+        key,
+        above=0.0 if positive else None,
+        remedy="a number, an expression, a function or an array of the nodes",
+        beyond=_instead_of_none(key) if positive else "",
+    )
+
+
+def _instead_of_none(key: str) -> str:
+    """What stands for a medium, or for a strength, that is not there."""
+    if key.endswith(("critical_stretch", "fracture_energy")):
+        return "a crack where bonds are cut from the start; leave it out, or give a large one, where none break"
+    return "where there is no medium, leave it out of the lattice: body=..."
+
+
+def _named(init: Callable[..., None]) -> Callable[..., None]:
+    """The ``__init__`` of a model, which refuses arguments of other names in words."""
+    known = [name for name in inspect.signature(init).parameters if name != "self"]
+
+    @functools.wraps(init)
+    def checked(self: LatticeModel, *given: Any, **named: Any) -> None:
+        for name, value in named.items():
+            if name not in known:
+                raise InputError(
+                    f"{type(self).__name__} has no such argument",
+                    value=kinds.said(value),
+                    limit=", ".join(known),
+                    key=f"model.{name}",
+                    remedy=self.others.get(name) or suggestion(name, known).partition("known")[0] or "leave it out",
+                )
+        init(self, *given, **named)
+
+    return checked

@@ -98,7 +98,7 @@ class Thermoelastic(LatticeModel):
         self.coupled = kinds.flag(coupled, "model.coupled")
         above = 0.0 if self.coupled else None
         remedy = "heat of deformation goes by the absolute temperature; or coupled=False"
-        self.reference = kinds.number(reference, "model.reference", above=above, remedy=remedy)
+        self.reference = kinds.number(reference, "model.reference", above=above, beyond=remedy)
         try:
             self.elastic.heated(self.coupled)
         except InputError as error:

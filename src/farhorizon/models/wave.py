@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -50,6 +50,9 @@ class Wave(LatticeModel):
 
     speed: Any
     density: Any
+    others: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("young", "poisson", "bulk", "shear"), "a solid is an Elastic; a Wave has one speed"
+    )
 
     def __init__(
         self, operator: Kernel | Stencil, speed: Constant = 1.0, damping: float = 0.0, *, density: Constant = 1.0

@@ -15,7 +15,7 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.incidence import Incidence
-from farhorizon.inputs.outside import Beyond, gradients
+from farhorizon.inputs.outside import Beyond, changes
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.stencil import Stencil
@@ -47,7 +47,7 @@ from farhorizon.simulation.stiffening import least_stiffening, stiffening, trial
 from farhorizon.simulation.surfaces import check_conditions, rest_and_damp
 from farhorizon.simulation.surroundings import Surroundings, by_target, check_memory
 from farhorizon.simulation.team import ALONE, Team
-from farhorizon.simulation.validation import check_model, check_repeats, check_stencil, check_variation
+from farhorizon.simulation.validation import check_entrances, check_model, check_repeats, check_stencil, check_variation
 from farhorizon.simulation.warm_sides import heat_front, warm_margins, warm_sides
 
 T = TypeVar("T")
@@ -194,6 +194,7 @@ def survey(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Share 
     coefficient = node_factor(setup)
     variation = variation.times(coefficient)
     check_variation(sides, variation)
+    check_entrances(whole, sides, stencil)
     near = near_field(setup, sides, stencil, variation, coefficient, stiffer, team, of_whole)
     check_signals(setup, near)
     waves = incident_waves(setup, near, sides if share is None else share.sides, _cuts(setup), team)
@@ -353,9 +354,10 @@ def _look_beyond(found: Survey, team: Team) -> Beyond:
     beyond = Beyond(lattice, around.sides, setup.model.target, depth, near.closed, team.largest)
     beyond.notes += near.conditions.notes + around.notes + jumps(setup, near)
     name = "the coefficient" if near.factor is near.coefficient else "the stiffness"
-    for factor, called in ((near.factor, name), (near.density, "the density")):
-        if factor is not None:
-            beyond.notes += gradients(factor, called, beyond.targets, stencil.reach)
+    body = None if lattice.body is None else lattice.mask
+    for values, called in ((near.factor, name), (near.density, "the density"), (body, "the body")):
+        if values is not None:
+            beyond.notes += changes(values.astype(float), called, beyond.targets, stencil.reach)
     return beyond
 
 
@@ -364,8 +366,10 @@ def _margins(
 ) -> dict[Key, int]:
     """Nodes of the core beyond each side of the near field."""
     setup, near = found.setup, found.near
-    material = start.solid.astype(float) if start.solid.any() else near.factor
-    margins = choose_margins(near, around, (start.u, start.v), material, _cuts(setup), states, team)
+    medium = [start.solid, *near.variation.of_waves]
+    if setup.lattice.body is not None and setup.lattice.mask is not None:
+        medium.append(setup.lattice.mask)
+    margins = choose_margins(near, around, (start.u, start.v), medium, _cuts(setup), states, team)
     return margins | warm_margins(setup, warm, around)
 
 

@@ -12,7 +12,7 @@ from farhorizon.boundaries import Closure
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.cracks import Crack, cut_bonds
-from farhorizon.simulation.grid import Grid, check_material
+from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, side_name
 from farhorizon.simulation.surroundings import Surroundings
@@ -104,7 +104,6 @@ class CutBonds:
         core = np.ones(engine.core.nodes)
         if body and lattice.body is not None and lattice.mask is not None:
             core = self.grid.grown(lattice.mask.astype(float))
-            check_material(self.near, self.around, self.grid.margins, core)
         beyond = {key: 0.0 for key, b in self.around.sides.items() if not b.bonded}
         return engine.spread(core, self.grid.keyed(beyond), jointly=body and lattice.mask is not None) > 0.5
 

@@ -16,7 +16,7 @@ from farhorizon.engine.passes import StateSums
 from farhorizon.engine.rows.matrices import Signs
 from farhorizon.engine.settings import connect, set_density
 from farhorizon.errors import InputError
-from farhorizon.geometry.lattice import AXES, Lattice
+from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.integrators import Verlet
@@ -128,7 +128,7 @@ def choose_margins(
     near: NearField,
     around: Surroundings,
     data: Sequence[np.ndarray],
-    factor: np.ndarray | None,
+    medium: Sequence[np.ndarray],
     cuts: Sequence[Cut],
     states: ForceStates | None,
     team: Team = ALONE,
@@ -146,8 +146,8 @@ def choose_margins(
     around : Surroundings
     data : sequence of ndarray
         Initial data.
-    factor : ndarray or None
-        Factor on bonds, or the phases of a corrosion.
+    medium : sequence of ndarray
+        All that is to be the same along the normal: what varies of the material, a body, the phases of a corrosion.
     cuts : sequence of Cut
     states : ForceStates or None
     team : Team
@@ -169,7 +169,7 @@ def choose_margins(
                 np.abs(np.take(f, last, axis)).max() > faint * peak
                 for f, peak in zip(map(near.size, data), peaks, strict=True)
             )
-            busy |= factor is not None and bool(np.ptp(np.take(factor, last, axis), axis=axis).any())
+            busy |= any(np.diff(np.take(values, last, axis), axis=axis).any() for values in medium)
             edge = (lattice.lower if side < 0 else lattice.upper)[axis]
             close = [side * (edge - cut.bounds()[(side + 1) // 2][axis]) < (m + 1) * lattice.spacing for cut in cuts]
             margins[axis, side] = 1 + m if busy or any(close) else least
@@ -194,7 +194,7 @@ def make_grid(
     Raises
     ------
     InputError
-        A material that varies along the normal of a side that continues it, a fixed side beside a layer.
+        A fixed side beside a layer.
     """
     lattice, model, stencil, sides = near.lattice, near.model, near.stencil, around.sides
     lead = 3 - lattice.dim
@@ -213,12 +213,9 @@ def make_grid(
     grown = None
     if near.variation.of_bonds is not None:
         grown = _over_core(near.variation.of_bonds, margins)
-        check_material(near, around, margins, grown)
     moduli = None
     if near.variation.moduli is not None:
         moduli = np.stack([_over_core(one, margins) for one in near.variation.moduli])
-        for one in moduli:
-            check_material(near, around, margins, one)
     engine = Engine(
         (x, y, z),
         offsets,
@@ -243,9 +240,7 @@ def make_grid(
     walled = frozenset(key for key, b in sides.items() if b.held is not None and margins[key])
     grid = Grid(lattice, margins, engine, walled)
     if near.density is not None:
-        density = _over_core(near.density, margins)
-        check_material(near, around, margins, density)
-        set_density(engine, density)
+        set_density(engine, _over_core(near.density, margins))
     for (axis, side), boundary in sides.items():
         if boundary.held is not None and boundary.held != near.background:
             _hold_beyond(grid, near, around, (axis, side), boundary.held)
@@ -286,23 +281,6 @@ def _stretch(near: NearField, around: Surroundings, margins: dict[Key, int]) -> 
                 phi[along][part] += outwards[::side].reshape([-1 if a == lead + axis else 1 for a in range(3)])
             shift[part] = np.maximum(shift[part], alpha)
     return phi, shift
-
-
-def check_material(near: NearField, around: Surroundings, margins: dict[Key, int], core: np.ndarray) -> None:
-    """A layer, and an exact end, continue the material along the normal: it must not vary there within one reach."""
-    lead = 3 - near.lattice.dim
-    for (axis, side), boundary in around.sides.items():
-        if boundary.uniform:
-            m, ahead = near.stencil.reach[axis], margins[axis, side] if boundary.derivatives else 0
-            at = np.arange(ahead, ahead + m + 1)
-            last = np.take(core, at if side < 0 else core.shape[lead + axis] - 1 - at, lead + axis)
-            if np.any(np.ptp(last, axis=lead + axis) > 0):
-                raise InputError(
-                    f"the material varies along {AXES[axis]} within one reach of an absorbing side",
-                    key="coefficient",
-                    limit=f"constant over the last {m + 1 - margins[axis, side] + ahead} nodes",
-                    remedy="enlarge the near field",
-                )
 
 
 def _hold_beyond(grid: Grid, near: NearField, around: Surroundings, key: Key, value: float) -> None:

@@ -125,7 +125,7 @@ def constants_of(setup: Setup) -> dict[str, np.ndarray]:
     for name, value in setup.model.varying.items():
         key = f"model.{name}"
         values[name] = _on_part(as_given(value, lattice.dim, key, time=False), lattice, key)
-        setup.model.check_constant(name, values[name] if lattice.mask is None else values[name][lattice.mask])
+        setup.model.check_constant(name, values[name] if lattice.mask is None else values[name][lattice.mask], key)
     return values
 
 

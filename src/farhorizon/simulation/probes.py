@@ -49,7 +49,7 @@ class Probes:
         if given.ndim < 2 and (lattice.dim == 1 or not given.size):  # numbers along a line, or none at all
             given = given.reshape(-1, lattice.dim)
         asked = kinds.array(np.atleast_2d(given), "probes", shape=(None, lattice.dim))
-        found = np.array([lattice.index(point) for point in asked], int).reshape(-1, lattice.dim)
+        found = np.array([lattice.index(point, "probes") for point in asked], int).reshape(-1, lattice.dim)
         self.places, self.stride = lattice.lower + lattice.spacing * found, stride
         self.nodes = np.ravel_multi_index(tuple(found.T), lattice.shape) if len(found) else np.zeros(0, int)
         apart = np.abs(self.places - asked).max(1, initial=0) > 1e-6 * lattice.spacing

@@ -57,14 +57,18 @@ def check_conditions(near: NearField, sides: Sides, margins: dict[Key, int], not
             continue
         reach, name = near.stencil.reach[axis], side_name(axis, side)
         near_layer = max(reach - margins[axis, side] + 1, int(boundary.stretched))
-        if np.take(busy, _last(leak.shape[axis], side, near_layer), axis).any():
+        if count := np.count_nonzero(np.take(busy, _last(leak.shape[axis], side, near_layer), axis)):
+            still, kept = f"nodes held at the background, {near.background:g}, for ever", "keep what moves away from it"
+            if near.model.order == 1:
+                still = f"convection to the background, or {still}"
+                kept = "background = the value far away, restrict the condition by `within`"
             raise InputError(
                 f"a condition holds on nodes within one reach of the absorbing side {name}, where the medium "
                 "must come to rest",
+                value=f"{count} nodes",
                 key="constraints",
-                limit=f"convection to the background, or nodes held at it, on the last {reach + 1} nodes",
-                remedy="background = the temperature of the surroundings, a Free side there, or restrict the "
-                "condition by `within`",
+                limit=f"{still}, on the last {reach + 1} nodes",
+                remedy=f"{kept}, or a Free side there",
             )
         last = _last(leak.shape[axis], side, reach + 1)
         surfaces = [np.take(held, last, 1 + axis).swapaxes(0, 1 + axis), np.take(leak, last, axis).swapaxes(0, axis)]

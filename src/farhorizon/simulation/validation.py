@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from farhorizon.boundaries import names
-from farhorizon.errors import InputError
+from farhorizon.errors import InputError, shown
 from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.cracks import cut_bonds
 from farhorizon.inputs.incidence import Incident
@@ -13,6 +15,7 @@ from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.integrators import Euler, Verlet
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
+from farhorizon.simulation.host import constants_of
 from farhorizon.simulation.setup import Setup, Sides, side_name
 
 
@@ -29,7 +32,7 @@ def check_model(setup: Setup, sides: Sides) -> None:
             raise InputError(
                 f"{model.title} has no such side",
                 value=type(boundary).__name__,
-                limit=names(model.serves),
+                limit=names(lambda kind: model.serves(kind) and setup.lattice.dim in kind.dims),
                 key=f"boundary.{side_name(*key)}",
                 remedy=model.combinations,
             )
@@ -99,6 +102,35 @@ def check_variation(sides: Sides, variation: Variation) -> None:
                 limit="a density that is the same everywhere",
                 key=f"boundary.{side_name(*key)}",
                 remedy="LatticePML",
+            )
+
+
+def check_entrances(setup: Setup, sides: Sides, stencil: Stencil) -> None:
+    """Refuse a material, or a body, that varies along the normal within one reach of a side whose nodes stretch
+    derivatives: those of the near field just before it have a part in what it absorbs. Before other layers the medium
+    goes on for one reach as it is at the edge.
+
+    Raises
+    ------
+    InputError
+    """
+    stretched = [key for key, boundary in sides.items() if boundary.derivatives]
+    if not stretched:
+        return
+    there = np.ones(setup.lattice.shape, bool) if setup.lattice.mask is None else setup.lattice.mask
+    felt = {name: values for name, values in constants_of(setup).items() if name in setup.model.uneven}
+    medium = {"lattice.body": there, **{f"model.{name}": np.where(there, one, 0.0) for name, one in felt.items()}}
+    for (name, values), (axis, side) in itertools.product(medium.items(), stretched):
+        last = np.moveaxis(values, axis, 0)[::-side][: stencil.reach[axis] + 1].reshape(stencil.reach[axis] + 1, -1)
+        most = int(np.ptp(last.astype(float), axis=0).argmax())
+        if (last[:, most] != last[0, most]).any():
+            raise InputError(
+                f"varies along {AXES[axis]} within one reach of {side_name(axis, side)}, whose layer stretches "
+                "derivatives",
+                value=f"{shown(last[:, most])} from the edge inwards",
+                limit=f"constant over the last {len(last)} nodes",
+                key=name,
+                remedy="enlarge the near field, or values that do not change along the normal there",
             )
 
 
