@@ -404,28 +404,37 @@ def stretch_edge(stage, sums, worker, number, t, dithered):
                 clear(found + row, (n - most) * LINES, work[0])
 
 
-def stretch_face(stage, sums, worker, number, dithered):
-    """Add what a face's layer contributes to some rows of one tile, on its columns and on those of the core next to it;
-    advances its memory.
+@njit(error_model="numpy", cache=True, counted=False)
+def add_edge(stage, sums, worker, number, row, part, p, here):
+    """Add to the parts of a row of a face, of one component and set (the `part`) on one column, what the layer of the
+    other axis adds to them, as `stretch_edge` has left it; here: the first of their rows of work space.
     """
-    src, base, out, rows = stage.src, stage.base, stage.out, stage.rows
-    layers, work, varied = sums.layers, sums.work_space[worker], sums.liquid.coefficient.size > 1
-    scale, slots, memory, item = stage.scale * layers.unit, layers.slots, layers.memory, layers.items[number]
-    face, tile, sizes = layers.faces[item[0]], layers.tiles[item[3]], layers.sizes
+    layers, work, sizes, item = sums.layers, sums.work_space[worker], sums.layers.sizes, sums.layers.items[number]
+    face, edge, vectors = layers.faces[item[0]], layers.edges[item[4]], layers.tiles[item[3], TILE_VECTORS]
+    other, m, c, own = layers.faces[edge[EDGE_OTHER]], face[REACH], part // face[SETS], part % face[SETS]
+    start, wide, lanes = address(work), LINES * work.itemsize, vectors * 64 // work.itemsize
+    corner, side = (other[ORIGIN] - sizes[8]) // abs(other[STEP]), 1 if other[STEP] > 0 else -1
+    first = (stage.rows + 2) * sizes[5] + c * sizes[9] + (row - corner) * side + other[REACH]
+    for k in range(max(0, -p - 1), m):
+        if layers.kinds[edge[EDGE_KINDS] + k, KIND_REACH] > 0:
+            column = (own * m + k) * (face[COLUMNS] + m + 1) + p + m
+            far = first + column * (other[COLUMNS] + other[REACH] + 1)
+            add_lines(start + far * wide, start + (here + k) * wide, work.dtype.type(1), lanes)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def sum_row(stage, sums, worker, number, row, coming):
+    """The parts of a row of a face on all columns; coming: address of the memory of the next row, which is fetched."""
+    layers, work, varied, rows = sums.layers, sums.work_space[worker], sums.liquid.coefficient.size > 1, stage.rows
+    item, sizes, size = layers.items[number], layers.sizes, stage.src.itemsize
+    face, tile = layers.faces[item[0]], layers.tiles[item[3]]
     columns, m, sets = face[COLUMNS], face[REACH], face[SETS]
     band, count, vectors = tile[TILE_BAND], tile[TILE_COUNT], tile[TILE_VECTORS]
-    size = src.itemsize
-    wide, start = LINES * size, address(work)
-    half, found, added = sizes[5] // 2, (rows + 1) * sizes[5], (rows + 2) * sizes[5]
-    stretch = stretch_of(layers, face[PROFILE])
-    field, extra, olds, news = address(src), address(slots), address(base), address(out)
-    lanes, apart, cells = vectors * 64 // size, src.size // stage.components, (2 * columns + 1) * m
-    cell, of_row = layers.cell * lanes, layers.cell * sizes[6] * cells
-    each = -(-cells * cell // (columns + m + 1) // 64) * 64  # bytes of memory to fetch with a column
-    edge = item[4]
-    other = layers.faces[layers.edges[max(edge, 0), EDGE_OTHER]] if edge >= 0 else face
-    high = other[COLUMNS] + other[REACH] + 1
-    corner, side = (other[ORIGIN] - sizes[8]) // abs(other[STEP]), 1 if other[STEP] > 0 else -1
+    wide, start, half = LINES * size, address(work), sizes[5] // 2
+    field, extra, olds, news = address(stage.src), address(layers.slots), address(stage.base), address(stage.out)
+    apart, cells = stage.src.size // stage.components, (2 * columns + 1) * m
+    of_row = layers.cell * sizes[6] * cells * face[ROWS]
+    each = -(-cells * layers.cell * (vectors * 64 // size) // (columns + m + 1) // 64) * 64  # bytes with a column
     width = layers.bands[max(band, 0), WIDTH]
     line = layers.bands[max(band, 0), BASE] + face[SLOT] * width + tile[TILE_COLUMN]
     function, band_function = layers.mirrored[face[AXIS], 0, 0], layers.mirrored[face[AXIS], 1, 0] if band >= 0 else 0
@@ -435,81 +444,84 @@ def stretch_face(stage, sums, worker, number, dithered):
     step, shift, ahead, behind = slot_steps(layers, band, size)
     on, back = (0, (sets - 1) * half * wide) if face[STEP] > 0 else ((sets - 1) * half * wide, 0)
     across, slots_across = face[ROW_STEP] * size, face[SLOT_ROW] * width * size
-    if edge >= 0:
-        call_with(sums.called[EDGE], stage, sums, (worker, edge, item[3], dithered))
+    first = face[ORIGIN] + row * face[ROW_STEP] + tile[TILE_FIRST]
+    factors = weigh_bonds(sums, worker, face[AXIS], first, count) if varied else start
+    whole = mirrored and item[4] < 0 and layers.cuts.shape[0] == 0
+    for p in range(-m, columns + 1):
+        node, to = first + p * face[STEP], (p + m) * m
+        slot = line + (p * face[SLOT_STEP] + row * face[SLOT_ROW]) * width
+        for c in range(rows):
+            fetch_lines(news + (node + c * apart) * size, count * size)
+            fetch_lines(field + (node + c * apart + (m + 1) * face[ROW_STEP]) * size, count * size)
+            if stage.increments:
+                fetch_lines(olds + (node + c * apart) * size, count * size)
+            fetch_lines(coming + c * of_row, each)
+        coming += each
+        if mirrored:
+            plus, minus, here = start + to * wide + on, start + to * wide + back, extra + slot * size
+            sides = (plus, minus, wide, sizes[5] * wide)
+            strides = (across, across, apart * size, 0)
+            call_mirrored(function, sides, (field + node * size, 0), strides, weights, vectors)
+            if band_function != 0:
+                for k in range(stage.components * m * sets):  # of the next row; there are many, far apart
+                    fetch_lines(here + k * step + (m + 1) * slots_across, width * size)
+                strides = (slots_across, slots_across, shift, step)
+                call_mirrored(band_function, sides, (here + ahead, here + behind), strides, band_weights, vectors)
+        for part in range(0 if whole else rows * sets):
+            c, own = part // sets, part % sets
+            if p < 0 and own < sets - 1:
+                continue
+            here = c * sizes[5] + own * half + to
+            if not mirrored:
+                weigh(
+                    layers,
+                    face[PARTS],
+                    face[SUMS] + part,
+                    (field + node * size, factors),
+                    extra + slot * size,
+                    band,
+                    start + here * wide,
+                    wide,
+                    vectors,
+                    max(1, -p),
+                )
+            if item[4] >= 0:
+                add_edge(stage, sums, worker, number, row, part, p, here)
+            if layers.cuts.shape[0]:
+                cuts = face[CUTS] + (c * face[ROWS] + row) * layers.tiles.shape[0] + item[3]
+                call_with(sums.called[ABSENT], stage, sums, (worker, cuts, own, p, node, slot, band, here))
+
+
+def stretch_face(stage, sums, worker, number, dithered):
+    """Add what a face's layer contributes to some rows of one tile, on its columns and on those of the core next to it;
+    advances its memory.
+    """
+    layers, work, scale = sums.layers, sums.work_space[worker], stage.scale * sums.layers.unit
+    item, sizes, size, rows = layers.items[number], layers.sizes, stage.src.itemsize, stage.rows
+    face, tile = layers.faces[item[0]], layers.tiles[item[3]]
+    columns, m, count, vectors = face[COLUMNS], face[REACH], tile[TILE_COUNT], tile[TILE_VECTORS]
+    wide, start, memory = LINES * size, address(work), address(layers.memory)
+    back, found = (face[SETS] - 1) * (sizes[5] // 2) * wide, start + ((rows + 1) * sizes[5] + m) * wide
+    stretch, apart, cells = stretch_of(layers, face[PROFILE]), stage.src.size // stage.components, (2 * columns + 1) * m
+    cell = layers.cell * (vectors * 64 // size)
+    if item[4] >= 0:
+        call_with(sums.called[EDGE], stage, sums, (worker, item[4], item[3], dithered))
+    of_row = layers.cell * sizes[6] * cells
     for row in range(item[1], item[2]):
         first = face[ORIGIN] + row * face[ROW_STEP] + tile[TILE_FIRST]
-        factors = weigh_bonds(sums, worker, face[AXIS], first, count) if varied else start
-        coming = address(memory) + layers.cell * (face[MEMORY] + (row * sizes[6] + tile[TILE_PLACE]) * cells)
-        coming += of_row if face[ROWS] > 1 else cells * cell
-        for p in range(-m, columns + 1):
-            node, slot, to = (
-                first + p * face[STEP],
-                line + (p * face[SLOT_STEP] + row * face[SLOT_ROW]) * width,
-                (p + m) * m,
-            )
-            for c in range(rows):
-                fetch_lines(news + (node + c * apart) * size, count * size)
-                fetch_lines(field + (node + c * apart + (m + 1) * face[ROW_STEP]) * size, count * size)
-                if stage.increments:
-                    fetch_lines(olds + (node + c * apart) * size, count * size)
-                fetch_lines(coming + c * of_row * face[ROWS], each)
-            coming += each
-            if mirrored:
-                plus, minus, here = start + to * wide + on, start + to * wide + back, extra + slot * size
-                sides = (plus, minus, wide, sizes[5] * wide)
-                strides = (across, across, apart * size, 0)
-                call_mirrored(function, sides, (field + node * size, 0), strides, weights, vectors)
-                if band_function != 0:
-                    for k in range(stage.components * m * sets):  # of the next row; there are many, far apart
-                        fetch_lines(here + k * step + (m + 1) * slots_across, width * size)
-                    strides = (slots_across, slots_across, shift, step)
-                    call_mirrored(band_function, sides, (here + ahead, here + behind), strides, band_weights, vectors)
-            for part in range(0 if mirrored and edge < 0 and layers.cuts.shape[0] == 0 else rows * sets):
-                c, own = part // sets, part % sets
-                if p < 0 and own < sets - 1:
-                    continue
-                here, sum_number = c * sizes[5] + own * half + to, face[SUMS] + c * sets + own
-                if not mirrored:
-                    weigh(
-                        layers,
-                        face[PARTS],
-                        sum_number,
-                        (field + node * size, factors),
-                        extra + slot * size,
-                        band,
-                        start + here * wide,
-                        wide,
-                        vectors,
-                        max(1, -p),
-                    )
-                for k in range(max(0, -p - 1), m if edge >= 0 else 0):
-                    if layers.kinds[layers.edges[edge, EDGE_KINDS] + k, KIND_REACH] == 0:
-                        continue
-                    far = (
-                        c * sizes[9]
-                        + ((own * m + k) * (columns + m + 1) + p + m) * high
-                        + (row - corner) * side
-                        + other[REACH]
-                    )
-                    add_lines(start + (added + far) * wide, start + (here + k) * wide, work.dtype.type(1), lanes)
-                if layers.cuts.shape[0]:
-                    cuts = face[CUTS] + (c * face[ROWS] + row) * layers.tiles.shape[0] + item[3]
-                    numbers = worker, cuts, own, p, node, slot, band, here
-                    call_with(sums.called[ABSENT], stage, sums, numbers)
+        of_first = memory + layers.cell * (face[MEMORY] + (row * sizes[6] + tile[TILE_PLACE]) * cells)
+        sum_row(stage, sums, worker, number, row, of_first + (of_row if face[ROWS] > 1 else cells * cell))
         for c in range(rows):
-            first_cell = face[MEMORY] + ((c * face[ROWS] + row) * sizes[6] + tile[TILE_PLACE]) * cells
-            memo = address(memory) + layers.cell * first_cell
-            zero, there = start + (c * sizes[5] + m * m) * wide, start + (found + m) * wide
-            outer, inner = (zero, m * wide, wide), (zero + (sets - 1) * half * wide, m * wide, wide)
-            total, inwards = (there, wide, wide), memo + (columns + 1) * m * cell
+            memo, zero = of_first + c * face[ROWS] * of_row, start + (c * sizes[5] + m * m) * wide
+            outer, inner, total = (zero, m * wide, wide), (zero + back, m * wide, wide), (found, wide, wide)
+            inwards = memo + (columns + 1) * m * cell
             call_shifts(face[OUTWARDS], outer, total, (memo, cell, dithered), stretch, columns, vectors)
             call_shifts(face[INWARDS], inner, total, (inwards, cell, dithered), stretch, columns, vectors)
             for p in range(1 - m, columns + 1):
                 place = (first + p * face[STEP] + c * apart) * size
-                add_lines(there + p * wide, news + place, scale, count)
+                add_lines(found + p * wide, address(stage.out) + place, scale, count)
                 if stage.increments:
-                    add_lines(there + p * wide, olds + place, scale, count)
+                    add_lines(found + p * wide, address(stage.base) + place, scale, count)
 
 
 def take_cuts(stage, sums, worker, cuts, own, p, node, slot, band, parts):

@@ -153,7 +153,7 @@ def load_crossing(
         DIFFER=differ,
         REAL=real,
     )
-    return int(made.tile_parts.address)
+    return int(made.crossings.address)
 
 
 def load_exchange() -> tuple[int, int, int]:

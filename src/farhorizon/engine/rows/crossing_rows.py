@@ -19,6 +19,6 @@ _parts = crossing_parts(SHAPE, PATTERN, INSIDE, OUTSIDE, BOTH, REACH, APART, DIF
 
 
 @cfunc(CROSSING_SIGNATURE)
-def tile_parts(to, source, strides, weights, vectors):
-    """Parts of the nodes of a tile."""
+def crossings(to, source, strides, weights, vectors):
+    """Parts of the nodes of a tile of an edge."""
     _parts(to, source, strides, weights, vectors)
