@@ -61,6 +61,7 @@ class State:
         engine.ends.clock[0] = 1  # a later step than the first, whose sample counts half at exact ends
         for i, level in enumerate(levels):
             engine.levels[level, self._nodes] = values[i * count : (i + 1) * count]
+            engine.complete(engine.levels[level])  # a step fills the halo of the present level alone
         end = len(levels) * count
         engine.memory[self._memory] = values[end : end + len(self._memory)]
         start, end = end + len(self._memory), end + len(self._memory) + len(self._modes[0])
