@@ -39,6 +39,7 @@ class Field(Protocol):
     tables: Tables
     passes: Any
     warm_layers: Any
+    dragged_layers: Any
     exchange: Exchange | None
 
     @property
