@@ -179,6 +179,10 @@ class Engine:
     passes : Passes or None
     warm_layers : WarmLayers or None
     dragged_layers : DraggedLayers or None
+    layers_of_passes : list of LayerTables or None
+        Those of each pass, by its number; None where there is no such pass.
+    all_layers : list of LayerTables
+        Those that are there.
     memory : ndarray
         What the layers remember, of the type `kept`: that of the field, or the first halves of its numbers.
     bonds : BondZone
@@ -236,6 +240,14 @@ class Engine:
         self.passes = None if sums is None else Passes(self, sums, recursion)
         self.warm_layers = None if heat is None else WarmLayers(self, heat, recursion, coefficient is None)
         self.dragged_layers = DraggedLayers(self, recursion) if dragged else None
+        passes, warm, drag = self.passes, self.warm_layers, self.dragged_layers
+        self.layers_of_passes: list[LayerTables | None] = [
+            self.layer_tables,
+            *((None, None) if passes is None else passes.layer_tables),
+            *((None, None) if warm is None else warm.layer_tables),
+            None if drag is None else drag.layer_tables,
+        ]
+        self.all_layers = [tables for tables in self.layers_of_passes if tables is not None]
         self.dampers = DamperTables(self.layout, self.layers, dt)
         self.memory = self._one_memory()
         self.levels = aligned_zeros(self.components * self.layout.size, self.dtype, stages.levels)
@@ -264,18 +276,6 @@ class Engine:
         them.
         """
         return sum(tables.in_a_line(side) for tables in self.all_layers)
-
-    @property
-    def all_layers(self) -> list[LayerTables]:
-        """Those of all passes."""
-        return [tables for tables in self.layers_of_passes if tables is not None]
-
-    @property
-    def layers_of_passes(self) -> list[LayerTables | None]:
-        """Those of each pass, by its number; None where there is no such pass."""
-        pairs = ((one and one.layer_tables) or (None, None) for one in (self.passes, self.warm_layers))
-        dragged = None if self.dragged_layers is None else self.dragged_layers.layer_tables
-        return [self.layer_tables, *itertools.chain(*pairs), dragged]
 
     @property
     def _of_the_solid(self) -> list[LayerTables]:
@@ -599,7 +599,8 @@ class Engine:
         parts = (tables.ends, tables.phases, tables.bonds, tables.fringe, tables.filter, tables.cuts, tables.surface)
         states = tables.gather.sweep.law.values
         stretched = tables.stretches.keep, tables.stretches.gain, tables.stretches.own
-        held = (self.levels, tables.layers.slots, self.memory, tables.material.coefficient, states, *stretched)
+        drag = tables.drag.moved, tables.drag.beyond
+        held = (self.levels, tables.layers.slots, self.memory, tables.material.coefficient, states, *stretched, *drag)
         return sum(np.asarray(a).nbytes for part in (held, *parts) for a in part)
 
 
