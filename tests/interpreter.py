@@ -59,6 +59,7 @@ class Interpreter:
             op.ENDS: self._exact_ends,
             op.FEED: self._feed,
             op.INERTIA: self._weigh_down,
+            op.MOVED: self._take_increments,
             op.DRAG: self._drag,
             op.DAMP_NEW: self._damp_new,
             op.FILTER: self._filter,
@@ -95,6 +96,8 @@ class Interpreter:
                 for operation, number, which in tables.operations[first:last].tolist():
                     if which in (op.PUSHES, op.TRACES) and operation == op.STRETCH:
                         self.heat.stretch(number, which)
+                    elif which == op.NEIGHBOURS and operation == op.STRETCH:
+                        self._stretch_neighbours(number)
                     elif which in (op.GATHER, op.SCATTER):
                         assert self.states is not None
                         self.states.run(operation, number, which)
@@ -313,8 +316,8 @@ class Interpreter:
         return total
 
     def _factors_of_pass(self, number: int, others: np.ndarray) -> np.ndarray | float:
-        """Factors of the bonds of all nodes in a pass: those of states have none."""
-        return 1.0 if number in (op.GATHER, op.SCATTER) else self.factors(self.nodes, others)
+        """Factors of the bonds of all nodes in a pass: those of states and of drag have none."""
+        return 1.0 if number in (op.GATHER, op.SCATTER, op.NEIGHBOURS) else self.factors(self.nodes, others)
 
     def present(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Which bonds are there, by the absent ones and by the places without a node."""
@@ -342,11 +345,21 @@ class Interpreter:
         free = src - stage.b * (src - stage.base[nodes])
         stage.out[nodes] = free + mobile * (stage.out[nodes] - free)
 
+    def _take_increments(self) -> None:
+        self.tables.drag.moved[:] = self.stage.src - self.stage.base
+
+    def _stretch_neighbours(self, axis: int) -> None:
+        drag, dragged = self.tables.drag, self.engine.dragged_layers
+        assert dragged is not None
+        found = self.stretched(axis, self.split(drag.moved), dragged.weights, op.NEIGHBOURS)
+        self.split(drag.beyond)[:, self.nodes] += found.reshape(self.components, -1)
+
     def _drag(self) -> None:
         drag, stage = self.tables.drag, self.stage
         nodes = self.nodes[self.engine.absent.exists[self.nodes]]
-        increments = self.split(stage.src) - self.split(stage.base)
-        total, number = np.zeros((self.components, len(nodes))), np.zeros(len(nodes))
+        increments, beyond = self.split(drag.moved), self.split(drag.beyond)
+        total, number = beyond[:, nodes], np.zeros(len(nodes))
+        beyond[:] = 0
         for distance in drag.distances:
             there = self.present(nodes, nodes + distance)
             total += there * increments[:, nodes + distance]

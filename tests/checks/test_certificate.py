@@ -425,6 +425,18 @@ def test_certificates_know_no_units(name, units):
     assert other.rate_per_crossing == pytest.approx(one.rate_per_crossing, rel=1e-3, abs=slack, nan_ok=True)
 
 
+def test_layers_of_a_dragged_solid_are_certified():
+    """And its waves have left in a run that asks for no certificate."""
+    model = fh.Correspondence(fh.Kernel(2.0, 1), 1.0, 0.3, stabilisation=0.5, drag=0.1)
+    lattice, pulse = fh.Lattice(1.0, (-15.0, -15.0), (15.0, 15.0)), ["exp(-(x**2 + y**2)/8)", "0"]
+    sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=8), {"u": pulse}, threads=1)
+    found = sim.certificate(20.0)
+    assert found.verdict == "certified"
+    assert measured_rate(plain_twin(sim), 2000) < 0
+    sim.run(until=200.0)
+    assert np.abs(sim.fields["u"]).max() < 0.01
+
+
 def test_run_refuses_what_grows_from_python_too():
     """The same rule as on the command line: tenfold until the end is refused before a step is done, less is noted; the
     way out runs it.

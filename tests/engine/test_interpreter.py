@@ -258,6 +258,20 @@ CASES = {
     "stresses of heat as bonds break": lambda: heated("correspondence", 0.3, stabilisation=0.4),
     "dilatations of heat as bonds break": lambda: heated("state-based", "0.4 - 0.1*(y > 9.5)"),
     "stresses of heat as bonds break and close": lambda: heated("correspondence", 0.3, stabilisation=0.4, contact=True),
+    "drag in layers that meet, and run into a free side and a crack": lambda: fh.Simulation(
+        lattice(15, 16),
+        fh.Correspondence(fh.Kernel(2.0), 1.0, 0.3, drag=0.4, stabilisation=0.3),
+        {"x": fh.LatticePML(nodes=4), "y-": fh.LatticePML(nodes=3), "y+": fh.Free()},
+        {"u": 1e-3 * bump((15, 16), 2)},
+        cracks=[fh.Crack([(-99.0, 7.5), (5.0, 7.5)])],
+        balance=True,
+    ),
+    "drag in layers in space": lambda: fh.Simulation(
+        lattice(11, 8, 11),
+        fh.Correspondence(fh.Kernel(1.5, 1), 1.0, 0.3, drag=0.4, stabilisation=0.3),
+        {"x": fh.LatticePML(nodes=3), "y": fh.Periodic(), "z": fh.LatticePML(nodes=3)},
+        {"u": 1e-3 * bump((11, 8, 11), 3)},
+    ),
     "stretched derivatives": lambda: fh.Simulation(
         lattice(13, 14),
         fh.Correspondence(fh.Kernel(2.0), 1.0, 0.3, drag=0.4),

@@ -16,8 +16,9 @@ def box(*nodes):
     return fh.Lattice(1.0, (0.0,) * len(nodes), [n - 1.0 for n in nodes])
 
 
-def noise(lattice):
-    return np.random.default_rng(5).standard_normal(lattice.shape)
+def noise(lattice, model):
+    vector = (lattice.dim,) * isinstance(model, fh.Correspondence)
+    return np.random.default_rng(5).standard_normal(vector + lattice.shape)
 
 
 SETUPS = {
@@ -58,6 +59,11 @@ SETUPS = {
         "model": fh.Wave(kernel(2)),
         "boundary": {"x": fh.LatticePML(nodes=2), "y": fh.Fixed(), "z": fh.LatticePML(nodes=2)},
     },
+    "drag between periodic sides": {
+        "lattice": box(9, 8),
+        "model": fh.Correspondence(kernel(2, 1), 1.0, 0.3, stabilisation=0.5, drag=0.5),
+        "boundary": {"x": fh.LatticePML(nodes=3), "y": fh.Periodic()},
+    },
     "exact ends": {"lattice": box(20), "model": fh.Wave(kernel()), "boundary": fh.Exact()},
     "mirrored temperatures": {
         "lattice": box(20),
@@ -72,7 +78,7 @@ SETUPS = {
 def test_a_state_has_all_that_a_run_needs(name):
     """Nothing else decides what follows: a run set to a state read before goes on bit by bit as it did."""
     setup = SETUPS[name]
-    sim = fh.Simulation(**setup, initial={"u": noise(setup["lattice"])}, threads=1)
+    sim = fh.Simulation(**setup, initial={"u": noise(setup["lattice"], setup["model"])}, threads=1)
     sim.prepare(50 * sim.dt)
     state = State(sim.engine)
     sim.step(3 * state.every)

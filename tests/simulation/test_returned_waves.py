@@ -108,6 +108,53 @@ def test_random_elastic_pulses_keep_their_target(case):
     assert worst_error(sim, u, until, 24) <= target
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("case", range(16))
+def test_random_dragged_pulses_keep_their_target(case):
+    """Of velocities that move towards the mean of their neighbours, those in the layers and across a side included:
+    solids of several kernels, displaced or struck, against a domain from which nothing returns.
+    """
+    seed = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
+    random = np.random.default_rng([seed, case])
+    print(f"seed {seed}, set-up {case}")
+    shape, until, target = random.integers(21, 33, 2), 50.0, 10.0 ** -random.uniform(3, 6)
+    kernel = fh.Kernel(float(random.choice([1.5, 2.0, 2.6, 3.0])), int(random.integers(3)))
+    poisson, stabilisation, drag = random.uniform(0.05, 0.4), random.uniform(0.3, 1), 10 ** random.uniform(-2.5, 0)
+    bell = pulse(fh.Lattice(1.0, (0.0, 0.0), shape - 1.0), (shape - 1) / 2, random.uniform(2.0, 2.8))
+    model = fh.Correspondence(kernel, 1.0, poisson, stabilisation=stabilisation, drag=drag)
+    kind = str(random.choice(["u", "v"]))
+    assert dragged_error(model, {kind: np.stack([bell, random.uniform(-1, 1) * bell])}, target, until) <= target
+
+
+def dragged_error(model, initial, target, until):
+    """What layers for a target leave of the largest value, against a domain that is larger on each side by three
+    quarters of the way that long waves run: short ones, which drag stops, run ahead of them before they are gone.
+    """
+    ((kind, values),) = initial.items()
+    shape, room = np.array(values.shape[1:]), int(0.75 * until * model.p_speed) + 8
+    sim = fh.Simulation(
+        fh.Lattice(1.0, (0.0, 0.0), shape - 1.0), model, fh.LatticePML(target=target, until=until), initial, threads=1
+    )
+    wide = fh.Lattice(1.0, (-room, -room), shape - 1.0 + room)
+    around = np.pad(values, [(0, 0), (room, room), (room, room)])
+    large = fh.Simulation(wide, model, fh.Fixed(), {kind: around}, dt=sim.dt, threads=1)
+    worst, largest = 0.0, np.abs(values).max() if kind == "u" else 0.0
+    while sim.time < until - 4 * sim.dt:
+        for one in (sim, large):
+            one.step(4)
+        inside = large.fields["u"][:, room:-room, room:-room]
+        worst, largest = max(worst, np.abs(sim.fields["u"] - inside).max()), max(largest, np.abs(inside).max())
+    return worst / largest
+
+
+@pytest.mark.parametrize("drag", [0.02, 0.5])
+def test_layers_drag_as_the_medium_does(drag):
+    """Where what lay in the layer dragged as it was, 3 and 45 targets came back."""
+    model = fh.Correspondence(fh.Kernel(2.0, 1), 1.0, 0.3, stabilisation=0.5, drag=drag)
+    bell = pulse(fh.Lattice(1.0, (-12.0, -12.0), (12.0, 12.0)), (0.0, 0.0), np.sqrt(8.0))
+    assert dragged_error(model, {"u": np.stack([bell, 0 * bell])}, 1e-5, 50.0) <= 1e-5
+
+
 def test_no_images_are_heard_in_long_runs():
     """Where the medium goes on along the sides a run of ten times the length needs no more than a few nodes more; once
     waves of images travelled along them, and 59 nodes in place of 12 were taken.

@@ -76,6 +76,9 @@ class AbsentBonds:
         )
         order = np.lexsort((neighbours, nodes))
         nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
+        if engine.dragged_layers is not None:
+            layers = engine.dragged_layers.without(nodes, neighbours)
+            engine.replace(neighbours=engine.tables.neighbours._replace(layers=layers))
         if engine.passes is not None:
             engine.passes.leave_out(nodes, neighbours, *bare, self.exists)
             if not engine.weights.any():

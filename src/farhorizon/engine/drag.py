@@ -12,7 +12,7 @@ from farhorizon.engine.threads import barrier, share
 
 
 class Drag(NamedTuple):
-    """The drag of nodes, and what it takes.
+    """The drag of nodes, and what it takes; see `engine.dragged_layers`.
 
     Attributes
     ----------
@@ -26,6 +26,10 @@ class Drag(NamedTuple):
     lost : ndarray, shape (planes, rows)
         What these have lost, over the mass of a node of the medium.
     room : ndarray, shape (threads, d, nodes of a row)
+    moved : ndarray, shape (d * places,)
+        The increments of a step.
+    beyond : ndarray, of the same shape
+        What layers add to their sums over neighbours, which is taken once a step.
     """
 
     rate: np.ndarray
@@ -36,14 +40,15 @@ class Drag(NamedTuple):
     end: np.ndarray
     lost: np.ndarray
     room: np.ndarray
+    moved: np.ndarray
+    beyond: np.ndarray
 
 
 def no_drag(real: np.dtype) -> Drag:
     """None."""
-    none, bits = np.zeros(0, np.int64), np.zeros(0, np.uint64)
-    return Drag(
-        np.zeros(0, real), none, bits.reshape(0, 0), bits, none, none, np.zeros((0, 0)), np.zeros((0, 0, 0), real)
-    )
+    none, bits, nothing = np.zeros(0, np.int64), np.zeros(0, np.uint64), np.zeros(0, real)
+    room = np.zeros((0, 0)), np.zeros((0, 0, 0), real)
+    return Drag(nothing, none, bits.reshape(0, 0), bits, none, none, *room, nothing, nothing)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -53,33 +58,46 @@ def _there(bits, node, bond):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def _means(stage, drag, place, pull):
+def take_increments(thread, stage, drag):
+    """What each place has moved by in the last step."""
+    first, end = share(thread, drag.moved.size)
+    for i in range(first, end):
+        drag.moved[i] = stage.src[i] - stage.base[i]
+    barrier(thread)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def _means(components, drag, place, pull):
     """Of each node of a row the mean increment of its neighbours, less its own; shape (d, nodes)."""
-    src, base, apart = stage.src, stage.base, stage.src.size // stage.components
-    for c in range(stage.components):
+    moved, beyond, apart = drag.moved, drag.beyond, drag.moved.size // components
+    for c in range(components):
         first = c * apart + place
-        here, before, total = src[first : first + pull.shape[1]], base[first : first + pull.shape[1]], pull[c]
-        total[:] = 0
-        for k in range(drag.distances.size):
-            at = first + drag.distances[k]
-            there, ago = src[at : at + total.size], base[at : at + total.size]
-            for i in range(total.size):
-                total[i] += there[i] - ago[i]
+        total, added = pull[c], beyond[first : first + pull.shape[1]]
         for i in range(total.size):
-            total[i] = total[i] / drag.distances.size - (here[i] - before[i])
+            total[i] = added[i]
+        for k in range(drag.distances.size):
+            there = moved[first + drag.distances[k] :]
+            for i in range(total.size):
+                total[i] += there[i]
+        own = moved[first : first + total.size]
+        for i in range(total.size):
+            total[i] = total[i] / drag.distances.size - own[i]
     for i in range(pull.shape[1]):
         node, whole = place + i, True
         for word in range(drag.full.size):
             whole &= drag.alive[word, node] == drag.full[word]
         if whole:
             continue
-        for c in range(stage.components):
-            total, number, at = src[0] * 0, 0, c * apart + node
+        for c in range(components):
+            at = c * apart + node
+            total, number = beyond[at], 0
             for k in range(drag.distances.size):
                 if _there(drag.alive, node, k):
-                    total += src[at + drag.distances[k]] - base[at + drag.distances[k]]
+                    total += moved[at + drag.distances[k]]
                     number += 1
-            pull[c, i] = total / number - (src[at] - base[at]) if number else src[0] * 0
+            pull[c, i] = total / number - moved[at] if number else moved[at] * 0
+    for c in range(components):
+        beyond[c * apart + place : c * apart + place + pull.shape[1]] = 0
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -90,7 +108,7 @@ def drag_along(thread, stage, block, mobility, drag):
     for row in range(own[0], own[1]):
         i0, i1 = row // block[2], row % block[2]
         place, taken = block[0] + i0 * block[4] + i1 * block[5], 0.0
-        _means(stage, drag, place, pull)
+        _means(stage.components, drag, place, pull)
         near = drag.first[0] <= i0 < drag.end[0] and drag.first[1] <= i1 < drag.end[1]
         for c in range(stage.components):
             first = c * apart + place

@@ -16,6 +16,7 @@ from farhorizon.engine.absent import AbsentBonds
 from farhorizon.engine.bond_zone import BondZone
 from farhorizon.engine.bonds import CHUNK, RULES, Zone
 from farhorizon.engine.dampers import DamperTables
+from farhorizon.engine.dragged_layers import DraggedLayers
 from farhorizon.engine.ends import Ends
 from farhorizon.engine.exchange import Exchange
 from farhorizon.engine.layer_tables import LayerTables
@@ -168,6 +169,8 @@ class Engine:
     heat : ndarray, shape (K, d), optional
         Forces of the stencil's own bonds for a unit of strain that heat brings, in units of the operator, where it goes
         on in the layers.
+    dragged : bool
+        Whether velocities will move towards the mean of their neighbours.
 
     Attributes
     ----------
@@ -175,6 +178,11 @@ class Engine:
         What the loop works off; the methods `set_..` put others in their place.
     passes : Passes or None
     warm_layers : WarmLayers or None
+    dragged_layers : DraggedLayers or None
+    layers_of_passes : list of LayerTables or None
+        Those of each pass, by its number; None where there is no such pass.
+    all_layers : list of LayerTables
+        Those that are there.
     memory : ndarray
         What the layers remember, of the type `kept`: that of the field, or the first halves of its numbers.
     bonds : BondZone
@@ -208,6 +216,7 @@ class Engine:
         signs: Signs | None = None,
         sums: StateSums | None = None,
         heat: np.ndarray | None = None,
+        dragged: bool = False,
     ) -> None:
         self.dtype = np.dtype(real)
         self.stages, self.dt, self.reaction = stages, dt, reaction
@@ -230,6 +239,15 @@ class Engine:
         self.layer_tables = LayerTables(self.layout, self.offsets, matrices, signs, signs, springs, *of_values)
         self.passes = None if sums is None else Passes(self, sums, recursion)
         self.warm_layers = None if heat is None else WarmLayers(self, heat, recursion, coefficient is None)
+        self.dragged_layers = DraggedLayers(self, recursion) if dragged else None
+        passes, warm, drag = self.passes, self.warm_layers, self.dragged_layers
+        self.layers_of_passes: list[LayerTables | None] = [
+            self.layer_tables,
+            *((None, None) if passes is None else passes.layer_tables),
+            *((None, None) if warm is None else warm.layer_tables),
+            None if drag is None else drag.layer_tables,
+        ]
+        self.all_layers = [tables for tables in self.layers_of_passes if tables is not None]
         self.dampers = DamperTables(self.layout, self.layers, dt)
         self.memory = self._one_memory()
         self.levels = aligned_zeros(self.components * self.layout.size, self.dtype, stages.levels)
@@ -258,12 +276,6 @@ class Engine:
         them.
         """
         return sum(tables.in_a_line(side) for tables in self.all_layers)
-
-    @property
-    def all_layers(self) -> list[LayerTables]:
-        """Those of all passes."""
-        beside = (one.layer_tables for one in (self.passes, self.warm_layers) if one is not None)
-        return [self.layer_tables, *itertools.chain(*beside)]
 
     @property
     def _of_the_solid(self) -> list[LayerTables]:
@@ -587,7 +599,8 @@ class Engine:
         parts = (tables.ends, tables.phases, tables.bonds, tables.fringe, tables.filter, tables.cuts, tables.surface)
         states = tables.gather.sweep.law.values
         stretched = tables.stretches.keep, tables.stretches.gain, tables.stretches.own
-        held = (self.levels, tables.layers.slots, self.memory, tables.material.coefficient, states, *stretched)
+        drag = tables.drag.moved, tables.drag.beyond
+        held = (self.levels, tables.layers.slots, self.memory, tables.material.coefficient, states, *stretched, *drag)
         return sum(np.asarray(a).nbytes for part in (held, *parts) for a in part)
 
 
@@ -626,22 +639,16 @@ class _Prepared:
     def _with_own_memory(self, tables: Tables) -> Tables:
         """Tables whose layers have another memory than the engine's."""
         engine, memory = self.engine, self.memory
-        starts = [one.start for one in engine.all_layers]
-        tables = tables._replace(layers=_remembering(tables.layers, memory, starts[0]))
-        if engine.warm_layers is not None:
-            pushes, traces = (
-                one._replace(layers=_remembering(one.layers, memory, start))
-                for one, start in zip((tables.pushes, tables.traces), starts[-2:], strict=True)
-            )
-            tables = tables._replace(pushes=pushes, traces=traces)
-        if engine.passes is None:
-            return tables
-        gather, scatter = (
-            one._replace(layers=_remembering(one.layers, memory, start))
-            for one, start in zip((tables.gather, tables.scatter), starts[1:3], strict=True)
-        )
-        stretches = _remembering(tables.stretches, memory, engine.passes.start)
-        return tables._replace(gather=gather, scatter=scatter, stretches=stretches)
+        springs, *beside = engine.layers_of_passes
+        assert springs is not None
+        found: dict[str, Any] = {"layers": _remembering(tables.layers, memory, springs.start)}
+        for name, one in zip(("gather", "scatter", "pushes", "traces", "neighbours"), beside, strict=True):
+            if one is not None:
+                sums = getattr(tables, name)
+                found[name] = sums._replace(layers=_remembering(sums.layers, memory, one.start))
+        if engine.passes is not None:
+            found["stretches"] = _remembering(tables.stretches, memory, engine.passes.start)
+        return tables._replace(**found)
 
 
 def _remembering(layers: Kept, memory: np.ndarray, start: int) -> Kept:

@@ -39,6 +39,8 @@ class Field(Protocol):
     tables: Tables
     passes: Any
     warm_layers: Any
+    dragged_layers: Any
+    all_layers: list[LayerTables]
     exchange: Exchange | None
 
     @property
@@ -47,8 +49,6 @@ class Field(Protocol):
     def older(self) -> np.ndarray: ...
     @property
     def varied(self) -> bool: ...
-    @property
-    def all_layers(self) -> list[LayerTables]: ...
     def spread(
         self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None, jointly: bool = False
     ) -> np.ndarray: ...

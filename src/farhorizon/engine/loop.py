@@ -42,7 +42,7 @@ from farhorizon.engine.rows.structs import Struct
 from farhorizon.engine.tables import ABSENT, EDGE, FACE, GENERAL, Inputs, Stage, Sums, one_medium
 from farhorizon.engine.threads import ALONE, side_by_side
 
-_FLOWS = 5  # of the stages the one whose sums go into a level of their own, beside those of the passes
+_FLOWS = 6  # of the stages the one whose sums go into a level of their own, beside those of the passes
 # of all operations on states these change the field
 _OF_THE_FIELD = (BREAK, RELEASE, DAMAGED, STRETCH_STATES, STRETCH_FORCES)
 # what has the coefficients of bonds
@@ -272,13 +272,14 @@ def _sums(tables: Tables, which: int, parts: int, ahead: int) -> Struct:
 
 def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool) -> list[Struct]:
     """A stage of the field, and those of the passes: of sums that make states, that make forces of them, that make
-    forces and traces where heat goes on in layers, and that go into a level of their own.
+    forces and traces where heat goes on in layers, of increments over neighbours, and that go into a level of their
+    own.
     """
     src, base, out = levels
     a, a_difference, b, scale, _ = tables.numbers[part]
     none, one = tables.numbers.dtype.type(0), tables.numbers.dtype.type(1)
     states, inflow, n = tables.gather.sweep.law.values, tables.flows.inflow, tables.components
-    heat = tables.heat
+    heat, drag = tables.heat, tables.drag
     pushed, traced = (tables.pushes.columns, tables.pushes.rows), (tables.traces.columns, tables.traces.rows)
     read, made = (tables.gather.columns, tables.gather.rows), (tables.scatter.columns, tables.scatter.rows)
     return [
@@ -289,6 +290,7 @@ def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool)
             Stage(states, out, out, part, none, none, one, scale, False, *made, not backward),
             Stage(heat.warmth, out, out, part, none, none, one, scale, False, *pushed, backward),
             Stage(src, heat.traces, heat.traces, part, none, none, one, one, False, *traced, backward),
+            Stage(drag.moved, drag.beyond, drag.beyond, part, none, none, none, one, False, n, n, backward),
             Stage(src, inflow, inflow, part, one, one, one, one, False, n, n, backward),
         )
     ]

@@ -74,10 +74,12 @@ RECEIVE = 30  # messages end, by which other processes fill the halo; as SEND
 RELEASE = 31  # bonds break with which enough energy is lost
 HEAT_BEYOND = 32  # bonds without a law of their own, and springs beside states, lose what heat strains them, everywhere
 DAMPERS = 33  # masses that hang on nodes of layers
+MOVED = 34  # the increments of the last step, by which drag goes
 
 # Passes of the operator: the springs, sums over bonds that make states, sums over states that make forces; where heat
-# goes on in the layers, sums of strains that push nodes, and the traces of stresses.
-SPRINGS, GATHER, SCATTER, PUSHES, TRACES = range(5)
+# goes on in the layers, sums of strains that push nodes, and the traces of stresses; of increments over neighbours, by
+# which drag goes, what the layers add.
+SPRINGS, GATHER, SCATTER, PUSHES, TRACES, NEIGHBOURS = range(6)
 
 
 class Pass(NamedTuple):
@@ -165,6 +167,7 @@ class Tables(NamedTuple):
     scatter: Pass
     pushes: Pass
     traces: Pass
+    neighbours: Pass
     stretches: Stretches
     drag: Drag
     heat: Warmth
@@ -189,11 +192,9 @@ def _stage(tables: Tables, inputs: Inputs, stage: int) -> list[Operation]:
     return (
         _chosen((DAMP_OLD, damped))
         + operator_operations(tables, melting=stage == 0)
+        + _chosen((ENDS, len(tables.ends.nodes)), (FEED, fed), (INERTIA, tables.mobility.size))
+        + _drag_operations(tables)
         + _chosen(
-            (ENDS, len(tables.ends.nodes)),
-            (FEED, fed),
-            (INERTIA, tables.mobility.size),
-            (DRAG, tables.drag.rate.size),
             (DAMP_NEW, damped),
             (FILTER, tables.filter.runs.size),
             (DAMPERS, tables.dampers.runs.size),
@@ -238,6 +239,17 @@ def trace_operations(tables: Tables) -> list[Operation]:
     return _in_layers(tables, TRACES, [])
 
 
+def _drag_operations(tables: Tables) -> list[Operation]:
+    """What moves velocities towards the mean of their neighbours."""
+    if not tables.drag.rate.size:
+        return []
+    layers = tables.neighbours.layers
+    lines = _chosen((LINES, has_layers(layers, 2)), number=NEIGHBOURS)
+    found = [(MOVED, 0, SPRINGS), *_exchanged(tables, NEIGHBOURS, [SLOTS + NEIGHBOURS], lines, ahead=False)]
+    found += [(STRETCH, axis, NEIGHBOURS) for axis in (2, 1, 0) if has_layers(layers, axis)]
+    return [*found, (DRAG, 0, SPRINGS)]
+
+
 def _in_layers(tables: Tables, number: int, plain: list[Operation]) -> list[Operation]:
     """Sums of a pass whose halo is filled, with what makes the plain ones."""
     axes = [axis for axis in (2, 1, 0) if has_layers(pass_of(tables, number).layers, axis)]
@@ -249,7 +261,8 @@ def pass_of(tables: Tables, number: int) -> Pass:
     if number == SPRINGS:
         n = tables.components
         return Pass(tables.sweep, tables.layers, tables.cuts, tables.surface, n, n)
-    return {GATHER: tables.gather, SCATTER: tables.scatter, PUSHES: tables.pushes, TRACES: tables.traces}[number]
+    beside = tables.gather, tables.scatter, tables.pushes, tables.traces, tables.neighbours
+    return beside[number - GATHER]
 
 
 def _sums(

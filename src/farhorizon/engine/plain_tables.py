@@ -67,6 +67,7 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
         scatter=scatter,
         pushes=pushes,
         traces=traces,
+        neighbours=springs if engine.dragged_layers is None else engine.dragged_layers.table(sweep),
         stretches=no_stretches(engine.dtype) if engine.passes is None else engine.passes.stretch_tables(),
         drag=no_drag(engine.dtype),
         heat=no_heat(engine.dtype),

@@ -32,7 +32,7 @@ from farhorizon.engine.bonds import (
 )
 from farhorizon.engine.damage import break_bonds, redo_damaged
 from farhorizon.engine.dampers import move_dampers
-from farhorizon.engine.drag import drag_along
+from farhorizon.engine.drag import drag_along, take_increments
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.exchange import LEVEL
 from farhorizon.engine.filter import damp_short_waves
@@ -61,6 +61,7 @@ from farhorizon.engine.operations import (
     KEEP,
     LAW,
     MELT,
+    MOVED,
     RECEIVE,
     RELEASE,
     SEND,
@@ -851,6 +852,12 @@ def filter_layers(thread, stage, sums, tables, inputs, step, number):
 def move_hanging_masses(thread, stage, sums, tables, inputs, step, number):
     """Masses that hang on nodes of layers move."""
     move_dampers(thread, stage, tables.dampers)
+
+
+@operation(MOVED)
+def keep_increments(thread, stage, sums, tables, inputs, step, number):
+    """What each place has moved by in the last step."""
+    take_increments(thread, stage, tables.drag)
 
 
 @operation(DRAG)

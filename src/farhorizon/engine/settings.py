@@ -12,6 +12,7 @@ from farhorizon.engine.engine import NEVER, Engine
 from farhorizon.engine.exchange import Exchange, Link, Messages, free_of_halos
 from farhorizon.engine.filter import margin_across, without
 from farhorizon.engine.media import media_of
+from farhorizon.engine.nested import Layers
 from farhorizon.engine.phases import count_solid, phases_table
 from farhorizon.engine.plain_tables import damping_of
 from farhorizon.engine.rows.build import load_program
@@ -32,8 +33,10 @@ def connect(engine: Engine, link: Link, neighbours: Mapping[tuple[int, int], int
         Numbers of the processes beyond each side, below 0 for nobody; of axes that nobody shares, none.
     """
     passes = [] if engine.passes is None else [engine.tables.gather, engine.tables.scatter]
-    every = [engine.layout.across, *(tables.across for tables in engine.all_layers)]
-    kinds = [Messages.between(link, neighbours, {one: across(*one) for one in neighbours}) for across in every]
+    kinds = [Messages.between(link, neighbours, {one: engine.layout.across(*one) for one in neighbours})]
+    for tables in engine.layers_of_passes:
+        slots = {} if tables is None else {one: tables.across(*one) for one in neighbours}
+        kinds.append(Messages.between(link, {one: neighbours[one] for one in slots}, slots))
     used = engine.tables.filter.runs.size
     apart = {one: other for one, other in neighbours.items() if one[0] not in engine.layout.periodic and used}
     damping = damping_of(engine)
@@ -45,19 +48,17 @@ def connect(engine: Engine, link: Link, neighbours: Mapping[tuple[int, int], int
     if engine.varied:
         engine.join(engine.tables.material.coefficient, {})
         engine.replace(media=media_of(engine))
-    gather, scatter, layers = (
-        one._replace(copies=one.copies[:, :0])
-        for one in (engine.tables.gather.layers, engine.tables.scatter.layers, engine.tables.layers)
-    )
+    beside = {name: getattr(engine.tables, name) for name in ("gather", "scatter", "neighbours")}
+    beside = {name: one._replace(layers=_alone(one.layers)) for name, one in beside.items()}
     filtered = engine.tables.filter._replace(exchange=engine.exchange.numbers[-1])
     free = free_of_halos(engine.layout, neighbours)
-    sums = {
-        "layers": layers,
-        "gather": engine.tables.gather._replace(layers=gather),
-        "scatter": engine.tables.scatter._replace(layers=scatter),
-        "copies": engine.tables.copies[:, :0],
-    }
+    sums = {"layers": _alone(engine.tables.layers), **beside, "copies": engine.tables.copies[:, :0]}
     engine.replace(exchange=engine.exchange.numbers[:-1], free=free, filter=filtered, **sums)
+
+
+def _alone(layers: Layers) -> Layers:
+    """Layers whose slots others fill."""
+    return layers._replace(copies=layers.copies[:, :0])
 
 
 def set_damping(engine: Engine, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:
@@ -129,9 +130,10 @@ def set_density(engine: Engine, density: np.ndarray) -> None:
 
 def set_drag(engine: Engine, rate: float, first: np.ndarray, end: np.ndarray) -> None:
     """Drag towards the mean velocity of the neighbours, at a rate, of equations of second order whose older level
-    outlives a step; what it takes of the nodes of the core from `first` to `end` is added up. Bonds that are absent
-    are told later.
+    outlives a step, and whose engine is made for it; what it takes of the nodes of the core from `first` to `end` is
+    added up. Bonds that are absent are told later.
     """
+    assert engine.dragged_layers is not None
     box, low = engine.layout.box, np.array(engine.layout.low)
     distances = engine.offsets @ np.array(box.stride)
     full = all_bits(len(distances))
@@ -148,6 +150,8 @@ def set_drag(engine: Engine, rate: float, first: np.ndarray, end: np.ndarray) ->
         end.astype(np.int64) + low,
         np.zeros(box.nodes[:2]),
         np.zeros((engine.threads, engine.components, box.nodes[2]), engine.dtype),
+        engine.dragged_layers.moved,
+        engine.dragged_layers.beyond,
     )
     engine.replace(drag=drag)
 

@@ -61,6 +61,7 @@ class State:
         engine.ends.clock[0] = 1  # a later step than the first, whose sample counts half at exact ends
         for i, level in enumerate(levels):
             engine.levels[level, self._nodes] = values[i * count : (i + 1) * count]
+            engine.complete(engine.levels[level])  # a step fills the halo of the present level alone
         end = len(levels) * count
         engine.memory[self._memory] = values[end : end + len(self._memory)]
         start, end = end + len(self._memory), end + len(self._memory) + len(self._modes[0])
@@ -207,7 +208,8 @@ def digest(engine: Engine) -> str:
     )
     tables = engine.tables
     law = tables.gather.sweep.law
-    ends, fringe = tables.ends, tables.fringe._replace(history=np.zeros(0))
+    none = np.zeros(0)
+    ends, fringe = tables.ends, tables.fringe._replace(history=none)
     for array in (
         engine.offsets,
         engine.weights,
@@ -216,8 +218,8 @@ def digest(engine: Engine) -> str:
         *tables.cuts,
         *tables.surface[:-1],
         *(law.intact, law.nodes, law.numbers, law.matrices, law.local),
-        *tables.stretches._replace(memory=np.zeros(0), room=np.zeros(0)),
-        *tables.drag._replace(lost=np.zeros(0), room=np.zeros(0)),
+        *tables.stretches._replace(memory=none, room=none),
+        *tables.drag._replace(lost=none, room=none, moved=none, beyond=none),
         tables.mobility,
         *tables.gather.surface[:-1],
         *tables.scatter.surface[:-1],

@@ -232,6 +232,7 @@ def make_grid(
         signs=None if stencil.components in (1, lattice.dim) else _signs(stencil),
         sums=None if states is None else _sums(states, scale, lead, moduli, _stretch(near, around, margins)),
         heat=np.einsum("kab,kb->ka", bonds[1] * scale, lattice.spacing * bonds[0]) if warm else None,
+        dragged=model.drag > 0,
     )
     if link is not None and neighbours is not None:
         connect(engine, link, {(lead + axis, side): number for (axis, side), number in neighbours.items()})

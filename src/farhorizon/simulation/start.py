@@ -168,6 +168,7 @@ class Motion:
             engine.levels[2][:] = change
         box = engine.layout.box
         box.view(engine.levels[1])[...] = box.view(engine.levels[0]) - box.view(change)
+        engine.complete(engine.levels[1])  # drag reads the velocities of neighbours
         engine.memory[:] = 0
         engine.apply(engine.levels[1])  # the states of nodes are those of one step before, as after any step
         engine.begin(engine.current)
@@ -189,5 +190,6 @@ class Motion:
             at = self.grid.indices[nodes]
             change = dt * (1 + model.damping * dt) * rate - dt**2 / 2 * self.acceleration(step * dt)[at].astype(float)
             engine.older[at] = engine.current[at] - change
+            engine.complete(engine.older)
             if engine.stages.increments:
                 engine.levels[2][at] = change
