@@ -115,7 +115,7 @@ def check_refused(found):
         assert len(set(line["told"])) == 1, line  # the same on all
         assert words.get(line["refused"], "LatticePML") in line["told"][0], line
     (line,) = (line for line in found if "unstable" in line)
-    assert len(set(line["unstable"])) == 1 and "unstable at step 1" in line["unstable"][0], line
+    assert len(set(line["unstable"])) == 1 and "unstable at step 3" in line["unstable"][0], line
 
 
 @pytest.mark.slow

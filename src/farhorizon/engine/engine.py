@@ -277,12 +277,6 @@ class Engine:
         """
         return sum(tables.in_a_line(side) for tables in self.all_layers)
 
-    @property
-    def _of_the_solid(self) -> list[LayerTables]:
-        """Those that displacements go through: all but those of heat."""
-        warm = () if self.warm_layers is None else self.warm_layers.layer_tables
-        return [tables for tables in self.all_layers if tables not in warm]
-
     def _one_memory(self) -> np.ndarray:
         """What the layers of all passes remember, one after the other."""
         every = self.all_layers
@@ -462,15 +456,6 @@ class Engine:
             return
         load_program().copy(level, self.tables.copies, self.components)
 
-    def scale_memory(self, factor: float) -> None:
-        """Multiply what the layers of springs and of states remember of the displacements."""
-        for tables in self._of_the_solid:
-            memory = tables.layers.memory
-            if memory.dtype == np.int32:
-                memory[:] = ((memory.astype(np.int64) << 32).view(float) * factor).view(np.int64) >> 32
-            else:
-                memory *= factor
-
     def begin(self, level: np.ndarray) -> None:
         """What stretched derivatives remember begins, at zero, in the state `level`."""
         if self.tables.stretches.runs.size:
@@ -585,9 +570,11 @@ class Engine:
         """Places of the memory that forces of displacements ever use: pass, (axis, side) of a layer, an array by
         component, number, and line, and the components' signs; see `LayerTables.cells`.
         """
+        warm = () if self.warm_layers is None else self.warm_layers.layer_tables
+        of_the_solid = [tables for tables in self.all_layers if tables not in warm]
         found = [
             (number, key, tables.start + cells, signs)
-            for number, tables in enumerate(self._of_the_solid if self.remember else ())
+            for number, tables in enumerate(of_the_solid if self.remember else ())
             for key, cells, signs in tables.cells(tables.layers.f != 0)
         ]
         return found + [(len(self.all_layers), key, cells, self.signs) for key, cells in self.dampers.cells()]

@@ -213,8 +213,6 @@ class March:
         """How many of the wanted steps may be made from one on before something has to be seen to."""
         opening = [int(np.ceil(c.opens / self.parts.near.dt - 1e-9)) - step for c in self.setup.cracks]
         steps = min(wanted, min((wait for wait in opening if wait > 0), default=sys.maxsize))
-        if step == 0 and self.parts.near.model.order == 2:
-            steps = min(steps, 1)
         if self.every:
             steps = min(steps, self.every - step % self.every)
         if self.heating is not None:
@@ -232,8 +230,6 @@ class March:
                 self.heating.follow(step)
             if self.flow_balance is not None:
                 self.flow_balance.add(batch)
-            if step == 0 and self.parts.near.model.order == 2:
-                self._motion.halve()
             yield batch.steps
         if self.parts.near.prescribed.constraints:
             if self.parts.near.model.order == 2:

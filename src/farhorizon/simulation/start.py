@@ -173,16 +173,6 @@ class Motion:
         engine.apply(engine.levels[1])  # the states of nodes are those of one step before, as after any step
         engine.begin(engine.current)
 
-    def halve(self) -> None:
-        """What layers remember after the first step, which is half of what that step gave them.
-
-        From rest the medium goes as (g of the step after - g of the step before) / 2, where g is what a push of the
-        size of the data at the time zero does to it. The layers know of a push what follows it, whereas the data would
-        also have come from somewhere. So their memory is that difference, too, and before the push it is zero. (Drag
-        makes the half (1 + damping dt) / 2, and a velocity is a push.)
-        """
-        self.grid.engine.scale_memory((1 + self.near.model.damping * self.near.dt) / 2)
-
     def release(self, step: int) -> None:
         """Let nodes go whose constraint ends at a step: the next one is their first, as the start is of all."""
         engine, dt, model = self.grid.engine, self.near.dt, self.near.model
