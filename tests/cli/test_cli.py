@@ -712,8 +712,11 @@ def test_plot_draws_what_it_is_asked_for(small, capsys):
     assert Path("small/u.png").read_bytes() == whole  # pictures of other times are not in its place
     assert main(["plot", "small.h5", "--field", "u", "--time", "1.001", "--range", "-1", "1", "--format", "pdf"]) == 0
     said = capsys.readouterr().out
-    assert said.startswith("t = 1.001 is not stored") and said.splitlines()[1:] == ["small/u-t=1.001.pdf"]
-    assert Path("small/u-t=1.001.pdf").read_bytes().startswith(b"%PDF")
+    assert said.startswith("t = 1.001 is not stored") and said.splitlines()[1:] == ["small/u-t=1.001-range=-1,1.pdf"]
+    assert Path("small/u-t=1.001-range=-1,1.pdf").read_bytes().startswith(b"%PDF")
+    many = [f"{0.02 * n:g}" for n in range(100)]
+    assert main(["plot", "small.h5", "--field", "u", "--time", *many]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "small/u-t=0..1.98,100.png"
     assert main(["plot", "small.h5", "--movie", "--db"]) == 0
     assert "small/u-dB.gif" in capsys.readouterr().out
     for options, why in (

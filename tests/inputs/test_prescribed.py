@@ -432,13 +432,16 @@ SOLIDS = {
 }
 
 
+@pytest.mark.parametrize("until", [None, 14.3], ids=["held", "released"])
 @pytest.mark.parametrize("name", SOLIDS)
-def test_what_holds_nodes_does_the_work_that_is_found(name):
-    """A plate that is pulled apart by its ends while a traction acts on its side: energies add up to rounding."""
+def test_what_holds_nodes_does_the_work_that_is_found(name, until):
+    """A plate that is pulled apart by its ends, of which one may be let go, while a traction acts on its side: energies
+    add up to rounding.
+    """
     constants = SOLIDS[name]
     model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, **constants)
     ends = [
-        fh.Prescribed(fh.Box((7.0, -8.0), (8.0, 8.0)), velocity=["1.5e-3*sin(t/8)**2", None]),
+        fh.Prescribed(fh.Box((7.0, -8.0), (8.0, 8.0)), velocity=["1.5e-3*sin(t/8)**2", None], until=until),
         fh.Prescribed(fh.Box((-8.0, -8.0), (-7.0, 8.0)), [0.0, 0.0]),
     ]
     traction = fh.Traction("y+", (0.0, 1e-4), time="sin(t/4)**2")

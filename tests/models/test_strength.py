@@ -263,3 +263,15 @@ def test_a_start_beyond_the_strength_of_a_seam_is_refused():
     fh.Simulation(lattice, material(critical_stretch="where(abs(x) > 3, 0.01, 0.03)"), fh.Free(), start)
     with pytest.raises(fh.InputError, match="beyond the critical stretch"):
         fh.Simulation(lattice, material(critical_stretch="where(abs(x) > 3, 0.03, 0.01)"), fh.Free(), start)
+
+
+def test_a_strength_that_varies_up_to_where_the_domain_is_extended_is_told():
+    """Where bonds break beyond the side, too: it goes on there as it is at the edge."""
+    model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, critical_stretch="1e-3*(1 + 0.03*x)")
+    lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
+
+    def notes(side):
+        return fh.Simulation(lattice, model, {"x": side, "y": fh.Free()}).notes
+
+    assert any("the critical stretch changes by" in note for note in notes(fh.Extended(nodes=8)))
+    assert not any("the critical stretch changes by" in note for note in notes(fh.LatticePML(nodes=4)))

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from farhorizon.cli.common import GOOD
 
+_NAMED = 6  # times that a file's name has room for
+
 
 def plot_command(options: argparse.Namespace) -> int:
     from farhorizon.case.case import Case
@@ -44,8 +46,10 @@ def plot_command(options: argparse.Namespace) -> int:
 
 def _suffix(options: argparse.Namespace) -> str:
     """What tells the names of these pictures from those of the run, which they are not to overwrite."""
-    times = options.times and f"-t={','.join(f'{time:g}' for time in options.times)}"
-    return f"{times or ''}{'-dB' if options.db else ''}"
+    named = [f"{time:g}" for time in options.times or ()]
+    times = ",".join(named) if len(named) <= _NAMED else f"{named[0]}..{named[-1]},{len(named)}"
+    limits = ",".join(f"{limit:g}" for limit in options.range or ())
+    return "".join([f"-t={times}" if times else "", f"-range={limits}" if limits else "", "-dB" if options.db else ""])
 
 
 def _plane(text: str) -> tuple[str, float]:

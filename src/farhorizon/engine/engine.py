@@ -428,6 +428,10 @@ class Engine:
         """From now on add up the work of the sources; the older level must outlive a step."""
         self.replace(work=np.zeros(-(-self.components * int(np.prod(self.core.nodes)) // CHUNK)))
 
+    def count_work(self, work: float) -> None:
+        """Add some work, for a unit of mass a node."""
+        self.tables.work[0] += work
+
     @property
     def work(self) -> float:
         """Work of the sources, for a unit of mass a node."""

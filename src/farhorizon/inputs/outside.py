@@ -323,7 +323,7 @@ def _oblique(lines: np.ndarray) -> bool:
     and is soon on the other, where its neighbour begins.
     """
     edge = lines[0]
-    first = (lines != edge).argmax(0)
+    first = (np.abs(lines - edge) > _FLAT * np.abs(lines).max()).argmax(0)
     behind = np.take_along_axis(lines, first[None], 0)[0]
     step = np.abs(behind - edge)
     for axis in range(edge.ndim):

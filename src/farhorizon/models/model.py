@@ -437,12 +437,13 @@ def _named(init: Callable[..., None]) -> Callable[..., None]:
     def checked(self: LatticeModel, *given: Any, **named: Any) -> None:
         for name, value in named.items():
             if name not in known:
+                near = suggestion(name, known).partition("known")[0].strip()
                 raise InputError(
                     f"{type(self).__name__} has no such argument",
                     value=kinds.said(value),
                     limit=", ".join(known),
                     key=f"model.{name}",
-                    remedy=self.others.get(name) or suggestion(name, known).partition("known")[0] or "leave it out",
+                    remedy=self.others.get(name) or near or "leave it out",
                 )
         init(self, *given, **named)
 

@@ -358,6 +358,10 @@ def _look_beyond(found: Survey, team: Team) -> Beyond:
     for values, called in ((near.factor, name), (near.density, "the density"), (body, "the body")):
         if values is not None:
             beyond.notes += changes(values.astype(float), called, beyond.targets, stencil.reach)
+    extended = [key for key in beyond.targets if around.sides[key].extended]  # where bonds break beyond the side, too
+    if near.variation.strength is not None and extended:
+        strength = np.broadcast_to(near.variation.strength, lattice.shape).astype(float)
+        beyond.notes += changes(strength, "the critical stretch", extended, stencil.reach)
     return beyond
 
 

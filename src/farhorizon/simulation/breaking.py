@@ -186,11 +186,6 @@ class Breaking:
         """Nodes of the near field that have lost all their bonds."""
         return int(((self.left() == 0) & (self.families > 0)).sum())
 
-    @property
-    def mass(self) -> float:
-        """Mass of a node."""
-        return self.near.lattice.spacing**self.near.lattice.dim / self.near.model.source_factor
-
     def strain_energy(self, cold: bool = False) -> float:
         """Strain energy of the bonds of the near field, beside states of those that close; those across its edge count
         half, to a held side whole. If `cold`, that of the strains as they are, without what heat would make of them.
@@ -202,7 +197,7 @@ class Breaking:
         whole = np.zeros((3, 2), bool)
         for (axis, side), boundary in self.sides.items():
             whole[lead + axis, int(side > 0)] = boundary.held is not None
-        return self.mass * self.grid.engine.bonds.energy(
+        return self.near.mass * self.grid.engine.bonds.energy(
             tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, whole, cold
         )
 

@@ -217,7 +217,7 @@ class CrackTips(Recorder):
         self._steps.append(step)
         self._places.append(places)
         broken = breaking.team.total({"energy": self._bonds.broken[0]})["energy"]
-        self._sums.append((found.length, breaking.mass * broken))
+        self._sums.append((found.length, breaking.near.mass * broken))
 
 
 def _latest(last: np.ndarray, now: np.ndarray) -> np.ndarray:

@@ -21,9 +21,8 @@ def kinetic_energy(near: NearField, grid: Grid) -> float:
 
 def _kinetic(near: NearField, rate: np.ndarray) -> float:
     """Of velocities."""
-    mass = near.lattice.spacing**near.lattice.dim / near.model.source_factor
     squares = rate**2 if near.density is None else rate**2 * _there(near, near.density)
-    return float(mass * 0.5 * squares.sum())
+    return float(near.mass * 0.5 * squares.sum())
 
 
 def energies(
@@ -42,7 +41,7 @@ def energies(
     if near.model.order == 1:
         total = (_shown(near, grid, engine.current).astype(float) ** 2).sum()
         return {"stored": float(0.5 * lattice.spacing**lattice.dim * total)}
-    mass = lattice.spacing**lattice.dim / near.model.source_factor
+    mass = near.mass
     own = {"drag": mass * engine.dragged} if near.model.drag else {}
     if np.any(engine.reaction):
         now, ago = (_shown(near, grid, level).astype(float) for level in (engine.current, engine.older))

@@ -202,7 +202,7 @@ class March:
             engine.bonds.expect_cuts()
         if breaking is not None and stored:
             lost = stored - self.energies()["strain"]  # of all processes, of which one counts it
-            engine.bonds.count_cut(lost / breaking.mass * (self.team.number == 0))
+            engine.bonds.count_cut(lost / self.parts.near.mass * (self.team.number == 0))
         self._opened = len(due)
         if self.flow_balance is not None and step:
             self.flow_balance.reopen()
@@ -233,8 +233,24 @@ class March:
             yield batch.steps
         if self.parts.near.prescribed.constraints:
             if self.parts.near.model.order == 2:
-                self._motion.release(step + steps)
+                self._release(step + steps)
             self.feed.hold(step + steps)
+
+    def _release(self, step: int) -> None:
+        """Let nodes go at a step; what changes the energy as they begin to move by themselves is work, too."""
+        if not self.team.largest(float(len(self.parts.near.prescribed.released(step)))):
+            return
+        recorded = self.setup.lasting and self.setup.model.mechanical
+        before = self._present_energy() if recorded else 0.0
+        self._motion.release(step)
+        if recorded:
+            gained = self._present_energy() - before  # of all processes, of which one counts it
+            self.parts.grid.engine.count_work(gained / self.parts.near.mass * (self.team.number == 0))
+
+    def _present_energy(self) -> float:
+        """What moves and what is stored."""
+        found = self.energies()
+        return sum(found.get(name, 0.0) for name in ("kinetic", "strain", "reaction"))
 
     def balance(self) -> dict[str, float]:
         """Gains since the start and where they came from, see `farhorizon.Simulation.balance`."""

@@ -88,6 +88,11 @@ class NearField:
         return Extremes(self.rate_limit, self.pace)
 
     @property
+    def mass(self) -> float:
+        """Of a node of the medium, less its density where that varies."""
+        return float(self.lattice.spacing**self.lattice.dim / self.model.source_factor)
+
+    @property
     def medium_rate(self) -> float:
         """The largest rate of the medium with all its bonds, of what is in the symbol."""
         return _medium_rate(self.model, self.lattice.spacing, self.stencil, self.pace)

@@ -38,6 +38,8 @@ class IntactMargin:
         Of each place of a level the limit over that one, or of one number.
     every : int
         Steps between two looks: a wave takes longer through the margin.
+    boxed : bool
+        Whether what lies outside the boxes of incident waves is part of it.
     """
 
     nodes: np.ndarray
@@ -49,6 +51,7 @@ class IntactMargin:
     nonlinear: bool
     strength: np.ndarray
     every: int
+    boxed: bool
 
     def overstretched(self, level: np.ndarray) -> np.ndarray | None:
         """Index in the lattice of the node with the bond that is nearest to its limit, or farthest beyond, if that is
@@ -66,8 +69,8 @@ class IntactMargin:
         place = (lattice.lower + lattice.spacing * found).round(9).tolist()
         return (
             f"bonds near {place} are stretched beyond the critical stretch where they cannot break, within one "
-            "reach of a side that is not free or outside the box of an incident wave: a crack stops there, and what "
-            "follows is not valid; enlarge the near field"
+            f"reach of a side that is not free{' or outside the box of an incident wave' if self.boxed else ''}: a "
+            "crack stops there, and what follows is not valid; enlarge the near field"
         )
 
 
@@ -127,6 +130,7 @@ def intact_margin(
         nonlinear,
         strength,
         every,
+        bool(within),
     )
 
 

@@ -157,7 +157,6 @@ class PowerThrough(RowRecorder):
     def begin(self, setup: Setup, parts: Parts) -> Wanted:
         _check_bonds(setup, parts)
         check_frequencies(self.frequencies, parts.near, "power.frequencies")
-        lattice = parts.whole.near.lattice
         surfaces = [_surface_of(one, parts) for one in self.surfaces]
         bonds, passes = [_crossing(parts, one) for one in surfaces], parts.grid.engine.passes
         nodes = np.unique(np.concatenate([one.ends.ravel() for one in bonds]))
@@ -167,7 +166,7 @@ class PowerThrough(RowRecorder):
             nodes = np.union1d(nodes, states.places)
         self.points = np.array([one.middle for one in surfaces])
         self._dt = parts.near.dt
-        mass = lattice.spacing**lattice.dim / parts.near.model.source_factor
+        mass = parts.near.mass
         self._forms = [_form(np.searchsorted(nodes, one.ends), mass * one.weights, len(nodes)) for one in bonds]
         if passes is not None:
             pushes = mass * passes.sums.divergence

@@ -320,15 +320,17 @@ class Simulation(Run):
         ``1/2 integral (u - background)^2``.
 
         Bonds that are nonlinear or break: the strain energy is ``c d d^- / 2`` of the elongations d and d^- now and a
-        step ago, and there are "work", as before, and "broken", what bonds held when they
-        broke. Where no energy leaves through the sides and nothing is damped, kinetic + strain + broken - work stays as
-        it was: exactly for linear bonds, else up to the error of the time step.
+        step ago, and there are "work", as before, and "broken", what bonds held when they broke, beyond sides that
+        extend the domain, too. Where no energy leaves through the sides and nothing is damped, kinetic + strain +
+        broken - work stays as it was: exactly for linear bonds, else up to the error of the time step.
         """
         return self._march.energies()
 
     @property
     def broken_bonds(self) -> int:
-        """Bonds that have broken since the start; several processes ask together."""
+        """Bonds that have broken since the start, beyond sides that extend the domain, too; several processes ask
+        together.
+        """
         return round(self.team.total({"broken": self.engine.bonds.broken[1]})["broken"])
 
     def balance(self) -> dict[str, float]:
