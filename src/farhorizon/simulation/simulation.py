@@ -328,9 +328,7 @@ class Simulation(Run):
 
     @property
     def broken_bonds(self) -> int:
-        """Bonds that have broken since the start, beyond sides that extend the domain, too; several processes ask
-        together.
-        """
+        """Bonds that have broken, as "broken" of `energies` counts them; several processes ask together."""
         return round(self.team.total({"broken": self.engine.bonds.broken[1]})["broken"])
 
     def balance(self) -> dict[str, float]:
