@@ -418,7 +418,7 @@ def material_constant(value: Any, key: str, positive: bool = True) -> Any:
         key,
         above=0.0 if positive else None,
         remedy="a number, an expression, a function or an array of the nodes",
-        beyond=_instead_of_none(key) if positive else "",
+        beyond="" if not positive else _instead_of_none(key) if value == 0 else "a positive number",
     )
 
 
