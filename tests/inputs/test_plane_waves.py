@@ -374,3 +374,16 @@ def test_a_surface_wave_breaks_no_sound_bond_at_the_faces_of_its_box():
     sim = fh.Simulation(fh.Lattice(1.0, (-20.0, -30.0), (20.0, 0.0)), model, sides, sources=[wave])
     sim.run(until=45.0)
     assert np.abs(sim.fields["u"]).max() > 5e-4 and not sim.fields["damage"].any()
+
+
+def test_waves_whose_boxes_are_apart_leave_no_bond_to_break():
+    model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, critical_stretch=5e-4)
+    boxes = [fh.Box((x, -10.0), (x + 9.0, 10.0)) for x in (-12.0, 2.0)]
+    waves = [fh.IncidentWave((1.0, 0.0), "1e-4*exp(-((t - 10)/4)**2)", 20.0, within=box) for box in boxes]
+    lattice = fh.Lattice(1.0, (-16.0, -14.0), (16.0, 14.0))
+
+    def notes(sources):
+        return fh.Simulation(lattice, model, fh.LatticePML(nodes=4), sources=sources).notes
+
+    assert any("no node in common" in note for note in notes(waves))
+    assert not any("no node in common" in note for note in notes(waves[:1]))

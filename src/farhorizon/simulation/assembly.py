@@ -319,6 +319,8 @@ def assembled(
             "an incident wave is one of linear bonds: of nonlinear ones a part of it leaves its box that is about as "
             "large as its strain"
         )
+    if breaking is not None and incident and not team.largest(float(np.prod(breaking.extent))):
+        beyond.notes.append("the boxes of the incident waves have no node in common, so that no bond breaks")
     _set_engine(setup, grid, margins)
     _cut(setup, cuts, breaking, beyond.notes)
     held = rest_and_damp(near, around, cuts, setup.rim == "fixed")

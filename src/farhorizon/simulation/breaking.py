@@ -97,6 +97,11 @@ class Breaking:
             end[lead + axis] = max(first[lead + axis], end[lead + axis])
         return Zone((first[0], first[1], first[2]), (end[0], end[1], end[2]), onward)
 
+    @property
+    def extent(self) -> np.ndarray:
+        """Nodes of the zone along the axes."""
+        return np.subtract(self.zone.end, self.zone.first)
+
     @cached_property
     def critical_stretches(self) -> np.ndarray:
         """At the nodes of this lattice, or of one number; a bond breaks at the smaller one of its ends."""
