@@ -387,3 +387,18 @@ def test_waves_whose_boxes_are_apart_leave_no_bond_to_break():
 
     assert any("no node in common" in note for note in notes(waves))
     assert not any("no node in common" in note for note in notes(waves[:1]))
+
+
+def test_with_nonlinear_bonds_a_part_as_large_as_the_strain_leaves_the_box():
+    """The wave is that of the linear medium; that is told."""
+    size, lattice = 5e-2, fh.Lattice(1.0, (-20.0, -20.0), (20.0, 20.0))
+    wave = fh.IncidentWave((1.0, 0.3), f"{size}*exp(-((t - 13)/4)**2)", 26.0)
+    left = {}
+    for nonlinear in (False, True):
+        model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, nonlinear=nonlinear)
+        sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=8), sources=[wave])
+        assert any("wave is one of linear bonds" in note for note in sim.notes) == nonlinear
+        sim.run(until=40.0)
+        left[nonlinear] = np.abs(sim.fields["u"][:, ~_mask(sim)]).max() / size
+    strain = size * np.sqrt(2) * np.exp(-0.5) / 4 / model.p_speed
+    assert left[False] < 1e-4 < left[True] < strain

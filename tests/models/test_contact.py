@@ -188,6 +188,7 @@ def test_extended_domains_continue_cracks_that_close(name):
         "do not meet" in note for note in [*sim.notes, *made(12, fh.LatticePML(nodes=12)).remade(cracks=[]).notes]
     )
     assert any("do not meet within one reach of x+ and" in note for note in layer.notes)
+    assert any("meet beyond x+, where the domain is as wide as a linear medium needs" in note for note in sim.notes)
     errors = {}
     for one in (large, sim, layer):
         one.run(until=20.0)

@@ -298,12 +298,13 @@ def driven(rng, dim):
     return {"lattice": box(half, dim, spacing), "model": massive(operator, speed, mass), **start, **source}, until
 
 
-def check_layers(seed, dim, count):
-    """Of waves that may be as slow as they like, the layers keep their targets, and the default."""
+def check_layers(seed, dim, count, first=0):
+    """Of waves that may be as slow as they like, the layers keep their targets, and the default; `count` set-ups of a
+    seed, from the `first` on.
+    """
     rng = np.random.default_rng(seed)
     print("seed", seed)
-    for _ in range(count):
-        setup, until = driven(rng, dim)
+    for setup, until in [driven(rng, dim) for _ in range(first + count)][first:]:
         for target in (None, 1e-4):
             layer = fh.LatticePML(target=target, until=until)
             try:
@@ -317,6 +318,18 @@ def check_layers(seed, dim, count):
 
 def test_layers_keep_their_targets():
     check_layers(SEED, 1, 3)
+
+
+@pytest.mark.parametrize(("seed", "number"), [(2123085838, 0), (777002, 568), (777002, 993), (777002, 1187)])
+def test_layers_keep_targets_that_were_missed(seed, number):
+    """By a start of the layers before that of the run, and by layers that looked at no course of the sources."""
+    check_layers(seed, 1, 1, number)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [777002, 777003])
+def test_layers_keep_their_targets_on_a_line(seed):
+    check_layers(seed, 1, 900)
 
 
 @pytest.mark.slow

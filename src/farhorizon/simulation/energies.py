@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from farhorizon.boundaries import ExactEnds
@@ -23,6 +25,11 @@ def _kinetic(near: NearField, rate: np.ndarray) -> float:
     """Of velocities."""
     squares = rate**2 if near.density is None else rate**2 * _there(near, near.density)
     return float(near.mass * 0.5 * squares.sum())
+
+
+def present(found: Mapping[str, float]) -> float:
+    """Of energies by name the sum of those that are there now: what moves and what is stored."""
+    return sum(found.get(name, 0.0) for name in ("kinetic", "strain", "reaction", "stored", "thermal"))
 
 
 def energies(

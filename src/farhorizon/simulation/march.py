@@ -14,7 +14,7 @@ from farhorizon.inputs.thermal_loads import of_the_heat
 from farhorizon.simulation.assembly import Parts, assemble
 from farhorizon.simulation.checkpoint import Arrays, take_whole, whole_of
 from farhorizon.simulation.drives import Moving, courses
-from farhorizon.simulation.energies import energies, kinetic_energy
+from farhorizon.simulation.energies import energies, kinetic_energy, present
 from farhorizon.simulation.feed import Feed
 from farhorizon.simulation.flow_balance import FlowBalance
 from farhorizon.simulation.heat_in_steps import HeatInSteps
@@ -241,16 +241,11 @@ class March:
         if not self.team.largest(float(len(self.parts.near.prescribed.released(step)))):
             return
         recorded = self.setup.lasting and self.setup.model.mechanical
-        before = self._present_energy() if recorded else 0.0
+        before = present(self.energies()) if recorded else 0.0
         self._motion.release(step)
         if recorded:
-            gained = self._present_energy() - before  # of all processes, of which one counts it
+            gained = present(self.energies()) - before  # of all processes, of which one counts it
             self.parts.grid.engine.count_work(gained / self.parts.near.mass * (self.team.number == 0))
-
-    def _present_energy(self) -> float:
-        """What moves and what is stored."""
-        found = self.energies()
-        return sum(found.get(name, 0.0) for name in ("kinetic", "strain", "reaction"))
 
     def balance(self) -> dict[str, float]:
         """Gains since the start and where they came from, see `farhorizon.Simulation.balance`."""

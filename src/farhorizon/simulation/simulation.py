@@ -28,6 +28,7 @@ from farhorizon.simulation.assembly import assemble, assemble_shared
 from farhorizon.simulation.checkpoint_files import read_state, write_state
 from farhorizon.simulation.course import MOST_STEPS, checked_end, say_doubt, tick
 from farhorizon.simulation.drives import foreseen, signals
+from farhorizon.simulation.energies import present
 from farhorizon.simulation.flux import flux_tables, nodal_flux, plane, power_across
 from farhorizon.simulation.guard import likely_cause, refuse_explosion
 from farhorizon.simulation.march import March
@@ -305,8 +306,7 @@ class Simulation(Run):
 
     def energy(self) -> float:
         """Energy of the near field, kinetic and strain or stored, of `energies`."""
-        held = "kinetic", "strain", "reaction", "stored", "thermal"
-        return sum(value for name, value in self.energies().items() if name in held)
+        return present(self.energies())
 
     def energies(self) -> dict[str, float]:
         """Energies of the near field; bonds across its edge count half, to a side fixed at the background whole.
