@@ -53,12 +53,10 @@ from farhorizon.simulation.warm_sides import heat_front, warm_margins, warm_side
 T = TypeVar("T")
 
 #: What is said of cracks whose faces meet and that run into sides, by whether these extend the domain.
-_OF_CLOSING = {
-    False: "the faces of a crack do not meet within one reach of {} and beyond: compression is sent back there; "
-    "Extended continues cracks whose faces meet, contact = false does without",
-    True: "the faces of a crack meet beyond {}, where the domain is as wide as a linear medium needs: up to ten times "
-    "the target came back in trials; ask for less",
-}
+_STAYS_OPEN = (
+    "the faces of a crack do not meet within one reach of {} and beyond: compression is sent back there; "
+    "Extended continues cracks whose faces meet, contact = false does without"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -417,11 +415,8 @@ def _cut(setup: Setup, cuts: CutBonds, breaking: Breaking | None, notes: list[st
     alone = breaking.loose() if breaking is not None and setup.cracks else 0
     if alone:
         notes.append(f"cracks leave {alone} nodes without any bond: they move freely")
-    ends = [] if breaking is None else breaking.closing_ends(_cuts(setup))
-    for extended, words in _OF_CLOSING.items():
-        names = [side_name(*key) for key in ends if breaking is not None and breaking.sides[key].extended == extended]
-        if names:
-            notes.append(words.format(", ".join(names)))
+    if breaking is not None and (ends := breaking.open_ends(_cuts(setup))):
+        notes.append(_STAYS_OPEN.format(", ".join(side_name(*key) for key in ends)))
 
 
 def _cuts(setup: Setup) -> list[Cut]:

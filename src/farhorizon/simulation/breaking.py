@@ -241,13 +241,11 @@ class Breaking:
             max(1, int(crossing / near.dt)),
         )
 
-    def closing_ends(self, cracks: Iterable[Cut]) -> list[Key]:
-        """Sides within one reach of which there are cracks whose faces would meet: they do beyond sides that extend the
-        domain alone.
-        """
+    def open_ends(self, cracks: Iterable[Cut]) -> list[Key]:
+        """Sides within one reach of which there are cracks whose faces would meet, but do not."""
         near, found = self.near, set()
         for (low, high), (key, side) in itertools.product((cut.bounds() for cut in cracks), self.sides.items()):
-            if self.law.contact and side.bonded and not (side.periodic or side.shared):
+            if self.law.contact and side.bonded and not (side.periodic or side.shared or side.extended):
                 axis, sign = key
                 edge = (near.lattice.lower if sign < 0 else near.lattice.upper)[axis]
                 beyond = sign * ((low if sign < 0 else high)[axis] - edge) / near.lattice.spacing

@@ -77,7 +77,9 @@ class Emitters:
                     extent(replace(medium, stencil=normal), turned, sizes, mirror, error), until=until
                 )
             one = known[like]
-            found[axis, side] = replace(one, nodes=max(one.nodes, self.front(until, error)))
+            # absent bonds close one reach away from a fixed end: it is there that waves turn round
+            unclosed = stencil.reach[axis] if model.bond_law is not None and model.bond_law.contact else 0
+            found[axis, side] = replace(one, nodes=max(one.nodes + unclosed, self.front(until, error)))
         return found
 
     def _data(self, medium: Waves) -> list[Datum]:
