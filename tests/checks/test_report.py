@@ -58,6 +58,32 @@ def test_the_time_in_all_is_the_sum_of_its_parts_and_no_trial_file_stays(tmp_pat
     assert (run.fields["u"] == before).all() and run.step_count == 0 and len(run.probes.times) == 1
 
 
+def test_fields_without_displacements_may_be_written(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("a.toml").write_text(CASE)
+    assert any(line.startswith("time in all") for line in told(capsys, "--set", "output.fields=['v']"))
+    assert main(["new", "fracture", "-o", "a.toml", "--force"]) == 0
+    assert any(line.startswith("time in all") for line in told(capsys, "--set", "output.fields=['damage']"))
+
+
+@pytest.mark.parametrize("free", [{}, {"y+": fh.Free()}])
+def test_incident_waves_have_the_length_of_their_signal(free):
+    """Ricker's, whose spectrum is largest at 16 nodes a wave: of the energy, as k^6 exp(-2 (16 k / 2 pi)^2), half lies in
+    waves longer than 12.7 nodes and a thousandth in those shorter than 6.5. No shorter ones are seen, of which layers
+    would send back all, though the field ends at the sides of the lattice, and at a free side. What fades it out on 61
+    nodes blurs wavenumbers by up to 4 pi / 61, a fifth of the shortest wave's.
+    """
+    signal = "(1-2*(pi*(t-24)/16)**2)*exp(-(pi*(t-24)/16)**2)"
+    wave = fh.IncidentWave((0.3, 0.9), signal, duration=48.0, within=fh.Box((-20, -20), (20, 30 if free else 20)))
+    lattice, sides = fh.Lattice(1.0, (-30, -30), (30, 30)), {"all": fh.LatticePML(nodes=16), **free}
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), sides, sources=[wave])
+    report = sim.check(200.0, budget=0.0)
+    found = re.search(r"([\d.]+) to ([\d.]+), half of the energy below ([\d.]+)", dict(report.rows)["wavelengths"])
+    shortest, longest, typical = map(float, found.groups())
+    assert shortest == pytest.approx(6.5, rel=0.2) and typical == pytest.approx(12.7, rel=0.1) and longest > 25
+    assert float(re.search(r"at most (-\d+) dB", report.headline)[1]) < -60
+
+
 def test_speeds_have_the_units_of_the_case(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("a.toml").write_text(CASE + 'units = { length = "mm", time = "us" }\n')

@@ -83,7 +83,7 @@ def _pictures(case: Case, run: Run, folder: Path) -> float:
     fields = fields_of(run, case.fields)
     drawn = scalars(fields, case.lattice.dim)
     more = 1 + bool(case.parts.output.probes) + case.parts.output.balance + len(run.recorders)
-    _, values = drawn["u"]
+    _, values = next(iter(drawn.values()))
     begin = time.perf_counter()
     with without_collection():
         from matplotlib.backends import backend_agg  # noqa: F401

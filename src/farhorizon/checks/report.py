@@ -14,7 +14,7 @@ from typing_extensions import TypedDict
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.layer import LatticeMedium, LayerSide
-from farhorizon.analysis.layers.spectrum import Band, band, gain_of_spectrum, gain_of_time
+from farhorizon.analysis.layers.spectrum import Band, band, faded, gain_of_spectrum, gain_of_time
 from farhorizon.analysis.resolution import ENOUGH, resolution
 from farhorizon.boundaries import Fixed, Side
 from farhorizon.checks.certificate import BUDGET, NOT_CERTIFIED, Certificate, CertificateFacts, certify, told
@@ -552,10 +552,12 @@ def content(sim: Examined, until: float | None = None) -> Band | None:
     for space, factor in sim.sources:
         if space is not None:
             found.append((space, 0, _gain(factor, until, rate, lowest) if waves else None))
-    found += [
-        (one.field(one.passage.midway), sim.model.order - 1, None) for one in sim.incident if one.passage.everywhere
-    ]
     scalars = [(part, order, gain) for field, order, gain in found for part in field.reshape(-1, *sim.lattice.shape)]
+    free = [(not sim.sides[axis, -1].bonded, not sim.sides[axis, 1].bonded) for axis in range(sim.lattice.dim)]
+    for one in sim.incident:
+        if one.passage.everywhere:
+            parts = one.field(one.passage.midway).reshape(-1, *sim.lattice.shape)
+            scalars += [(faded(part, free), sim.model.order - 1, None) for part in parts]
     fields, orders, gains = zip(*scalars, strict=True)
     return band(fields, sim.lattice.spacing, orders, gains)
 

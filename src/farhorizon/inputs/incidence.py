@@ -96,8 +96,6 @@ class Passage(ABC):
     ----------
     period : float
         From then on it is zero.
-    midway : float
-        A time at which it is on its way through the box.
     rests : bool
         Whether it has not come to the box yet at the start.
     everywhere : bool
@@ -109,7 +107,6 @@ class Passage(ABC):
     """
 
     period: float = np.inf
-    midway: float = 0.0
     rests: bool = False
     everywhere: bool = True
     notes: Sequence[str] = ()
@@ -118,6 +115,11 @@ class Passage(ABC):
     @abstractmethod
     def at(self, nodes: np.ndarray) -> Callable[[float], np.ndarray]:
         """The displacement of nodes (n, dim) as a function of t, of shape (components, n)."""
+
+    @property
+    def midway(self) -> float:
+        """A time at which it is on its way through the box."""
+        return 0.0
 
     def foresee(self, until: float) -> list[str]:
         """What is to be known of a run to a time.

@@ -74,8 +74,11 @@ class _GivenPassage(Passage):
 
     def __init__(self, field: Any, region: Region) -> None:
         self._field, self._region = field, region
-        self.midway = float(np.linalg.norm(region.last - region.first)) * region.lattice.spacing / 2
-        self.midway /= np.sqrt(region.scheme.rate) * region.lattice.spacing
+
+    @property
+    def midway(self) -> float:
+        region = self._region
+        return float(np.linalg.norm(region.last - region.first) / np.sqrt(region.scheme.rate) / 2)
 
     def at(self, nodes: np.ndarray) -> Callable[[float], np.ndarray]:
         places = self._region.places(nodes).T

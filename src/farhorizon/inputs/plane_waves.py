@@ -167,8 +167,12 @@ class _PlanePassage(Passage):
         self._region, self._start, self._along = region, wave.start(region), wave.along
         self.pulse = wave.pulse(region)
         self.period = self.pulse.period
-        self.midway = (wave.duration + self.pulse.distance / self.pulse.speed) / 2
+        self._duration = wave.duration
         self.notes = lost_notes(self.pulse.lost)
+
+    @property
+    def midway(self) -> float:
+        return (self._duration + self.pulse.distance / self.pulse.speed) / 2
 
     def at(self, nodes: np.ndarray) -> Callable[[float], np.ndarray]:
         return self.pulse.at(self._region.places(nodes) @ self._along - self._start)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -17,6 +18,7 @@ from farhorizon.inputs.incidence import End, Incident, Passage, Region, check_wi
 from farhorizon.medium.free_side import FreeSide
 
 _SAID = 1e-9  # part of a signal that a note is worth
+_MOMENTS = 257  # at which the middle of a box is looked at
 
 
 @dataclass(frozen=True)
@@ -92,13 +94,19 @@ class SurfacePassage(Passage):
 
     def __init__(self, pulse: SurfacePulse, region: Region, end: FreeSide) -> None:
         self._pulse, self._region, self._end = pulse, region, end
-        self.period, self.midway, self.tail = pulse.period, pulse.period / 2, pulse.tail
+        self.period, self.tail = pulse.period, pulse.tail
         self.notes = lost_notes(pulse.lost)
         if pulse.tail > _SAID:
             self.notes.append(
                 f"an incident wave at a free surface has a tail before and after it, of {pulse.tail:.1g} of its "
                 f"signal: the run begins with it, and at t = {pulse.period:.4g} what is left of it is radiated"
             )
+
+    @cached_property
+    def midway(self) -> float:
+        """When it is strongest in the middle of the box: its tails may be far longer than its way."""
+        value = self.at((self._region.first + self._region.last)[None] // 2)
+        return max(np.linspace(0, self.period, _MOMENTS).tolist(), key=lambda t: float(np.abs(value(t)).max()))
 
     def at(self, nodes: np.ndarray) -> Callable[[float], np.ndarray]:
         return self._pulse.waves.at(self._region.places(nodes) @ self._pulse.direction, self._end.row(nodes))

@@ -74,6 +74,32 @@ def band(
     return Band(longest, typical, shortest)
 
 
+def faded(values: np.ndarray, free: Sequence[tuple[bool, bool]]) -> np.ndarray:
+    """A field that goes on beyond the lattice, faded out towards its sides, where a jump would count as short waves.
+
+    Parameters
+    ----------
+    values : ndarray
+        Of a scalar; nan counts as 0.
+    free : sequence of (bool, bool)
+        Whether it ends at the low and the high side of each axis: of that half of the lattice and its mirror image the
+        waves are as long.
+
+    Returns
+    -------
+    ndarray
+        Of the same shape.
+    """
+    for axis, (low, high) in enumerate(free):
+        along = np.nan_to_num(np.moveaxis(values, axis, -1))
+        n, half = along.shape[-1], along.shape[-1] // 2
+        if low or high:
+            near = along[..., n - half :] if high else along[..., half - 1 :: -1]
+            along = np.concatenate([near, near[..., ::-1], np.zeros_like(along[..., : n % 2])], -1)
+        values = np.moveaxis(along * np.hanning(n + 2)[1:-1], -1, axis)
+    return values
+
+
 def gain_of_time(
     time: Callable[[float], float], until: float, rate: float, lowest: float = 0.0
 ) -> Callable[[np.ndarray], np.ndarray]:
