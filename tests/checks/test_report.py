@@ -68,7 +68,7 @@ def test_fields_without_displacements_may_be_written(tmp_path, monkeypatch, caps
 
 @pytest.mark.parametrize("free", [{}, {"y+": fh.Free()}])
 def test_incident_waves_have_the_length_of_their_signal(free):
-    """Ricker's, whose spectrum is largest at 16 nodes a wave: of the energy, as k^6 exp(-2 (16 k / 2 pi)^2), half lies in
+    """Ricker's, whose spectrum is largest at 16 nodes a wave: of the energy, as k^6 exp(-2 (16 k / 2 pi)^2), half is in
     waves longer than 12.7 nodes and a thousandth in those shorter than 6.5. No shorter ones are seen, of which layers
     would send back all, though the field ends at the sides of the lattice, and at a free side. What fades it out on 61
     nodes blurs wavenumbers by up to 4 pi / 61, a fifth of the shortest wave's.
