@@ -331,8 +331,9 @@ def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
     table = [*rows.values(), total]
     for row in table:
         row["nodes"] = float(np.median(row["nodes"])) if row["nodes"] else float("nan")
-        share = (row["kept"] + row["refused"]) / max(row["cases"], 1)
-        row |= {"share": share, "aim": 0.95, "met": verdict(share, 0.95, True)}
+        share = (row["kept"] + row["refused"]) / row["cases"] if row["cases"] else None
+        met = "-" if share is None else verdict(share, 0.95, True)
+        row |= {"share": "-" if share is None else share, "aim": 0.95, "met": met}
     return table
 
 

@@ -221,7 +221,7 @@ def test_run_refuses_what_grows(tmp_path, monkeypatch, capsys):
 def test_check_prints_reflection_time_and_cost(tmp_path, monkeypatch, capsys):
     """The page: predicted reflection by angle, time, the extended domain; the same as numbers, and a picture."""
     monkeypatch.chdir(tmp_path)
-    text = (EXAMPLES / "waveguide.toml").read_text().replace("nodes = 20", "target = 1e-6")
+    text = (EXAMPLES / "waveguide.toml").read_text().replace("target = 1e-5", "target = 1e-6")
     Path("guide.toml").write_text(text)
     asked = ["check", "guide.toml", "--json", "check.json", "--out", ".", "--budget", "1", "--details"]
     assert main(asked) == 0

@@ -1,5 +1,6 @@
 """The layers of a set-up: how they share their filter of short waves, and what is said of a long choice."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from farhorizon.engine.state import State
 from farhorizon.simulation import layers
 from farhorizon.simulation.layers import with_one_filter
 
+SEED = int(os.environ.get("FARHORIZON_SEED", 20261127))
 GENTLE, STRONG = ((np.array([0.0, share]), taps) for share, taps in ((0.02, [0.5, 0.25]), (0.5, [0.5, 0.25, 0.1])))
 
 
@@ -194,3 +196,65 @@ def test_filters_that_end_at_walls_take_more_nodes(wall):
     assert nodes[2, 1e-6, False] <= nodes[2, 1e-6, True] + 2
     notes = chosen(wide, 1e-6, wall, nodes=24).notes
     assert any("layers of 24 nodes" in note and "predicted to send back" in note for note in notes)
+
+
+def scattering(random, wave, side=None):
+    """A crack or a hole in the way of a plane wave of so many nodes, in a domain with some sides or so large that
+    nothing comes back; the end of the run, and the nodes of that domain on each side beyond the other one.
+    """
+    n, m, until, apart = 20, 14, 120.0, 0 if side else 85
+    model = fh.Elastic(fh.Kernel(2.0, 1), 1.0) if random.random() < 0.5 else fh.Wave(fh.Kernel(2.0))
+    speed = model.s_speed if isinstance(model, fh.Elastic) else 1.0
+    middle, angle, turn = random.uniform(-6, 6, 2), random.uniform(0, 2 * np.pi), random.uniform(0, np.pi)
+    size, period = random.uniform(2, 4), wave / speed
+    phase = f"(pi*(t - {1.6 * period})/{period})**2"
+    signal = {"signal": f"(1 - 2*{phase})*exp(-{phase})", "duration": 3.2 * period}
+    if isinstance(model, fh.Elastic):
+        signal["polarisation"] = "S"
+    incident = fh.IncidentWave((np.cos(angle), np.sin(angle)), within=fh.Box((-m, -m), (m, m)), **signal)
+    ends, hole = n + apart, random.random() < 0.5
+    corner = np.array([ends, ends])
+    body = fh.Box(-1.5 * corner, 1.5 * corner) - fh.Disc(size, middle) if hole else None
+    reach = size * np.array([np.cos(turn), np.sin(turn)])
+    cracks = [] if hole else [[middle - reach, middle + reach]]
+    sides = side or fh.Fixed()
+    lattice = fh.Lattice(1.0, tuple(-corner), tuple(corner), body=body)
+    return fh.Simulation(lattice, model, sides, sources=[incident], cracks=cracks, dt=0.3), until, apart
+
+
+def test_layers_for_long_incident_waves_are_thinner():
+    """What is scattered has the frequencies of what comes; of a signal that reaches those of waves which run backward
+    or hardly move layers are asked for all that a lattice carries.
+    """
+    model, columns = fh.Elastic(fh.Kernel(2.0, 1, "linear"), 1.0), []
+    lattice = fh.Lattice(1.0, (-30, -30), (30, 0), body=fh.Box((-31, -31), (31, 1)) - fh.Disc(5.0))
+    for wave in (24.0, 10.0):
+        phase = f"(pi*(t*{float(model.s_speed)}/{wave} - 1.6))**2"
+        signal = {"signal": f"(1 - 2*{phase})*exp(-{phase})", "duration": 3.2 * wave / model.s_speed}
+        incident = fh.IncidentWave((0.3, 1.0), polarisation="S", within=fh.Box((-20, -20), (20, 0)), **signal)
+        sides = {"all": fh.LatticePML(target=1e-3, until=100.0), "y+": fh.Free()}
+        sim = fh.Simulation(lattice, model, sides, sources=[incident])
+        columns.append(max(layer.columns for layer in sim.engine.layers.values()))
+    assert columns[0] < columns[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target", [1e-3, 1e-4, 1e-5])
+@pytest.mark.parametrize("number", range(4))
+def test_scattered_waves_keep_the_target(number, target):
+    print("drawn with", SEED + number)
+
+    def drawn():
+        random = np.random.default_rng(SEED + number)
+        return random, random.uniform(8, 26)
+
+    near, until, _ = scattering(*drawn(), fh.LatticePML(target=target, until=120.0))
+    large, _, apart = scattering(*drawn())
+    error = largest = 0.0
+    inside = (..., *[slice(apart, -apart)] * 2)
+    for moment in np.linspace(0, until, 31)[1:]:
+        for sim in (near, large):
+            sim.run(until=moment, progress=False)
+        error = max(error, np.nanmax(np.abs(near.fields["u"] - large.fields["u"][inside])))
+        largest = max(largest, np.nanmax(np.abs(large.fields["u"])))
+    assert error < target * largest

@@ -26,6 +26,7 @@ from farhorizon.errors import InputError
 from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.sources import by_component, field, split
 from farhorizon.inputs.thermal_loads import ThermalLoad
+from farhorizon.inputs.travelling_waves import TravellingWave
 from farhorizon.medium.integrators import Verlet
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.alternating_waves import FOLLOWED, AlternatingWaves
@@ -43,6 +44,7 @@ _TURN = 0.2  # of a period, in a step of the fastest wave, where it may
 _SHORT = 1e-6  # target down to which six digits are enough for what layers remember
 _LIGHT = 1e-5  # and for light dampers: they send 2e-6 of a resolved pulse back at most
 _TIGHTER = 2.0  # factor by which less is asked for until waves that alternate are kept back, too
+_FAST = 0.5  # part of the largest frequency from which on waves may run backward or hardly move
 _ALIVE = 0.75  # factor of a step from which on waves are still there when they reach a side
 
 
@@ -218,7 +220,7 @@ class _Choice:
             Recursion.of(model.integrator, near.dt, model.damping),
             near.dt,
             around.sides,
-            data or self._stand_ins(),
+            data or stand_ins(*self._like_near_field, self._courses(watched, layers)),
             FORESEEN * crossing,
             self._scatterers(),
             near.squared_speed,
@@ -306,7 +308,7 @@ class _Choice:
         busy.ravel()[near.conditions.nodes] = 1
         if self.setup.specimens:
             busy[placed(self.setup, self.around.sides)[0]] = 1
-        data = self._data(0.0) or self._stand_ins()
+        data = self._data(0.0) or stand_ins(*self._like_near_field)
         alternating = AlternatingWaves.of(near, self.around.sides, self._initial())
         for key, boundary in layers.items():
             turned = [datum.turned(*key).values for datum in [*data, Datum(busy, "u")]]
@@ -372,7 +374,7 @@ class _Choice:
         near, lattice = self.near, self.near.lattice
         components = near.stencil.components
         found = self._initial()
-        times = np.arange(int(np.ceil(until / near.dt)) + 1) * near.dt
+        times = self._times(until)
         for source in self.sources:
             if isinstance(source, Incident):
                 return []
@@ -389,10 +391,32 @@ class _Choice:
             found += self._by_component(self._push_of_heat(heat), "source", np.ones(times.size))
         return found
 
-    def _stand_ins(self) -> list[Datum]:
-        """Pulses in the middle and beside each side, in place of data that cannot be known."""
+    def _times(self, until: float) -> np.ndarray:
+        return np.arange(int(np.ceil(until / self.near.dt)) + 1) * self.near.dt
+
+    @property
+    def _like_near_field(self) -> tuple[tuple[int, ...], int, int]:
+        """Shape, largest reach and components."""
         stencil = self.near.stencil
-        return stand_ins(self.near.lattice.shape, max(stencil.reach), stencil.components)
+        return self.near.lattice.shape, max(stencil.reach), stencil.components
+
+    def _courses(self, until: float, layers: Sides) -> list[np.ndarray]:
+        """In time of what bodies and cracks scatter, where all that comes are waves whose signals are known, for these
+        keep their frequencies: those of their velocities.
+
+        None where bonds break, which sends what it likes, and where a signal reaches to the frequencies of waves that
+        run backward or hardly move: what of it the box of an incident wave lets out stays beside the sides for long.
+        """
+        near, waves = self.near, [source for source in self.sources if isinstance(source, TravellingWave)]
+        alone = len(waves) == len(self.sources) and not self._initial() and self.setup.heat is None
+        times = self._times(until)
+        if not waves or not alone or self.setup.model.bond_law is not None or len(times) < 2:
+            return []
+        courses = [np.gradient([wave.at(t) for t in times.tolist()]) for wave in waves]
+        spectra = np.abs(np.fft.rfft(courses, 2 * len(times)))
+        fast = 2 * np.pi * np.fft.rfftfreq(2 * len(times), near.dt) > _FAST * np.sqrt(near.rate_limit)
+        share = float((spectra[:, fast].sum(1) / np.maximum(spectra.sum(1), 1e-300)).max())
+        return courses if share < min(b.wanted(near.model.target) for b in layers.values()) else []
 
     def _push_of_heat(self, load: ThermalLoad) -> np.ndarray:
         """What the temperature at the start, which changes slowly, does to the solid: minus the gradient of the

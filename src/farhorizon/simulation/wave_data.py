@@ -40,15 +40,21 @@ def by_time(data: Sequence[Datum], half: int, silent: float) -> Iterator[tuple[i
             yield before, part
 
 
-def stand_ins(shape: tuple[int, ...], reach: int, components: int = 1) -> list[Datum]:
+def stand_ins(
+    shape: tuple[int, ...], reach: int, components: int = 1, courses: Sequence[np.ndarray] = ()
+) -> list[Datum]:
     """Data in place of such that are not known: short pulses in the middle and one reach and a few nodes from both ends
-    of each axis.
+    of each axis; if their courses in time are known sources there, of a node each.
     """
     places = [np.array(shape) / 2]
     for axis, nodes in enumerate(shape):
         near = min(reach + 4 * _STAND_IN, nodes / 2)
         places += [np.where(np.arange(len(shape)) == axis, end, places[0]) for end in (near, nodes - 1 - near)]
     grid = np.ix_(*[np.arange(n) for n in shape])
+    if courses:
+        points = np.zeros(shape)
+        points[tuple(np.array(places).astype(int).T)] = 1
+        return [Datum(points, "source", course, component) for component in range(components) for course in courses]
     pulses = [np.exp(-sum((x - a) ** 2 for x, a in zip(grid, place, strict=True)) / _STAND_IN**2) for place in places]
     return [Datum(np.max(pulses, axis=0), "u", component=component) for component in range(components)]
 
