@@ -16,7 +16,13 @@ from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.returned import Arrivals
 from farhorizon.analysis.layers.samples import Sample
 from farhorizon.analysis.layers.short_waves import high_pass
-from farhorizon.analysis.layers.side_data import Datum, frequency_of_slow_waves, hold_backward_waves, reach_the_end
+from farhorizon.analysis.layers.side_data import (
+    Datum,
+    frequency_of_slow_waves,
+    hold_backward_waves,
+    reach_the_end,
+    share_of_short,
+)
 from farhorizon.analysis.layers.thickness import (
     Thickness,
     by_formula,
@@ -51,6 +57,9 @@ _HERE = 0.01  # of its largest value: a datum is where it has more
 # value; it falls as a power of their number, and of the wavenumber, of one beyond it as another power than below.
 _BESIDE_WALLS, _STOPPED, _BY_NODES, _BY_STOPPED = 1.5e-5, 1.94, 3.5, (5.5, 14.0)
 _BESIDE_FREE = 0.4
+# Of waves of data that are as short as those which the filter stops they send all back, at most, in a run in which long
+# ones go so many nodes; in shorter ones it falls as a power of that way.
+_FAR_BESIDE_WALLS, _BY_WAY = 400.0, 4
 
 
 def spreads(sides: Mapping[tuple[int, int], Side], axis: int) -> bool:
@@ -148,7 +157,7 @@ class ReturnedWaves:
         share = _BESIDE_FREE if any(b.image > 0 for b in self._beside(axis)) else 1.0
         dt = self.dt if self.squared_speed is None and spreads(self.sides, axis) else None
         members = family(medium.stencil, pace, slowest, until, distance_to_side(data), share * wanted, dt, steep)
-        beside = partial(self._along_walls, axis)
+        beside = partial(self._along_walls, axis, side, until)
         found = thinnest(members, sent, share * wanted, size, beside)
         if found is None and boundary.target is None:
             return None
@@ -173,17 +182,24 @@ class ReturnedWaves:
         wanted one or larger.
         """
         _, sent, size = self._arriving(axis, side, until, wanted)
-        return predicted_error(layer, sent, size) + self._along_walls(axis, layer)
+        return predicted_error(layer, sent, size) + self._along_walls(axis, side, until, layer)
 
-    def _along_walls(self, axis: int, layer: Layer) -> float:
+    def _along_walls(self, axis: int, side: int, until: float, layer: Layer) -> float:
         """What a layer's filter of short waves sends back where it ends at a wall, at most, from trials
-        (docs/limits.md): near a wall long waves are not those of the medium, which is all that predictions know.
+        (docs/limits.md): near a wall waves are not those of the medium, which is all that predictions know.
         """
         damped, walls = high_pass(self.stencil), any(side.image for side in self._beside(axis))
         if not walls or not layer.filtered or damped is None or damped.weak:
             return 0.0
         shorter = damped.first / _STOPPED
-        return float(_BESIDE_WALLS * shorter ** -_BY_STOPPED[shorter > 1] * (20 / layer.columns) ** _BY_NODES)
+        long = _BESIDE_WALLS * shorter ** -_BY_STOPPED[shorter > 1] * (20 / layer.columns) ** _BY_NODES
+        # of neighbours alone a wall is the mirror that it is taken for
+        if self.stencil.components > 1 or max(self.stencil.reach) == 1:
+            return float(long)
+        medium = self._media(axis, side)[0]
+        way = min(1.0, medium.speed / self.spacing * until / _FAR_BESIDE_WALLS) ** _BY_WAY
+        held = max((share_of_short(medium, datum, damped.first) for datum in self.data), default=0.0)
+        return float(long + way * held)
 
     def _arriving(
         self, axis: int, side: int, until: float, wanted: float

@@ -67,11 +67,14 @@ def hold_backward_waves(medium: LatticeMedium, data: Sequence[Datum], wanted: fl
     if damped is None or weak(damped):
         return False
     first = damped.first * (_TURNING if stencil.components == 1 else 1.0)
-    return any(
-        short_share(datum.values, first) * _briskness(medium, first, datum.time) > _FELT_BACKWARD * wanted
-        for datum in data
-        if datum.values.any()
-    )
+    return any(share_of_short(medium, datum, first) > _FELT_BACKWARD * wanted for datum in data)
+
+
+def share_of_short(medium: LatticeMedium, datum: Datum, first: float) -> float:
+    """How much of a datum are waves from a wavenumber times spacing on; of a source, in what it sends."""
+    if not datum.values.any():
+        return 0.0
+    return float(short_share(datum.values, first) * _briskness(medium, first, datum.time))
 
 
 def reach_the_end(medium: LatticeMedium, data: Sequence[Datum], wanted: float) -> bool:
