@@ -154,6 +154,7 @@ def test_bad_input():
     _refused("direction", wave={"direction": (0.0, 0.0)})
     _refused("dimension", wave={"direction": (1.0, 0.0, 0.0)})
     _refused("duration", wave={"duration": 0.0})
+    _refused("duration: the signal lasts too many time steps.*limit: .* 10000000 steps", wave={"duration": 1e30})
     _refused("polarisation", wave={"polarisation": "Q"})
     _refused("along its direction", wave={"polarisation": (1.0, 1.0)})
     _refused("one reach of the near field", wave={"within": fh.Box((-11, -8), (8, 8))})
