@@ -172,7 +172,8 @@ def compare(
     Raises
     ------
     InputError
-        What `Simulation` refuses, times that are not positive, an infinite medium that does not fit into memory.
+        What `Simulation` refuses, times that are not positive, an infinite medium that does not fit into memory, a run
+        in which nothing moves.
     """
     wanted = _moments(until, times)
     if not isinstance(setup, Setup):
@@ -194,6 +195,13 @@ def compare(
     driven = setup.constraints or any(isinstance(s, Incident) for s in setup.sources)
     if result.initial == 0 or driven:
         result.initial, result.scale = max(size), "largest value of the run"
+    if not result.initial > 0:
+        raise InputError(
+            "nothing moves at any of the times that are compared",
+            value=f"to t = {result.times[-1]:.6g}",
+            key="times",
+            remedy="later times, or initial data or sources that the run sees",
+        )
     result.curves = {name: _curve(result, error, size) for name, error in errors.items()}
     _measure_growth(result, ours)
     return result
