@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.checks.report import Report
+from farhorizon.checks.report import Report, content
 from farhorizon.cli import main
 
 CASE = """
@@ -88,6 +88,15 @@ def test_speeds_have_the_units_of_the_case(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("a.toml").write_text(CASE + 'units = { length = "mm", time = "us" }\n')
     assert "long waves 2 mm/us" in "\n".join(told(capsys))
+
+
+def test_prescribed_nodes_send_waves_as_long_as_their_course():
+    """Not as short as the node is wide, which the value they begin with would be, however small."""
+    ricker = fh.Prescribed([0.0], "(1-2*(0.2*pi*(t-5))**2)*exp(-(0.2*pi*(t-5))**2)", until=10.0)
+    bar = fh.Lattice(0.1, -10, 10), fh.Wave(fh.Kernel(0.3)), fh.Exact()
+    waves = content(fh.Simulation(*bar, constraints=[ricker]), 20.0)
+    assert waves is not None and 3 < waves.typical < 7 and waves.shortest > 1.5
+    assert content(fh.Simulation(*bar, constraints=[fh.Prescribed([0.0], 0.0)]), 20.0) is None
 
 
 def test_warnings_are_what_to_do():

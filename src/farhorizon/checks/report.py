@@ -540,7 +540,8 @@ def content(sim: Examined, until: float | None = None) -> Band | None:
     """Wavelengths in initial data and in what sources add, as far as these split into space and time; None if there is
     nothing.
 
-    The frequencies of sources count, too, where they are those of a signal or the end of the run is known.
+    The frequencies of sources count, too, where they are those of a signal or the end of the run is known. Nodes whose
+    values are prescribed send out waves by their course; what it begins with is no wave as short as a node.
     """
     waves = sim.model.order == 2
     rate = np.sqrt(sim.model.coefficient * max(sim.strongest, 1e-300)) / sim.lattice.spacing
@@ -549,6 +550,15 @@ def content(sim: Examined, until: float | None = None) -> Band | None:
         (sim.start_v, 0, None),
     ]
     lowest = float(np.linalg.eigvalsh(np.atleast_2d(sim.engine.reaction))[0])
+    if waves and sim.prescribed.driven:
+        start = np.array(sim.start_u)
+        found[0] = (start, 1, None)
+        for places, course in sim.prescribed.driven:
+            start.flat[places] = 0.0
+            if until is not None:
+                there = np.zeros(start.shape)
+                there.flat[places] = 1.0
+                found.append((there, 1, gain_of_time(course, until, rate, lowest)))
     for space, factor in sim.sources:
         if space is not None:
             found.append((space, 0, _gain(factor, until, rate, lowest) if waves else None))
