@@ -9,6 +9,7 @@ import pytest
 import farhorizon as fh
 from farhorizon.checks.report import Report, content
 from farhorizon.cli import main
+from farhorizon.engine.rows import notice
 
 CASE = """
 lattice = { spacing = 0.25, lower = [-4.0], upper = [4.0] }
@@ -56,6 +57,14 @@ def test_the_time_in_all_is_the_sum_of_its_parts_and_no_trial_file_stays(tmp_pat
     (row,) = (value for name, value in report.rows if name == "time in all")
     assert "(5 outputs)" in row and list(tmp_path.iterdir()) == []
     assert (run.fields["u"] == before).all() and run.step_count == 0 and len(run.probes.times) == 1
+
+
+def test_what_was_compiled_before_is_no_part_of_the_time(tmp_path, monkeypatch, capsys):
+    """Of another case that was checked in the same process: the time in all was below zero."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(notice._NOTICE, "spent", 1000.0)
+    Path("a.toml").write_text(CASE)
+    assert "about -" not in told(capsys)[0]
 
 
 def test_fields_without_displacements_may_be_written(tmp_path, monkeypatch, capsys):
