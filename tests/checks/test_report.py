@@ -114,6 +114,24 @@ def test_warnings_are_what_to_do():
     assert "note: said too" in str(report) and "nothing" not in str(report)
 
 
+def test_waves_that_hardly_move_are_told_apart():
+    """Of two spacings, which no layer absorbs: a verdict is about the others."""
+    lattice, pulse = fh.Lattice(0.5, (-4, -4), (4, 4)), fh.Expression("exp(-2*(x**2+y**2))", 2)
+    report = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), fh.LatticePML(nodes=16), {"u": pulse}).check(1.0, 0.2)
+    assert re.search(r"at most -\d\d+ dB up to 60 degrees, of the shortest 0 dB", report.headline)
+
+
+def test_a_sponge_that_sends_back_much_is_not_fine():
+    lattice, model = fh.Lattice(0.25, -5, 5), fh.Wave(fh.Kernel(0.5))
+    thin, wide = (
+        fh.Simulation(lattice, model, fh.Sponge(nodes), {"u": fh.Expression("exp(-2*x**2)", 1)}).check(5.0, 0.2)
+        for nodes in (8, 120)
+    )
+    (warning,) = thin.warnings
+    assert re.fullmatch(r"x-, x\+ send back 0\.\d+ of waves of .*; take more nodes, .*, or a LatticePML", warning)
+    assert not wide.warnings
+
+
 def test_the_cheapest_sides_are_recommended():
     """In a short run in one dimension the extended domain, in a long one the layer."""
     line = fh.Lattice(0.25, -4, 4)
