@@ -105,6 +105,16 @@ def test_a_run_at_rest_is_not_compared():
         compare(setup, 1.0)
 
 
+def test_a_solid_that_heats_as_it_is_deformed_has_no_infinite_medium():
+    solid = fh.Thermoelastic(
+        fh.Elastic(fh.Kernel(1.0, 1, "linear"), 1.0), fh.Heat(fh.Kernel(1.0, 1), conductivity=0.1), 0.01, 1.0
+    )
+    setup = {"lattice": fh.Lattice(0.5, (-4, -4), (4, 4)), "model": solid, "boundary": fh.LatticePML(nodes=4)}
+    warm = {"T": lambda x, y: 1 + np.exp(-2 * (x**2 + y**2))}
+    with pytest.raises(fh.InputError, match=r"model\.coupled: .*for one field.*remedy: false"):
+        compare({**setup, "initial": warm}, 1.0)
+
+
 def test_growth_rate_of_an_exponential():
     """Fitted over the second half: what happens before does not count; gaps and zeros are left out."""
     times = np.linspace(0, 10, 21)

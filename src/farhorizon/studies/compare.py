@@ -385,6 +385,13 @@ def _extended(setup: Setup, ours: Simulation, until: float) -> Simulation:
     lattice = ours.lattice
     more = undisturbed(ours.stencil.with_reaction(0.0), ours.fastest_rate, ours.model.order, until)
     open_sides = {key: more for key, b in ours.sides.items() if b.endless}
+    if open_sides and setup.heat is not None and setup.heat.coupled:
+        raise InputError(
+            "the medium beyond the near field is computed for one field, not for displacements and a temperature",
+            value="coupled",
+            key="model.coupled",
+            remedy="false, or by hand the same case with a larger near field",
+        )
 
     def widen(value: Any, mode: Literal["constant", "edge"] = "constant") -> Any:
         if isinstance(value, Incident):
