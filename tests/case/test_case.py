@@ -1,6 +1,7 @@
 """Case files: the same run as the Python interface, and clear refusals."""
 
 import tomllib
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -311,6 +312,14 @@ def test_a_run_to_the_static_state_has_a_latest_end():
     ):
         with pytest.raises(fh.InputError, match=message):
             Case(text.replace(old, new))
+
+
+def test_sides_without_keys_have_their_defaults_without_a_word():
+    """A tuple as a default is a list in a file: nobody is told so in lines of Pydantic."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        case = Case(GOOD.replace("[run]", '[boundary]\nall = { type = "higdon" }\n[run]'))
+    assert case.setup.boundary["x-"] == fh.Higdon()
 
 
 def test_a_list_is_for_vectors():

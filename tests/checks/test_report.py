@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.checks.report import Report
+from farhorizon.checks.report import Report, content
 from farhorizon.cli import main
+from farhorizon.engine.rows import notice
 
 CASE = """
 lattice = { spacing = 0.25, lower = [-4.0], upper = [4.0] }
@@ -58,6 +59,14 @@ def test_the_time_in_all_is_the_sum_of_its_parts_and_no_trial_file_stays(tmp_pat
     assert (run.fields["u"] == before).all() and run.step_count == 0 and len(run.probes.times) == 1
 
 
+def test_what_was_compiled_before_is_no_part_of_the_time(tmp_path, monkeypatch, capsys):
+    """Of another case that was checked in the same process: the time in all was below zero."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(notice._NOTICE, "spent", 1000.0)
+    Path("a.toml").write_text(CASE)
+    assert "about -" not in told(capsys)[0]
+
+
 def test_fields_without_displacements_may_be_written(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("a.toml").write_text(CASE)
@@ -90,10 +99,37 @@ def test_speeds_have_the_units_of_the_case(tmp_path, monkeypatch, capsys):
     assert "long waves 2 mm/us" in "\n".join(told(capsys))
 
 
+def test_prescribed_nodes_send_waves_as_long_as_their_course():
+    """Not as short as the node is wide, which the value they begin with would be, however small."""
+    ricker = fh.Prescribed([0.0], "(1-2*(0.2*pi*(t-5))**2)*exp(-(0.2*pi*(t-5))**2)", until=10.0)
+    bar = fh.Lattice(0.1, -10, 10), fh.Wave(fh.Kernel(0.3)), fh.Exact()
+    waves = content(fh.Simulation(*bar, constraints=[ricker]), 20.0)
+    assert waves is not None and 3 < waves.typical < 7 and waves.shortest > 1.5
+    assert content(fh.Simulation(*bar, constraints=[fh.Prescribed([0.0], 0.0)]), 20.0) is None
+
+
 def test_warnings_are_what_to_do():
     report = Report(warnings=["take more nodes"], notes=["said too"], numbers={"memory": 2.0**20})
     assert str(report).splitlines()[:2] == ["1 warning: 1 MiB", "warning: take more nodes"]
     assert "note: said too" in str(report) and "nothing" not in str(report)
+
+
+def test_waves_that_hardly_move_are_told_apart():
+    """Of two spacings, which no layer absorbs: a verdict is about the others."""
+    lattice, pulse = fh.Lattice(0.5, (-4, -4), (4, 4)), fh.Expression("exp(-2*(x**2+y**2))", 2)
+    report = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), fh.LatticePML(nodes=16), {"u": pulse}).check(1.0, 0.2)
+    assert re.search(r"at most -\d\d+ dB up to 60 degrees, of the shortest 0 dB", report.headline)
+
+
+def test_a_sponge_that_sends_back_much_is_not_fine():
+    lattice, model = fh.Lattice(0.25, -5, 5), fh.Wave(fh.Kernel(0.5))
+    thin, wide = (
+        fh.Simulation(lattice, model, fh.Sponge(nodes), {"u": fh.Expression("exp(-2*x**2)", 1)}).check(5.0, 0.2)
+        for nodes in (8, 120)
+    )
+    (warning,) = thin.warnings
+    assert re.fullmatch(r"x-, x\+ send back 0\.\d+ of waves of .*; take more nodes, .*, or a LatticePML", warning)
+    assert not wide.warnings
 
 
 def test_the_cheapest_sides_are_recommended():

@@ -206,6 +206,13 @@ def test_without_probes_and_energy(tmp_path):
     assert empty.energy.tolist() == [2.0] and empty.times.tolist() == [0.0, 1.0]  # the file is read at each access
 
 
+def test_an_output_that_is_no_number_is_not_called_damage(tmp_path):
+    write(tmp_path / "a.h5")
+    with pytest.raises(InputError, match="index: must be a whole number") as error:
+        open_results(tmp_path / "a.h5").field("v", "last")
+    assert not isinstance(error.value, FileFormatError)
+
+
 def test_damaged_results_are_told_at_the_access(tmp_path):
     write(tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5", "r+") as file:

@@ -356,6 +356,8 @@ HOLE = fh.Box((-12.0, -12.0), (12.0, 12.0)) - fh.Disc(2.0)
         (fh.MomentTensor((0.0, 0.0), np.eye(3)), r"source\.moment: .*value: shape \(3, 3\); limit: shape \(2, 2\)"),
         (fh.MomentTensor((0, 0), 1.0, strike=0, dip=0, rake=0), r"source\.moment: .*value: strike, dip and rake"),
         (fh.LineSource([(0.0, 0.0), (20.0, 0.0)], (1, 0)), r"source\.points: the point lies outside the near field"),
+        (fh.LineSource([(0.0, 0.0), (1e300, 1e300)], (1, 0)), r"source\.points: reaches beyond .*limit: \[-12, -12\]"),
+        (fh.PhasedArray((0, 0), (1e30, 0), 2, (1, 0), 1.0), r"source\.first: reaches beyond the near field"),
     ],
 )
 def test_what_does_not_fit(source, message):

@@ -109,6 +109,19 @@ def test_what_vanishes_everywhere_is_noted():
     assert simulation(initial={"u": lambda x, y: 0 * x}).notes == ["initial.u is zero on every node of the near field"]
 
 
+def test_the_background_is_not_called_zero():
+    """Data at the background vanish, those at zero do not."""
+    ground = {"model": fh.Heat(KERNEL), "background": 10.0}
+    assert (
+        "initial.u is 10, the background, on every node of the near field"
+        in simulation(**ground, initial={"u": 10.0}).notes
+    )
+    with pytest.raises(fh.InputError, match=r"not 10, the background, beyond the .*value: 10 off at .*set background"):
+        simulation(**ground, initial={"u": 0.0})
+    with pytest.raises(fh.InputError, match=r"10, the background, on every node .* not beyond; value: 1 off near"):
+        simulation(**ground, initial={"u": lambda x, y: 10.0 + (np.abs(x - 8) < 0.3)})
+
+
 CRACKS = {
     "wholly beyond": [(5, 0), (6, 1)],
     "wholly beyond, along a side": [(-2, 4.5), (2, 4.5)],

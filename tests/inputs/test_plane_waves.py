@@ -152,8 +152,10 @@ def _refused(match, model=None, lattice=None, **changes):
 
 def test_bad_input():
     _refused("direction", wave={"direction": (0.0, 0.0)})
+    _refused("direction: is beyond what can be computed with", wave={"direction": (1e300, 0.0)})
     _refused("dimension", wave={"direction": (1.0, 0.0, 0.0)})
     _refused("duration", wave={"duration": 0.0})
+    _refused("duration: the signal lasts too many time steps.*limit: .* 10000000 steps", wave={"duration": 1e30})
     _refused("polarisation", wave={"polarisation": "Q"})
     _refused("along its direction", wave={"polarisation": (1.0, 1.0)})
     _refused("one reach of the near field", wave={"within": fh.Box((-11, -8), (8, 8))})

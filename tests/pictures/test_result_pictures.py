@@ -306,6 +306,10 @@ def test_a_deformed_lattice_has_its_nodes_where_they_moved(tmp_path, monkeypatch
     with pytest.raises(InputError, match="--deformed: only a run in 2D with displacements"):
         scalar = axes_and_fields(tmp_path / "b.h5", vector=False)
         drawing.plot_results(scalar, tmp_path, View(deformed=0.0))
+    with pytest.raises(InputError, match=r"--deformed: .*value: 2D, no u"):
+        damaged = axes_and_fields(tmp_path / "c.h5")
+        damaged.field_names, damaged.components = ("v",), {"v": 2}
+        drawing.plot_results(damaged, tmp_path, View(deformed=0.0))
     with pytest.raises(InputError, match="factor must be positive"):
         View(deformed=-1.0)
 

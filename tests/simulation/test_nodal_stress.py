@@ -113,5 +113,5 @@ def test_cases_ask_for_it():
     case = Case(CASE.format(model="elastic", constants="young = 3.0, "))
     assert case.fields == ("u", "stress")
     assert "max_stress_von_mises" in case.figures(case.run())
-    with pytest.raises(fh.InputError, match=r"a wave has no such field; value: stress; limit: u, v"):
+    with pytest.raises(fh.InputError, match=r"a medium of type wave has no such field; value: stress; limit: u, v"):
         Case(CASE.format(model="wave", constants=""))

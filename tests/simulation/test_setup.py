@@ -116,3 +116,10 @@ def test_other_kinds_are_refused_at_once(changes, key):
     with pytest.raises(fh.InputError) as refused:
         fh.Setup(**{**GIVEN, **changes})
     assert refused.value.key == key
+
+
+@pytest.mark.parametrize("threads", [0, -3, 100_000])
+def test_so_many_threads_are_none(threads):
+    """Neither fewer than one nor more than there are: one message is true of both."""
+    with pytest.raises(fh.InputError, match=r"threads: not a number of threads that there are; .*limit: 1 to"):
+        fh.Simulation(fh.Lattice(1.0, -4, 4), fh.Wave(fh.Kernel(1.0)), threads=threads)

@@ -97,6 +97,24 @@ def test_prescribed_nodes():
         assert result.curves["exact"]["error_max_over_run"] < 1e-11 and result.scale == "largest value of the run"
 
 
+def test_a_run_at_rest_is_not_compared():
+    """No value to which errors could refer: such as one whose source begins later."""
+    late = fh.Source(lambda x: np.exp(-8 * x**2), lambda t: max(t - 5.0, 0.0))
+    setup = {"lattice": fh.Lattice(0.25, -4, 4), "model": fh.Wave(KERNEL), "boundary": fh.Fixed(), "sources": [late]}
+    with pytest.raises(fh.InputError, match=r"times: nothing moves .*value: to t = .*remedy: later times"):
+        compare(setup, 1.0)
+
+
+def test_a_solid_that_heats_as_it_is_deformed_has_no_infinite_medium():
+    solid = fh.Thermoelastic(
+        fh.Elastic(fh.Kernel(1.0, 1, "linear"), 1.0), fh.Heat(fh.Kernel(1.0, 1), conductivity=0.1), 0.01, 1.0
+    )
+    setup = {"lattice": fh.Lattice(0.5, (-4, -4), (4, 4)), "model": solid, "boundary": fh.LatticePML(nodes=4)}
+    warm = {"T": lambda x, y: 1 + np.exp(-2 * (x**2 + y**2))}
+    with pytest.raises(fh.InputError, match=r"model\.coupled: .*for one field.*remedy: false"):
+        compare({**setup, "initial": warm}, 1.0)
+
+
 def test_growth_rate_of_an_exponential():
     """Fitted over the second half: what happens before does not count; gaps and zeros are left out."""
     times = np.linspace(0, 10, 21)

@@ -357,7 +357,7 @@ class Case:
         for name in self.fields:
             if name not in known:
                 raise InputError(
-                    f"a {self.parts.model.type} has no such field",
+                    f"a medium of type {self.parts.model.type} has no such field",
                     value=name,
                     limit=", ".join(known),
                     key="output.fields",

@@ -837,6 +837,8 @@ def _key(hint: Any, default: Any) -> tuple[Any, Any]:
     found = [kind for option in options if (kind := _of_toml(option)) is not None]
     if found and NoneType in options:
         found.append(None if default is None else Literal[False])
+    if isinstance(default, tuple):  # as TOML writes it
+        default = list(default)
     return reduce(or_, found) if found else Any, ... if default is MISSING else default
 
 

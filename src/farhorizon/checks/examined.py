@@ -14,6 +14,7 @@ from farhorizon.engine.engine import Engine
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.conditions import Conditions
 from farhorizon.inputs.incidence import Incidence
+from farhorizon.inputs.prescribed import PrescribedNodes
 from farhorizon.inputs.signals import Signal
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import LatticeModel
@@ -63,6 +64,7 @@ class Examined(Timed, Protocol):
         Of all that drives, with what each is called, as far as their spectra are known.
     incident : list of Incidence
     conditions : Conditions
+    prescribed : PrescribedNodes
     leak : ndarray
         Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without.
     closure : Closure or None
@@ -96,6 +98,7 @@ class Examined(Timed, Protocol):
     signals: list[tuple[str, Signal]]
     incident: list[Incidence]
     conditions: Conditions
+    prescribed: PrescribedNodes
     leak: np.ndarray
     closure: Closure | None
     coefficients: dict[tuple[int, int], float]

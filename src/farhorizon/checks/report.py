@@ -48,6 +48,7 @@ _HARDLY = 20.0  # times the run a signal lasts of which the run has hardly begun
 _STEEP = 60.0  # degrees: waves that come flatter are few, and layers are worst for them
 _EXACT = 1e-14  # less than this comes back: rounding
 _MUCH = 1e-3  # amplitude that a layer of given thickness may send back without a warning
+_MUCH_OF_SPONGE = 0.05  # and a sponge, which needs many wavelengths
 _WORTH = 1.0  # seconds saved that are worth a note
 _MORE = "farhorizon check CASE.toml --details, in Python print(report.details)"
 _SHORT = (
@@ -268,21 +269,32 @@ class Report:
         if "returned" in numbers:
             parts.append(f"layers chosen to send back {numbers['returned']:.1g} of the largest value")
         elif (back := self._largest_returned()) is not None:
-            parts.append(f"echoes of plane waves at most {_decibels(back)} dB up to {_STEEP:g} degrees")
+            others, most = back
+            apart = most > max(2 * others, _MUCH)
+            at_most = _decibels(others if apart else most)
+            parts.append(f"echoes of plane waves at most {at_most} dB up to {_STEEP:g} degrees")
+            if apart:
+                parts[-1] += f", of the shortest {_decibels(most)} dB"
         if self.certificate is not None:
             parts.append(self.certificate.in_words(self.until))
         return f"{verdict}: {', '.join(parts)}"
 
-    def _largest_returned(self) -> float | None:
-        """Largest amplitude that absorbing sides send back of plane waves that are not grazing; None without any."""
+    def _largest_returned(self) -> tuple[float, float] | None:
+        """Largest amplitude that absorbing sides send back of plane waves that are not grazing: of all but the
+        shortest, where there are others, and of all; None without any.
+        """
+        plain = [found for found in self.reflections if not found.diffusive]
+        shortest = min((length for found in plain if len(found.tables) > 1 for length in found.tables), default=0.0)
         steep = [
-            table[..., np.array(found.angles) <= _STEEP].ravel()
-            for found in self.reflections
-            if not found.diffusive
-            for table in found.tables.values()
+            (length, table[..., np.array(found.angles) <= _STEEP].ravel())
+            for found in plain
+            for length, table in found.tables.items()
         ]
-        amplitudes = np.concatenate(steep) if steep else np.zeros(0)
-        return float(np.nanmax(amplitudes)) if np.isfinite(amplitudes).any() else None
+        amplitudes = [
+            np.concatenate([np.zeros(0), *(values[np.isfinite(values)] for length, values in steep if length > least)])
+            for least in (shortest, 0.0)
+        ]
+        return None if not amplitudes[1].size else (amplitudes[0].max(initial=0.0), amplitudes[1].max())
 
     def _predict(self, sim: Examined, wavelengths: tuple[float, ...], end: float) -> None:
         """Reflection by each kind of absorbing side, the typical wave first; what there is no time for is noted."""
@@ -298,18 +310,20 @@ class Report:
             self.reflections.append(found)
             boundary = sim.sides[AXES.index(names[0]), 1 if names[1] == "+" else -1]
             # of what chose itself for the data of the run more is known than plane waves tell
-            if boundary.stretched and not found.diffusive and "returned" not in self.numbers:
+            if not found.diffusive and "returned" not in self.numbers:
                 self._doubt(found, boundary, boundary.wanted(sim.model.target))
 
     def _doubt(self, found: Reflections, boundary: Side, wanted: float) -> None:
         """Warn of a layer that sends back much of what it is best at: typical waves that come along the normal."""
         wavelength, table = next(iter(found.tables.items()))
         amplitude = float(np.nanmax(np.append(table[:, 0], 0.0)))
-        most = _MUCH if boundary.nodes is not None else 10 * wanted
+        most = _MUCH_OF_SPONGE if boundary.damped else _MUCH if boundary.nodes is not None else 10 * wanted
         if amplitude > most:
             aim = "" if boundary.nodes is not None else f", where the target is {wanted:g}"
             what = f"{found.sides} send back {amplitude:.1g} of waves of length {wavelength:.3g} along the normal{aim}"
             others = "a kernel that reaches less far, a Sponge of several wavelengths, or in one dimension Exact"
+            if boundary.damped:
+                others = "several wavelengths of them, or a LatticePML"
             self.warnings.append(f"{what}; take more nodes, {others}")
 
     def _say(self, name: str, value: str) -> None:
@@ -540,7 +554,8 @@ def content(sim: Examined, until: float | None = None) -> Band | None:
     """Wavelengths in initial data and in what sources add, as far as these split into space and time; None if there is
     nothing.
 
-    The frequencies of sources count, too, where they are those of a signal or the end of the run is known.
+    The frequencies of sources count, too, where they are those of a signal or the end of the run is known. Nodes whose
+    values are prescribed send out waves by their course; what it begins with is no wave as short as a node.
     """
     waves = sim.model.order == 2
     rate = np.sqrt(sim.model.coefficient * max(sim.strongest, 1e-300)) / sim.lattice.spacing
@@ -549,6 +564,15 @@ def content(sim: Examined, until: float | None = None) -> Band | None:
         (sim.start_v, 0, None),
     ]
     lowest = float(np.linalg.eigvalsh(np.atleast_2d(sim.engine.reaction))[0])
+    if waves and sim.prescribed.driven:
+        start = np.array(sim.start_u)
+        found[0] = (start, 1, None)
+        for places, course in sim.prescribed.driven:
+            start.flat[places] = 0.0
+            if until is not None:
+                there = np.zeros(start.shape)
+                there.flat[places] = 1.0
+                found.append((there, 1, gain_of_time(course, until, rate, lowest)))
     for space, factor in sim.sources:
         if space is not None:
             found.append((space, 0, _gain(factor, until, rate, lowest) if waves else None))
@@ -659,7 +683,7 @@ def _decibels(amplitude: float) -> str:
     """An amplitude in decibels; "none" where there is no such wave."""
     if not np.isfinite(amplitude):
         return "none"
-    return f"{20 * np.log10(amplitude):.0f}" if amplitude > _EXACT else f"< {20 * np.log10(_EXACT):.0f}"
+    return f"{round(20 * np.log10(amplitude))}" if amplitude > _EXACT else f"< {20 * np.log10(_EXACT):.0f}"
 
 
 def seconds(duration: float) -> str:

@@ -247,6 +247,7 @@ class Results:
         """
         if name not in self.field_names:
             raise InputError(f"{self.path} has no field {name!r}", remedy=f"one of {', '.join(self.field_names)}")
+        index = kinds.integer(index, "index", least=-kinds.MOST_WHOLE)
         with opened(self.path, "r", "results file") as file:
             outputs = counts_of(file, self.path).outputs
             if not -outputs <= index < outputs:

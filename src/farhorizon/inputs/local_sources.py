@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.errors import InputError
+from farhorizon.errors import InputError, shown
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.interpolation import INTERPOLATIONS, as_points, interpolation_blocks
 from farhorizon.geometry.lattice import Lattice
@@ -454,20 +454,30 @@ class LineSource(LocalSource):
     def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
         """What it is on the nodes."""
         corners = as_points(self.points, lattice.dim, f"{key}.points")
-        pieces = [patch(start, [end - start], lattice.spacing) for start, end in itertools.pairwise(corners)]
+        pieces = [patch(start, [end - start], lattice, f"{key}.points") for start, end in itertools.pairwise(corners)]
         points, amounts = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
         density = spread(lattice, points, amounts, self.interpolation, f"{key}.points")
         return [Source(directed(density, self.strength, components, f"{key}.strength"), self.time)]  # type: ignore[arg-type]
 
 
-def patch(corner: np.ndarray, edges: Sequence[np.ndarray], spacing: float) -> tuple[np.ndarray, np.ndarray]:
+def patch(corner: np.ndarray, edges: Sequence[np.ndarray], lattice: Lattice, key: str) -> tuple[np.ndarray, np.ndarray]:
     """Points in the middle of equal parts of a line or a parallelogram, shape (n, dim), and the length or area of each,
-    shape (n,), at least two parts a spacing.
+    shape (n,), at least two parts a spacing; InputError for one that is much too long for the lattice.
     """
     points, size = corner[None], 1.0
+    most = 2 * float(np.linalg.norm(lattice.whole.upper - lattice.whole.lower)) + lattice.spacing
     for edge in edges:
-        length = float(np.linalg.norm(edge))
-        count = max(1, int(np.ceil(_PER_NODE * length / spacing)))
+        with np.errstate(over="ignore"):
+            length = float(np.linalg.norm(edge))
+        if not length <= most:
+            raise InputError(
+                "reaches beyond the near field",
+                value=f"length {length:.4g}",
+                limit=f"{shown(lattice.whole.lower)} to {shown(lattice.whole.upper)}",
+                key=key,
+                remedy="a shorter one, or a larger lattice",
+            )
+        count = max(1, int(np.ceil(_PER_NODE * length / lattice.spacing)))
         along = (np.arange(count) + 0.5) / count
         points = (points[:, None] + along[None, :, None] * edge).reshape(-1, corner.size)
         size *= length / count

@@ -140,10 +140,9 @@ class Beyond:
                         remedy="where(condition, a, b) in an expression keeps to where it is defined",
                     )
                 raise InputError(
-                    f"not zero beyond the absorbing {edge}; the run would miss it: an error of about {share:.2g} of "
-                    "the largest "
-                    f"{missed}",
-                    value=f"{worst:.3g} at {where}",
+                    f"not {_named(level)} beyond the absorbing {edge}; the run would miss it: an error of about "
+                    f"{share:.2g} of the largest {missed}",
+                    value=f"{worst:.3g}{' off' * bool(level)} at {where}",
                     limit=f"{target * max(peak, worst):.3g} ({target:g} of the largest)",
                     key=key,
                     remedy="enlarge the near field, narrow or move what is given"
@@ -164,13 +163,13 @@ class Beyond:
         most, where = self._largest(function, level)
         if most > 0:
             raise InputError(
-                "zero on every node of the near field, and not beyond",
-                value=f"{most:.3g} near {where}",
+                f"{_named(level)} on every node of the near field, and not beyond",
+                value=f"{most:.3g}{' off' * bool(level)} near {where}",
                 limit=_extent(self.lattice),
                 key=key,
                 remedy="move it inside or enlarge the near field",
             )
-        self.notes.append(f"{key} is zero on every node of the near field")
+        self.notes.append(f"{key} is {_named(level)} on every node of the near field")
 
     def _refuse_outside(self, function: Function, key: str, level: float, missed: str) -> None:
         """InputError for what is larger beyond a side than anywhere inside: most of it lies outside."""
@@ -338,6 +337,11 @@ def _oblique(lines: np.ndarray) -> bool:
 
 def _name(axis: int, side: int) -> str:
     return AXES[axis] + "-+"[side > 0]
+
+
+def _named(level: float) -> str:
+    """What the medium is far away, in words."""
+    return f"{level:.6g}, the background," if level else "zero"
 
 
 def _extent(lattice: Lattice) -> str:

@@ -153,7 +153,7 @@ class PhasedArray(LocalSource):
         edges = [width * row, *([] if self.across is None else [np.asarray(self.across)])]
         found = []
         for centre, delay in zip(as_points(self.centres, lattice.dim, f"{key}.first"), self.delays, strict=True):
-            points, amounts = patch(centre - sum(edges) / 2, edges, lattice.spacing)
+            points, amounts = patch(centre - sum(edges) / 2, edges, lattice, f"{key}.first")
             density = spread(lattice, points, amounts, self.interpolation, f"{key}.first")
             values = directed(density, self.strength, components, f"{key}.strength")  # type: ignore[arg-type]
             found.append(Source(values, _later(self.time or steady, float(delay))))

@@ -211,6 +211,11 @@ class _Course:
     first: np.ndarray
     way: list[float]
 
+    def value_over(self, background: float) -> Callable[[float], float]:
+        """Of a constraint with a value: it less the background, as a function of t."""
+        course, end = self.constraint.course[self.component], self.constraint.until
+        return lambda t: _at(course, t) - background if end is None or t <= end else 0.0
+
     def values(self, step: int, count: int, dt: float) -> np.ndarray:
         """Values after each of `count` steps from one on, shape (count, places) or (count, 1)."""
         course, steps = self.constraint.course[self.component], range(step + 1, step + count + 1)
@@ -299,6 +304,15 @@ class PrescribedNodes:
             if t <= (np.inf if held.constraint.until is None else held.constraint.until)
             else np.zeros(2)
             for held in self._held
+        ]
+
+    @property
+    def driven(self) -> list[tuple[np.ndarray, Callable[[float], float]]]:
+        """Places in the field whose values are given, and these less the background as functions of t, zero after the
+        release.
+        """
+        return [
+            (held.places, held.value_over(self.background)) for held in self._held if held.constraint.velocity is None
         ]
 
     @property

@@ -123,7 +123,9 @@ def lost_notes(lost: float) -> list[str]:
 
 
 def _as_direction(direction: Any) -> Any:
-    if not kinds.array(direction, "incident.direction", shape=(None,)).any():
+    given = kinds.array(direction, "incident.direction", shape=(None,))
+    kinds.check_magnitude(given, "incident.direction")
+    if not given.any():
         raise InputError(
             "an incident wave needs a direction",
             value=direction,

@@ -221,7 +221,8 @@ def _strained(results: Results, index: int) -> tuple[np.ndarray, np.ndarray]:
     if results.dim != 2 or results.components.get("u") != 2:
         raise InputError(
             "only a run in 2D with displacements has a deformed shape",
-            value=f"{results.dim}D, u of {results.components.get('u', 0)} components",
+            value=f"{results.dim}D, "
+            + (f"u of {count} components" if (count := results.components.get("u")) else "no u"),
             key="--deformed",
         )
     u = results.field("u", index)

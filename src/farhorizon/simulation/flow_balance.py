@@ -69,6 +69,7 @@ class FlowBalance:
                 "a balance is recorded for equations of first order in time, and for elasticity",
                 value=type(near.model).__name__,
                 key="balance",
+                remedy="leave it out: the energy is recorded without it",
             )
         self.near, self.sides, self.grid, self.phases, self.ends, self.feed = near, sides, grid, phases, ends, feed
         self._setup, self._team = setup, team

@@ -51,7 +51,7 @@ def wanted_threads(threads: int | None) -> int:
         return kinds.integer(threads, "threads", least=1, most=available_threads())
     except InputError as error:
         raise InputError(
-            "there are fewer threads",
+            "not a number of threads that there are",
             value=error.value,
             limit=error.limit,
             key="threads",

@@ -192,7 +192,7 @@ class Simulation(Run):
         near, around = parts.near, parts.around
         self.lattice, self.model, self.background, self.dt = near.lattice, near.model, near.background, near.dt
         self.stencil, self.engine = near.stencil, parts.grid.engine
-        self.sides, self.closure = around.sides, parts.closure
+        self.sides, self.closure, self.prescribed = around.sides, parts.closure, near.prescribed
         self.step_limit, self.rate_limit, self.field_shape = near.step_limit, near.rate_limit, near.field_shape
         self.strongest, self.conditions, self.leak = near.strongest, near.conditions, near.leak
         self.fastest_rate, self.weakest, self.signals = near.fastest_rate, near.weakest, signals(setup)

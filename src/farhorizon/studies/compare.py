@@ -172,7 +172,8 @@ def compare(
     Raises
     ------
     InputError
-        What `Simulation` refuses, times that are not positive, an infinite medium that does not fit into memory.
+        What `Simulation` refuses, times that are not positive, an infinite medium that does not fit into memory, a run
+        in which nothing moves.
     """
     wanted = _moments(until, times)
     if not isinstance(setup, Setup):
@@ -194,6 +195,13 @@ def compare(
     driven = setup.constraints or any(isinstance(s, Incident) for s in setup.sources)
     if result.initial == 0 or driven:
         result.initial, result.scale = max(size), "largest value of the run"
+    if not result.initial > 0:
+        raise InputError(
+            "nothing moves at any of the times that are compared",
+            value=f"to t = {result.times[-1]:.6g}",
+            key="times",
+            remedy="later times, or initial data or sources that the run sees",
+        )
     result.curves = {name: _curve(result, error, size) for name, error in errors.items()}
     _measure_growth(result, ours)
     return result
@@ -377,6 +385,13 @@ def _extended(setup: Setup, ours: Simulation, until: float) -> Simulation:
     lattice = ours.lattice
     more = undisturbed(ours.stencil.with_reaction(0.0), ours.fastest_rate, ours.model.order, until)
     open_sides = {key: more for key, b in ours.sides.items() if b.endless}
+    if open_sides and setup.heat is not None and setup.heat.coupled:
+        raise InputError(
+            "the medium beyond the near field is computed for one field, not for displacements and a temperature",
+            value="coupled",
+            key="model.coupled",
+            remedy="false, or by hand the same case with a larger near field",
+        )
 
     def widen(value: Any, mode: Literal["constant", "edge"] = "constant") -> Any:
         if isinstance(value, Incident):

@@ -20,6 +20,7 @@ _LOST = 1e-12  # frequencies below this share of the largest amplitude are left 
 _SLOW = 0.1  # group speed, relative to that of long waves, below which a lattice does not carry a wave
 # part of the signal, relative to its largest value, that may lie above what the lattice carries: it is left out
 _CARRIED = 1e-2
+_MOST_STEPS = 10**7  # of a signal: more than a pulse has, and samples that memory holds
 _LATE = 1e-10  # and those above this share must have passed before the pulse is over
 # of the interpolation in space: nodes for each radian of the shortest wave, and nodes that a value is taken from
 _GRID, _POINTS = 6.0, 14
@@ -31,8 +32,16 @@ def sampled(signal: Callable[[float], float], duration: float, dt: float) -> np.
     Raises
     ------
     InputError
-        It is not finite, or zero.
+        It is not finite, or zero, or lasts too many steps.
     """
+    if not duration <= _MOST_STEPS * dt:
+        raise InputError(
+            "the signal lasts too many time steps",
+            value=duration,
+            limit=f"{_MOST_STEPS * dt:.4g}, {_MOST_STEPS} steps",
+            key="incident.duration",
+            remedy="how long the signal itself lasts, in the unit of time of the run",
+        )
     steps = int(np.ceil(duration / dt - 1e-9)) + 1  # a whole number of steps is one in all units
     samples = np.array([float(signal(t)) for t in dt * np.arange(steps)])
     if not np.isfinite(samples).all():
