@@ -72,6 +72,7 @@ def test_waves_on_a_line(reach, nodes, limit):
     assert worst(wave(1, kernel(reach), nodes), 60) <= limit
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("reach", [2, 3])
 def test_waves_in_space(reach):
     """Six sides, edges and corners with 10 nodes; the pulse is the narrowest that fits."""

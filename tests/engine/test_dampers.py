@@ -112,6 +112,7 @@ def test_more_threads_change_nothing(name):
     np.testing.assert_array_equal(one.fields["u"], two.fields["u"])
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("short", [False, True])
 def test_a_checkpoint_has_them(tmp_path, dtype, short):

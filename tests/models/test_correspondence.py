@@ -48,6 +48,7 @@ def crossing(points):
     return absent
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("shape", "name", "side"),
     [

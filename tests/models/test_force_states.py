@@ -375,9 +375,9 @@ def test_a_uniform_stretch_breaks_no_bond_below_the_critical_one(name, side):
 
 @pytest.mark.parametrize(
     ("dim", "dtype"),
-    [  # each is compiled for itself; the fast tier has either dimension and either precision
-        (2, "float32"),
+    [  # each is compiled for itself, which takes long
         (3, "float64"),
+        pytest.param(2, "float32", marks=pytest.mark.slow),
         pytest.param(2, "float64", marks=pytest.mark.slow),
         pytest.param(3, "float32", marks=pytest.mark.slow),
     ],

@@ -138,6 +138,7 @@ def test_a_plane_takes_what_its_bonds_do(dim, reach, nonlinear, softening):
     assert lost == pytest.approx(taken, rel=2e-3)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_fracture_energy_is_the_same_on_every_lattice(dim):
     """That of the material, within what a plane along an axis differs by from the mean over all planes: of space 6 % at

@@ -84,6 +84,7 @@ def test_what_is_below_a_known_rate_is_not_looked_for_any_longer():
     assert 0.99 < found[1] / found[0] <= 1 and found[0] < parts.near.rate_limit
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("boundary", [fh.LatticePML(nodes=6), CHOSEN], ids=["given", "chosen"])
 @pytest.mark.parametrize("name", SOLIDS)
 def test_mirrored_cracks_have_the_same_step_limit(name, boundary):
