@@ -226,12 +226,17 @@ class _Choice:
             near.squared_speed,
             known=bool(data),
         )
+        refused: list[InputError] = []
         for key, boundary in layers.items():
             wanted, until = boundary.wanted(model.target), lengths[key]
             if far.follows_backward_waves(min(until, far.foreseen)):
                 self.followed.add(key)
             if boundary.open_ended:
-                found = far.layer(*key, boundary, wanted, until)
+                try:
+                    found = far.layer(*key, boundary, wanted, until)
+                except InputError as refusal:
+                    refused.append(refusal)
+                    continue
                 if found is not None:
                     self._take(key, found, wanted)
             else:
@@ -245,6 +250,8 @@ class _Choice:
                         layer.columns,
                         wanted,
                     )
+        if refused:  # what one side keeps another one may not
+            raise max(refused, key=lambda one: float(str(one.limit).removeprefix(">= ")))
 
     def unforeseen(self, layers: Sides) -> list[str]:
         """What is to be said of short waves in the data that predictions leave out: those that run backward, of vectors
