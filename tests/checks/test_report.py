@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.analysis.layers.spectrum import faded
 from farhorizon.checks.report import Report, content
 from farhorizon.cli import main
 from farhorizon.engine.rows import notice
@@ -91,6 +92,12 @@ def test_incident_waves_have_the_length_of_their_signal(free):
     shortest, longest, typical = map(float, found.groups())
     assert shortest == pytest.approx(6.5, rel=0.2) and typical == pytest.approx(12.7, rel=0.1) and longest > 25
     assert float(re.search(r"at most (-\d+) dB", report.headline)[1]) < -60
+
+
+@pytest.mark.parametrize("shape", [(1, 5), (4, 5), (5, 1)])
+def test_fields_fade_out_towards_sides_that_are_not_free(shape):
+    found = faded(np.ones(shape), [(False, True), (False, False)])
+    assert found.shape == shape and (found <= 1).all() and found.max() > 0.4
 
 
 def test_speeds_have_the_units_of_the_case(tmp_path, monkeypatch, capsys):

@@ -174,6 +174,10 @@ class Incident(Storable, ABC):
         """The wave in space of so many dimensions, with every text in it as an expression of these coordinates."""
         return self
 
+    def velocities(self, times: np.ndarray) -> np.ndarray | None:
+        """How fast its signal changes at some equidistant times, up to a factor; None where it has no signal."""
+        return None
+
     def surface_met(self, free: Sequence[End]) -> End | None:
         """The one of the free sides on which the box stands where none is given; None for most."""
         return None

@@ -57,6 +57,10 @@ class TravellingWave(Incident):
         """The signal at a time: zero before 0 and after its duration."""
         return float(kinds.array(self.signal(t), "incident.signal", shape=())) if 0 <= t <= self.duration else 0.0
 
+    def velocities(self, times: np.ndarray) -> np.ndarray | None:
+        """The differences of the signal."""
+        return np.gradient([self.at(t) for t in times.tolist()]) if len(times) > 1 else None
+
     @property
     def along(self) -> np.ndarray:
         """The direction as a unit vector."""

@@ -18,7 +18,14 @@ from farhorizon.analysis.layers.choice import weak
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
 from farhorizon.analysis.layers.side_data import Datum
-from farhorizon.analysis.layers.thickness import MOST, Thickness, Wall, distance_to_side, thinnest_for_diffusion
+from farhorizon.analysis.layers.thickness import (
+    MOST,
+    NotKept,
+    Thickness,
+    Wall,
+    distance_to_side,
+    thinnest_for_diffusion,
+)
 from farhorizon.analysis.layers.tuned_layers import as_quiet, lightly_tuned
 from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
@@ -26,7 +33,6 @@ from farhorizon.errors import InputError
 from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.sources import by_component, field, split
 from farhorizon.inputs.thermal_loads import ThermalLoad
-from farhorizon.inputs.travelling_waves import TravellingWave
 from farhorizon.medium.integrators import Verlet
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.alternating_waves import FOLLOWED, AlternatingWaves
@@ -226,7 +232,7 @@ class _Choice:
             near.squared_speed,
             known=bool(data),
         )
-        refused: list[InputError] = []
+        refused: list[NotKept] = []
         for key, boundary in layers.items():
             wanted, until = boundary.wanted(model.target), lengths[key]
             if far.follows_backward_waves(min(until, far.foreseen)):
@@ -234,7 +240,7 @@ class _Choice:
             if boundary.open_ended:
                 try:
                     found = far.layer(*key, boundary, wanted, until)
-                except InputError as refusal:
+                except NotKept as refusal:
                     refused.append(refusal)
                     continue
                 if found is not None:
@@ -251,7 +257,7 @@ class _Choice:
                         wanted,
                     )
         if refused:  # what one side keeps another one may not
-            raise max(refused, key=lambda one: float(str(one.limit).removeprefix(">= ")))
+            raise max(refused, key=lambda one: one.least)
 
     def unforeseen(self, layers: Sides) -> list[str]:
         """What is to be said of short waves in the data that predictions leave out: those that run backward, of vectors
@@ -414,12 +420,12 @@ class _Choice:
         None where bonds break, which sends what it likes, and where a signal reaches to the frequencies of waves that
         run backward or hardly move: what of it the box of an incident wave lets out stays beside the sides for long.
         """
-        near, waves = self.near, [source for source in self.sources if isinstance(source, TravellingWave)]
-        alone = len(waves) == len(self.sources) and not self._initial() and self.setup.heat is None
-        times = self._times(until)
-        if not waves or not alone or self.setup.model.bond_law is not None or len(times) < 2:
+        near, times = self.near, self._times(until)
+        found = [source.velocities(times) if isinstance(source, Incident) else None for source in self.sources]
+        courses = [course for course in found if course is not None]
+        alone = len(courses) == len(found) > 0 and not self._initial() and self.setup.heat is None
+        if not alone or self.setup.model.bond_law is not None:
             return []
-        courses = [np.gradient([wave.at(t) for t in times.tolist()]) for wave in waves]
         spectra = np.abs(np.fft.rfft(courses, 2 * len(times)))
         fast = 2 * np.pi * np.fft.rfftfreq(2 * len(times), near.dt) > _FAST * np.sqrt(near.rate_limit)
         share = float((spectra[:, fast].sum(1) / np.maximum(spectra.sum(1), 1e-300)).max())

@@ -24,6 +24,7 @@ from farhorizon.analysis.layers.side_data import (
     share_of_short,
 )
 from farhorizon.analysis.layers.thickness import (
+    NotKept,
     Thickness,
     by_formula,
     distance_to_side,
@@ -34,7 +35,6 @@ from farhorizon.analysis.layers.thickness import (
 )
 from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
-from farhorizon.errors import InputError
 from farhorizon.machine import one_blas_thread
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.wave_data import by_time, depth_of, largest_along
@@ -121,7 +121,9 @@ class ReturnedWaves:
     scatterers: np.ndarray | None = None
     squared_speed: np.ndarray | None = None
     known: bool = True
-    _known: dict[tuple[object, ...], Thickness] = field(default_factory=dict)  # of sides that are alike
+    # of sides that are alike
+    _known: dict[tuple[object, ...], Thickness] = field(default_factory=dict)
+    _least: dict[tuple[object, ...], float] = field(default_factory=dict)
     _sent: dict[tuple[object, ...], tuple[list[Arrivals], float]] = field(default_factory=dict)
     _samples: dict[tuple[Stencil, float, int, int], Sample] = field(default_factory=dict)
 
@@ -134,7 +136,7 @@ class ReturnedWaves:
 
         Raises
         ------
-        InputError
+        NotKept
             No layer keeps it.
         """
         medium, slowest = self._media(axis, side)[0], self._media(axis, side)[-1].speed / self.spacing
@@ -162,17 +164,12 @@ class ReturnedWaves:
         if found is None and boundary.target is None:
             return None
         if found is None:
-            limit = least(members, sent, size, beside) / share
-            # of the waves more is left out for a larger target
-            limit = max(limit, least(members, *self._arriving(axis, side, until, limit)[1:], beside) / share)
-            raise InputError(
-                "no layer keeps the target for these data",
-                value=wanted,
-                limit=f">= {limit:.1g}",
-                key="boundary.target",
-                remedy="a larger target, smoother data, data farther from the side, another influence, or Extended, "
-                "Exact or a Sponge",
-            )
+            if (boundary, *alike) not in self._least:
+                limit = least(members, sent, size, beside) / share
+                # of the waves more is left out for a larger target
+                again = least(members, *self._arriving(axis, side, until, limit)[1:], beside) / share
+                self._least[boundary, *alike] = max(limit, again)
+            raise NotKept(wanted, self._least[boundary, *alike])
         self._known[boundary, *alike] = replace(found, until=until)
         return self._known[boundary, *alike]
 

@@ -93,7 +93,7 @@ def faded(values: np.ndarray, free: Sequence[tuple[bool, bool]]) -> np.ndarray:
     for axis, (low, high) in enumerate(free):
         along = np.nan_to_num(np.moveaxis(values, axis, -1))
         n, half = along.shape[-1], along.shape[-1] // 2
-        if low or high:
+        if half and (low or high):
             near = along[..., n - half :] if high else along[..., half - 1 :: -1]
             along = np.concatenate([near, near[..., ::-1], np.zeros_like(along[..., : n % 2])], -1)
         values = np.moveaxis(along * np.hanning(n + 2)[1:-1], -1, axis)

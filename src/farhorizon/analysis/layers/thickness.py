@@ -35,6 +35,7 @@ from farhorizon.analysis.layers.samples import reflected
 from farhorizon.analysis.layers.short_waves import HighPass, high_pass
 from farhorizon.analysis.layers.tuned_layers import lightly_tuned, tuned_layers
 from farhorizon.engine.engine import Layer
+from farhorizon.errors import InputError
 from farhorizon.medium.stencil import Stencil
 
 _STRENGTHS = (1.4, 2.0, 4.0, 5.6)  # of thin profiles: the stronger, the more waves travel along the side
@@ -455,6 +456,28 @@ def least(
     found = max(found, predicted + beside(layer))
     digit = 10.0 ** np.floor(np.log10(max(found, 1e-300)))
     return float(np.ceil(found / digit) * digit)
+
+
+class NotKept(InputError):
+    """No layer of a side keeps a target.
+
+    Parameters
+    ----------
+    wanted : float
+    least : float
+        The smallest target that one keeps.
+    """
+
+    def __init__(self, wanted: float, least: float) -> None:
+        self.least = least
+        super().__init__(
+            "no layer keeps the target for these data",
+            value=wanted,
+            limit=f">= {least:.1g}",
+            key="boundary.target",
+            remedy="a larger target, smoother data, data farther from the side, another influence, or Extended, "
+            "Exact or a Sponge",
+        )
 
 
 def distance_to_side(values: Iterable[np.ndarray]) -> float:
