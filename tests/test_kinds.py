@@ -296,6 +296,12 @@ def _or_input_error(call):
         return error
 
 
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    """A text in place of a path is a file."""
+    monkeypatch.chdir(tmp_path)
+
+
 def test_every_public_callable_is_here():
     public = {n for n in fh.__all__ if not (isinstance(getattr(fh, n), type) and issubclass(getattr(fh, n), Exception))}
     assert public == set(RIGHT) | NOT_MADE
