@@ -17,6 +17,7 @@ from farhorizon.analysis.layers.returned import Arrivals
 from farhorizon.analysis.layers.samples import Sample
 from farhorizon.analysis.layers.short_waves import high_pass
 from farhorizon.analysis.layers.side_data import (
+    TURNING,
     Datum,
     frequency_of_slow_waves,
     hold_backward_waves,
@@ -54,11 +55,11 @@ _HERE = 0.01  # of its largest value: a datum is where it has more
 # of the wanted error, where a free side runs into a layer: predictions take it for a mirror, but it lacks bonds, and
 # waves run along it that are bound to it
 # What 20 nodes whose filter stops waves from a wavenumber times spacing on send back beside walls, over the largest
-# value; it falls as a power of their number, and of the wavenumber, of one beyond it as another power than below.
+# value; it falls as a power of their number, and of the wavenumber, beyond it as another power, of vectors not at all.
 _BESIDE_WALLS, _STOPPED, _BY_NODES, _BY_STOPPED = 1.5e-5, 1.94, 3.5, (5.5, 14.0)
 _BESIDE_FREE = 0.4
-# Of waves of data that are as short as those which the filter stops they send all back, at most, in a run in which long
-# ones go so many nodes; in shorter ones it falls as a power of that way.
+# Of waves of data that are as short as those which the filter stops, or leave as such, they send all back, at most, in a
+# run in which long ones go so many nodes; in shorter ones it falls as a power of that way.
 _FAR_BESIDE_WALLS, _BY_WAY = 400.0, 4
 
 
@@ -188,14 +189,16 @@ class ReturnedWaves:
         damped, walls = high_pass(self.stencil), any(side.image for side in self._beside(axis))
         if not walls or not layer.filtered or damped is None or damped.weak:
             return 0.0
-        shorter = damped.first / _STOPPED
+        vectors, shorter = self.stencil.components > 1, damped.first / _STOPPED
+        if vectors:
+            shorter = min(shorter, 1.0)
         long = _BESIDE_WALLS * shorter ** -_BY_STOPPED[shorter > 1] * (20 / layer.columns) ** _BY_NODES
         # of neighbours alone a wall is the mirror that it is taken for
-        if self.stencil.components > 1 or max(self.stencil.reach) == 1:
+        if vectors or max(self.stencil.reach) == 1:
             return float(long)
         medium = self._media(axis, side)[0]
         way = min(1.0, medium.speed / self.spacing * until / _FAR_BESIDE_WALLS) ** _BY_WAY
-        held = max((share_of_short(medium, datum, damped.first) for datum in self.data), default=0.0)
+        held = max((share_of_short(medium, datum, TURNING * damped.first) for datum in self.data), default=0.0)
         return float(long + way * held)
 
     def _arriving(

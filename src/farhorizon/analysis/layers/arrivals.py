@@ -18,7 +18,7 @@ from farhorizon.analysis.layers.side_data import Datum, reach_the_end
 
 # on the line Re s = _DECAY/T what happens after 2 T folds back into the run, exp(-2 _DECAY) times as large; where waves
 # are followed each by itself, what is left out of them grows as exp(_DECAY)
-_DECAY, _DECAY_EACH = 6.0, 4.0
+_DECAY, _DECAY_EACH = 6.0, 5.0
 _FELT = 0.02  # share of the wanted error that waves which are left out may make together
 _FINER = 2  # moments and places at which the largest value is looked for, over the fewest that hold the waves
 # on a line, where waves are few, less by as much as layers amplify some that fall within a node or two

@@ -32,9 +32,9 @@ from farhorizon.engine.engine import Layer
 
 _COMPARED = 2000  # waves by which layers are compared
 _EACH = 1500  # waves of a line that are followed each by itself although none is a backward one, at most: a second
-# such waves where backward ones are among them: those that show what a layer is not enough for, and all, at most
-_FIRST, _MOST_EACH = 300, 4000
-_TOO_MUCH = 5.0  # what the first of them must make over what is enough: without the others they ring
+_MOST_EACH = 8000  # such waves where backward ones are among them, at most: more of them take too long
+# what the closed form must make over what is enough, before nothing else is asked: of short waves it knows no damping
+_TOO_MUCH = 20.0
 
 
 @dataclass(frozen=True)
@@ -116,14 +116,14 @@ class Arrivals:
         ----------
         layer : Layer
         enough : float, optional
-            Where the loudest waves alone make five times that, no others are followed.
+            Where the closed form makes twenty times that, none is followed.
         """
-        if not self.sample.needed(layer):
-            return self._over_the_field(self.amplitude * self._closed(layer, slice(None)))
-        few = len(self.along) == 0 and len(self.amplitude) <= _EACH
-        if self.every or (self.medium.stencil.components == 1 and few):
-            return self._each(layer, enough)
         closed = self._over_the_field(self.amplitude * self._closed(layer, slice(None)))
+        if not self.sample.needed(layer):
+            return closed
+        few = len(self.along) == 0 and len(self.amplitude) <= _EACH
+        if closed <= _TOO_MUCH * enough and (self.every or (self.medium.stencil.components == 1 and few)):
+            return self._each(layer)
         return closed + self._by_energy(np.abs(self.amplitude) * self._excess(layer, slice(None)))
 
     def _over_the_field(self, back: np.ndarray, inside: Sequence[np.ndarray] | None = None) -> float:
@@ -138,19 +138,19 @@ class Arrivals:
         """The largest of all waves by the share of their energy that is in some amplitudes."""
         return float(self.largest * np.linalg.norm(back) / max(float(np.linalg.norm(self.amplitude)), 1e-300))
 
-    def _each(self, layer: Layer, enough: float) -> float:
-        """Largest value of what comes back of waves, of which the loudest are followed each by itself."""
-        loud = np.abs(self.amplitude) * self.sample.judged(layer)[0, self.number]
+    def _each(self, layer: Layer) -> float:
+        """Largest value of what comes back of waves, of which the loudest are followed each by itself.
+
+        They are told by the closed form of each and not by the waves that stand for them alone: of long waves a little
+        more or less slow a layer sends back ten times as much, and the sum of the others rang.
+        """
+        loud = self._sizes(layer, slice(None))
         heard = loudest(loud, self.silent * max(self.size, self.largest))
         heard = heard[_loudest_first(loud[heard], _MOST_EACH)]
-        for most in (_FIRST, _MOST_EACH):
-            back = self.amplitude * self._exact(layer, heard[:most])
-            rest = np.zeros_like(loud)
-            rest[heard[most:]] = loud[heard[most:]]
-            found = max(self._over_the_field(one[0], one[1:]) for one in back)
-            if found > _TOO_MUCH * enough or len(heard) <= most:
-                break
-        return found + self._by_energy(rest)
+        rest = np.zeros_like(loud)
+        rest[heard[_MOST_EACH:]] = loud[heard[_MOST_EACH:]]
+        back = self.amplitude * self._exact(layer, heard[:_MOST_EACH])
+        return max(self._over_the_field(one[0], one[1:]) for one in back) + self._by_energy(rest)
 
     def _exact(self, layer: Layer, some: np.ndarray) -> np.ndarray:
         """What comes back of some waves of amplitude 1, by component, one node from the layer and inside the near
@@ -169,8 +169,12 @@ class Arrivals:
     def share(self, layer: Layer) -> float:
         """Root of the share of the waves' energy that comes back, from a part of them: quick, to compare layers by."""
         some = slice(None, None, 1 + len(self.amplitude) // _COMPARED)
-        back = self.amplitude[some] * (np.abs(self._closed(layer, some)) + self._excess(layer, some))
-        return float(np.linalg.norm(back) / max(float(np.linalg.norm(self.amplitude[some])), 1e-300))
+        whole = max(float(np.linalg.norm(self.amplitude[some])), 1e-300)
+        return float(np.linalg.norm(self._sizes(layer, some)) / whole)
+
+    def _sizes(self, layer: Layer, some: slice) -> np.ndarray:
+        """How much comes back of some waves, about."""
+        return np.asarray(np.abs(self.amplitude[some]) * (np.abs(self._closed(layer, some)) + self._excess(layer, some)))
 
     def _closed(self, layer: Layer, some: slice) -> np.ndarray:
         """Reflection of some waves by the closed form.

@@ -16,7 +16,7 @@ from farhorizon.analysis.layers.short_waves import high_pass, short_share
 _FELT_BACKWARD = 0.3  # share of the wanted error that backward waves in the data are looked for from
 # of the first backward wavenumber, from which on forward waves have its frequency nearly, and leave as backward ones;
 # of scalars: what is known of vectors that way is too large for a few such waves
-_TURNING = 0.8
+TURNING = 0.8
 _STATIC = 1e-9  # eigenvalue over the rate at which modes that do not travel are told from the longest waves
 
 
@@ -66,7 +66,7 @@ def hold_backward_waves(medium: LatticeMedium, data: Sequence[Datum], wanted: fl
     damped = high_pass(stencil) if stencil.components == 1 or plane else None
     if damped is None or weak(damped):
         return False
-    first = damped.first * (_TURNING if stencil.components == 1 else 1.0)
+    first = damped.first * (TURNING if stencil.components == 1 else 1.0)
     return any(share_of_short(medium, datum, first) > _FELT_BACKWARD * wanted for datum in data)
 
 

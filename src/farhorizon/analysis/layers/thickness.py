@@ -121,7 +121,7 @@ class Thickness:
 
 def predicted_error(layer: Layer, waves: Sequence[Arrivals], size: float, enough: float = np.inf) -> float:
     """Error that a layer makes of what arrives, relative to the largest of the data: of all types that a wave is turned
-    into together. Where it is more than five times `enough`, about so much.
+    into together. Where it is more than twenty times `enough`, about so much.
     """
     return float(max(side.returned(layer, enough * size) for side in waves) / size)
 
