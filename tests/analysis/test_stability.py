@@ -1,10 +1,12 @@
 """Spectral radii of maps that are known."""
 
+import time
+
 import numpy as np
 import pytest
 from scipy import linalg
 
-from farhorizon.analysis.stability import TOLERANCE, Growth, dense_growth, fastest, krylov_growth
+from farhorizon.analysis.stability import TOLERANCE, Growth, dense_growth, fastest, krylov_growth, noise_growth
 
 
 def with_factors(factors, seed=0):
@@ -57,6 +59,18 @@ def test_krylov_spaces_of_powers(rate):
 def test_out_of_time_is_undecided():
     growth = krylov_growth(lambda x, n: x, 10, 1.0, 5, budget=0.0)
     assert growth.stable is None and growth.error == np.inf
+
+
+def test_the_clock_is_looked_at_within_a_crossing():
+    """Runs of steps so short that a crossing takes days: `check` of one never ended."""
+
+    def advance(x, steps):
+        assert steps < 10**6
+        time.sleep(1e-6 * steps)
+        return x
+
+    assert krylov_growth(advance, 10, 1e-12, 10**12, budget=0.01).stable is None
+    assert noise_growth(advance, 10, 1e-12, 10**12, budget=0.01) == (None, 0.0)
 
 
 def test_the_fastest_decides():

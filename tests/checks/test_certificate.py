@@ -78,6 +78,13 @@ def test_layers_without_damping_grow(dim, reach, exponent):
     assert certificate.verdict == "not certified" and certificate.rate > 1e-3 and certificate.worst.field.size
 
 
+@pytest.mark.parametrize("budget", [-1.0, np.nan])
+def test_time_for_a_certificate_is_not_negative(budget):
+    sim = fh.Simulation(box(9), wave(2), boundary=fh.LatticePML(nodes=4))
+    with pytest.raises(fh.InputError, match=r"--budget: .*; limit: >= 0 s"):
+        sim.certificate(budget)
+
+
 @pytest.mark.parametrize("axis", [0, 1])
 def test_rate_is_that_of_a_long_run(axis):
     """Sides along one axis, the other periodic: the growing mode of the certificate is what is left of white noise."""

@@ -683,6 +683,8 @@ def test_new_writes_a_case_and_overwrites_nothing(tmp_path, monkeypatch, capsys)
     assert Path("there.toml").read_text() == text
     assert main(["new", "haet"]) == 2
     assert "did you mean 'heat'?" in capsys.readouterr().err
+    assert main(["new", "-o", "there.toml", "--force"]) == 2
+    assert "farhorizon new wave -o there.toml" in capsys.readouterr().err
     assert main(["new", "heat", "-o", "none/x.toml"]) == 2
     assert capsys.readouterr().err.startswith("farhorizon: No such file or directory: none/x.toml")
 

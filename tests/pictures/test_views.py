@@ -33,6 +33,13 @@ def test_an_empty_range_is_refused(limits):
         View(limits=limits)
 
 
+@pytest.mark.parametrize("asked", [{"deformed": 0.0, "movie": True}, {"isosurfaces": [], "movie": True}])
+def test_one_kind_of_picture_is_drawn_at_a_time(asked):
+    """The film was left out without a word."""
+    with pytest.raises(InputError, match="--movie; remedy: plot once for each"):
+        View(**asked)
+
+
 def test_only_space_is_sliced(tmp_path):
     with pytest.raises(InputError, match="--slice: only a lattice in space"):
         View(planes=[("x", 0.0)]).slices(results(tmp_path / "a.h5"))

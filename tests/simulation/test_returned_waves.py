@@ -190,6 +190,29 @@ def test_sources_that_go_on_ask_for_no_more_in_long_runs(model):
     assert max(found.curves["lattice PML"]["error_rel_initial"]) <= 1e-4
 
 
+def pulse_in_elements(width, target, until=494.0):
+    lattice = fh.Lattice(1.0, (-18.5, -18.5), (18.5, 18.5))
+    model, sides = fh.Wave(fh.Stencil.finite_element(2)), fh.LatticePML(target=target, until=until)
+    initial = {"u": pulse(lattice, (0.5, 0.5), width)}
+    return {"lattice": lattice, "model": model, "boundary": sides, "initial": initial, "threads": 1}
+
+
+def test_backward_waves_take_no_more_nodes_than_they_need():
+    """Waves that were left out of those that are followed by themselves rang in the prediction, and what comes after
+    the end of the run folded back into it: 19 nodes were taken.
+    """
+    assert max(one.nodes for one in fh.Simulation(**pulse_in_elements(2.5, 1e-4)).thickness.values()) <= 8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "target", "most"), [(2.5, 1e-4, 8), (4.0, 1e-5, 16), (3.0, 1e-6, 24)])
+def test_backward_waves_keep_their_target_with_no_more(width, target, most):
+    """19, 28 and 35 nodes were taken."""
+    setup = pulse_in_elements(width, target)
+    assert max(one.nodes for one in fh.Simulation(**setup).thickness.values()) <= most
+    assert max(compare(setup, 494.0, beside=False).curves["lattice PML"]["error_rel_initial"]) <= target
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("case", range(8))
 def test_sources_of_any_pace_keep_their_target_where_waves_run_backward(case):

@@ -266,7 +266,14 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf) -> Cer
     Returns
     -------
     Certificate
+
+    Raises
+    ------
+    InputError
+        A negative budget.
     """
+    if not budget >= 0:
+        raise InputError("the time for a certificate is not negative", value=budget, limit=">= 0 s", key="--budget")
     if sim.model.bond_law is not None:
         found = certify(
             sim.remade(

@@ -14,6 +14,8 @@ def new_command(options: argparse.Namespace) -> int:
     from farhorizon.errors import InputError, suggestion
 
     if options.kind is None:
+        if options.out is not None:
+            raise InputError("a case has a kind", key="--out", remedy=f"farhorizon new {KINDS[0]} -o {options.out}")
         print("\n".join(f"{kind:12}{brief(kind)}" for kind in KINDS))
         return GOOD
     if options.kind not in KINDS:

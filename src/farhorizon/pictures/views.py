@@ -55,7 +55,8 @@ class View:
     Raises
     ------
     InputError
-        Times, a slice or a range that are not finite, an empty range, an unknown format.
+        Times, a slice or a range that are not finite, an empty range, an unknown format; more than one of the deformed
+        shape, isosurfaces and a film.
     """
 
     times: Sequence[float] | None = None
@@ -78,6 +79,9 @@ class View:
             raise InputError("a range goes from a number to a larger one", value=self.limits, key="--range")
         if self.deformed is not None and not (np.isfinite(self.deformed) and self.deformed >= 0):
             raise InputError("the factor must be positive", value=self.deformed, key="--deformed")
+        asked = {"--deformed": self.deformed, "--isosurfaces": self.isosurfaces, "--movie": self.movie or None}
+        if len(kinds := [option for option, one in asked.items() if one is not None]) > 1:
+            raise InputError("one of these is drawn at a time", value=" ".join(kinds), remedy="plot once for each")
         if not np.isfinite(self.isosurfaces or ()).all():
             raise InputError("levels are finite numbers", value=self.isosurfaces, key="--isosurfaces")
         if self.format not in FORMATS:

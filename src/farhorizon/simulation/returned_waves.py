@@ -54,12 +54,12 @@ _SILENT = 1e-3  # of the wanted error: sources that are fainter send nothing any
 _HERE = 0.01  # of its largest value: a datum is where it has more
 # of the wanted error, where a free side runs into a layer: predictions take it for a mirror, but it lacks bonds, and
 # waves run along it that are bound to it
+_BESIDE_FREE = 0.4
 # What 20 nodes whose filter stops waves from a wavenumber times spacing on send back beside walls, over the largest
 # value; it falls as a power of their number, and of the wavenumber, beyond it as another power, of vectors not at all.
 _BESIDE_WALLS, _STOPPED, _BY_NODES, _BY_STOPPED = 1.5e-5, 1.94, 3.5, (5.5, 14.0)
-_BESIDE_FREE = 0.4
-# Of waves of data that are as short as those which the filter stops, or leave as such, they send all back, at most, in a
-# run in which long ones go so many nodes; in shorter ones it falls as a power of that way.
+# Of waves of data that are as short as those which the filter stops, or leave as such, they send back all, at most, in
+# a run in which long ones go so many nodes; in shorter ones it falls as a power of that way.
 _FAR_BESIDE_WALLS, _BY_WAY = 400.0, 4
 
 

@@ -174,7 +174,9 @@ class Arrivals:
 
     def _sizes(self, layer: Layer, some: slice) -> np.ndarray:
         """How much comes back of some waves, about."""
-        return np.asarray(np.abs(self.amplitude[some]) * (np.abs(self._closed(layer, some)) + self._excess(layer, some)))
+        return np.asarray(
+            np.abs(self.amplitude[some]) * (np.abs(self._closed(layer, some)) + self._excess(layer, some))
+        )
 
     def _closed(self, layer: Layer, some: slice) -> np.ndarray:
         """Reflection of some waves by the closed form.
