@@ -17,7 +17,7 @@ def test_all_are_listed():
     assert all(brief(kind)[0].isupper() and "farhorizon keys" in template(kind) for kind in KINDS)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_template_passes_check_and_runs(kind, tmp_path, monkeypatch, capsys):
     """Within seconds, by the estimate of the check; something happens in it, and nothing of it is doubtful."""

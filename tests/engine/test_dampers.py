@@ -91,6 +91,7 @@ def test_waves_of_the_springs_decay_at_the_rate_that_is_asked_for(dt):
     assert -np.log(abs(loudest)) / dt == pytest.approx(rate / 2, rel=0.05)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", MEDIA)
 def test_the_interpreter_computes_the_same(name):
     sides = {"x": side(), "y-": side(OTHER), "y+": fh.Free()} if MEDIA[name][1] == 2 else side()

@@ -76,6 +76,7 @@ SOME = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("stencil", "shape"), STENCILS.values(), ids=STENCILS)
 def test_operator(stencil, shape):
     """Sum of matrices times differences, for stencils with all symmetries, with mirrors alone and with none."""

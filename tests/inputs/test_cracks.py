@@ -223,7 +223,7 @@ def test_a_crack_across_periodic_sides_is_one_of_two_periods(material, tooth):
     assert broken[0] == broken[1]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("material", ACROSS.values(), ids=ACROSS)
 def test_one_node_is_a_slab_in_plane_strain(material):
     """Thinner than bonds reach, with a crack through it, near a layer: as one that is thicker than that, bit by bit."""

@@ -242,6 +242,7 @@ _AT_A_SURFACE = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.slow] if "space" in name else []) for name in _AT_A_SURFACE]
 )

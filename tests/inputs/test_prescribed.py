@@ -363,6 +363,7 @@ RUNNING_ON = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("held", "model", "value", "until"), RUNNING_ON.values(), ids=RUNNING_ON)
 def test_what_is_held_runs_on_into_the_layers(held, model, value, until):
     """Against a near field so wide that nothing comes back: what the layers are made for, of the largest value. What

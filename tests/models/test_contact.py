@@ -75,7 +75,7 @@ def plane_through(lattice, rng):
     return fh.Rectangle(middle - along[0] / 2 - along[1] / 2, along[0], along[1]), side
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize(
     ("shape", "plane"), [((13, 12), None), ((13, 12), "stress"), ((10, 9, 11), None)], ids=["strain", "stress", "3D"]
@@ -143,7 +143,7 @@ def test_closed_bonds_of_two_solids(name):
     np.testing.assert_allclose(found[0] - found[1], expected, rtol=0, atol=1e-12 * np.abs(found[0]).max())
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", MATERIALS)
 def test_single_precision(name):
     """As double precision, to its digits, while faces meet."""
@@ -367,7 +367,7 @@ def test_energies_add_up_where_heat_strains_what_closes(name):
     assert sim.energy() == pytest.approx(start, rel=1e-12)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", MATERIALS)
 def test_a_crack_that_opens_in_compression_takes_what_it_does_not_carry(name):
     """What the states lose as its bonds are cut, less what these hold at once, closed as they are (pair by pair; the

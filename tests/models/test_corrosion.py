@@ -60,7 +60,7 @@ def plain(u, solid, stencil, dt, steps, sides, body=None, limited=False):
     return u, solid, dissolved
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("limited", [False, True])
 @pytest.mark.parametrize("sides", SIDES)
 @pytest.mark.parametrize("name", LATTICES)

@@ -10,6 +10,7 @@ from farhorizon.pictures import fields as drawing
 from farhorizon.pictures.images import cell_edges
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("shared", [True, False])
 @pytest.mark.parametrize("number", [1, 2, 5])
 @pytest.mark.parametrize("dim", [1, 2, 3])

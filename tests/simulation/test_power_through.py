@@ -75,6 +75,7 @@ CASES = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("make", CASES.values(), ids=CASES)
 def test_what_leaves_is_lost_inside(make):
     """In every step of 40, through the edge of a box and of a part of it that is no box, to rounding: the power is

@@ -84,7 +84,7 @@ def test_what_is_below_a_known_rate_is_not_looked_for_any_longer():
     assert 0.99 < found[1] / found[0] <= 1 and found[0] < parts.near.rate_limit
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("boundary", [fh.LatticePML(nodes=6), CHOSEN], ids=["given", "chosen"])
 @pytest.mark.parametrize("name", SOLIDS)
 def test_mirrored_cracks_have_the_same_step_limit(name, boundary):
@@ -98,6 +98,7 @@ def test_mirrored_cracks_have_the_same_step_limit(name, boundary):
         assert limits == pytest.approx([limits[0]] * 3, rel=1e-6)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("poisson", [0.42, 0.43, 0.44])
 def test_what_oscillates_at_a_crack_is_found_in_a_large_box(poisson):
     """Mirror images of a crack have the same limit, which covers the fastest oscillation, of each of four."""
@@ -165,6 +166,7 @@ def test_a_run_with_the_step_that_was_found_is_stable(name, cracks):
     assert sim.dt == pytest.approx(sim.step_limit / 2) and np.abs(sim.fields["u"]).max() < 1.5 * early
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("cracks", [[CRACK], [INTO], [CRACK, INTO]])
 @pytest.mark.parametrize("name", ["nearly incompressible", "correspondence"])
 def test_the_limit_is_that_of_the_layers_that_were_chosen(name, cracks):

@@ -57,6 +57,7 @@ SOLIDS = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", SOLIDS)
 def test_nothing_is_lost_without_conduction(name):
     """Kinetic and strain energy and that of the temperature add up to rounding, in noise, which moves ten orders more
