@@ -73,6 +73,18 @@ def test_the_clock_is_looked_at_within_a_crossing():
     assert noise_growth(advance, 10, 1e-12, 10**12, budget=0.01) == (None, 0.0)
 
 
+def test_a_power_of_time_is_no_growth_when_time_is_up():
+    """Noise behind an outline rises as the square of time: a busy machine refused a run that an idle one began."""
+
+    def accelerated(state, steps):
+        u, v, a = state.reshape(3, -1)
+        return np.concatenate([u + steps * v + 0.5 * steps * (steps - 1) * a, v + steps * a, a])
+
+    assert noise_growth(accelerated, 3 * 300, 0.1, 10, 0.0, crossings=20.0) == (None, 10.0)
+    found, _ = noise_growth(lambda state, steps: 1.03**steps * state, 3 * 300, 0.1, 10, 0.0, crossings=20.0)
+    assert found.rate == pytest.approx(np.log(1.03) / 0.1)
+
+
 def test_the_fastest_decides():
     """A certain growth before an uncertain one; without, whatever is uncertain; the tolerance is per crossing."""
     grows, unclear, decays = (Growth(*numbers, 1.0, np.zeros(0)) for numbers in ((1e-3, 0.0), (0.0, 1.0), (-1.0, 0.1)))

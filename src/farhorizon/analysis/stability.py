@@ -33,6 +33,7 @@ _VECTORS = 16  # of a Krylov space
 _SURE = 0.5
 DENSE = 700  # numbers in a state up to which all eigenvalues are computed: a second
 _EXPLODED = 1e6  # growth of white noise over a run that is no transient any more
+_SLOWS = 0.9  # of the rise in the third before: what grows exponentially rises as much, or more and more
 _UNWATCHED = 1000  # steps of noise between two looks at the clock
 
 
@@ -214,8 +215,8 @@ def noise_growth(
     -------
     Growth or None
         Noise that rises over the last third of the run is run on, and a Krylov space of the map tells growth from a
-        transient. What is still twice as large at the end as at two thirds when time is up counts as growth. None if
-        none is seen.
+        transient. What is still twice as large at the end as at two thirds when time is up counts as growth, unless its
+        rise slows down, as that of a power of time does. None if none is seen.
     float
         Crossing times for which noise ran: fewer than asked for if there was no time.
     """
@@ -242,7 +243,8 @@ def noise_growth(
         length *= 2
         if not noise.run(length, end):
             break
-    growth = noise.explosion() or (replace(noise.decay(), error=0.0) if noise.rise() > _RISES else None)
+    grows = noise.rise() > _RISES and not noise.slows()
+    growth = noise.explosion() or (replace(noise.decay(), error=0.0) if grows else None)
     return growth, length * share
 
 
@@ -286,6 +288,12 @@ class _Noise:
     def rise(self) -> float:
         """Size of the state over that at two thirds of the run."""
         return self.sizes[-1] / max(self.sizes[-1 - (len(self.sizes) - 1) // 3], 1e-300)
+
+    def slows(self) -> bool:
+        """Whether it rose less in the last third of the run than in the one before."""
+        third = (len(self.sizes) - 1) // 3
+        before = self.sizes[-1 - third] / max(self.sizes[-1 - 2 * third], 1e-300)
+        return self.rise() < _SLOWS * before
 
     def decay(self) -> Growth:
         """What the last third of the run tells."""
