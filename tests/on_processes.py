@@ -307,7 +307,10 @@ SLOW = {
         plane(fh.Correspondence(KERNEL, "where(y > 1, 2, 1)", 0.3, stabilisation=0.3), **WIDE),
         ALONG_Y,
     ),
-    "states with drag": (plane(fh.Correspondence(KERNEL, 1.0, 0.3, drag=0.1), **WIDE), ALONG_X + ALONG_Y),
+    "states with drag": (
+        plane(fh.Correspondence(KERNEL, 1.0, 0.3, drag=0.1), **(WIDE | {"shape": (119, 81)})),
+        ALONG_X + ALONG_Y,
+    ),
     "a body in space": (
         fh.Setup(
             fh.Lattice(0.3, (-3.0, -3.3, -3.6), (3.0, 3.3, 3.6), body=fh.Ball(3.2, (0.0, 0.0, 0.0))),

@@ -159,7 +159,7 @@ def test_random_bodies():
         try:
             sim = fh.Simulation.of(replace(setup, dt=lambda most: 1.8 * most))
         except fh.InputError as error:  # material law or near field that is not, said before the run
-            assert "thinner" in str(error)
+            assert "thinner" in str(error) or "cuts none of its bonds" in str(error)
             continue
         before = sim.energy()
         found = sim.engine.core.view(sim.engine.apply(sim.engine.current.copy())).reshape(u.shape)[:, lattice.mask].T

@@ -142,11 +142,11 @@ class RunningCrack:
         sim, model = self.sim, self.sim.model
         assert isinstance(model, Elastic)
         medium, found = NearTip(model.lame, model.shear), []
-        every = max(1, round(_ONWARD * self.horizon / _MOMENTS / (self.speed * sim.dt)))
+        apart = round(_ONWARD * self.horizon / _MOMENTS / (self.speed * sim.dt))
         for _ in range(_MOMENTS):
-            sim.step(every)
+            sim.step(max(1, apart - 2))
             levels = [sim.fields["u"]]
-            for _ in range(2):
+            for _ in range(2):  # of the steps from one moment to the next
                 sim.step()
                 levels.append(sim.fields["u"])
             before, u, after = levels
