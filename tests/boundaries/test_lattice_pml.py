@@ -1,6 +1,7 @@
 """The lattice PML against the infinite lattice: the same scheme, the same step, no boundary at all."""
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -385,6 +386,29 @@ def error_beside_a_plane(normal, place, model, nodes, cut=True):
             sim.step(int(until / far.dt / 12))
         worst = max(worst, np.abs(ours.fields["u"] - far.fields["u"]).max())
     return worst
+
+
+@pytest.mark.parametrize("normal", range(3))
+def test_cracks_go_on_to_rounding_where_layers_meet(normal):
+    """Until waves have been at the end of the layers and back; bonds askew to all three axes were whole there."""
+    lattice = fh.Lattice(1.0, (-6.0,) * 3, (6.0,) * 3)
+    corner, edges = np.full(3, -60.0), np.delete(121.0 * np.eye(3), normal, axis=0)
+    corner[normal] = -0.5
+    pulse = np.exp(-sum(x**2 for x in lattice.coordinates()) / 5)
+    setup = fh.Setup(
+        lattice, fh.Wave(fh.Kernel(1.5)), fh.Periodic(), {"u": pulse}, cracks=[fh.Rectangle(corner, *edges)], threads=1
+    )
+    far, ours = (
+        fh.Simulation.of(
+            replace(setup, boundary={axis: fh.Periodic() if n == normal else side for n, axis in enumerate("xyz")})
+        )
+        for side in (fh.Extended(1e-10, until=16.0), fh.LatticePML(nodes=14))
+    )
+    assert far.dt == ours.dt
+    while far.time < 14.0:
+        for one in (far, ours):
+            one.step(2)
+        assert np.abs(ours.fields["u"] - far.fields["u"]).max() < 1e-14
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from farhorizon.engine.nested import (
     CUTS,
     EDGE_FACE,
     EDGE_OTHER,
+    NO_SLOT,
     ORIGIN,
     REACH,
     ROW_STEP,
@@ -89,7 +90,7 @@ def _face_cuts(
         far = tables.slots.place(band, column, line) if band >= 0 else None
         key = int(face[CUTS] + (row * face[ROWS] + here[other]) * len(tiles) + t)
         near = across + column * tables.layout.size
-        rows.append((key, lane, own, k - 1, near, -1 if far is None else far, across, matrix[row, column]))
+        rows.append((key, lane, own, k - 1, near, NO_SLOT if far is None else far, across, matrix[row, column]))
     return rows
 
 
@@ -106,7 +107,7 @@ def _edge_cuts(
     rows = []
     for row, column in np.argwhere(matrix != 0):
         far = tables.slots.place(band, column, [0, 0, across]) if band >= 0 else None
-        place = across + column * tables.layout.size, -1 if far is None else far, across
+        place = across + column * tables.layout.size, NO_SLOT if far is None else far, across
         which = own, int(abs(offset[0])) - 1, inward, int(abs(offset[1])) - 1
         key = (number * tables.rows + int(row)) * len(tiles) + t
         rows.append((key, lane, *which, *place, matrix[row, column]))

@@ -33,6 +33,7 @@ from farhorizon.engine.nested import (
     LINE,
     LINES,
     MEMORY,
+    NO_SLOT,
     OF_BANDS,
     OF_EDGES,
     ORIGIN,
@@ -266,12 +267,12 @@ def add_bands(thread, stage, sums, tables, inputs, step, number):
 @njit(error_model="numpy", cache=True, counted=False)
 def take_bond(sums, src, work, to, weight, at, near, far, there):
     """Take an absent bond from a number of the work space; at: its node, and its place in the slots, -1 where there are
-    none; near, far and there: distances to the neighbour, to its slot (-1: it has none) and to its coefficient.
+    none; near, far and there: distances to the neighbour, to its slot, if it has one, and to its coefficient.
     """
     node, slot = at
     material = sums.liquid
     value = src[node + near]
-    if slot >= 0 and far >= 0:
+    if slot >= 0 and far != NO_SLOT:
         value += sums.layers.slots[slot + far]
     if material.coefficient.size > 1:
         weight *= bond_factor(material.rule, material.coefficient[node], material.coefficient[node + there])

@@ -35,6 +35,9 @@ LINES = 32
 ACROSS = (1, 2), (0, 2), (2,), (0, 1)
 OF_EDGES, OF_BANDS = 2, 3
 
+#: Distance to the slot of a neighbour that has none; those of others may be negative.
+NO_SLOT = -(2**62)
+
 # Columns of tables.
 AXIS, PROFILE, COLUMNS, REACH, SETS, ORIGIN, STEP, OUTWARDS, INWARDS, PARTS = range(10)  # of a face and of a band
 ROWS, ROW_STEP, SLOT, SLOT_STEP, SLOT_ROW, SUMS, MEMORY, CUTS = range(10, 18)  # of a face
