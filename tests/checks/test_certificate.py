@@ -81,7 +81,7 @@ def test_layers_without_damping_grow(dim, reach, exponent):
 @pytest.mark.parametrize("budget", [-1.0, np.nan])
 def test_time_for_a_certificate_is_not_negative(budget):
     sim = fh.Simulation(box(9), wave(2), boundary=fh.LatticePML(nodes=4))
-    with pytest.raises(fh.InputError, match=r"--budget: .*; limit: >= 0 s"):
+    with pytest.raises(fh.InputError, match=r"budget: .*"):
         sim.certificate(budget)
 
 

@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from typing_extensions import TypedDict
 
+from farhorizon import kinds
 from farhorizon.analysis import stability
 from farhorizon.analysis.stability import DENSE, Growth, dense_growth, fastest, krylov_growth, noise_growth
 from farhorizon.boundaries import Fixed
@@ -270,10 +271,9 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf) -> Cer
     Raises
     ------
     InputError
-        A negative budget.
+        A budget that is no number, not finite or negative.
     """
-    if not budget >= 0:
-        raise InputError("the time for a certificate is not negative", value=budget, limit=">= 0 s", key="--budget")
+    budget = kinds.number(budget, "budget", least=0)
     if sim.model.bond_law is not None:
         found = certify(
             sim.remade(

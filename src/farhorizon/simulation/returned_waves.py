@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 from scipy import fft
@@ -58,9 +57,9 @@ _BESIDE_FREE = 0.4
 # What 20 nodes whose filter stops waves from a wavenumber times spacing on send back beside walls, over the largest
 # value; it falls as a power of their number, and of the wavenumber, beyond it as another power, of vectors not at all.
 _BESIDE_WALLS, _STOPPED, _BY_NODES, _BY_STOPPED = 1.5e-5, 1.94, 3.5, (5.5, 14.0)
-# Of waves of data that are as short as those which the filter stops, or leave as such, they send back all, at most, in
-# a run in which long ones go so many nodes; in shorter ones it falls as a power of that way.
-_FAR_BESIDE_WALLS, _BY_WAY = 400.0, 4
+# Of waves of data from a part of that wavenumber on, which the filter stops or which leave as such, they send back all,
+# at most, in a run in which long ones go so many nodes; in shorter ones it falls as a power of that way.
+_SHORT_BESIDE_WALLS = (1.0, 400.0, 4.0), (TURNING, 600.0, 4.5)
 
 
 def spreads(sides: Mapping[tuple[int, int], Side], axis: int) -> bool:
@@ -160,7 +159,10 @@ class ReturnedWaves:
         share = _BESIDE_FREE if any(b.image > 0 for b in self._beside(axis)) else 1.0
         dt = self.dt if self.squared_speed is None and spreads(self.sides, axis) else None
         members = family(medium.stencil, pace, slowest, until, distance_to_side(data), share * wanted, dt, steep)
-        beside = partial(self._along_walls, axis, side, until)
+
+        def beside(layer: Layer) -> float:
+            return share * self._along_walls(axis, side, until, layer)  # known of free sides, too
+
         found = thinnest(members, sent, share * wanted, size, beside)
         if found is None and boundary.target is None:
             return None
@@ -197,9 +199,13 @@ class ReturnedWaves:
         if vectors or max(self.stencil.reach) == 1:
             return float(long)
         medium = self._media(axis, side)[0]
-        way = min(1.0, medium.speed / self.spacing * until / _FAR_BESIDE_WALLS) ** _BY_WAY
-        held = max((share_of_short(medium, datum, TURNING * damped.first) for datum in self.data), default=0.0)
-        return float(long + way * held)
+        way = medium.speed / self.spacing * until
+        short = sum(
+            min(1.0, way / far) ** power
+            * max((share_of_short(medium, datum, part * damped.first) for datum in self.data), default=0.0)
+            for part, far, power in _SHORT_BESIDE_WALLS
+        )
+        return float(long + short)
 
     def _arriving(
         self, axis: int, side: int, until: float, wanted: float
