@@ -235,7 +235,7 @@ class _Choice:
         refused: list[NotKept] = []
         for key, boundary in layers.items():
             wanted, until = boundary.wanted(model.target), lengths[key]
-            if far.follows_backward_waves(min(until, far.foreseen)):
+            if far.knows_backward_waves:
                 self.followed.add(key)
             if boundary.open_ended:
                 try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import fft
@@ -11,18 +12,12 @@ from scipy.ndimage import affine_transform
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.arrivals import arrivals, round_a_point
+from farhorizon.analysis.layers.beside_walls import as_fast_as_backward, lacking_beside_walls
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.returned import Arrivals
 from farhorizon.analysis.layers.samples import Sample
 from farhorizon.analysis.layers.short_waves import high_pass
-from farhorizon.analysis.layers.side_data import (
-    TURNING,
-    Datum,
-    frequency_of_slow_waves,
-    hold_backward_waves,
-    reach_the_end,
-    share_of_short,
-)
+from farhorizon.analysis.layers.side_data import Datum, frequency_of_slow_waves, hold_backward_waves, reach_the_end
 from farhorizon.analysis.layers.thickness import (
     NotKept,
     Thickness,
@@ -54,12 +49,6 @@ _HERE = 0.01  # of its largest value: a datum is where it has more
 # of the wanted error, where a free side runs into a layer: predictions take it for a mirror, but it lacks bonds, and
 # waves run along it that are bound to it
 _BESIDE_FREE = 0.4
-# What 20 nodes whose filter stops waves from a wavenumber times spacing on send back beside walls, over the largest
-# value; it falls as a power of their number, and of the wavenumber, beyond it as another power, of vectors not at all.
-_BESIDE_WALLS, _STOPPED, _BY_NODES, _BY_STOPPED = 1.5e-5, 1.94, 3.5, (5.5, 14.0)
-# Of waves of data from a part of that wavenumber on, which the filter stops or which leave as such, they send back all,
-# at most, in a run in which long ones go so many nodes; in shorter ones it falls as a power of that way.
-_SHORT_BESIDE_WALLS = (1.0, 400.0, 4.0), (TURNING, 600.0, 4.5)
 
 
 def spreads(sides: Mapping[tuple[int, int], Side], axis: int) -> bool:
@@ -72,6 +61,10 @@ def spreads(sides: Mapping[tuple[int, int], Side], axis: int) -> bool:
     others = {other for other, _ in sides} - {axis}
     open_to = {other for (other, _), b in sides.items() if not b.periodic and not b.image}
     return bool(others) and others <= open_to
+
+
+def _size(datum: Datum) -> float:
+    return float(np.abs(datum.values).max())
 
 
 @dataclass(frozen=True)
@@ -161,7 +154,7 @@ class ReturnedWaves:
         members = family(medium.stencil, pace, slowest, until, distance_to_side(data), share * wanted, dt, steep)
 
         def beside(layer: Layer) -> float:
-            return share * self._along_walls(axis, side, until, layer)  # known of free sides, too
+            return share * self._beside_walls(axis, side, until, layer)  # known of free sides, too
 
         found = thinnest(members, sent, share * wanted, size, beside)
         if found is None and boundary.target is None:
@@ -182,30 +175,30 @@ class ReturnedWaves:
         wanted one or larger.
         """
         _, sent, size = self._arriving(axis, side, until, wanted)
-        return predicted_error(layer, sent, size) + self._along_walls(axis, side, until, layer)
+        return predicted_error(layer, sent, size) + self._beside_walls(axis, side, until, layer)
 
-    def _along_walls(self, axis: int, side: int, until: float, layer: Layer) -> float:
-        """What a layer's filter of short waves sends back where it ends at a wall, at most, from trials
-        (docs/limits.md): near a wall waves are not those of the medium, which is all that predictions know.
-        """
+    def _beside_walls(self, axis: int, side: int, until: float, layer: Layer) -> float:
+        """What a layer that damps short waves lacks beside walls, at most, which predictions do not know of."""
         damped, walls = high_pass(self.stencil), any(side.image for side in self._beside(axis))
         if not walls or not layer.filtered or damped is None or damped.weak:
             return 0.0
-        vectors, shorter = self.stencil.components > 1, damped.first / _STOPPED
-        if vectors:
-            shorter = min(shorter, 1.0)
-        long = _BESIDE_WALLS * shorter ** -_BY_STOPPED[shorter > 1] * (20 / layer.columns) ** _BY_NODES
-        # of neighbours alone a wall is the mirror that it is taken for
-        if vectors or max(self.stencil.reach) == 1:
-            return float(long)
-        medium = self._media(axis, side)[0]
-        way = medium.speed / self.spacing * until
-        short = sum(
-            min(1.0, way / far) ** power
-            * max((share_of_short(medium, datum, part * damped.first) for datum in self.data), default=0.0)
-            for part, far, power in _SHORT_BESIDE_WALLS
-        )
-        return float(long + short)
+        way = self._media(axis, side)[0].speed / self.spacing * until
+        return lacking_beside_walls(layer, damped, self.stencil, way, self._as_fast_as_backward)
+
+    @cached_property
+    def _as_fast_as_backward(self) -> float:
+        """What the data hold of waves that are as fast in time as backward ones."""
+        damped, found = high_pass(self.stencil), 0.0
+        assert damped is not None
+        medium = LatticeMedium(self.stencil, self.coefficient, self.spacing, self.recursion, self.dt)
+        largest = {one.kind: max(_size(other) for other in self.data if other.kind == one.kind) for one in self.data}
+        for datum in self.data:
+            fields = [datum.values]
+            for axis in range(len(self.shape)):
+                fields = self._unfold(fields, axis, axis)[0]
+            share = as_fast_as_backward(medium, damped, replace(datum, values=fields[0]))
+            found += share * _size(datum) / (largest[datum.kind] or 1.0)
+        return found
 
     def _arriving(
         self, axis: int, side: int, until: float, wanted: float
@@ -214,7 +207,7 @@ class ReturnedWaves:
         seen = []
         for medium in self._media(axis, side):
             turned = self._turned(axis, side, medium)
-            vectors = self.stencil.components > 1 and self._every(medium, turned, until, wanted)
+            vectors = self.stencil.components > 1 and self._every(medium, turned, wanted)
             seen.append((medium, self._as_vectors(turned, axis, side) if vectors else turned))
         alike = (
             until,
@@ -230,7 +223,7 @@ class ReturnedWaves:
             ),
         )
         if alike not in self._sent:
-            size = max((float(np.abs(datum.values).max()) for datum in self.data if datum.kind == "u"), default=0.0)
+            size = max((_size(datum) for datum in self.data if datum.kind == "u"), default=0.0)
             arrived = [
                 one
                 for medium, turned in seen
@@ -263,26 +256,25 @@ class ReturnedWaves:
             for datum in (self._behind(datum, axis, side, at_side) for datum in self.data)
         ]
 
-    def _every(self, medium: LatticeMedium, data: Sequence[Datum], until: float, wanted: float) -> bool:
+    def _every(self, medium: LatticeMedium, data: Sequence[Datum], wanted: float) -> bool:
         """Whether all modes of a medium are followed."""
-        if not self.follows_backward_waves(until):
+        if not self.knows_backward_waves or (self.stencil.components > 1 and self._walls):
             return False
         return hold_backward_waves(medium, data, wanted) or reach_the_end(medium, data, wanted)
 
-    def follows_backward_waves(self, until: float) -> bool:
-        """Whether the waves of data are followed that run backward: in a medium that does not vary, of scalars, and of
-        vectors in the plane, if they are known and no wall turns them into their images, in runs in which none goes
-        beyond the room for all.
+    @property
+    def knows_backward_waves(self) -> bool:
+        """Whether what comes back of waves of the data that run backward is known: in a medium that does not vary, of
+        scalars, and of vectors in the plane if these are the run's data. They are followed, but of vectors beside
+        walls, which turn them into waves of both types; there what comes back is counted.
         """
         if self.squared_speed is not None or self.stencil.components == 1:
             return self.squared_speed is None
-        far = np.sqrt(self.coefficient) / self.spacing * until > self._room
-        return (
-            self.stencil.components == self.stencil.dim == 2
-            and self.known
-            and not far
-            and not any(b.image for b in self.sides.values())
-        )
+        return self.stencil.components == self.stencil.dim == 2 and self.known
+
+    @property
+    def _walls(self) -> bool:
+        return any(b.image for b in self.sides.values())
 
     @property
     def _room(self) -> int:
@@ -364,8 +356,8 @@ class ReturnedWaves:
         found = []
         apart = [[datum for datum in data if datum.component == one] for one in sorted({d.component for d in data})]
         several = self.stencil.components > 1
-        groups = [(own, not several and self._every(medium, own, until, wanted)) for own in apart]
-        if several and self._every(medium, data, until, wanted):
+        groups = [(own, not several and self._every(medium, own, wanted)) for own in apart]
+        if several and self._every(medium, data, wanted):
             groups.append((list(data), True))  # beside the others: of waves that hardly move these know more
         for own, every in groups:
             together = several and every
@@ -398,7 +390,8 @@ class ReturnedWaves:
                         coming = arrivals(
                             medium, steps, part, lengths, near, wanted, size, sample, smooth, None, every, lowest
                         )
-                        found.append(replace(coming, depths=depths, axes=echoing))
+                        later = 1 + (until - time) * medium.speed / (self.spacing * self._room) if together else 1.0
+                        found.append(replace(coming, depths=depths, axes=echoing, later=later))
         return found
 
     def _round(
@@ -459,7 +452,8 @@ class ReturnedWaves:
         many nodes the data are smoothed, and the frequency from which on waves are followed.
 
         Where all modes are, as backward waves ask for, there are waves that hardly move, some forward and some
-        backward: those that go no farther in the whole run than the room allows are followed to its end.
+        backward: those that go no farther in the whole run than the room allows are followed to its end. Of vectors
+        S waves hardly move at frequencies of fast P waves; what they do later is told from what they did before.
         """
         pace = medium.speed / self.spacing
         room, most = int(np.ceil(_ROUND * pace * until)), self._room
@@ -467,7 +461,7 @@ class ReturnedWaves:
             return [(data, until, min(room, most), 0.0, 0.0)]
         half = max(1, int(most / (2 * pace * self.dt)))
         found: list[tuple[Sequence[Datum], float, int, float, float]] = [(data, until, room, most / _LONG, 0.0)]
-        if every:
+        if every and medium.stencil.components == 1:
             found.append((data, until, most, 0.0, frequency_of_slow_waves(medium, most * self.spacing / until)))
         for before, part in by_time(data, half, _SILENT * wanted):
             time = before * self.dt + most / pace

@@ -9,6 +9,7 @@ from farhorizon.analysis.layers import returned as returned_waves
 from farhorizon.analysis.layers import samples
 from farhorizon.analysis.layers.arrivals import arrivals
 from farhorizon.analysis.layers.layer import LatticeMedium
+from farhorizon.analysis.layers.returned import thinned
 from farhorizon.analysis.layers.samples import Sample, reflected
 from farhorizon.analysis.layers.side_data import Datum
 from farhorizon.analysis.references.infinite import InfiniteLattice
@@ -16,6 +17,7 @@ from farhorizon.engine.engine import Layer
 
 SEED = 20261125
 UNTIL = 60.0
+LATTICE_PML = fh.LatticePML(nodes=24)
 print(f"long waves: seed {SEED}")
 
 
@@ -33,6 +35,17 @@ def pulse(shape, centre, width=3.0):
 def rising(nodes, strength=4.0):
     depth = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
     return Layer(np.ones(nodes + 1), strength * depth, 0.001 + 0.3 * depth**4)
+
+
+def test_a_thinner_layer_is_the_same_over_its_depth():
+    """A profile that is a function of depth, sampled by fewer nodes."""
+    one = LATTICE_PML.make_layer(2, fh.Stencil.from_kernel(fh.Kernel(3.0, 0, "constant"), 1.0, 2), 1.0, 1.0, 0.0)
+    thinner = thinned(one, 2.0)
+    assert thinned(one, 1.0) is one and thinner.columns == one.columns // 2 and thinned(one, 100.0).columns == 2
+    depths = [(np.arange(layer.columns + 1) + 0.5) / (layer.columns + 1) for layer in (one, thinner)]
+    np.testing.assert_allclose(thinner.sigma, np.interp(depths[1], depths[0], one.sigma))
+    assert len(thinner.damping) == thinner.columns and thinner.damping.max() > 0.9 * one.damping.max()
+    assert thinned(rising(20), 2.0).damping.size == 0
 
 
 @pytest.mark.parametrize("case", range(4))

@@ -1,6 +1,7 @@
 """Profiles of layers and how many nodes they take."""
 
 import os
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,10 +14,12 @@ from farhorizon.analysis.layers.thickness import (
     diffusive,
     distance_to_side,
     gently_damped,
+    least,
     long_run_profile,
     returned_by_diffusion,
     steady_rise,
     thin,
+    thinnest,
     thinnest_for_diffusion,
 )
 from farhorizon.analysis.references.infinite import InfiniteLattice
@@ -130,6 +133,32 @@ def test_diffusion_keeps_its_target_beside_a_wall():
                 run.step(int(time / run.dt) - run.step_count)
             exact = runs[1].fields["u"][:nodes]
             assert np.abs(runs[0].fields["u"] - exact).max() < target * exact.max()
+
+
+def test_what_a_refusal_names_is_more_than_was_asked():
+    """The closed form of waves may be far above what comes back; as long as the last layer was judged by it, targets
+    were refused that it keeps.
+    """
+
+    class Waves:
+        medium = SimpleNamespace(stencil=fh.Stencil.finite_difference(2))
+        largest = 1.0
+
+        def __init__(self, exact):
+            self.exact = exact
+
+        def share(self, layer):
+            return 1.0
+
+        def returned(self, layer, enough=np.inf):
+            return self.exact if enough == np.inf else 1.0
+
+    def members(nodes):
+        return {"thin": thin(nodes, 4.0, 1.0)}
+
+    for exact in (1e-8, 0.9e-5, 1e-4):
+        found, limit = thinnest(members, [Waves(exact)], 1e-5, 1.0), least(members, [Waves(exact)], 1.0)
+        assert (found is None) == (limit > 1e-5)
 
 
 def test_scales_do_not_change_a_layer():

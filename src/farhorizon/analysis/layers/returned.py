@@ -20,7 +20,7 @@ vectors in the plane P and S waves of both components together.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -75,6 +75,8 @@ class Arrivals:
         frequency as forward waves leave as backward ones, in the direction that they came from.
     axes : int
         Along so many there are layers.
+    later : float
+        Length of the run over the time for which these waves are followed.
     shapes : ndarray of complex, shape (d, n)
         Polarisations of all modes of a medium of vectors, of length 1; 1 of waves that are of one type.
     """
@@ -95,6 +97,7 @@ class Arrivals:
     every: bool = False
     depths: tuple[int, ...] = ()
     axes: int = 1
+    later: float = 1.0
     shapes: np.ndarray = field(default_factory=lambda: np.ones((1, 1)))
 
     @cached_property
@@ -118,6 +121,7 @@ class Arrivals:
         enough : float, optional
             Where the closed form makes twenty times that, none is followed.
         """
+        layer = thinned(layer, self.later)
         closed = self._over_the_field(self.amplitude * self._closed(layer, slice(None)))
         if not self.sample.needed(layer):
             return closed
@@ -219,6 +223,23 @@ class Arrivals:
         times = len(self.growth)
         history = fft.irfft(spectrum[np.ix_(np.arange(self.shape[0]), *self.seen)], 2 * times, axis=0)[:times]
         return float((np.abs(history).max(along) * self.growth).max())
+
+
+def thinned(layer: Layer, times: float) -> Layer:
+    """The layer with so many times fewer nodes, two at least.
+
+    Waves that nearly stand still come back from a layer in a time that grows with its thickness, at least in
+    proportion: what it sends back of them by a time the thinner one sends back so many times sooner.
+    """
+    if times <= 1.0:
+        return layer
+    columns = max(2, int(layer.columns / times))
+    before, now = ((np.arange(n + 1) + 0.5) / (n + 1) for n in (layer.columns, columns))
+    edges = {name: np.interp(now, before, getattr(layer, name)) for name in ("kappa", "sigma", "alpha")}
+    if not layer.damping.size:
+        return replace(layer, **edges)
+    before, now = (np.arange(1, n + 1) / (n + 1) for n in (layer.columns, columns))
+    return replace(layer, damping=np.interp(now, before, layer.damping), **edges)
 
 
 def loudest(sizes: np.ndarray, rest: float) -> np.ndarray:

@@ -27,6 +27,7 @@ from scipy import special
 
 from farhorizon.medium.stencil import Stencil
 
+_BACKWARD = 1e-6  # growth over sigma from which on a wave counts as a backward one
 # neighbours that a filter reads to either side along an axis: so many, and more for each node of the stencil's reach,
 # for wide stencils have longer backward waves, which take sharper filters
 _TAPS, _TAPS_PER_REACH = 6, 2
@@ -64,6 +65,8 @@ class HighPass:
         Damping rate over sigma.
     first : float
         Least wavenumber times spacing of the waves that it stops.
+    lowest : float
+        Least eigenvalue of the symbol of these.
     whole : bool
         Whether waves are damped themselves, not their velocity alone.
     """
@@ -72,6 +75,7 @@ class HighPass:
     fall: int
     strength: float
     first: float
+    lowest: float = 0.0
     whole: bool = False
 
     @property
@@ -117,10 +121,12 @@ def high_pass(stencil: Stencil) -> HighPass | None:
     worst = growth.max(-1)
     if not worst.any() and stencil.dim == 1:
         worst = _standing(stencil)
-    backward = np.nonzero(worst > 1e-6)
+    backward = np.nonzero(worst > _BACKWARD)
     if not backward[0].size:
         return None
     first = float(np.sqrt(sum(axis**2 for axis in zone))[backward].min())
+    values = stencil.zone_branches[1]
+    lowest = float(values[growth > _BACKWARD].min(initial=values[backward].max()))
     reach = max(stencil.reach)
     sharp = max(_SHARP, _SHARP_PER_REACH * reach)
     count, most = (
@@ -131,7 +137,7 @@ def high_pass(stencil: Stencil) -> HighPass | None:
         passed = sum(filtered.passed(axis).ravel()[index] for axis, index in zip(zone, backward, strict=True))
         return float((2 * worst[backward] / np.maximum(passed, 1e-300)).max())
 
-    filters = [HighPass(rise, count + 1 - rise, 1.0, first) for rise in range(1, count + 1)]
+    filters = [HighPass(rise, count + 1 - rise, 1.0, first, lowest) for rise in range(1, count + 1)]
     rates = [rate_of(one) for one in filters]
     enough = max(most, _OVER_LEAST * min(rates))
     gentle = [(one, rate) for one, rate in zip(filters, rates, strict=True) if rate <= enough]
@@ -139,9 +145,9 @@ def high_pass(stencil: Stencil) -> HighPass | None:
     if rate > _SLOW:
         share, strength = _WHOLE[rate > _STILL]
         rise = round((sharp + 1) * float(np.sin(min(share * first, np.pi) / 2) ** 2))
-        return HighPass(rise, sharp + 1 - rise, strength, first, True)
+        return HighPass(rise, sharp + 1 - rise, strength, first, lowest, True)
     if _MARGIN * rate <= _WEAK:
-        short = HighPass(*_SHORT, 1.0, first)
+        short = HighPass(*_SHORT, 1.0, first, lowest)
         return replace(short, strength=_MARGIN * rate_of(short))
     return replace(chosen, strength=_MARGIN * rate)
 

@@ -74,7 +74,10 @@ def share_of_short(medium: LatticeMedium, datum: Datum, first: float) -> float:
     """How much of a datum are waves from a wavenumber times spacing on; of a source, in what it sends."""
     if not datum.values.any():
         return 0.0
-    return float(short_share(datum.values, first) * _briskness(medium, first, datum.time))
+    line = np.linspace(first, np.pi, 9)
+    symbol = medium.stencil.symbol(line, *[np.zeros_like(line)] * (medium.stencil.dim - 1))
+    values = symbol if medium.stencil.components == 1 else np.linalg.eigvalsh(symbol).ravel()
+    return float(short_share(datum.values, first) * briskness(medium, values, datum.time))
 
 
 def reach_the_end(medium: LatticeMedium, data: Sequence[Datum], wanted: float) -> bool:
@@ -102,8 +105,8 @@ def frequency_of_slow_waves(medium: LatticeMedium, speed: float) -> float:
     return float(2 * np.arcsin(turn[fast].max(initial=0.0)) / medium.dt)
 
 
-def _briskness(medium: LatticeMedium, first: float, course: np.ndarray) -> float:
-    """What a source that follows a course in time sends of waves from a wavenumber times spacing on, over what it sends
+def briskness(medium: LatticeMedium, eigenvalues: np.ndarray, course: np.ndarray) -> float:
+    """What a source that follows a course in time sends of waves of some eigenvalues of the symbol, over what it sends
     of them if it is switched on at once; 1 for what is there at the start.
 
     A field that follows its source slowly is none of waves: these are as large as the source changes at their
@@ -111,10 +114,7 @@ def _briskness(medium: LatticeMedium, first: float, course: np.ndarray) -> float
     """
     if not course.any():
         return 1.0
-    line = np.linspace(first, np.pi, 9)
-    symbol = medium.stencil.symbol(line, *[np.zeros_like(line)] * (medium.stencil.dim - 1))
-    values = symbol if medium.stencil.components == 1 else np.linalg.eigvalsh(symbol).ravel()
-    turns = np.angle([factor_of_wave(-medium.rate * float(one), medium.recursion) for one in values])
+    turns = np.angle([factor_of_wave(-medium.rate * float(one), medium.recursion) for one in eigenvalues])
     changes = np.diff(course, prepend=0.0)
     heard = np.abs(np.exp(-1j * np.outer(turns, np.arange(len(course)))) @ changes).max()
     return min(1.0, float(heard / np.abs(course).max()))

@@ -404,7 +404,8 @@ def thinnest(
         light = {name: one for name, one in every.items() if one.tuned.size} if scalar else {}
         for some in filter(None, (light, {name: one for name, one in every.items() if name not in light})):
             name, layer = _quietest(some, waves)
-            predicted, more = predicted_error(layer, waves, size, aim), beside(layer)
+            # the last one in full, as `least` does
+            predicted, more = predicted_error(layer, waves, size, aim if nodes < MOST else np.inf), beside(layer)
             if predicted <= aim and predicted + more <= wanted:
                 return Thickness(name, layer, predicted + more)
         return None

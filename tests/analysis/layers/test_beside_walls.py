@@ -1,0 +1,132 @@
+"""What layers lack beside walls: the damping of backward waves alone takes it, and how much of data it may be."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_returned import medium, pulse
+
+import farhorizon as fh
+from farhorizon.analysis.layers.beside_walls import as_fast_as_backward, lacking_beside_walls
+from farhorizon.analysis.layers.short_waves import high_pass
+from farhorizon.analysis.layers.side_data import Datum
+from farhorizon.engine.engine import Layer
+
+SCALAR, SOLID = fh.Wave(fh.Kernel(3.0, 1, "constant")), fh.Elastic(fh.Kernel(2.0, 1, "constant"), young=1.0)
+NODES = 64  # of lattices that repeat themselves
+
+
+def largest_error(model, wall, until, damped, monkeypatch):
+    """Of 40 nodes beside a wall, with the damping of backward waves or without it, against a domain from which nothing
+    returns.
+    """
+    made = fh.LatticePML.make_layer
+    if not damped:
+        bare = {"damping": np.zeros(0), "taps": np.zeros(1)}
+        monkeypatch.setattr(fh.LatticePML, "make_layer", lambda self, *a, **k: replace(made(self, *a, **k), **bare))
+    lattice = fh.Lattice(1.0, (0.0, 0.0), (26.0, 30.0))
+    u = pulse(lattice.shape, (13.0, 14.0), 2.6)
+    given = {"threads": 1, "initial": {"u": u if model is SCALAR else np.stack([-0.6 * u, u])}}
+
+    def run(side):
+        return fh.Simulation(lattice, model, {"x": side, "y-": wall, "y+": side}, **given)
+
+    near, far = run(fh.LatticePML(nodes=40, until=until)), run(fh.Extended(target=1e-12, until=until + 20))
+    monkeypatch.undo()
+    assert near.dt == far.dt
+    worst = 0.0
+    while far.time < until:  # by eight steps, a little beyond
+        for sim in (near, far):
+            sim.step(8)
+        worst = max(worst, float(np.abs(near.fields["u"] - far.fields["u"]).max()))
+    return worst
+
+
+@pytest.mark.parametrize("model, wall, until", [(SCALAR, fh.Free(), 60.0), (SOLID, fh.Fixed(), 60.0)])
+def test_damping_alone_takes_what_comes_back(model, wall, until, monkeypatch):
+    """Layers that damp nothing return all that a wall outside turns round, as long as nothing grows; what
+    was taken for an echo of the damped ones is what they lack.
+    """
+    damped = largest_error(model, wall, until, True, monkeypatch)
+    assert largest_error(model, wall, until, False, monkeypatch) < 1e-12 < 1e-9 < damped
+
+
+def wave(along, across, kind=1.0):
+    """A plane wave of so many periods along and across a lattice of `NODES`."""
+    x, y = np.ix_(np.arange(NODES), np.arange(NODES))
+    return kind * np.cos(2 * np.pi * (along * x + across * y) / NODES)
+
+
+def test_waves_count_by_their_frequency():
+    """P and S waves of the same length, of which one is as fast as backward waves are: by the symbol at their
+    wavenumber.
+    """
+    front = medium(SOLID, 2)
+    damped = high_pass(front.stencil)
+    numbers = np.arange(NODES // 2)
+    squared = np.linalg.eigvalsh(front.stencil.symbol(2 * np.pi * numbers / NODES, 0 * numbers))
+    fast = squared >= 0.8 * damped.lowest
+    between = int(numbers[fast[:, 1] & ~fast[:, 0]][0])  # P waves only
+    both = int(numbers[fast.all(1)][0])
+
+    def share(number, component):
+        return as_fast_as_backward(front, damped, Datum(wave(number, 0), "u", component=component))
+
+    assert share(between, 0) == pytest.approx(1.0) and share(between, 1) < 1e-12
+    assert share(both, 0) == pytest.approx(1.0) == share(both, 1)
+    assert share(between - 1, 0) < 1e-12
+    mixed = wave(between, 0, 0.25) + wave(1, 0)
+    assert as_fast_as_backward(front, damped, Datum(mixed, "u")) == pytest.approx(0.2)  # 0.25 of 1.25
+
+
+def test_the_lowest_backward_wave():
+    """By group and phase velocity along both axes, on a grid of its own."""
+    for model in (SCALAR, SOLID):
+        stencil = model.stencil(1.0, 2)
+        k = np.linspace(-np.pi, np.pi, 240)
+        squared = stencil.symbol(*np.ix_(k, k))
+        squared = squared[..., None] if squared.ndim == 2 else np.linalg.eigvalsh(squared)
+        slopes = np.gradient(squared, k, k, axis=(0, 1))
+        sines = np.sin(k)[:, None, None], np.sin(k)[None, :, None]
+        growth = np.max([-sine * slope for sine, slope in zip(sines, slopes, strict=True)], axis=0) / squared
+        inside = np.zeros_like(growth, bool)
+        inside[2:-2, 2:-2] = True
+        lowest = squared[inside & (growth > 1e-3)].min()
+        assert high_pass(stencil).lowest == pytest.approx(lowest, rel=0.05)
+
+
+def test_sources_that_change_slowly_send_few():
+    front = medium(SCALAR, 2)
+    damped, u = high_pass(front.stencil), pulse((40, 40), (20.0, 20.0), 2.0)
+
+    def share(course):
+        return as_fast_as_backward(front, damped, Datum(u, "source", course))
+
+    steps = np.arange(2000)
+    at_once, slowly = np.ones(2000), np.exp(-(((steps - 1000) / 200) ** 2))
+    assert share(at_once) == pytest.approx(as_fast_as_backward(front, damped, Datum(u, "u")), rel=0.05)
+    assert 0 < share(at_once) and share(slowly) < 1e-6 * share(at_once)
+    assert share(np.zeros(2000)) == pytest.approx(share(np.ones(1)))
+
+
+def test_more_is_lacking_of_more_waves_until_all_have_come():
+    damped, stencil = high_pass(SCALAR.stencil(1.0, 2)), SCALAR.stencil(1.0, 2)
+
+    def lacking(nodes, way, held):
+        edges = np.zeros(nodes + 1)
+        return lacking_beside_walls(Layer(edges + 1, edges, edges), damped, stencil, way, held)
+
+    smooth = lacking(20, 1e6, 0.0)
+    assert smooth == lacking(20, 1.0, 0.0) and lacking(40, 1.0, 0.0) < 0.1 * smooth
+    late = lacking(20, 100.0, 0.1) - smooth
+    assert (
+        late == pytest.approx(lacking(20, 1e4, 0.1) - smooth) == pytest.approx(0.1 * (lacking(20, 1e4, 1.0) - smooth))
+    )
+    assert lacking(20, 50.0, 0.1) - smooth == pytest.approx(late / 2**6)
+    neighbours = fh.Wave(fh.Stencil.finite_element(2)).stencil(1.0, 2)
+    edges = np.zeros(21)
+    layer = Layer(edges + 1, edges, edges)
+    of_neighbours = high_pass(neighbours)
+    assert lacking_beside_walls(layer, of_neighbours, neighbours, 1e6, 1.0) == lacking_beside_walls(
+        layer, of_neighbours, neighbours, 1e6, 0.0
+    )
