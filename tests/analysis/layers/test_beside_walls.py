@@ -130,3 +130,11 @@ def test_more_is_lacking_of_more_waves_until_all_have_come():
     assert lacking_beside_walls(layer, of_neighbours, neighbours, 1e6, 1.0) == lacking_beside_walls(
         layer, of_neighbours, neighbours, 1e6, 0.0
     )
+
+
+def test_filters_of_few_neighbours_leave_more_of_solids():
+    damped, stencil, edges = high_pass(SOLID.stencil(1.0, 2)), SOLID.stencil(1.0, 2), np.zeros(11)
+    brief, long = (Layer(edges + 1, edges, edges, edges[1:] + 1, np.ones(taps)) for taps in (5, 9))
+    assert lacking_beside_walls(brief, damped, stencil, 1.0, 0.0) == pytest.approx(
+        6 * lacking_beside_walls(long, damped, stencil, 1.0, 0.0)
+    )

@@ -21,7 +21,8 @@ from farhorizon.medium.stencil import Stencil
 
 # What 20 nodes whose filter stops waves from a wavenumber times spacing on lack of smooth data, over the largest value;
 # it falls as a power of their number, and of the wavenumber, beyond it as another power, of vectors not at all.
-_SMOOTH, _STOPPED, _BY_NODES, _BY_STOPPED = 1.5e-5, 1.94, 3.5, (5.5, 14.0)
+_SMOOTH, _STOPPED, _BY_NODES, _BY_STOPPED = 1.8e-5, 1.94, 3.5, (5.5, 14.0)
+_BRIEF, _FEW = 6.0, 4  # times as much of vectors beside filters that read so many neighbours at most
 # Of the least eigenvalue of backward waves, from which on waves count. Of these so much is lacking, times a power of
 # the stencil's reach, once long waves have gone so many times the thickness of the layer; before a power of their way.
 _AS_FAST, _LACKING, _BY_REACH, _DELAY, _BY_WAY = 0.8, 1e-3, 2.5, 5.0, 6.0
@@ -46,7 +47,8 @@ def lacking_beside_walls(layer: Layer, damped: HighPass, stencil: Stencil, way: 
     vectors, longer = stencil.components > 1, damped.first / _STOPPED
     if vectors:
         longer = min(longer, 1.0)
-    smooth = _SMOOTH * longer ** -_BY_STOPPED[longer > 1] * (20 / layer.columns) ** _BY_NODES
+    brief = _BRIEF if vectors and len(layer.taps) - 1 <= _FEW else 1.0
+    smooth = brief * _SMOOTH * longer ** -_BY_STOPPED[longer > 1] * (20 / layer.columns) ** _BY_NODES
     if not vectors and max(stencil.reach) == 1:  # of neighbours alone a wall is a mirror
         return float(smooth)
     turned = min(1.0, _LACKING * max(stencil.reach) ** _BY_REACH)
