@@ -138,3 +138,14 @@ def test_filters_of_few_neighbours_leave_more_of_solids():
     assert lacking_beside_walls(brief, damped, stencil, 1.0, 0.0) == pytest.approx(
         6 * lacking_beside_walls(long, damped, stencil, 1.0, 0.0)
     )
+
+
+def test_media_whose_waves_are_damped_themselves_have_no_slowest_backward_wave():
+    """Correspondence without stabilisation has waves at rest; all data are as fast, and that says nothing."""
+    stencil = fh.Correspondence(fh.Kernel(3.0, 0, "gaussian"), young=1.0, poisson=0.25).stencil(1.0, 2)
+    damped, edges = high_pass(stencil), np.zeros(13)
+    layer = Layer(edges + 1, edges, edges)
+    assert damped.whole and damped.lowest < 1e-4 * stencil.symbol_maximum
+    assert lacking_beside_walls(layer, damped, stencil, 1e6, 1.0) == lacking_beside_walls(
+        layer, damped, stencil, 1.0, 0.0
+    )

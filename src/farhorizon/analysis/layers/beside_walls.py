@@ -49,7 +49,8 @@ def lacking_beside_walls(layer: Layer, damped: HighPass, stencil: Stencil, way: 
         longer = min(longer, 1.0)
     brief = _BRIEF if vectors and len(layer.taps) - 1 <= _FEW else 1.0
     smooth = brief * _SMOOTH * longer ** -_BY_STOPPED[longer > 1] * (20 / layer.columns) ** _BY_NODES
-    if not vectors and max(stencil.reach) == 1:  # of neighbours alone a wall is a mirror
+    # of neighbours alone a wall is a mirror; of media whose waves are damped themselves some of any length are slow
+    if damped.whole or (not vectors and max(stencil.reach) == 1):
         return float(smooth)
     turned = min(1.0, _LACKING * max(stencil.reach) ** _BY_REACH)
     return float(smooth + turned * held * min(1.0, way / (_DELAY * layer.columns)) ** _BY_WAY)
