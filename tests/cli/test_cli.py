@@ -765,3 +765,18 @@ def test_check_draws_the_geometry(tmp_path, capsys):
     for name in ("grains-nodes.png", "grains-young.png"):
         assert is_picture(tmp_path / "seen" / name) and name in said
     assert "density" not in said.split("picture:", 1)[1]
+
+
+@pytest.mark.parametrize("command", ["run", "check", "compare"])
+def test_a_target_that_no_layer_keeps_is_refused_by_the_name_of_the_file(tmp_path, capsys, monkeypatch, command):
+    """All waves that a line carries, as one node holds them, for a long time; the refusal was a traceback once."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "node.toml").write_text(
+        "[lattice]\nspacing = 1.0\nlower = [-20.0]\nupper = [20.0]\n"
+        '[model]\ntype = "wave"\nkernel = { horizon = 3.0 }\n'
+        '[boundary]\nall = { type = "lattice-pml", target = 1e-9 }\n'
+        '[initial]\nu = "max(0, 1 - 4*abs(x))"\n[run]\nuntil = 20000.0\n'
+    )
+    assert main([command, "node.toml"]) == 2
+    said = capsys.readouterr().err
+    assert "node.toml" in said and "no layer keeps the target" in said and "Extended" in said

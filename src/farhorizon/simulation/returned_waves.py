@@ -165,7 +165,7 @@ class ReturnedWaves:
                 # of the waves more is left out for a larger target
                 again = least(members, *self._arriving(axis, side, until, limit)[1:], beside) / share
                 self._least[boundary, *alike] = max(limit, again)
-            raise NotKept(wanted, self._least[boundary, *alike])
+            raise NotKept.of(wanted, self._least[boundary, *alike])
         self._known[boundary, *alike] = replace(found, until=until)
         return self._known[boundary, *alike]
 

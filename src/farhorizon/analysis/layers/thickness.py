@@ -462,16 +462,18 @@ def least(
 class NotKept(InputError):
     """No layer of a side keeps a target.
 
-    Parameters
+    Attributes
     ----------
-    wanted : float
     least : float
         The smallest target that one keeps.
     """
 
-    def __init__(self, wanted: float, least: float) -> None:
-        self.least = least
-        super().__init__(
+    least = np.inf
+
+    @classmethod
+    def of(cls, wanted: float, least: float) -> NotKept:
+        """The refusal of a target, which names the smallest one that is kept."""
+        refusal = cls(
             "no layer keeps the target for these data",
             value=wanted,
             limit=f">= {least:.1g}",
@@ -479,6 +481,8 @@ class NotKept(InputError):
             remedy="a larger target, smoother data, data farther from the side, another influence, or Extended, "
             "Exact or a Sponge",
         )
+        refusal.least = least
+        return refusal
 
 
 def distance_to_side(values: Iterable[np.ndarray]) -> float:

@@ -1,0 +1,23 @@
+"""Errors that name the value, the limit and a remedy."""
+
+import pytest
+
+from farhorizon.analysis.layers.thickness import NotKept
+from farhorizon.errors import InputError
+
+
+def _kinds(kind: type) -> list[type]:
+    return [kind, *(each for below in kind.__subclasses__() for each in _kinds(below))]
+
+
+@pytest.mark.parametrize("kind", _kinds(InputError), ids=lambda kind: kind.__name__)
+def test_every_refusal_can_be_told_anew(kind):
+    """Case files put their name before what they refuse, and parts of them the key."""
+    told = kind("is wrong", value=1, limit=2, remedy="another", key="one").at("two")
+    assert type(told) is kind and str(told) == "two: is wrong; value: 1; limit: 2; remedy: another"
+    assert str(kind(f"file: {told}")).startswith("file: two")
+
+
+def test_the_refusal_of_a_target_knows_the_least_that_is_kept():
+    refusal = NotKept.of(1e-6, 3e-4)
+    assert refusal.least == 3e-4 and refusal.limit == ">= 0.0003" and refusal.value == 1e-6
