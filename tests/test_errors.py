@@ -20,4 +20,11 @@ def test_every_refusal_can_be_told_anew(kind):
 
 def test_the_refusal_of_a_target_knows_the_least_that_is_kept():
     refusal = NotKept.of(1e-6, 3e-4)
-    assert refusal.least == 3e-4 and refusal.limit == ">= 0.0003" and refusal.value == 1e-6
+    assert refusal.least == pytest.approx(3e-4) and refusal.limit == ">= 0.0003" and refusal.value == 1e-6
+
+
+@pytest.mark.parametrize(("least", "named"), [(1.25e-6, 2e-6), (1e-6, 1e-6), (9.1e-5, 1e-4), (3e-4, 3e-4)])
+def test_the_least_that_is_kept_is_rounded_up(least, named):
+    """As long as it was rounded to one digit, 1.25e-6 was told as the 1e-6 that was refused."""
+    assert NotKept.of(1e-6, least).least == pytest.approx(named, rel=1e-12)
+    assert float(NotKept.of(1e-6, least).limit.removeprefix(">= ")) == pytest.approx(named, rel=1e-12)

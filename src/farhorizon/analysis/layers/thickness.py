@@ -454,9 +454,13 @@ def least(
     predicted = predicted_error(layer, waves, size)
     found = predicted / _AIM  # as `thinnest` judges
     found /= _AIM_CROWDED if crowded(waves[0].medium.stencil) else 1.0
-    found = max(found, predicted + beside(layer))
-    digit = 10.0 ** np.floor(np.log10(max(found, 1e-300)))
-    return float(np.ceil(found / digit) * digit)
+    return _one_digit(max(found, predicted + beside(layer)))
+
+
+def _one_digit(value: float) -> float:
+    """The value, rounded up to one digit."""
+    digit = 10.0 ** np.floor(np.log10(max(value, 1e-300)))
+    return float(np.ceil(value / digit - 1e-9) * digit)
 
 
 class NotKept(InputError):
@@ -473,6 +477,7 @@ class NotKept(InputError):
     @classmethod
     def of(cls, wanted: float, least: float) -> NotKept:
         """The refusal of a target, which names the smallest one that is kept."""
+        least = _one_digit(least)
         refusal = cls(
             "no layer keeps the target for these data",
             value=wanted,
