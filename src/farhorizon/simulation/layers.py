@@ -235,7 +235,7 @@ class _Choice:
         refused: list[NotKept] = []
         for key, boundary in layers.items():
             wanted, until = boundary.wanted(model.target), lengths[key]
-            if far.knows_backward_waves:
+            if far.follows_backward_waves:
                 self.followed.add(key)
             if boundary.open_ended:
                 try:
@@ -266,8 +266,7 @@ class _Choice:
         Raises
         ------
         InputError
-            Scalar data have more of them than the target of a layer that chooses for itself; elastic layers keep theirs
-            beside them, as far as was seen.
+            Scalar data have more of them than the target of a layer that chooses for itself.
         """
         near, model = self.near, self.near.model
         if model.order == 1:

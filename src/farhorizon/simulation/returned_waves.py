@@ -178,7 +178,7 @@ class ReturnedWaves:
         return predicted_error(layer, sent, size) + self._beside_walls(axis, side, until, layer)
 
     def _beside_walls(self, axis: int, side: int, until: float, layer: Layer) -> float:
-        """What a layer that damps short waves lacks beside walls, at most, which predictions do not know of."""
+        """What a layer that damps short waves lacks beside walls, from trials: predictions do not know of it."""
         damped, walls = high_pass(self.stencil), any(side.image for side in self._beside(axis))
         if not walls or not layer.filtered or damped is None or damped.weak:
             return 0.0
@@ -258,23 +258,19 @@ class ReturnedWaves:
 
     def _every(self, medium: LatticeMedium, data: Sequence[Datum], wanted: float) -> bool:
         """Whether all modes of a medium are followed."""
-        if not self.knows_backward_waves or (self.stencil.components > 1 and self._walls):
+        if not self.follows_backward_waves:
             return False
         return hold_backward_waves(medium, data, wanted) or reach_the_end(medium, data, wanted)
 
     @property
-    def knows_backward_waves(self) -> bool:
-        """Whether what comes back of waves of the data that run backward is known: in a medium that does not vary, of
-        scalars, and of vectors in the plane if these are the run's data. They are followed, but of vectors beside
-        walls, which turn them into waves of both types; there what comes back is counted.
+    def follows_backward_waves(self) -> bool:
+        """Whether the waves of data are followed that run backward: in a medium that does not vary, of scalars, and of
+        vectors in the plane, if these are the run's data and no wall turns them into waves of both types.
         """
         if self.squared_speed is not None or self.stencil.components == 1:
             return self.squared_speed is None
-        return self.stencil.components == self.stencil.dim == 2 and self.known
-
-    @property
-    def _walls(self) -> bool:
-        return any(b.image for b in self.sides.values())
+        walls = any(b.image for b in self.sides.values())
+        return self.stencil.components == self.stencil.dim == 2 and self.known and not walls
 
     @property
     def _room(self) -> int:
