@@ -888,7 +888,9 @@ def test_what_comes_back_beside_walls_is_no_more_than_is_told(vectors, short):
             for side in (wide, layer)
         )
         assert near.dt == far.dt
-        told = max(float(note.split("send back ")[1].split()[0]) for note in near.notes if "send back" in note)
+        told = max(
+            float(note.split("send back ")[1].split()[0]) for note in near.notes if "predicted to send back" in note
+        )
         worst, largest = 0.0, float(bell.max()) if short else 0.0
         while far.time < until:
             far.step(2)
