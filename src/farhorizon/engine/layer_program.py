@@ -61,12 +61,13 @@ from farhorizon.engine.nested import (
 )
 from farhorizon.engine.rows.calls import call_with
 from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.layer_sums import call_crossing, call_mirrored
+from farhorizon.engine.rows.layer_sums import call_bands, call_crossing, call_mirrored
 from farhorizon.engine.rows.shifts import call_shifts
 from farhorizon.engine.rows.vectors import TURNED, add_lines, call_parts, clear, fetch, turn
 from farhorizon.engine.tables import ABSENT, EDGE, FACE
 from farhorizon.engine.threads import barrier, share
 
+_TOGETHER = 128  # lines of a plane that go through one after the other
 _GOLDEN = -7046029254386353131  # 2^64 over the golden ratio, as a signed number
 
 
@@ -218,6 +219,7 @@ def add_bands(thread, stage, sums, tables, inputs, step, number):
     olds, news, extra = address(base), address(out), address(slots)
     function, weights = layers.mirrored[2, 1, 0], address(layers.mirrored_weights) + layers.mirrored[2, 1, 1] * size
     mirrored = not varied and function != 0
+    work[0] = scale
     for t in range(layers.tiles.shape[0]):
         tile = layers.tiles[t]
         side, count = tile[TILE_BAND], tile[TILE_COUNT]
@@ -226,9 +228,10 @@ def add_bands(thread, stage, sums, tables, inputs, step, number):
         band = layers.bands[side]
         apiece, shift, ahead, behind = slot_steps(layers, side, size)
         width = band[WIDTH]
-        # Narrow bands, whose lines are neighbours, go through several lines at a time: the same ones with any number of
-        # threads, as sums depend on it.
+        # Narrow bands, whose lines are neighbours, go through several lines at a time, or one after the other: the same
+        # ones with any number of threads, as sums depend on it.
         several = LINES // width if width <= LINES and not varied else 1
+        several = _TOGETHER if mirrored else several
         each = (sizes[1] + several - 1) // several
         own = share(thread, sizes[0] * each)
         for group in range(own[0], own[1]):
@@ -236,31 +239,30 @@ def add_bands(thread, stage, sums, tables, inputs, step, number):
             together = min(several, sizes[1] - y)
             node = sizes[8] + x * band[PLANE] + y * band[ROW] + tile[TILE_FIRST]
             slot = band[BASE] + (sizes[3] + x * band[LINE] + y) * width + tile[TILE_COLUMN]
+            if mirrored:
+                here = extra + slot * size
+                call_bands(
+                    function,
+                    (news + node * size, olds + node * size if stage.increments else 0, band[ROW] * size, apart * size),
+                    (here + ahead, here + behind),
+                    (band[LINE] * width * size, width * size, shift, apiece),
+                    (weights, to),
+                    (together, count),
+                )
+                continue
             vectors = together * width * size // 64 if several > 1 else tile[TILE_VECTORS]
             factors = weigh_bonds(sums, thread.number, OF_BANDS, node, count) if varied else to
             for i in range(several, 2 * several):
                 fetch(news + (node + i * band[ROW]) * size)
                 fetch(news + (node + i * band[ROW] + count - 1) * size)
-            if mirrored:
-                here = extra + slot * size
-                call_mirrored(
-                    function,
-                    (to, to, LINES * size, LINES * size),
-                    (here + ahead, here + behind),
-                    (band[LINE] * width * size, width * size, shift, apiece),
-                    weights,
-                    vectors,
-                )
             for c in range(stage.rows):
-                here = to + (c * LINES * size if mirrored else 0)
-                if not mirrored:  # the terms in the level are none
-                    source, there = (to, factors), extra + slot * size
-                    weigh(layers, band[PARTS], sizes[4] + c, source, there, side, to, 0, vectors, 1)
+                source, there = (to, factors), extra + slot * size  # the terms in the level are none
+                weigh(layers, band[PARTS], sizes[4] + c, source, there, side, to, 0, vectors, 1)
                 for i in range(together):
                     place = (node + c * apart + i * band[ROW]) * size
-                    add_lines(here + i * width * size, news + place, scale, count)
+                    add_lines(to + i * width * size, news + place, scale, count)
                     if stage.increments:
-                        add_lines(here + i * width * size, olds + place, scale, count)
+                        add_lines(to + i * width * size, olds + place, scale, count)
     barrier(thread)
 
 

@@ -38,7 +38,7 @@ from farhorizon.engine.nested import (
     WIDTH,
     Layers,
 )
-from farhorizon.engine.rows.build import load_crossing, load_parts, load_shifts
+from farhorizon.engine.rows.build import load_bands, load_crossing, load_parts, load_shifts
 from farhorizon.engine.rows.choose import UNROLLED_LIMIT, mirrored
 from farhorizon.engine.rows.matrices import Signs
 from farhorizon.engine.rows.vectors import TURNED
@@ -395,7 +395,9 @@ class LayerTables:
             found = tuple(shape[i] for i in chosen)
             pattern = tuple(tuple(row) for row in (matrices[chosen].reshape(-1, size) != 0).tolist())
             differ, real = self.sets[2] == 2, self.dtype.name
-            if number < 3:
+            if number == 2:
+                function = load_bands(found, pattern, *self.signs, differ, real)
+            elif number < 3:
                 both = self.sets[number] == 2
                 function = load_parts(found, pattern, *self.signs, number, both, apart, differ, real)
             else:

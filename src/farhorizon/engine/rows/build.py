@@ -156,6 +156,19 @@ def load_crossing(
     return int(made.crossings.address)
 
 
+def load_bands(
+    shape: tuple[tuple[int, int, int], ...],
+    pattern: tuple[tuple[bool, ...], ...],
+    inside: tuple[tuple[int, int, int], ...],
+    outside: tuple[tuple[int, int, int], ...],
+    differ: bool,
+    real: str,
+) -> int:
+    """Address of the sums of slots in bands (see `layer_sums.band_sums`)."""
+    stencil = {"SHAPE": shape, "PATTERN": pattern, "INSIDE": inside, "OUTSIDE": outside}
+    return int(_load("rows/band_rows", **stencil, DIFFER=differ, REAL=real).bands.address)
+
+
 def load_exchange() -> tuple[int, int, int]:
     """Addresses of what begins and ends messages with other processes, and lets them move on (see
     `exchanges.send_values`, `receive_values` and `move_messages`).

@@ -21,10 +21,13 @@ from farhorizon.engine.rows.vectors import I64, Vectors, flat, int64s
 
 Sums = dict[tuple[int, ...], Any]  # by parity along the first two axes
 
+_AHEAD = 8  # lines between use and prefetch
 _IN_FLIGHT = 6  # sums that a vector is added up in, at least: each waits for itself
 _MIRRORED = int64s(4), int64s(2), int64s(4), types.int64, types.int64
 _CROSSING = int64s(5), int64s(2), int64s(2), types.int64, types.int64
+_BAND = int64s(4), int64s(2), int64s(4), int64s(2), int64s(2)
 MIRRORED_SIGNATURE, CROSSING_SIGNATURE = types.void(*_MIRRORED), types.void(*_CROSSING)
+BAND_SIGNATURE = types.void(*_BAND)
 
 
 def mirrored_parts(
@@ -52,7 +55,7 @@ def mirrored_parts(
     inside, outside : tuple of (int, int, int)
         Signs of the components that are read, and of those that are written.
     axis : int
-        The first or the second axis, with k from 1 on; the last axis: one sum of all lines, no k.
+        The first or the second.
     both : bool
         Whether what lies on and what lies back differ.
     apart, differ : bool
@@ -67,14 +70,13 @@ def mirrored_parts(
         back, and the distances of the sums of one more k and component. `source`: that of the first node and 0, or of
         the nearest lines ahead and behind. `strides`: distances in bytes of neighbours along the first two axes, of
         components, and of lines one node farther ahead. Then the weights, and how many vectors. From lines of their
-        own, for the first two axes, sums are added to what is there.
+        own, sums are added to what is there.
     """
     columns, rows = len(inside), len(outside)
-    adds = apart and axis < 2
     lines: dict[tuple[int, int], list[tuple[int, int, int]]] = {}
     for number, o in enumerate(offsets):
         line = (0 if axis == 0 else o[0], 0 if axis == 1 else o[1])
-        lines.setdefault(line, []).append((o[axis] if axis < 2 else 1, o[2], number))
+        lines.setdefault(line, []).append((o[axis], o[2], number))
 
     keys = len({(k, row) for terms in lines.values() for k, _, _ in terms for row in range(rows)})
     chains = max(1, _IN_FLIGHT // keys)
@@ -119,14 +121,14 @@ def mirrored_parts(
                                         if back is None
                                         else (builder.fsub if sign[2] else builder.fadd)(on[outer], back[outer])
                                     )
-                                key = (row, sign[axis] if axis < 2 else 0, k)
+                                key = (row, sign[axis], k)
                                 sums = total.setdefault(key, [None] * chains)
                                 sums.append(vectors.multiply_add(sums.pop(0), weight(number, row, column), made[name]))
             zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
             for row in range(rows):
                 for k in (
                     sorted({key[2] for key in total})
-                    if adds
+                    if apart
                     else range(1, 1 + max(k for terms in lines.values() for k, _, _ in terms))
                 ):
                     even, odd = (
@@ -138,7 +140,7 @@ def mirrored_parts(
                     for address, join in ((plus, builder.fadd), (minus, builder.fsub))[: 1 + both]:
                         value = even if odd is None else join(even, odd)
                         place = _moved(builder, builder.add(address, at), (k - 1, part_k), (row, part_c))
-                        vectors.store(builder.fadd(vectors.load(place), value) if adds else value, place)
+                        vectors.store(builder.fadd(vectors.load(place), value) if apart else value, place)
 
     return _sums(emit, MIRRORED_SIGNATURE)
 
@@ -224,6 +226,131 @@ def crossing_parts(
     return _sums(emit, CROSSING_SIGNATURE)
 
 
+def band_sums(offsets: Octant, pattern: Pattern, inside: Signs, outside: Signs, differ: bool, real: str) -> Any:
+    """Make the intrinsic ``add(to, source, strides, weights, extent)`` for the layers along the last axis.
+
+    It adds to the nodes of a band what the slots of all lines around theirs bring. The lines of a plane come one after
+    the other along the second axis, and each is read once: what it brings to those up to a reach before and behind it
+    is added to their sums so far, which go along in registers until the last line that they take has been read.
+
+    Parameters
+    ----------
+    offsets : tuple of (int, int, int)
+        Offsets >= 0 that stand for their mirror images, the last of each > 0.
+    pattern, inside, outside, real
+        See `mirrored_parts`.
+    differ : bool
+        Whether slots ahead and behind differ; where they do not, they hold the sums.
+
+    Returns
+    -------
+    numba intrinsic
+        Takes groups. `to`: byte addresses of the first node in the levels to add to (of the second 0: there is none),
+        and the distances of lines and of components there. `source`: addresses of its slots ahead and behind.
+        `strides`: distances of their planes, lines and components, and of slots one node farther ahead. `weights`:
+        addresses of them and of the factor of the sums. `extent`: how many lines, and nodes of each.
+    """
+    columns, rows = len(inside), len(outside)
+    depth, reach = (max(o[axis] for o in offsets) for axis in (0, 1))
+    steps = sorted({o[2] for o in offsets})
+    signs = [[parity(row, column) for column in inside] for row in outside]
+
+    def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
+        to, other, line_to, part_c, ahead, behind, plane, line, shift, step, weights, scale, lines, nodes = args
+        vectors = Vectors.of(builder, real)
+        (factor,) = vectors.splat_all(scale, 1)
+        zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
+        neighbours = _Neighbours(vectors, ahead, behind, shift, step, True, differ)
+
+        def along_first(x: int) -> Callable[[Any], Sums]:
+            """Sums over the two planes at a distance, by parity."""
+            return lambda start: mirror_sums(
+                vectors, (x,), lambda image: vectors.load(_moved(builder, start, (image[0], plane)))
+            )
+
+        def brought(at: Any) -> dict[tuple[int, int, int], Any]:
+            """What a line brings, by component, parity along the second axis, and distance there."""
+            sums: dict[tuple[int, int, int], Any] = {}
+            for column in range(columns):
+                read: dict[tuple[int, int], tuple[Any, Any]] = {}
+                made: dict[tuple[int, int, int, int], Any] = {}
+                for number, (x, y, i) in enumerate(offsets):
+                    for row in range(rows):
+                        if not pattern[number][row * columns + column]:
+                            continue
+                        sign, place = signs[row][column], (number * rows + row) * columns + column
+                        if (x, i) not in read:
+                            read[x, i] = neighbours.at(at, column, i, along_first(x), {})
+                        key = (x, i, sign[0], sign[2])
+                        if key not in made:
+                            on, back = read[x, i]
+                            made[key] = on[sign[:1]]
+                            if back is not None:
+                                join = builder.fsub if sign[2] else builder.fadd
+                                made[key] = join(on[sign[:1]], back[sign[:1]])
+                        w = vectors.splat_all(builder.add(weights, I64(place * vectors.size)), 1)[0]
+                        name = (row, sign[1], y)
+                        sums[name] = vectors.multiply_add(sums.get(name), w, made[key])
+            return sums
+
+        def take(number: Any, at: Any, so_far: list[Any]) -> list[Any]:
+            """The sums of the lines around one, from the first of the first component on, with what it brings."""
+            sums, found = brought(builder.add(builder.mul(number, line), at)), list(so_far)
+            for row, place in itertools.product(range(rows), range(-reach, reach + 1)):
+                even, odd = (sums.get((row, p, abs(place))) for p in (0, 1))
+                where = row * (2 * reach + 1) + place + reach
+                for term, minus in ((even, False), (odd, place > 0)):
+                    if term is not None:
+                        found[where] = _joined(builder, found[where], term, minus)
+            return found
+
+        def fetch_ahead(number: Any, at: Any) -> None:
+            """Fetch what a line some lines later is the first to need, too far apart for the hardware to notice."""
+            there = _moved(builder, builder.add(at, builder.mul(number, line_to)), (_AHEAD, line_to))
+            ends = [builder.add(there, I64(byte)) for byte in (0, vectors.lanes * vectors.size - 1)]
+            found = [_moved(builder, builder.add(to, end), (row, part_c)) for row in range(rows) for end in ends]
+            last = _moved(builder, builder.add(at, builder.mul(number, line)), (reach + _AHEAD, line), (depth, plane))
+            for column, i, first in itertools.product(range(columns), steps, (ahead, behind)[: 1 + differ]):
+                found.append(_moved(builder, builder.add(first, last), (column, shift), (i - 1, step)))
+            for address in found:
+                vectors.prefetch(address)
+
+        def passed(so_far: list[Any]) -> list[Any]:
+            """The sums as they are for the next line."""
+            return [
+                so_far[row * (2 * reach + 1) + place + 1] if place < 2 * reach else zero
+                for row in range(rows)
+                for place in range(2 * reach + 1)
+            ]
+
+        with cgutils.for_range_slice(builder, I64(0), nodes, I64(vectors.lanes), I64) as (x, _):
+            at, store = builder.mul(x, I64(vectors.size)), vectors.store_first(builder.sub(nodes, x))
+
+            def add(number: Any, so_far: list[Any], at: Any = at, store: Any = store) -> list[Any]:
+                fetch_ahead(number, at)
+                found = take(builder.add(number, I64(reach)), at, so_far)
+                there = builder.add(builder.mul(number, line_to), at)
+
+                def put(level: Any) -> None:
+                    for row in range(rows):
+                        place = _moved(builder, builder.add(level, there), (row, part_c))
+                        total = found[row * (2 * reach + 1)]
+                        store(vectors.multiply_add(vectors.load(place), factor, total), place)
+
+                put(to)
+                with builder.if_then(builder.icmp_signed("!=", other, I64(0))):
+                    put(other)
+                return passed(found)
+
+            so_far = [zero] * (rows * (2 * reach + 1))
+            _, so_far = vectors.loop(
+                I64(-reach), I64(reach), 1, so_far, lambda number, c, at=at: passed(take(number, at, c))
+            )
+            vectors.loop(I64(0), lines, 1, so_far, add)
+
+    return _sums(emit, BAND_SIGNATURE)
+
+
 class _Neighbours:
     """Reads sums of values some nodes on and back along the last axis.
 
@@ -307,6 +434,12 @@ def _sums(emit: Callable[[ir.IRBuilder, tuple[Any, ...]], None], kind: Any) -> A
 def call_mirrored(typingctx, function, to, source, strides, weights, vectors):
     """Call compiled `mirrored_parts` by their address."""
     return call_of(_MIRRORED)
+
+
+@intrinsic
+def call_bands(typingctx, function, to, source, strides, weights, vectors):
+    """Call compiled `band_sums` by their address."""
+    return call_of(_BAND)
 
 
 @intrinsic

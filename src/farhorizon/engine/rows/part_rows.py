@@ -5,11 +5,11 @@ axis and number type.
 from farhorizon.engine.rows.compiled import cfunc
 from farhorizon.engine.rows.layer_sums import MIRRORED_SIGNATURE, mirrored_parts
 
-SHAPE = ((0, 0, 1),)
+SHAPE = ((1, 0, 1),)
 PATTERN = ((True,),)
 INSIDE = ((0, 0, 0),)
 OUTSIDE = ((0, 0, 0),)
-AXIS = 2
+AXIS = 0
 BOTH = False
 APART = True
 DIFFER = False
