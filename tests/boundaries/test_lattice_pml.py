@@ -242,6 +242,7 @@ def cut_off(lattice, function):
     return np.where(values > 1e-4, values, 0.0)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("dim", "reach"),
     [(1, 1), (1, 2), (1, 3), (2, 1), (2, 2), (2, 3), (2, 4), (2, 5), (2, 6), *slow((3, 1), (3, 2), (3, 3))],
@@ -300,6 +301,7 @@ def test_a_large_shift_lets_long_waves_through():
     assert large > 1e4 * small
 
 
+@pytest.mark.slow
 def test_single_precision():
     """float32: rounding sets the error of waves (1e-5 allowed; the medium holds 265 steps of single rounding)."""
     setup = wave(2, kernel(3), 12)

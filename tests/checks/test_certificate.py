@@ -423,7 +423,7 @@ def _scalings():
             yield pytest.param(name, units, marks=pytest.mark.slow if number >= _FAST.get(name, 3) else ())
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("name, units", list(_scalings()))
 def test_certificates_know_no_units(name, units):
     """The same problem in other units of length, time and mass: the same verdict and the same growth per crossing."""

@@ -475,6 +475,7 @@ def test_a_disk_that_is_full_ends_a_run_in_one_line_and_blocks_nothing(small):
         Path("small.h5").unlink()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device that is always full")
 @pytest.mark.parametrize("arguments", [["info"], ["check", "small.toml"], ["run", "small.toml"]])
 def test_an_output_that_cannot_be_written_is_told_in_one_line(small, arguments):
@@ -494,6 +495,7 @@ def test_a_picture_folder_that_cannot_be_made_is_refused_before_the_run(small, c
     assert "small" in capsys.readouterr().err and not Path("small.h5").exists()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.6, 1.0, 1.5])
 def test_ctrl_c_while_modules_are_imported_is_one_line(small, delay):
     """And wherever else it comes before the run begins; afterwards it is that of the run."""

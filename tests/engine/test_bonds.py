@@ -184,6 +184,7 @@ def held_at(stretch, dim, spacing=0.5, reach=2):
     return fracture_energy(spacing * stencil.offsets, model.bond_stiffness(stencil, spacing), stretch)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("contact", [False, True], ids=["apart", "contact"])
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 @pytest.mark.parametrize("softening", SOFTENINGS)

@@ -120,6 +120,7 @@ def test_rows_longer_than_a_tile(length, real):
     check_apply((9, length), kernel_stencil(2, 3), real=real)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("real", "reach"), [("float64", 8), ("float64", 9), ("float32", 9), ("float32", 16), ("float32", 17)]
 )

@@ -301,7 +301,7 @@ CASES = {
 }
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("make", CASES.values(), ids=CASES)
 def test_both_compute_the_same(make):
     """Levels, flows, damage and work, to rounding."""

@@ -83,6 +83,7 @@ def test_operator(stencil, shape):
     check_apply(shape, stencil)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("stencil", "shape"), SOME.values(), ids=SOME)
 def test_operator_in_single_precision(stencil, shape):
     """The same to the precision of float32."""

@@ -77,7 +77,7 @@ def random_stencil(random, dim, components, mirrored):
     return grid, (weights + weights.swapaxes(1, 2)) / 2
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("dim", "components", "mirrored"),
     [

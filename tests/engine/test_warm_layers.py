@@ -55,7 +55,7 @@ CASES = {
 }
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("make", CASES.values(), ids=CASES)
 def test_both_compute_the_same(make):
     """Of displacements and strains at random on all nodes, step after step, to rounding."""

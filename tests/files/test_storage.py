@@ -111,6 +111,7 @@ def test_an_append_that_dies_anywhere_is_there_or_not(tmp_path):
     assert counts == {2, 3}
 
 
+@pytest.mark.slow
 def test_a_creation_or_a_checkpoint_that_dies_anywhere_leaves_the_old_one_or_the_new(tmp_path):
     path = tmp_path / "a.h5"
     begun(path)

@@ -196,6 +196,7 @@ SOURCES = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("sources", SOURCES.values(), ids=SOURCES)
 @pytest.mark.parametrize("dim", [1, 2])
 @pytest.mark.parametrize(

@@ -58,6 +58,7 @@ def test_converges_to_the_continuum():
     assert fitted_rate(sizes, errors) > 1.9
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("damping", [0.0, 0.3])
 def test_infinite_beam(damping):
     """Exact ends against the infinite lattice by FFT.

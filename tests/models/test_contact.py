@@ -75,7 +75,7 @@ def plane_through(lattice, rng):
     return fh.Rectangle(middle - along[0] / 2 - along[1] / 2, along[0], along[1]), side
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize(
     ("shape", "plane"), [((13, 12), None), ((13, 12), "stress"), ((10, 9, 11), None)], ids=["strain", "stress", "3D"]

@@ -48,7 +48,7 @@ def crossing(points):
     return absent
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("shape", "name", "side"),
     [
@@ -118,6 +118,7 @@ DAMAGED = {
 CRITICAL = {"by energy": 0.05}  # of the longest bonds; else 0.12
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("law", DAMAGED)
 @pytest.mark.parametrize("varies", [False, True])
 @pytest.mark.parametrize(

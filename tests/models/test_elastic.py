@@ -364,6 +364,7 @@ LAYERS = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", LAYERS)
 def test_layers_with_corners_against_the_infinite_lattice(name):
     """A pulse crosses the near field and its corners, and leaves; the errors that the documentation names."""

@@ -144,6 +144,7 @@ def test_grids():
     assert [round(10 * 4 / (30 / d)) for d in DIVISIONS] == [133, 267, 533, 1067]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", [f"bobaru2010-fig{n}" for n in range(8, 16)])
 def test_reproductions(name, tmp_path):
     assert name in REPRODUCTIONS.entries()

@@ -58,6 +58,7 @@ def test_recursion_of_the_impulse_response():
         assert left == pytest.approx(-2 * m / t * rate[m], abs=1e-10)
 
 
+@pytest.mark.slow
 def test_the_recursion_serves_the_beam_and_not_the_bar():
     """Runge-Kutta 4 with the closure (27): K = 2 keeps order 4; for K = 7 errors grow like exp(0.41 t), that of an
     independent program.

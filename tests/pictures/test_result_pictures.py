@@ -314,6 +314,7 @@ def test_a_deformed_lattice_has_its_nodes_where_they_moved(tmp_path, monkeypatch
         View(deformed=-1.0)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_a_film_has_every_output(tmp_path, dim):
     from PIL import Image

@@ -173,6 +173,7 @@ def test_a_scalar_in_space_chooses_dampers_where_they_keep_its_target():
     assert all(one.layer.filtered for one in fine.thickness.values())
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("wall", [fh.Free(), fh.Fixed()], ids=["free", "held"])
 def test_filters_that_end_at_walls_take_more_nodes(wall):
     """Only where they damp waves that run backward, and where a target is small; and where the nodes are given, what

@@ -216,6 +216,7 @@ def energy_of_states(run, crack, inside):
     return h**dim * total
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("varied", [False, True], ids=["even", "varied"])
 @pytest.mark.parametrize(("name", "dim"), [*((one, 2) for one in MATERIALS), pytest.param("stabilised", 3)])
 def test_what_leaves_is_lost_inside_by_states_that_lack_bonds(name, dim, varied):
@@ -284,6 +285,7 @@ def guide(model, length, planes, side):
     return run.dt * power.data["power"].sum(0)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("model", "nodes"), GUIDED.values(), ids=GUIDED)
 def test_planes_keep_off_sides_that_go_on(model, nodes):
     """By the bonds through them, and those of the states at their ends; the nearest ones that are accepted carry what

@@ -336,6 +336,7 @@ def test_random_elastic_pulses_keep_their_target_in_long_runs(case):
     assert max(one.layer.columns for one in sim.thickness.values()) <= 24
 
 
+@pytest.mark.slow
 def test_stabilised_correspondence_takes_as_few_nodes_as_scalars_and_bonds_more():
     """Without backward waves nothing is damped, so vectors return little more than scalars do; bonds take 4 or 5 nodes
     for 1e-3.
@@ -377,6 +378,7 @@ def test_random_diffusion_keeps_its_target_at_all_times(case):
     assert worst_error(sim, u, until) <= target
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("wall", [fh.Free(), fh.Fixed()], ids=["free", "held"])
 @pytest.mark.parametrize(
     "model",
@@ -424,6 +426,7 @@ def test_waves_that_alternate_are_kept_back_or_refused(case):
     assert worst_error(sim, u, until) <= target
 
 
+@pytest.mark.slow
 def test_waves_that_outlive_those_steps_are_refused():
     """At 0.99 of the limit they keep 0.98 of their size in each step, and are there long after those that are taken."""
     model, lattice = fh.Diffusion(fh.Kernel(2.0, 0, "constant"), 1.0), fh.Lattice(1.0, (-13.0,), (13.0,))

@@ -23,6 +23,7 @@ def start_of(processes):
     return {line.pop("case"): line for line in lines}
 
 
+@pytest.mark.slow
 def test_the_start_of_a_process_does_not_depend_on_the_whole():
     """As many nodes each, on two processes and on four: points and bytes of a node stay as they are."""
     two, four = start_of(2), start_of(4)

@@ -219,6 +219,7 @@ def test_the_chosen_layers_are_those_of_the_same_step():
     assert sim.parts.grid.margins == again.parts.grid.margins
 
 
+@pytest.mark.slow
 def test_a_set_up_serves_whose_trial_does_not():
     """An oblique crack across a side that is an extended domain, because no layer keeps the target."""
     given = {"cracks": [[(2.0, 0.2), (30.0, 14.0)]], "initial": {"u": ["exp(-(x + 2)**2 - (y + 2)**2)", 0.0]}}

@@ -81,6 +81,7 @@ def check_all(found, least):
 ON_FOUR = pytest.param(4, "slow", marks=pytest.mark.slow)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("processes", [2, 4])
 def test_several_processes_compute_what_one_does(tmp_path, processes):
     """A set-up of a kind; the slow tests have all."""

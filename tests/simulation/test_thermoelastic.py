@@ -238,6 +238,7 @@ MATERIALS = {
 }
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("material", MATERIALS)
 @pytest.mark.parametrize("dim, plane", [(2, None), (2, "stress"), (3, None)])
 def test_what_is_stretched_cools_as_the_classical_solution_says(material, dim, plane):

@@ -100,6 +100,7 @@ def test_heat_still_leaves_when_waves_are_long_gone():
 OPEN = ("x-", "x+", "y-", "y+")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", ["hot", "hot by itself", "pushed"])
 def test_the_plane(name):
     """A hot spot near a side whose heat leaves, after the waves; and waves at all angles."""

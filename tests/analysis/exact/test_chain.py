@@ -50,6 +50,7 @@ def test_recursions_are_the_integrators():
         assert recursion.growth(sigma)[0] >= abs(z[0]) * (1 - 1e-12)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("reach", [1, 2, 7])
 @pytest.mark.parametrize(("kind", "share"), KINDS)
 def test_chain_and_transform_agree(reach, kind, share):

@@ -98,6 +98,7 @@ def test_all_modes_of_vectors_arrive_as_on_the_infinite_lattice(case):
         assert np.abs(arrives - exact).max() < 1e-4 * np.abs(u).max()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("case", range(3))
 def test_round_waves_are_what_a_point_of_a_side_sees_in_space(case):
     """Two pulses of different size, which no single point has around it; against the infinite lattice."""

@@ -21,6 +21,7 @@ def box(*nodes):
     return fh.Lattice(1.0, (0.0,) * len(nodes), [n - 1.0 for n in nodes])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("dim, reach, exponent", [(1, 3, 0), (2, 1, 2), (2, 3, 2), (2, 4, 1), (3, 2, 2)])
 def test_reflection_is_what_the_half_infinite_problem_gives(dim, reach, exponent):
     """The amplitudes of what travels, against the engine's own map with all evanescent modes."""

@@ -20,6 +20,7 @@ VECTORS = [
 ]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("dim, model", [(dim, fh.Wave(operator, damping=0.01)) for dim, operator in SCALAR] + VECTORS)
 def test_the_layers_equations_are_what_the_engine_steps(dim, model):
     """Every type of wave into every type, damped short waves included."""
