@@ -42,6 +42,7 @@ def in_both(path, share):
     return [(case.run(), case.parts.run.until * share) for case in cases]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "path, share",
     [

@@ -88,6 +88,7 @@ def test_examples_run_and_agree_with_the_infinite_medium(case, tmp_path, monkeyp
     assert curves[ours]["error_max_over_run"] < part * curves["fixed edge"]["error_max_over_run"]
 
 
+@pytest.mark.slow
 def test_dispersive_pulse_says_that_it_grows(tmp_path, monkeypatch, capsys):
     """Appendix B of Hermann et al. (2023): warned of before the run, which stops soon after the front has arrived."""
     monkeypatch.chdir(tmp_path)

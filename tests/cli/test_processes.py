@@ -56,6 +56,7 @@ def started(folder, before="", *arguments):
 
 
 # that the processes do not fit is refused, in the fast tier, where boxes are too many, and by `tests/on_processes.py`
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("what", [pytest.param(w, marks=pytest.mark.slow) if w == "topology" else w for w in BAD])
 def test_bad_input_ends_all_processes(tmp_path, what):
     before, arguments, words = BAD[what]

@@ -31,6 +31,7 @@ _CASES = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.slow] if "space" in name else []) for name in _CASES]
 )

@@ -34,6 +34,7 @@ def positions(shape, spacing=0.5):
 # --- the law ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("shape", [(12, 11), (8, 7, 9)], ids=["2D", "3D"])
 def test_small_strains_are_linear(shape):
     """The force differs from the stencil's by the square of the strain."""

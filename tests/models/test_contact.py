@@ -143,7 +143,7 @@ def test_closed_bonds_of_two_solids(name):
     np.testing.assert_allclose(found[0] - found[1], expected, rtol=0, atol=1e-12 * np.abs(found[0]).max())
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MATERIALS)
 def test_single_precision(name):
     """As double precision, to its digits, while faces meet."""
@@ -172,6 +172,7 @@ def test_cracks_that_close_near_a_layer_stay_open():
         assert (np.abs(found[0] - found[1]).max() > 1e-9 * np.abs(found[0]).max()) == carry
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", ["bond-based", *MATERIALS])
 def test_extended_domains_continue_cracks_that_close(name):
     """Against a domain so large that nothing comes back; of layers, in which faces do not meet, that is told."""

@@ -106,6 +106,7 @@ def test_balance_with_open_sides_and_a_source(integrator):
     assert -found["reaction"] == pytest.approx(taken, rel=1e-11 if integrator == "euler" else 2e-3)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("dim", [1, 2])
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_layers_against_the_infinite_lattice(dim, dtype):

@@ -135,6 +135,7 @@ def test_what_comes_back_from_sides_that_are_alike_is_asked_once(monkeypatch, la
     assert all(one.tuned.size for one in sim.engine.layers.values())
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "changes",
     [

@@ -63,6 +63,7 @@ SPOT, PUSH = "exp(-((x-{0})**2)/18)*(abs(x) < 20)", "exp(-(x**2)/18)"
 STRIP = {"x": fh.LatticePML(nodes=24), "y": fh.Periodic()}
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     "initial, coupled",
     [({"T": f"300 + {SPOT.format(12)}"}, True), ({"T": f"300 + {SPOT.format(12)}"}, False), ({"u": [PUSH, 0.0]}, True)],

@@ -204,6 +204,7 @@ def test_noise_decays_in_random_media(number):
         assert _growth(model, dim, layer, share, 3000.0 if dim == 2 else 1500.0, number, sides) < 1.0
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "name", ["states", *(pytest.param(n, marks=pytest.mark.slow) for n, (_, dim) in MEDIA.items() if dim == 2)]
 )
@@ -390,6 +391,7 @@ def test_noise_decays_beside_light_dampers_where_layers_meet_in_space(number):
     assert _growth(model, 3, found, share, 4000.0, number) < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("nodes", "most"), [(4, 6e-6), pytest.param(8, 6e-7, marks=pytest.mark.slow)])
 def test_light_dampers_send_next_to_nothing_of_resolved_pulses_back(nodes, most):
     """On top of what a layer with a filter does, at most a quarter of the least target that takes dampers: corners
