@@ -14,7 +14,7 @@ from helpers import lattice_of
 WAVE = fh.Wave(fh.Kernel(2.0))
 #: Two components that know nothing of each other.
 ALIKE = fh.Elastic(fh.Stencil([(1, 0), (-1, 0), (0, 1), (0, -1)], np.tile(np.eye(2), (4, 1, 1))), 1.0)
-LAYERS = {"continue_band", "add_bands", "stretch_faces", "stretch_face"}
+LAYERS = {"continue_band", "add_mirrored_bands", "stretch_faces", "stretch_face"}
 #: Beside the sweep of a box, what these runs compile.
 RUNS = {
     "wave": ((12, 12), WAVE, fh.Fixed(), {"stencil_part"}),

@@ -217,39 +217,22 @@ def add_bands(thread, stage, sums, tables, inputs, step, number):
     sizes, size = layers.sizes, src.itemsize
     apart, to = src.size // stage.components, address(work)
     olds, news, extra = address(base), address(out), address(slots)
-    function, weights = layers.mirrored[2, 1, 0], address(layers.mirrored_weights) + layers.mirrored[2, 1, 1] * size
-    mirrored = not varied and function != 0
-    work[0] = scale
     for t in range(layers.tiles.shape[0]):
         tile = layers.tiles[t]
         side, count = tile[TILE_BAND], tile[TILE_COUNT]
         if side < 0:
             continue
         band = layers.bands[side]
-        apiece, shift, ahead, behind = slot_steps(layers, side, size)
         width = band[WIDTH]
-        # Narrow bands, whose lines are neighbours, go through several lines at a time, or one after the other: the same
-        # ones with any number of threads, as sums depend on it.
+        # Narrow bands, whose lines are neighbours, go through several lines at a time: the same ones with any number of
+        # threads, as sums depend on it.
         several = LINES // width if width <= LINES and not varied else 1
-        several = _TOGETHER if mirrored else several
         each = (sizes[1] + several - 1) // several
         own = share(thread, sizes[0] * each)
         for group in range(own[0], own[1]):
             x, y = group // each, group % each * several
             together = min(several, sizes[1] - y)
-            node = sizes[8] + x * band[PLANE] + y * band[ROW] + tile[TILE_FIRST]
-            slot = band[BASE] + (sizes[3] + x * band[LINE] + y) * width + tile[TILE_COLUMN]
-            if mirrored:
-                here = extra + slot * size
-                call_bands(
-                    function,
-                    (news + node * size, olds + node * size if stage.increments else 0, band[ROW] * size, apart * size),
-                    (here + ahead, here + behind),
-                    (band[LINE] * width * size, width * size, shift, apiece),
-                    (weights, to),
-                    (together, count),
-                )
-                continue
+            node, slot = place_in_band(layers, t, x, y)
             vectors = together * width * size // 64 if several > 1 else tile[TILE_VECTORS]
             factors = weigh_bonds(sums, thread.number, OF_BANDS, node, count) if varied else to
             for i in range(several, 2 * several):
@@ -263,6 +246,47 @@ def add_bands(thread, stage, sums, tables, inputs, step, number):
                     add_lines(to + i * width * size, news + place, scale, count)
                     if stage.increments:
                         add_lines(to + i * width * size, olds + place, scale, count)
+    barrier(thread)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def place_in_band(layers, t, x, y):
+    """Where the first node of a line lies that is in the tile t of a band, in the level and among the slots."""
+    tile, sizes = layers.tiles[t], layers.sizes
+    band = layers.bands[tile[TILE_BAND]]
+    node = sizes[8] + x * band[PLANE] + y * band[ROW] + tile[TILE_FIRST]
+    return node, band[BASE] + (sizes[3] + x * band[LINE] + y) * band[WIDTH] + tile[TILE_COLUMN]
+
+
+def add_mirrored_bands(thread, stage, sums, tables, inputs, step, number):
+    """The same of a stencil that goes over into itself in mirrors, piece by piece of a plane; what a node gets does not
+    depend on where these end.
+    """
+    layers, work, size = sums.layers, sums.work_space[thread.number], stage.src.itemsize
+    apart, planes, lines = stage.src.size // stage.components * size, layers.sizes[0], layers.sizes[1]
+    olds, news, extra = address(stage.base), address(stage.out), address(layers.slots)
+    function, weights = layers.mirrored[2, 1, 0], address(layers.mirrored_weights) + layers.mirrored[2, 1, 1] * size
+    work[0] = stage.scale * layers.unit
+    pieces = (lines + _TOGETHER - 1) // _TOGETHER
+    own = share(thread, planes * pieces)
+    for t in range(layers.tiles.shape[0]):
+        side = layers.tiles[t, TILE_BAND]
+        if side < 0:
+            continue
+        apiece, shift, ahead, behind = slot_steps(layers, side, size)
+        row, line = layers.bands[side, ROW] * size, layers.bands[side, WIDTH] * size
+        for piece in range(own[0], own[1]):
+            x, y = piece // pieces, piece % pieces * _TOGETHER
+            node, slot = place_in_band(layers, t, x, y)
+            here = extra + slot * size
+            call_bands(
+                function,
+                (news + node * size, olds + node * size if stage.increments else 0, row, apart),
+                (here + ahead, here + behind),
+                (layers.bands[side, LINE] * line, line, shift, apiece),
+                (weights, address(work)),
+                (min(_TOGETHER, lines - y), layers.tiles[t, TILE_COUNT]),
+            )
     barrier(thread)
 
 

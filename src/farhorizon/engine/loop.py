@@ -210,7 +210,9 @@ def _on_axis(layers: Layers, axis: int) -> list[Function]:
     program = load_layer_program()
     if axis < 2:
         return [program.stretch_faces]
-    return [program.add_bands] + [program.take_band_cuts] * bool(layers.band_cuts.shape[0])
+    mirrored = layers.mirrored[2, 1, 0] != 0  # bonds have no coefficients then
+    found = [program.add_mirrored_bands if mirrored else program.add_bands]
+    return found + [program.take_band_cuts] * bool(layers.band_cuts.shape[0])
 
 
 def _on_parts(

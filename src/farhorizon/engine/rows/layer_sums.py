@@ -252,6 +252,7 @@ def band_sums(offsets: Octant, pattern: Pattern, inside: Signs, outside: Signs, 
     """
     columns, rows = len(inside), len(outside)
     depth, reach = (max(o[axis] for o in offsets) for axis in (0, 1))
+    window = 2 * reach + 1  # lines that a line brings something to
     steps = sorted({o[2] for o in offsets})
     signs = [[parity(row, column) for column in inside] for row in outside]
 
@@ -298,7 +299,7 @@ def band_sums(offsets: Octant, pattern: Pattern, inside: Signs, outside: Signs, 
             sums, found = brought(builder.add(builder.mul(number, line), at)), list(so_far)
             for row, place in itertools.product(range(rows), range(-reach, reach + 1)):
                 even, odd = (sums.get((row, p, abs(place))) for p in (0, 1))
-                where = row * (2 * reach + 1) + place + reach
+                where = row * window + reach + place
                 for term, minus in ((even, False), (odd, place > 0)):
                     if term is not None:
                         found[where] = _joined(builder, found[where], term, minus)
@@ -317,11 +318,8 @@ def band_sums(offsets: Octant, pattern: Pattern, inside: Signs, outside: Signs, 
 
         def passed(so_far: list[Any]) -> list[Any]:
             """The sums as they are for the next line."""
-            return [
-                so_far[row * (2 * reach + 1) + place + 1] if place < 2 * reach else zero
-                for row in range(rows)
-                for place in range(2 * reach + 1)
-            ]
+            kept = [so_far[row * window + 1 : (row + 1) * window] for row in range(rows)]
+            return [value for of_row in kept for value in (*of_row, zero)]
 
         with cgutils.for_range_slice(builder, I64(0), nodes, I64(vectors.lanes), I64) as (x, _):
             at, store = builder.mul(x, I64(vectors.size)), vectors.store_first(builder.sub(nodes, x))
@@ -334,18 +332,17 @@ def band_sums(offsets: Octant, pattern: Pattern, inside: Signs, outside: Signs, 
                 def put(level: Any) -> None:
                     for row in range(rows):
                         place = _moved(builder, builder.add(level, there), (row, part_c))
-                        total = found[row * (2 * reach + 1)]
-                        store(vectors.multiply_add(vectors.load(place), factor, total), place)
+                        store(vectors.multiply_add(vectors.load(place), factor, found[row * window]), place)
 
                 put(to)
                 with builder.if_then(builder.icmp_signed("!=", other, I64(0))):
                     put(other)
                 return passed(found)
 
-            so_far = [zero] * (rows * (2 * reach + 1))
-            _, so_far = vectors.loop(
-                I64(-reach), I64(reach), 1, so_far, lambda number, c, at=at: passed(take(number, at, c))
-            )
+            def begin(number: Any, so_far: list[Any], at: Any = at) -> list[Any]:
+                return passed(take(number, at, so_far))
+
+            _, so_far = vectors.loop(I64(-reach), I64(reach), 1, [zero] * (rows * window), begin)
             vectors.loop(I64(0), lines, 1, so_far, add)
 
     return _sums(emit, BAND_SIGNATURE)
