@@ -77,7 +77,7 @@ def random_stencil(random, dim, components, mirrored):
     return grid, (weights + weights.swapaxes(1, 2)) / 2
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize(
     ("dim", "components", "mirrored"),
     [
@@ -132,3 +132,26 @@ def test_every_layer_is_that_of_continued_fields(dim, components, mirrored, kept
     found = box.view(engine.current).reshape(new.shape)
     assert np.abs(found - new).max() < error * np.abs(new).max()
     assert np.abs(new).max() > 1e-3
+
+
+def test_layers_along_the_last_axis_are_those_along_another_one():
+    """Of long planes, whose lines go through in several pieces: a pulse of noise in either order of the axes."""
+    random = np.random.default_rng([SEED, 300])
+    print("seed", SEED)
+    offsets, weights = random_stencil(random, 2, 1, True)
+    stretch, dt = random.uniform([[1.0], [0.0], [0.0]], [[3.0], [2.0], [0.5]], (3, 5)), 0.5 / np.sqrt(weights.sum())
+    near = np.zeros((300, 12))
+    near[:, 4:-4] = random.standard_normal((300, 4))
+    found = []
+    for turned in (False, True):
+        values = near.T if turned else near
+        layers = {(1 if turned else 2, side): Layer(*stretch) for side in (-1, 1)}
+        given = offsets[:, [0, 2, 1]] if turned else offsets
+        engine = Engine((1, *values.shape), given, weights[:, 0, 0], Verlet.stages(dt, 0.0, False), dt, layers=layers)
+        for level in engine.levels:
+            engine.core.view(level)[...] = values
+        engine.advance_alone(40)
+        last = engine.core.view(engine.current)[0]
+        found.append(last.T if turned else last)
+    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-12 * np.abs(found[0]).max())
+    assert np.abs(found[0][:, [0, -1]]).max() > 1e-3
