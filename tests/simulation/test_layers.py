@@ -260,3 +260,18 @@ def test_scattered_waves_keep_the_target(number, target):
         error = max(error, np.nanmax(np.abs(near.fields["u"] - large.fields["u"][inside])))
         largest = max(largest, np.nanmax(np.abs(large.fields["u"])))
     assert error < target * largest
+
+
+def test_a_source_that_is_silent_at_first_counts_in_diffusion():
+    """It had been left out beside data at the start, and layers next to it were those for the data."""
+    lattice = fh.Lattice(1.0, (0.0,), (80.0,))
+    place, start = np.zeros(81), np.exp(-(((np.arange(81) - 40) / 3.0) ** 2))
+    place[76] = 1.0
+
+    def layers_with(*sources):
+        boundary = fh.LatticePML(target=1e-5, until=4000.0)
+        run = fh.Simulation(lattice, fh.Diffusion(fh.Kernel(1.0)), boundary, {"u": start}, sources=sources, threads=1)
+        return [layer.columns for layer in run.engine.layers.values()]
+
+    (before, after), (before_late, after_late) = layers_with(), layers_with(fh.Source(place, time=lambda t: t))
+    assert before_late == before and after_late > after + 2

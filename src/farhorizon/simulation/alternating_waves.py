@@ -47,20 +47,18 @@ class AlternatingWaves:
     _steps_at: dict[tuple[object, ...], list[FirstSteps]] = field(default_factory=dict)
 
     @classmethod
-    def of(
-        cls, near: NearField, sides: Mapping[tuple[int, int], Side], data: Sequence[Datum]
-    ) -> AlternatingWaves | None:
-        """Those of a set-up; None where there are none to speak of."""
-        integrator = near.model.integrator
+    def of(cls, near: NearField, sides: Mapping[tuple[int, int], Side], data: Sequence[Datum]) -> AlternatingWaves:
+        """Those of a set-up; without data where there are none to speak of."""
+        integrator, none = near.model.integrator, cls(near, sides, (), np.pi, 0)
         if not integrator.alternates:
-            return None
+            return none
         assert not isinstance(integrator, Verlet)  # which is of waves
         angles = np.linspace(0, np.pi, 513)[1:]
         symbol = near.stencil.symbol(angles, *[0.0] * (near.lattice.dim - 1))
         growth = integrator.growth(near.fastest_rate * symbol, near.dt)
         alternating = np.flatnonzero(growth < -_GENTLY)
         if not alternating.size:
-            return None
+            return none
         left = min(float(np.abs(growth[alternating]).max()), 0.999)
         steps = min(_STEPS, int(np.ceil(np.log(_GONE) / np.log(left))))
         return cls(near, sides, data, float(angles[alternating[0]]), steps)

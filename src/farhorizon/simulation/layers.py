@@ -9,23 +9,18 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.choice import weak
+from farhorizon.analysis.layers.diffusing import Planes, Wall, thinnest_for_diffusion
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
 from farhorizon.analysis.layers.side_data import Datum
-from farhorizon.analysis.layers.thickness import (
-    MOST,
-    NotKept,
-    Thickness,
-    Wall,
-    distance_to_side,
-    thinnest_for_diffusion,
-)
+from farhorizon.analysis.layers.thickness import NotKept, Thickness
 from farhorizon.analysis.layers.tuned_layers import as_quiet, lightly_tuned
 from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
@@ -49,7 +44,6 @@ _LITTLE = 0.3  # damping in two steps that may wait for the second
 _TURN = 0.2  # of a period, in a step of the fastest wave, where it may
 _SHORT = 1e-6  # target down to which six digits are enough for what layers remember
 _LIGHT = 1e-5  # and for light dampers: they send 2e-6 of a resolved pulse back at most
-_TIGHTER = 2.0  # factor by which less is asked for until waves that alternate are kept back, too
 _FAST = 0.5  # part of the largest frequency from which on waves may run backward or hardly move
 _ALIVE = 0.75  # factor of a step from which on waves are still there when they reach a side
 
@@ -314,26 +308,22 @@ class _Choice:
 
     def for_diffusion(self, layers: Sides) -> None:
         """What counts is the way from the data, the metal or a condition to the side."""
-        near, model = self.near, self.near.model
+        near, model, spacing = self.near, self.near.model, self.near.lattice.spacing
         diffusivity = model.coefficient * near.strongest
-        busy = self._scatterers().astype(float)
-        busy.ravel()[near.conditions.nodes] = 1
-        if self.setup.specimens:
-            busy[placed(self.setup, self.around.sides)[0]] = 1
-        data = self._data(0.0) or stand_ins(*self._like_near_field)
         alternating = AlternatingWaves.of(near, self.around.sides, self._initial())
         for key, boundary in layers.items():
-            turned = [datum.turned(*key).values for datum in [*data, Datum(busy, "u")]]
-            distance = near.lattice.spacing * distance_to_side(turned)
+            planes = list(self._planes(*key))
             until = min(boundary.until or LASTING * near.crossing, MOST_CROSSINGS * near.crossing)
             wanted = boundary.wanted(model.target)
+            alternate = partial(alternating.returned, *key, wanted=wanted, until=until)
             if not boundary.open_ended:
                 given = self.around.layers[key]
-                if alternating and (back := alternating.returned(*key, given, wanted, until)) > wanted:
+                if (back := alternate(given)) > wanted:
                     self._miss_alternating(key, boundary, back, given, wanted)
                 continue
-            wall = Wall.of(self.around.sides[key[0], -key[1]].image, turned, near.lattice.spacing)
-            found = thinnest_for_diffusion(near.lattice.spacing, diffusivity * until, distance, wanted, wall)
+            image, across = self.around.sides[key[0], -key[1]].image, near.lattice.shape[key[0]]
+            wall = Wall(image, spacing * across) if image else None
+            found = thinnest_for_diffusion(spacing, diffusivity * until, planes, wanted, wall, alternate)
             if found.predicted > wanted and boundary.target is not None:
                 raise InputError(
                     "no layer keeps the target for so long a run",
@@ -341,14 +331,24 @@ class _Choice:
                     key="boundary.target",
                     remedy="a larger target, a shorter run, or data farther from the side",
                 )
-            asked = wanted
-            while alternating and (back := alternating.returned(*key, found.layer, wanted, until)) > wanted:
-                if found.layer.columns >= MOST:
-                    self._miss_alternating(key, boundary, back, found.layer, wanted)
-                    break
-                asked /= _TIGHTER
-                found = thinnest_for_diffusion(near.lattice.spacing, diffusivity * until, distance, asked, wall)
+            if (back := alternate(found.layer)) > wanted:
+                self._miss_alternating(key, boundary, back, found.layer, wanted)
             self._take(key, replace(found, until=until), wanted)
+
+    def _planes(self, axis: int, side: int) -> Iterator[Planes]:
+        """From where something diffuses towards a side: the start, and what is there later, from its nearest node."""
+        near, spacing = self.near, self.near.lattice.spacing
+        busy = self._scatterers().astype(float)
+        busy.ravel()[near.conditions.nodes] = 1
+        if self.setup.specimens:
+            busy[placed(self.setup, self.around.sides)[0]] = 1
+        data = self._data(0.0)
+        for datum in [*(data or stand_ins(*self._like_near_field)), Datum(busy, "source")]:
+            values = datum.turned(axis, side).values
+            if data and datum.kind == "u":
+                yield from Planes.of(values, spacing)
+            elif values.any():
+                yield Planes.nearest_of(values, spacing)
 
     def _miss_alternating(self, key: Key, boundary: LatticePML, back: float, layer: Layer, wanted: float) -> None:
         """Say that a layer sends back more of waves that alternate than it may.
@@ -454,7 +454,7 @@ class _Choice:
     def _by_component(self, values: np.ndarray, kind: str, time: np.ndarray | None = None) -> list[Datum]:
         """A datum for each component that is not at rest."""
         time = np.zeros(0) if time is None else time
-        moves = kind != "source" or bool(time.any())
+        moves = time.size < 2 or bool(time.any())  # of one time nothing is known of the others
         return [
             Datum(part, kind, time, i)
             for i, part in enumerate(values.reshape(-1, *self.near.lattice.shape))

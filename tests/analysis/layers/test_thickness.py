@@ -9,130 +9,19 @@ import pytest
 import farhorizon as fh
 from farhorizon.analysis.layers.short_waves import high_pass
 from farhorizon.analysis.layers.thickness import (
-    Wall,
     briefly_damped,
-    diffusive,
     distance_to_side,
     gently_damped,
     least,
     long_run_profile,
-    returned_by_diffusion,
     steady_rise,
     thin,
     thinnest,
-    thinnest_for_diffusion,
 )
-from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.checks.side_modes import plain_twin
 from farhorizon.engine.state import State
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
-
-
-@pytest.mark.parametrize(("ratio", "known"), [(1, (4, 6, 9, 11)), (100, (8, 12, 18, 21)), (1e4, (14, 19, 27, 31))])
-def test_nodes_for_diffusion_are_those_of_an_independent_program(ratio, known):
-    """Nodes for 1e-3, 1e-5, 1e-7, 1e-8 at D T / distance^2, which a program of its own found by the exact error of a
-    point source.
-    """
-    for wanted, nodes in zip((1e-3, 1e-5, 1e-7, 1e-8), known, strict=True):
-        spreads = 400.0 * np.geomspace(0.03, ratio, 200)
-        worst = [
-            returned_by_diffusion(diffusive(n, 1.0, ratio * 400.0, 20.0), 1.0, spreads, 20.0).max()
-            for n in (nodes - 2, nodes)
-        ]
-        assert worst[1] < 1.5 * wanted < 1.5 * worst[0]
-        assert thinnest_for_diffusion(1.0, ratio * 400.0, 20.0, wanted).predicted < wanted
-
-
-@pytest.mark.parametrize("reach", [1, 3])
-def test_what_diffusion_sends_back_on_a_line(reach):
-    """The prediction for a point source against a bar with one absorbing end, far from its other one."""
-    model, distance = fh.Diffusion(fh.Kernel(float(reach), 1), 1.0), 15
-    u = np.zeros(161)
-    u[160 - distance] = 1.0
-    layer = diffusive(8, 1.0, 10.0 * distance**2, distance)
-    boundary = {"x-": fh.Fixed(0.0), "x+": fh.LatticePML(nodes=8, profile={"kappa": layer.kappa})}
-    sim = fh.Simulation(fh.Lattice(1.0, (0.0,), (160.0,)), model, boundary, {"u": u}, threads=1)
-    infinite = InfiniteLattice(sim.stencil, 1.0, model.integrator, sim.dt, int(400 / sim.dt), u)
-    ratios = []
-    for time in (40.0, 100.0, 200.0, 400.0):  # the other end answers with exp(-145^2/1600) = 2e-6 of what is there
-        sim.step(int(time / sim.dt) - sim.step_count)
-        exact = infinite.after(sim.step_count)
-        predicted = returned_by_diffusion(layer, 1.0, np.array([sim.time]), distance)[0]
-        ratios.append(abs(sim.fields["u"][-1] - exact[-1]) / exact.max() / predicted)
-    # the prediction is of the continuum: a lattice's layer sends back less of the first, steep waves
-    assert max(ratios) < 1.05 and min(ratios) > 0.25 and min(ratios[1:]) > 0.5
-
-
-@pytest.mark.parametrize("wall", [fh.Fixed(0.0), fh.Free()], ids=["held", "insulated"])
-def test_what_diffusion_sends_back_beside_a_wall(wall):
-    """The prediction for a point source near a wall against a bar so long that its end does not count: beside one that
-    holds its nodes both decay as those of a dipole, the longer one in the layer.
-    """
-    model, nodes, place, end = fh.Diffusion(fh.Kernel(2.0, 1), 1.0), 30, 8, 6000.0
-    bars = []
-    for length, far in ((nodes, fh.LatticePML(nodes=4, profile={"kappa": diffusive(4, 1.0, end, 21.0).kappa})),
-                        (900, fh.Fixed(0.0))):  # fmt: skip
-        u = np.zeros(length)
-        u[place] = 1.0
-        lattice = fh.Lattice(1.0, (0.0,), (length - 1.0,))
-        bars.append(fh.Simulation(lattice, model, {"x-": wall, "x+": far}, {"u": u}, threads=1))
-    made = Wall.of(wall.image, [bars[0].fields["u"]], 1.0)
-    assert made == (wall.image, place + 1, nodes)
-    [layer], distance, found = bars[0].engine.layers.values(), nodes - 1 - place, []
-    for time in np.geomspace(200.0, end, 8):
-        for bar in bars:
-            bar.step(int(time / bar.dt) - bar.step_count)
-        exact, now = bars[1].fields["u"][:nodes], np.array([bars[0].time])
-        predicted = [returned_by_diffusion(layer, 1.0, now, distance, one)[0] for one in (made, None)]
-        found.append([abs(bars[0].fields["u"][-1] - exact[-1]) / exact.max(), *predicted])
-    came, expected, alone = np.transpose(found)
-    print(np.transpose(found))
-    # the prediction is of the continuum, and passes through zero at some times
-    assert np.abs(came - expected).max() < 0.25 * expected.max()
-    assert np.abs(came - alone).max() > 0.25 * expected.max()
-
-
-@pytest.mark.parametrize("image", [-1, 1])
-def test_a_wall_far_away_changes_nothing(image):
-    """A source beside the layer of a long bar, from the first time on, at which it is narrower than a node."""
-    layer, spreads = diffusive(6, 1.0, 400.0, 2.0), np.geomspace(0.03, 400.0, 40)
-    far = Wall(image, 2000.3, 2002.3)
-    np.testing.assert_allclose(far.largest(spreads), 1.0, rtol=1e-12)
-    np.testing.assert_allclose(
-        returned_by_diffusion(layer, 1.0, spreads, 2.0, far), returned_by_diffusion(layer, 1.0, spreads, 2.0), rtol=1e-9
-    )
-    alone, beside = (thinnest_for_diffusion(1.0, 400.0, 2.0, 1e-5, wall) for wall in (None, far))
-    assert alone.layer.columns == beside.layer.columns
-
-
-def test_no_wall():
-    """Where another layer is, or nothing to be followed."""
-    assert Wall.of(0, [np.ones(5)], 1.0) is None and Wall.of(-1, [np.zeros(5)], 1.0) is None
-
-
-def test_diffusion_keeps_its_target_beside_a_wall():
-    """Random bars, held at one end and absorbing at the other, to any time."""
-    print(f"seed {SEED}")
-    rng = np.random.default_rng(SEED)
-    for _ in range(4):
-        nodes, width, target = int(rng.integers(25, 50)), rng.uniform(2.0, 3.0), 10.0 ** -rng.integers(3, 6)
-        model, until = (
-            fh.Diffusion(fh.Kernel(float(rng.integers(1, 4)), 1), 1.0),
-            rng.uniform(10.0, 60.0) * nodes**2 / 4,
-        )
-        place = rng.uniform(3 * width, nodes / 2)
-        layer, runs = fh.LatticePML(target=target, until=until), []
-        for length, far in ((nodes, layer), (nodes + int(6 * np.sqrt(2 * until)), fh.Fixed(0.0))):
-            lattice = fh.Lattice(1.0, (0.0,), (length - 1.0,))
-            sides = {"x-": fh.Fixed(0.0), "x+": far}
-            data = {"u": np.exp(-(((np.arange(length) - place) / width) ** 2))}
-            runs.append(fh.Simulation(lattice, model, sides, data, threads=1))
-        for time in np.geomspace(until / 300, until, 12):
-            for run in runs:
-                run.step(int(time / run.dt) - run.step_count)
-            exact = runs[1].fields["u"][:nodes]
-            assert np.abs(runs[0].fields["u"] - exact).max() < target * exact.max()
 
 
 def test_what_a_refusal_names_is_more_than_was_asked():
@@ -168,9 +57,6 @@ def test_scales_do_not_change_a_layer():
         long_run_profile(9, 2.0, 50.0, 12.0, 1e-5).alpha,
         1e6 * long_run_profile(9, 2e-6, 50e6, 12.0, 1e-5).alpha,
         rtol=1e-13,
-    )
-    np.testing.assert_allclose(
-        diffusive(9, 1.0, 400.0, 12.0).kappa, diffusive(9, 1e-6, 400e-12, 12e-6).kappa, rtol=1e-13
     )
 
 

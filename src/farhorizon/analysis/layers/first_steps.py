@@ -1,6 +1,6 @@
 """What a layer for diffusion sends back in the first steps of an explicit scheme, step by step.
 
-Formulas for these layers (`farhorizon.analysis.layers.thickness`) know what decays. Beyond half the largest step of
+Formulas for these layers (`farhorizon.analysis.layers.diffusing`) know what decays. Beyond half the largest step of
 forward Euler the shortest waves alternate instead, for some tens of steps; layers hardly absorb such waves, and a
 narrow datum is full of them. Layers for diffusion have no memory, so the columns of one and the near field in front of
 it make one constant matrix for each tangential wavenumber: these few steps can be taken, beside a medium that goes on.

@@ -14,17 +14,12 @@ that hardly move towards the side:
   number C in (0, 1], and an edge with ``sigma = 2c/(h a)``, ``alpha = (1/a^2 - 1)/T`` reflects ``|C - a|/(C + a)``. The
   points a are those of Zolotarev's problem on the interval of the C that reach the side within T: for waveguides, long
   boxes, long runs.
-
-In diffusion everything depends on the decay lambda = sqrt(s/D) alone, an edge ``kappa = 1/tau`` reflects
-``(lambda h/2 - tau)/(lambda h/2 + tau)``, and the points tau are Zolotarev's between the slowest decay that the run
-sees and the steepest that arrives.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy import special
@@ -66,7 +61,6 @@ _LEAST = 3  # nodes of such layers that were looked at
 _AIM = 0.4
 # over the long waves' speed; share of such waves that crowds; part of the aim then
 _HARDLY, _CROWDED, _AIM_CROWDED = 0.1, 0.38, 0.2
-_AIM_LASTING = 0.25  # in diffusion, where what all sides send back adds up
 MOST = 60  # nodes of a layer
 _SINGLY = 6  # nodes up to which all numbers are tried
 # reach with which late profiles were stable in white noise; exponent 1 with constant influence grows from 5 on
@@ -75,12 +69,6 @@ _MORE_EQUAL = 5  # at most, for short waves: more of them hardly help against su
 _WAVES, _ANGLES = 64, np.deg2rad([0.0, 45.0])  # wavelengths and angles at which the short waves of data are looked at
 # what the bound of late profiles is above measured errors; C of the shortest waves that it knows, 6 nodes long
 _CAREFUL, _STEEPEST_WAVE = 10, 1.3
-# of diffusion: which decays matter, fitted to the least error over all times of a run
-_STEEPEST, _EARLY, _GRADUAL = 3.2, 5.2, 2.3
-_HIGHEST, _POINTS = 6.0, 241  # of the integral over y: exp(-36) remains
-_PLACES = 65  # at which, beside its source's own, the largest value is looked for
-# first time in squared distance over D, before which nothing has come back, and how many are looked at
-_BEGIN, _TIMES = 0.03, 60
 
 
 @dataclass(frozen=True, repr=False)
@@ -155,7 +143,7 @@ def long_run_profile(
     length = pace * until
     equal = _equal_edges(wanted) if equal is None else equal
     least = min(max(distance, 1.0) / (length * np.log(1 / wanted)), _GRAZING / 2)
-    points = np.sort(_zolotarev(least / _GRAZING, nodes + 1 - equal) * _GRAZING)[::-1]
+    points = np.sort(zolotarev(least / _GRAZING, nodes + 1 - equal) * _GRAZING)[::-1]
     sigma = np.concatenate([np.full(equal, _EQUAL_AT), 2 / points])
     alpha = np.concatenate([np.zeros(equal), (1 / points**2 - 1) / length])
     order = np.argsort(sigma, kind="stable")
@@ -253,7 +241,7 @@ class _Sent:
         return float(np.linalg.norm(self.amplitude * back, axis=1).max())
 
 
-def _zolotarev(least: float, count: int) -> np.ndarray:
+def zolotarev(least: float, count: int) -> np.ndarray:
     """Points a in [least, 1], descending, for which the product of (x - a)/(x + a) is smallest on that interval."""
     parameter = 1 - least**2
     return np.asarray(special.ellipj((np.arange(count) + 0.5) / count * special.ellipk(parameter), parameter)[2])
@@ -492,117 +480,11 @@ class NotKept(InputError):
 
 def distance_to_side(values: Iterable[np.ndarray]) -> float:
     """Nodes between the side and all but a thousandth of the data; arrays with the normal first, towards the side."""
-    held = [np.cumsum(amount) / amount.sum() for amount in _along_normal(values)]
+    held = [np.cumsum(amount) / amount.sum() for amount in along_normal(values)]
     return float(min((len(share) - 1 - int(np.searchsorted(share, 0.999)) for share in held), default=0))
 
 
-def _along_normal(values: Iterable[np.ndarray]) -> list[np.ndarray]:
+def along_normal(values: Iterable[np.ndarray]) -> list[np.ndarray]:
     """Size of fields along their first axis; of those that are anything."""
     amounts = [np.abs(field).reshape(len(field), -1).sum(1) for field in values]
     return [amount for amount in amounts if amount.any()]
-
-
-class Wall(NamedTuple):
-    """A wall opposite to a layer for diffusion.
-
-    Attributes
-    ----------
-    image : int
-        Sign of the image that stands for it: -1 where it holds the nodes beyond, 1 where nothing passes.
-    source, side : float
-        Distances of the middle of the data and of the layer.
-    """
-
-    image: int
-    source: float
-    side: float
-
-    @classmethod
-    def of(cls, image: int, values: Iterable[np.ndarray], spacing: float) -> Wall | None:
-        """The wall beyond the first nodes of data whose normal comes first; None where there is none."""
-        data = _along_normal(values)
-        if not image or not data:
-            return None
-        middle = min(float(np.arange(1, len(amount) + 1) @ amount / amount.sum()) for amount in data)
-        return cls(image, spacing * middle, spacing * len(data[0]))
-
-    def largest(self, spreads: np.ndarray) -> np.ndarray:
-        """Largest value between wall and layer of a source at its place, over that without a wall; D t of the times."""
-        x, spreads = np.append(np.linspace(0, self.side, _PLACES), self.source), spreads[:, None]
-        fields = [np.exp(-((x - place) ** 2) / (4 * spreads)) for place in (self.source, -self.source)]
-        return np.asarray(np.abs(fields[0] + self.image * fields[1]).max(1))
-
-
-def diffusive(nodes: int, spacing: float, spread: float, distance: float) -> Layer:
-    """A layer for diffusion.
-
-    Parameters
-    ----------
-    nodes : int
-    spacing : float
-    spread : float
-        Diffusivity times the length of the run.
-    distance : float
-        The shortest way from the data to the side.
-    """
-    later = np.log(max(spread / distance**2, 1.0))
-    steepest = min(_STEEPEST * nodes / (distance * (later + _EARLY)), 2 / spacing)
-    slowest = min(_GRADUAL / np.sqrt(spread), steepest / 2)
-    tau = spacing / 2 * steepest * _zolotarev(slowest / steepest, nodes + 1)
-    return Layer(np.maximum(1 / tau, 1.0), np.zeros(nodes + 1), np.zeros(nodes + 1))
-
-
-def returned_by_diffusion(
-    layer: Layer, spacing: float, spreads: np.ndarray, distance: float, wall: Wall | None = None
-) -> np.ndarray:
-    """What comes back to the side of a point source on a line, relative to the largest value at the same time.
-
-    The inverse Laplace transform along ``lambda = (1.2 + i y)/sqrt(D t)``; of waves along the side less remains. A wall
-    that holds its nodes leaves of the source a dipole, whose image in the layer is the longer one and falls no faster.
-
-    Parameters
-    ----------
-    layer : Layer
-    spacing : float
-    spreads : ndarray, shape (n,)
-        D t of the times.
-    distance : float
-        Of the source from the side.
-    wall : Wall, optional
-        Opposite to the layer.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-    """
-    y, step = np.linspace(-_HIGHEST, _HIGHEST, _POINTS, retstep=True)
-    scaled = 1.2 + 1j * y
-    decay = scaled / np.sqrt(spreads)[:, None]
-    tangent = np.tanh(spacing * decay / 2)
-    back = np.ones_like(decay)
-    for edge, kappa in enumerate(layer.kappa):
-        passed = (1 - kappa * tangent) / (1 + kappa * tangent)
-        back *= passed if edge == layer.columns else passed**2
-    largest = np.ones(len(spreads))
-    if wall is not None:
-        largest = wall.largest(spreads)
-        image, across = (np.exp(-2 * decay * place) for place in (wall.source, wall.side))
-        back *= (1 + wall.image * image) * (1 + wall.image * across) / (1 - wall.image * across * back)
-    came = np.abs((np.exp(scaled**2 - decay * distance) * back).sum(1)) * step / np.sqrt(np.pi)
-    return np.asarray(came / largest)
-
-
-def thinnest_for_diffusion(
-    spacing: float, spread: float, distance: float, wanted: float, wall: Wall | None = None
-) -> Thickness:
-    """The fewest nodes that keep an error relative to the largest value at every time of a run; 60 nodes, and what they
-    keep, if none do.
-    """
-    distance = max(distance, spacing)
-    spreads = np.geomspace(min(_BEGIN * distance**2, spread), spread, _TIMES)
-    for nodes in range(2, MOST + 1):
-        layer = diffusive(nodes, spacing, spread, distance)
-        predicted = float(returned_by_diffusion(layer, spacing, spreads, distance, wall).max())
-        if predicted <= _AIM_LASTING * wanted:
-            break
-    return Thickness("diffusive", layer, predicted)

@@ -1,0 +1,207 @@
+"""The thinnest layer that keeps a wanted error in diffusion, relative to the largest value at every time of a run.
+
+Everything depends on the decay ``lambda = sqrt(s/D)`` alone, an edge ``kappa = 1/tau`` reflects
+``(lambda h/2 - tau)/(lambda h/2 + tau)``, and the points tau are Zolotarev's between the slowest decay that the run
+sees and the steepest that arrives.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from farhorizon.analysis.layers.thickness import MOST, Thickness, distance_to_side, zolotarev
+from farhorizon.engine.engine import Layer
+
+_AIM = 0.4  # of the wanted error: what all sides send back adds up
+_AIM_OTHERS = 0.8  # of waves that alternate from step to step, which come earlier
+# which decays matter, fitted to the least error over all times of a run
+_STEEPEST, _EARLY, _GRADUAL = 3.2, 5.2, 2.3
+_ENTRANCE = 3  # nodes there and back: the one in front of each layer, and edges reflect half a node behind theirs
+_HIGHEST, _POINTS = 6.0, 241  # of the integral over y: exp(-36) remains
+# first time in squared distance over D, before which nothing has come back, and how many are looked at
+_BEGIN, _TIMES = 0.03, 60
+_PLANES = 128  # of data, at most
+_PLACES = 65  # at which, beside those of data, the largest value is looked for
+_NOTHING = 1e-12  # of the largest sum over a plane
+
+
+class Wall(NamedTuple):
+    """A wall opposite to a layer for diffusion.
+
+    Attributes
+    ----------
+    image : int
+        Sign of the image that stands for it: -1 where it holds the nodes beyond, 1 where nothing passes.
+    distance : float
+        From the side where the layer begins.
+    """
+
+    image: int
+    distance: float
+
+
+@dataclass(frozen=True)
+class Planes:
+    """Data that diffuse towards a side, by planes across its normal.
+
+    Attributes
+    ----------
+    distances : ndarray, shape (n,)
+        From the side.
+    shares : ndarray, shape (n,)
+        Of the data, with their signs; their sizes are 1 in all.
+    nearest, farthest : float
+        The shortest way to the side, and that from the other end of the near field.
+    """
+
+    distances: np.ndarray
+    shares: np.ndarray
+    nearest: float
+    farthest: float
+
+    @classmethod
+    def at(cls, distance: float) -> Planes:
+        """All in one plane."""
+        return cls(np.array([distance]), np.ones(1), distance, distance)
+
+    @classmethod
+    def nearest_of(cls, values: np.ndarray, spacing: float) -> Planes:
+        """All where the nearest of some values are, with the normal first and towards the side."""
+        return cls.at(spacing * max(distance_to_side([values]), 1))
+
+    @classmethod
+    def of(cls, values: np.ndarray, spacing: float) -> Iterator[Planes]:
+        """Of values with the normal first and towards the side: those of their sums over planes, and of the largest
+        value of each.
+
+        Along the side, too, data spread: in time planes count by their sums, early by their largest value. If the data
+        are a product of what they are along and across the normal, both are that along it.
+        """
+        nearest, planes = cls.nearest_of(values, spacing).nearest, values.reshape(len(values), -1)
+        size = np.abs(planes).sum(1).max()
+        largest = np.take_along_axis(planes, np.abs(planes).argmax(1)[:, None], 1)[:, 0]
+        for amounts in (planes.sum(1), largest)[: planes.shape[1]]:
+            sizes = np.abs(amounts)
+            held = np.flatnonzero(sizes > _NOTHING * size)
+            if not held.size:
+                continue
+            groups = np.array_split(held, min(_PLANES, len(held)))
+            middles = np.array([np.average(group, weights=sizes[group]) for group in groups])
+            shares = np.array([amounts[group].sum() for group in groups]) / sizes.sum()
+            yield cls(spacing * np.maximum(len(values) - 1 - middles, 1), shares, nearest, spacing * (len(values) - 1))
+
+
+@dataclass(frozen=True)
+class Diffusing:
+    """What comes back of data to a side, relative to the largest value at the same time.
+
+    The inverse Laplace transform along ``lambda = (1.2 + i y)/sqrt(D t)``; of waves along the side less remains. A wall
+    that holds its nodes leaves dipoles, whose images in the layer are the longer ones and fall no faster.
+
+    Attributes
+    ----------
+    planes : Planes
+    spreads : ndarray, shape (m,)
+        D t of the times.
+    wall : Wall, optional
+        Opposite to the layer.
+    """
+
+    planes: Planes
+    spreads: np.ndarray
+    wall: Wall | None = None
+
+    @cached_property
+    def _scaled(self) -> np.ndarray:
+        return 1.2 + 1j * np.linspace(-_HIGHEST, _HIGHEST, _POINTS)
+
+    @cached_property
+    def _decay(self) -> np.ndarray:
+        return np.asarray(self._scaled / np.sqrt(self.spreads)[:, None])
+
+    @cached_property
+    def _arriving(self) -> np.ndarray:
+        """At the side without a layer, of each decay."""
+        came = np.zeros_like(self._decay)
+        for distance, share in zip(self.planes.distances, self.planes.shares, strict=True):
+            part = share * np.exp(self._scaled**2 - self._decay * distance)
+            if self.wall is not None:
+                part *= 1 + self.wall.image * np.exp(-2 * self._decay * (self.wall.distance - distance))
+            came += part
+        return came
+
+    @cached_property
+    def largest(self) -> np.ndarray:
+        """Largest value of the field at each time, over that of data which are all in one plane and without a wall."""
+        distances, sources = self.planes.distances, [(1, self.planes.distances)]
+        if self.wall is not None:
+            sources.append((self.wall.image, 2 * self.wall.distance - distances))
+        places = np.concatenate([distances, np.linspace(0, self.planes.farthest, _PLACES)])
+        field = sum(
+            sign * np.exp(-((places[:, None] - source) ** 2) / (4 * self.spreads[:, None, None])) @ self.planes.shares
+            for sign, source in sources
+        )
+        return np.asarray(np.abs(field).max(1))
+
+    def returned(self, layer: Layer, spacing: float) -> np.ndarray:
+        """At each time, of a layer."""
+        tangent = np.tanh(spacing * self._decay / 2)
+        back = np.exp(-_ENTRANCE * spacing * self._decay)
+        for edge, kappa in enumerate(layer.kappa):
+            passed = (1 - kappa * tangent) / (1 + kappa * tangent)
+            back *= passed if edge == layer.columns else passed**2
+        if self.wall is not None:
+            across = self.wall.image * np.exp(-2 * self._decay * self.wall.distance)
+            back *= (1 + across) / (1 - across * back)
+        step = 2 * _HIGHEST / (_POINTS - 1)
+        return np.asarray(np.abs((self._arriving * back).sum(1)) * step / np.sqrt(np.pi) / self.largest)
+
+
+def diffusive(nodes: int, spacing: float, spread: float, distance: float) -> Layer:
+    """A layer for diffusion.
+
+    Parameters
+    ----------
+    nodes : int
+    spacing : float
+    spread : float
+        Diffusivity times the length of the run.
+    distance : float
+        The shortest way from the data to the side.
+    """
+    later = np.log(max(spread / distance**2, 1.0))
+    steepest = min(_STEEPEST * nodes / (distance * (later + _EARLY)), 2 / spacing)
+    slowest = min(_GRADUAL / np.sqrt(spread), steepest / 2)
+    tau = spacing / 2 * steepest * zolotarev(slowest / steepest, nodes + 1)
+    return Layer(np.maximum(1 / tau, 1.0), np.zeros(nodes + 1), np.zeros(nodes + 1))
+
+
+def thinnest_for_diffusion(
+    spacing: float,
+    spread: float,
+    data: Sequence[Planes],
+    wanted: float,
+    wall: Wall | None = None,
+    others: Callable[[Layer], float] = lambda layer: 0.0,
+) -> Thickness:
+    """The fewest nodes that keep an error relative to the largest value at every time of a run, and most of it in
+    others than these waves, by what a layer sends back of them; 60 nodes, and what is predicted of them, if none do.
+    """
+    distance = min(planes.nearest for planes in data)
+    spreads = np.geomspace(min(_BEGIN * distance**2, spread), spread, _TIMES)
+    arriving = [Diffusing(planes, spreads, wall) for planes in data]
+
+    def predicted(layer: Layer) -> float:
+        return max(float(one.returned(layer, spacing).max()) for one in arriving)
+
+    layers, last = [diffusive(nodes, spacing, spread, distance) for nodes in range(2, MOST + 1)], MOST - 2
+    found = next((i for i, layer in enumerate(layers) if predicted(layer) <= _AIM * wanted), last)
+    if others(layers[found]) > _AIM_OTHERS * wanted:
+        found = bisect_left(range(found, last), True, key=lambda i: others(layers[i]) <= _AIM_OTHERS * wanted) + found
+    return Thickness("diffusive", layers[found], predicted(layers[found]))
