@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from farhorizon.analysis.layers.first_steps import FirstSteps
+from farhorizon.analysis.layers.first_steps import FirstSteps, waves_of
 from farhorizon.analysis.layers.short_waves import short_share
 from farhorizon.analysis.layers.side_data import Datum
 from farhorizon.boundaries import Side
@@ -34,7 +34,7 @@ class AlternatingWaves:
     data : sequence of Datum
         At the start.
     first : float
-        Least wavenumber times spacing of such waves.
+        Least wavenumber times spacing of such waves, of any direction.
     steps : int
         After which none is left, or hardly any of those up to `FOLLOWED`.
     """
@@ -52,16 +52,13 @@ class AlternatingWaves:
         integrator, none = near.model.integrator, cls(near, sides, (), np.pi, 0)
         if not integrator.alternates:
             return none
-        assert not isinstance(integrator, Verlet)  # which is of waves
-        angles = np.linspace(0, np.pi, 513)[1:]
-        symbol = near.stencil.symbol(angles, *[0.0] * (near.lattice.dim - 1))
-        growth = integrator.growth(near.fastest_rate * symbol, near.dt)
-        alternating = np.flatnonzero(growth < -_GENTLY)
-        if not alternating.size:
+        radius, growth = growth_of_waves(near)
+        alternating = growth < -_GENTLY
+        if not alternating.any():
             return none
         left = min(float(np.abs(growth[alternating]).max()), 0.999)
         steps = min(_STEPS, int(np.ceil(np.log(_GONE) / np.log(left))))
-        return cls(near, sides, data, float(angles[alternating[0]]), steps)
+        return cls(near, sides, data, float(radius[alternating].min()), steps)
 
     def returned(self, axis: int, side: int, layer: Layer, wanted: float, until: float) -> float:
         """Largest error that a layer makes of them up to a time, relative to the largest value at the same time; 0
@@ -73,16 +70,26 @@ class AlternatingWaves:
         return max((steps.returned(layer) for steps in self._steps_at[key]), default=0.0)
 
     def _first_steps(self, axis: int, side: int, wanted: float, until: float) -> Iterator[FirstSteps]:
-        """The data as a side sees them, on planes along each tangential axis."""
+        """The data as a side sees them, on the plane along the first tangential axis; in space with waves along the
+        other one, as if they were a product.
+        """
         others = [other for other in range(self.near.lattice.dim) if other != axis]
         scale, steps = self.near.fastest_rate * self.near.dt, min(self.steps, int(np.ceil(until / self.near.dt)))
+        periodic = bool(others) and self.sides[others[0], -1].periodic
         for datum in self.data:
             if short_share(datum.values, self.first) <= _FEW * wanted:
                 continue
             values = datum.turned(axis, side).values
-            for kept in range(max(1, len(others))):
-                flat = largest_along(values, [place for place in range(1, values.ndim) if place != kept + 1])
-                rows = flat.reshape(len(flat), -1)
-                periodic = bool(others) and self.sides[others[kept], -1].periodic
-                stencil = self.near.stencil.along(axis)
-                yield FirstSteps(stencil, scale, rows, periodic, steps, wanted, across=kept + 1)
+            rows = largest_along(values, range(2, values.ndim)).reshape(len(values), -1)
+            beyond = waves_of(largest_along(values, (0, 1)).ravel()) if values.ndim == 3 else [(0.0, 1.0)]
+            yield FirstSteps(self.near.stencil.along(axis), scale, rows, periodic, steps, wanted, beyond=beyond)
+
+
+def growth_of_waves(near: NearField) -> tuple[np.ndarray, np.ndarray]:
+    """Wavenumbers times spacing of a sample of all waves, whatever way they go, and their factors in a step of
+    diffusion.
+    """
+    zone, values, _ = near.stencil.zone_branches
+    integrator = near.model.integrator
+    assert not isinstance(integrator, Verlet)  # which is of waves
+    return np.sqrt(sum(axis**2 for axis in zone)), integrator.growth(near.fastest_rate * values[..., 0], near.dt)

@@ -28,9 +28,8 @@ from farhorizon.errors import InputError
 from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.sources import by_component, field, split
 from farhorizon.inputs.thermal_loads import ThermalLoad
-from farhorizon.medium.integrators import Verlet
 from farhorizon.medium.stencil import Stencil
-from farhorizon.simulation.alternating_waves import FOLLOWED, AlternatingWaves
+from farhorizon.simulation.alternating_waves import FOLLOWED, AlternatingWaves, growth_of_waves
 from farhorizon.simulation.coupling import expansion_of
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.returned_waves import CROSSINGS, FORESEEN, LASTING, MOST_CROSSINGS, ReturnedWaves, spreads
@@ -293,18 +292,13 @@ class _Choice:
         return [f"{words}, 'farhorizon compare' measures the error"] if share > wanted else []
 
     def _kept_alive(self) -> float | None:
-        """The least wavenumber times spacing along an axis that a step of diffusion hardly damps, although it damps
-        longer waves more; of forward Euler those that were followed are not meant.
+        """The least wavenumber times spacing that a step of diffusion hardly damps, although it damps longer waves
+        more; of forward Euler those that were followed are not meant.
         """
-        near, model = self.near, self.near.model
-        least = FOLLOWED if model.integrator.alternates else _ALIVE
-        assert not isinstance(model.integrator, Verlet)  # which is of waves
-        angles = np.linspace(0, np.pi, 513)[1:]
-        rates = near.stencil.symbol(angles, *[0.0] * (near.lattice.dim - 1))
-        strength = model.coefficient * near.strongest / near.lattice.spacing**2
-        growth = np.abs(model.integrator.growth(strength * rates, near.dt))
-        alive = (growth > least) & (np.arange(growth.size) > growth.argmin())
-        return float(angles[alive][0]) if alive.any() else None
+        radius, growth = growth_of_waves(self.near)
+        alive = np.abs(growth) > (FOLLOWED if self.near.model.integrator.alternates else _ALIVE)
+        alive &= radius > radius.ravel()[np.abs(growth).argmin()]
+        return float(radius[alive].min()) if alive.any() else None
 
     def for_diffusion(self, layers: Sides) -> None:
         """What counts is the way from the data, the metal or a condition to the side."""

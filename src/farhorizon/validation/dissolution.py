@@ -49,7 +49,7 @@ def run(horizon: float, open_: bool) -> Simulation:
     spacing, depth = horizon / 2, 400e-6 if not open_ else 100e-6
     lattice = Lattice(spacing, -depth + spacing / 2, (20.5 if open_ else -0.5) * spacing)
     model = Corrosion(Kernel(horizon), diffusivity=DIFFUSIVITY, saturation=SATURATION, interface=1.0, limited=True)
-    mouth = LatticePML() if open_ else Fixed(0.0)
+    mouth = LatticePML(until=UNTIL) if open_ else Fixed(0.0)
     return Simulation(lattice, model, {"x-": Free(), "x+": mouth}, specimens=[Specimen(Box(-depth, 0.0), METAL)])
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.layers.first_steps import FirstSteps
+from farhorizon.analysis.layers.first_steps import FirstSteps, waves_of
 from farhorizon.analysis.references.infinite import InfiniteLattice
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
@@ -40,3 +40,36 @@ def test_the_first_steps_are_those_of_a_run(dim, case):
         exact = exact[:, middle] if dim > 1 else exact
         worst = max(worst, float(np.abs(sim.fields["u"] - exact).max() / np.abs(exact).max()))
     assert along.returned(layer) == pytest.approx(worst, rel=1e-2, abs=1e-11)
+
+
+def test_waves_that_stand_for_a_line_are_all_of_it_where_they_are_in_phase():
+    """Of a bell as much as it is; of one node as much of each wave; of a wide one the longest ones."""
+    for line, sure in ((np.exp(-((np.arange(40.0) - 20) ** 2)), 1.0), (np.eye(30)[7], 1.0)):
+        angles, shares = np.transpose(waves_of(line))
+        assert shares.sum() == pytest.approx(sure, rel=0.02)
+        assert (np.diff(angles) > 0).all() and 0 <= angles[0] and angles[-1] <= np.pi
+    angles, shares = np.transpose(waves_of(np.exp(-((np.linspace(-4, 4, 400)) ** 2))))
+    assert shares[0] > 0.9 * shares.sum() and angles[0] < 0.05
+
+
+def test_in_space_the_first_steps_are_those_of_a_product():
+    """A box in front of a side, which has nothing else about it: no less than comes back, and not much more."""
+    shape, place = (18, 17, 17), (11, 8, 8)
+    lattice = fh.Lattice(1.0, (0.0,) * 3, [n - 1.0 for n in shape])
+    u = np.zeros(shape)
+    u[tuple(slice(a - 1, a + 2) for a in place)] = 1.0
+    model, steps = fh.Diffusion(fh.Kernel(2.0, 1), 1.0), 40
+    dt = 0.95 * fh.Simulation(lattice, model, fh.Fixed()).step_limit
+    far = fh.Extended(until=steps * dt, target=1e-9)
+    sides = {"x+": fh.LatticePML(nodes=7, until=steps * dt), "x-": far, "y": far, "z": far}
+    sim = fh.Simulation(lattice, model, sides, {"u": u}, dt=dt, threads=1)
+    (layer,) = sim.engine.layers.values()
+    beyond = waves_of(u[place[0], place[1]])
+    first = FirstSteps(sim.stencil, dt, u[:, :, place[2]], False, steps, 1e-9, sim.parts.grid.margins[0, 1], beyond)
+    infinite, worst = InfiniteLattice(sim.stencil, 1.0, model.integrator, dt, steps, u), 0.0
+    for step in range(1, steps + 1):
+        sim.step()
+        exact = infinite.after(step)
+        worst = max(worst, float(np.abs(sim.fields["u"] - exact).max() / np.abs(exact).max()))
+    print(worst, first.returned(layer))
+    assert 0.9 * worst < first.returned(layer) < 2 * worst

@@ -8,6 +8,7 @@ it make one constant matrix for each tangential wavenumber: these few steps can 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,6 +21,8 @@ from farhorizon.engine.engine import Layer
 from farhorizon.medium.stencil import Stencil
 
 _FELT = 1e-4  # share of the wanted error that tangential waves which are left out may make
+# waves that stand for all along an axis of space, more of them long; of an axis so many times as long as the data
+_WAVES, _LONGER, _FINE = 6, 1.5, 6
 _WIDE = 7.0  # standard deviations of what spreads, beyond which there is nothing: exp(-24) remains
 
 
@@ -42,8 +45,8 @@ class FirstSteps:
         The error that is to be told from none.
     margin : int
         Nodes between the last row and the layer, where errors do not count.
-    across : int
-        The stencil's axis along which the nodes of a row are.
+    beyond : sequence of (float, float)
+        In space, waves along the third axis: wavenumber times spacing, and the share of the data.
     """
 
     stencil: Stencil
@@ -53,7 +56,7 @@ class FirstSteps:
     steps: int
     wanted: float
     margin: int = 1
-    across: int = 1
+    beyond: Sequence[tuple[float, float]] = ((0.0, 1.0),)
 
     @property
     def _room(self) -> int:
@@ -80,10 +83,13 @@ class FirstSteps:
 
     @cached_property
     def _weights(self) -> np.ndarray:
-        """Of the chain along the normal, times the scale, shape (modes, 2 K + 1)."""
+        """Of the chain along the normal, times the scale, shape (waves beyond * modes, 2 K + 1)."""
         numbers = 2 * np.pi * self._kept / self._length
-        axes = range(1, self.stencil.dim)
-        chains = [chain_weights(self.stencil, [one * (axis == self.across) for axis in axes]).real for one in numbers]
+        chains = [
+            chain_weights(self.stencil, (one, other)[: self.stencil.dim - 1]).real
+            for other, _ in self.beyond
+            for one in numbers
+        ]
         return self.scale * np.array(chains)
 
     @cached_property
@@ -92,28 +98,33 @@ class FirstSteps:
         largest value of all.
         """
         reach, count = self.stencil.reach[0], len(self.rows) + self.margin
-        field = np.pad(self._spectrum[self._kept], ((0, 0), (self._room, self.margin + self._room)))
+        start = np.tile(self._spectrum[self._kept], (len(self.beyond), 1))
+        field = np.pad(start, ((0, 0), (self._room, self.margin + self._room)))
         last, tails, largest = self._room + count, [], []
         for _ in range(self.steps):
             tails.append(field[:, last - reach - 1 : last + reach])
             field = field + _summed(self._weights, field)
-            largest.append(np.abs(self._along_side(field)).max())
+            largest.append(np.abs(self._along_side(field).sum(0)).max())
         return np.array(tails), np.array(largest)
 
     def _along_side(self, modes: np.ndarray) -> np.ndarray:
-        """Values at the nodes of the side of what is known of the modes that are kept."""
-        every = np.zeros((self._length // 2 + 1, modes.shape[1]), complex)
-        every[self._kept] = modes
-        return np.asarray(fft.irfft(every, self._length, axis=0)[: self.rows.shape[1]])
+        """Values at the nodes of the side of what is known of the modes that are kept, shape (waves beyond, nodes,
+        columns).
+        """
+        every = np.zeros((len(self.beyond), self._length // 2 + 1, modes.shape[1]), complex)
+        shares = np.array([share for _, share in self.beyond])
+        every[:, self._kept] = modes.reshape(len(shares), -1, modes.shape[1]) * shares[:, None, None]
+        return np.asarray(fft.irfft(every, self._length, axis=1)[:, : self.rows.shape[1]])
 
     def returned(self, layer: Layer) -> float:
         """Largest value that comes back to the near field of a layer without memory, over the largest of the field
-        after the same step.
+        after the same step; of waves beyond, that of their sizes.
         """
         reach, (tails, largest) = self.stencil.reach[0], self._undisturbed
         beside = np.einsum("mk,kij->mij", self._weights, _matrices(layer.kappa, reach))
-        back = np.zeros((len(self._kept), min(len(self.rows), self._room) + self.margin + reach), complex)
-        columns, worst = np.zeros((len(self._kept), layer.columns), complex), 0.0
+        count = len(self._weights)
+        back = np.zeros((count, min(len(self.rows), self._room) + self.margin + reach), complex)
+        columns, worst = np.zeros((count, layer.columns), complex), 0.0
         for tail, size in zip(tails, largest, strict=True):
             here = back[:, -reach - 1 :] + tail[:, : reach + 1]
             changed = np.einsum("mij,mj->mi", beside, np.concatenate([here, columns], axis=1))
@@ -122,8 +133,22 @@ class FirstSteps:
             back, columns = back + _summed(self._weights, back), columns + changed[:, reach + 1 :]
             back[:, -reach - 1 :] += changed[:, : reach + 1] - instead[:, : reach + 1]
             inside = back[:, : back.shape[1] - self.margin]
-            worst = max(worst, float(np.abs(self._along_side(inside)).max()) / size)
+            worst = max(worst, float(np.abs(self._along_side(inside)).sum(0).max()) / size)
         return worst
+
+
+def waves_of(line: np.ndarray) -> list[tuple[float, float]]:
+    """Some wavenumbers times spacing that stand for those of values along an axis, and the share of each in the largest
+    value, as if all were in phase there.
+    """
+    length = fft.next_fast_len(_FINE * len(line), real=True)
+    angles = 2 * np.pi * np.arange(length // 2 + 1) / length
+    sizes = np.abs(fft.rfft(line, length)) * np.where((angles > 0) & (angles < np.pi), 2, 1)
+    shares = sizes / (length * np.abs(line).max())
+    bounds = np.searchsorted(angles, np.pi * (np.arange(_WAVES) / _WAVES) ** _LONGER)
+    every = np.add.reduceat(shares, bounds)
+    middles = np.add.reduceat(shares * angles, bounds) / np.where(every > 0, every, 1)
+    return [(float(angle), float(share)) for angle, share in zip(middles, every, strict=True) if share > 0]
 
 
 def _summed(weights: np.ndarray, lines: np.ndarray) -> np.ndarray:
