@@ -87,6 +87,15 @@ def test_values():
     np.testing.assert_allclose(at_the_wall[1] + 1 + 8 * 2 + np.arange(8), 2 * 1.5)
 
 
+def test_conditions_that_stay_as_they_are():
+    """A number or an array does; a function of time may not, nor may one of place and time."""
+    region = Box(1.0, 2.0)
+    for value in (3.0, np.ones(BAR.shape), Source(2.0)):
+        assert resolve([Temperature(region, value)], BAR, [3]).constant
+    for value in (Source(2.0, time=lambda t: t), lambda x, t: x * t):
+        assert not resolve([Temperature(region, value)], BAR, [3]).constant
+
+
 def test_regions():
     """A shape, a mask, and a side within a shape."""
     inside = values(Temperature(Disc(2.1, (4, 4)), 7.0), PLATE)

@@ -277,6 +277,11 @@ class Conditions:
         """Which of the prescribed nodes hold the background at all times."""
         return (np.diff(self.starts) == 0) & ~_driven(self.drives, self.nodes.shape)
 
+    @property
+    def constant(self) -> bool:
+        """Whether nothing that drives the prescribed nodes varies in time."""
+        return all(space is not None and time is steady for space, time in self.drives)
+
     def fed(self, shape: tuple[int, ...]) -> np.ndarray:
         """Nodes, of the lattice's shape, that heat is put into at some time."""
         return _driven([drive for _, drive in self.sources], shape)

@@ -32,7 +32,7 @@ class AlternatingWaves:
     near : NearField
     sides : mapping of (axis, side) to Side
     data : sequence of Datum
-        At the start.
+        At the start, and sources that go on.
     first : float
         Least wavenumber times spacing of such waves, of any direction.
     steps : int
@@ -77,12 +77,13 @@ class AlternatingWaves:
         scale, steps = self.near.fastest_rate * self.near.dt, min(self.steps, int(np.ceil(until / self.near.dt)))
         periodic = bool(others) and self.sides[others[0], -1].periodic
         for datum in self.data:
-            if short_share(datum.values, self.first) <= _FEW * wanted:
+            if not datum.values.any() or short_share(datum.values, self.first) <= _FEW * wanted:
                 continue
             values = datum.turned(axis, side).values
             rows = largest_along(values, range(2, values.ndim)).reshape(len(values), -1)
             beyond = waves_of(largest_along(values, (0, 1)).ravel()) if values.ndim == 3 else [(0.0, 1.0)]
-            yield FirstSteps(self.near.stencil.along(axis), scale, rows, periodic, steps, wanted, beyond=beyond)
+            stencil, lasting = self.near.stencil.along(axis), datum.kind == "source"
+            yield FirstSteps(stencil, scale, rows, periodic, steps, wanted, beyond=beyond, lasting=lasting)
 
 
 def growth_of_waves(near: NearField) -> tuple[np.ndarray, np.ndarray]:

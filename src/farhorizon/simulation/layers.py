@@ -16,7 +16,7 @@ import numpy as np
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.choice import weak
-from farhorizon.analysis.layers.diffusing import Planes, Wall, thinnest_for_diffusion
+from farhorizon.analysis.layers.diffusing import Cause, Wall, goes_on, thinnest_for_diffusion
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
 from farhorizon.analysis.layers.side_data import Datum
@@ -43,6 +43,7 @@ _LITTLE = 0.3  # damping in two steps that may wait for the second
 _TURN = 0.2  # of a period, in a step of the fastest wave, where it may
 _SHORT = 1e-6  # target down to which six digits are enough for what layers remember
 _LIGHT = 1e-5  # and for light dampers: they send 2e-6 of a resolved pulse back at most
+_MOMENTS = 33  # at which sources of diffusion are looked at, whether they go on as they are
 _FAST = 0.5  # part of the largest frequency from which on waves may run backward or hardly move
 _ALIVE = 0.75  # factor of a step from which on waves are still there when they reach a side
 
@@ -209,7 +210,8 @@ class _Choice:
         # a formula looks at no course in time, and knows no reaction
         slow = bool(near.stencil.strongest_reaction)
         watched = max((lengths[key] for key, b in layers.items() if b.target is not None or slow), default=0.0)
-        data = self._data(watched)
+        sent = self._data(self._times(watched))
+        data = [datum for datum in sent if datum.kind != "source" or datum.time.any()]
         far = ReturnedWaves(
             near.lattice.shape,
             near.stencil,
@@ -304,10 +306,14 @@ class _Choice:
         """What counts is the way from the data, the metal or a condition to the side."""
         near, model, spacing = self.near, self.near.model, self.near.lattice.spacing
         diffusivity = model.coefficient * near.strongest
-        alternating = AlternatingWaves.of(near, self.around.sides, self._initial())
+        lengths = {
+            key: min(b.until or LASTING * near.crossing, MOST_CROSSINGS * near.crossing) for key, b in layers.items()
+        }
+        causes = list(self._causes(max(lengths.values(), default=0.0)))
+        at_once = [cause.datum for cause in causes if cause.whole or cause.lasting]
+        alternating = AlternatingWaves.of(near, self.around.sides, at_once)
         for key, boundary in layers.items():
-            planes = list(self._planes(*key))
-            until = min(boundary.until or LASTING * near.crossing, MOST_CROSSINGS * near.crossing)
+            until, planes = lengths[key], [part for cause in causes for part in cause.planes(*key, spacing)]
             wanted = boundary.wanted(model.target)
             alternate = partial(alternating.returned, *key, wanted=wanted, until=until)
             if not boundary.open_ended:
@@ -329,20 +335,23 @@ class _Choice:
                 self._miss_alternating(key, boundary, back, found.layer, wanted)
             self._take(key, replace(found, until=until), wanted)
 
-    def _planes(self, axis: int, side: int) -> Iterator[Planes]:
-        """From where something diffuses towards a side: the start, and what is there later, from its nearest node."""
-        near, spacing = self.near, self.near.lattice.spacing
-        busy = self._scatterers().astype(float)
-        busy.ravel()[near.conditions.nodes] = 1
+    def _causes(self, until: float) -> Iterator[Cause]:
+        """What something diffuses from: the start, sources, what is held, and what scatters."""
+        near = self.near
+        busy, held, conditions = self._scatterers(), np.zeros(near.lattice.shape, bool), near.conditions
         if self.setup.specimens:
-            busy[placed(self.setup, self.around.sides)[0]] = 1
-        data = self._data(0.0)
-        for datum in [*(data or stand_ins(*self._like_near_field)), Datum(busy, "source")]:
-            values = datum.turned(axis, side).values
-            if data and datum.kind == "u":
-                yield from Planes.of(values, spacing)
-            elif values.any():
-                yield Planes.nearest_of(values, spacing)
+            held |= placed(self.setup, self.around.sides)[0]
+        lasting = ~conditions.resting & conditions.constant
+        held.ravel()[conditions.nodes[lasting]] = True
+        busy.ravel()[conditions.nodes[~lasting]] = True
+        data = self._data(np.linspace(0, until, _MOMENTS))
+        for datum in data:
+            start = datum.kind == "u"
+            yield Cause(datum, 2 * (not start and goes_on(datum.time)), start)
+        for datum in [] if data else stand_ins(*self._like_near_field):
+            yield Cause(datum)
+        yield Cause(Datum(held.astype(float), "u"), lasting=1)
+        yield Cause(Datum(busy.astype(float), "u"))
 
     def _miss_alternating(self, key: Key, boundary: LatticePML, back: float, layer: Layer, wanted: float) -> None:
         """Say that a layer sends back more of waves that alternate than it may.
@@ -375,12 +384,11 @@ class _Choice:
     def _miss(self, key: Key, words: str, columns: int, wanted: float) -> None:
         self.missed.setdefault((words, columns, wanted), []).append(side_name(*key))
 
-    def _data(self, until: float) -> list[Datum]:
-        """What sends waves: the start, and sources over a time; nothing where that cannot be known."""
+    def _data(self, times: np.ndarray) -> list[Datum]:
+        """What sends waves: the start, and sources at some times; nothing where that cannot be known."""
         near, lattice = self.near, self.near.lattice
         components = near.stencil.components
         found = self._initial()
-        times = self._times(until)
         for source in self.sources:
             if isinstance(source, Incident):
                 return []
@@ -448,12 +456,8 @@ class _Choice:
     def _by_component(self, values: np.ndarray, kind: str, time: np.ndarray | None = None) -> list[Datum]:
         """A datum for each component that is not at rest."""
         time = np.zeros(0) if time is None else time
-        moves = time.size < 2 or bool(time.any())  # of one time nothing is known of the others
-        return [
-            Datum(part, kind, time, i)
-            for i, part in enumerate(values.reshape(-1, *self.near.lattice.shape))
-            if moves and part.any()
-        ]
+        parts = values.reshape(-1, *self.near.lattice.shape)
+        return [Datum(part, kind, time, i) for i, part in enumerate(parts) if part.any()]
 
     def _scatterers(self) -> np.ndarray:
         """Nodes that scatter waves: around cracks, beside nodes that do not exist, and where the medium changes."""

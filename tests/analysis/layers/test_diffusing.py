@@ -137,6 +137,58 @@ def test_what_diffusion_sends_back_of_data_that_are_spread_out(sign):
     assert np.abs(came - predicted).max() < 0.08 * predicted.max()
 
 
+@pytest.mark.parametrize("wall", [None, fh.Fixed(0.0), fh.Free()], ids=["open", "held", "insulated"])
+def test_what_diffusion_sends_back_of_a_source_that_goes_on(wall):
+    """The prediction against a bar with one absorbing end, relative to the largest value at the same time: that at the
+    source.
+    """
+    model, end, nodes, place = fh.Diffusion(fh.Kernel(1.0), 1.0), 2000.0, 30 if wall else 401, -16
+    u = np.zeros(nodes)
+    u[place] = 1.0
+    [planes] = [Planes.nearest_of(u, 1.0, lasting=2)]
+    assert planes.distances == 15
+    layer = diffusive(4, 1.0, end, planes.nearest)
+    sides = {"x-": wall or fh.Fixed(0.0), "x+": fh.LatticePML(nodes=4, profile={"kappa": layer.kappa})}
+    lattice, far = fh.Lattice(1.0, (0.0,), (nodes - 1.0,)), fh.Lattice(1.0, (0.0,), (nodes + 499.0,))
+    longer = np.concatenate([u, np.zeros(500)])
+    bars = [
+        fh.Simulation(grid, model, ends, {"u": 0.0}, sources=[fh.Source(data)], threads=1)
+        for grid, ends, data in ((lattice, sides, u), (far, sides | {"x+": fh.Fixed(0.0)}, longer))
+    ]
+    found = []
+    for time in np.geomspace(100.0, end, 9):
+        for bar in bars:
+            bar.step(int(time / bar.dt) - bar.step_count)
+        exact = bars[1].fields["u"][:nodes]
+        beside = Wall(wall.image, float(nodes)) if wall else None
+        predicted = Diffusing(planes, np.array([bars[0].time]), beside).returned(layer, 1.0)[0]
+        found.append((abs(bars[0].fields["u"][-1] - exact[-1]) / exact.max(), predicted))
+    came, predicted = np.transpose(found)
+    print(np.transpose(found))
+    assert np.abs(came - predicted).max() < 0.1 * predicted.max()
+
+
+def test_what_diffusion_sends_back_of_what_holds_its_value():
+    """The prediction against a bar whose node is held at 1."""
+    model, end, nodes = fh.Diffusion(fh.Kernel(1.0), 1.0), 1000.0, 401
+    lattice, layer = fh.Lattice(1.0, (0.0,), (nodes - 1.0,)), diffusive(4, 1.0, end, 15.0)
+    held, start = [fh.Temperature(fh.Box(384.5, 385.5), 1.0)], np.zeros(nodes)
+    runs = []
+    for far in (fh.LatticePML(nodes=4, profile={"kappa": layer.kappa}), fh.Extended(until=end, target=1e-12)):
+        runs.append(
+            fh.Simulation(lattice, model, {"x-": fh.Fixed(0.0), "x+": far}, {"u": start}, constraints=held, threads=1)
+        )
+    found = []
+    for time in np.geomspace(60.0, end, 9):
+        for run in runs:
+            run.step(int(time / run.dt) - run.step_count)
+        came = abs(runs[0].fields["u"][-1] - runs[1].fields["u"][-1])
+        found.append((came, Diffusing(Planes.at(15.0, lasting=1), np.array([runs[0].time])).returned(layer, 1.0)[0]))
+    came, predicted = np.transpose(found)
+    print(np.transpose(found))
+    assert np.abs(came - predicted).max() < 0.1 * predicted.max()
+
+
 def test_planes_of_a_product_are_those_along_the_normal():
     """Whatever the data are across it, and whatever their signs."""
     random = np.random.default_rng(3)
@@ -144,7 +196,7 @@ def test_planes_of_a_product_are_those_along_the_normal():
     sums, largest = Planes.of(np.multiply.outer(along, across), 0.5)
     np.testing.assert_allclose(sums.shares, largest.shares, rtol=1e-12)
     np.testing.assert_allclose(sums.shares, along / np.abs(along).sum(), rtol=1e-12)
-    np.testing.assert_allclose(sums.distances, 0.5 * np.maximum(np.arange(30)[::-1], 1), rtol=1e-12)
+    np.testing.assert_allclose(sums.distances, 0.5 * np.arange(30)[::-1], rtol=1e-12, atol=1e-12)
     # of both signs along the side nothing is left in the sums
     [alone] = Planes.of(np.multiply.outer(along, [1.0, -1.0]), 0.5)
     np.testing.assert_allclose(np.abs(alone.shares), np.abs(sums.shares), rtol=1e-12)

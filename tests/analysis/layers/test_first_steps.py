@@ -42,6 +42,28 @@ def test_the_first_steps_are_those_of_a_run(dim, case):
     assert along.returned(layer) == pytest.approx(worst, rel=1e-2, abs=1e-11)
 
 
+@pytest.mark.parametrize("reach", [1.0, 3.0])
+def test_the_first_steps_of_a_source_are_those_of_a_run(reach):
+    """A source at a node, which goes on from the first step, relative to the largest value after each step."""
+    model, steps, nodes, layers = fh.Diffusion(fh.Kernel(reach), 1.0), 60, 30, 4
+    lattice, u = fh.Lattice(1.0, 0.0, nodes - 1.0), np.zeros(nodes)
+    u[22] = 1.0
+    dt, runs = 0.9 * fh.Simulation(lattice, model, fh.Fixed()).step_limit, []
+    for far in (fh.LatticePML(nodes=layers, until=steps * dt), fh.Extended(until=steps * dt, target=1e-12)):
+        sides = {"x-": fh.Extended(until=steps * dt, target=1e-12), "x+": far}
+        runs.append(fh.Simulation(lattice, model, sides, sources=[fh.Source(u)], dt=dt, threads=1))
+    (layer,), margin = runs[0].engine.layers.values(), runs[0].parts.grid.margins[0, 1]
+    along = FirstSteps(runs[0].stencil, dt, dt * u[:, None], False, steps, 1e-12, margin, lasting=True)
+    worst = 0.0
+    for _ in range(steps):
+        for run in runs:
+            run.step()
+        off, exact = runs[0].fields["u"] - runs[1].fields["u"], runs[1].fields["u"]
+        worst = max(worst, float(np.abs(off).max() / np.abs(exact).max()))
+    print(worst, along.returned(layer))
+    assert along.returned(layer) == pytest.approx(worst, rel=0.02)
+
+
 def test_waves_that_stand_for_a_line_are_all_of_it_where_they_are_in_phase():
     """Of a bell as much as it is; of one node as much of each wave; of a wide one the longest ones."""
     for line, sure in ((np.exp(-((np.arange(40.0) - 20) ** 2)), 1.0), (np.eye(30)[7], 1.0)):

@@ -8,13 +8,15 @@ sees and the steepest that arrives.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import gamma
 
+from farhorizon.analysis.layers.side_data import Datum
 from farhorizon.analysis.layers.thickness import MOST, Thickness, distance_to_side, zolotarev
 from farhorizon.engine.engine import Layer
 
@@ -58,22 +60,25 @@ class Planes:
         Of the data, with their signs; their sizes are 1 in all.
     nearest, farthest : float
         The shortest way to the side, and that from the other end of the near field.
+    lasting : int
+        0 of what is there once, 1 of what holds its value from then on, 2 of a source that goes on.
     """
 
     distances: np.ndarray
     shares: np.ndarray
     nearest: float
     farthest: float
+    lasting: int = 0
 
     @classmethod
-    def at(cls, distance: float) -> Planes:
+    def at(cls, distance: float, lasting: int = 0) -> Planes:
         """All in one plane."""
-        return cls(np.array([distance]), np.ones(1), distance, distance)
+        return cls(np.array([distance]), np.ones(1), distance, distance, lasting)
 
     @classmethod
-    def nearest_of(cls, values: np.ndarray, spacing: float) -> Planes:
+    def nearest_of(cls, values: np.ndarray, spacing: float, lasting: int = 0) -> Planes:
         """All where the nearest of some values are, with the normal first and towards the side."""
-        return cls.at(spacing * max(distance_to_side([values]), 1))
+        return cls.at(spacing * distance_to_side([values]), lasting)
 
     @classmethod
     def of(cls, values: np.ndarray, spacing: float) -> Iterator[Planes]:
@@ -94,15 +99,45 @@ class Planes:
             groups = np.array_split(held, min(_PLANES, len(held)))
             middles = np.array([np.average(group, weights=sizes[group]) for group in groups])
             shares = np.array([amounts[group].sum() for group in groups]) / sizes.sum()
-            yield cls(spacing * np.maximum(len(values) - 1 - middles, 1), shares, nearest, spacing * (len(values) - 1))
+            yield cls(spacing * (len(values) - 1 - middles), shares, nearest, spacing * (len(values) - 1))
+
+
+class Cause(NamedTuple):
+    """What something diffuses from.
+
+    Attributes
+    ----------
+    datum : Datum
+    lasting : int
+        As of `Planes`.
+    whole : bool
+        Whether it is followed plane by plane, else as if all of it were at the node that is nearest to a side.
+    """
+
+    datum: Datum
+    lasting: int = 0
+    whole: bool = False
+
+    def planes(self, axis: int, side: int, spacing: float) -> Iterable[Planes]:
+        """As a side sees it; none where there is nothing."""
+        values = self.datum.turned(axis, side).values
+        if not values.any():
+            return []
+        return Planes.of(values, spacing) if self.whole else [Planes.nearest_of(values, spacing, self.lasting)]
+
+
+def goes_on(course: np.ndarray) -> bool:
+    """Whether a source of some course in time stays as it is."""
+    return bool(np.ptp(course) == 0)
 
 
 @dataclass(frozen=True)
 class Diffusing:
     """What comes back of data to a side, relative to the largest value at the same time.
 
-    The inverse Laplace transform along ``lambda = (1.2 + i y)/sqrt(D t)``; of waves along the side less remains. A wall
-    that holds its nodes leaves dipoles, whose images in the layer are the longer ones and fall no faster.
+    The inverse Laplace transform along ``lambda = z/sqrt(D t)``, z = 1.2 + i y; of waves along the side less remains. A
+    wall that holds its nodes leaves dipoles, whose images in the layer are the longer ones and fall no faster. What
+    lasts is a sum over times, a factor 1/z for each of them.
 
     Attributes
     ----------
@@ -125,20 +160,31 @@ class Diffusing:
     def _decay(self) -> np.ndarray:
         return np.asarray(self._scaled / np.sqrt(self.spreads)[:, None])
 
+    def _in_time(self, transform: np.ndarray) -> np.ndarray:
+        """At each time, of a transform over that of a plane at its own place, without a wall."""
+        step, lasting = 2 * _HIGHEST / (_POINTS - 1), self.planes.lasting
+        unit = gamma((lasting + 1) / 2) * step / np.pi
+        return np.asarray(np.abs((np.exp(self._scaled**2) / self._scaled**lasting * transform).sum(1)) * unit)
+
+    def _with_image(self, distance: float) -> np.ndarray:
+        """A plane and its image in the wall, at its own place."""
+        if self.wall is None:
+            return np.ones_like(self._decay)
+        return 1 + self.wall.image * np.exp(-2 * self._decay * (self.wall.distance - distance))
+
     @cached_property
     def _arriving(self) -> np.ndarray:
         """At the side without a layer, of each decay."""
-        came = np.zeros_like(self._decay)
-        for distance, share in zip(self.planes.distances, self.planes.shares, strict=True):
-            part = share * np.exp(self._scaled**2 - self._decay * distance)
-            if self.wall is not None:
-                part *= 1 + self.wall.image * np.exp(-2 * self._decay * (self.wall.distance - distance))
-            came += part
-        return came
+        planes = zip(self.planes.distances, self.planes.shares, strict=True)
+        return np.asarray(
+            sum(share * np.exp(-self._decay * distance) * self._with_image(distance) for distance, share in planes)
+        )
 
     @cached_property
     def largest(self) -> np.ndarray:
         """Largest value of the field at each time, over that of data which are all in one plane and without a wall."""
+        if self.planes.lasting:
+            return self._in_time(self._with_image(float(self.planes.distances.mean())))
         distances, sources = self.planes.distances, [(1, self.planes.distances)]
         if self.wall is not None:
             sources.append((self.wall.image, 2 * self.wall.distance - distances))
@@ -159,8 +205,7 @@ class Diffusing:
         if self.wall is not None:
             across = self.wall.image * np.exp(-2 * self._decay * self.wall.distance)
             back *= (1 + across) / (1 - across * back)
-        step = 2 * _HIGHEST / (_POINTS - 1)
-        return np.asarray(np.abs((self._arriving * back).sum(1)) * step / np.sqrt(np.pi) / self.largest)
+        return self._in_time(self._arriving * back) / self.largest
 
 
 def diffusive(nodes: int, spacing: float, spread: float, distance: float) -> Layer:
@@ -193,7 +238,7 @@ def thinnest_for_diffusion(
     """The fewest nodes that keep an error relative to the largest value at every time of a run, and most of it in
     others than these waves, by what a layer sends back of them; 60 nodes, and what is predicted of them, if none do.
     """
-    distance = min(planes.nearest for planes in data)
+    distance = max(spacing, min(planes.nearest for planes in data))
     spreads = np.geomspace(min(_BEGIN * distance**2, spread), spread, _TIMES)
     arriving = [Diffusing(planes, spreads, wall) for planes in data]
 

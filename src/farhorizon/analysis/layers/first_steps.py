@@ -47,6 +47,8 @@ class FirstSteps:
         Nodes between the last row and the layer, where errors do not count.
     beyond : sequence of (float, float)
         In space, waves along the third axis: wavenumber times spacing, and the share of the data.
+    lasting : bool
+        Whether the data are a source, which adds them in each step.
     """
 
     stencil: Stencil
@@ -57,6 +59,7 @@ class FirstSteps:
     wanted: float
     margin: int = 1
     beyond: Sequence[tuple[float, float]] = ((0.0, 1.0),)
+    lasting: bool = False
 
     @property
     def _room(self) -> int:
@@ -99,11 +102,11 @@ class FirstSteps:
         """
         reach, count = self.stencil.reach[0], len(self.rows) + self.margin
         start = np.tile(self._spectrum[self._kept], (len(self.beyond), 1))
-        field = np.pad(start, ((0, 0), (self._room, self.margin + self._room)))
+        field = start = np.pad(start, ((0, 0), (self._room, self.margin + self._room)))
         last, tails, largest = self._room + count, [], []
         for _ in range(self.steps):
             tails.append(field[:, last - reach - 1 : last + reach])
-            field = field + _summed(self._weights, field)
+            field = field + _summed(self._weights, field) + (start if self.lasting else 0.0)
             largest.append(np.abs(self._along_side(field).sum(0)).max())
         return np.array(tails), np.array(largest)
 
