@@ -20,7 +20,7 @@ from farhorizon.analysis.layers.side_data import Datum
 from farhorizon.analysis.layers.thickness import MOST, Thickness, distance_to_side, zolotarev
 from farhorizon.engine.engine import Layer
 
-_AIM = 0.4  # of the wanted error: what all sides send back adds up
+_AIM = 0.25  # of the wanted error: late in a run what all sides send back adds up
 _AIM_OTHERS = 0.8  # of waves that alternate from step to step, which come earlier
 # which decays matter, fitted to the least error over all times of a run
 _STEEPEST, _EARLY, _GRADUAL = 3.2, 5.2, 2.3
