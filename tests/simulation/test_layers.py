@@ -276,6 +276,10 @@ def test_a_source_that_is_silent_at_first_counts_in_diffusion():
 
     (before, after), (before_late, after_late) = layers_with(), layers_with(fh.Source(place, time=lambda t: t))
     assert before_late == before and after_late > after + 2
+    # nor is one taken for steady that is silent whenever it is looked at
+    assert layers_with(fh.Source(place, time=lambda t: float(210 < t < 215))) == [before_late, after_late]
+    steady = layers_with(fh.Source(place))
+    assert steady[0] == before and after < steady[1] < after_late
 
 
 @pytest.mark.parametrize(

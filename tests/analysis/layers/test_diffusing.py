@@ -115,8 +115,8 @@ def test_diffusion_keeps_its_target_beside_a_wall():
 
 @pytest.mark.parametrize("sign", [1, -1], ids=["one sign", "both signs"])
 def test_what_diffusion_sends_back_of_data_that_are_spread_out(sign):
-    """The prediction against a bar with one absorbing end. Data of both signs fall as a dipole: what came back of them,
-    relative to what is left, was predicted five times too small when they were taken for their nearest node.
+    """The prediction against a bar with one absorbing end. Data of both signs fall as a dipole: when they were taken
+    for their nearest node, up to six targets came back.
     """
     model, end = fh.Diffusion(fh.Kernel(2.0, 1), 1.0), 3000.0
     x = np.arange(401.0)

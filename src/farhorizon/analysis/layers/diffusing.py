@@ -127,8 +127,8 @@ class Cause(NamedTuple):
 
 
 def goes_on(course: np.ndarray) -> bool:
-    """Whether a source of some course in time stays as it is."""
-    return bool(np.ptp(course) == 0)
+    """Whether a source is there at all times that are looked at, and stays as it is."""
+    return bool(course.any()) and bool(np.ptp(course) == 0)
 
 
 @dataclass(frozen=True)
