@@ -1,9 +1,15 @@
 """Data of waves in parts."""
 
-import numpy as np
+from dataclasses import replace
 
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.side_data import Datum
-from farhorizon.simulation.wave_data import by_time, depth_of, largest_along
+from farhorizon.simulation.wave_data import as_scalars, as_vectors, by_time, depth_of, largest_along, parts
 
 SEED = 20261122
 
@@ -33,3 +39,49 @@ def test_the_middle_of_the_data_and_their_largest_values_along_an_axis():
     np.testing.assert_array_equal(
         largest_along(values, [1])[:, 0], np.where(np.arange(36) == 25, -3.0, 0.0).reshape(9, 4)
     )
+
+
+def plane(model):
+    stencil = model.stencil(1.0, 2)
+    return LatticeMedium(stencil, 1.0, 1.0, Recursion.of(model.integrator, 0.5), 0.5)
+
+
+@pytest.mark.parametrize("depth", [15, 80])
+def test_waves_are_followed_until_images_come_and_slow_ones_until_they_are_back(depth):
+    """Of a medium of speed 1: a room of 512 nodes is 512 units of time."""
+    values = np.zeros((2 * depth + 1, 9))
+    values[depth] = 1.0
+    solid, scalar = plane(fh.Elastic(fh.Kernel(2.0), young=1.0)), plane(fh.Wave(fh.Kernel(2.0)))
+    data = [Datum(values, "u")]
+    for medium, every in [(solid, True), (scalar, True), (scalar, False)]:
+        (one,) = parts(medium, data, 200.0, 1e-5, 512, every)
+        assert (one.time, one.room, one.limit, one.later) == (200.0, 400, np.inf, 1.0)
+        assert len(parts(medium, data, 900.0, 1e-5, np.inf, every)) == 1
+    long_ones, all_ones = parts(scalar, data, 900.0, 1e-5, 512, False)
+    assert long_ones.time == 900.0 and long_ones.smooth > 0 and all_ones.time == 512.0 and all_ones.smooth == 0
+    assert all_ones.room > 512 and all_ones.later == 1.0  # the front of an image runs ahead
+    slow = parts(scalar, data, 900.0, 1e-5, 512, True)[1]
+    assert slow.time == 900.0 and slow.limit == pytest.approx(512 / 900) and slow.later == 1.0
+    found = parts(solid, data, 2000.0, 1e-5, 512, True)
+    assert found[-1].later == pytest.approx(2000 / found[-1].time)
+    assert found[-1].time * found[-1].limit == pytest.approx(512) if depth == 80 else found[-1].limit == np.inf
+    assert found[-1].time > 5 * (depth + 32)
+
+
+def test_data_that_send_the_same_waves_are_known_as_one():
+    """Fields of either sign, and mirrored ones where the sides along both ways are alike; no others."""
+    random = np.random.default_rng(SEED)
+    towards, across = random.normal(size=(2, 7, 5))
+    data = [Datum(towards, "u", component=0), Datum(across, "u", component=1)]
+    other_sign = [replace(one, values=-one.values) for one in data]
+    mirrored = [Datum(towards[:, ::-1], "u", component=0), Datum(-across[:, ::-1], "u", component=1)]
+    turned = [Datum(towards[:, ::-1], "u", component=0), Datum(across[:, ::-1], "u", component=1)]
+    for both in (False, True):
+        known = as_vectors(data, both)
+        assert as_vectors(other_sign, both) == known
+        assert (as_vectors(mirrored, both) == known) is both
+        assert as_vectors(turned, both) != known
+    still = [replace(one, kind="v") for one in data]
+    early, late = ([replace(one, kind="source", time=course) for one in data] for course in np.eye(2))
+    assert len({as_vectors(one, True) for one in (data, still, early, late)}) == 4
+    assert len({as_scalars(one) for one in (data, still, early, late)}) == 4

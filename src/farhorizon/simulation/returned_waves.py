@@ -17,7 +17,7 @@ from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.returned import Arrivals
 from farhorizon.analysis.layers.samples import Sample
 from farhorizon.analysis.layers.short_waves import high_pass
-from farhorizon.analysis.layers.side_data import Datum, frequency_of_slow_waves, hold_backward_waves, reach_the_end
+from farhorizon.analysis.layers.side_data import Datum, hold_backward_waves, reach_the_end
 from farhorizon.analysis.layers.thickness import (
     NotKept,
     Thickness,
@@ -32,19 +32,15 @@ from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
 from farhorizon.machine import one_blas_thread
 from farhorizon.medium.stencil import Stencil
-from farhorizon.simulation.wave_data import by_time, depth_of, largest_along
+from farhorizon.simulation.wave_data import as_scalars, as_vectors, depth_of, largest_along, parts
 
 # length of a run unless it is known: of waves in crossings of the near field, of diffusion in R^2/diffusivity
 CROSSINGS, LASTING = 20, 10
 MOST_CROSSINGS = 1000  # for which layers are made: what was measured
 FORESEEN = 60  # crossings for which errors are predicted: the work grows with their number
 # nodes beside the near field, at most, before the data repeat themselves along an open side, and lengths of the near
-# field, if these are more: in that time all but the longest waves have left
+# field, if these are more: in that time all but the longest waves, and such as hardly move, have left
 _ROOM, _LEFT = 512, 3
-_LONG = 8  # parts of that room, by one of which data are smoothed for what is still to come: the longest waves alone
-# lengths of the run before images come round, if there is room: what comes later folds back into it, much fainter
-_ROUND = 2
-_SILENT = 1e-3  # of the wanted error: sources that are fainter send nothing any more
 _HERE = 0.01  # of its largest value: a datum is where it has more
 # of the wanted error, where a free side runs into a layer: predictions take it for a mirror, but it lacks bonds, and
 # waves run along it that are bound to it
@@ -175,7 +171,7 @@ class ReturnedWaves:
         wanted one or larger.
         """
         _, sent, size = self._arriving(axis, side, until, wanted)
-        return predicted_error(layer, sent, size) + self._beside_walls(axis, side, until, layer)
+        return predicted_error(layer, sent, size, wanted) + self._beside_walls(axis, side, until, layer)
 
     def _beside_walls(self, axis: int, side: int, until: float, layer: Layer) -> float:
         """What a layer that damps short waves lacks beside walls, from trials: predictions do not know of it."""
@@ -209,18 +205,15 @@ class ReturnedWaves:
             turned = self._turned(axis, side, medium)
             vectors = self.stencil.components > 1 and self._every(medium, turned, wanted)
             seen.append((medium, self._as_vectors(turned, axis, side) if vectors else turned))
+        beside = self._beside(axis)
+        mirrored = vectors and beside[0] == beside[1]
         alike = (
             until,
             wanted,
             self.sides[axis, -side],
-            *self._beside(axis),
+            *beside,
             *(part for medium, _ in seen for part in (medium.stencil, medium.coefficient)),
-            *(
-                part
-                for _, turned in seen
-                for datum in turned
-                for part in (datum.values.tobytes(), datum.behind, datum.component if vectors else 0)
-            ),
+            *(part for _, turned in seen for part in (as_vectors(turned, mirrored) if vectors else as_scalars(turned))),
         )
         if alike not in self._sent:
             size = max((_size(datum) for datum in self.data if datum.kind == "u"), default=0.0)
@@ -340,12 +333,7 @@ class ReturnedWaves:
         wanted: float,
         size: float,
     ) -> list[Arrivals]:
-        """What arrives at a side, with the images of the data behind the walls of the near field.
-
-        Where the medium goes on along the side, images in place of nothing would come round in a long run, and be heard
-        in layers that take little of what travels along them. So there all waves are followed only as long as none
-        comes, and longer the longest ones alone, which are few enough for any room, and those that hardly move.
-        """
+        """What arrives at a side, with the images of the data behind the walls of the near field."""
         others = [b for b in range(len(self.shape)) if b != axis]
         image = self.sides[axis, -side].image
         echoing = len({other for (other, _), b in self.sides.items() if b.stretched})
@@ -374,20 +362,17 @@ class ReturnedWaves:
                     flat, near[kept], length = self._unfold(flat, kept + 1, others[kept])
                 sent = [replace(datum, values=values) for datum, values in zip(own, flat, strict=True)]
                 depths = self.shape[axis] // 2, *depth_of(own)[: int(every)]
-                for part, time, room, smooth, lowest in self._parts(
-                    medium, sent, until, wanted, bool(others) and not length, every
-                ):
+                endless = bool(others) and not length
+                for part in parts(medium, sent, until, wanted, self._room if endless else np.inf, every):
                     if others:
-                        lengths[kept] = length or fft.next_fast_len(flat[0].shape[kept + 1] + room)
-                    steps = max(2, int(np.ceil(time / self.dt)))
+                        lengths[kept] = length or fft.next_fast_len(flat[0].shape[kept + 1] + part.room)
+                    steps = max(2, int(np.ceil(part.time / self.dt)))
                     for kind in range(1 if together else min(self.stencil.components, 2)):
                         key = medium.stencil, medium.coefficient, -1 if together else kind, steps
                         sample = self._samples.setdefault(key, Sample(medium, kind))
-                        coming = arrivals(
-                            medium, steps, part, lengths, near, wanted, size, sample, smooth, None, every, lowest
-                        )
-                        later = 1 + (until - time) * medium.speed / (self.spacing * self._room) if together else 1.0
-                        found.append(replace(coming, depths=depths, axes=echoing, later=later))
+                        told = sample, part.smooth, None, every, part.limit
+                        coming = arrivals(medium, steps, part.data, lengths, near, wanted, size, *told)
+                        found.append(replace(coming.told_until(part.later), depths=depths, axes=echoing))
         return found
 
     def _round(
@@ -420,48 +405,18 @@ class ReturnedWaves:
         first = np.array([nodes[0] for nodes in near])
         found = []
         depths = self.shape[axis] // 2, *depth_of(data)[: int(every)]
-        for part, time, room, smooth, lowest in self._parts(
-            medium,
-            [replace(datum, values=values) for datum, values in zip(data, fields, strict=True)],
-            until,
-            wanted,
-            True,
-            every,
-        ):
-            steps = max(2, int(np.ceil(time / self.dt)))
+        flat = [replace(datum, values=values) for datum, values in zip(data, fields, strict=True)]
+        for part in parts(medium, flat, until, wanted, self._room, every):
+            steps = max(2, int(np.ceil(part.time / self.dt)))
             for point in (facing, (facing + corner) // 2, corner):
-                turned = [round_a_point(datum.values, first + point, room / 2) for datum in part]
-                sent = [replace(datum, values=values) for datum, (_, values) in zip(part, turned, strict=True)]
+                turned = [round_a_point(datum.values, first + point, part.room / 2) for datum in part.data]
+                sent = [replace(datum, values=values) for datum, (_, values) in zip(part.data, turned, strict=True)]
                 for kind in range(min(self.stencil.components, 2)):
                     key = medium.stencil, medium.coefficient, kind, steps
                     sample = self._samples.setdefault(key, Sample(medium, kind))
-                    coming = arrivals(
-                        medium, steps, sent, [], [], wanted, size, sample, smooth, turned[0][0], every, lowest
-                    )
+                    told = sample, part.smooth, turned[0][0], every, part.limit
+                    coming = arrivals(medium, steps, sent, [], [], wanted, size, *told)
                     found.append(replace(coming, depths=depths, axes=echoing))
-        return found
-
-    def _parts(
-        self, medium: LatticeMedium, data: Sequence[Datum], until: float, wanted: float, endless: bool, every: bool
-    ) -> list[tuple[Sequence[Datum], float, int, float, float]]:
-        """Data whose waves are followed, times up to which they are, the nodes beside the near field for it, by how
-        many nodes the data are smoothed, and the frequency from which on waves are followed.
-
-        Where all modes are, as backward waves ask for, there are waves that hardly move, some forward and some
-        backward: those that go no farther in the whole run than the room allows are followed to its end. Of vectors
-        S waves hardly move at frequencies of fast P waves; what they do later is told from what they did before.
-        """
-        pace = medium.speed / self.spacing
-        room, most = int(np.ceil(_ROUND * pace * until)), self._room
-        if not endless or pace * until <= most:
-            return [(data, until, min(room, most), 0.0, 0.0)]
-        half = max(1, int(most / (2 * pace * self.dt)))
-        found: list[tuple[Sequence[Datum], float, int, float, float]] = [(data, until, room, most / _LONG, 0.0)]
-        if every and medium.stencil.components == 1:
-            found.append((data, until, most, 0.0, frequency_of_slow_waves(medium, most * self.spacing / until)))
-        for before, part in by_time(data, half, _SILENT * wanted):
-            time = before * self.dt + most / pace
-            found.append((part, time, int(np.ceil(pace * time)), 0.0, 0.0))
         return found
 
     def _unfold(self, fields: list[np.ndarray], place: int, axis: int) -> tuple[list[np.ndarray], range, int]:

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.side_data import Datum
 
+# lengths of the run before images come round, if there is room: what comes later folds back into it, much fainter
+_ROUND = 2
+_AHEAD = 1.05  # way over that of long waves in a time: on a lattice the front of a pulse runs ahead of them, faintly
+_LONG = 8  # parts of the room, by one of which data are smoothed for what is still to come: the longest waves alone
+# a node of the way from the middle of the data to the side, and into a layer of so many nodes and back, takes slow
+# waves of solids, of which something comes back, as long as so many nodes take the fastest
+_SLOW, _THERE_AND_BACK = 10.0, 32
+_SILENT = 1e-3  # of the wanted error: sources that are fainter send nothing any more
 _STAND_IN = 2.0  # width, in nodes, of the pulses that stand for data which are not known
 
 
@@ -40,6 +50,72 @@ def by_time(data: Sequence[Datum], half: int, silent: float) -> Iterator[tuple[i
             yield before, part
 
 
+class Part(NamedTuple):
+    """Data of which some waves are followed for a time.
+
+    Attributes
+    ----------
+    data : sequence of Datum
+    time : float
+    room : int
+        Nodes beside the near field.
+    smooth : float
+        Nodes by which the data are smoothed.
+    limit : float
+        Speed along the side that the waves do not exceed.
+    later : float
+        Length of the run over the time, where what comes later is told from what comes before.
+    """
+
+    data: Sequence[Datum]
+    time: float
+    room: int
+    smooth: float = 0.0
+    limit: float = np.inf
+    later: float = 1.0
+
+
+def parts(
+    medium: LatticeMedium, data: Sequence[Datum], until: float, wanted: float, most: float, every: bool
+) -> list[Part]:
+    """What is followed of data in a run.
+
+    Where the medium goes on along the side, images in place of nothing would come round in a long run, and be heard in
+    layers that take little of what travels along them. So there all waves are followed only as long as none comes, and
+    longer the longest ones alone, which are few enough for any room, and those that hardly move.
+
+    Parameters
+    ----------
+    medium : LatticeMedium
+    data : sequence of Datum
+        The first axis along the normal.
+    until : float
+    wanted : float
+    most : float
+        Nodes beside the near field, at most; inf where the data repeat themselves.
+    every : bool
+        Whether all modes are followed. Among them are some that hardly move: those of scalars that go no farther than
+        the room are followed to the end of the run, those of vectors until they have come back.
+    """
+    pace = medium.speed / medium.spacing
+    room = int(np.ceil(_ROUND * pace * until))
+    if _AHEAD * pace * until <= most:
+        return [Part(data, until, int(min(room, most)))]
+    solid = every and medium.stencil.components > 1
+    found = [Part(data, until, room, smooth=most / _LONG)]
+    if every and not solid:
+        found.append(Part(data, until, int(most), limit=most * medium.spacing / until))
+    slow = _SLOW * (max(depth_of(data), default=0) + _THERE_AND_BACK)
+    for before, some in by_time(data, max(1, int(most / (2 * pace * medium.dt))), _SILENT * wanted):
+        start = before * medium.dt
+        time, last = start + most / pace, min(until, start + slow / pace)
+        later = until / time if solid and last <= time else 1.0
+        found.append(Part(some, time, int(np.ceil(_AHEAD * pace * time)), later=later))
+        if solid and last > time:
+            found.append(Part(some, last, int(most), limit=most * medium.spacing / last, later=until / last))
+    return found
+
+
 def stand_ins(
     shape: tuple[int, ...], reach: int, components: int = 1, courses: Sequence[np.ndarray] = ()
 ) -> list[Datum]:
@@ -64,6 +140,24 @@ def depth_of(data: Sequence[Datum]) -> tuple[int, ...]:
     size = sum(np.abs(datum.values).sum(tuple(range(1, datum.values.ndim))) for datum in data)
     rows = np.arange(len(data[0].values))[::-1]
     return (round(float(np.average(rows, weights=size))),) if np.any(size) else ()
+
+
+def as_scalars(data: Sequence[Datum]) -> tuple[object, ...]:
+    """By which data are known that send the same waves to sides, each component by itself."""
+    return tuple(part for one in data for part in (one.values.tobytes(), one.kind, one.time.tobytes(), one.behind))
+
+
+def as_vectors(data: Sequence[Datum], mirrored: bool) -> tuple[object, ...]:
+    """By which data in the plane are known that send the same waves to sides, or those of the other sign, or, where
+    they may be mirrored, their mirror image along the side: component 0 is along the normal, 1 along the side.
+    """
+    found = []
+    for sign in (-1, 1):
+        found.append(tuple((sign * datum.values + 0.0).tobytes() for datum in data))  # without the sign of a zero
+        if mirrored:
+            turned = [(-1) ** datum.component * sign * datum.values[:, ::-1] for datum in data]
+            found.append(tuple((values + 0.0).tobytes() for values in turned))
+    return *min(found), *(part for one in data for part in (one.component, one.kind, one.time.tobytes()))
 
 
 def largest_along(values: np.ndarray, axes: Sequence[int]) -> np.ndarray:

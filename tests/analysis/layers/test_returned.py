@@ -1,5 +1,7 @@
 """What a side's layer sends back, predicted: against the infinite lattice, the exact reflection and runs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,6 @@ from farhorizon.analysis.layers import returned as returned_waves
 from farhorizon.analysis.layers import samples
 from farhorizon.analysis.layers.arrivals import arrivals
 from farhorizon.analysis.layers.layer import LatticeMedium
-from farhorizon.analysis.layers.returned import thinned
 from farhorizon.analysis.layers.samples import Sample, reflected
 from farhorizon.analysis.layers.side_data import Datum
 from farhorizon.analysis.references.infinite import InfiniteLattice
@@ -37,15 +38,58 @@ def rising(nodes, strength=4.0):
     return Layer(np.ones(nodes + 1), strength * depth, 0.001 + 0.3 * depth**4)
 
 
-def test_a_thinner_layer_is_the_same_over_its_depth():
-    """A profile that is a function of depth, sampled by fewer nodes."""
-    one = LATTICE_PML.make_layer(2, fh.Stencil.from_kernel(fh.Kernel(3.0, 0, "constant"), 1.0, 2), 1.0, 1.0, 0.0)
-    thinner = thinned(one, 2.0)
-    assert thinned(one, 1.0) is one and thinner.columns == one.columns // 2 and thinned(one, 100.0).columns == 2
-    depths = [(np.arange(layer.columns + 1) + 0.5) / (layer.columns + 1) for layer in (one, thinner)]
-    np.testing.assert_allclose(thinner.sigma, np.interp(depths[1], depths[0], one.sigma))
-    assert len(thinner.damping) == thinner.columns and thinner.damping.max() > 0.9 * one.damping.max()
-    assert thinned(rising(20), 2.0).damping.size == 0
+def elastic_arrivals(way, reached, wanted=1e-6, limit=np.inf):
+    """All modes of a short pulse of P and S waves in the plane, followed for a way of long P waves, in a room that
+    these, or waves up to a limit of their speed, do not cross in that time; and the medium.
+    """
+    model = fh.Elastic(fh.Kernel(2.0, 1, "constant"), young=1.0)
+    stencil = model.stencil(1.0, 2)
+    dt = 0.8 * 2 / np.sqrt(model.coefficient * stencil.symbol_maximum)
+    front = LatticeMedium(stencil, model.coefficient, 1.0, Recursion.of(model.integrator, dt), dt)
+    u = pulse((21, 21), (9.0, 10.0), 2.2)
+    data = [Datum(u, "u", component=0), Datum(0.6 * u, "u", component=1)]
+    steps, room = int(way / (front.speed * dt)), int(1.1 * reached)
+    lengths, near = [21 + room], [range(21)]
+    return arrivals(front, steps, data, lengths, near, wanted, 1.0, every=True, limit=limit * front.speed), front
+
+
+@pytest.mark.parametrize("nodes", [6, pytest.param(10, marks=pytest.mark.slow)])
+def test_so_many_waves_are_followed_that_the_others_change_no_verdict(nodes, monkeypatch):
+    """Solids: with ever so few at first, and a limit that is well below or above what all waves make."""
+    arrived, front = elastic_arrivals(80, 80)
+    layer = fh.LatticePML(nodes=nodes).make_layer(2, front.stencil, front.coefficient, 1.0, 0.0)
+    monkeypatch.setattr(returned_waves, "_FIRST_EACH", 10**6)
+    every = arrived.returned(layer)
+    monkeypatch.setattr(returned_waves, "_FIRST_EACH", 200)
+    assert arrived.returned(layer, 0.5 * every) > 0.5 * every
+    assert arrived.returned(layer, 2 * every) <= 2 * every
+
+
+@pytest.mark.slow
+def test_slow_waves_are_followed_for_longer_in_the_same_room(monkeypatch):
+    """What comes back late is the same to a third, whether all waves are followed in a room that none crosses, or the
+    slow ones in half of it, to which the others hardly add.
+    """
+    monkeypatch.setattr(returned_waves, "_FIRST_EACH", 10**6)
+    (whole, front), (slow, _) = elastic_arrivals(240, 240), elastic_arrivals(240, 120, limit=0.5)
+    assert len(slow.amplitude) < 0.7 * len(whole.amplitude)
+    layer = fh.LatticePML(nodes=12).make_layer(2, front.stencil, front.coefficient, 1.0, 0.0)
+    late = [
+        replace(one, growth=np.where(np.arange(len(one.growth)) > 0.7 * len(one.growth), one.growth, 0.0))
+        for one in (whole, slow)
+    ]
+    assert late[1].returned(layer) == pytest.approx(late[0].returned(layer), rel=0.3)
+
+
+def test_what_comes_later_is_told_from_the_second_half():
+    """As many times as much as comes back in it, if that is more than what comes back at all."""
+    arrived, front = elastic_arrivals(80, 80)
+    layer = fh.LatticePML(nodes=4).make_layer(2, front.stencil, front.coefficient, 1.0, 0.0)
+    halves = np.arange(len(arrived.growth)) >= len(arrived.growth) // 2
+    early, late = (replace(arrived, growth=arrived.growth * here).returned(layer) for here in (~halves, halves))
+    assert early > late > 0.1 * early
+    assert arrived.told_until(1.0).returned(layer) == pytest.approx(early)
+    assert arrived.told_until(50.0).returned(layer) == pytest.approx(50 * late)
 
 
 @pytest.mark.parametrize("case", range(4))

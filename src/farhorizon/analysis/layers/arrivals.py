@@ -14,7 +14,7 @@ from farhorizon.analysis.layers.chain_modes import alike_along, all_modes, sent_
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.returned import Arrivals, loudest
 from farhorizon.analysis.layers.samples import Sample
-from farhorizon.analysis.layers.side_data import Datum, reach_the_end
+from farhorizon.analysis.layers.side_data import Datum, frequency_of_slow_waves, reach_the_end
 
 # on the line Re s = _DECAY/T what happens after 2 T folds back into the run, exp(-2 _DECAY) times as large; where waves
 # are followed each by itself, what is left out of them grows as exp(_DECAY)
@@ -45,7 +45,7 @@ def arrivals(
     smooth: float = 0.0,
     radial: np.ndarray | None = None,
     every: bool = False,
-    lowest: float = 0.0,
+    limit: float = np.inf,
 ) -> Arrivals:
     """The waves that data send to a side.
 
@@ -76,8 +76,9 @@ def arrivals(
     every : bool
         Whether all modes of the chain are followed, as `hold_backward_waves` tells; of vectors then those of all
         components of the data together, of which 0 is along the normal.
-    lowest : float, optional
-        Frequency from which on waves are followed, see `frequency_of_slow_waves`; the others fade out below it.
+    limit : float, optional
+        Speed along the side that waves do not exceed where all modes are followed; faster ones are left out, of
+        scalars all whose frequencies have such.
     """
     sample = sample or Sample(medium)
     every = every and all(datum.behind is None for datum in data)
@@ -86,8 +87,9 @@ def arrivals(
         lengths, near = [], []
     carrier = medium if every and medium.stencil.components > 1 else medium.carrier(sample.kind)
     folded = _DECAY_EACH if every or not len(along) else _DECAY
+    lowest = frequency_of_slow_waves(medium, limit) if limit < np.inf and medium.stencil.components == 1 else 0.0
     line = _Line(steps, medium.dt, folded, smooth * medium.spacing / medium.speed, lowest)
-    sent = _Sending(carrier, line, along, data, rows, every)
+    sent = _Sending(carrier, line, along, data, rows, every, limit)
     told = wanted * (_AMPLIFIED if every and reach_the_end(medium, data, wanted) else 1.0)
     heard, left_out = sent.heard(size, told)
     waves = sent.arrived(heard, slice(None))
@@ -234,6 +236,8 @@ class _Sending:
         What each has of the modes along the side.
     every : bool
         Whether all modes of the chain are followed.
+    limit : float
+        Speed along the side that waves of vectors do not exceed.
     """
 
     medium: LatticeMedium
@@ -242,6 +246,7 @@ class _Sending:
     data: Sequence[Datum]
     rows: list[np.ndarray]
     every: bool
+    limit: float
 
     @cached_property
     def starts(self) -> list[np.ndarray]:
@@ -283,7 +288,7 @@ class _Sending:
                 (datum.component, rows[:, some], start[which])
                 for datum, rows, start in zip(self.data, self.rows, self.starts, strict=True)
             ]
-            return _Waves(*vectors_arrived(self.medium, self.line.z[which], self.along[:, some], held))
+            return _Waves(*vectors_arrived(self.medium, self.line.z[which], self.along[:, some], held, self.limit))
         z, recursion = self.line.z[which], self.medium.recursion
         modes_of = cache(lambda ratio: self._modes(ratio, z, some))
         root, slope = modes_of(1.0)

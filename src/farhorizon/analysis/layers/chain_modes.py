@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import special
 
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.medium.stencil import Stencil
@@ -19,6 +20,8 @@ _SETTLED = 1e-8  # relative residual of a root
 # of the modes of a chain: relative residual, where two nearly coincide, and the least factor over a node
 _ROUGH, _GONE = 1e-6, 1e-6
 _NEARLY = 0.01  # and the largest change of log zeta in an iteration from such a root
+_NOTHING = 1e-20  # of the largest of the rows: those that hold no more are left out
+_STEEP = 8.0  # of the limit of speeds: exp(-16) remains of waves at it
 _FLAT = 1e-14  # of a polynomial's largest coefficient, the least of the first one: what dies out at once
 
 
@@ -101,15 +104,16 @@ class _PlaneChain:
     between: np.ndarray
 
     @classmethod
-    def of(cls, stencil: Stencil, along: np.ndarray) -> _PlaneChain:
-        """For tangential wavenumbers times spacing, shape (1, m)."""
+    def of(cls, stencil: Stencil, along: np.ndarray, order: int = 0) -> _PlaneChain:
+        """For tangential wavenumbers times spacing, shape (1, m); or its derivative by these, of order 1."""
         found = np.zeros((3, stencil.reach[0] + 1, along.shape[1]), complex)
         entries = stencil.weights[:, [0, 1, 0], [0, 1, 1]]
         for offset, entry in zip(stencil.offsets, entries, strict=True):
             if offset[0] >= 0:
-                found[:, offset[0]] += np.outer(entry, np.exp(1j * offset[1:] @ along))
-        own = stencil.weights.sum(0) + stencil.own
-        found[:, 0] -= np.array([own[0, 0], own[1, 1], own[0, 1]])[:, None]
+                found[:, offset[0]] += np.outer(entry, (1j * offset[1]) ** order * np.exp(1j * offset[1:] @ along))
+        if order == 0:
+            own = stencil.weights.sum(0) + stencil.own
+            found[:, 0] -= np.array([own[0, 0], own[1, 1], own[0, 1]])[:, None]
         return cls(*found)
 
     def at(self, root: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -135,7 +139,11 @@ class _PlaneChain:
 
 
 def vectors_arrived(
-    medium: LatticeMedium, z: np.ndarray, along: np.ndarray, sent: Sequence[tuple[int, np.ndarray, np.ndarray]]
+    medium: LatticeMedium,
+    z: np.ndarray,
+    along: np.ndarray,
+    sent: Sequence[tuple[int, np.ndarray, np.ndarray]],
+    limit: float = np.inf,
 ) -> tuple[np.ndarray, ...]:
     """All modes of vectors in the plane that come to a side, by what data send in them: the residues of the inverse of
     their matrix, which are those of its adjugate over the derivative of its determinant.
@@ -149,6 +157,9 @@ def vectors_arrived(
         Tangential wavenumbers times spacing.
     sent : sequence of (int, ndarray, ndarray)
         Component, rows (rows, m) towards the side, and what the scheme makes of them at each frequency.
+    limit : float, optional
+        Speed along the side that waves do not exceed: faster ones are left out, by a smooth function of their speed,
+        so that nothing rings.
 
     Returns
     -------
@@ -178,9 +189,15 @@ def vectors_arrived(
     for component, rows, start in sent:
         total += (shape.conj() * columns[component]).sum(0) * _carried(rows, root) * start[:, None]
     total = np.where(carried, total / (medium.rate * rise), 0)
-    # of the eigenvalue by the factor's logarithm
-    rise = medium.recursion.scale * medium.rate * rise / np.where(carried, value[0] + value[1], 1)
-    slowness = np.where(carried, (medium.recursion.keep / z - z)[:, None] / rise, 0)
+    # of the eigenvalue, by which it changes with the factor's logarithm, a step
+    turn = (medium.recursion.keep / z - z)[:, None] * np.where(carried, value[0] + value[1], 1)
+    turn = turn / (medium.recursion.scale * medium.rate)
+    slowness = np.where(carried, turn / rise, 0)
+    if limit < np.inf:
+        tilt = _PlaneChain.of(medium.stencil, along, 1).at(root, np.zeros(()))[0]
+        drift = np.abs(tilt[0] * value[1] + value[0] * tilt[1] - 2 * value[2] * tilt[2])
+        share = drift / np.abs(turn) * medium.spacing / (limit * medium.dt)
+        total = total * special.erfc(_STEEP * (np.minimum(share, 2.0) ** 2 - 0.5)) / 2
     root = np.where(carried, root, 0.5)
     found = [np.concatenate(part, axis=1) for part in (root, total, slowness)]
     return *found, np.concatenate(np.moveaxis(shape, 1, 0), axis=2)
@@ -215,7 +232,8 @@ def sent_in_mode(rows: np.ndarray, root: np.ndarray, slope: np.ndarray) -> np.nd
 
 def _carried(rows: np.ndarray, root: np.ndarray) -> np.ndarray:
     """``sum_x rows[x] root^(last - x)``, by Horner's rule over the rows that hold something."""
-    held = np.flatnonzero(np.abs(rows).max(1))
+    sizes = np.abs(rows).max(1)
+    held = np.flatnonzero(sizes > _NOTHING * sizes.max())
     found = np.zeros(root.shape, complex)
     if held.size:
         for row in rows[held[0] : held[-1] + 1]:

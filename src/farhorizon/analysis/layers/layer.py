@@ -278,16 +278,16 @@ def _amplitudes(waves: Sequence[ArrivingWave], layer: Layer) -> list[np.ndarray]
     stretch = layer.kappa + layer.sigma / (np.array([wave.s for wave in waves])[:, None] + layer.alpha)
     blocks = np.stack([wave.weights.reshape(len(wave.weights), *wave.weights.shape[1:] or (1, 1)) for wave in waves])
     n, reach, d, count = len(waves), blocks.shape[1] // 2, blocks.shape[2], layer.columns
-    system = np.einsum("nij,pq->nipjq", blocks[:, reach], np.eye(count))
+    system = blocks[:, reach, :, None, :, None] * np.eye(count)[:, None]
     entrance = np.zeros((n, reach, count), complex)  # U(0, k), k = 1 .. K, by the columns
     entrance_near = np.zeros((n, reach), complex)  # and by the last node of the near field
     drive = np.zeros((n, reach + 1, d * count, d), complex)
     for k, (ahead, back, near) in enumerate(continuations(stretch, reach), 1):
         entrance[:, k - 1], entrance_near[:, k - 1] = ahead[:, 0, 1:], ahead[:, 0, 0]
         inwards, outwards = blocks[:, reach + k], blocks[:, reach - k]
-        system += np.einsum("nij,npq->nipjq", inwards, ahead[:, 1:, 1:])
-        system += np.einsum("nij,npq->nipjq", outwards, back)
-        drive += np.einsum("nij,npk->nkipj", outwards, near).reshape(drive.shape)
+        system += inwards[:, :, None, :, None] * ahead[:, None, 1:, None, 1:]
+        system += outwards[:, :, None, :, None] * back[:, None, :, None]
+        drive += (outwards[:, None, :, None] * near.swapaxes(1, 2)[:, :, None, :, None]).reshape(drive.shape)
     system = np.array([wave.eigenvalue for wave in waves])[:, None, None] * np.eye(d * count) - system.reshape(
         n, d * count, d * count
     )
@@ -318,32 +318,39 @@ def _leaving(
         system = system + _hanging(waves, layer)[:, :, None] * np.eye(system.shape[1])
     elif layer.damping.size:
         along = np.array([wave.along for wave in waves])
-        damping = np.einsum("ij,npq->nipjq", np.eye(d), line_damping(layer.damping, layer.taps, first.dt, along))
-        damping = damping.reshape(system.shape)
+        damping = line_damping(layer.damping, layer.taps, first.dt, along)  # of each component alike
         factor = np.array([wave.factor for wave in waves])[:, None, None]
         lost = (factor - 1) * damping  # of the increment
         if layer.whole:  # of both levels
             lost = factor * damping - first.recursion.keep / factor * (damping - damping @ damping)
-        system = system - damping @ system + lost / first.recursion.scale
-        drive = drive - damping[:, None] @ drive
+        system = system - _of_each(damping[:, None], system)
+        for own in (slice(i * layer.columns, (i + 1) * layer.columns) for i in range(d)):
+            system[:, own, own] += lost / first.recursion.scale
+        drive = drive - _of_each(damping[:, None, None], drive)
     roots = np.array([np.append(wave.modes.leaving, wave.modes.incoming) for wave in waves])
     vectors = np.array([np.vstack([wave.modes.vectors, wave.modes.vector]) for wave in waves])
     size = np.maximum(np.abs(roots) ** reach, 1.0)  # what dies out over a node is told by what lies ahead
     powers = roots[:, None] ** -np.arange(reach + 1)[:, None] / size[:, None]
-    columns = np.linalg.solve(system, np.einsum("wkaj,wkn,wnj->wan", drive, powers, vectors, optimize=True))
-    columns = columns.reshape(n, d, layer.columns, -1)
     shapes = vectors.swapaxes(1, 2)[:, None]
-    continued = np.einsum("wkp,wipn->wkin", entrance, columns)
+    columns = np.linalg.solve(system, (drive @ (shapes * powers[:, :, None])).sum(1))
+    columns = columns.reshape(n, d, layer.columns, -1)
+    continued = (entrance[:, None] @ columns).swapaxes(1, 2)
     continued += entrance_near[:, :, None, None] * (shapes * powers[:, :1, None])
     continued -= shapes * (roots[:, None] ** np.arange(1, reach + 1)[:, None] / size[:, None])[:, :, None]
     missing = np.concatenate(
-        [np.einsum("wkij,wkjn->win", blocks[:, reach + 1 + i :], continued[:, : reach - i]) for i in range(reach)],
-        axis=1,
+        [(blocks[:, reach + 1 + i :] @ continued[:, : reach - i]).sum(1) for i in range(reach)], axis=1
     )
     missing = missing / np.linalg.norm(missing[..., :-1], axis=1).max(1)[:, None, None]
     dependent = max(missing.shape[1:]) * np.finfo(float).eps
     found = -(np.linalg.pinv(missing[..., :-1], rcond=dependent) @ missing[..., -1:])[..., 0]
     return np.asarray(found * size[:, -1:] / size[:, :-1])
+
+
+def _of_each(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """A matrix that acts on the columns of a layer, applied to all components of them, which come first."""
+    count = matrix.shape[-1]
+    parts = columns.reshape(*columns.shape[:-2], -1, count, columns.shape[-1])
+    return np.asarray((matrix @ parts).reshape(columns.shape))
 
 
 def _hanging(waves: Sequence[ArrivingWave], layer: Layer) -> np.ndarray:

@@ -32,7 +32,8 @@ from farhorizon.engine.engine import Layer
 
 _COMPARED = 2000  # waves by which layers are compared
 _EACH = 1500  # waves of a line that are followed each by itself although none is a backward one, at most: a second
-_MOST_EACH = 8000  # such waves where backward ones are among them, at most: more of them take too long
+_FIRST_EACH = 8000  # of the loudest of such waves where backward ones are among them; twice as many while that is open
+_PEAK = 5.0  # of a sum of waves of any phases, at all places and times, over its root mean square
 # what the closed form must make over what is enough, before nothing else is asked: of short waves it knows no damping
 _TOO_MUCH = 20.0
 
@@ -75,8 +76,6 @@ class Arrivals:
         frequency as forward waves leave as backward ones, in the direction that they came from.
     axes : int
         Along so many there are layers.
-    later : float
-        Length of the run over the time for which these waves are followed.
     shapes : ndarray of complex, shape (d, n)
         Polarisations of all modes of a medium of vectors, of length 1; 1 of waves that are of one type.
     """
@@ -97,7 +96,6 @@ class Arrivals:
     every: bool = False
     depths: tuple[int, ...] = ()
     axes: int = 1
-    later: float = 1.0
     shapes: np.ndarray = field(default_factory=lambda: np.ones((1, 1)))
 
     @cached_property
@@ -119,15 +117,14 @@ class Arrivals:
         ----------
         layer : Layer
         enough : float, optional
-            Where the closed form makes twenty times that, none is followed.
+            Above it the value is told roughly.
         """
-        layer = thinned(layer, self.later)
         closed = self._over_the_field(self.amplitude * self._closed(layer, slice(None)))
         if not self.sample.needed(layer):
             return closed
         few = len(self.along) == 0 and len(self.amplitude) <= _EACH
         if closed <= _TOO_MUCH * enough and (self.every or (self.medium.stencil.components == 1 and few)):
-            return self._each(layer)
+            return self._each(layer, enough)
         return closed + self._by_energy(np.abs(self.amplitude) * self._excess(layer, slice(None)))
 
     def _over_the_field(self, back: np.ndarray, inside: Sequence[np.ndarray] | None = None) -> float:
@@ -142,19 +139,41 @@ class Arrivals:
         """The largest of all waves by the share of their energy that is in some amplitudes."""
         return float(self.largest * np.linalg.norm(back) / max(float(np.linalg.norm(self.amplitude)), 1e-300))
 
-    def _each(self, layer: Layer) -> float:
-        """Largest value of what comes back of waves, of which the loudest are followed each by itself.
+    def _each(self, layer: Layer, enough: float) -> float:
+        """Largest value of what comes back of waves, each followed by itself, the loudest first: of all, or of so many
+        that the others cannot change whether it is enough.
 
         They are told by the closed form of each and not by the waves that stand for them alone: of long waves a little
         more or less slow a layer sends back ten times as much, and the sum of the others rang.
         """
         loud = self._sizes(layer, slice(None))
         heard = loudest(loud, self.silent * max(self.size, self.largest))
-        heard = heard[_loudest_first(loud[heard], _MOST_EACH)]
-        rest = np.zeros_like(loud)
-        rest[heard[_MOST_EACH:]] = loud[heard[_MOST_EACH:]]
-        back = self.amplitude * self._exact(layer, heard[:_MOST_EACH])
-        return max(self._over_the_field(one[0], one[1:]) for one in back) + self._by_energy(rest)
+        heard = heard[np.argsort(-loud[heard])]
+        count = _FIRST_EACH
+        while True:
+            back = self.amplitude * self._exact(layer, heard[:count])
+            followed = max(self._over_the_field(one[0], one[1:]) for one in back)
+            rest = np.zeros_like(loud)
+            rest[heard[count:]] = loud[heard[count:]]
+            others = self._by_energy(rest)
+            if count >= len(heard) or followed + others <= enough or followed > enough + self._noise(rest):
+                return followed + others
+            count *= 2
+
+    def _noise(self, amplitude: np.ndarray) -> float:
+        """What a sum of waves of any phases is at most where it has grown most."""
+        places = 2 * len(self.growth) * np.prod(self.shape[1:])
+        return float(_PEAK * np.sqrt(2) * np.linalg.norm(amplitude) / places * self.growth.max())
+
+    def told_until(self, times: float) -> Arrivals:
+        """These waves in a run so many times as long as they are followed: what comes later counts as so many times
+        what comes back in the second half of that time.
+
+        Waves that hardly move come back ever later, and ever fainter as they spread; of long ones along the side what
+        comes back may grow, in proportion to time.
+        """
+        half = np.arange(len(self.growth)) >= len(self.growth) // 2
+        return replace(self, growth=self.growth * np.where(half, max(times, 1.0), 1.0))
 
     def _exact(self, layer: Layer, some: np.ndarray) -> np.ndarray:
         """What comes back of some waves of amplitude 1, by component, one node from the layer and inside the near
@@ -225,34 +244,9 @@ class Arrivals:
         return float((np.abs(history).max(along) * self.growth).max())
 
 
-def thinned(layer: Layer, times: float) -> Layer:
-    """The layer with so many times fewer nodes, two at least.
-
-    Waves that nearly stand still come back from a layer in a time that grows with its thickness, at least in
-    proportion: what it sends back of them by a time the thinner one sends back so many times sooner.
-    """
-    if times <= 1.0:
-        return layer
-    columns = max(2, int(layer.columns / times))
-    before, now = ((np.arange(n + 1) + 0.5) / (n + 1) for n in (layer.columns, columns))
-    edges = {name: np.interp(now, before, getattr(layer, name)) for name in ("kappa", "sigma", "alpha")}
-    if not layer.damping.size:
-        return replace(layer, **edges)
-    before, now = (np.arange(1, n + 1) / (n + 1) for n in (layer.columns, columns))
-    return replace(layer, damping=np.interp(now, before, layer.damping), **edges)
-
-
 def loudest(sizes: np.ndarray, rest: float) -> np.ndarray:
     """Indices, ascending, of the values that remain when the smallest ones are left out while their sum is below
     `rest`; one at least.
     """
     order = np.argsort(sizes)
     return np.sort(order[min(int(np.searchsorted(np.cumsum(sizes[order]), rest)), len(order) - 1) :])
-
-
-def _loudest_first(sizes: np.ndarray, most: int) -> np.ndarray:
-    """Indices of the largest values, from the largest on, and then of all others: there may be millions of them."""
-    if len(sizes) <= most:
-        return np.argsort(-sizes)
-    order = np.argpartition(-sizes, most)
-    return np.append(order[:most][np.argsort(-sizes[order[:most]])], order[most:])

@@ -109,9 +109,14 @@ class Thickness:
 
 def predicted_error(layer: Layer, waves: Sequence[Arrivals], size: float, enough: float = np.inf) -> float:
     """Error that a layer makes of what arrives, relative to the largest of the data: of all types that a wave is turned
-    into together. Where it is more than twenty times `enough`, about so much.
+    into together. Where it is more than `enough`, at least so much.
     """
-    return float(max(side.returned(layer, enough * size) for side in waves) / size)
+    found = 0.0
+    for side in waves:
+        found = max(found, float(side.returned(layer, enough * size) / size))
+        if found > enough:
+            break
+    return found
 
 
 def thin(nodes: int, strength: float, pace: float, rise: float = _RISE) -> Layer:
