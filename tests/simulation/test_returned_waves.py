@@ -841,8 +841,8 @@ def test_layers_go_by_the_fastest_waves_at_their_side():
 
 @pytest.mark.slow
 def test_solids_keep_their_target_in_runs_that_go_beyond_the_room():
-    """Short pulses in the plane, whose waves are followed for 512 nodes and told beyond from what they did before; a
-    note told of them, and up to 12 targets came back.
+    """Short pulses in the plane, whose waves are followed for 512 nodes, slow ones longer; what comes later is told
+    from the second half of that time. A note told of them, and up to 12 targets came back.
     """
     seed = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))
     print(f"seed {seed}")

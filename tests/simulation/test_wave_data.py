@@ -9,7 +9,7 @@ import farhorizon as fh
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.side_data import Datum
-from farhorizon.simulation.wave_data import as_scalars, as_vectors, by_time, depth_of, largest_along, parts
+from farhorizon.simulation.wave_data import by_time, depth_of, key_of_scalars, key_of_vectors, largest_along, parts
 
 SEED = 20261122
 
@@ -19,11 +19,11 @@ def test_each_moment_of_a_source_is_whole_in_one_part():
     random = np.random.default_rng(SEED)
     half, course, still = 20, random.uniform(0.5, 1.0, 130), Datum(np.ones(3), "v")
     course[55:] *= np.where(np.arange(75) < 60, 0.0, 1.0)  # the part around 80 holds nothing
-    parts = list(by_time([still, Datum(np.ones(3), "source", course)], half, 1e-3))
-    assert parts[0][1][0] is still and [len(data) for _, data in parts] == [2, 1, 1, 1, 1, 1]
+    found = list(by_time([still, Datum(np.ones(3), "source", course)], half, 1e-3))
+    assert found[0][2][0] is still and [len(data) for _, _, data in found] == [2, 1, 1, 1, 1, 1]
     whole = np.zeros(130)
-    for middle, (before, data) in zip((0, 20, 40, 60, 100, 120), parts, strict=True):
-        assert before == min(middle, half)
+    for middle, (begin, before, data) in zip((0, 20, 40, 60, 100, 120), found, strict=True):
+        assert before == min(middle, half) and begin + before == middle
         places = np.arange(len(data[-1].time)) + middle - before
         whole[places] = np.maximum(whole[places], data[-1].time)
         assert not middle or data[-1].time[0] < 1e-30
@@ -46,26 +46,43 @@ def plane(model):
     return LatticeMedium(stencil, 1.0, 1.0, Recursion.of(model.integrator, 0.5), 0.5)
 
 
-@pytest.mark.parametrize("depth", [15, 80])
-def test_waves_are_followed_until_images_come_and_slow_ones_until_they_are_back(depth):
-    """Of a medium of speed 1: a room of 512 nodes is 512 units of time."""
+def pulse_at(depth):
     values = np.zeros((2 * depth + 1, 9))
     values[depth] = 1.0
-    solid, scalar = plane(fh.Elastic(fh.Kernel(2.0), young=1.0)), plane(fh.Wave(fh.Kernel(2.0)))
-    data = [Datum(values, "u")]
-    for medium, every in [(solid, True), (scalar, True), (scalar, False)]:
-        (one,) = parts(medium, data, 200.0, 1e-5, 512, every)
-        assert (one.time, one.room, one.limit, one.later) == (200.0, 400, np.inf, 1.0)
-        assert len(parts(medium, data, 900.0, 1e-5, np.inf, every)) == 1
-    long_ones, all_ones = parts(scalar, data, 900.0, 1e-5, 512, False)
-    assert long_ones.time == 900.0 and long_ones.smooth > 0 and all_ones.time == 512.0 and all_ones.smooth == 0
-    assert all_ones.room > 512 and all_ones.later == 1.0  # the front of an image runs ahead
-    slow = parts(scalar, data, 900.0, 1e-5, 512, True)[1]
-    assert slow.time == 900.0 and slow.limit == pytest.approx(512 / 900) and slow.later == 1.0
-    found = parts(solid, data, 2000.0, 1e-5, 512, True)
-    assert found[-1].later == pytest.approx(2000 / found[-1].time)
-    assert found[-1].time * found[-1].limit == pytest.approx(512) if depth == 80 else found[-1].limit == np.inf
-    assert found[-1].time > 5 * (depth + 32)
+    return [Datum(values, "u")]
+
+
+@pytest.mark.parametrize(("model", "every"), [("solid", True), ("scalar", True), ("scalar", False)])
+def test_short_runs_and_waveguides_are_followed_whole(model, every):
+    medium = plane(fh.Elastic(fh.Kernel(2.0), young=1.0) if model == "solid" else fh.Wave(fh.Kernel(2.0)))
+    (one,) = parts(medium, pulse_at(15), 200.0, 1e-5, 512, every)
+    assert (one.time, one.room, one.smooth, one.limit, one.later) == (200.0, 400, 0.0, np.inf, 1.0)
+    (one,) = parts(medium, pulse_at(15), 900.0, 1e-5, np.inf, every)
+    assert (one.time, one.later) == (900.0, 1.0)
+
+
+def test_in_long_runs_all_waves_are_followed_until_images_come():
+    """And longer the long ones, and of scalars those that go no farther than the room."""
+    scalar = plane(fh.Wave(fh.Kernel(2.0)))
+    long_ones, slow, all_ones = parts(scalar, pulse_at(15), 900.0, 1e-5, 512, True)
+    assert long_ones.time == 900.0 and long_ones.smooth > 0 and long_ones.limit == np.inf
+    assert slow.time == 900.0 and slow.room == 512 and slow.limit == pytest.approx(512 / 900)
+    assert all_ones.time == 512.0 and all_ones.room > 512  # the front of an image runs ahead
+    assert [one.later for one in (long_ones, slow, all_ones)] == [1.0] * 3
+    assert len(parts(scalar, pulse_at(15), 900.0, 1e-5, 512, False)) == 2
+
+
+def test_slow_waves_of_solids_are_followed_until_they_are_back():
+    """Of a medium of speed 1: a room of 512 nodes is 512 units of time, in which those from nearby are."""
+    solid = plane(fh.Elastic(fh.Kernel(2.0), young=1.0))
+    _, all_ones = parts(solid, pulse_at(15), 2000.0, 1e-5, 512, True)
+    assert all_ones.time == 512.0 and all_ones.later == pytest.approx(2000 / 512)
+    _, all_ones, slow = parts(solid, pulse_at(80), 2000.0, 1e-5, 512, True)
+    assert all_ones.time == 512.0 and all_ones.later == 1.0 and all_ones.limit == np.inf
+    assert slow.time == 1120.0 and slow.limit == pytest.approx(512 / 1120) and slow.later == pytest.approx(2000 / 1120)
+    source = [replace(pulse_at(80)[0], kind="source", time=np.ones(4000))]
+    last = parts(solid, source, 2000.0, 1e-5, 512, True)[-1]
+    assert last.time < 600.0 and last.later == 1.0  # what it sends at the end
 
 
 def test_data_that_send_the_same_waves_are_known_as_one():
@@ -77,11 +94,11 @@ def test_data_that_send_the_same_waves_are_known_as_one():
     mirrored = [Datum(towards[:, ::-1], "u", component=0), Datum(-across[:, ::-1], "u", component=1)]
     turned = [Datum(towards[:, ::-1], "u", component=0), Datum(across[:, ::-1], "u", component=1)]
     for both in (False, True):
-        known = as_vectors(data, both)
-        assert as_vectors(other_sign, both) == known
-        assert (as_vectors(mirrored, both) == known) is both
-        assert as_vectors(turned, both) != known
+        known = key_of_vectors(data, both)
+        assert key_of_vectors(other_sign, both) == known
+        assert (key_of_vectors(mirrored, both) == known) is both
+        assert key_of_vectors(turned, both) != known
     still = [replace(one, kind="v") for one in data]
     early, late = ([replace(one, kind="source", time=course) for one in data] for course in np.eye(2))
-    assert len({as_vectors(one, True) for one in (data, still, early, late)}) == 4
-    assert len({as_scalars(one) for one in (data, still, early, late)}) == 4
+    assert len({key_of_vectors(one, True) for one in (data, still, early, late)}) == 4
+    assert len({key_of_scalars(one) for one in (data, still, early, late)}) == 4

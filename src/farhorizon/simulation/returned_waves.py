@@ -32,7 +32,7 @@ from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
 from farhorizon.machine import one_blas_thread
 from farhorizon.medium.stencil import Stencil
-from farhorizon.simulation.wave_data import as_scalars, as_vectors, depth_of, largest_along, parts
+from farhorizon.simulation.wave_data import depth_of, key_of_scalars, key_of_vectors, largest_along, parts
 
 # length of a run unless it is known: of waves in crossings of the near field, of diffusion in R^2/diffusivity
 CROSSINGS, LASTING = 20, 10
@@ -171,7 +171,7 @@ class ReturnedWaves:
         wanted one or larger.
         """
         _, sent, size = self._arriving(axis, side, until, wanted)
-        return predicted_error(layer, sent, size, wanted) + self._beside_walls(axis, side, until, layer)
+        return predicted_error(layer, sent, size) + self._beside_walls(axis, side, until, layer)
 
     def _beside_walls(self, axis: int, side: int, until: float, layer: Layer) -> float:
         """What a layer that damps short waves lacks beside walls, from trials: predictions do not know of it."""
@@ -204,22 +204,24 @@ class ReturnedWaves:
         for medium in self._media(axis, side):
             turned = self._turned(axis, side, medium)
             vectors = self.stencil.components > 1 and self._every(medium, turned, wanted)
-            seen.append((medium, self._as_vectors(turned, axis, side) if vectors else turned))
+            seen.append((medium, self._as_vectors(turned, axis, side) if vectors else turned, vectors))
         beside = self._beside(axis)
-        mirrored = vectors and beside[0] == beside[1]
         alike = (
             until,
             wanted,
             self.sides[axis, -side],
             *beside,
-            *(part for medium, _ in seen for part in (medium.stencil, medium.coefficient)),
-            *(part for _, turned in seen for part in (as_vectors(turned, mirrored) if vectors else as_scalars(turned))),
+            *(part for medium, _, _ in seen for part in (medium.stencil, medium.coefficient)),
+            *(
+                key_of_vectors(data, beside[0] == beside[1]) if every else key_of_scalars(data)
+                for _, data, every in seen
+            ),
         )
         if alike not in self._sent:
             size = max((_size(datum) for datum in self.data if datum.kind == "u"), default=0.0)
             arrived = [
                 one
-                for medium, turned in seen
+                for medium, turned, _ in seen
                 for one in self._arrivals(medium, axis, side, turned, until, wanted, size)
             ]
             self._sent[alike] = arrived, max([size, *(one.largest for one in arrived)])
@@ -372,7 +374,7 @@ class ReturnedWaves:
                         sample = self._samples.setdefault(key, Sample(medium, kind))
                         told = sample, part.smooth, None, every, part.limit
                         coming = arrivals(medium, steps, part.data, lengths, near, wanted, size, *told)
-                        found.append(replace(coming.told_until(part.later), depths=depths, axes=echoing))
+                        found.append(replace(coming, depths=depths, axes=echoing, later=part.later))
         return found
 
     def _round(
@@ -416,7 +418,7 @@ class ReturnedWaves:
                     sample = self._samples.setdefault(key, Sample(medium, kind))
                     told = sample, part.smooth, turned[0][0], every, part.limit
                     coming = arrivals(medium, steps, sent, [], [], wanted, size, *told)
-                    found.append(replace(coming, depths=depths, axes=echoing))
+                    found.append(replace(coming, depths=depths, axes=echoing, later=part.later))
         return found
 
     def _unfold(self, fields: list[np.ndarray], place: int, axis: int) -> tuple[list[np.ndarray], range, int]:

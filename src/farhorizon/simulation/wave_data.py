@@ -15,14 +15,15 @@ from farhorizon.analysis.layers.side_data import Datum
 _ROUND = 2
 _AHEAD = 1.05  # way over that of long waves in a time: on a lattice the front of a pulse runs ahead of them, faintly
 _LONG = 8  # parts of the room, by one of which data are smoothed for what is still to come: the longest waves alone
-# a node of the way from the middle of the data to the side, and into a layer of so many nodes and back, takes slow
-# waves of solids, of which something comes back, as long as so many nodes take the fastest
-_SLOW, _THERE_AND_BACK = 10.0, 32
+# pace of the fastest waves over that of the slowest of solids of which something comes back: what came back of short
+# pulses in boxes of 120 and 200 nodes grew until about when these are back from the layer
+_SLOW = 10.0
+_THERE_AND_BACK = 32  # nodes of their way through a layer
 _SILENT = 1e-3  # of the wanted error: sources that are fainter send nothing any more
 _STAND_IN = 2.0  # width, in nodes, of the pulses that stand for data which are not known
 
 
-def by_time(data: Sequence[Datum], half: int, silent: float) -> Iterator[tuple[int, list[Datum]]]:
+def by_time(data: Sequence[Datum], half: int, silent: float) -> Iterator[tuple[int, int, list[Datum]]]:
     """Data of which sources that go on are cut into parts, so that each moment is whole in one of them and none is
     switched on or off at once.
 
@@ -36,8 +37,8 @@ def by_time(data: Sequence[Datum], half: int, silent: float) -> Iterator[tuple[i
 
     Yields
     ------
-    tuple of (int, list of Datum)
-        Steps before the middle of a part, the first of which is the start, and its data.
+    tuple of (int, int, list of Datum)
+        The step at which a part begins, steps from there to its middle, and its data.
     """
     for middle in range(0, max([1, *(len(datum.time) for datum in data)]), half):
         before, part = min(middle, half), [datum for datum in data if datum.kind != "source" and middle == 0]
@@ -47,7 +48,7 @@ def by_time(data: Sequence[Datum], half: int, silent: float) -> Iterator[tuple[i
                 away = np.abs(np.arange(len(course)) - before) / half
                 part.append(replace(datum, time=course * np.cos(np.pi * np.maximum(away - 0.5, 0.0)) ** 2))
         if part:
-            yield before, part
+            yield middle - before, before, part
 
 
 class Part(NamedTuple):
@@ -91,11 +92,16 @@ def parts(
         The first axis along the normal.
     until : float
     wanted : float
+        The error that is to be told from none.
     most : float
-        Nodes beside the near field, at most; inf where the data repeat themselves.
+        Nodes beside the near field for waves that set out at the start; inf where the data repeat themselves.
     every : bool
         Whether all modes are followed. Among them are some that hardly move: those of scalars that go no farther than
         the room are followed to the end of the run, those of vectors until they have come back.
+
+    Returns
+    -------
+    list of Part
     """
     pace = medium.speed / medium.spacing
     room = int(np.ceil(_ROUND * pace * until))
@@ -105,14 +111,14 @@ def parts(
     found = [Part(data, until, room, smooth=most / _LONG)]
     if every and not solid:
         found.append(Part(data, until, int(most), limit=most * medium.spacing / until))
-    slow = _SLOW * (max(depth_of(data), default=0) + _THERE_AND_BACK)
-    for before, some in by_time(data, max(1, int(most / (2 * pace * medium.dt))), _SILENT * wanted):
-        start = before * medium.dt
-        time, last = start + most / pace, min(until, start + slow / pace)
-        later = until / time if solid and last <= time else 1.0
+    slow = _SLOW * (max(depth_of(data), default=0) + _THERE_AND_BACK) if solid else 0.0
+    for begin, before, some in by_time(data, max(1, int(most / (2 * pace * medium.dt))), _SILENT * wanted):
+        left, middle = until - begin * medium.dt, before * medium.dt
+        time, last = min(left, middle + most / pace), min(left, middle + slow / pace)
+        later = left / time if solid and last <= time else 1.0
         found.append(Part(some, time, int(np.ceil(_AHEAD * pace * time)), later=later))
-        if solid and last > time:
-            found.append(Part(some, last, int(most), limit=most * medium.spacing / last, later=until / last))
+        if last > time:
+            found.append(Part(some, last, int(most), limit=most * medium.spacing / last, later=left / last))
     return found
 
 
@@ -142,12 +148,12 @@ def depth_of(data: Sequence[Datum]) -> tuple[int, ...]:
     return (round(float(np.average(rows, weights=size))),) if np.any(size) else ()
 
 
-def as_scalars(data: Sequence[Datum]) -> tuple[object, ...]:
+def key_of_scalars(data: Sequence[Datum]) -> tuple[object, ...]:
     """By which data are known that send the same waves to sides, each component by itself."""
     return tuple(part for one in data for part in (one.values.tobytes(), one.kind, one.time.tobytes(), one.behind))
 
 
-def as_vectors(data: Sequence[Datum], mirrored: bool) -> tuple[object, ...]:
+def key_of_vectors(data: Sequence[Datum], mirrored: bool) -> tuple[object, ...]:
     """By which data in the plane are known that send the same waves to sides, or those of the other sign, or, where
     they may be mirrored, their mirror image along the side: component 0 is along the normal, 1 along the side.
     """

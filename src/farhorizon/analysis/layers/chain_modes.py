@@ -158,8 +158,7 @@ def vectors_arrived(
     sent : sequence of (int, ndarray, ndarray)
         Component, rows (rows, m) towards the side, and what the scheme makes of them at each frequency.
     limit : float, optional
-        Speed along the side that waves do not exceed: faster ones are left out, by a smooth function of their speed,
-        so that nothing rings.
+        Speed along the side that waves do not exceed: faster ones are left out, by a smooth function of their speed.
 
     Returns
     -------
@@ -233,7 +232,7 @@ def sent_in_mode(rows: np.ndarray, root: np.ndarray, slope: np.ndarray) -> np.nd
 def _carried(rows: np.ndarray, root: np.ndarray) -> np.ndarray:
     """``sum_x rows[x] root^(last - x)``, by Horner's rule over the rows that hold something."""
     sizes = np.abs(rows).max(1)
-    held = np.flatnonzero(sizes > _NOTHING * sizes.max())
+    held = np.flatnonzero(sizes > _NOTHING * sizes.max(initial=0.0))
     found = np.zeros(root.shape, complex)
     if held.size:
         for row in rows[held[0] : held[-1] + 1]:

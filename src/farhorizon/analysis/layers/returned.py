@@ -20,7 +20,7 @@ vectors in the plane P and S waves of both components together.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -32,7 +32,9 @@ from farhorizon.engine.engine import Layer
 
 _COMPARED = 2000  # waves by which layers are compared
 _EACH = 1500  # waves of a line that are followed each by itself although none is a backward one, at most: a second
-_FIRST_EACH = 8000  # of the loudest of such waves where backward ones are among them; twice as many while that is open
+# of such waves, where backward ones are among them, how many are followed at first, the loudest, and at most; and what
+# the others may make of these where no limit decides
+_FIRST_EACH, _MOST_EACH, _LITTLE = 8000, 64000, 0.1
 _PEAK = 5.0  # of a sum of waves of any phases, at all places and times, over its root mean square
 # what the closed form must make over what is enough, before nothing else is asked: of short waves it knows no damping
 _TOO_MUCH = 20.0
@@ -76,6 +78,10 @@ class Arrivals:
         frequency as forward waves leave as backward ones, in the direction that they came from.
     axes : int
         Along so many there are layers.
+    later : float
+        Length of the run over the time for which these waves are followed. What comes later counts as so many times
+        what comes back in the second half of that time: waves that hardly move come back ever later, and ever fainter
+        as they spread; of long ones along the side what comes back may grow, in proportion to time.
     shapes : ndarray of complex, shape (d, n)
         Polarisations of all modes of a medium of vectors, of length 1; 1 of waves that are of one type.
     """
@@ -96,6 +102,7 @@ class Arrivals:
     every: bool = False
     depths: tuple[int, ...] = ()
     axes: int = 1
+    later: float = 1.0
     shapes: np.ndarray = field(default_factory=lambda: np.ones((1, 1)))
 
     @cached_property
@@ -117,7 +124,8 @@ class Arrivals:
         ----------
         layer : Layer
         enough : float, optional
-            Above it the value is told roughly.
+            Above it the value is told roughly: where the closed form makes twenty times as much no wave is followed,
+            else as many as tell whether it is enough. Unless it is given, so many that the others make a tenth of them.
         """
         closed = self._over_the_field(self.amplitude * self._closed(layer, slice(None)))
         if not self.sample.needed(layer):
@@ -129,11 +137,17 @@ class Arrivals:
 
     def _over_the_field(self, back: np.ndarray, inside: Sequence[np.ndarray] | None = None) -> float:
         """Largest value beside the layer and inside the near field of what comes back of each wave."""
-        found = self._largest(back)
+        found = self._largest(back, self._told)
         if self.axes > 1:
             inside = [back * self.root**depth for depth in self.depths] if inside is None else inside
-            found = max([found, *(self.axes * self._largest(one) for one in inside)])
+            found = max([found, *(self.axes * self._largest(one, self._told) for one in inside)])
         return found
+
+    @cached_property
+    def _told(self) -> np.ndarray:
+        """`growth`, more in the second half, from which is told what comes later."""
+        half = np.arange(len(self.growth)) >= len(self.growth) // 2
+        return self.growth * np.where(half, max(self.later, 1.0), 1.0)
 
     def _by_energy(self, back: np.ndarray) -> float:
         """The largest of all waves by the share of their energy that is in some amplitudes."""
@@ -147,33 +161,28 @@ class Arrivals:
         more or less slow a layer sends back ten times as much, and the sum of the others rang.
         """
         loud = self._sizes(layer, slice(None))
-        heard = loudest(loud, self.silent * max(self.size, self.largest))
+        heard = loudest(loud, self.silent * max(self.size, self.largest) / max(self.later, 1.0))
         heard = heard[np.argsort(-loud[heard])]
-        count = _FIRST_EACH
+        back, first, last = np.zeros((), complex), 0, _FIRST_EACH
         while True:
-            back = self.amplitude * self._exact(layer, heard[:count])
+            back = back + self.amplitude * self._exact(layer, heard[first:last])
             followed = max(self._over_the_field(one[0], one[1:]) for one in back)
             rest = np.zeros_like(loud)
-            rest[heard[count:]] = loud[heard[count:]]
+            rest[heard[last:]] = loud[heard[last:]]
             others = self._by_energy(rest)
-            if count >= len(heard) or followed + others <= enough or followed > enough + self._noise(rest):
+            if enough == np.inf:
+                decided = others <= _LITTLE * followed
+            else:
+                decided = followed + others <= enough or followed > enough + self._noise(rest)
+            if decided or last >= min(len(heard), _MOST_EACH):
                 return followed + others
-            count *= 2
+            first, last = last, 2 * last
 
     def _noise(self, amplitude: np.ndarray) -> float:
         """What a sum of waves of any phases is at most where it has grown most."""
         places = 2 * len(self.growth) * np.prod(self.shape[1:])
-        return float(_PEAK * np.sqrt(2) * np.linalg.norm(amplitude) / places * self.growth.max())
-
-    def told_until(self, times: float) -> Arrivals:
-        """These waves in a run so many times as long as they are followed: what comes later counts as so many times
-        what comes back in the second half of that time.
-
-        Waves that hardly move come back ever later, and ever fainter as they spread; of long ones along the side what
-        comes back may grow, in proportion to time.
-        """
-        half = np.arange(len(self.growth)) >= len(self.growth) // 2
-        return replace(self, growth=self.growth * np.where(half, max(times, 1.0), 1.0))
+        mean = np.sqrt(2) * np.linalg.norm(amplitude) / places * self._told.max()
+        return float(_PEAK * max(1, self.axes) * mean)
 
     def _exact(self, layer: Layer, some: np.ndarray) -> np.ndarray:
         """What comes back of some waves of amplitude 1, by component, one node from the layer and inside the near
@@ -224,15 +233,15 @@ class Arrivals:
     @cached_property
     def largest(self) -> float:
         """Largest value, over the run and along the side, of the waves themselves."""
-        return max(self._largest(self.amplitude * component) for component in self.shapes)
+        return max(self._largest(self.amplitude * component, self.growth) for component in self.shapes)
 
     @cached_property
     def _rows(self) -> np.ndarray:
         """Frequencies at which there are waves."""
         return np.unique(self.place // int(np.prod(self.shape[1:])))
 
-    def _largest(self, amplitude: np.ndarray) -> float:
-        """Largest value of a sum of waves, by inverse transforms in time and along the side."""
+    def _largest(self, amplitude: np.ndarray, growth: np.ndarray) -> float:
+        """Largest value of a sum of waves that grow in time, by inverse transforms in time and along the side."""
         spectrum = np.zeros(int(np.prod(self.shape)), complex)
         np.add.at(spectrum, self.place, amplitude)
         along = tuple(range(1, len(self.shape)))
@@ -241,7 +250,7 @@ class Arrivals:
             spectrum[self._rows] = fft.ifftn(spectrum[self._rows], axes=along)
         times = len(self.growth)
         history = fft.irfft(spectrum[np.ix_(np.arange(self.shape[0]), *self.seen)], 2 * times, axis=0)[:times]
-        return float((np.abs(history).max(along) * self.growth).max())
+        return float((np.abs(history).max(along) * growth).max())
 
 
 def loudest(sizes: np.ndarray, rest: float) -> np.ndarray:

@@ -109,14 +109,14 @@ class Thickness:
 
 def predicted_error(layer: Layer, waves: Sequence[Arrivals], size: float, enough: float = np.inf) -> float:
     """Error that a layer makes of what arrives, relative to the largest of the data: of all types that a wave is turned
-    into together. Where it is more than `enough`, at least so much.
+    into together. Where it is more than `enough`, something that is, too.
     """
-    found = 0.0
+    found = []
     for side in waves:
-        found = max(found, float(side.returned(layer, enough * size) / size))
-        if found > enough:
+        found.append(float(side.returned(layer, enough * size) / size))
+        if not found[-1] <= enough:
             break
-    return found
+    return float(np.max(found))
 
 
 def thin(nodes: int, strength: float, pace: float, rise: float = _RISE) -> Layer:
