@@ -1,6 +1,7 @@
 """What goes wrong where several processes were started together: one of them says it, and all end."""
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -8,10 +9,12 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import farhorizon as fh
 
+README = Path(__file__).parents[2] / "README.md"
 CASE = """
 lattice = { spacing = 0.3, lower = [-7.2, -7.2], upper = [7.2, 7.2] }
 model = { type = "wave", kernel = { horizon = 0.6 } }
@@ -64,6 +67,20 @@ def test_bad_input_ends_all_processes(tmp_path, what):
     _, said = run.communicate(timeout=120)
     assert run.returncode == 2 and words in said, said
     assert said.count("farhorizon: ") - said.count("farhorizon: compil") == 1, said
+
+
+def test_the_case_of_the_readme_runs_on_several_processes_and_on_one(tmp_path):
+    """Bit by bit alike; its layers are chosen for just as long as it takes."""
+    (text,) = re.findall(r"```toml\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    fields = []
+    for name, before in [("one", []), ("two", ["mpiexec", "-n", "2"])]:
+        case = tmp_path / f"{name}.toml"
+        case.write_text(text)
+        command = [*before, sys.executable, "-c", RUN, "run", str(case), "--threads", "1", "--no-report"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+        assert done.returncode == 0, done.stderr
+        fields.append(fh.open_results(tmp_path / f"{name}.h5").field("u", -1))
+    np.testing.assert_array_equal(*fields)
 
 
 def children(number):
