@@ -113,7 +113,15 @@ class LatticePML(Side):
                 )
         kinds.settle(
             self,
-            target=None if self.target is None else kinds.number(self.target, "boundary.target", least=1e-14, most=0.1),
+            target=None
+            if self.target is None
+            else kinds.number(
+                self.target,
+                "boundary.target",
+                least=1e-14,
+                most=0.1,
+                beyond="an error over the largest value of the data, such as 1e-5",
+            ),
             nodes=None
             if self.nodes is None
             else kinds.integer(self.nodes, "boundary.nodes", least=1, most=_MOST_NODES),

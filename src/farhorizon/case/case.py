@@ -318,7 +318,7 @@ class Case:
             ("run.tolerance", run.tolerance),
         ):
             if value is not None and value <= 0:
-                raise InputError("must be positive", value=value, key=name)
+                raise InputError("must be positive", value=value, limit="> 0", key=name)
         if self.end > _MOST_OUTPUTS * (out.every or self.end):
             raise InputError(
                 "so many outputs cannot be written",

@@ -38,7 +38,7 @@ def run_command(options: argparse.Namespace) -> int:
         _check_alike(case, team)
         until = case.end if options.until is None else options.until  # of a run to its static state the latest
         if not (np.isfinite(until) and until > 0):
-            raise InputError("the end of the run must be positive", value=until, key="--until")
+            raise InputError("the end of the run must be positive", value=until, limit="> 0", key="--until")
         files = RunFiles(Path(options.out), case.name)
     team.by_first(lambda: _look(options, files))
     with team.agreed():

@@ -153,14 +153,19 @@ class Lattice(Storable):
     def _whole_spacings(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if lower.shape != upper.shape or lower.ndim != 1 or not 1 <= len(lower) <= 3:
             raise InputError(
-                "lower and upper need the same length, 1 to 3", value=(lower.tolist(), upper.tolist()), key="lattice"
+                "lower and upper need a number for each axis, one to three",
+                value=f"lower = {lower.tolist()}, upper = {upper.tolist()}",
+                key="lattice",
+                remedy="as many numbers in one as in the other",
             )
         if not (upper >= lower).all():
+            axis = int(np.argmin(upper - lower))
             raise InputError(
-                "upper lies below lower",
-                value=(lower.tolist(), upper.tolist()),
-                limit="upper >= lower",
+                f"upper lies below lower along {'xyz'[axis]}",
+                value=upper[axis],
+                limit=f">= {lower[axis]:g} (lattice.lower)",
                 key="lattice.upper",
+                remedy="the corner with the larger coordinates comes second",
             )
         steps = (upper - lower) / self.spacing
         whole = np.round(steps)
