@@ -386,7 +386,8 @@ class Report:
             "extended_cost": far.seconds / mine.seconds,
             "extended_memory": far.memory / mine.memory,
         }
-        self._recommend("lattice-pml", mine, "extended", far, steps)
+        layers = "; layers save more in longer runs, and in space" if sim.engine.layers else ""
+        self._recommend(mine, "extended", far, steps, layers)
 
     def _compare_with_layer(self, sim: Examined, mine: Price, until: float, steps: int) -> None:
         """Time and memory of layers in place of the extended domain."""
@@ -403,15 +404,14 @@ class Report:
             "layer_cost": other.seconds / mine.seconds,
             "layer_memory": other.memory / mine.memory,
         }
-        self._recommend("extended", mine, "lattice-pml", other, steps)
+        self._recommend(mine, "lattice-pml", other, steps)
 
-    def _recommend(self, ours: str, mine: Price, theirs: str, other: Price, steps: int) -> None:
-        """Say which sides that keep the target are the cheapest."""
+    def _recommend(self, mine: Price, theirs: str, other: Price, steps: int, when: str = "") -> None:
+        """Say which sides that keep the target are the cheapest, and when others are."""
         share, saved = other.seconds / mine.seconds, (mine.seconds - other.seconds) * steps
         if share >= 1:
             self._say("cheapest sides", f"as given; {theirs} would take {share:.2g} times the time")
             return
-        when = "; layers pay in longer runs, and in space" if theirs == "extended" else ""
         self._say("cheapest sides", f'type = "{theirs}", {share:.2g} of the time of the steps{when}')
         if saved > _WORTH:
             self.notes.append(f'type = "{theirs}" would save {seconds(saved)} of steps')
