@@ -19,6 +19,7 @@ from farhorizon.analysis.layers.samples import Sample
 from farhorizon.analysis.layers.short_waves import high_pass
 from farhorizon.analysis.layers.side_data import Datum, hold_backward_waves, reach_the_end
 from farhorizon.analysis.layers.thickness import (
+    MOST,
     NotKept,
     Thickness,
     by_formula,
@@ -32,7 +33,7 @@ from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
 from farhorizon.machine import one_blas_thread
 from farhorizon.medium.stencil import Stencil
-from farhorizon.simulation.wave_data import depth_of, key_of_scalars, key_of_vectors, largest_along, parts
+from farhorizon.simulation.wave_data import depth_of, is_long, key_of_scalars, key_of_vectors, largest_along, parts
 
 # length of a run unless it is known: of waves in crossings of the near field, of diffusion in R^2/diffusivity
 CROSSINGS, LASTING = 20, 10
@@ -41,6 +42,8 @@ FORESEEN = 60  # crossings for which errors are predicted: the work grows with t
 # nodes beside the near field, at most, before the data repeat themselves along an open side, and lengths of the near
 # field, if these are more: in that time all but the longest waves, and such as hardly move, have left
 _ROOM, _LEFT = 512, 3
+# nodes of layers from which slow waves of solids are followed until they are back, as far as it takes thicker ones
+_THICK = 16, 32, MOST
 _HERE = 0.01  # of its largest value: a datum is where it has more
 # of the wanted error, where a free side runs into a layer: predictions take it for a mirror, but it lacks bonds, and
 # waves run along it that are bound to it
@@ -138,7 +141,7 @@ class ReturnedWaves:
                 # what it is designed for: of waves of a few nodes the bound tells too much
                 return replace(found, predicted=wanted)
         until = min(until, self.foreseen)
-        alike, sent, size = self._arriving(axis, side, until, wanted)
+        alike = self._arriving(axis, side, until, wanted, _THICK[0])[0]
         if (boundary, *alike) in self._known:
             return self._known[boundary, *alike]
 
@@ -152,14 +155,22 @@ class ReturnedWaves:
         def beside(layer: Layer) -> float:
             return share * self._beside_walls(axis, side, until, layer)  # known of free sides, too
 
-        found = thinnest(members, sent, share * wanted, size, beside)
+        before, found = None, None
+        for nodes in _THICK:
+            sent, size = self._arriving(axis, side, until, wanted, nodes)[1:]
+            if sent is before:
+                break
+            before, found = sent, thinnest(members, sent, share * wanted, size, beside)
+            if found is None or found.nodes <= nodes:
+                break
         if found is None and boundary.target is None:
             return None
         if found is None:
             if (boundary, *alike) not in self._least:
-                limit = least(members, sent, size, beside) / share
+                thick = axis, side, until
+                limit = least(members, *self._arriving(*thick, wanted, MOST)[1:], beside) / share
                 # of the waves more is left out for a larger target
-                again = least(members, *self._arriving(axis, side, until, limit)[1:], beside) / share
+                again = least(members, *self._arriving(*thick, limit, MOST)[1:], beside) / share
                 self._least[boundary, *alike] = max(limit, again)
             raise NotKept.of(wanted, self._least[boundary, *alike])
         self._known[boundary, *alike] = replace(found, until=until)
@@ -170,7 +181,7 @@ class ReturnedWaves:
         """Error that a given layer of one side is predicted to make up to a time, told from none where it is near the
         wanted one or larger.
         """
-        _, sent, size = self._arriving(axis, side, until, wanted)
+        _, sent, size = self._arriving(axis, side, until, wanted, layer.columns)
         return predicted_error(layer, sent, size) + self._beside_walls(axis, side, until, layer)
 
     def _beside_walls(self, axis: int, side: int, until: float, layer: Layer) -> float:
@@ -197,18 +208,22 @@ class ReturnedWaves:
         return found
 
     def _arriving(
-        self, axis: int, side: int, until: float, wanted: float
+        self, axis: int, side: int, until: float, wanted: float, nodes: int
     ) -> tuple[tuple[object, ...], list[Arrivals], float]:
-        """What is the same at sides that are alike, what arrives at one, and the largest of the data."""
+        """What is the same at sides that are alike, what arrives at one, followed until slow waves are back from layers
+        of so many nodes, and the largest of the data.
+        """
         seen = []
         for medium in self._media(axis, side):
             turned = self._turned(axis, side, medium)
             vectors = self.stencil.components > 1 and self._every(medium, turned, wanted)
             seen.append((medium, self._as_vectors(turned, axis, side) if vectors else turned, vectors))
         beside = self._beside(axis)
+        slow = any(every and is_long(medium, until, self._room) for medium, _, every in seen)
         alike = (
             until,
             wanted,
+            nodes if slow else 0,
             self.sides[axis, -side],
             *beside,
             *(part for medium, _, _ in seen for part in (medium.stencil, medium.coefficient)),
@@ -222,7 +237,7 @@ class ReturnedWaves:
             arrived = [
                 one
                 for medium, turned, _ in seen
-                for one in self._arrivals(medium, axis, side, turned, until, wanted, size)
+                for one in self._arrivals(medium, axis, side, turned, until, wanted, size, nodes)
             ]
             self._sent[alike] = arrived, max([size, *(one.largest for one in arrived)])
         return alike, *self._sent[alike]
@@ -334,6 +349,7 @@ class ReturnedWaves:
         until: float,
         wanted: float,
         size: float,
+        nodes: int,
     ) -> list[Arrivals]:
         """What arrives at a side, with the images of the data behind the walls of the near field."""
         others = [b for b in range(len(self.shape)) if b != axis]
@@ -348,7 +364,7 @@ class ReturnedWaves:
         for own, every in groups:
             together = several and every
             if len(others) == 2 and not any(self.sides[other, s].periodic for other in others for s in (-1, 1)):
-                round_waves = self._round(medium, axis, own, image, until, wanted, size, echoing, every)
+                round_waves = self._round(medium, axis, own, image, until, wanted, size, nodes, echoing, every)
                 if round_waves:
                     found += round_waves
                     continue
@@ -365,7 +381,7 @@ class ReturnedWaves:
                 sent = [replace(datum, values=values) for datum, values in zip(own, flat, strict=True)]
                 depths = self.shape[axis] // 2, *depth_of(own)[: int(every)]
                 endless = bool(others) and not length
-                for part in parts(medium, sent, until, wanted, self._room if endless else np.inf, every):
+                for part in parts(medium, sent, until, wanted, self._room if endless else np.inf, every, nodes):
                     if others:
                         lengths[kept] = length or fft.next_fast_len(flat[0].shape[kept + 1] + part.room)
                     steps = max(2, int(np.ceil(part.time / self.dt)))
@@ -386,6 +402,7 @@ class ReturnedWaves:
         until: float,
         wanted: float,
         size: float,
+        nodes: int,
         echoing: int,
         every: bool,
     ) -> list[Arrivals]:
@@ -394,8 +411,8 @@ class ReturnedWaves:
         """
         others, fields, near = [b for b in range(3) if b != axis], [datum.values for datum in data], []
         for place, other in enumerate(others, 1):
-            fields, nodes, length = self._unfold(fields, place, other)
-            near.append(nodes)
+            fields, beside, length = self._unfold(fields, place, other)
+            near.append(beside)
             if length:
                 return []
         if image:
@@ -408,7 +425,7 @@ class ReturnedWaves:
         found = []
         depths = self.shape[axis] // 2, *depth_of(data)[: int(every)]
         flat = [replace(datum, values=values) for datum, values in zip(data, fields, strict=True)]
-        for part in parts(medium, flat, until, wanted, self._room, every):
+        for part in parts(medium, flat, until, wanted, self._room, every, nodes):
             steps = max(2, int(np.ceil(part.time / self.dt)))
             for point in (facing, (facing + corner) // 2, corner):
                 turned = [round_a_point(datum.values, first + point, part.room / 2) for datum in part.data]

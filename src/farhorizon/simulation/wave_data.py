@@ -18,7 +18,6 @@ _LONG = 8  # parts of the room, by one of which data are smoothed for what is st
 # pace of the fastest waves over that of the slowest of solids of which something comes back: what came back of short
 # pulses in boxes of 120 and 200 nodes grew until about when these are back from the layer
 _SLOW = 10.0
-_THERE_AND_BACK = 32  # nodes of their way through a layer
 _SILENT = 1e-3  # of the wanted error: sources that are fainter send nothing any more
 _STAND_IN = 2.0  # width, in nodes, of the pulses that stand for data which are not known
 
@@ -76,8 +75,13 @@ class Part(NamedTuple):
     later: float = 1.0
 
 
+def is_long(medium: LatticeMedium, until: float, most: float) -> bool:
+    """Whether images of the data come round within a run, where so many nodes are beside the near field."""
+    return _AHEAD * medium.speed / medium.spacing * until > most
+
+
 def parts(
-    medium: LatticeMedium, data: Sequence[Datum], until: float, wanted: float, most: float, every: bool
+    medium: LatticeMedium, data: Sequence[Datum], until: float, wanted: float, most: float, every: bool, nodes: int
 ) -> list[Part]:
     """What is followed of data in a run.
 
@@ -98,6 +102,8 @@ def parts(
     every : bool
         Whether all modes are followed. Among them are some that hardly move: those of scalars that go no farther than
         the room are followed to the end of the run, those of vectors until they have come back.
+    nodes : int
+        Of the thickest layer that they come back from.
 
     Returns
     -------
@@ -105,13 +111,13 @@ def parts(
     """
     pace = medium.speed / medium.spacing
     room = int(np.ceil(_ROUND * pace * until))
-    if _AHEAD * pace * until <= most:
+    if not is_long(medium, until, most):
         return [Part(data, until, int(min(room, most)))]
     solid = every and medium.stencil.components > 1
     found = [Part(data, until, room, smooth=most / _LONG)]
     if every and not solid:
         found.append(Part(data, until, int(most), limit=most * medium.spacing / until))
-    slow = _SLOW * (max(depth_of(data), default=0) + _THERE_AND_BACK) if solid else 0.0
+    slow = _SLOW * (max(depth_of(data), default=0) + 2 * nodes) if solid else 0.0
     for begin, before, some in by_time(data, max(1, int(most / (2 * pace * medium.dt))), _SILENT * wanted):
         left, middle = until - begin * medium.dt, before * medium.dt
         time, last = min(left, middle + most / pace), min(left, middle + slow / pace)
