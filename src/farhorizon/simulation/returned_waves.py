@@ -155,14 +155,17 @@ class ReturnedWaves:
         def beside(layer: Layer) -> float:
             return share * self._beside_walls(axis, side, until, layer)  # known of free sides, too
 
-        before, found = None, None
+        before, found, too_few = None, None, 0
         for nodes in _THICK:
+            if nodes <= too_few:
+                continue
             sent, size = self._arriving(axis, side, until, wanted, nodes)[1:]
             if sent is before:
                 break
-            before, found = sent, thinnest(members, sent, share * wanted, size, beside)
+            before, found = sent, thinnest(members, sent, share * wanted, size, beside, too_few)
             if found is None or found.nodes <= nodes:
                 break
+            too_few = found.nodes - 1  # with more of the waves it takes no fewer
         if found is None and boundary.target is None:
             return None
         if found is None:

@@ -367,6 +367,7 @@ def thinnest(
     wanted: float,
     size: float,
     beside: Callable[[Layer], float] = lambda layer: 0.0,
+    too_few: int = 0,
 ) -> Thickness | None:
     """The fewest nodes with which some member of a family keeps an error at a side.
 
@@ -382,6 +383,8 @@ def thinnest(
         The largest of the data.
     beside : callable, optional
         What a layer sends back besides, at most, which no waves of the medium show.
+    too_few : int, optional
+        Nodes that are known to be.
 
     Returns
     -------
@@ -403,7 +406,8 @@ def thinnest(
                 return Thickness(name, layer, predicted + more)
         return None
 
-    low, high, found = 0, 2, best(2)
+    low, high = too_few, max(2, too_few + 1)
+    found = best(high)
     while found is None:
         if high >= MOST:
             return None
