@@ -9,7 +9,14 @@ import farhorizon as fh
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.side_data import Datum
-from farhorizon.simulation.wave_data import by_time, depth_of, key_of_scalars, key_of_vectors, largest_along, parts
+from farhorizon.simulation.wave_data import (
+    by_time,
+    depth_of,
+    followed_parts,
+    key_of_scalars,
+    key_of_vectors,
+    largest_along,
+)
 
 SEED = 20261122
 
@@ -55,34 +62,34 @@ def pulse_at(depth):
 @pytest.mark.parametrize(("model", "every"), [("solid", True), ("scalar", True), ("scalar", False)])
 def test_short_runs_and_waveguides_are_followed_whole(model, every):
     medium = plane(fh.Elastic(fh.Kernel(2.0), young=1.0) if model == "solid" else fh.Wave(fh.Kernel(2.0)))
-    (one,) = parts(medium, pulse_at(15), 200.0, 1e-5, 512, every, 16)
+    (one,) = followed_parts(medium, pulse_at(15), 200.0, 1e-5, 512, every, 16)
     assert (one.time, one.room, one.smooth, one.limit, one.later) == (200.0, 400, 0.0, np.inf, 1.0)
-    (one,) = parts(medium, pulse_at(15), 900.0, 1e-5, np.inf, every, 16)
+    (one,) = followed_parts(medium, pulse_at(15), 900.0, 1e-5, np.inf, every, 16)
     assert (one.time, one.later) == (900.0, 1.0)
 
 
 def test_in_long_runs_all_waves_are_followed_until_images_come():
     """And longer the long ones, and of scalars those that go no farther than the room."""
     scalar = plane(fh.Wave(fh.Kernel(2.0)))
-    long_ones, slow, all_ones = parts(scalar, pulse_at(15), 900.0, 1e-5, 512, True, 16)
+    long_ones, slow, all_ones = followed_parts(scalar, pulse_at(15), 900.0, 1e-5, 512, True, 16)
     assert long_ones.time == 900.0 and long_ones.smooth > 0 and long_ones.limit == np.inf
     assert slow.time == 900.0 and slow.room == 512 and slow.limit == pytest.approx(512 / 900)
     assert all_ones.time == 512.0 and all_ones.room > 512  # the front of an image runs ahead
     assert [one.later for one in (long_ones, slow, all_ones)] == [1.0] * 3
-    assert len(parts(scalar, pulse_at(15), 900.0, 1e-5, 512, False, 16)) == 2
+    assert len(followed_parts(scalar, pulse_at(15), 900.0, 1e-5, 512, False, 16)) == 2
 
 
 def test_slow_waves_of_solids_are_followed_until_they_are_back():
     """Of a medium of speed 1: a room of 512 nodes is 512 units of time, in which those from nearby are."""
     solid = plane(fh.Elastic(fh.Kernel(2.0), young=1.0))
-    _, all_ones = parts(solid, pulse_at(15), 2000.0, 1e-5, 512, True, 16)
+    _, all_ones = followed_parts(solid, pulse_at(15), 2000.0, 1e-5, 512, True, 16)
     assert all_ones.time == 512.0 and all_ones.later == pytest.approx(2000 / 512)
-    _, all_ones, slow = parts(solid, pulse_at(80), 2000.0, 1e-5, 512, True, 16)
+    _, all_ones, slow = followed_parts(solid, pulse_at(80), 2000.0, 1e-5, 512, True, 16)
     assert all_ones.time == 512.0 and all_ones.later == 1.0 and all_ones.limit == np.inf
     assert slow.time == 1120.0 and slow.limit == pytest.approx(512 / 1120) and slow.later == pytest.approx(2000 / 1120)
-    assert parts(solid, pulse_at(15), 2000.0, 1e-5, 512, True, 60)[-1].time == 1350.0  # from a thick layer
+    assert followed_parts(solid, pulse_at(15), 2000.0, 1e-5, 512, True, 60)[-1].time == 1350.0  # from a thick layer
     source = [replace(pulse_at(80)[0], kind="source", time=np.ones(4000))]
-    last = parts(solid, source, 2000.0, 1e-5, 512, True, 16)[-1]
+    last = followed_parts(solid, source, 2000.0, 1e-5, 512, True, 16)[-1]
     assert last.time < 600.0 and last.later == 1.0  # what it sends at the end
 
 

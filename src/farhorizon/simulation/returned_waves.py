@@ -33,7 +33,14 @@ from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
 from farhorizon.machine import one_blas_thread
 from farhorizon.medium.stencil import Stencil
-from farhorizon.simulation.wave_data import depth_of, is_long, key_of_scalars, key_of_vectors, largest_along, parts
+from farhorizon.simulation.wave_data import (
+    depth_of,
+    followed_parts,
+    is_long,
+    key_of_scalars,
+    key_of_vectors,
+    largest_along,
+)
 
 # length of a run unless it is known: of waves in crossings of the near field, of diffusion in R^2/diffusivity
 CROSSINGS, LASTING = 20, 10
@@ -384,15 +391,28 @@ class ReturnedWaves:
                 sent = [replace(datum, values=values) for datum, values in zip(own, flat, strict=True)]
                 depths = self.shape[axis] // 2, *depth_of(own)[: int(every)]
                 endless = bool(others) and not length
-                for part in parts(medium, sent, until, wanted, self._room if endless else np.inf, every, nodes):
+                for part in followed_parts(
+                    medium, sent, until, wanted, self._room if endless else np.inf, every, nodes
+                ):
                     if others:
                         lengths[kept] = length or fft.next_fast_len(flat[0].shape[kept + 1] + part.room)
                     steps = max(2, int(np.ceil(part.time / self.dt)))
                     for kind in range(1 if together else min(self.stencil.components, 2)):
                         key = medium.stencil, medium.coefficient, -1 if together else kind, steps
                         sample = self._samples.setdefault(key, Sample(medium, kind))
-                        told = sample, part.smooth, None, every, part.limit
-                        coming = arrivals(medium, steps, part.data, lengths, near, wanted, size, *told)
+                        coming = arrivals(
+                            medium,
+                            steps,
+                            part.data,
+                            lengths,
+                            near,
+                            wanted,
+                            size,
+                            sample,
+                            smooth=part.smooth,
+                            every=every,
+                            limit=part.limit,
+                        )
                         found.append(replace(coming, depths=depths, axes=echoing, later=part.later))
         return found
 
@@ -428,7 +448,7 @@ class ReturnedWaves:
         found = []
         depths = self.shape[axis] // 2, *depth_of(data)[: int(every)]
         flat = [replace(datum, values=values) for datum, values in zip(data, fields, strict=True)]
-        for part in parts(medium, flat, until, wanted, self._room, every, nodes):
+        for part in followed_parts(medium, flat, until, wanted, self._room, every, nodes):
             steps = max(2, int(np.ceil(part.time / self.dt)))
             for point in (facing, (facing + corner) // 2, corner):
                 turned = [round_a_point(datum.values, first + point, part.room / 2) for datum in part.data]
@@ -436,8 +456,20 @@ class ReturnedWaves:
                 for kind in range(min(self.stencil.components, 2)):
                     key = medium.stencil, medium.coefficient, kind, steps
                     sample = self._samples.setdefault(key, Sample(medium, kind))
-                    told = sample, part.smooth, turned[0][0], every, part.limit
-                    coming = arrivals(medium, steps, sent, [], [], wanted, size, *told)
+                    coming = arrivals(
+                        medium,
+                        steps,
+                        sent,
+                        [],
+                        [],
+                        wanted,
+                        size,
+                        sample,
+                        smooth=part.smooth,
+                        radial=turned[0][0],
+                        every=every,
+                        limit=part.limit,
+                    )
                     found.append(replace(coming, depths=depths, axes=echoing, later=part.later))
         return found
 

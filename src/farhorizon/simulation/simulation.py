@@ -240,7 +240,7 @@ class Simulation(Run):
             As `check_sources`; a kernel or a domain that does not fit into memory.
         """
         if self.share is not None:
-            self.share.check_length(until - self.dt)
+            self.share.check_length(until - self.dt)  # the last step may end that much later
         self._settling.settle(self, until)
         self.check_sources(until)
         warn_outlasted(self.parts.around, self._end, until, self.dt)

@@ -50,7 +50,7 @@ def by_time(data: Sequence[Datum], half: int, silent: float) -> Iterator[tuple[i
             yield middle - before, before, part
 
 
-class Part(NamedTuple):
+class FollowedPart(NamedTuple):
     """Data of which some waves are followed for a time.
 
     Attributes
@@ -80,9 +80,9 @@ def is_long(medium: LatticeMedium, until: float, most: float) -> bool:
     return _AHEAD * medium.speed / medium.spacing * until > most
 
 
-def parts(
+def followed_parts(
     medium: LatticeMedium, data: Sequence[Datum], until: float, wanted: float, most: float, every: bool, nodes: int
-) -> list[Part]:
+) -> list[FollowedPart]:
     """What is followed of data in a run.
 
     Where the medium goes on along the side, images in place of nothing would come round in a long run, and be heard in
@@ -107,24 +107,24 @@ def parts(
 
     Returns
     -------
-    list of Part
+    list of FollowedPart
     """
     pace = medium.speed / medium.spacing
     room = int(np.ceil(_ROUND * pace * until))
     if not is_long(medium, until, most):
-        return [Part(data, until, int(min(room, most)))]
+        return [FollowedPart(data, until, int(min(room, most)))]
     solid = every and medium.stencil.components > 1
-    found = [Part(data, until, room, smooth=most / _LONG)]
+    found = [FollowedPart(data, until, room, smooth=most / _LONG)]
     if every and not solid:
-        found.append(Part(data, until, int(most), limit=most * medium.spacing / until))
+        found.append(FollowedPart(data, until, int(most), limit=most * medium.spacing / until))
     slow = _SLOW * (max(depth_of(data), default=0) + 2 * nodes) if solid else 0.0
     for begin, before, some in by_time(data, max(1, int(most / (2 * pace * medium.dt))), _SILENT * wanted):
         left, middle = until - begin * medium.dt, before * medium.dt
         time, last = min(left, middle + most / pace), min(left, middle + slow / pace)
         later = left / time if solid and last <= time else 1.0
-        found.append(Part(some, time, int(np.ceil(_AHEAD * pace * time)), later=later))
+        found.append(FollowedPart(some, time, int(np.ceil(_AHEAD * pace * time)), later=later))
         if last > time:
-            found.append(Part(some, last, int(most), limit=most * medium.spacing / last, later=left / last))
+            found.append(FollowedPart(some, last, int(most), limit=most * medium.spacing / last, later=left / last))
     return found
 
 

@@ -21,7 +21,7 @@ _SETTLED = 1e-8  # relative residual of a root
 _ROUGH, _GONE = 1e-6, 1e-6
 _NEARLY = 0.01  # and the largest change of log zeta in an iteration from such a root
 _NOTHING = 1e-20  # of the largest of the rows: those that hold no more are left out
-_STEEP = 8.0  # of the limit of speeds: exp(-16) remains of waves at it
+_STEEP = 8.0  # how fast waves fade out about 0.7 of the limit of speeds: 1e-8 remains at it
 _FLAT = 1e-14  # of a polynomial's largest coefficient, the least of the first one: what dies out at once
 
 

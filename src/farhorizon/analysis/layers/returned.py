@@ -155,7 +155,7 @@ class Arrivals:
 
     def _each(self, layer: Layer, enough: float) -> float:
         """Largest value of what comes back of waves, each followed by itself, the loudest first: of all, or of so many
-        that the others cannot change whether it is enough.
+        that the others, by their energy, do not change whether it is enough.
 
         They are told by the closed form of each and not by the waves that stand for them alone: of long waves a little
         more or less slow a layer sends back ten times as much, and the sum of the others rang.
