@@ -5,7 +5,7 @@ from collections import Counter
 
 import pytest
 
-os.environ.setdefault("NUMBA_NUM_THREADS", "2")
+os.environ["NUMBA_NUM_THREADS"] = "2"  # whatever the shell has: tests compare two threads with one
 # The linear algebra here is of small matrices, and the workers of pytest share the processors: threads of one that wait
 # busily for each other take the other's time.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -644,6 +644,21 @@ def test_an_interrupted_run_goes_on_with_its_changes(tmp_path):
     assert advice == ["farhorizon", "run", "long.toml", "--resume", *words]
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--untill", "3"], "--untill 3; did you mean --until?"),
+        (["--sett=model.speed=2"], "--sett=model.speed=2; did you mean --set?"),
+        (["other.toml"], "other.toml"),
+    ],
+)
+def test_what_a_command_does_not_have_is_told_with_its_own_usage(words, said, capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["run", "small.toml", *words])
+    told = capsys.readouterr().err
+    assert end.value.code == 2 and told.startswith("usage: farhorizon run") and told.endswith(f"{said}\n")
+
+
 def test_threads(small, capsys, monkeypatch):
     """Those of the case give way; more than there are, and less than one, are refused."""
     import farhorizon.engine.engine as engine

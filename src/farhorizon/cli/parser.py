@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 from collections.abc import Callable
 from contextlib import suppress
+from difflib import get_close_matches
 from typing import Any, NoReturn
 
 from farhorizon.cli.check_command import check_command
@@ -28,6 +30,19 @@ class _Version(argparse.Action):
         parser.exit()
 
 
+class _Command(argparse.ArgumentParser):
+    """Refuses options that it does not have itself: argparse leaves that to the program, whose usage tells nothing."""
+
+    def parse_known_args(self, *given: Any) -> tuple[argparse.Namespace, list[str]]:  # type: ignore[override]
+        known, others = super().parse_known_args(*given)
+        if others:
+            options = re.findall(r"--[\w-]+", self.format_help())
+            near = get_close_matches(others[0].partition("=")[0], options, 1)
+            guess = f"; did you mean {near[0]}?" if near else ""
+            self.error(f"unrecognized arguments: {' '.join(others)}{guess}")
+        return known, others
+
+
 def command_parser() -> argparse.ArgumentParser:
     """The parser of command lines; its result has the function of the command as `command`."""
     parser = argparse.ArgumentParser(
@@ -38,7 +53,7 @@ def command_parser() -> argparse.ArgumentParser:
         "code: 0 good, 1 run failed, 2 bad input, 130 interrupted (Ctrl-C), 143 terminated.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version")
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND", parser_class=_Command)
     for name, (function, options, text) in _COMMANDS.items():
         sub = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
         sub.set_defaults(command=function)

@@ -294,7 +294,7 @@ def _hold_beyond(grid: Grid, near: NearField, around: Surroundings, key: Key, va
             value=value,
             limit=near.background,
             key="boundary",
-            remedy="set background, or use Periodic or Free",
+            remedy="set background (of a Thermoelastic its reference), or use Periodic or Free",
         )
     engine, block = grid.engine, grid.engine.core
     m = block.reach[axis]
