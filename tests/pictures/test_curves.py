@@ -64,6 +64,31 @@ def test_values_between_gaps_are_points(tmp_path, monkeypatch):
     assert markers == ["", "o", ""]
 
 
+def test_thin_curves_of_panels_all_have_dashes_of_their_own(tmp_path, monkeypatch):
+    """In grey the colours cannot be told apart."""
+    from matplotlib.figure import Figure
+
+    made, x = [], np.linspace(0, 1, 20)
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: made.append(figure))
+    curves = [(f"{k}", x, x + k) for k in range(8)]
+    drawing.curve_panels([("panel", curves)], tmp_path / "c.png", xlabel="x", ylabel="y")
+    dashes = [line._unscaled_dash_pattern for line in made[0].axes[0].get_lines()[1:]]
+    assert len({str(one) for one in dashes}) == len(dashes) == 7
+
+
+def test_panels_of_places_have_equal_axes(tmp_path, monkeypatch):
+    """So that angles are seen as they are."""
+    from matplotlib.figure import Figure
+
+    made, x = [], np.linspace(-10, 10, 20)
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: made.append(figure))
+    panels = [("speed", [("one", x, x**2), ("other", x, x)]), ("place", [("one", x, x / 5), ("other", x, -x / 5)])]
+    drawing.curve_panels(panels, tmp_path / "c.png", xlabel="x", ylabel="y", equal=[1])
+    made[0].draw_without_rendering()
+    (rise, *_), (along, *_) = (np.diff(axes.transData.transform([[0, 0], [1, 1]]), axis=0) for axes in made[0].axes)
+    assert along[0] == pytest.approx(along[1], rel=0.01) and rise[0] > 2 * rise[1]
+
+
 @pytest.mark.parametrize("panels", [[], [("empty", [])]])
 def test_no_curves_are_refused(tmp_path, panels):
     for draw in (drawing.curve_panels, drawing.log_panels):

@@ -146,8 +146,42 @@ def test_titles_are_no_wider_than_their_panels(dim):
     assert figure._suptitle.get_window_extent().width <= figure.bbox.width
 
 
+@pytest.mark.parametrize("bars", [False, True])
 @pytest.mark.parametrize("ratio", [0.2, 0.4, 0.5, 1.0, 2.0])
 @pytest.mark.parametrize("number", [1, 2, 3, 4, 6])
-def test_no_place_among_panels_stays_empty(number, ratio):
-    rows, columns, _, _ = drawing.panel_grid(number, ratio)
+def test_no_place_among_panels_stays_empty(number, ratio, bars):
+    rows, columns, _, _ = drawing.panel_grid(number, ratio, bars)
     assert rows * columns == number
+
+
+@pytest.mark.parametrize(("number", "rows", "named"), [(1, 1, 1), (3, 1, 1), (4, 2, 2), (5, 2, 2), (8, 2, 2)])
+def test_bars_of_panels_are_named_at_the_ends_of_rows(number, rows, named):
+    """Elsewhere a name would be taken for that of the next panel's axis; four panels with bars are two rows."""
+    axes = axes_of(2)
+    figure = drawing.field_panels(
+        [("", wave(axes, k)) for k in range(number)], axes, None, shared_scale=False, label="u"
+    )
+    assert figure.axes[0].get_gridspec().nrows == rows
+    bars = [one.get_ylabel() for one in figure.axes[number:]]
+    assert len(bars) == number and bars.count("u") == named and bars[-1] == "u"
+
+
+@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_colours_reach_as_far_as_what_is_seen(dim, shared):
+    """What is broken is dark, whatever its value: it has no part in the range, and the bar no arrow for it."""
+    axes = axes_of(dim)
+    field, broken = np.nan_to_num(wave(axes, 0)), np.zeros([axis.size for axis in axes])
+    broken[:3] = 0.5
+    seen = np.abs(field[broken == 0]).max()
+    field[broken > 0] = -50 * seen
+    draw = drawing.field_panels if dim == 2 else drawing.slice_panels
+
+    def drawn(part):
+        """Ends of colours, and of bars."""
+        figure = draw([("", field), ("", field)], axes, None, broken=[part, part], shared_scale=shared)
+        bars = [panel._colorbar for panel in figure.axes if hasattr(panel, "_colorbar")]
+        return {bar.vmax for bar in bars}, {bar.extend for bar in bars}
+
+    assert drawn(broken) == ({seen}, {"neither"})
+    assert drawn(0 * broken) == ({50 * seen}, {"neither"})

@@ -124,10 +124,17 @@ def test_tensors_that_are_symmetric_are_drawn_once(tmp_path):
 
 @pytest.mark.parametrize(
     ("energy", "log"),
-    [([1, 0.5, 0.02], False), ([1, 0.5, 0.005], True), ([1, 0.5, 0], False), ([np.nan, 1, 0.005], True)],
+    [
+        ([1, 0.5, 0.02], False),
+        ([1, 0.5, 0.005], True),
+        ([1, 0.5, 0], False),
+        ([np.nan, 1, 0.005], True),
+        ([1e-13, 1, 0.02], False),
+        ([0, 1, 0.005], True),
+    ],
 )
 def test_energy_scale(tmp_path, monkeypatch, energy, log):
-    """Logarithmic if positive and over more than two decades."""
+    """Logarithmic if it falls by more than two decades after its largest value, however it has risen."""
     shape = {"shape": (11,), "spacing": 1.0, "lower": (0.0,), "dtype": "float64"}
     writer = ResultsWriter.create(tmp_path / "a.h5", **shape, fields=("u", "v"))
     for k, value in enumerate(energy):
@@ -136,3 +143,16 @@ def test_energy_scale(tmp_path, monkeypatch, energy, log):
     monkeypatch.setattr(histories, "lines", lambda _curves, path, **names: seen.update({path.name: names["log"]}))
     plot_results(open_results(tmp_path / "a.h5"), tmp_path)
     assert seen == {"energy.png": log}
+
+
+def test_energies_are_seen_down_to_a_millionth(tmp_path, monkeypatch):
+    """What a run begins with and what rounding leaves at its end would fill the axis."""
+    shape = {"shape": (11,), "spacing": 1.0, "lower": (0.0,), "dtype": "float64"}
+    writer = ResultsWriter.create(tmp_path / "a.h5", **shape, fields=("u",))
+    for k, value in enumerate([1e-15, 2.0, 1e-3, 1e-12]):
+        writer.append(k, float(k), {"u": np.zeros(11)}, value)
+    figures, draw = [], histories.lines
+    monkeypatch.setattr(histories, "lines", lambda *given, **named: figures.append(draw(*given, **named)))
+    plot_results(open_results(tmp_path / "a.h5"), tmp_path)
+    (axes,) = figures[0].axes
+    assert axes.get_yscale() == "log" and axes.get_ylim()[0] == pytest.approx(2e-6)

@@ -89,6 +89,27 @@ def test_titles_are_whole_and_the_legend_has_what_is_seen():
             assert 0 < box.y0 and box.y1 < figure.bbox.height
         (legend,) = figure.legends
         assert len(legend.get_texts()) == 2
+    figure = isosurface_panels([("t = 0", bell), ("t = 1", 0.3 * bell)], axes, None)  # alike: levels of all
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["u = 0.2", "u = 0.5"]
     figure = isosurface_panels([("t = 0", bell - 0.25)], axes, None)  # below zero as well, but less far
     levels = [float(text.get_text().removeprefix("u = ")) for text in figure.legends[0].get_texts()]
     np.testing.assert_allclose(levels, [-0.15, 0.15, 0.375])
+
+
+def test_panels_that_are_not_comparable_have_levels_of_their_own():
+    """A wave that leaves is seen to its end: the levels of all times would leave its panel empty."""
+    axes = [np.linspace(-1.0, 1.0, 9)] * 3
+    x, y, z = np.meshgrid(*axes, indexing="ij")
+    bell = np.exp(-3 * (x**2 + y**2 + z**2))
+    figure = isosurface_panels([("t = 0", bell), ("t = 1", 0.01 * bell), ("", 0 * bell)], axes, None, title="whole")
+    figure.savefig(io.BytesIO())
+    heads = [panel.get_title() for panel in figure.axes]
+    assert heads == ["t = 0\nsurfaces at 0.2, 0.5", "t = 1\nsurfaces at 0.002, 0.005", ""]
+    assert [len(panel.collections) for panel in figure.axes] == [1, 1, 0]
+    boxes = [panel.title.get_window_extent() for panel in figure.axes]
+    assert all(0 <= box.y0 and box.y1 <= figure.bbox.height for box in boxes)
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["0.2", "0.5"]
+    assert legend.get_title().get_text() == "u over the largest magnitude of its panel"
+    given = isosurface_panels([("t = 0", bell), ("t = 1", 0.01 * bell)], axes, None, levels=[0.3])
+    assert [panel.get_title() for panel in given.axes] == ["t = 0", "t = 1"]

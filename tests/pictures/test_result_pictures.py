@@ -327,6 +327,25 @@ def test_a_film_has_every_output(tmp_path, dim):
     assert {p.name for p in tmp_path.iterdir()} == {"a.h5", first.name, *(p.name for p in rest)}
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_bar_of_a_film_has_the_same_arrows_in_all_frames(monkeypatch, dim):
+    """Those for what any frame has beyond the scale, where it is seen: an arrow that comes and goes would flicker."""
+    axes = axes_of(dim)
+    field = np.nan_to_num(wave(axes, 0))
+    loud = 9 * field
+    broken = np.zeros(field.shape)
+    frames, seen = [(f"{k}", one) for k, one in enumerate((loud, field, field))], []
+    monkeypatch.setattr(movie, "field_panels", drawing_of(movie.field_panels, seen))
+    movie.made_film(frames, axes)
+    assert {named["beyond"] for _, named in seen} == {"both"}
+    bars = [movie.field_panels(*given, **named).axes[-1]._colorbar.extend for given, named in seen[:]]
+    assert bars == ["both"] * 3
+    seen.clear()
+    broken[np.abs(loud) > np.abs(field).max()] = 1.0
+    movie.made_film(frames, axes, broken=[broken, 0 * broken, 0 * broken])
+    assert {named["beyond"] for _, named in seen} == {"neither"}
+
+
 def test_a_film_of_one_output_is_refused(tmp_path):
     results = axes_and_fields(tmp_path / "a.h5")
     with pytest.raises(InputError, match="--movie: a film needs two outputs or more; value: 1"):

@@ -59,8 +59,16 @@ def test_pictures_leave_matplotlib_as_it_was(tmp_path):
 
 
 def test_a_given_range_is_about_zero_where_it_has_both_signs():
-    both = style.scale_of([np.ones(2)], (-1.0, 3.0), None)
-    assert both["cmap"] == style.DIVERGING and both["norm"](0.0) == 0.5 and both["norm"](3.0) == 1.0
+    """Equal magnitudes are equally dark, as in the symmetric range; the bar ends at the limits."""
+    from matplotlib import colormaps
+
+    assert style.scale_of([np.ones(2)], (-3.0, 3.0), None)["cmap"] == style.DIVERGING
+    for limits in ((-1.0, 3.0), (-3.0, 1.0)):
+        both = style.scale_of([np.ones(2)], limits, None)
+        assert (both["norm"].vmin, both["norm"].vmax) == limits
+        values = np.linspace(*limits, 30)
+        symmetric = colormaps[style.DIVERGING](0.5 + values / 6)
+        np.testing.assert_allclose(both["cmap"](both["norm"](values)), symmetric, atol=0.02)
     one = style.scale_of([np.ones(2)], (1.0, 3.0), None)
     assert one["cmap"] == style.SEQUENTIAL and one["norm"](2.0) == 0.5
     ends = [style.extent_beyond([np.array([low, np.nan, high])], (0.0, 1.0)) for low in (-1, 0) for high in (1, 2)]
@@ -120,3 +128,8 @@ def test_units_of_products_are_named_where_all_are_known():
         assert style.with_unit("a", "v", "time") == "a"
     with style.counted_in({"K_I": "GPa mm^(1/2)"}):
         assert style.with_unit("a", "K_I") == "a (GPa \N{SQUARE ROOT}mm)"
+
+
+def test_degrees_have_their_sign():
+    with style.counted_in({"u": "degC"}):
+        assert style.with_unit("temperature", "u") == "temperature (\N{DEGREE SIGN}C)"

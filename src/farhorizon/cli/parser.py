@@ -19,6 +19,8 @@ from farhorizon.cli.run_command import run_command
 from farhorizon.cli.sweep_command import sweep_command
 from farhorizon.cli.text_commands import info_command, keys_command, new_command, schema_command
 
+_NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
+
 
 class _Version(argparse.Action):
     """Prints the version; it is looked up only then."""
@@ -164,6 +166,7 @@ def _plot(sub: argparse.ArgumentParser) -> None:
         metavar="z=0.5",
         help="in space the planes to draw, a picture each (default: the three through the middle in one)",
     )
+    sub._negative_number_matcher = _NEGATIVE  # that of argparse takes -1e-5 for an option
     sub.add_argument("--range", type=float, nargs=2, metavar=("LOW", "HIGH"), help="of the colours")
     sub.add_argument("--db", action="store_true", help="magnitudes in decibels below the largest")
     sub.add_argument(

@@ -201,7 +201,7 @@ def _profiles(folder: Path, name: str, number: int) -> Outcome:
                     )
                 )
     panels = [(f"$t = {t:g}$ s", curves[t]) for t in TIMES]
-    curve_panels(panels, folder / f"{name}.png", xlabel="$x$ (cm)", ylabel="temperature (C)")
+    curve_panels(panels, folder / f"{name}.png", xlabel="$x$ (cm)", ylabel="temperature (\N{DEGREE SIGN}C)")
     return Outcome(rows, pictures=[folder / f"{name}.png"])
 
 
@@ -261,7 +261,12 @@ def figure10(folder: Path) -> Outcome:
                 for m, v in zip(study.ratios[1:], study.increments()[0], strict=True)
             ]
         panels.append((f"example 1, {kernel}, $3L/100$", curves))
-    curve_panels(panels, folder / "bobaru2010-fig10.png", xlabel="$\\log_2 m$", ylabel="temperature in the middle (C)")
+    curve_panels(
+        panels,
+        folder / "bobaru2010-fig10.png",
+        xlabel="$\\log_2 m$",
+        ylabel="temperature in the middle (\N{DEGREE SIGN}C)",
+    )
     return Outcome(rows, pictures=[folder / "bobaru2010-fig10.png"])
 
 
@@ -336,7 +341,7 @@ def _fluxes(folder: Path, name: str, number: int, ratio: int) -> Outcome:
             )
         )
         panels.append((kernel, [("classical", x, exact), ("peridynamic", x, flux)]))
-    curve_panels(panels, folder / f"{name}.png", xlabel="$x$ (cm)", ylabel="flux / conductivity (C/cm)")
+    curve_panels(panels, folder / f"{name}.png", xlabel="$x$ (cm)", ylabel="flux / conductivity (\N{DEGREE SIGN}C/cm)")
     return Outcome(rows, pictures=[folder / f"{name}.png"])
 
 

@@ -67,6 +67,8 @@ CLOSURES: list[tuple[str, Callable[[float, Shape], dict[str, Any]]]] = [
     ),
 ]
 
+_SHOWN = {"LatticePML": "lattice PML"}  # what pictures call a closure otherwise than the tables
+
 
 def _body(spacing: float, region: Shape) -> Lattice:
     """The nodes of a window as a body that ends there."""
@@ -355,7 +357,7 @@ def _pictures(
     first = next(iter(runs))
     axes = runs[first].lattice.axes
     fields = [
-        (f"{words}, t = {t:g}", u)
+        (f"{_SHOWN.get(words, words)}, t = {t:g}", u)
         for words in (first, "infinite medium")
         for t, u in zip(shown, course.fields[words], strict=True)
     ]
@@ -366,14 +368,15 @@ def _pictures(
     front(course.dissolved, axes, paths[1], outside=np.isnan(course.fields[first][0]))
     times = np.array(course.times)
     error_history(
-        {n: (times, np.array(e)) for n, e in course.errors.items()},
+        {_SHOWN.get(n, n): (times, np.array(e)) for n, e in course.errors.items()},
         paths[2],
         "max error / largest concentration",
         "Error against the infinite medium",
     )
     scale = course.energy[0]
     energies = {
-        n: (times, np.array(e) / scale) for n, e in {"infinite medium": course.energy, **course.energies}.items()
+        _SHOWN.get(n, n): (times, np.array(e) / scale)
+        for n, e in {"infinite medium": course.energy, **course.energies}.items()
     }
     error_history(energies, paths[3], r"$\Pi / \Pi_0$", r"Integral of $u^2$ over the near field")
     return paths

@@ -573,6 +573,7 @@ def indent(load: float, dt: float, until: float = 10e-6) -> tuple[Simulation, np
 def figure_7(folder: Path, full: bool = False) -> Outcome:
     """Damage after 10 microseconds; the step is 20 times the paper's unless `full`."""
     from farhorizon.pictures.fields import field_panels
+    from farhorizon.pictures.style import DAMAGE, counted_in
 
     sim, before = indent(250.0, 1e-9 if full else 20e-9)
     damage, found = sim.fields["damage"], sim.balance()
@@ -604,15 +605,12 @@ def figure_7(folder: Path, full: bool = False) -> Outcome:
     edge = 1e3 * (_SURFACE + 0.5) * GRID
     cracks = [np.array([[x, 0.0], [x, -1.1 * spacing_mm]]) for x in (-edge, edge)]
     paths = [folder / f"wildman2012-{name}.png" for name in ("fig7", "fig8")]
-    field_panels([("damage after 10 microseconds (mm)", damage)], axes, paths[0], cracks=cracks, label="bonds lost")
     close = (slice(40, 61), slice(-16, None))
-    field_panels(
-        [("damage, right half, close-up (mm)", damage[close])],
-        [axes[0][close[0]], axes[1][close[1]]],
-        paths[1],
-        cracks=cracks[1:],
-        label="bonds lost",
-    )
+    parts = [axis[part] for axis, part in zip(axes, close, strict=True)]
+    look: dict[str, Any] = {"label": "damage", "colors": DAMAGE}
+    with counted_in({"length": "mm"}):
+        field_panels([("after 10 \N{MICRO SIGN}s", damage)], axes, paths[0], cracks=cracks, **look)
+        field_panels([("right half, close-up", damage[close])], parts, paths[1], cracks=cracks[1:], **look)
     return Outcome(rows, pictures=paths)
 
 

@@ -26,9 +26,10 @@ def lines(
     log: bool = False,
     places: Sequence[float] = (),
     limits: tuple[float, float] | None = None,
+    decades: int = DECADES,
 ) -> Any:
-    """Draw curves (name, x, y) into one axes, the legend beside it, and thin lines across at `places`; returns the
-    figure.
+    """Draw curves (name, x, y) into one axes, the legend beside it, and thin lines across at `places`; a logarithmic
+    axis reaches so many decades below the largest value. Returns the figure.
     """
     columns = -(-len(curves) // 16)
     widest = max((len(name) for name, _, _ in curves), default=0) if len(curves) > 1 else 0
@@ -41,7 +42,7 @@ def lines(
         if log:
             axes.set_yscale("log")
             top = max(np.nanmax(y, initial=0) for _, _, y in curves)
-            axes.set_ylim(bottom=max(axes.get_ylim()[0], top * 10.0**-DECADES))
+            axes.set_ylim(bottom=max(axes.get_ylim()[0], top * 10.0**-decades))
         axes.set(xlabel=xlabel, ylabel=ylabel, title=title)
         if limits is not None:
             axes.set_ylim(*limits)
@@ -93,6 +94,7 @@ def curve_panels(
     xlabel: str | Sequence[str],
     ylabel: str | Sequence[str],
     reference: str | None = None,
+    equal: Sequence[int] = (),
 ) -> None:
     """Draw panels of curves that are to be compared: the reference a broad pale line, the others thin ones on top of
     it.
@@ -108,6 +110,8 @@ def curve_panels(
         One for all panels, or one a panel.
     reference : str, optional
         Name of the curve that the others are held against; the first one unless given.
+    equal : sequence of int
+        Panels whose axes have one scale: those of places, where angles are to be seen as they are.
 
     Raises
     ------
@@ -124,13 +128,14 @@ def curve_panels(
         for name in dict.fromkeys(name for _, curves in panels if len(curves) > 1 for name, _, _ in curves)
         if name != broad
     ]
+    # all of them different, for in grey the colours are not
     dashes: list[dict[str, Any]] = [
         {},
         {"dashes": (3, 3)},
-        {},
+        {"dashes": (8, 2, 1, 2, 1, 2)},
         {"dashes": (6, 2)},
         {"dashes": (6, 2, 1, 2)},
-        {},
+        {"dashes": (1, 3)},
         {"dashes": (1, 1)},
     ]
     colors = [COLORS[i] for i in (1, 6, 2, 3, 0, 4, 1)]
@@ -156,6 +161,8 @@ def curve_panels(
             below = (xlabel if number >= len(panels) - columns else "") if isinstance(xlabel, str) else xlabel[number]
             axes.set(title=title, xlabel=below, ylabel=curves[0][0] if len(curves) == 1 else own)
             axes.margins(x=0.01)
+            if number in equal:
+                axes.set_aspect("equal", adjustable="datalim")
             axes.grid(True)
             axes.set_axisbelow(True)
         if shared:

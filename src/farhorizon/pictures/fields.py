@@ -11,7 +11,7 @@ import numpy as np
 from farhorizon.errors import InputError
 from farhorizon.files.region_numbers import Regions
 from farhorizon.pictures.curves import lines
-from farhorizon.pictures.images import Overlay, cell_edges, image_of
+from farhorizon.pictures.images import Overlay, cell_edges, image_of, unhidden
 from farhorizon.pictures.style import (
     DIVERGING,
     color_range,
@@ -29,9 +29,10 @@ _ROOM = 5.0  # how much larger than in the first column values may be in the oth
 _SHARED = 0.2  # panels whose largest values differ by more than this factor have colour scales of their own
 
 
-def panel_grid(number: int, ratio: float) -> tuple[int, int, float, float]:
-    """Rows, columns and size in inches of `number` panels of height / width = `ratio`."""
-    most = 1 if ratio < 0.35 else 3 if number in (3, 5, 6, 9) else 2 if ratio < 0.6 else 4  # few places stay empty
+def panel_grid(number: int, ratio: float, bars: bool = False) -> tuple[int, int, float, float]:
+    """Rows, columns and size in inches of `number` panels of height / width = `ratio`, or with `bars` of their own."""
+    four = 2 if ratio < 0.6 or (bars and number == 4) else 4  # bars make a row of four too long
+    most = 1 if ratio < 0.35 else 3 if number in (3, 5, 6, 9) else four  # few places stay empty
     columns = min(number, most)
     width = min(5.5 / columns + 0.8, 3.4)
     if ratio < 0.35:
@@ -56,6 +57,7 @@ def field_panels(
     smooth: bool = False,
     broken: Sequence[np.ndarray] = (),
     regions: Regions | None = None,
+    beyond: str | None = None,
 ) -> Any:
     """Draw fields side by side: lines in one axes in 1D, images in 2D, a slice in 3D.
 
@@ -92,6 +94,8 @@ def field_panels(
     regions : Regions, optional
         Of what the nodes are made: outlines are drawn, the names of materials stand in the first panel. Without
         meaning in 1D.
+    beyond : {"neither", "min", "max", "both"}, optional
+        Ends at which a common colour bar has an arrow; where values lie beyond it unless given. Without meaning in 1D.
 
     Returns
     -------
@@ -131,7 +135,7 @@ def field_panels(
     overlays = _overlays(len(fields), polylines, solids, broken, regions, smooth)
     names = "xy"
     if dim == 3:
-        normal, index = plane or (2, shape[2] // 2)
+        normal, index = shown_plane(shape, plane)
         names = "xyz".replace("xyz"[normal], "")
         place = f"{'xyz'[normal]} = {number_text(coordinates[normal][index], np.ptp(coordinates[normal]))}"
         arrays = [array.take(index, normal) for array in arrays]
@@ -150,7 +154,13 @@ def field_panels(
         names=names,
         limits=limits,
         title=title,
+        beyond=beyond,
     )
+
+
+def shown_plane(shape: Sequence[int], plane: tuple[int, int] | None) -> tuple[int, int]:
+    """The slice of a lattice in space that is drawn: its axis and index; the middle of z unless given."""
+    return plane or (2, shape[2] // 2)
 
 
 def _overlays(
@@ -211,10 +221,11 @@ def slice_panels(
     with figure_at(path, size, "compressed") as figure:
         panels = figure.subplots(len(fields), 3, squeeze=False, width_ratios=sizes)
         arrays = [np.asarray(field, float) for _, field in fields]
-        signed = any(color_range([array])["cmap"] == DIVERGING for array in arrays)
         overlays = _overlays(len(fields), [np.asarray(points, float) for points in cracks], (), broken, regions, smooth)
+        seen = [unhidden(array, overlay.broken) for array, overlay in zip(arrays, overlays, strict=True)]
+        signed = any(color_range([array])["cmap"] == DIVERGING for array in seen)
         for row, array in enumerate(arrays):
-            alike = arrays if shared_scale else [array]
+            alike = seen if shared_scale else [seen[row]]
             scale = scale_of(alike, limits, colors, signed, usual=True)
             for panel, head, (normal, index), lines_along in zip(panels[row], heads[row], planes, sides, strict=True):
                 along, up = (name for name in "xyz" if name != "xyz"[normal])
@@ -309,10 +320,11 @@ def _images(
     names: str = "xy",
     limits: tuple[float, float] | None = None,
     title: str = "",
+    beyond: str | None = None,
 ) -> Any:
     """Draw checked 2D fields as images; returns the figure."""
     left, right, bottom, top = cell_edges(axes)
-    rows, columns, width, height = panel_grid(len(arrays), (top - bottom) / (right - left))
+    rows, columns, width, height = panel_grid(len(arrays), (top - bottom) / (right - left), not shared_scale)
     bar = 0.9 if shared_scale else 0.9 * columns
     heads = [wrapped(name, width) for name in titles]
     above = _LINE * max(head.count("\n") for head in heads)
@@ -321,13 +333,14 @@ def _images(
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
         for empty in panels[len(arrays) :]:
             empty.remove()
-        scale = scale_of(arrays, limits, colors, usual=True)
+        seen = [unhidden(array, overlay.broken) for array, overlay in zip(arrays, overlays, strict=True)]
+        scale = scale_of(seen, limits, colors, usual=True)
         # one colour map for all panels, whatever the scales
-        signed = any(color_range([array])["cmap"] == DIVERGING for array in arrays)
+        signed = any(color_range([array])["cmap"] == DIVERGING for array in seen)
         for number, (array, head) in enumerate(zip(arrays, heads, strict=True)):
             panel = panels[number]
             if not shared_scale:
-                scale = scale_of([array], limits, colors, signed, usual=True)
+                scale = scale_of([seen[number]], limits, colors, signed, usual=True)
             image = image_of(panel, array, axes, scale, overlays[number])
             if arrows:
                 _arrows(panel, arrows[number], axes)
@@ -338,9 +351,11 @@ def _images(
             panel.set(xlabel=with_unit(names[0]) if lowest else "", ylabel=with_unit(names[1]) if first else "")
             panel.locator_params(nbins=4 if width < 2 else 6)
             if not shared_scale:
-                figure.colorbar(image, ax=panel, label=label, extend=extent_beyond([array], limits, scale))
+                # within a row it would be taken for that of the next panel's axis
+                said = label if (number + 1) % columns == 0 or number + 1 == len(arrays) else ""
+                figure.colorbar(image, ax=panel, label=said, extend=extent_beyond([seen[number]], limits, scale))
         if shared_scale:
-            beyond = extent_beyond(arrays, limits, scale)
+            beyond = beyond or extent_beyond(seen, limits, scale)
             figure.colorbar(image, ax=list(panels[: len(arrays)]), label=label, pad=0.02, extend=beyond)
         if title:
             figure.suptitle(wrapped(title, size[0]), fontsize=panels[0].title.get_size())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from farhorizon.files.results import Results
 
 _MOMENT = 0.05  # of a record: what was seen for no longer is not drawn
+_FALL = 100.0  # of an energy, from which on its axis is logarithmic
+_DECADES = 6  # of that axis: less than a millionth of the largest energy is nobody's concern
 _MEASURED = {"position": "length", "advance": "length"}  # in the unit of something else
 _ACCOUNTS = {side: f"through {side}".replace("-", "\N{MINUS SIGN}") for side in ("x-", "x+", "y-", "y+", "z-", "z+")}
 _LEVELS = {"intensity": "energy per frequency and angle", "cross_section": "scattering cross section per angle"}
@@ -116,11 +118,12 @@ def _energies(results: Results, directory: Path, ending: str, words: Mapping[str
     history, energy = results.history_times, results.energy
     if np.isfinite(energy).any():
         moments, energies = _recorded(history, energy)
-        log = bool((energies > 0).all() and energies.max() > 100 * energies.min())
+        log = _falls_far(energies)
         written.append(directory / f"energy.{ending}")
         label, top = axis_label("energy", "energy", words), 1.05 * float(energies.max())
         limits = (0.0, top) if not log and energies.min() >= 0 < top else None  # small changes look small
-        lines([("energy", moments, energies)], written[-1], xlabel=time, ylabel=label, log=log, limits=limits)
+        scale: dict[str, Any] = {"log": log, "limits": limits, "decades": _DECADES}
+        lines([("energy", moments, energies)], written[-1], xlabel=time, ylabel=label, **scale)
     if results.balance:
         written.append(directory / f"balance.{ending}")
         curves = [(_ACCOUNTS.get(name, name), *_recorded(history, one)) for name, one in results.balance.items()]
@@ -128,6 +131,14 @@ def _energies(results: Results, directory: Path, ending: str, words: Mapping[str
         label = with_unit("energy", "energy") if waves else "gain since the start, and inflow"
         lines(curves, written[-1], xlabel=time, ylabel=label)
     return written
+
+
+def _falls_far(energies: np.ndarray) -> bool:
+    """Whether energies are seen on a logarithmic axis alone: after the largest, before which they may rise from nothing
+    in any way.
+    """
+    after = energies[int(energies.argmax()) :]
+    return bool(after.min() > 0 and after[0] > _FALL * after.min())
 
 
 def _distinct(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

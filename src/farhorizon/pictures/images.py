@@ -55,6 +55,11 @@ def cell_edges(axes: Sequence[np.ndarray]) -> tuple[float, float, float, float]:
     return left, right, bottom, top
 
 
+def unhidden(array: np.ndarray, broken: np.ndarray | None) -> np.ndarray:
+    """A field without its values at nodes that are drawn dark, for so many of their bonds are broken: nan."""
+    return array if broken is None else np.where(np.nan_to_num(broken) > _HURT, np.nan, array)
+
+
 def image_of(
     panel: Any, array: np.ndarray, axes: Sequence[np.ndarray], scale: Mapping[str, Any], overlay: Overlay
 ) -> Any:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon.errors import InputError
+from farhorizon.pictures.fields import comparable
 from farhorizon.pictures.style import color_range, figure_at, with_unit, wrapped
 
 SHARES = (0.2, 0.5)  # of the largest magnitude, on both sides of zero, where no levels are given
@@ -91,7 +92,8 @@ def isosurface_panels(
     path : str or Path, optional
         The file, of which the ending of the name is the format; without one nothing is written.
     levels : sequence of float, optional
-        A fifth and a half of the largest magnitude on both sides of zero unless given.
+        A fifth and a half of the largest magnitude on both sides of zero unless given: of all fields, or, where their
+        largest magnitudes are not `comparable`, of each field, whose title has its levels then.
     cracks : sequence of ndarray, each of shape (n, 3)
         Rims of cracks, drawn as lines.
     label, title : str
@@ -109,33 +111,45 @@ def isosurface_panels(
     from matplotlib import colormaps
     from matplotlib.patches import Patch
 
-    arrays = [values for _, values in fields]
+    arrays = [np.asarray(values, float) for _, values in fields]
     if len(axes) != 3:
         raise InputError("only a field in space has surfaces", value=f"{len(axes)}D", limit="3D", key="--isosurfaces")
+    own = levels is None and not comparable(arrays)
+    tops = [float(np.nanmax(np.abs(values), initial=0.0)) if own else 1.0 for values in arrays]
+    arrays = [values / (top or 1.0) for values, top in zip(arrays, tops, strict=True)]
     wanted = sorted(chosen_levels(arrays) if levels is None else levels)
     found = [{level: isosurface(values, axes, level) for level in wanted} for values in arrays]
-    for level in levels or ():
-        if not any(len(some[level]) for some in found):
-            low, high = (float(end([end(one[np.isfinite(one)]) for one in arrays])) for end in (np.min, np.max))
-            limit = f"between {low:.4g} and {high:.4g}"
-            raise InputError("the field has this value nowhere", value=level, limit=limit, key="--isosurfaces")
+    _check_seen(levels or (), found, arrays)
     scale, largest = color_range(arrays), max(map(abs, wanted)) or 1.0
     low = -largest if scale["vmin"] < 0 else 0.0
     colors = {level: np.array(colormaps[scale["cmap"]]((level - low) / (largest - low))) for level in wanted}
-    with figure_at(path, (3.6 * len(fields), 4.0 + 0.3 * bool(title))) as figure:
-        for number, ((name, _), surfaces) in enumerate(zip(fields, found, strict=True)):
+    with figure_at(path, (3.6 * len(fields), 4.0 + 0.3 * bool(title) + 0.3 * own)) as figure:
+        for number, ((name, _), surfaces, top) in enumerate(zip(fields, found, tops, strict=True)):
             panel = figure.add_subplot(1, len(fields), number + 1, projection="3d")
             _draw(panel, surfaces, axes, colors, cracks)
-            panel.set_title(wrapped(name, 3.4), y=0.96)  # the layout takes no account of what is above a box in space
+            seen = ", ".join(f"{level * top:.3g}" for level, triangles in surfaces.items() if own and len(triangles))
+            head = "\n".join(wrapped(line, 3.4) for line in (name, seen and f"surfaces at {seen}") if line)
+            panel.set_title(head, y=0.96)  # the layout takes no account of what is above a box in space
+        called = "" if own else f"{label} = "
         there = [level for level in wanted if any(len(some[level]) for some in found)] or wanted
         figure.legend(
-            handles=[Patch(color=tuple(colors[level][:3]), label=f"{label} = {level:.3g}") for level in there],
+            handles=[Patch(color=tuple(colors[level][:3]), label=f"{called}{level:.3g}") for level in there],
             loc="outside lower center",
             ncols=len(there),
+            title=f"{label} over the largest magnitude of its panel" if own else None,
         )
         if title:
             figure.suptitle(wrapped(title, 3.6 * len(fields)))
     return figure
+
+
+def _check_seen(levels: Sequence[float], found: Sequence[Any], arrays: Sequence[np.ndarray]) -> None:
+    """Refuse levels that no field has."""
+    for level in levels:
+        if not any(len(some[level]) for some in found):
+            low, high = (float(end([end(one[np.isfinite(one)]) for one in arrays])) for end in (np.min, np.max))
+            limit = f"between {low:.4g} and {high:.4g}"
+            raise InputError("the field has this value nowhere", value=level, limit=limit, key="--isosurfaces")
 
 
 def _draw(panel: Any, surfaces: Any, axes: Sequence[np.ndarray], colors: Any, cracks: Sequence[np.ndarray]) -> None:

@@ -16,7 +16,9 @@ import numpy as np
 from farhorizon.errors import InputError
 from farhorizon.files.html import film
 from farhorizon.files.storage import replacing
-from farhorizon.pictures.fields import field_panels
+from farhorizon.pictures.fields import field_panels, shown_plane
+from farhorizon.pictures.images import unhidden
+from farhorizon.pictures.style import extent_beyond
 
 _SECONDS = 8.0  # of a film; between the two rates
 _RATES = (5, 25)  # frames a second
@@ -96,9 +98,14 @@ def made_film(
             key="--movie",
             remedy="a smaller output.every, or no --times",
         )
-    limits = limits or _limits([values for _, values in frames], cut=len(axes) > 1 and colors is None)
+    seen = [unhidden(values, broken[k] if broken else None) for k, (_, values) in enumerate(frames)]
+    limits = limits or _limits(seen, cut=len(axes) > 1 and colors is None)
     rate = int(np.clip(len(frames) / _SECONDS, *_RATES))
     look: dict[str, Any] = {"label": label, "limits": limits, "cracks": cracks, "colors": colors, "plane": plane}
+    if len(axes) == 3:
+        normal, index = shown_plane([axis.size for axis in axes], plane)
+        seen = [values.take(index, normal) for values in seen]
+    look["beyond"] = extent_beyond(seen, limits)  # an arrow that comes and goes would move the picture
     drawn = (
         _pixels(name, values, axes, **look, title=title, broken=broken[k : k + 1])
         for k, (name, values) in enumerate(frames)

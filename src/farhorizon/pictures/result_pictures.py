@@ -15,6 +15,7 @@ from farhorizon.pictures.deformed import deformed_panels
 from farhorizon.pictures.fields import comparable, field_panels, magnitude, slice_panels
 from farhorizon.pictures.fronts import front
 from farhorizon.pictures.histories import history_pictures
+from farhorizon.pictures.images import unhidden
 from farhorizon.pictures.isosurfaces import isosurface_panels
 from farhorizon.pictures.movie import movie
 from farhorizon.pictures.scalars import Scalar, wanted_scalars
@@ -148,15 +149,17 @@ def _panels(
         shown, limits = view.levels(shown), limits or (FLOOR, 0.0)
     label = _label(part, view)
     broken = part.name == "damage"  # shows the cracks, those cut in advance among them
+    over = _broken(results, kept, view, part)
+    seen = [unhidden(values, hidden) for values, hidden in zip(shown, over, strict=True)] if over else shown
     given: dict[str, Any] = {
-        "shared_scale": limits is not None or comparable(shown),
+        "shared_scale": limits is not None or comparable(seen),
         "cracks": () if broken else view.cracks,
         "label": label,
         "colors": DAMAGE if broken and not view.decibels else None,
         "limits": limits,
         "title": _doubts(results, kept),
         "smooth": not (broken or solids),
-        "broken": _broken(results, kept, view, part),
+        "broken": over,
         "regions": regions,
     }
     panels = [(_moment(results, k), values) for k, values in zip(kept, shown, strict=True)]

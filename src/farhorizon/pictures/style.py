@@ -56,7 +56,9 @@ _FEW = 8  # nodes whose values may lie beyond the colours
 _MORE = 1.75  # if the largest is more than so many times that of the others
 _SMALL = 400  # nodes of a field that is shown whole
 _BEYOND = 0.02  # of the range of colours: what is further beyond is told by an arrow
+_SHADES = 256  # of a part of a colour map
 _WORD = re.compile(r"(?:\$[^$]*\$|\S)+")  # formulas are not broken
+_CELSIUS = re.compile(r"\bdegC\b")
 _MICRO = re.compile(r"\bu(?=[a-zA-Z])")  # of us and um
 _ROOT = re.compile(r"(\w+)\^\(1/2\)")
 _UNITS: ContextVar[Mapping[str, str]] = ContextVar("units", default=MappingProxyType({}))
@@ -117,8 +119,9 @@ def with_unit(name: str, *measured: str) -> str:
 
 
 def _unit_of(measured: str) -> str:
-    """The unit of what is measured, with the signs of micro and of roots; empty without one."""
-    return _ROOT.sub(r"√\1", _MICRO.sub("\N{MICRO SIGN}", _UNITS.get().get(measured, "")))
+    """The unit of what is measured, with the signs of micro, of degrees and of roots; empty without one."""
+    text = _CELSIUS.sub("\N{DEGREE SIGN}C", _UNITS.get().get(measured, ""))
+    return _ROOT.sub(r"√\1", _MICRO.sub("\N{MICRO SIGN}", text))
 
 
 def speed_text(value: float) -> str:
@@ -181,13 +184,25 @@ def scale_of(
 ) -> dict[str, Any]:
     """Colour map and norm of some fields: what `color_range` finds, or `limits`, about zero if they have both signs."""
     if limits is not None:
-        from matplotlib.colors import Normalize, TwoSlopeNorm
+        from matplotlib.colors import Normalize
 
         both = limits[0] < 0 < limits[1] and colors is None
-        norm = TwoSlopeNorm(0.0, *limits) if both else Normalize(*limits)
-        return {"cmap": colors or (DIVERGING if both else SEQUENTIAL), "norm": norm}
+        found = _about_zero(*limits) if both else SEQUENTIAL
+        return {"cmap": colors or found, "norm": Normalize(*limits)}
     scale = color_range(arrays, signed, usual and colors is None)
     return scale if colors is None else {**scale, "cmap": colors, "vmin": 0.0}
+
+
+def _about_zero(low: float, high: float) -> Any:
+    """The diverging colours from one limit to the other: those of equal magnitudes are equally dark."""
+    if low == -high:
+        return DIVERGING
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+
+    whole = 2 * max(-low, high)
+    shades = np.linspace(0.5 + low / whole, 0.5 + high / whole, _SHADES)
+    return ListedColormap(colormaps[DIVERGING](shades), f"{DIVERGING} about zero")
 
 
 def extent_beyond(

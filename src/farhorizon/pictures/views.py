@@ -43,7 +43,7 @@ class View:
         All outputs one after the other, in place of panels.
     isosurfaces : sequence of float, optional
         Of fields in space draw the surfaces on which they have these values in place of slices; without any values a
-        fifth and a half of the largest magnitude.
+        fifth and a half of the largest magnitude, of each time where these are far apart.
     format : {"png", "pdf", "svg"}
     suffix : str
         What the names of the pictures of fields end in, before that of the format.

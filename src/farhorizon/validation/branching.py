@@ -99,5 +99,6 @@ def branching(folder: Path) -> Outcome:
         picture,
         xlabel=("t", "x"),
         ylabel=("speed / Rayleigh speed", "y"),
+        equal=[1],
     )
     return Outcome(rows, pictures=[picture])

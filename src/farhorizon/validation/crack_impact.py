@@ -146,6 +146,7 @@ def hit(spacing: float) -> StressIntensity:
 def kalthoff(folder: Path) -> Outcome:
     """Both intensities, from before the first wave comes to the tip."""
     from farhorizon.pictures.curves import curve_panels
+    from farhorizon.pictures.words import in_words
 
     rows, errors = [], []
     for spacing in SPACINGS:
@@ -172,9 +173,9 @@ def kalthoff(folder: Path) -> Outcome:
     unit = SHEAR / P_SPEED * np.sqrt(LENGTH / np.pi)
     way = times * P_SPEED / LENGTH
     panels = [
-        (mode, [("exact", way, wanted[i] / unit), ("computed", way, computed[i] / unit)])
+        (in_words(mode), [("exact", way, wanted[i] / unit), ("computed", way, computed[i] / unit)])
         for i, mode in enumerate(("K_I", "K_II"))
     ]
     picture = folder / "kalthoff.png"
-    curve_panels(panels, picture, xlabel="c_P t / l", ylabel="K c_P / (mu v0) sqrt(pi / l)")
+    curve_panels(panels, picture, xlabel="$c_P t / l$", ylabel=r"$K c_P / (\mu v_0) \; \sqrt{\pi / l}$")
     return Outcome(rows, pictures=[picture])

@@ -204,6 +204,6 @@ def mode_one(folder: Path) -> Outcome:
         [("", curves)],
         picture,
         xlabel=f"distance travelled by P waves (half length of the crack: {HALF_LENGTH:g})",
-        ylabel="K",
+        ylabel=r"$K_{\mathrm{I}}$",
     )
     return Outcome(rows, pictures=[picture])

@@ -113,12 +113,12 @@ def garvin(folder: Path) -> Outcome:
         rows.append(Row(f"largest difference, of the largest value at its place, spacing {spacing:g} h", errors[-1]))
     rows.append(Row("order in the spacing", float(np.log2(errors[0] / errors[1])), 2.0))
     panels = [
-        (f"x = {x:g} h", [("exact", times, wanted[i, 1]), ("computed", times, found[i, 1])])
+        (f"$x = {x:g}\\,h$", [("exact", times, wanted[i, 1]), ("computed", times, found[i, 1])])
         for i, x in enumerate(PLACES)
         if x in (0.0, 1.0, 2.0, 4.0)
     ]
     picture = folder / "garvin.png"
-    curve_panels(panels, picture, xlabel="t beta / h", ylabel="upward displacement")
+    curve_panels(panels, picture, xlabel=r"$\beta t / h$", ylabel="upward displacement")
     return Outcome(rows, pictures=[picture])
 
 
