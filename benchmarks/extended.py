@@ -126,7 +126,7 @@ class Problem:
 
 
 def computed(sim: Simulation) -> int:
-    """Nodes that a step updates, the layers' slots included."""
+    """Nodes of the box that a step sweeps over: the near field and the layers or the larger domain around it."""
     return int(np.prod(sim.engine.layout.box.nodes))
 
 
