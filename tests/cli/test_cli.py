@@ -135,7 +135,7 @@ def test_two_notches_against_a_domain_from_which_nothing_returns(tmp_path):
             str(out),
         ]
     )
-    assert max(written(out, "compare")["lattice PML"]["error_rel_initial"]) <= 1e-6
+    assert max(written(out, "compare")["lattice PML"]["error_rel_initial"]) <= 1e-8
 
 
 def test_script_example():

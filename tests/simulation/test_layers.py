@@ -304,3 +304,31 @@ def test_waves_that_alternate_under_an_angle_only_are_kept_back_in_diffusion(dim
         worst = max(worst, float(np.abs(sim.fields["u"] - exact).max() / np.abs(exact).max()))
     print(worst / target, [layer.columns for layer in sim.engine.layers.values()])
     assert worst < target
+
+
+@pytest.mark.parametrize("length", [8.0, 16.0])
+def test_which_wave_sets_a_thickness_is_said(length):
+    """Of long packets that have one wavelength only, in the plane and straight towards the side."""
+    lattice = fh.Lattice(1.0, (-90.0, 0.0), (90.0, 7.0))
+    packet = f"exp(-(x/28)**2)*cos(2*pi*x/{length})"
+    layer = fh.LatticePML(target=1e-4, until=300.0)
+    sides = {"x": layer, "y": fh.Periodic()}
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), sides, {"u": packet}, threads=1)
+    found = sim.thickness["x-"].set_by.split()
+    print(*found)
+    assert found[0] == "waves" and float(found[2]) == pytest.approx(length, rel=0.2) and found[-2:] == ["0", "degrees"]
+    assert "set by waves of" in sim.check(300.0).details
+
+
+@pytest.mark.parametrize(
+    ("model", "kept"), [(fh.Wave(fh.Kernel(2.0)), 1e-5), (fh.Diffusion(fh.Kernel(2.0), 1.0), 1e-3)]
+)
+def test_targets_below_the_rounding_of_single_precision_are_told(model, kept):
+    lattice, bell = fh.Lattice(1.0, (-15.0, -15.0), (15.0, 15.0)), "exp(-(x**2+y**2)/6)"
+
+    def notes(target, dtype):
+        layer = fh.LatticePML(target=target, until=200.0)
+        return fh.Simulation(lattice, model, layer, {"u": bell}, dtype=dtype, threads=1).notes
+
+    assert any("single precision" in note and "1e-07" in note for note in notes(1e-7, "float32"))
+    assert not notes(kept, "float32") and not notes(1e-7, "float64")

@@ -75,6 +75,8 @@ class Examined(Timed, Protocol):
         By side, what the layers that chose themselves are predicted to do.
     extents : dict of (axis, side) to Extent
         How far the medium is computed beyond sides that extend it.
+    doubts : list of str
+        Layers that are predicted to miss their targets, which are among the notes.
     recorders : list of farhorizon.simulation.recorder.Recorder
     """
 
@@ -104,6 +106,7 @@ class Examined(Timed, Protocol):
     coefficients: dict[tuple[int, int], float]
     thickness: dict[str, Thickness]
     extents: dict[tuple[int, int], Extent]
+    doubts: list[str]
     recorders: list[Any]
 
     @property

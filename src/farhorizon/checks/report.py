@@ -245,7 +245,8 @@ class Report:
         if any(b.held is not None for b in sim.sides.values()) and sim.engine.layers:
             report.warnings.append("a Fixed side reflects")
         report.rows += more
-        report.notes = [*report.notes, *sim.notes]
+        report.notes += [note for note in sim.notes if note not in sim.doubts]
+        report.warnings += sim.doubts
         report.warnings += [text for one in sim.recorders for text in one.doubts]
         report.warnings += [text for one in sim.incident for text in one.passage.doubts]
         return report

@@ -12,8 +12,10 @@ A line along an axis ends where its next bond is cut, or leads to a place withou
 into a layer is no short wave. There the line meets its own mirror image, as beyond a free side, which makes of the
 filter the same polynomial of the second difference on a line that ends (`cut_filter`).
 
-The increments are put into a *box*, an array of all nodes in their natural order with margins as wide as the filter, in
-which the layers are a frame.
+The increments of the layers' nodes, and of no others, are put into a *box*, one component after the other. It has a
+place for every node of the near field and of the layers, in their natural order, with margins as wide as the filter
+reaches: one number each, however many components the field has. In it the layers are a frame, and the places of the
+near field stay zero; they are read where the filter reaches them from a layer.
 """
 
 from __future__ import annotations
@@ -46,7 +48,8 @@ class Filter(NamedTuple):
     steps : ndarray of int
         Distances in the box between neighbours along the axes.
     box : ndarray
-        All nodes in their natural order, with margins; it goes on for `SLACK` values.
+        A place for every node in their natural order, with margins; of what is not damped zero. It goes on for `SLACK`
+        values.
     strengths : ndarray
         Lines of them along the last axis, each that occurs once; they go on for `SLACK` values.
     runs : ndarray of int, shape (P, 4 + axes)

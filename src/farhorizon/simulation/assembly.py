@@ -360,7 +360,7 @@ def _look_beyond(found: Survey, team: Team) -> Beyond:
     lattice, stencil = setup.lattice, near.stencil
     depth = around.depth(stencil, lattice.spacing, lattice.shape)
     beyond = Beyond(lattice, around.sides, setup.model.target, depth, near.closed, team.largest)
-    beyond.notes += near.conditions.notes + around.notes + jumps(setup, near)
+    beyond.notes += near.conditions.notes + around.doubts + around.notes + jumps(setup, near)
     name = "the coefficient" if near.factor is near.coefficient else "the stiffness"
     body = None if lattice.body is None else lattice.mask
     for values, called in ((near.factor, name), (near.density, "the density"), (body, "the body")):

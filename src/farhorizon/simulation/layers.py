@@ -16,7 +16,7 @@ import numpy as np
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.choice import weak
-from farhorizon.analysis.layers.diffusing import Cause, Wall, goes_on, thinnest_for_diffusion
+from farhorizon.analysis.layers.diffusing import Cause, Wall, goes_on, predicted_for_diffusion, thinnest_for_diffusion
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
 from farhorizon.analysis.layers.side_data import Datum
@@ -32,16 +32,22 @@ from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.alternating_waves import FOLLOWED, AlternatingWaves, growth_of_waves
 from farhorizon.simulation.coupling import expansion_of
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.returned_waves import CROSSINGS, FORESEEN, LASTING, MOST_CROSSINGS, ReturnedWaves, spreads
+from farhorizon.simulation.returned_waves import CROSSINGS, LASTING, MOST_CROSSINGS, ReturnedWaves, spreads
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.solid_and_liquid import placed
 from farhorizon.simulation.surroundings import Surroundings
-from farhorizon.simulation.wave_data import stand_ins
+from farhorizon.simulation.wave_data import FORESEEN, foreseen_time, stand_ins
 
+# of layers that are given by hand
+_SENT_BACK = "layers of {{}} nodes ({{}}) are predicted to send back {:.1g} of {}, more than the target {{:g}}"
 _PATIENCE = 30.0  # seconds after which a choice that still goes on says so
 _LITTLE = 0.3  # damping in two steps that may wait for the second
 _TURN = 0.2  # of a period, in a step of the fastest wave, where it may
-_SHORT = 1e-6  # target down to which six digits are enough for what layers remember
+# target for each crossing of the near field down to which six digits are enough for what layers remember: under a force
+# that stays they add up to 4e-6 a crossing, of pulses a tenth of it
+_SHORT = 1.5e-5
+# what rounding adds in single precision of the largest value at the same time, of diffusion which falls, and of waves
+_ROUNDED = 1e-4, 2e-6
 _LIGHT = 1e-5  # and for light dampers: they send 2e-6 of a resolved pulse back at most
 _MOMENTS = 33  # at which sources of diffusion are looked at, whether they go on as they are
 _FAST = 0.5  # part of the largest frequency from which on waves may run backward or hardly move
@@ -92,12 +98,15 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
         with _told_if_it_takes_long():
             choice.for_waves(layers)
     thickness = {side_name(*key): found for key, found in choice.found.items()}
-    notes = [words.format(nodes, ", ".join(named), aim) for (words, nodes, aim), named in choice.missed.items()]
+    doubts = [words.format(nodes, ", ".join(named), aim) for (words, nodes, aim), named in choice.missed.items()]
+    wanted = min((b.wanted(near.model.target) for b in layers.values()), default=1.0)
+    if setup.dtype == "float32" and wanted < _ROUNDED[near.model.order - 1]:
+        doubts.append(f"in single precision rounding adds more than the target {wanted:g}: float64, or a larger target")
     chosen = {key: found.layer for key, found in choice.found.items()}
     chosen = with_one_filter(around.layers | chosen, near.rate_limit, near.dt, near.lattice.dim)
     if _may_be_short(near, around.sides):
         chosen = {key: replace(layer, short=True) for key, layer in chosen.items()}
-    return replace(around, layers=chosen, thickness=thickness, notes=notes + choice.unforeseen(layers))
+    return replace(around, layers=chosen, thickness=thickness, doubts=doubts, notes=choice.unforeseen(layers))
 
 
 def with_light_dampers(near: NearField, around: Surroundings) -> Surroundings:
@@ -143,11 +152,17 @@ def _light_if_quiet(layer: Layer, stencil: Stencil, squared: float, near: NearFi
 
 def _may_be_short(near: NearField, sides: Sides) -> bool:
     """Whether six digits are enough for what layers remember: in space, where steps wait for it, if no side is asked
-    for less than `_SHORT`.
+    for less than `_SHORT` a crossing.
+
+    What is dropped pushes the medium beside a layer, now one way and now the other, and a push remains as a velocity:
+    what it adds grows with the length of the run.
     """
     absorbing = [b for b in sides.values() if b.stretched or b.derivatives]
-    asked = [b.wanted(near.model.target) for b in absorbing if b.target is not None or b.open_ended]
-    return near.lattice.dim == 3 and len(asked) == len(absorbing) and min(asked, default=0.0) >= _SHORT
+    asked = [b for b in absorbing if b.target is not None or b.open_ended]
+    if near.lattice.dim < 3 or len(asked) < len(absorbing):
+        return False
+    crossings = ((b.until or CROSSINGS * near.crossing) / near.crossing for b in asked)
+    return all(b.wanted(near.model.target) >= _SHORT * n for b, n in zip(asked, crossings, strict=True))
 
 
 def with_one_filter(layers: Mapping[Key, Layer], rate: float, dt: float, dim: int) -> dict[Key, Layer]:
@@ -223,6 +238,7 @@ class _Choice:
             around.sides,
             data or stand_ins(*self._like_near_field, self._courses(watched, layers)),
             FORESEEN * crossing,
+            foreseen_time(crossing, near.dt, near.stencil, near.lattice.shape),
             self._scatterers(),
             near.squared_speed,
             known=bool(data),
@@ -244,13 +260,7 @@ class _Choice:
                 layer = around.layers[key]
                 error = far.returned(*key, layer, wanted, min(until, far.foreseen))
                 if error > wanted:
-                    self._miss(
-                        key,
-                        f"layers of {{}} nodes ({{}}) are predicted to send back {error:.1g} of the largest value, "
-                        "more than the target {:g}",
-                        layer.columns,
-                        wanted,
-                    )
+                    self._miss(key, _SENT_BACK.format(error, "the largest value"), layer.columns, wanted)
         if refused:  # what one side keeps another one may not
             raise max(refused, key=lambda one: one.least)
 
@@ -279,7 +289,7 @@ class _Choice:
         if first is None or not layers:
             return []
         share = max((short_share(datum.values, first) for datum in self._initial()), default=0.0)
-        say = f"of the data {share:.1g} are waves of less than {2 * np.pi / first:.2g} nodes, {say}"
+        say = f"of the data {share:.2g} are waves of less than {2 * np.pi / first:.2g} nodes, {say}"
         asked = [b.target for b in layers.values() if b.target is not None and b.open_ended]
         if near.stencil.components == 1 and share > min(asked, default=np.inf):
             raise InputError(
@@ -316,21 +326,19 @@ class _Choice:
             until, planes = lengths[key], [part for cause in causes for part in cause.planes(*key, spacing)]
             wanted = boundary.wanted(model.target)
             alternate = partial(alternating.returned, *key, wanted=wanted, until=until)
-            if not boundary.open_ended:
-                given = self.around.layers[key]
-                if (back := alternate(given)) > wanted:
-                    self._miss_alternating(key, boundary, back, given, wanted)
-                continue
             image, across = self.around.sides[key[0], -key[1]].image, near.lattice.shape[key[0]]
             wall = Wall(image, spacing * across) if image else None
+            if not boundary.open_ended:
+                given = self.around.layers[key]
+                error = predicted_for_diffusion(given, spacing, diffusivity * until, planes, wall)
+                if (back := alternate(given)) > wanted:
+                    self._miss_alternating(key, boundary, back, given, wanted)
+                if error > wanted:
+                    self._miss(key, _SENT_BACK.format(error, "the largest value at that time"), given.columns, wanted)
+                continue
             found = thinnest_for_diffusion(spacing, diffusivity * until, planes, wanted, wall, alternate)
             if found.predicted > wanted and boundary.target is not None:
-                raise InputError(
-                    "no layer keeps the target for so long a run",
-                    value=wanted,
-                    key="boundary.target",
-                    remedy="a larger target, a shorter run, or data farther from the side",
-                )
+                raise NotKept.of(wanted, found.predicted)
             if (back := alternate(found.layer)) > wanted:
                 self._miss_alternating(key, boundary, back, found.layer, wanted)
             self._take(key, replace(found, until=until), wanted)

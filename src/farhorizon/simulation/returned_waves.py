@@ -45,7 +45,6 @@ from farhorizon.simulation.wave_data import (
 # length of a run unless it is known: of waves in crossings of the near field, of diffusion in R^2/diffusivity
 CROSSINGS, LASTING = 20, 10
 MOST_CROSSINGS = 1000  # for which layers are made: what was measured
-FORESEEN = 60  # crossings for which errors are predicted: the work grows with their number
 # nodes beside the near field, at most, before the data repeat themselves along an open side, and lengths of the near
 # field, if these are more: in that time all but the longest waves, and such as hardly move, have left
 _ROOM, _LEFT = 512, 3
@@ -96,8 +95,8 @@ class ReturnedWaves:
     sides : mapping of (axis, side) to Side
     data : sequence of Datum
         On the near field.
-    foreseen : float
-        Time up to which errors are predicted; in longer runs the formula decides where it serves.
+    soon, foreseen : float
+        Times up to which errors are predicted: in runs longer than the first the formula decides where it serves.
     scatterers : ndarray of bool, or None
         Nodes where waves are scattered: the data are taken to come from the nearest of them, too.
     squared_speed : ndarray, or None
@@ -116,6 +115,7 @@ class ReturnedWaves:
     dt: float
     sides: Mapping[tuple[int, int], Side]
     data: Sequence[Datum]
+    soon: float = np.inf
     foreseen: float = np.inf
     scatterers: np.ndarray | None = None
     squared_speed: np.ndarray | None = None
@@ -140,7 +140,7 @@ class ReturnedWaves:
         """
         medium, slowest = self._media(axis, side)[0], self._media(axis, side)[-1].speed / self.spacing
         pace, data = medium.speed / self.spacing, [datum.values for datum in self._turned(axis, side, medium)]
-        if not medium.stencil.strongest_reaction and (boundary.target is None or until > self.foreseen):
+        if not medium.stencil.strongest_reaction and (boundary.target is None or until > self.soon):
             found = by_formula(medium.stencil, pace, until, data, wanted)
             if found is None and boundary.target is None:
                 return None

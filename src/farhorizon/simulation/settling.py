@@ -114,9 +114,15 @@ class Settling:
 
 def outlasted(around: Surroundings, until: float, dt: float) -> list[str]:
     """What is to be said of a run that outlasts what its sides were chosen for, by more than its last step."""
+    asked = max((b.until or 0.0 for b in around.sides.values() if b.stretched), default=0.0)
+    known = asked > min(_ends(around.thickness), default=np.inf) + dt
+    longer = (
+        "errors of longer runs are not predicted"
+        if known
+        else "LatticePML(target=..., until=...) chooses them for a longer run"
+    )
     chosen = {
-        "the layers keep their target up to t = {:.6g}, later perhaps not: LatticePML(target=..., until=...) "
-        "chooses them for a longer run": _ends(around.thickness),
+        f"the layers keep their target up to t = {{:.6g}}, later perhaps not: {longer}": _ends(around.thickness),
         "nothing comes back from the end of the extended domain up to t = {:.6g}, later something does: "
         "Extended(until=...)": _ends(around.extents),
     }

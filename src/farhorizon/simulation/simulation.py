@@ -197,9 +197,9 @@ class Simulation(Run):
         self.strongest, self.conditions, self.leak = near.strongest, near.conditions, near.leak
         self.fastest_rate, self.weakest, self.signals = near.fastest_rate, near.weakest, signals(setup)
         self.varied = bool(parts.start.solid.any()) or near.varies
-        self.start_u, self.start_v = parts.start.u, parts.start.v
-        self.sources, self.incident = parts.drives.sources, parts.incident
-        self.coefficients, self.thickness, self.extents = around.coefficients, around.thickness, around.extents
+        self.start_u, self.start_v, self.sources = parts.start.u, parts.start.v, parts.drives.sources
+        self.coefficients, self.incident, self.doubts = around.coefficients, parts.incident, around.doubts
+        self.thickness, self.extents = around.thickness, around.extents
         every = team.gather(around.beyond(near.stencil, near.lattice.spacing))  # beyond a neighbour there is nothing
         self.beyond = {key: max(one[key] for one in every) for key in around.sides}
         sides = settled_sides(around, near.model)

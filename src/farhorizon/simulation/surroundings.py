@@ -30,8 +30,10 @@ class Surroundings:
         By side, what the layers that chose themselves are predicted to do.
     extents : dict of (axis, side) to Extent
         How far the medium is computed beyond sides that extend it.
+    doubts : list of str
+        Layers that are predicted to miss their targets.
     notes : list of str
-        Layers that may miss their targets.
+        What predictions leave out.
     """
 
     sides: Sides
@@ -39,6 +41,7 @@ class Surroundings:
     layers: dict[Key, Layer]
     thickness: dict[str, Thickness] = field(default_factory=dict)
     extents: dict[Key, Extent] = field(default_factory=dict)
+    doubts: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     def width(self, key: Key, stencil: Stencil, spacing: float) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.side_data import Datum
+from farhorizon.medium.stencil import Stencil
 
 # lengths of the run before images come round, if there is room: what comes later folds back into it, much fainter
 _ROUND = 2
@@ -18,8 +19,18 @@ _LONG = 8  # parts of the room, by one of which data are smoothed for what is st
 # pace of the fastest waves over that of the slowest of solids of which something comes back: what came back of short
 # pulses in boxes of 120 and 200 nodes grew until about when these are back from the layer
 _SLOW = 10.0
+FORESEEN = 60  # crossings for which errors are predicted at least
+# steps, times nodes along the longest side, for which those of scalars on a line and in the plane are: the work grows
+# with both, and in space far more is predicted of loads that stay than comes
+_WORK = 4e6
 _SILENT = 1e-3  # of the wanted error: sources that are fainter send nothing any more
 _STAND_IN = 2.0  # width, in nodes, of the pulses that stand for data which are not known
+
+
+def foreseen_time(crossing: float, dt: float, stencil: Stencil, shape: tuple[int, ...]) -> float:
+    """Time up to which errors are predicted."""
+    steps = _WORK / max(shape) if stencil.components == 1 and len(shape) < 3 else 0.0
+    return max(FORESEEN * crossing, steps * dt)
 
 
 def by_time(data: Sequence[Datum], half: int, silent: float) -> Iterator[tuple[int, int, list[Datum]]]:

@@ -42,6 +42,9 @@ def test_what_a_refusal_names_is_more_than_was_asked():
         def returned(self, layer, enough=np.inf):
             return self.exact if enough == np.inf else 1.0
 
+        def strongest(self, layer):
+            return 1.0, ""
+
     def members(nodes):
         return {"thin": thin(nodes, 4.0, 1.0)}
 

@@ -13,6 +13,7 @@ import numpy as np
 from scipy import special
 
 from farhorizon.analysis.layers.layer import LatticeMedium
+from farhorizon.engine.parallel import in_parallel
 from farhorizon.medium.stencil import Stencil
 
 _NEWTON, _LONGEST = 12, 0.3  # iterations from the root of long waves, and the largest change of log zeta in one of them
@@ -22,6 +23,7 @@ _ROUGH, _GONE = 1e-6, 1e-6
 _NEARLY = 0.01  # and the largest change of log zeta in an iteration from such a root
 _NOTHING = 1e-20  # of the largest of the rows: those that hold no more are left out
 _STEEP = 8.0  # how fast waves fade out about 0.7 of the limit of speeds: 1e-8 remains at it
+_IN_CACHE = 1 << 13  # waves that are looked at together
 _FLAT = 1e-14  # of a polynomial's largest coefficient, the least of the first one: what dies out at once
 
 
@@ -169,37 +171,45 @@ def vectors_arrived(
     alike, number = alike_along(medium.stencil, along)
     target = (medium.recursion.eigenvalue(z) / medium.rate)[:, None]
     series = _PlaneChain.of(medium.stencil, alike).series(target)
-    root, gone = (part[..., number] for part in _factors(series))
-    chain = _PlaneChain.of(medium.stencil, along)
-    for polish in (True, True, False):
-        value, slope = chain.at(root, target)
-        determinant = value[0] * value[1] - value[2] ** 2
-        rise = slope[0] * value[1] + value[0] * slope[1] - 2 * value[2] * slope[2]
-        rise = np.where(rise == 0, 1e-300, rise)
-        if polish:
-            change = determinant / rise
-            root = root * np.exp(-change * np.minimum(1.0, _NEARLY / np.maximum(np.abs(change), 1e-300)))
-    carried = ~gone & (np.abs(root) < 1) & (np.abs(determinant) < _ROUGH * np.abs(series).max())
-    # columns of the adjugate, of which the longer one tells the polarisation
-    columns = np.stack([np.stack([value[1], -value[2]]), np.stack([-value[2], value[0]])])
-    lengths = np.linalg.norm(columns, axis=1)
-    shape = np.where(lengths[0] > lengths[1], columns[0], columns[1]) / np.maximum(lengths.max(0), 1e-300)
-    total = np.zeros(root.shape, complex)
-    for component, rows, start in sent:
-        total += (shape.conj() * columns[component]).sum(0) * _carried(rows, root) * start[:, None]
-    total = np.where(carried, total / (medium.rate * rise), 0)
-    # of the eigenvalue, by which it changes with the factor's logarithm, a step
-    turn = (medium.recursion.keep / z - z)[:, None] * np.where(carried, value[0] + value[1], 1)
-    turn = turn / (medium.recursion.scale * medium.rate)
-    slowness = np.where(carried, turn / rise, 0)
-    if limit < np.inf:
-        tilt = _PlaneChain.of(medium.stencil, along, 1).at(root, np.zeros(()))[0]
-        drift = np.abs(tilt[0] * value[1] + value[0] * tilt[1] - 2 * value[2] * tilt[2])
-        share = drift / np.abs(turn) * medium.spacing / (limit * medium.dt)
-        total = total * special.erfc(_STEEP * (np.minimum(share, 2.0) ** 2 - 0.5)) / 2
-    root = np.where(carried, root, 0.5)
-    found = [np.concatenate(part, axis=1) for part in (root, total, slowness)]
-    return *found, np.concatenate(np.moveaxis(shape, 1, 0), axis=2)
+    largest = float(np.abs(series).max())
+    chain, tilted = (_PlaneChain.of(medium.stencil, along, order) for order in (0, 1))
+
+    def arrived(part: slice) -> tuple[np.ndarray, ...]:
+        """Those of some frequencies."""
+        root, gone = (found[..., number] for found in _factors(series[part]))
+        for polish in (True, True, False):
+            value, slope = chain.at(root, target[part])
+            determinant = value[0] * value[1] - value[2] ** 2
+            rise = slope[0] * value[1] + value[0] * slope[1] - 2 * value[2] * slope[2]
+            rise = np.where(rise == 0, 1e-300, rise)
+            if polish:
+                change = determinant / rise
+                root = root * np.exp(-change * np.minimum(1.0, _NEARLY / np.maximum(np.abs(change), 1e-300)))
+        carried = ~gone & (np.abs(root) < 1) & (np.abs(determinant) < _ROUGH * largest)
+        # columns of the adjugate, of which the longer one tells the polarisation
+        columns = np.stack([np.stack([value[1], -value[2]]), np.stack([-value[2], value[0]])])
+        lengths = np.linalg.norm(columns, axis=1)
+        shape = np.where(lengths[0] > lengths[1], columns[0], columns[1]) / np.maximum(lengths.max(0), 1e-300)
+        total = np.zeros(root.shape, complex)
+        for component, rows, start in sent:
+            total += (shape.conj() * columns[component]).sum(0) * _carried(rows, root) * start[part, None]
+        total = np.where(carried, total / (medium.rate * rise), 0)
+        # of the eigenvalue, by which it changes with the factor's logarithm, a step
+        turn = (medium.recursion.keep / z[part] - z[part])[:, None] * np.where(carried, value[0] + value[1], 1)
+        turn = turn / (medium.recursion.scale * medium.rate)
+        slowness = np.where(carried, turn / rise, 0)
+        if limit < np.inf:
+            tilt = tilted.at(root, np.zeros(()))[0]
+            drift = np.abs(tilt[0] * value[1] + value[0] * tilt[1] - 2 * value[2] * tilt[2])
+            share = drift / np.abs(turn) * medium.spacing / (limit * medium.dt)
+            total = total * special.erfc(_STEEP * (np.minimum(share, 2.0) ** 2 - 0.5)) / 2
+        root = np.where(carried, root, 0.5)
+        found = [np.concatenate(one, axis=1) for one in (root, total, slowness)]
+        return *found, np.concatenate(np.moveaxis(shape, 1, 0), axis=2)
+
+    together = max(1, _IN_CACHE // (along.shape[1] * (series.shape[-1] - 1)))
+    parts = [slice(first, first + together) for first in range(0, max(1, len(z)), together)]
+    return tuple(np.concatenate(found, axis=-2) for found in zip(*in_parallel(arrived, parts), strict=True))
 
 
 def _lines(stencil: Stencil, along: np.ndarray) -> np.ndarray:

@@ -227,6 +227,24 @@ def diffusive(nodes: int, spacing: float, spread: float, distance: float) -> Lay
     return Layer(np.maximum(1 / tau, 1.0), np.zeros(nodes + 1), np.zeros(nodes + 1))
 
 
+def predicted_for_diffusion(
+    layer: Layer, spacing: float, spread: float, data: Sequence[Planes], wall: Wall | None = None
+) -> float:
+    """Largest part of the field at the same time that a layer sends back, at any time of a run."""
+    return max(float(one.returned(layer, spacing).max()) for one in _arriving(spacing, spread, data, wall))
+
+
+def _arriving(spacing: float, spread: float, data: Sequence[Planes], wall: Wall | None) -> list[Diffusing]:
+    """What comes to the layer, at the times that are looked at."""
+    spreads = np.geomspace(min(_BEGIN * _nearest(spacing, data) ** 2, spread), spread, _TIMES)
+    return [Diffusing(planes, spreads, wall) for planes in data]
+
+
+def _nearest(spacing: float, data: Sequence[Planes]) -> float:
+    """The shortest way from data to the side."""
+    return max(spacing, min(planes.nearest for planes in data))
+
+
 def thinnest_for_diffusion(
     spacing: float,
     spread: float,
@@ -238,9 +256,7 @@ def thinnest_for_diffusion(
     """The fewest nodes that keep an error relative to the largest value at every time of a run, and most of it in
     others than these waves, by what a layer sends back of them; 60 nodes, and what is predicted of them, if none do.
     """
-    distance = max(spacing, min(planes.nearest for planes in data))
-    spreads = np.geomspace(min(_BEGIN * distance**2, spread), spread, _TIMES)
-    arriving = [Diffusing(planes, spreads, wall) for planes in data]
+    distance, arriving = _nearest(spacing, data), _arriving(spacing, spread, data, wall)
 
     def predicted(layer: Layer) -> float:
         return max(float(one.returned(layer, spacing).max()) for one in arriving)
@@ -249,4 +265,7 @@ def thinnest_for_diffusion(
     found = next((i for i, layer in enumerate(layers) if predicted(layer) <= _AIM * wanted), last)
     if others(layers[found]) > _AIM_OTHERS * wanted:
         found = bisect_left(range(found, last), True, key=lambda i: others(layers[i]) <= _AIM_OTHERS * wanted) + found
-    return Thickness("diffusive", layers[found], predicted(layers[found]))
+    layer = layers[found]
+    back = max((one.returned(layer, spacing) for one in arriving), key=np.max)
+    time = arriving[0].spreads[back.argmax()] / spread
+    return Thickness("diffusive", layer, float(back.max()), set_by=f"what comes back at {time:.0%} of that time")

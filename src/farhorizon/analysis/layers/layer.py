@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -34,6 +35,7 @@ from farhorizon.analysis.layers.reflection import (
 from farhorizon.engine.dampers import response, springs_of, strengths_of
 from farhorizon.engine.engine import Layer
 from farhorizon.engine.filter import line_damping
+from farhorizon.engine.parallel import in_parallel
 from farhorizon.medium.stencil import Stencil
 
 _IN_CACHE = 1 << 16  # numbers of equations that are solved at once
@@ -269,8 +271,8 @@ def amplitudes_of(waves: Sequence[ArrivingWave], layer: Layer) -> list[np.ndarra
     """
     size = layer.columns * (waves[0].weights.shape[1] if waves[0].weights.ndim > 1 else 1)
     together = max(1, _IN_CACHE // size**2)
-    blocks = (waves[first : first + together] for first in range(0, len(waves), together))
-    return [found for block in blocks for found in _amplitudes(block, layer)]
+    blocks = [waves[first : first + together] for first in range(0, len(waves), together)]
+    return [one for found in in_parallel(partial(_amplitudes, layer=layer), blocks) for one in found]
 
 
 def _amplitudes(waves: Sequence[ArrivingWave], layer: Layer) -> list[np.ndarray]:

@@ -198,6 +198,19 @@ class Arrivals:
             found[:, :, one] = amplitude.T @ (leaving**nodes).T
         return found
 
+    def strongest(self, layer: Layer) -> tuple[float, str]:
+        """What comes back of the waves by their energy, and in words the one of which most does."""
+        sizes = self._sizes(layer, slice(None))
+        one = int(np.argmax(sizes))
+        normal, fades = abs(float(np.angle(self.root[one]))), -float(np.log(np.abs(self.root[one])))
+        along = float(np.linalg.norm(self.along[:, one]))
+        if fades > normal:
+            words = f"what fades by a factor of e in {1 / fades:.2g} nodes towards the side"
+        else:
+            angle = "" if not self.along.size else f" at {np.degrees(np.arctan2(along, normal)):.0f} degrees"
+            words = f"waves of {2 * np.pi / max(np.hypot(normal, along), 1e-300):.2g} nodes{angle}"
+        return self._by_energy(sizes), words
+
     def share(self, layer: Layer) -> float:
         """Root of the share of the waves' energy that comes back, from a part of them: quick, to compare layers by."""
         some = slice(None, None, 1 + len(self.amplitude) // _COMPARED)

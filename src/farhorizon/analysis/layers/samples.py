@@ -9,6 +9,7 @@ import numpy as np
 from farhorizon.analysis.layers.layer import ArrivingWave, LatticeMedium, WavesAtFrequency, amplitudes_of
 from farhorizon.analysis.layers.reflection import polarisations
 from farhorizon.engine.engine import Layer
+from farhorizon.engine.parallel import in_parallel
 from farhorizon.errors import InputError
 
 # parts of a factor e of frequency, of decay or wavenumber over a node, and of slowness: waves of one such cell return
@@ -189,15 +190,17 @@ def reflected(root: np.ndarray, frequency: np.ndarray, layer: Layer) -> np.ndarr
     -------
     ndarray of complex, shape (n,)
     """
-    found = np.empty_like(root)
-    for first in range(0, len(root), _BLOCK):  # what an edge takes stays in the cache for the next
-        part = slice(first, first + _BLOCK)
-        cosine, sine, passed = 1 + root[part], 1 - root[part], np.ones_like(root[part])
+
+    def passed(part: slice) -> np.ndarray:
+        cosine, sine, there = 1 + root[part], 1 - root[part], np.ones_like(root[part])
         for edge, (kappa, sigma, alpha) in enumerate(zip(layer.kappa, layer.sigma, layer.alpha, strict=True)):
             shifted = frequency[part] + alpha
             stretched, plain = (kappa * shifted + sigma) * sine, shifted * cosine
             if edge == layer.columns:
-                passed *= passed  # there and back; the last edge is the end, which is passed once
-            passed *= (plain - stretched) / (plain + stretched)
-        found[part] = passed
-    return found
+                there *= there  # and back; the last edge is the end, which is passed once
+            there *= (plain - stretched) / (plain + stretched)
+        return there
+
+    # what an edge takes stays in the cache for the next
+    parts = [slice(first, first + _BLOCK) for first in range(0, max(1, len(root)), _BLOCK)]
+    return np.concatenate(in_parallel(passed, parts))

@@ -86,6 +86,8 @@ class Thickness:
         Length of the run that it is predicted for.
     designed : bool
         Whether a formula made the layer for that error, and nothing was predicted of these data.
+    set_by : str
+        In words, of what most comes back: it sets the thickness. Empty where a formula counts all waves alike.
     """
 
     name: str
@@ -93,6 +95,7 @@ class Thickness:
     predicted: float
     until: float = np.inf
     designed: bool = False
+    set_by: str = ""
 
     @property
     def nodes(self) -> int:
@@ -104,7 +107,10 @@ class Thickness:
 
     def __str__(self) -> str:
         known = "designed for an error of" if self.designed else "predicted error"
-        return f"{self.name} profile, {known} {self.predicted:.1g} of the largest value up to t = {self.until:.6g}"
+        most = f", set by {self.set_by}" if self.set_by else ""
+        return (
+            f"{self.name} profile, {known} {self.predicted:.1g} of the largest value up to t = {self.until:.6g}{most}"
+        )
 
 
 def predicted_error(layer: Layer, waves: Sequence[Arrivals], size: float, enough: float = np.inf) -> float:
@@ -418,7 +424,7 @@ def thinnest(
         middle = (low + high) // 2
         tried = best(middle)
         low, high, found = (low, middle, tried) if tried is not None else (middle, high, found)
-    return found
+    return replace(found, set_by=max(side.strongest(found.layer) for side in waves)[1])
 
 
 def _quietest(members: Mapping[str, Layer], waves: Sequence[Arrivals]) -> tuple[str, Layer]:
