@@ -142,3 +142,11 @@ def test_bad_input():
     for wrong in ({"target": 0.5}, {"until": -1.0}):
         with pytest.raises(fh.InputError, match=f"boundary.{next(iter(wrong))}"):
             fh.Auto(**wrong)
+
+
+@pytest.mark.parametrize("side", [fh.LatticePML, fh.Extended, fh.Auto])
+@pytest.mark.parametrize("target", [1e-20, 0.5, "1e-5"])
+def test_targets_that_no_side_keeps_are_refused_with_one_that_may_be(side, target):
+    with pytest.raises(fh.InputError, match="such as 1e-5") as refused:
+        side(target=target)
+    assert refused.value.key == "boundary.target" and "to 0.1" in refused.value.limit

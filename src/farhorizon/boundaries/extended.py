@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from farhorizon import kinds
-from farhorizon.boundaries.side import Side
+from farhorizon.boundaries.side import Side, checked_target
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Extended(Side):
     def __post_init__(self) -> None:
         kinds.settle(
             self,
-            target=None if self.target is None else kinds.number(self.target, "boundary.target", least=1e-12, most=0.1),
+            target=checked_target(self.target, 1e-12),
             nodes=None if self.nodes is None else kinds.integer(self.nodes, "boundary.nodes", least=1),
             until=None if self.until is None else kinds.number(self.until, "boundary.until", above=0),
         )

@@ -24,7 +24,7 @@ from farhorizon import kinds
 from farhorizon.analysis.layers.choice import Profile, weak
 from farhorizon.analysis.layers.gain import largest_gain
 from farhorizon.analysis.layers.short_waves import HighPass, high_pass
-from farhorizon.boundaries.side import Side
+from farhorizon.boundaries.side import Side, checked_target
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.medium.stencil import Stencil
@@ -113,15 +113,7 @@ class LatticePML(Side):
                 )
         kinds.settle(
             self,
-            target=None
-            if self.target is None
-            else kinds.number(
-                self.target,
-                "boundary.target",
-                least=1e-14,
-                most=0.1,
-                beyond="an error over the largest value of the data, such as 1e-5",
-            ),
+            target=checked_target(self.target, 1e-14),
             nodes=None
             if self.nodes is None
             else kinds.integer(self.nodes, "boundary.nodes", least=1, most=_MOST_NODES),

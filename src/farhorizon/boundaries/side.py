@@ -187,6 +187,14 @@ class Side:
         return np.inf
 
 
+def checked_target(target: object, least: float) -> float | None:
+    """An error that is wanted of a side, if there is one; InputError for what none keeps or nobody needs."""
+    if target is None:
+        return None
+    remedy = "an error over the largest value of the data, such as 1e-5"
+    return kinds.number(target, "boundary.target", least=least, most=0.1, remedy=remedy, beyond=remedy)
+
+
 def names(serves: Callable[[type[Side]], bool]) -> str:
     """Names of the sides that serve, for messages."""
     return ", ".join(sorted(name for name, kind in Side.known.items() if not isabstract(kind) and serves(kind)))
