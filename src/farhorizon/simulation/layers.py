@@ -159,7 +159,7 @@ def _may_be_short(near: NearField, sides: Sides) -> bool:
     """
     absorbing = [b for b in sides.values() if b.stretched or b.derivatives]
     asked = [b for b in absorbing if b.target is not None or b.open_ended]
-    if near.lattice.dim < 3 or len(asked) < len(absorbing):
+    if near.lattice.dim < 3 or not asked or len(asked) < len(absorbing):
         return False
     crossings = ((b.until or CROSSINGS * near.crossing) / near.crossing for b in asked)
     return all(b.wanted(near.model.target) >= _SHORT * n for b, n in zip(asked, crossings, strict=True))
@@ -322,6 +322,7 @@ class _Choice:
         causes = list(self._causes(max(lengths.values(), default=0.0)))
         at_once = [cause.datum for cause in causes if cause.whole or cause.lasting]
         alternating = AlternatingWaves.of(near, self.around.sides, at_once)
+        refused: list[NotKept] = []
         for key, boundary in layers.items():
             until, planes = lengths[key], [part for cause in causes for part in cause.planes(*key, spacing)]
             wanted = boundary.wanted(model.target)
@@ -338,10 +339,13 @@ class _Choice:
                 continue
             found = thinnest_for_diffusion(spacing, diffusivity * until, planes, wanted, wall, alternate)
             if found.predicted > wanted and boundary.target is not None:
-                raise NotKept.of(wanted, found.predicted)
+                refused.append(NotKept.of(wanted, found.predicted))
+                continue
             if (back := alternate(found.layer)) > wanted:
                 self._miss_alternating(key, boundary, back, found.layer, wanted)
             self._take(key, replace(found, until=until), wanted)
+        if refused:  # as of waves
+            raise max(refused, key=lambda one: one.least)
 
     def _causes(self, until: float) -> Iterator[Cause]:
         """What something diffuses from: the start, sources, what is held, and what scatters."""
