@@ -345,3 +345,15 @@ def test_what_a_refusal_in_diffusion_names_is_kept():
         make(1e-13)
     least = float(refused.value.limit.removeprefix(">= "))
     assert least > 1e-13 and all(found.predicted <= least for found in make(least).thickness.values())
+
+
+@pytest.mark.parametrize(("end", "said"), [(1e4, "are not predicted"), (60.0, "chooses them for a longer run")])
+def test_a_run_beyond_its_layers_is_told_to_ask_for_longer_ones_only_where_there_are_any(end, said):
+    """By what was asked of the layers that end first: of solids 60 crossings are predicted."""
+    lattice, model = fh.Lattice(1.0, (-14.0, -14.0), (14.0, 14.0)), fh.Elastic(fh.Kernel(2.0), young=1.0)
+    bell = "exp(-(x**2+y**2)/8)"
+    layers = {"x": fh.LatticePML(target=1e-2, until=end), "y": fh.LatticePML(target=1e-2, until=1e4)}
+    sim = fh.Simulation(lattice, model, layers, {"u": [bell, bell]}, threads=1)
+    sim.step(1)  # from here on the layers are what they are
+    with pytest.warns(fh.ValidityWarning, match=said):
+        sim.run(until=sim.thickness["x-"].until + 1.0, progress=False)

@@ -114,11 +114,11 @@ class Settling:
 
 def outlasted(around: Surroundings, until: float, dt: float) -> list[str]:
     """What is to be said of a run that outlasts what its sides were chosen for, by more than its last step."""
-    asked = max((b.until or 0.0 for b in around.sides.values() if b.stretched), default=0.0)
-    known = asked > min(_ends(around.thickness), default=np.inf) + dt
+    asked = {side_name(*key): b.until or 0.0 for key, b in around.sides.items()}
+    first = min(around.thickness, key=lambda name: around.thickness[name].until, default="")
     longer = (
         "errors of longer runs are not predicted"
-        if known
+        if first and asked[first] > around.thickness[first].until + dt
         else "LatticePML(target=..., until=...) chooses them for a longer run"
     )
     chosen = {
