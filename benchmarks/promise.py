@@ -18,6 +18,10 @@ Sources: the same with sources in place of data at the start, spread over a bell
 sides. Walls: of those in the plane, one side or both across is free or holds the nodes beyond it, with sources in a
 quarter of them. Space: of the second, those of waves of a scalar in space.
 
+Solids: elastic materials in the plane and in space (2 to 5 crossings): bonds, state-based, stabilised correspondence
+and finite elements, of reach 1 to 6 (in space 3), exponent 0 to 3, all influences and volumes, Poisson's ratio 0.1 to
+0.4.
+
 Long: what comes back late, of random stencils of reach 1 to 3 and looked at in even steps of the logarithm of time.
 Waveguides of 41 x 20 nodes, which are periodic, free or hold the nodes beyond them across, for 300 to 1000 crossings,
 against the infinite guide; waves in boxes of 10 : 1, for 20 to 100 crossings of the short side, because the infinite
@@ -27,9 +31,9 @@ Thickness: of set-ups that keep their target, and whose layers are chosen and wh
 the nodes of all layers over those of the thinnest that keep it, too. Of layers of so many nodes those count that are
 chosen when larger targets are asked for. Asked: at most 1.3, of the median and of the worst.
 
-Run: ``python benchmarks/promise.py [first] [second] [default] [sources] [walls] [space] [long] [thickness]
-[--json FILE]``: 200 set-ups each; ``--count N`` for fewer, ``--first N`` to begin with a later one, ``--longest S`` to
-leave out longer runs, ``--seed N`` for another seed.
+Run: ``python benchmarks/promise.py [first] [second] [default] [sources] [walls] [space] [solids] [long]
+[thickness] [--json FILE]``: 200 set-ups each; ``--count N`` for fewer, ``--first N`` to begin with a later one,
+``--longest S`` to leave out longer runs, ``--seed N`` for another seed.
 """
 
 from __future__ import annotations
@@ -50,7 +54,17 @@ from farhorizon.analysis.references.infinite import InfiniteLattice, largest_spe
 from farhorizon.medium.integrators import Verlet, VerletModes
 from farhorizon.simulation.steps import seconds_of
 
-SEEDS = {"first": 41, "second": 42, "default": 43, "sources": 45, "walls": 46, "space": 47, "thickness": 44, "long": 48}
+SEEDS = {
+    "first": 41,
+    "second": 42,
+    "default": 43,
+    "thickness": 44,
+    "sources": 45,
+    "walls": 46,
+    "space": 47,
+    "long": 48,
+    "solids": 49,
+}
 TARGETS = (1e-3, 1e-4, 1e-5, 1e-6)
 MOMENTS = 60
 LOOKS = 8  # between two of them, at how large the field is
@@ -82,6 +96,17 @@ def random_model(random: np.random.Generator, dim: int) -> Any:
     )
 
 
+def random_solid(random: np.random.Generator, dim: int) -> fh.Elastic:
+    """An elastic material on unit spacing."""
+    material = str(random.choice(["bond-based", "bond-based", "state-based", "correspondence", "finite-element"]))
+    kernel = None if material == "finite-element" else random_kernel(random, dim, 6 if dim < 3 else 3)
+    if material == "bond-based":  # Poisson's ratio follows
+        return fh.Elastic(kernel, young=1.0, material=material)
+    poisson = float(random.uniform(0.1, 0.4))
+    stabilisation = float(random.uniform(0.2, 1.0)) if material == "correspondence" else 0.0
+    return fh.Elastic(kernel, young=1.0, poisson=poisson, material=material, stabilisation=stabilisation)
+
+
 def random_kernel(random: np.random.Generator, dim: int, most: int) -> fh.Kernel:
     """A kernel of a reach of 1 to so many nodes."""
     reach, influence = float(random.integers(1, most + 1)), str(random.choice(["constant", "linear", "gaussian"]))
@@ -92,8 +117,9 @@ def random_kernel(random: np.random.Generator, dim: int, most: int) -> fh.Kernel
 
 def random_setup(random: np.random.Generator, part: str = "second") -> tuple[dict[str, Any], float, bool]:
     """A set-up, its end, and whether it is a guide that is periodic across."""
-    dim = int(random.choice([1, 2, 2, 2, 3]))
-    model = random_model(random, dim)
+    solid = part == "solids"
+    dim = int(random.choice([2, 2, 3] if solid else [1, 2, 2, 2, 3]))
+    model = random_solid(random, dim) if solid else random_model(random, dim)
     stencil, reach = model.stencil(1.0, dim), max(model.stencil(1.0, dim).reach)
     guide = dim == 2 and stencil.components == 1 and random.random() < 0.2
     width = random.uniform(2.0, 8.0 if dim < 3 else 2.5) if model.order == 2 else 2.0
@@ -108,7 +134,7 @@ def random_setup(random: np.random.Generator, part: str = "second") -> tuple[dic
     centre = random.uniform(-1, 1, dim) * room
     lattice = fh.Lattice(1.0, -half, half)
     u = np.exp(-sum((x - a) ** 2 for x, a in zip(lattice.coordinates(), centre, strict=True)) / width**2)
-    u = u if stencil.components == 1 else np.stack([u, 0.5 * u])
+    u = u if stencil.components == 1 else np.stack([u, 0.5 * u, 0.25 * u][:dim])
     speed = float(np.sqrt(model.coefficient))
     crossings = float(np.exp(random.uniform(np.log(2), np.log(40 if dim < 3 else 5))))
     until = (
@@ -546,6 +572,7 @@ if __name__ == "__main__":
         "sources": "random sources",
         "walls": "random data and sources beside walls",
         "space": "random waves in space",
+        "solids": "random elastic materials in the plane and in space",
         "long": "random guides, long boxes and diffusion in long runs",
     }
     parts = {name: (title, partial(promise, part=name)) for name, title in names.items()}

@@ -357,3 +357,12 @@ def test_a_run_beyond_its_layers_is_told_to_ask_for_longer_ones_only_where_there
     sim.step(1)  # from here on the layers are what they are
     with pytest.warns(fh.ValidityWarning, match=said):
         sim.run(until=sim.thickness["x-"].until + 1.0, progress=False)
+
+
+def test_a_layer_that_chooses_itself_beside_a_profile_by_hand():
+    """Whose arrays have no hash."""
+    by_hand = fh.LatticePML(nodes=4, profile={"sigma": np.ones(5)})
+    sides = {"x-": fh.LatticePML(target=1e-3), "x+": by_hand, "y": by_hand}
+    lattice = fh.Lattice(1.0, (-10.0, -10.0), (10.0, 10.0))
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), sides, {"u": "exp(-(x**2 + y**2)/8)"})
+    assert list(sim.thickness) == ["x-"] and sim.thickness["x-"].predicted <= 1e-3

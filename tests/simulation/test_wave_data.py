@@ -9,14 +9,7 @@ import farhorizon as fh
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.side_data import Datum
-from farhorizon.simulation.wave_data import (
-    by_time,
-    depth_of,
-    followed_parts,
-    key_of_scalars,
-    key_of_vectors,
-    largest_along,
-)
+from farhorizon.simulation.wave_data import by_time, depth_of, followed_parts, key_of, largest_along
 
 SEED = 20261122
 
@@ -101,12 +94,28 @@ def test_data_that_send_the_same_waves_are_known_as_one():
     other_sign = [replace(one, values=-one.values) for one in data]
     mirrored = [Datum(towards[:, ::-1], "u", component=0), Datum(-across[:, ::-1], "u", component=1)]
     turned = [Datum(towards[:, ::-1], "u", component=0), Datum(across[:, ::-1], "u", component=1)]
-    for both in (False, True):
-        known = key_of_vectors(data, both)
-        assert key_of_vectors(other_sign, both) == known
-        assert (key_of_vectors(mirrored, both) == known) is both
-        assert key_of_vectors(turned, both) != known
+    for mirrors in ((), (1,)):
+        known = key_of(data, True, mirrors)
+        assert key_of(other_sign, True, mirrors) == known
+        assert (key_of(mirrored, True, mirrors) == known) is bool(mirrors)
+        assert key_of(turned, True, mirrors) != known
     still = [replace(one, kind="v") for one in data]
     early, late = ([replace(one, kind="source", time=course) for one in data] for course in np.eye(2))
-    assert len({key_of_vectors(one, True) for one in (data, still, early, late)}) == 4
-    assert len({key_of_scalars(one) for one in (data, still, early, late)}) == 4
+    for together in (False, True):
+        assert len({key_of(one, together, [1]) for one in (data, still, early, late)}) == 4
+
+
+def test_components_that_are_followed_apart_are_known_in_any_order():
+    """Each with a sign and a mirror image of its own, but what is of one component has one sign; in space there are
+    two axes along a side.
+    """
+    random = np.random.default_rng(SEED)
+    first, second = random.normal(size=(2, 7, 5, 4))
+    data = [Datum(first, "u", component=0), Datum(second, "u", component=1)]
+    exchanged = [Datum(-second[:, ::-1], "u", component=0), Datum(first[:, ::-1, ::-1], "u", component=2)]
+    assert key_of(data, False, [1, 2]) == key_of(exchanged, False, [1, 2])
+    assert key_of(data, False, [1]) != key_of(exchanged, False, [1])
+    assert key_of(data, False, [1, 2]) != key_of([data[0], replace(data[0], component=1)], False, [1, 2])
+    moving = [Datum(first, "u"), Datum(second, "v")]
+    assert key_of(moving, False) == key_of([replace(one, values=-one.values) for one in moving], False)
+    assert key_of(moving, False) != key_of([moving[0], replace(moving[1], values=-second)], False)

@@ -33,14 +33,7 @@ from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
 from farhorizon.machine import one_blas_thread
 from farhorizon.medium.stencil import Stencil
-from farhorizon.simulation.wave_data import (
-    depth_of,
-    followed_parts,
-    is_long,
-    key_of_scalars,
-    key_of_vectors,
-    largest_along,
-)
+from farhorizon.simulation.wave_data import depth_of, followed_parts, is_long, key_of, largest_along
 
 # length of a run unless it is known: of waves in crossings of the near field, of diffusion in R^2/diffusivity
 CROSSINGS, LASTING = 20, 10
@@ -66,6 +59,11 @@ def spreads(sides: Mapping[tuple[int, int], Side], axis: int) -> bool:
     others = {other for other, _ in sides} - {axis}
     open_to = {other for (other, _), b in sides.items() if not b.periodic and not b.image}
     return bool(others) and others <= open_to
+
+
+def _beyond(side: Side) -> tuple[float, bool, bool]:
+    """What predictions know of a side: sides with arrays have no hash."""
+    return side.image, side.periodic, side.stretched
 
 
 def _size(datum: Datum) -> float:
@@ -234,13 +232,9 @@ class ReturnedWaves:
             until,
             wanted,
             nodes if slow else 0,
-            self.sides[axis, -side],
-            *beside,
+            *map(_beyond, (self.sides[axis, -side], *beside)),
             *(part for medium, _, _ in seen for part in (medium.stencil, medium.coefficient)),
-            *(
-                key_of_vectors(data, beside[0] == beside[1]) if every else key_of_scalars(data)
-                for _, data, every in seen
-            ),
+            *(key_of(data, every, self._mirrors(axis, medium)) for medium, data, every in seen),
         )
         if alike not in self._sent:
             size = max((_size(datum) for datum in self.data if datum.kind == "u"), default=0.0)
@@ -335,6 +329,16 @@ class ReturnedWaves:
     def _beside(self, axis: int) -> list[Side]:
         """The sides along the other axes."""
         return [self.sides[other, side] for other in range(len(self.shape)) if other != axis for side in (-1, 1)]
+
+    def _mirrors(self, axis: int, medium: LatticeMedium) -> list[int]:
+        """Axes of the data of a side across which medium and sides are mirrored."""
+        beside = self._beside(axis)
+        pairs = enumerate(zip(beside[::2], beside[1::2], strict=True), 1)
+        return [
+            place
+            for place, (lower, upper) in pairs
+            if _beyond(lower) == _beyond(upper) and medium.stencil.even_along(place)
+        ]
 
     def _from_scatterers(self, datum: Datum, axis: int, side: int) -> Datum:
         """The datum, moved along the normal to where waves are scattered last before the side, if that is nearer to

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -165,22 +167,33 @@ def depth_of(data: Sequence[Datum]) -> tuple[int, ...]:
     return (round(float(np.average(rows, weights=size))),) if np.any(size) else ()
 
 
-def key_of_scalars(data: Sequence[Datum]) -> tuple[object, ...]:
-    """By which data are known that send the same waves to sides, each component by itself."""
-    return tuple(part for one in data for part in (one.values.tobytes(), one.kind, one.time.tobytes(), one.behind))
+def key_of(data: Sequence[Datum], together: bool, mirrors: Sequence[int] = ()) -> frozenset[object]:
+    """By which data are known that send waves of the same size to a side: those of the other sign, too, and mirror
+    images along the side.
 
-
-def key_of_vectors(data: Sequence[Datum], mirrored: bool) -> tuple[object, ...]:
-    """By which data in the plane are known that send the same waves to sides, or those of the other sign, or, where
-    they may be mirrored, their mirror image along the side: component 0 is along the normal, 1 along the side.
+    Parameters
+    ----------
+    data : sequence of Datum
+    together : bool
+        Whether the components are followed together, in the plane, where 0 is along the normal and 1 along the side;
+        otherwise each is followed by itself, with sign and mirror of its own.
+    mirrors : sequence of int
+        Axes across which medium and sides are mirrored.
     """
-    found = []
-    for sign in (-1, 1):
-        found.append(tuple((sign * datum.values + 0.0).tobytes() for datum in data))  # without the sign of a zero
-        if mirrored:
-            turned = [(-1) ** datum.component * sign * datum.values[:, ::-1] for datum in data]
-            found.append(tuple((values + 0.0).tobytes() for values in turned))
-    return *min(found), *(part for one in data for part in (one.component, one.kind, one.time.tobytes()))
+    apart = [[one for one in data if one.component == component] for component in {one.component for one in data}]
+    groups = [data] if together else apart
+    return frozenset(Counter(_key_of_images(group, together, mirrors) for group in groups).items())
+
+
+def _key_of_images(data: Sequence[Datum], together: bool, mirrors: Sequence[int]) -> tuple[object, ...]:
+    """That of the first among the images of data that are followed together."""
+    images = []
+    for across in (axes for n in range(len(mirrors) + 1) for axes in combinations(mirrors, n)):
+        turned = [np.flip(-one.values if together and one.component in across else one.values, across) for one in data]
+        # without the sign of a zero
+        images += [tuple((sign * values + 0.0).tobytes() for values in turned) for sign in (-1, 1)]
+    rest = ((one.component if together else 0, one.kind, one.time.tobytes(), one.behind) for one in data)
+    return min(images), *rest
 
 
 def largest_along(values: np.ndarray, axes: Sequence[int]) -> np.ndarray:
