@@ -116,6 +116,8 @@ def test_components_that_are_followed_apart_are_known_in_any_order():
     assert key_of(data, False, [1, 2]) == key_of(exchanged, False, [1, 2])
     assert key_of(data, False, [1]) != key_of(exchanged, False, [1])
     assert key_of(data, False, [1, 2]) != key_of([data[0], replace(data[0], component=1)], False, [1, 2])
+    long, wide = (key_of([Datum(np.ones(shape), "u")], False) for shape in ((4, 6, 2), (4, 2, 6)))
+    assert long != wide  # the same bytes
     moving = [Datum(first, "u"), Datum(second, "v")]
     assert key_of(moving, False) == key_of([replace(one, values=-one.values) for one in moving], False)
     assert key_of(moving, False) != key_of([moving[0], replace(moving[1], values=-second)], False)

@@ -193,7 +193,7 @@ def _key_of_images(data: Sequence[Datum], together: bool, mirrors: Sequence[int]
         # without the sign of a zero
         images += [tuple((sign * values + 0.0).tobytes() for values in turned) for sign in (-1, 1)]
     rest = ((one.component if together else 0, one.kind, one.time.tobytes(), one.behind) for one in data)
-    return min(images), *rest
+    return data[0].values.shape, min(images), *rest
 
 
 def largest_along(values: np.ndarray, axes: Sequence[int]) -> np.ndarray:
