@@ -37,6 +37,7 @@ from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.solid_and_liquid import placed
 from farhorizon.simulation.surroundings import Surroundings
 from farhorizon.simulation.wave_data import FORESEEN, foreseen_time, stand_ins
+from farhorizon.simulation.wave_field import WaveField
 
 # of layers that are given by hand
 _SENT_BACK = "layers of {{}} nodes ({{}}) are predicted to send back {:.1g} of {}, more than the target {{:g}}"
@@ -227,7 +228,7 @@ class _Choice:
         watched = max((lengths[key] for key, b in layers.items() if b.target is not None or slow), default=0.0)
         sent = self._data(self._times(watched))
         data = [datum for datum in sent if datum.kind != "source" or datum.time.any()]
-        far = ReturnedWaves(
+        waves = WaveField(
             near.lattice.shape,
             near.stencil,
             model.coefficient,
@@ -237,16 +238,16 @@ class _Choice:
             near.dt,
             around.sides,
             data or stand_ins(*self._like_near_field, self._courses(watched, layers)),
-            FORESEEN * crossing,
-            foreseen_time(crossing, near.dt, near.stencil, near.lattice.shape),
             self._scatterers(),
             near.squared_speed,
             known=bool(data),
         )
+        foreseen = foreseen_time(crossing, near.dt, near.stencil, near.lattice.shape)
+        far = ReturnedWaves(waves, FORESEEN * crossing, foreseen)
         refused: list[NotKept] = []
         for key, boundary in layers.items():
             wanted, until = boundary.wanted(model.target), lengths[key]
-            if far.follows_backward_waves:
+            if waves.follows_backward_waves:
                 self.followed.add(key)
             if boundary.open_ended:
                 try:

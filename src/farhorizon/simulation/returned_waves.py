@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from scipy import fft
-from scipy.ndimage import affine_transform
 
-from farhorizon.analysis.exact.chain import Recursion
-from farhorizon.analysis.layers.arrivals import arrivals, round_a_point
-from farhorizon.analysis.layers.beside_walls import as_fast_as_backward, lacking_beside_walls
-from farhorizon.analysis.layers.layer import LatticeMedium
-from farhorizon.analysis.layers.returned import Arrivals
-from farhorizon.analysis.layers.samples import Sample
+from farhorizon.analysis.layers.beside_walls import lacking_beside_walls
 from farhorizon.analysis.layers.short_waves import high_pass
-from farhorizon.analysis.layers.side_data import Datum, hold_backward_waves, reach_the_end
 from farhorizon.analysis.layers.thickness import (
     MOST,
     NotKept,
@@ -32,21 +24,17 @@ from farhorizon.analysis.layers.thickness import (
 from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
 from farhorizon.machine import one_blas_thread
-from farhorizon.medium.stencil import Stencil
-from farhorizon.simulation.wave_data import depth_of, followed_parts, is_long, key_of, largest_along
+from farhorizon.simulation.wave_field import WaveField
 
 # length of a run unless it is known: of waves in crossings of the near field, of diffusion in R^2/diffusivity
 CROSSINGS, LASTING = 20, 10
 MOST_CROSSINGS = 1000  # for which layers are made: what was measured
-# nodes beside the near field, at most, before the data repeat themselves along an open side, and lengths of the near
-# field, if these are more: in that time all but the longest waves, and such as hardly move, have left
-_ROOM, _LEFT = 512, 3
 # nodes of layers from which slow waves of solids are followed until they are back, as far as it takes thicker ones
 _THICK = 16, 32, MOST
-_HERE = 0.01  # of its largest value: a datum is where it has more
 # of the wanted error, where a free side runs into a layer: predictions take it for a mirror, but it lacks bonds, and
 # waves run along it that are bound to it
 _BESIDE_FREE = 0.4
+_LEFT_OUT = 1.1  # of the least target that is kept: for a larger one fewer waves are followed
 
 
 def spreads(sides: Mapping[tuple[int, int], Side], axis: int) -> bool:
@@ -61,436 +49,154 @@ def spreads(sides: Mapping[tuple[int, int], Side], axis: int) -> bool:
     return bool(others) and others <= open_to
 
 
-def _beyond(side: Side) -> tuple[float, bool, bool]:
-    """What predictions know of a side: sides with arrays have no hash."""
-    return side.image, side.periodic, side.stretched
+class _Candidates(NamedTuple):
+    """Layers among which that of a side is chosen.
 
+    Attributes
+    ----------
+    members : callable
+        Those of so many nodes, by name.
+    beside : callable
+        What one sends back beside walls, over the share.
+    share : float
+        Of a wanted error that counts here.
+    """
 
-def _size(datum: Datum) -> float:
-    return float(np.abs(datum.values).max())
+    members: Callable[[int], Mapping[str, Layer]]
+    beside: Callable[[Layer], float]
+    share: float
 
 
 @dataclass(frozen=True)
 class ReturnedWaves:
-    """A wave field with open sides, of a scalar or of vectors.
-
-    Vectors travel as P and as S waves, of which neither the data nor a side tells how much there is of each. So each
-    component is taken to travel once as the one and once as the other, and the larger error counts; but where waves
-    that run backward are followed, all modes are, of all components together.
+    """The choice of the layers of a wave field by what they send back.
 
     Attributes
     ----------
-    shape : tuple of int
-        Nodes of the near field.
-    stencil : Stencil
-    coefficient : float
-        Squared speed of the medium that the stencil is of.
-    coefficients : mapping of (axis, side) to float
-        Squared speed of the medium at each side, as which all of it is taken from there.
-    spacing : float
-    recursion : Recursion
-    dt : float
-    sides : mapping of (axis, side) to Side
-    data : sequence of Datum
-        On the near field.
+    waves : WaveField
     soon, foreseen : float
         Times up to which errors are predicted: in runs longer than the first the formula decides where it serves.
-    scatterers : ndarray of bool, or None
-        Nodes where waves are scattered: the data are taken to come from the nearest of them, too.
-    squared_speed : ndarray, or None
-        That of each node over the model's: waves that come into a slower medium become shorter, into a faster one
-        longer.
-    known : bool
-        Whether the data are those of the run; short pulses stand for others, and hold more short waves than these may.
     """
 
-    shape: tuple[int, ...]
-    stencil: Stencil
-    coefficient: float
-    coefficients: Mapping[tuple[int, int], float]
-    spacing: float
-    recursion: Recursion
-    dt: float
-    sides: Mapping[tuple[int, int], Side]
-    data: Sequence[Datum]
+    waves: WaveField
     soon: float = np.inf
     foreseen: float = np.inf
-    scatterers: np.ndarray | None = None
-    squared_speed: np.ndarray | None = None
-    known: bool = True
-    # of sides that are alike
+    # of sides that are alike: their layers, and the least targets that layers keep of those that keep too little
     _known: dict[tuple[object, ...], Thickness] = field(default_factory=dict)
     _least: dict[tuple[object, ...], float] = field(default_factory=dict)
-    _sent: dict[tuple[object, ...], tuple[list[Arrivals], float]] = field(default_factory=dict)
-    _samples: dict[tuple[Stencil, float, int, int], Sample] = field(default_factory=dict)
 
     @one_blas_thread()
     def layer(self, axis: int, side: int, boundary: LatticePML, wanted: float, until: float) -> Thickness | None:
         """The thinnest layer of one side that is predicted to keep an error to the end of a run.
 
         Where the side does not ask for one, that which a formula finds in no time, or None; the formula knows no
-        reaction, with which waves may be as slow as they like. The layer says for how long a run it is.
+        reaction, with which waves may be as slow as they like. The layer says for how long a run it is. None, too,
+        where another side keeps less and this one keeps what that does: such a run is refused.
 
         Raises
         ------
         NotKept
             No layer keeps it.
         """
-        medium, slowest = self._media(axis, side)[0], self._media(axis, side)[-1].speed / self.spacing
-        pace, data = medium.speed / self.spacing, [datum.values for datum in self._turned(axis, side, medium)]
+        waves, medium = self.waves, self.waves.media(axis, side)[0]
+        data = [datum.values for datum in waves.turned(axis, side, medium)]
         if not medium.stencil.strongest_reaction and (boundary.target is None or until > self.soon):
-            found = by_formula(medium.stencil, pace, until, data, wanted)
+            found = by_formula(medium.stencil, medium.speed / waves.spacing, until, data, wanted)
             if found is None and boundary.target is None:
                 return None
             if found is not None and (boundary.target is None or found.predicted <= wanted):
                 # what it is designed for: of waves of a few nodes the bound tells too much
                 return replace(found, predicted=wanted)
         until = min(until, self.foreseen)
-        alike = self._arriving(axis, side, until, wanted, _THICK[0])[0]
-        if (boundary, *alike) in self._known:
-            return self._known[boundary, *alike]
+        alike = boundary, *waves.alike(axis, side, until, wanted)
+        if alike in self._known:
+            return self._known[alike]
+        candidates = self._candidates(axis, side, boundary, wanted, until, distance_to_side(data))
+        refused = max(self._least.values(), default=0.0)
+        if refused <= wanted:
+            try:
+                found = replace(self._thinnest(axis, side, wanted, until, candidates), until=until)
+            except NotKept as refusal:
+                if boundary.target is None:
+                    return None
+                kept = self._least_kept(axis, side, until, candidates, refusal.least, refused)
+                self._least[alike] = max(wanted, kept)
+                raise NotKept.of(wanted, self._least[alike]) from None
+            self._known[alike] = found
+            return found
+        if alike not in self._least:
+            self._least[alike] = self._least_kept(axis, side, until, candidates, refused, refused)
+        if self._least[alike] > refused:
+            raise NotKept.of(wanted, self._least[alike])
+        return None
+
+    def _candidates(
+        self, axis: int, side: int, boundary: LatticePML, wanted: float, until: float, distance: float
+    ) -> _Candidates:
+        """The layers of a side that may keep an error of data at a distance."""
+        waves, media = self.waves, self.waves.media(axis, side)
 
         def steep(nodes: int) -> Layer:
-            return replace(boundary, nodes=nodes).make_layer(2, medium.stencil, medium.coefficient, self.spacing, 0.0)
+            return replace(boundary, nodes=nodes).make_layer(
+                2, media[0].stencil, media[0].coefficient, waves.spacing, 0.0
+            )
 
-        share = _BESIDE_FREE if any(b.image > 0 for b in self._beside(axis)) else 1.0
-        dt = self.dt if self.squared_speed is None and spreads(self.sides, axis) else None
-        members = family(medium.stencil, pace, slowest, until, distance_to_side(data), share * wanted, dt, steep)
+        share = _BESIDE_FREE if any(b.image > 0 for b in waves.beside(axis)) else 1.0
+        dt = waves.dt if waves.squared_speed is None and spreads(waves.sides, axis) else None
+        fastest, slowest = (medium.speed / waves.spacing for medium in (media[0], media[-1]))
+        members = family(media[0].stencil, fastest, slowest, until, distance, share * wanted, dt, steep)
 
         def beside(layer: Layer) -> float:
             return share * self._beside_walls(axis, side, until, layer)  # known of free sides, too
 
+        return _Candidates(members, beside, share)
+
+    def _thinnest(self, axis: int, side: int, wanted: float, until: float, candidates: _Candidates) -> Thickness:
+        """The thinnest of them that keeps an error; that of another side is tried first.
+
+        Raises
+        ------
+        NotKept
+            None does.
+        """
+        members, beside, share = candidates
+        start = next((found.nodes for found in reversed(self._known.values())), 0)
         before, found, too_few = None, None, 0
         for nodes in _THICK:
-            if nodes <= too_few:
+            if nodes < max(start, too_few + 1):
                 continue
-            sent, size = self._arriving(axis, side, until, wanted, nodes)[1:]
+            sent, size = self.waves.arriving(axis, side, until, wanted, nodes)
             if sent is before:
                 break
-            before, found = sent, thinnest(members, sent, share * wanted, size, beside, too_few)
-            if found is None or found.nodes <= nodes:
+            before, found = sent, thinnest(members, sent, share * wanted, size, beside, too_few, start)
+            if found.nodes <= nodes:
                 break
-            too_few = found.nodes - 1  # with more of the waves it takes no fewer
-        if found is None and boundary.target is None:
-            return None
-        if found is None:
-            if (boundary, *alike) not in self._least:
-                thick = axis, side, until
-                limit = least(members, *self._arriving(*thick, wanted, MOST)[1:], beside) / share
-                # of the waves more is left out for a larger target
-                again = least(members, *self._arriving(*thick, limit, MOST)[1:], beside) / share
-                self._least[boundary, *alike] = max(limit, again)
-            raise NotKept.of(wanted, self._least[boundary, *alike])
-        self._known[boundary, *alike] = replace(found, until=until)
-        return self._known[boundary, *alike]
+            start, too_few = found.nodes, found.nodes - 1  # with more of the waves it takes no fewer
+        assert found is not None
+        return found
+
+    def _least_kept(
+        self, axis: int, side: int, until: float, candidates: _Candidates, about: float, kept: float
+    ) -> float:
+        """The smallest target, about known, that a layer keeps, or one where it keeps that."""
+        members, beside, share = candidates
+        sent, size = self.waves.arriving(axis, side, until, about, MOST)
+        found = least(members, sent, size, beside, share * kept) / share
+        return found if found <= kept else _LEFT_OUT * found
 
     @one_blas_thread()
     def returned(self, axis: int, side: int, layer: Layer, wanted: float, until: float) -> float:
         """Error that a given layer of one side is predicted to make up to a time, told from none where it is near the
         wanted one or larger.
         """
-        _, sent, size = self._arriving(axis, side, until, wanted, layer.columns)
+        sent, size = self.waves.arriving(axis, side, until, wanted, layer.columns)
         return predicted_error(layer, sent, size) + self._beside_walls(axis, side, until, layer)
 
     def _beside_walls(self, axis: int, side: int, until: float, layer: Layer) -> float:
         """What a layer that damps short waves lacks beside walls, from trials: predictions do not know of it."""
-        damped, walls = high_pass(self.stencil), any(side.image for side in self._beside(axis))
+        waves = self.waves
+        damped, walls = high_pass(waves.stencil), any(side.image for side in waves.beside(axis))
         if not walls or not layer.filtered or damped is None or damped.weak:
             return 0.0
-        way = self._media(axis, side)[0].speed / self.spacing * until
-        return lacking_beside_walls(layer, damped, self.stencil, way, self._as_fast_as_backward)
-
-    @cached_property
-    def _as_fast_as_backward(self) -> float:
-        """What the data hold of waves that are as fast in time as backward ones."""
-        damped, found = high_pass(self.stencil), 0.0
-        assert damped is not None
-        medium = LatticeMedium(self.stencil, self.coefficient, self.spacing, self.recursion, self.dt)
-        largest = {one.kind: max(_size(other) for other in self.data if other.kind == one.kind) for one in self.data}
-        for datum in self.data:
-            fields = [datum.values]
-            for axis in range(len(self.shape)):
-                fields = self._unfold(fields, axis, axis)[0]
-            share = as_fast_as_backward(medium, damped, replace(datum, values=fields[0]))
-            found += share * _size(datum) / (largest[datum.kind] or 1.0)
-        return found
-
-    def _arriving(
-        self, axis: int, side: int, until: float, wanted: float, nodes: int
-    ) -> tuple[tuple[object, ...], list[Arrivals], float]:
-        """What is the same at sides that are alike, what arrives at one, followed until slow waves are back from layers
-        of so many nodes, and the largest of the data.
-        """
-        seen = []
-        for medium in self._media(axis, side):
-            turned = self._turned(axis, side, medium)
-            vectors = self.stencil.components > 1 and self._every(medium, turned, wanted)
-            seen.append((medium, self._as_vectors(turned, axis, side) if vectors else turned, vectors))
-        beside = self._beside(axis)
-        slow = any(every and is_long(medium, until, self._room) for medium, _, every in seen)
-        alike = (
-            until,
-            wanted,
-            nodes if slow else 0,
-            *map(_beyond, (self.sides[axis, -side], *beside)),
-            *(part for medium, _, _ in seen for part in (medium.stencil, medium.coefficient)),
-            *(key_of(data, every, self._mirrors(axis, medium)) for medium, data, every in seen),
-        )
-        if alike not in self._sent:
-            size = max((_size(datum) for datum in self.data if datum.kind == "u"), default=0.0)
-            arrived = [
-                one
-                for medium, turned, _ in seen
-                for one in self._arrivals(medium, axis, side, turned, until, wanted, size, nodes)
-            ]
-            self._sent[alike] = arrived, max([size, *(one.largest for one in arrived)])
-        return alike, *self._sent[alike]
-
-    def _media(self, axis: int, side: int) -> list[LatticeMedium]:
-        """The fastest medium at a side, for which its layer is made, and the slowest along it, if that is another one:
-        to its waves the layer is the stronger.
-
-        Their stencils have an axis first; the same one for all axes where these may be exchanged.
-        """
-        alike = all(self.stencil.same_along(0, other) for other in range(1, self.stencil.dim))
-        stencil, found = self.stencil.along(0 if alike else axis), [self.coefficients[axis, side]]
-        if self.squared_speed is not None:
-            along = self.squared_speed.take(min(side, 0), axis)
-            found.append(self.coefficient * float(along.min(where=along > 0, initial=found[0] / self.coefficient)))
-        return [
-            LatticeMedium(stencil.beside(squared / self.coefficient), squared, self.spacing, self.recursion, self.dt)
-            for squared in sorted(set(found), reverse=True)
-        ]
-
-    def _turned(self, axis: int, side: int, medium: LatticeMedium) -> list[Datum]:
-        """The data as a side sees them that has a medium."""
-        at_side = medium.coefficient / self.coefficient
-        return [
-            self._from_scatterers(self._shortened(datum, axis, side).turned(axis, side), axis, side).with_entrance()
-            for datum in (self._behind(datum, axis, side, at_side) for datum in self.data)
-        ]
-
-    def _every(self, medium: LatticeMedium, data: Sequence[Datum], wanted: float) -> bool:
-        """Whether all modes of a medium are followed."""
-        if not self.follows_backward_waves:
-            return False
-        return hold_backward_waves(medium, data, wanted) or reach_the_end(medium, data, wanted)
-
-    @property
-    def follows_backward_waves(self) -> bool:
-        """Whether the waves of data are followed that run backward: in a medium that does not vary, of scalars, and of
-        vectors in the plane, if these are the run's data and no wall turns them into waves of both types.
-        """
-        if self.squared_speed is not None or self.stencil.components == 1:
-            return self.squared_speed is None
-        walls = any(b.image for b in self.sides.values())
-        return self.stencil.components == self.stencil.dim == 2 and self.known and not walls
-
-    @property
-    def _room(self) -> int:
-        """Nodes beside the near field, at most."""
-        return max(_ROOM, _LEFT * max(self.shape))
-
-    def _as_vectors(self, data: Sequence[Datum], axis: int, side: int) -> list[Datum]:
-        """The data of a side in the plane with their components as it sees them: 0 towards it, 1 along it."""
-        towards = [replace(d, values=side * d.values, component=0) for d in data if d.component == axis]
-        return towards + [replace(d, component=1) for d in data if d.component != axis]
-
-    def _behind(self, datum: Datum, axis: int, side: int, at_side: float) -> Datum:
-        """The datum, which knows of it if the medium at the side is faster than where it is."""
-        if self.squared_speed is None:
-            return datum
-        here = np.abs(datum.values) > _HERE * np.abs(datum.values).max()
-        # where bonds carry nothing no wave sets out
-        slowest = float(self.squared_speed.min(where=here & (self.squared_speed > 0), initial=at_side))
-        if slowest >= at_side:
-            return datum
-        rows = Datum(self.squared_speed, datum.kind).turned(axis, side).values.reshape(len(datum.values), -1)
-        nodes = len(rows) - 1 - int(np.flatnonzero(rows.min(1) ** 2 < slowest * at_side)[-1])
-        return replace(datum, behind=(nodes, slowest / at_side)) if nodes else datum
-
-    def _shortened(self, datum: Datum, axis: int, side: int) -> Datum:
-        """The datum, and with it one of shorter waves if all of the medium at the side is slower than where it is: at
-        an interface waves keep their frequency.
-        """
-        if self.squared_speed is None:
-            return datum
-        here = np.abs(datum.values) > _HERE * np.abs(datum.values).max()
-        fastest = self.coefficient * float(self.squared_speed[here].max())
-        ratio = float(np.sqrt(self.coefficients[axis, side] / fastest)) if fastest > 0 else 1.0
-        if ratio >= 1:
-            return datum
-        size = np.abs(datum.values).sum(axis=tuple(a for a in range(datum.values.ndim) if a != axis))
-        centre = float(np.average(np.arange(len(size)), weights=size))
-        scale, offset = np.ones(datum.values.ndim), np.zeros(datum.values.ndim)
-        scale[axis], offset[axis] = 1 / ratio, centre - centre / ratio
-        return replace(datum, values=datum.values + affine_transform(datum.values, scale, offset, order=1))
-
-    def _beside(self, axis: int) -> list[Side]:
-        """The sides along the other axes."""
-        return [self.sides[other, side] for other in range(len(self.shape)) if other != axis for side in (-1, 1)]
-
-    def _mirrors(self, axis: int, medium: LatticeMedium) -> list[int]:
-        """Axes of the data of a side across which medium and sides are mirrored."""
-        beside = self._beside(axis)
-        pairs = enumerate(zip(beside[::2], beside[1::2], strict=True), 1)
-        return [
-            place
-            for place, (lower, upper) in pairs
-            if _beyond(lower) == _beyond(upper) and medium.stencil.even_along(place)
-        ]
-
-    def _from_scatterers(self, datum: Datum, axis: int, side: int) -> Datum:
-        """The datum, moved along the normal to where waves are scattered last before the side, if that is nearer to
-        it."""
-        if self.scatterers is None or not self.scatterers.any():
-            return datum
-        nodes = Datum(self.scatterers, datum.kind).turned(axis, side).values.reshape(len(datum.values), -1)
-        nearer = int(distance_to_side([datum.values])) - (len(nodes) - 1 - int(np.flatnonzero(nodes.any(1))[-1]))
-        nearer = min(nearer, int(distance_to_side([datum.values])) // 2)
-        if nearer <= 0:
-            return datum
-        moved = np.zeros_like(datum.values)
-        moved[nearer:] = datum.values[:-nearer]
-        return replace(datum, values=np.where(np.abs(moved) > np.abs(datum.values), moved, datum.values))
-
-    def _arrivals(
-        self,
-        medium: LatticeMedium,
-        axis: int,
-        side: int,
-        data: Sequence[Datum],
-        until: float,
-        wanted: float,
-        size: float,
-        nodes: int,
-    ) -> list[Arrivals]:
-        """What arrives at a side, with the images of the data behind the walls of the near field."""
-        others = [b for b in range(len(self.shape)) if b != axis]
-        image = self.sides[axis, -side].image
-        echoing = len({other for (other, _), b in self.sides.items() if b.stretched})
-        found = []
-        apart = [[datum for datum in data if datum.component == one] for one in sorted({d.component for d in data})]
-        several = self.stencil.components > 1
-        groups = [(own, not several and self._every(medium, own, wanted)) for own in apart]
-        if several and self._every(medium, data, wanted):
-            groups.append((list(data), True))  # beside the others: of waves that hardly move these know more
-        for own, every in groups:
-            together = several and every
-            if len(others) == 2 and not any(self.sides[other, s].periodic for other in others for s in (-1, 1)):
-                round_waves = self._round(medium, axis, own, image, until, wanted, size, nodes, echoing, every)
-                if round_waves:
-                    found += round_waves
-                    continue
-            for kept in range(max(1, len(others))):
-                flat = [
-                    largest_along(datum.values, [place for place in range(1, len(self.shape)) if place != kept + 1])
-                    for datum in own
-                ]
-                if image:
-                    flat = [np.concatenate([image * values[::-1], values]) for values in flat]
-                lengths, near, length = [1] * len(others), [range(1)] * len(others), 0
-                if others:
-                    flat, near[kept], length = self._unfold(flat, kept + 1, others[kept])
-                sent = [replace(datum, values=values) for datum, values in zip(own, flat, strict=True)]
-                depths = self.shape[axis] // 2, *depth_of(own)[: int(every)]
-                endless = bool(others) and not length
-                for part in followed_parts(
-                    medium, sent, until, wanted, self._room if endless else np.inf, every, nodes
-                ):
-                    if others:
-                        lengths[kept] = length or fft.next_fast_len(flat[0].shape[kept + 1] + part.room)
-                    steps = max(2, int(np.ceil(part.time / self.dt)))
-                    for kind in range(1 if together else min(self.stencil.components, 2)):
-                        key = medium.stencil, medium.coefficient, -1 if together else kind, steps
-                        sample = self._samples.setdefault(key, Sample(medium, kind))
-                        coming = arrivals(
-                            medium,
-                            steps,
-                            part.data,
-                            lengths,
-                            near,
-                            wanted,
-                            size,
-                            sample,
-                            smooth=part.smooth,
-                            every=every,
-                            limit=part.limit,
-                        )
-                        found.append(replace(coming, depths=depths, axes=echoing, later=part.later))
-        return found
-
-    def _round(
-        self,
-        medium: LatticeMedium,
-        axis: int,
-        data: Sequence[Datum],
-        image: int,
-        until: float,
-        wanted: float,
-        size: float,
-        nodes: int,
-        echoing: int,
-        every: bool,
-    ) -> list[Arrivals]:
-        """What arrives in space at a side along which the medium goes on both ways, at the point that faces the data,
-        at the corner that is farthest from it, and midway; none where it does not go on.
-        """
-        others, fields, near = [b for b in range(3) if b != axis], [datum.values for datum in data], []
-        for place, other in enumerate(others, 1):
-            fields, beside, length = self._unfold(fields, place, other)
-            near.append(beside)
-            if length:
-                return []
-        if image:
-            fields = [np.concatenate([image * values[::-1], values]) for values in fields]
-        weight = np.max([(np.abs(values) / max(np.abs(values).max(), 1e-300)).max(0) for values in fields], axis=0)
-        inside = weight[np.ix_(*near)]
-        facing = np.array([round(float(np.average(grid, weights=inside))) for grid in np.indices(inside.shape)])
-        corner = np.where(facing > (np.array(inside.shape) - 1) / 2, 0, np.array(inside.shape) - 1)
-        first = np.array([nodes[0] for nodes in near])
-        found = []
-        depths = self.shape[axis] // 2, *depth_of(data)[: int(every)]
-        flat = [replace(datum, values=values) for datum, values in zip(data, fields, strict=True)]
-        for part in followed_parts(medium, flat, until, wanted, self._room, every, nodes):
-            steps = max(2, int(np.ceil(part.time / self.dt)))
-            for point in (facing, (facing + corner) // 2, corner):
-                turned = [round_a_point(datum.values, first + point, part.room / 2) for datum in part.data]
-                sent = [replace(datum, values=values) for datum, (_, values) in zip(part.data, turned, strict=True)]
-                for kind in range(min(self.stencil.components, 2)):
-                    key = medium.stencil, medium.coefficient, kind, steps
-                    sample = self._samples.setdefault(key, Sample(medium, kind))
-                    coming = arrivals(
-                        medium,
-                        steps,
-                        sent,
-                        [],
-                        [],
-                        wanted,
-                        size,
-                        sample,
-                        smooth=part.smooth,
-                        radial=turned[0][0],
-                        every=every,
-                        limit=part.limit,
-                    )
-                    found.append(replace(coming, depths=depths, axes=echoing, later=part.later))
-        return found
-
-    def _unfold(self, fields: list[np.ndarray], place: int, axis: int) -> tuple[list[np.ndarray], range, int]:
-        """Fields with their images along a tangential axis, which nodes are the near field's, and the length after
-        which all is repeated; 0 where it goes on without end.
-        """
-        lower, upper = self.sides[axis, -1], self.sides[axis, 1]
-        below, above, nodes = lower.image, upper.image, fields[0].shape[place]
-        near = range(nodes)
-        if lower.periodic:
-            return fields, near, nodes
-        if above:
-            fields = [np.concatenate([field, above * np.flip(field, place)], place) for field in fields]
-        elif below:
-            fields = [np.concatenate([below * np.flip(field, place), field], place) for field in fields]
-            near = range(nodes, 2 * nodes)
-        if above and below and above != below:
-            fields = [np.concatenate([field, -field], place) for field in fields]
-        return fields, near, fields[0].shape[place] if above and below else 0
+        way = waves.media(axis, side)[0].speed / waves.spacing * until
+        return lacking_beside_walls(layer, damped, waves.stencil, way, waves.as_fast_as_backward)

@@ -9,6 +9,7 @@ import pytest
 import farhorizon as fh
 from farhorizon.analysis.layers.short_waves import high_pass
 from farhorizon.analysis.layers.thickness import (
+    NotKept,
     briefly_damped,
     distance_to_side,
     gently_damped,
@@ -24,33 +25,65 @@ from farhorizon.engine.state import State
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
 
 
-def test_what_a_refusal_names_is_more_than_was_asked():
+class Waves:
+    """Of which a layer of so many nodes sends back what a function says, by a rough look all."""
+
+    medium = SimpleNamespace(stencil=fh.Stencil.finite_difference(2))
+    largest = 1.0
+
+    def __init__(self, error, rough=False):
+        self.error, self.rough, self.tried = error, rough, []
+
+    def share(self, layer):
+        return 1.0
+
+    def returned(self, layer, enough=np.inf, closely=False):
+        self.tried.append(layer.columns)
+        return 1.0 if self.rough and enough < np.inf and not closely else self.error(layer.columns)
+
+    def strongest(self, layer):
+        return 1.0, ""
+
+
+def one_member(nodes):
+    return {"thin": thin(nodes, 4.0, 1.0)}
+
+
+@pytest.mark.parametrize("exact", [1e-8, 0.9e-5, 1e-4])
+def test_what_a_refusal_names_is_more_than_was_asked(exact):
     """The closed form of waves may be far above what comes back; as long as the last layer was judged by it, targets
     were refused that it keeps.
     """
+    waves = [Waves(lambda nodes: exact, rough=True)]
+    limit = least(one_member, waves, 1.0)
+    if limit <= 1e-5:
+        assert thinnest(one_member, waves, 1e-5, 1.0).nodes == 60
+    else:
+        with pytest.raises(NotKept) as refused:
+            thinnest(one_member, waves, 1e-5, 1.0)
+        assert refused.value.least >= limit > 1e-5
+        assert least(one_member, waves, 1.0, kept=2 * limit) == 2 * limit
+        assert least(one_member, waves, 1.0, kept=limit / 2) == limit
 
-    class Waves:
-        medium = SimpleNamespace(stencil=fh.Stencil.finite_difference(2))
-        largest = 1.0
 
-        def __init__(self, exact):
-            self.exact = exact
+@pytest.mark.parametrize("fall", [3.0, 1.6, 1.25])
+@pytest.mark.parametrize("start", [0, 12, 50])
+def test_few_layers_are_judged_to_find_the_thinnest(fall, start):
+    """From any number of nodes, of thick layers to a sixteenth; fewer than halving would take."""
+    waves = Waves(lambda nodes: fall**-nodes)
+    found = thinnest(one_member, [waves], 1e-5, 1.0, start=start)
+    least_nodes = int(np.ceil(np.log(2.5e5) / np.log(fall)))
+    assert least_nodes <= found.nodes <= least_nodes + least_nodes // 15
+    assert found.predicted == waves.error(found.nodes)
+    before = {0: 9, 12: 3, 50: 0}[start]  # by which it is reached from below, at most
+    assert len(waves.tried) - before <= 5
+    assert len(set(waves.tried)) == len(waves.tried)
 
-        def share(self, layer):
-            return 1.0
 
-        def returned(self, layer, enough=np.inf):
-            return self.exact if enough == np.inf else 1.0
-
-        def strongest(self, layer):
-            return 1.0, ""
-
-    def members(nodes):
-        return {"thin": thin(nodes, 4.0, 1.0)}
-
-    for exact in (1e-8, 0.9e-5, 1e-4):
-        found, limit = thinnest(members, [Waves(exact)], 1e-5, 1.0), least(members, [Waves(exact)], 1.0)
-        assert (found is None) == (limit > 1e-5)
+def test_layers_known_to_be_too_thin_are_not_judged():
+    waves = Waves(lambda nodes: 2.0**-nodes)
+    assert thinnest(one_member, [waves], 1e-5, 1.0, too_few=17, start=18).nodes == 18
+    assert waves.tried == [18]
 
 
 def test_scales_do_not_change_a_layer():

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy import fft
 
-from farhorizon.analysis.layers.layer import continuations
+from farhorizon.analysis.layers.columns import continuations
 from farhorizon.analysis.layers.reflection import chain_weights
 from farhorizon.engine.engine import Layer
 from farhorizon.medium.stencil import Stencil
@@ -175,8 +175,9 @@ def _matrices(kappa: np.ndarray, reach: int) -> np.ndarray:
     found = np.zeros((2 * reach + 1, reach + 1 + count, reach + 1 + count))
     columns = slice(reach + 1, None)
     found[reach, columns, columns] = np.eye(count)
-    for k, parts in enumerate(continuations(kappa[None], reach), 1):
-        ahead, back, near = (part[0] for part in parts)
+    for k, parts in enumerate(continuations(kappa[None].astype(complex), reach), 1):
+        ahead, outwards = (part[0].real for part in parts)
+        back, near = outwards[:, :count], outwards[:, count:]
         for i in range(reach - k + 1):  # of the node -i, from which column 0 is i nodes off
             found[reach + i + k, last - i, last:] += ahead[0]
         found[reach + k, columns, last:] += ahead[1:]

@@ -15,13 +15,14 @@ in front make one small linear system.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.layers.columns import continuations, take_stencil
 from farhorizon.analysis.layers.reflection import (
     Chain,
     Modes,
@@ -280,19 +281,15 @@ def _amplitudes(waves: Sequence[ArrivingWave], layer: Layer) -> list[np.ndarray]
     stretch = layer.kappa + layer.sigma / (np.array([wave.s for wave in waves])[:, None] + layer.alpha)
     blocks = np.stack([wave.weights.reshape(len(wave.weights), *wave.weights.shape[1:] or (1, 1)) for wave in waves])
     n, reach, d, count = len(waves), blocks.shape[1] // 2, blocks.shape[2], layer.columns
-    system = blocks[:, reach, :, None, :, None] * np.eye(count)[:, None]
+    inside = np.array([wave.eigenvalue for wave in waves])[:, None, None] * np.eye(d) - blocks[:, reach]
+    system = np.ascontiguousarray(inside[:, :, None, :, None] * np.eye(count)[:, None])
     entrance = np.zeros((n, reach, count), complex)  # U(0, k), k = 1 .. K, by the columns
     entrance_near = np.zeros((n, reach), complex)  # and by the last node of the near field
-    drive = np.zeros((n, reach + 1, d * count, d), complex)
-    for k, (ahead, back, near) in enumerate(continuations(stretch, reach), 1):
-        entrance[:, k - 1], entrance_near[:, k - 1] = ahead[:, 0, 1:], ahead[:, 0, 0]
-        inwards, outwards = blocks[:, reach + k], blocks[:, reach - k]
-        system += inwards[:, :, None, :, None] * ahead[:, None, 1:, None, 1:]
-        system += outwards[:, :, None, :, None] * back[:, None, :, None]
-        drive += (outwards[:, None, :, None] * near.swapaxes(1, 2)[:, :, None, :, None]).reshape(drive.shape)
-    system = np.array([wave.eigenvalue for wave in waves])[:, None, None] * np.eye(d * count) - system.reshape(
-        n, d * count, d * count
-    )
+    drive = np.zeros((n, reach + 1, d, count, d), complex)
+    for k, (inwards, outwards) in enumerate(continuations(stretch, reach), 1):
+        entrance[:, k - 1], entrance_near[:, k - 1] = inwards[:, 0, 1:], inwards[:, 0, 0]
+        take_stencil(blocks[:, reach + k], inwards, blocks[:, reach - k], outwards, system, drive)
+    system, drive = system.reshape(n, d * count, d * count), drive.reshape(n, reach + 1, d * count, d)
     found: list[np.ndarray] = [np.zeros(0)] * n
     modes = np.array([len(wave.modes.leaving) for wave in waves])
     for number in np.unique(modes):
@@ -349,10 +346,10 @@ def _leaving(
 
 
 def _of_each(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """A matrix that acts on the columns of a layer, applied to all components of them, which come first."""
+    """A real matrix that acts on the columns of a layer, applied to all components of them, which come first."""
     count = matrix.shape[-1]
-    parts = columns.reshape(*columns.shape[:-2], -1, count, columns.shape[-1])
-    return np.asarray((matrix @ parts).reshape(columns.shape))
+    parts = columns.reshape(*columns.shape[:-2], -1, count, columns.shape[-1]).view(float)  # half the work
+    return np.asarray((matrix @ parts).view(complex).reshape(columns.shape))
 
 
 def _hanging(waves: Sequence[ArrivingWave], layer: Layer) -> np.ndarray:
@@ -362,42 +359,6 @@ def _hanging(waves: Sequence[ArrivingWave], layer: Layer) -> np.ndarray:
     passed = 1 + strengths_of(layer.damping, keep, pull, first.dt) * response(factor, keep, pull)[:, None]
     change = ((factor - 1) * (1 - 1 / factor))[:, None] * (1 / passed - 1) / first.recursion.scale
     return np.tile(change, first.weights.shape[1] if first.weights.ndim > 1 else 1)
-
-
-def continuations(stretch: np.ndarray, reach: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """The field of a layer continued by k = 1 .. reach nodes, in stretches of shape (n, L + 1).
-
-    Yields
-    ------
-    inwards : ndarray, shape (n, L + 1, L + 1)
-        U(., k) at the columns 0 .. L, by these.
-    outwards : ndarray, shape (n, L, L)
-        U(., -k) at the columns 1 .. L, by these,
-    near : ndarray, shape (n, L, reach + 1)
-        and by the near field's nodes 0, -1 .. -reach.
-    """
-    ratio, (n, edges) = (1 - stretch) / (1 + stretch), stretch.shape
-    count, nothing = edges - 1, np.zeros(1)
-    inwards = np.broadcast_to(np.eye(edges, dtype=ratio.dtype), (n, edges, edges))
-    outwards = np.broadcast_to(np.eye(count, count + reach + 1, dtype=ratio.dtype), (n, count, count + reach + 1))
-    beyond = np.eye(count + reach + 1)[count:]
-    for k in range(1, reach + 1):
-        inwards = _over_a_node(ratio[:, ::-1], inwards[:, ::-1], (nothing, nothing))[:, ::-1]
-        outwards = _over_a_node(ratio[:, :-1], outwards, (beyond[k - 1], beyond[k]))
-        yield inwards, outwards[..., :count], outwards[..., count:]
-
-
-def _over_a_node(ratio: np.ndarray, field: np.ndarray, beyond: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """A field q, shape (n, columns, unknowns), continued by one more node, v: ``(1 + s) (v(p) - q(p-1)) = (1 - s)
-    (v(p-1) - q(p))`` over the edge between two columns, of which `ratio` is (1 - s)/(1 + s); and q and v beyond the
-    first.
-    """
-    found = np.empty_like(field)
-    q, v = beyond
-    for column in range(field.shape[1]):
-        found[:, column] = q + ratio[:, column, None] * (v - field[:, column])
-        q, v = field[:, column], found[:, column]
-    return found
 
 
 @dataclass(frozen=True)

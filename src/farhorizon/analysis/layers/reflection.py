@@ -206,7 +206,8 @@ class Chain:
         travels = np.abs(np.abs(leaving) - 1) <= _UNIT + 2 * abs(abs(incoming) - 1)
         if not travels.any():  # what dies out towards the side, and comes back as what dies out away from it
             travels[np.argmin(np.abs(leaving))] = True
-        basis = linalg.qr(vectors[ahead & (np.abs(roots - incoming) < _ALIKE)].T, mode="economic")[0]
+        alike = vectors[ahead & (np.abs(roots - incoming) < _ALIKE)]
+        basis = alike.T if len(alike) == 1 else linalg.qr(alike.T, mode="economic")[0]
         vector = basis @ basis.conj().T @ (np.ones(1) if polarisation is None else polarisation)
         return Modes(complex(incoming), vector / np.linalg.norm(vector), leaving, vectors[~ahead], travels)
 

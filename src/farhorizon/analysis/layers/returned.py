@@ -34,7 +34,7 @@ _COMPARED = 2000  # waves by which layers are compared
 _EACH = 1500  # waves of a line that are followed each by itself although none is a backward one, at most: a second
 # of such waves, where backward ones are among them, how many are followed at first, the loudest, and at most; and what
 # the others may make of these where no limit decides
-_FIRST_EACH, _MOST_EACH, _LITTLE = 8000, 64000, 0.1
+_FIRST_EACH, _MOST_EACH, _LITTLE = 1000, 64000, 0.1
 _PEAK = 5.0  # of a sum of waves of any phases, at all places and times, over its root mean square
 # what the closed form must make over what is enough, before nothing else is asked: of short waves it knows no damping
 _TOO_MUCH = 20.0
@@ -110,7 +110,7 @@ class Arrivals:
         """The discrete s of each, ``2/dt (z - 1)/(z + 1)``."""
         return 2 / self.medium.dt * (self.factor - 1) / (self.factor + 1)
 
-    def returned(self, layer: Layer, enough: float = np.inf) -> float:
+    def returned(self, layer: Layer, enough: float = np.inf, closely: bool = False) -> float:
         """Largest value, over the run and along the side, of what a layer sends back.
 
         Inside the near field it meets as much from each of the other sides, while what an aim leaves is for the two
@@ -126,12 +126,14 @@ class Arrivals:
         enough : float, optional
             Above it the value is told roughly: where the closed form makes twenty times as much no wave is followed,
             else as many as tell whether it is enough. Unless it is given, so many that the others make a tenth of them.
+        closely : bool, optional
+            Whether they are followed whatever the closed form makes, which may be far above what comes back.
         """
         closed = self._over_the_field(self.amplitude * self._closed(layer, slice(None)))
         if not self.sample.needed(layer):
             return closed
         few = len(self.along) == 0 and len(self.amplitude) <= _EACH
-        if closed <= _TOO_MUCH * enough and (self.every or (self.medium.stencil.components == 1 and few)):
+        if (closely or closed <= _TOO_MUCH * enough) and (self.every or (self.medium.stencil.components == 1 and few)):
             return self._each(layer, enough)
         return closed + self._by_energy(np.abs(self.amplitude) * self._excess(layer, slice(None)))
 

@@ -62,6 +62,7 @@ _AIM = 0.4
 # over the long waves' speed; share of such waves that crowds; part of the aim then
 _HARDLY, _CROWDED, _AIM_CROWDED = 0.1, 0.38, 0.2
 MOST = 60  # nodes of a layer
+_NOT_WORTH = 16  # part of a layer that is not looked for any more
 _SINGLY = 6  # nodes up to which all numbers are tried
 # reach with which late profiles were stable in white noise; exponent 1 with constant influence grows from 5 on
 _WIDEST = 4
@@ -113,13 +114,15 @@ class Thickness:
         )
 
 
-def predicted_error(layer: Layer, waves: Sequence[Arrivals], size: float, enough: float = np.inf) -> float:
+def predicted_error(
+    layer: Layer, waves: Sequence[Arrivals], size: float, enough: float = np.inf, closely: bool = False
+) -> float:
     """Error that a layer makes of what arrives, relative to the largest of the data: of all types that a wave is turned
-    into together. Where it is more than `enough`, something that is, too.
+    into together. Where it is more than `enough`, something that is, too; by a rough look unless `closely`.
     """
     found = []
     for side in waves:
-        found.append(float(side.returned(layer, enough * size) / size))
+        found.append(float(side.returned(layer, enough * size, closely) / size))
         if not found[-1] <= enough:
             break
     return float(np.max(found))
@@ -374,8 +377,10 @@ def thinnest(
     size: float,
     beside: Callable[[Layer], float] = lambda layer: 0.0,
     too_few: int = 0,
-) -> Thickness | None:
-    """The fewest nodes with which some member of a family keeps an error at a side.
+    start: int = 0,
+) -> Thickness:
+    """The fewest nodes with which some member of a family keeps an error at a side; of thick layers a sixteenth more
+    may be taken.
 
     Parameters
     ----------
@@ -391,45 +396,58 @@ def thinnest(
         What a layer sends back besides, at most, which no waves of the medium show.
     too_few : int, optional
         Nodes that are known to be.
+    start : int, optional
+        Nodes that are tried first where not each node counts, such as those of another side.
 
-    Returns
-    -------
-    Thickness or None
-        None if no layer of up to 60 nodes keeps it.
+    Raises
+    ------
+    NotKept
+        No layer of up to 60 nodes keeps it; the least that it names is a rough one.
     """
-    aim = _AIM * wanted * (_AIM_CROWDED if crowded(waves[0].medium.stencil) else 1.0)
+    aim = _aim(waves) * wanted
     scalar = waves[0].medium.stencil.components == 1
-
-    def best(nodes: int) -> Thickness | None:
+    low, high, found = too_few, MOST + 1, None
+    error = 1.0  # of layers of `low` nodes, roughly
+    nodes = start if start >= _SINGLY else max(2, too_few + 1)
+    while found is None or (high - low > 1 and high - nodes > high // _NOT_WORTH):
         every = members(nodes)
         # of scalars: dampers take no box of all nodes, so that filters are for what these do not keep
         light = {name: one for name, one in every.items() if one.tuned.size} if scalar else {}
         for some in filter(None, (light, {name: one for name, one in every.items() if name not in light})):
             name, layer = _quietest(some, waves)
-            # the last one in full, as `least` does
-            predicted, more = predicted_error(layer, waves, size, aim if nodes < MOST else np.inf), beside(layer)
+            predicted, more = predicted_error(layer, waves, size, aim, closely=nodes == MOST), beside(layer)
             if predicted <= aim and predicted + more <= wanted:
-                return Thickness(name, layer, predicted + more)
-        return None
-
-    low, high = too_few, max(2, too_few + 1)
-    found = best(high)
-    while found is None:
-        if high >= MOST:
-            return None
-        # one by one where each node counts, and where fewer may do what some more do not
-        low, high = high, min(MOST, high + (1 if high < _SINGLY else high // 2))
-        found = best(high)
-    while high - low > 1:
-        middle = (low + high) // 2
-        tried = best(middle)
-        low, high, found = (low, middle, tried) if tried is not None else (middle, high, found)
+                high, found = nodes, Thickness(name, layer, predicted + more)
+                break
+        if high > nodes:
+            if nodes == MOST:
+                raise NotKept.of(wanted, max(predicted / _aim(waves), predicted + more))
+            low, error = nodes, predicted
+        nodes = _next(low, error, high, found, aim)
     return replace(found, set_by=max(side.strongest(found.layer) for side in waves)[1])
+
+
+def _next(low: int, error: float, high: int, found: Thickness | None, aim: float) -> int:
+    """Nodes to be tried between such as keep an aim, if some were found, and such as make an error above it: where a
+    straight line in its logarithm says that they just do.
+    """
+    if found is None:  # one by one where each node counts, and where fewer may do what some more do not
+        return min(MOST, low + (1 if low < _SINGLY else low // 2))
+    reached = max(found.predicted, 1e-300)
+    too_many = np.log(max(aim / reached, 1.0)) / np.log(max(error / reached, 1.1 * aim / reached))
+    return int(np.clip(high - np.floor((high - low) * too_many), low + 1, max(low + 1, high - 1)))
 
 
 def _quietest(members: Mapping[str, Layer], waves: Sequence[Arrivals]) -> tuple[str, Layer]:
     """The layer, with its name, that returns the least share of the waves."""
+    if len(members) == 1:
+        return next(iter(members.items()))
     return min(members.items(), key=lambda member: max(side.largest * side.share(member[1]) for side in waves))
+
+
+def _aim(waves: Sequence[Arrivals]) -> float:
+    """What waves may leave of a wanted error."""
+    return _AIM * (_AIM_CROWDED if crowded(waves[0].medium.stencil) else 1.0)
 
 
 def crowded(stencil: Stencil) -> bool:
@@ -451,13 +469,17 @@ def least(
     waves: Sequence[Arrivals],
     size: float,
     beside: Callable[[Layer], float] = lambda layer: 0.0,
+    kept: float = 0.0,
 ) -> float:
-    """The smallest target, rounded up to one digit, that a layer of 60 nodes keeps; parameters as of `thinnest`."""
+    """The smallest target that a layer of 60 nodes keeps, or one where it keeps that; parameters as of `thinnest`."""
     _, layer = _quietest(members(MOST), waves)
+    aim, more = _aim(waves), beside(layer)
+    if kept:
+        predicted = predicted_error(layer, waves, size, aim * kept, closely=True)
+        if predicted <= aim * kept and predicted + more <= kept:
+            return kept
     predicted = predicted_error(layer, waves, size)
-    found = predicted / _AIM  # as `thinnest` judges
-    found /= _AIM_CROWDED if crowded(waves[0].medium.stencil) else 1.0
-    return _one_digit(max(found, predicted + beside(layer)))
+    return max(predicted / aim, predicted + more)
 
 
 def _one_digit(value: float) -> float:

@@ -1,0 +1,392 @@
+"""A wave field with open sides: what of its data arrives at each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import fft
+from scipy.ndimage import affine_transform
+
+from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.layers.arrivals import arrivals, round_a_point
+from farhorizon.analysis.layers.beside_walls import as_fast_as_backward
+from farhorizon.analysis.layers.layer import LatticeMedium
+from farhorizon.analysis.layers.returned import Arrivals
+from farhorizon.analysis.layers.samples import Sample
+from farhorizon.analysis.layers.short_waves import high_pass
+from farhorizon.analysis.layers.side_data import Datum, hold_backward_waves, reach_the_end
+from farhorizon.analysis.layers.thickness import distance_to_side
+from farhorizon.boundaries import Side
+from farhorizon.medium.stencil import Stencil
+from farhorizon.simulation.wave_data import depth_of, followed_parts, is_long, key_of, largest_along
+
+# nodes beside the near field, at most, before the data repeat themselves along an open side, and lengths of the near
+# field, if these are more: in that time all but the longest waves, and such as hardly move, have left
+_ROOM, _LEFT = 512, 3
+_HERE = 0.01  # of its largest value: a datum is where it has more
+
+
+def _beyond(side: Side) -> tuple[float, bool, bool]:
+    """What predictions know of a side: sides with arrays have no hash."""
+    return side.image, side.periodic, side.stretched
+
+
+def _size(datum: Datum) -> float:
+    return float(np.abs(datum.values).max())
+
+
+@dataclass(frozen=True)
+class WaveField:
+    """A wave field with open sides, of a scalar or of vectors.
+
+    Vectors travel as P and as S waves, of which neither the data nor a side tells how much there is of each. So each
+    component is taken to travel once as the one and once as the other, and the larger error counts; but where waves
+    that run backward are followed, all modes are, of all components together.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Nodes of the near field.
+    stencil : Stencil
+    coefficient : float
+        Squared speed of the medium that the stencil is of.
+    coefficients : mapping of (axis, side) to float
+        Squared speed of the medium at each side, as which all of it is taken from there.
+    spacing : float
+    recursion : Recursion
+    dt : float
+    sides : mapping of (axis, side) to Side
+    data : sequence of Datum
+        On the near field.
+    scatterers : ndarray of bool, or None
+        Nodes where waves are scattered: the data are taken to come from the nearest of them, too.
+    squared_speed : ndarray, or None
+        That of each node over the model's: waves that come into a slower medium become shorter, into a faster one
+        longer.
+    known : bool
+        Whether the data are those of the run; short pulses stand for others, and hold more short waves than these may.
+    """
+
+    shape: tuple[int, ...]
+    stencil: Stencil
+    coefficient: float
+    coefficients: Mapping[tuple[int, int], float]
+    spacing: float
+    recursion: Recursion
+    dt: float
+    sides: Mapping[tuple[int, int], Side]
+    data: Sequence[Datum]
+    scatterers: np.ndarray | None = None
+    squared_speed: np.ndarray | None = None
+    known: bool = True
+    # of sides that are alike
+    _sent: dict[tuple[object, ...], tuple[list[Arrivals], float]] = field(default_factory=dict)
+    _samples: dict[tuple[Stencil, float, int, int], Sample] = field(default_factory=dict)
+
+    def alike(self, axis: int, side: int, until: float, wanted: float) -> tuple[object, ...]:
+        """What is the same at sides that are alike."""
+        return self._alike(axis, side, until, wanted, self._seen(axis, side, wanted))
+
+    def arriving(self, axis: int, side: int, until: float, wanted: float, nodes: int) -> tuple[list[Arrivals], float]:
+        """What arrives at a side, followed until slow waves are back from layers of so many nodes, and the largest of
+        the data.
+        """
+        seen = self._seen(axis, side, wanted)
+        slow = any(every and is_long(medium, until, self._room) for medium, _, every in seen)
+        key = self._alike(axis, side, until, wanted, seen), nodes if slow else 0
+        if key not in self._sent:
+            size = max((_size(datum) for datum in self.data if datum.kind == "u"), default=0.0)
+            arrived = [
+                one
+                for medium, data, _ in seen
+                for one in self._arrivals(medium, axis, side, data, until, wanted, size, nodes)
+            ]
+            self._sent[key] = arrived, max([size, *(one.largest for one in arrived)])
+        return self._sent[key]
+
+    def _seen(self, axis: int, side: int, wanted: float) -> list[tuple[LatticeMedium, list[Datum], bool]]:
+        """The media of a side, the data as it sees them, and whether these are followed as vectors."""
+        found = []
+        for medium in self.media(axis, side):
+            data = self.turned(axis, side, medium)
+            vectors = self.stencil.components > 1 and self._every(medium, data, wanted)
+            found.append((medium, self._as_vectors(data, axis, side) if vectors else data, vectors))
+        return found
+
+    def _alike(
+        self, axis: int, side: int, until: float, wanted: float, seen: Sequence[tuple[LatticeMedium, list[Datum], bool]]
+    ) -> tuple[object, ...]:
+        return (
+            until,
+            wanted,
+            *map(_beyond, (self.sides[axis, -side], *self.beside(axis))),
+            *(part for medium, _, _ in seen for part in (medium.stencil, medium.coefficient)),
+            *(key_of(data, every, self._mirrors(axis, medium)) for medium, data, every in seen),
+        )
+
+    def media(self, axis: int, side: int) -> list[LatticeMedium]:
+        """The fastest medium at a side, for which its layer is made, and the slowest along it, if that is another one:
+        to its waves the layer is the stronger.
+
+        Their stencils have an axis first; the same one for all axes where these may be exchanged.
+        """
+        alike = all(self.stencil.same_along(0, other) for other in range(1, self.stencil.dim))
+        stencil, found = self.stencil.along(0 if alike else axis), [self.coefficients[axis, side]]
+        if self.squared_speed is not None:
+            along = self.squared_speed.take(min(side, 0), axis)
+            found.append(self.coefficient * float(along.min(where=along > 0, initial=found[0] / self.coefficient)))
+        return [
+            LatticeMedium(stencil.beside(squared / self.coefficient), squared, self.spacing, self.recursion, self.dt)
+            for squared in sorted(set(found), reverse=True)
+        ]
+
+    def turned(self, axis: int, side: int, medium: LatticeMedium) -> list[Datum]:
+        """The data as a side sees them that has a medium."""
+        at_side = medium.coefficient / self.coefficient
+        return [
+            self._from_scatterers(self._shortened(datum, axis, side).turned(axis, side), axis, side).with_entrance()
+            for datum in (self._behind(datum, axis, side, at_side) for datum in self.data)
+        ]
+
+    def _every(self, medium: LatticeMedium, data: Sequence[Datum], wanted: float) -> bool:
+        """Whether all modes of a medium are followed."""
+        if not self.follows_backward_waves:
+            return False
+        return hold_backward_waves(medium, data, wanted) or reach_the_end(medium, data, wanted)
+
+    @property
+    def follows_backward_waves(self) -> bool:
+        """Whether the waves of data are followed that run backward: in a medium that does not vary, of scalars, and of
+        vectors in the plane, if these are the run's data and no wall turns them into waves of both types.
+        """
+        if self.squared_speed is not None or self.stencil.components == 1:
+            return self.squared_speed is None
+        walls = any(b.image for b in self.sides.values())
+        return self.stencil.components == self.stencil.dim == 2 and self.known and not walls
+
+    @property
+    def _room(self) -> int:
+        """Nodes beside the near field, at most."""
+        return max(_ROOM, _LEFT * max(self.shape))
+
+    def _as_vectors(self, data: Sequence[Datum], axis: int, side: int) -> list[Datum]:
+        """The data of a side in the plane with their components as it sees them: 0 towards it, 1 along it."""
+        towards = [replace(d, values=side * d.values, component=0) for d in data if d.component == axis]
+        return towards + [replace(d, component=1) for d in data if d.component != axis]
+
+    def _behind(self, datum: Datum, axis: int, side: int, at_side: float) -> Datum:
+        """The datum, which knows of it if the medium at the side is faster than where it is."""
+        if self.squared_speed is None:
+            return datum
+        here = np.abs(datum.values) > _HERE * np.abs(datum.values).max()
+        # where bonds carry nothing no wave sets out
+        slowest = float(self.squared_speed.min(where=here & (self.squared_speed > 0), initial=at_side))
+        if slowest >= at_side:
+            return datum
+        rows = Datum(self.squared_speed, datum.kind).turned(axis, side).values.reshape(len(datum.values), -1)
+        nodes = len(rows) - 1 - int(np.flatnonzero(rows.min(1) ** 2 < slowest * at_side)[-1])
+        return replace(datum, behind=(nodes, slowest / at_side)) if nodes else datum
+
+    def _shortened(self, datum: Datum, axis: int, side: int) -> Datum:
+        """The datum, and with it one of shorter waves if all of the medium at the side is slower than where it is: at
+        an interface waves keep their frequency.
+        """
+        if self.squared_speed is None:
+            return datum
+        here = np.abs(datum.values) > _HERE * np.abs(datum.values).max()
+        fastest = self.coefficient * float(self.squared_speed[here].max())
+        ratio = float(np.sqrt(self.coefficients[axis, side] / fastest)) if fastest > 0 else 1.0
+        if ratio >= 1:
+            return datum
+        size = np.abs(datum.values).sum(axis=tuple(a for a in range(datum.values.ndim) if a != axis))
+        centre = float(np.average(np.arange(len(size)), weights=size))
+        scale, offset = np.ones(datum.values.ndim), np.zeros(datum.values.ndim)
+        scale[axis], offset[axis] = 1 / ratio, centre - centre / ratio
+        return replace(datum, values=datum.values + affine_transform(datum.values, scale, offset, order=1))
+
+    def beside(self, axis: int) -> list[Side]:
+        """The sides along the other axes."""
+        return [self.sides[other, side] for other in range(len(self.shape)) if other != axis for side in (-1, 1)]
+
+    def _mirrors(self, axis: int, medium: LatticeMedium) -> list[int]:
+        """Axes of the data of a side across which medium and sides are mirrored."""
+        beside = self.beside(axis)
+        pairs = enumerate(zip(beside[::2], beside[1::2], strict=True), 1)
+        return [
+            place
+            for place, (lower, upper) in pairs
+            if _beyond(lower) == _beyond(upper) and medium.stencil.even_along(place)
+        ]
+
+    def _from_scatterers(self, datum: Datum, axis: int, side: int) -> Datum:
+        """The datum, moved along the normal to where waves are scattered last before the side, if that is nearer to
+        it."""
+        if self.scatterers is None or not self.scatterers.any():
+            return datum
+        nodes = Datum(self.scatterers, datum.kind).turned(axis, side).values.reshape(len(datum.values), -1)
+        nearer = int(distance_to_side([datum.values])) - (len(nodes) - 1 - int(np.flatnonzero(nodes.any(1))[-1]))
+        nearer = min(nearer, int(distance_to_side([datum.values])) // 2)
+        if nearer <= 0:
+            return datum
+        moved = np.zeros_like(datum.values)
+        moved[nearer:] = datum.values[:-nearer]
+        return replace(datum, values=np.where(np.abs(moved) > np.abs(datum.values), moved, datum.values))
+
+    def _arrivals(
+        self,
+        medium: LatticeMedium,
+        axis: int,
+        side: int,
+        data: Sequence[Datum],
+        until: float,
+        wanted: float,
+        size: float,
+        nodes: int,
+    ) -> list[Arrivals]:
+        """What arrives at a side, with the images of the data behind the walls of the near field."""
+        others = [b for b in range(len(self.shape)) if b != axis]
+        image = self.sides[axis, -side].image
+        echoing = len({other for (other, _), b in self.sides.items() if b.stretched})
+        found = []
+        apart = [[datum for datum in data if datum.component == one] for one in sorted({d.component for d in data})]
+        several = self.stencil.components > 1
+        groups = [(own, not several and self._every(medium, own, wanted)) for own in apart]
+        if several and self._every(medium, data, wanted):
+            groups.append((list(data), True))  # beside the others: of waves that hardly move these know more
+        for own, every in groups:
+            together = several and every
+            if len(others) == 2 and not any(self.sides[other, s].periodic for other in others for s in (-1, 1)):
+                round_waves = self._round(medium, axis, own, image, until, wanted, size, nodes, echoing, every)
+                if round_waves:
+                    found += round_waves
+                    continue
+            for kept in range(max(1, len(others))):
+                flat = [
+                    largest_along(datum.values, [place for place in range(1, len(self.shape)) if place != kept + 1])
+                    for datum in own
+                ]
+                if image:
+                    flat = [np.concatenate([image * values[::-1], values]) for values in flat]
+                lengths, near, length = [1] * len(others), [range(1)] * len(others), 0
+                if others:
+                    flat, near[kept], length = self._unfold(flat, kept + 1, others[kept])
+                sent = [replace(datum, values=values) for datum, values in zip(own, flat, strict=True)]
+                depths = self.shape[axis] // 2, *depth_of(own)[: int(every)]
+                endless = bool(others) and not length
+                for part in followed_parts(
+                    medium, sent, until, wanted, self._room if endless else np.inf, every, nodes
+                ):
+                    if others:
+                        lengths[kept] = length or fft.next_fast_len(flat[0].shape[kept + 1] + part.room)
+                    steps = max(2, int(np.ceil(part.time / self.dt)))
+                    for kind in range(1 if together else min(self.stencil.components, 2)):
+                        key = medium.stencil, medium.coefficient, -1 if together else kind, steps
+                        sample = self._samples.setdefault(key, Sample(medium, kind))
+                        coming = arrivals(
+                            medium,
+                            steps,
+                            part.data,
+                            lengths,
+                            near,
+                            wanted,
+                            size,
+                            sample,
+                            smooth=part.smooth,
+                            every=every,
+                            limit=part.limit,
+                        )
+                        found.append(replace(coming, depths=depths, axes=echoing, later=part.later))
+        return found
+
+    def _round(
+        self,
+        medium: LatticeMedium,
+        axis: int,
+        data: Sequence[Datum],
+        image: int,
+        until: float,
+        wanted: float,
+        size: float,
+        nodes: int,
+        echoing: int,
+        every: bool,
+    ) -> list[Arrivals]:
+        """What arrives in space at a side along which the medium goes on both ways, at the point that faces the data,
+        at the corner that is farthest from it, and midway; none where it does not go on.
+        """
+        others, fields, near = [b for b in range(3) if b != axis], [datum.values for datum in data], []
+        for place, other in enumerate(others, 1):
+            fields, beside, length = self._unfold(fields, place, other)
+            near.append(beside)
+            if length:
+                return []
+        if image:
+            fields = [np.concatenate([image * values[::-1], values]) for values in fields]
+        weight = np.max([(np.abs(values) / max(np.abs(values).max(), 1e-300)).max(0) for values in fields], axis=0)
+        inside = weight[np.ix_(*near)]
+        facing = np.array([round(float(np.average(grid, weights=inside))) for grid in np.indices(inside.shape)])
+        corner = np.where(facing > (np.array(inside.shape) - 1) / 2, 0, np.array(inside.shape) - 1)
+        first = np.array([nodes[0] for nodes in near])
+        found = []
+        depths = self.shape[axis] // 2, *depth_of(data)[: int(every)]
+        flat = [replace(datum, values=values) for datum, values in zip(data, fields, strict=True)]
+        for part in followed_parts(medium, flat, until, wanted, self._room, every, nodes):
+            steps = max(2, int(np.ceil(part.time / self.dt)))
+            for point in (facing, (facing + corner) // 2, corner):
+                turned = [round_a_point(datum.values, first + point, part.room / 2) for datum in part.data]
+                sent = [replace(datum, values=values) for datum, (_, values) in zip(part.data, turned, strict=True)]
+                for kind in range(min(self.stencil.components, 2)):
+                    key = medium.stencil, medium.coefficient, kind, steps
+                    sample = self._samples.setdefault(key, Sample(medium, kind))
+                    coming = arrivals(
+                        medium,
+                        steps,
+                        sent,
+                        [],
+                        [],
+                        wanted,
+                        size,
+                        sample,
+                        smooth=part.smooth,
+                        radial=turned[0][0],
+                        every=every,
+                        limit=part.limit,
+                    )
+                    found.append(replace(coming, depths=depths, axes=echoing, later=part.later))
+        return found
+
+    def _unfold(self, fields: list[np.ndarray], place: int, axis: int) -> tuple[list[np.ndarray], range, int]:
+        """Fields with their images along a tangential axis, which nodes are the near field's, and the length after
+        which all is repeated; 0 where it goes on without end.
+        """
+        lower, upper = self.sides[axis, -1], self.sides[axis, 1]
+        below, above, nodes = lower.image, upper.image, fields[0].shape[place]
+        near = range(nodes)
+        if lower.periodic:
+            return fields, near, nodes
+        if above:
+            fields = [np.concatenate([field, above * np.flip(field, place)], place) for field in fields]
+        elif below:
+            fields = [np.concatenate([below * np.flip(field, place), field], place) for field in fields]
+            near = range(nodes, 2 * nodes)
+        if above and below and above != below:
+            fields = [np.concatenate([field, -field], place) for field in fields]
+        return fields, near, fields[0].shape[place] if above and below else 0
+
+    @cached_property
+    def as_fast_as_backward(self) -> float:
+        """What the data hold of waves that are as fast in time as backward ones."""
+        damped, found = high_pass(self.stencil), 0.0
+        assert damped is not None
+        medium = LatticeMedium(self.stencil, self.coefficient, self.spacing, self.recursion, self.dt)
+        largest = {one.kind: max(_size(other) for other in self.data if other.kind == one.kind) for one in self.data}
+        for datum in self.data:
+            fields = [datum.values]
+            for axis in range(len(self.shape)):
+                fields = self._unfold(fields, axis, axis)[0]
+            share = as_fast_as_backward(medium, damped, replace(datum, values=fields[0]))
+            found += share * _size(datum) / (largest[datum.kind] or 1.0)
+        return found
