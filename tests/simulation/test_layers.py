@@ -356,7 +356,7 @@ def test_a_run_beyond_its_layers_is_told_to_ask_for_longer_ones_only_where_there
     sim = fh.Simulation(lattice, model, layers, {"u": [bell, bell]}, threads=1)
     sim.step(1)  # from here on the layers are what they are
     with pytest.warns(fh.ValidityWarning, match=said):
-        sim.run(until=sim.thickness["x-"].until + 1.0, progress=False)
+        sim.run(until=sim.thickness["y-"].until + 1.0, progress=False)
 
 
 def test_a_layer_that_chooses_itself_beside_a_profile_by_hand():

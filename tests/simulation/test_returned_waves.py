@@ -789,23 +789,50 @@ def test_checkpoints_and_remade_runs_keep_the_layers(tmp_path):
     }
 
 
-def test_a_run_that_outlasts_its_layers_says_so():
-    lattice = fh.Lattice(1.0, (-16.0,), (16.0,))
+@pytest.mark.parametrize("model", [fh.Wave(fh.Kernel(2.0)), fh.Diffusion(fh.Kernel(2.0))], ids=["wave", "diffusion"])
+def test_a_run_that_outlasts_its_layers_says_what_comes_back(model):
+    """Nothing while they are predicted to keep their target; then how much, which is what comes back. It is looked at
+    some way ahead, and told again only where it is news; the largest error is looked for at three times only.
+    """
+    lattice, end, wanted = fh.Lattice(1.0, (-16.0,), (16.0,)), 30.0, 1e-4
+    initial, late = {"u": pulse(lattice, (0,), 2.5)}, 10 * end if model.order == 2 else 40 * end
+    far = fh.Extended(1e-10, until=late) if model.order == 2 else fh.LatticePML(1e-9, until=late)
+    exact = fh.Simulation(lattice, model, far, initial, threads=1)
+    sim = fh.Simulation(lattice, model, fh.LatticePML(target=wanted, until=end), initial, dt=exact.dt, threads=1)
+    sim.run(until=end)
+    assert not sim.notes
+    worst, said = 0.0, []
+    for until in (1.4 * end, late, late):
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            sim.run(until=until)
+        said.append([str(one.message) for one in told])
+        exact.step(sim.step_count - exact.step_count)
+        largest = np.abs(exact.fields["u"]).max() if model.order == 1 else 1.0
+        worst = max(worst, float(np.abs(sim.fields["u"] - exact.fields["u"]).max() / largest))
+        assert sim.notes or worst <= wanted
+    assert [len(texts) for texts in said] == [0, 1, 0]
+    assert sim.notes == said[1]
+    assert "up to t = 30;" in sim.notes[0]
+    predicted = sum(one.error for one in sim.parts.around.foretold.values())
+    assert f"to send back {predicted:.1g} of the largest value" in sim.notes[0]
+    assert wanted < worst <= 1.05 * predicted <= 5 * worst
+
+
+def test_a_run_longer_than_can_be_foreseen_says_so():
+    lattice = fh.Lattice(1.0, (-6.0, -6.0), (6.0, 6.0))
     sim = fh.Simulation(
         lattice,
-        fh.Wave(fh.Kernel(2.0)),
-        fh.LatticePML(target=1e-4, until=30.0),
-        {"u": pulse(lattice, (0,), 2.5)},
+        fh.Elastic(fh.Kernel(2.0), 1.0),
+        fh.LatticePML(target=1e-3, until=30.0),
+        {"u": [pulse(lattice, (0, 0), 1.5), 0.0]},
         threads=1,
     )
     sim.run(until=30.0)
-    assert not sim.notes
-    with pytest.warns(fh.ValidityWarning, match="up to t = 30"):
-        sim.run(until=45.0)
+    with pytest.warns(fh.ValidityWarning, match="up to t = 30, later perhaps not: LatticePML"):
+        sim.run(until=61 * sim.crossing)
     with warnings.catch_warnings(action="error"):
-        sim.run(until=60.0)
-    (note,) = sim.notes
-    assert "up to t = 30" in note
+        sim.run(until=62 * sim.crossing)
 
 
 def test_a_target_that_no_layer_keeps_is_refused():

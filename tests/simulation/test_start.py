@@ -87,3 +87,33 @@ def test_rounding_pushes_a_body_as_the_note_says():
             sim.step(steps - sim.step_count)
             off.append(abs(float(np.array(sim.fields["v"], float).mean()) / speed - 1))
         assert 3e-4 < off[0] < 0.3 and 6 < off[1] / off[0] < 40, (shape, material, sides, off)
+
+
+@pytest.mark.parametrize("boundary", [fh.LatticePML(nodes=4), fh.Extended(1e-3, until=5.0)], ids=["layer", "extended"])
+def test_components_may_be_given_in_different_ways(boundary):
+    """An array beside a number, an expression or a function: the run of the same values as one array."""
+    lattice = lattice_of((13, 13))
+    bell = "exp(-((x - 6)**2 + (y - 6)**2)/3)"
+    values = np.exp(-sum((x - 6) ** 2 for x in lattice.coordinates()) / 3)
+    solid, nothing = fh.Elastic(fh.Kernel(2.0), 1.0), np.zeros((13, 13))
+    for given, whole in (
+        ([values, 0.0], [values, nothing]),
+        ((values, bell), [values, values]),
+        ([lambda x, y: 0 * x, values], [nothing, values]),
+        ([values, 2 * values], [values, 2 * values]),
+    ):
+        for name in ("u", "v"):
+            runs = [fh.Simulation(lattice, solid, boundary, {name: one}, threads=1) for one in (given, np.array(whole))]
+            for run in runs:
+                run.run(until=2.0)
+            np.testing.assert_allclose(runs[0].fields["u"], runs[1].fields["u"], rtol=0, atol=1e-14)
+
+
+def test_each_component_is_looked_at_beyond_the_sides():
+    lattice, solid = lattice_of((13, 13)), fh.Elastic(fh.Kernel(2.0), 1.0)
+    values = np.exp(-sum((x - 6) ** 2 for x in lattice.coordinates()) / 3)
+    with pytest.raises(fh.InputError, match="beyond the absorbing"):
+        fh.Simulation(lattice, solid, fh.LatticePML(nodes=4), {"u": [values, "exp(-x**2)"]})
+    ends = np.ones((13, 13))
+    sim = fh.Simulation(lattice, solid, fh.LatticePML(nodes=4), {"u": ["exp(-((x - 6)**2 + (y - 6)**2)/3)", ends]})
+    assert any("at an absorbing edge" in note for note in sim.notes)

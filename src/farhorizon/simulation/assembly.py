@@ -473,7 +473,7 @@ def shared(setup: Setup, team: Team, topology: Sequence[int] | None, stiffer: fl
     around = by_target(uniform, setup.sides, stencil, extremes.pace.sides)
     near = near_field(bare, setup.sides, stencil, Variation(), whole=extremes)
     if chooses(setup.sides):
-        around = team.first(team.by_first(lambda: survey(setup, stiffer).around))
+        around = team.first(team.by_first(lambda: replace(survey(setup, stiffer).around, returned=None)))
     else:
         around = with_light_dampers(near, around)
     return share_of(setup, host, around, near, team, topology), Whole(near, setup.sides, team)

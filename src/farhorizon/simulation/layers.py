@@ -6,35 +6,30 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.choice import weak
-from farhorizon.analysis.layers.diffusing import Cause, Wall, goes_on, predicted_for_diffusion, thinnest_for_diffusion
+from farhorizon.analysis.layers.diffusing import Planes, Wall, predicted_for_diffusion, thinnest_for_diffusion
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
-from farhorizon.analysis.layers.side_data import Datum
 from farhorizon.analysis.layers.thickness import NotKept, Thickness
 from farhorizon.analysis.layers.tuned_layers import as_quiet, lightly_tuned
 from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
-from farhorizon.inputs.incidence import Incident
-from farhorizon.inputs.sources import by_component, field, split
-from farhorizon.inputs.thermal_loads import ThermalLoad
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.alternating_waves import FOLLOWED, AlternatingWaves, growth_of_waves
-from farhorizon.simulation.coupling import expansion_of
+from farhorizon.simulation.layer_data import Driven
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.returned_waves import CROSSINGS, LASTING, MOST_CROSSINGS, ReturnedWaves, spreads
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
-from farhorizon.simulation.solid_and_liquid import placed
 from farhorizon.simulation.surroundings import Surroundings
 from farhorizon.simulation.wave_data import FORESEEN, foreseen_time, stand_ins
 from farhorizon.simulation.wave_field import WaveField
@@ -50,8 +45,6 @@ _SHORT = 1.5e-5
 # what rounding adds in single precision of the largest value at the same time, of diffusion which falls, and of waves
 _ROUNDED = 1e-4, 2e-6
 _LIGHT = 1e-5  # and for light dampers: they send 2e-6 of a resolved pulse back at most
-_MOMENTS = 33  # at which sources of diffusion are looked at, whether they go on as they are
-_FAST = 0.5  # part of the largest frequency from which on waves may run backward or hardly move
 _ALIVE = 0.75  # factor of a step from which on waves are still there when they reach a side
 
 
@@ -92,7 +85,7 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
         No layer keeps a target.
     """
     layers = {key: b for key, b in around.sides.items() if looks_at_data(b)}
-    choice = _Choice(setup, near, around, sources, {}, {}, set())
+    choice = _Choice(Driven(setup, near, sources), near, around, {}, {}, set())
     if layers and near.model.order == 1:
         choice.for_diffusion(layers)
     elif layers:
@@ -103,11 +96,14 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
     wanted = min((b.wanted(near.model.target) for b in layers.values()), default=1.0)
     if setup.dtype == "float32" and wanted < _ROUNDED[near.model.order - 1]:
         doubts.append(f"in single precision rounding adds more than the target {wanted:g}: float64, or a larger target")
-    chosen = {key: found.layer for key, found in choice.found.items()}
+    chosen = {key: one.layer for key, one in choice.found.items()}
     chosen = with_one_filter(around.layers | chosen, near.rate_limit, near.dt, near.lattice.dim)
     if _may_be_short(near, around.sides):
         chosen = {key: replace(layer, short=True) for key, layer in chosen.items()}
-    return replace(around, layers=chosen, thickness=thickness, doubts=doubts, notes=choice.unforeseen(layers))
+    notes = choice.unforeseen(layers)
+    found = replace(around, layers=chosen, thickness=thickness, doubts=doubts, notes=notes)
+    of_chosen = {key: layers[key] for key in choice.found}
+    return replace(found, returned=partial(replace(choice, around=found).returned, of_chosen))
 
 
 def with_light_dampers(near: NearField, around: Surroundings) -> Surroundings:
@@ -197,6 +193,37 @@ def with_one_filter(layers: Mapping[Key, Layer], rate: float, dt: float, dim: in
     }
 
 
+class _AtSide(NamedTuple):
+    """What diffuses to a side.
+
+    Attributes
+    ----------
+    spacing : float
+    spread : float
+        Diffusivity times the length of the run.
+    planes : list of Planes
+    wall : Wall or None
+        At the other end.
+    alternate : callable
+        What a layer sends back of waves that alternate from step to step.
+    """
+
+    spacing: float
+    spread: float
+    planes: list[Planes]
+    wall: Wall | None
+    alternate: Callable[[Layer], float]
+
+    def returned(self, layer: Layer) -> tuple[float, float]:
+        """Errors that a layer is predicted to make: of what diffuses, and of what alternates."""
+        error = predicted_for_diffusion(layer, self.spacing, self.spread, self.planes, self.wall)
+        return error, self.alternate(layer)
+
+    def thinnest(self, wanted: float) -> Thickness:
+        """The thinnest layer that keeps an error, as far as one does."""
+        return thinnest_for_diffusion(self.spacing, self.spread, self.planes, wanted, self.wall, self.alternate)
+
+
 @dataclass(frozen=True)
 class _Choice:
     """A choice that goes on.
@@ -210,10 +237,9 @@ class _Choice:
         Sides to which waves that run backward are followed.
     """
 
-    setup: Setup
+    driven: Driven
     near: NearField
     around: Surroundings
-    sources: Sequence[Any]
     found: dict[Key, Thickness]
     missed: dict[tuple[str, int, float], list[str]]
     followed: set[Key]
@@ -226,28 +252,11 @@ class _Choice:
         # a formula looks at no course in time, and knows no reaction
         slow = bool(near.stencil.strongest_reaction)
         watched = max((lengths[key] for key, b in layers.items() if b.target is not None or slow), default=0.0)
-        sent = self._data(self._times(watched))
-        data = [datum for datum in sent if datum.kind != "source" or datum.time.any()]
-        waves = WaveField(
-            near.lattice.shape,
-            near.stencil,
-            model.coefficient,
-            around.coefficients,
-            near.lattice.spacing,
-            Recursion.of(model.integrator, near.dt, model.damping),
-            near.dt,
-            around.sides,
-            data or stand_ins(*self._like_near_field, self._courses(watched, layers)),
-            self._scatterers(),
-            near.squared_speed,
-            known=bool(data),
-        )
-        foreseen = foreseen_time(crossing, near.dt, near.stencil, near.lattice.shape)
-        far = ReturnedWaves(waves, FORESEEN * crossing, foreseen)
+        far = self._returned_waves(watched, layers)
         refused: list[NotKept] = []
         for key, boundary in layers.items():
             wanted, until = boundary.wanted(model.target), lengths[key]
-            if waves.follows_backward_waves:
+            if far.waves.follows_backward_waves:
                 self.followed.add(key)
             if boundary.open_ended:
                 try:
@@ -264,6 +273,45 @@ class _Choice:
                     self._miss(key, _SENT_BACK.format(error, "the largest value"), layer.columns, wanted)
         if refused:  # what one side keeps another one may not
             raise max(refused, key=lambda one: one.least)
+
+    def _returned_waves(self, watched: float, layers: Sides) -> ReturnedWaves:
+        """What layers send back of the data, with the course of sources up to a time."""
+        near, model, driven = self.near, self.near.model, self.driven
+        sent = driven.data(driven.times(watched))
+        data = [datum for datum in sent if datum.kind != "source" or datum.time.any()]
+        least = min(b.wanted(model.target) for b in layers.values())
+        waves = WaveField(
+            near.lattice.shape,
+            near.stencil,
+            model.coefficient,
+            self.around.coefficients,
+            near.lattice.spacing,
+            Recursion.of(model.integrator, near.dt, model.damping),
+            near.dt,
+            self.around.sides,
+            data or stand_ins(*driven.like_near_field, driven.courses(watched, least)),
+            driven.scatterers(),
+            near.squared_speed,
+            known=bool(data),
+        )
+        foreseen = foreseen_time(near.crossing, near.dt, near.stencil, near.lattice.shape)
+        return ReturnedWaves(waves, FORESEEN * near.crossing, foreseen)
+
+    def returned(self, layers: Sides, until: float) -> dict[Key, float]:
+        """Errors that the layers of some sides are predicted to make up to a time; none of a longer run than can be
+        foreseen.
+        """
+        if until > MOST_CROSSINGS * self.near.crossing:
+            return {}
+        target, given = self.near.model.target, self.around.layers
+        if self.near.model.order == 1:
+            at_side = self._diffusing(until)
+            return {key: max(at_side(key, until, b.wanted(target)).returned(given[key])) for key, b in layers.items()}
+        far = self._returned_waves(until, layers)
+        if until > far.foreseen:
+            return {}
+        with _told_if_it_takes_long():
+            return {key: far.returned(*key, given[key], b.wanted(target), until) for key, b in layers.items()}
 
     def unforeseen(self, layers: Sides) -> list[str]:
         """What is to be said of short waves in the data that predictions leave out: those that run backward, of vectors
@@ -289,7 +337,7 @@ class _Choice:
             }
         if first is None or not layers:
             return []
-        share = max((short_share(datum.values, first) for datum in self._initial()), default=0.0)
+        share = max((short_share(datum.values, first) for datum in self.driven.initial()), default=0.0)
         say = f"of the data {share:.2g} are waves of less than {2 * np.pi / first:.2g} nodes, {say}"
         asked = [b.target for b in layers.values() if b.target is not None and b.open_ended]
         if near.stencil.components == 1 and share > min(asked, default=np.inf):
@@ -315,56 +363,51 @@ class _Choice:
 
     def for_diffusion(self, layers: Sides) -> None:
         """What counts is the way from the data, the metal or a condition to the side."""
-        near, model, spacing = self.near, self.near.model, self.near.lattice.spacing
-        diffusivity = model.coefficient * near.strongest
+        near, model = self.near, self.near.model
         lengths = {
             key: min(b.until or LASTING * near.crossing, MOST_CROSSINGS * near.crossing) for key, b in layers.items()
         }
-        causes = list(self._causes(max(lengths.values(), default=0.0)))
-        at_once = [cause.datum for cause in causes if cause.whole or cause.lasting]
-        alternating = AlternatingWaves.of(near, self.around.sides, at_once)
+        diffusing = self._diffusing(max(lengths.values(), default=0.0))
         refused: list[NotKept] = []
         for key, boundary in layers.items():
-            until, planes = lengths[key], [part for cause in causes for part in cause.planes(*key, spacing)]
             wanted = boundary.wanted(model.target)
-            alternate = partial(alternating.returned, *key, wanted=wanted, until=until)
-            image, across = self.around.sides[key[0], -key[1]].image, near.lattice.shape[key[0]]
-            wall = Wall(image, spacing * across) if image else None
+            at_side = diffusing(key, lengths[key], wanted)
             if not boundary.open_ended:
                 given = self.around.layers[key]
-                error = predicted_for_diffusion(given, spacing, diffusivity * until, planes, wall)
-                if (back := alternate(given)) > wanted:
+                error, back = at_side.returned(given)
+                if back > wanted:
                     self._miss_alternating(key, boundary, back, given, wanted)
                 if error > wanted:
                     self._miss(key, _SENT_BACK.format(error, "the largest value at that time"), given.columns, wanted)
                 continue
-            found = thinnest_for_diffusion(spacing, diffusivity * until, planes, wanted, wall, alternate)
+            found = at_side.thinnest(wanted)
             if found.predicted > wanted and boundary.target is not None:
                 refused.append(NotKept.of(wanted, found.predicted))
                 continue
-            if (back := alternate(found.layer)) > wanted:
+            if (back := at_side.alternate(found.layer)) > wanted:
                 self._miss_alternating(key, boundary, back, found.layer, wanted)
-            self._take(key, replace(found, until=until), wanted)
+            self._take(key, replace(found, until=lengths[key]), wanted)
         if refused:  # as of waves
             raise max(refused, key=lambda one: one.least)
 
-    def _causes(self, until: float) -> Iterator[Cause]:
-        """What something diffuses from: the start, sources, what is held, and what scatters."""
-        near = self.near
-        busy, held, conditions = self._scatterers(), np.zeros(near.lattice.shape, bool), near.conditions
-        if self.setup.specimens:
-            held |= placed(self.setup, self.around.sides)[0]
-        lasting = ~conditions.resting & conditions.constant
-        held.ravel()[conditions.nodes[lasting]] = True
-        busy.ravel()[conditions.nodes[~lasting]] = True
-        data = self._data(np.linspace(0, until, _MOMENTS))
-        for datum in data:
-            start = datum.kind == "u"
-            yield Cause(datum, 2 * (not start and goes_on(datum.time)), start)
-        for datum in [] if data else stand_ins(*self._like_near_field):
-            yield Cause(datum)
-        yield Cause(Datum(held.astype(float), "u"), lasting=1)
-        yield Cause(Datum(busy.astype(float), "u"))
+    def _diffusing(self, longest: float) -> Callable[[Key, float, float], _AtSide]:
+        """What diffuses to a side up to a time, of which an error is wanted, in runs no longer than one."""
+        near, spacing, sides = self.near, self.near.lattice.spacing, self.around.sides
+        causes = list(self.driven.causes(longest, sides))
+        at_once = [cause.datum for cause in causes if cause.whole or cause.lasting]
+        alternating = AlternatingWaves.of(near, sides, at_once)
+
+        def at_side(key: Key, until: float, wanted: float) -> _AtSide:
+            image, across = sides[key[0], -key[1]].image, near.lattice.shape[key[0]]
+            return _AtSide(
+                spacing,
+                near.model.coefficient * near.strongest * until,
+                [part for cause in causes for part in cause.planes(*key, spacing)],
+                Wall(image, spacing * across) if image else None,
+                partial(alternating.returned, *key, wanted=wanted, until=until),
+            )
+
+        return at_side
 
     def _miss_alternating(self, key: Key, boundary: LatticePML, back: float, layer: Layer, wanted: float) -> None:
         """Say that a layer sends back more of waves that alternate than it may.
@@ -396,94 +439,3 @@ class _Choice:
 
     def _miss(self, key: Key, words: str, columns: int, wanted: float) -> None:
         self.missed.setdefault((words, columns, wanted), []).append(side_name(*key))
-
-    def _data(self, times: np.ndarray) -> list[Datum]:
-        """What sends waves: the start, and sources at some times; nothing where that cannot be known."""
-        near, lattice = self.near, self.near.lattice
-        components = near.stencil.components
-        found = self._initial()
-        for source in self.sources:
-            if isinstance(source, Incident):
-                return []
-            for part, unit in by_component(source, lattice, components):
-                space, time = split(part, lattice, components if np.ndim(unit) == 0 else 1)
-                if space is None:
-                    return []
-                course = np.array([float(time(t)) for t in times])
-                found += self._by_component(unit * space * near.model.source_factor, "source", course)
-        heat = self.setup.heat
-        if heat is not None and heat.joint:
-            if heat.temperature.sources or heat.temperature.constraints:
-                return []
-            found += self._by_component(self._push_of_heat(heat), "source", np.ones(times.size))
-        return found
-
-    def _times(self, until: float) -> np.ndarray:
-        return np.arange(int(np.ceil(until / self.near.dt)) + 1) * self.near.dt
-
-    @property
-    def _like_near_field(self) -> tuple[tuple[int, ...], int, int]:
-        """Shape, largest reach and components."""
-        stencil = self.near.stencil
-        return self.near.lattice.shape, max(stencil.reach), stencil.components
-
-    def _courses(self, until: float, layers: Sides) -> list[np.ndarray]:
-        """In time of what bodies and cracks scatter, where all that comes are waves whose signals are known, for these
-        keep their frequencies: those of their velocities.
-
-        None where bonds break, which sends what it likes, and where a signal reaches to the frequencies of waves that
-        run backward or hardly move: what of it the box of an incident wave lets out stays beside the sides for long.
-        """
-        near, times = self.near, self._times(until)
-        found = [source.velocities(times) if isinstance(source, Incident) else None for source in self.sources]
-        courses = [course for course in found if course is not None]
-        alone = len(courses) == len(found) > 0 and not self._initial() and self.setup.heat is None
-        if not alone or self.setup.model.bond_law is not None:
-            return []
-        spectra = np.abs(np.fft.rfft(courses, 2 * len(times)))
-        fast = 2 * np.pi * np.fft.rfftfreq(2 * len(times), near.dt) > _FAST * np.sqrt(near.rate_limit)
-        share = float((spectra[:, fast].sum(1) / np.maximum(spectra.sum(1), 1e-300)).max())
-        return courses if share < min(b.wanted(near.model.target) for b in layers.values()) else []
-
-    def _push_of_heat(self, load: ThermalLoad) -> np.ndarray:
-        """What the temperature at the start, which changes slowly, does to the solid: minus the gradient of the
-        pressure of one that is held.
-        """
-        near, lattice = self.near, self.near.lattice
-        warm = (load.temperature.initial or {}).get("u", load.reference)
-        strain = expansion_of(load, lattice, near.model, near.lame)
-        strain = strain * (field(warm, lattice, 1, "initial.T") - load.reference)
-        pressure = near.inside((lattice.dim * near.lame[0] + 2 * near.lame[1]) * strain)
-        slopes = [np.gradient(pressure, lattice.spacing, axis=axis) for axis in range(lattice.dim)]
-        return -near.model.source_factor * np.stack(slopes)
-
-    def _initial(self) -> list[Datum]:
-        """The start."""
-        near, initial, found = self.near, self.setup.initial or {}, []
-        for name in ("u", "v"):
-            if name in initial:
-                values = field(initial[name], near.lattice, near.stencil.components, f"initial.{name}")
-                found += self._by_component(near.inside(values - (near.background if name == "u" else 0.0)), name)
-        return found
-
-    def _by_component(self, values: np.ndarray, kind: str, time: np.ndarray | None = None) -> list[Datum]:
-        """A datum for each component that is not at rest."""
-        time = np.zeros(0) if time is None else time
-        parts = values.reshape(-1, *self.near.lattice.shape)
-        return [Datum(part, kind, time, i) for i, part in enumerate(parts) if part.any()]
-
-    def _scatterers(self) -> np.ndarray:
-        """Nodes that scatter waves: around cracks, beside nodes that do not exist, and where the medium changes."""
-        lattice = self.near.lattice
-        found = np.zeros(lattice.shape, bool)
-        for crack in self.setup.cracks:
-            low, high = (np.asarray(bound, float) for bound in crack.cut.bounds())
-            first, last = (np.round((bound - lattice.lower) / lattice.spacing).astype(int) for bound in (low, high))
-            found[tuple(slice(max(a, 0), max(b, 0) + 1) for a, b in zip(first, last, strict=True))] = True
-        if lattice.body is not None and lattice.mask is not None:
-            found |= ~lattice.mask
-        for values in (self.near.factor, self.near.density):
-            if values is not None:
-                for axis in range(lattice.dim):
-                    found |= np.abs(np.gradient(values, axis=axis)) > 0
-        return found

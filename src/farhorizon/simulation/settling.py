@@ -19,7 +19,10 @@ from farhorizon.models import LatticeModel
 from farhorizon.simulation.course import warn
 from farhorizon.simulation.described import rebuild
 from farhorizon.simulation.setup import Key, side_name
-from farhorizon.simulation.surroundings import Surroundings
+from farhorizon.simulation.surroundings import Foretold, Surroundings
+
+_AHEAD = 1.5  # of the time up to which errors are known: up to which they are predicted next
+_LONGER = "LatticePML(target=..., until=...) chooses them for a longer run"
 
 
 class Changeable(Examined, Protocol):
@@ -112,27 +115,64 @@ class Settling:
                 self.why = [f"the domain is extended, for layers do not serve: {error.message}"]
 
 
-def outlasted(around: Surroundings, until: float, dt: float) -> list[str]:
-    """What is to be said of a run that outlasts what its sides were chosen for, by more than its last step."""
+def foretell(around: Surroundings, until: float, dt: float) -> None:
+    """Predict what the layers send back in a run that goes on beyond what they were chosen for, and some time more, so
+    that a run in many pieces is looked at a few times only.
+    """
+    known = [max(found.until, _foretold(around, name).until) for name, found in around.thickness.items()]
+    if around.returned is None or not known or until <= min(known) + dt:
+        return
+    end = max(until, _AHEAD * min(known))
+    around.foretold.update({side_name(*key): Foretold(end, error) for key, error in around.returned(end).items()})
+
+
+def outlasted(around: Surroundings, model: LatticeModel, until: float, dt: float) -> list[str]:
+    """What is to be said of a run that outlasts what its sides were chosen for, by more than its last step; sides
+    without a target of their own have one of the model.
+    """
+    late = [name for name, found in around.thickness.items() if until > found.until + dt]
+    unknown = [name for name in late if until > _foretold(around, name).until + dt]
+    found = [_may_miss(around, unknown, dt)] if unknown else []
+    known = [name for name in late if name not in unknown]
+    # what both sides of an axis send back adds up
+    errors = {name: sum(_foretold(around, other).error for other in known if other[0] == name[0]) for name in known}
+    sides = {side_name(*key): b for key, b in around.sides.items()}
+    missing = [name for name, error in errors.items() if error > sides[name].wanted(model.target)]
+    if missing:
+        chosen = min(around.thickness[name].until for name in missing)
+        end = max(_foretold(around, name).until for name in missing)
+        of = "the largest value" + " at that time" * (model.order == 1)
+        found.append(
+            f"the layers ({', '.join(missing)}) keep their target up to t = {chosen:.6g}; up to t = {end:.6g} they are "
+            f"predicted to send back {max(errors[name] for name in missing):.1g} of {of}: {_LONGER}"
+        )
+    ends = _ends(around.extents)
+    if ends and until > min(ends) + dt:
+        found.append(
+            f"nothing comes back from the end of the extended domain up to t = {min(ends):.6g}, later something does: "
+            "Extended(until=...)"
+        )
+    return found
+
+
+def _foretold(around: Surroundings, name: str) -> Foretold:
+    return around.foretold.get(name, Foretold())
+
+
+def _may_miss(around: Surroundings, names: list[str], dt: float) -> str:
+    """What is said of layers of which nothing is known so late."""
     asked = {side_name(*key): b.until or 0.0 for key, b in around.sides.items()}
-    first = min(around.thickness, key=lambda name: around.thickness[name].until, default="")
-    longer = (
-        "errors of longer runs are not predicted"
-        if first and asked[first] > around.thickness[first].until + dt
-        else "LatticePML(target=..., until=...) chooses them for a longer run"
-    )
-    chosen = {
-        f"the layers keep their target up to t = {{:.6g}}, later perhaps not: {longer}": _ends(around.thickness),
-        "nothing comes back from the end of the extended domain up to t = {:.6g}, later something does: "
-        "Extended(until=...)": _ends(around.extents),
-    }
-    return [said.format(min(ends)) for said, ends in chosen.items() if ends and until > min(ends) + dt]
+    first = min(names, key=lambda name: around.thickness[name].until)
+    end = around.thickness[first].until
+    longer = "errors of longer runs are not predicted" if asked[first] > end + dt else _LONGER
+    return f"the layers keep their target up to t = {end:.6g}, later perhaps not: {longer}"
 
 
-def warn_outlasted(around: Surroundings, known: float, until: float, dt: float) -> None:
+def warn_outlasted(around: Surroundings, model: LatticeModel, known: float, until: float, dt: float) -> None:
     """Warn once of a run that outlasts what its sides were chosen for, if it did not by the end that was known."""
-    told = outlasted(around, known, dt)
-    for text in outlasted(around, until, dt):
+    told = outlasted(around, model, known, dt)
+    foretell(around, until, dt)
+    for text in outlasted(around, model, until, dt):
         if text not in told:
             warn(text)
 

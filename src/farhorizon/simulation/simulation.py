@@ -243,7 +243,7 @@ class Simulation(Run):
             self.share.check_length(until - self.dt)  # the last step may end that much later
         self._settling.settle(self, until)
         self.check_sources(until)
-        warn_outlasted(self.parts.around, self._end, until, self.dt)
+        warn_outlasted(self.parts.around, self.model, self._end, until, self.dt)
         self._end = max(self._end, until)
         last = super().prepare(until)
         self._recording.foresee(until, last)
@@ -399,7 +399,7 @@ class Simulation(Run):
     def notes(self) -> list[str]:
         """What lies beyond the near field and is missed, but within the sides' targets, or cannot be known."""
         ends = [] if self.exact_ends is None else self.exact_ends.notes()
-        overdue = outlasted(self.parts.around, max(self._end, self.time), self.dt)
+        overdue = outlasted(self.parts.around, self.model, max(self._end, self.time), self.dt)
         notes = self.parts.beyond.notes + ends + self._remarks + self._settling.why + overdue + self._incident_notes
         return notes + self._recording.notes
 

@@ -99,9 +99,14 @@ def _initial(name: str, setup: Setup, near: NearField, beyond: Beyond) -> np.nda
     whole = value if name in initial else np.full(near.field_shape, level)
     given = field(whole, near.lattice, near.stencil.components, key) - level
     values = near.inside(given)
-    if isinstance(value, np.ndarray):
-        beyond.check_values(near.size(given if near.closed is not None else values), key)
-    elif name in initial:
+    entries = value if isinstance(value, list | tuple) else [value]
+    known = [isinstance(entry, np.ndarray) for entry in entries]  # on the lattice alone
+    if any(known):
+        seen = given if near.closed is not None else values
+        beyond.check_values(near.size(seen if all(known) else seen[known]), key)
+    if name in initial and not all(known):
+        if any(known):
+            value = [level if there else entry for entry, there in zip(entries, known, strict=True)]
         peak = float(np.abs(values).max(initial=0))
         beyond.check_function(near.function(value), peak, key, level, "initial value")
     return values

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,13 @@ from farhorizon.errors import InputError
 from farhorizon.machine import available_memory
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.setup import Key, Setup, Sides
+
+
+class Foretold(NamedTuple):
+    """Up to when a layer is predicted to make an error in a run that goes on beyond what it was chosen for."""
+
+    until: float = 0.0
+    error: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +42,11 @@ class Surroundings:
         Layers that are predicted to miss their targets.
     notes : list of str
         What predictions leave out.
+    returned : callable, or None
+        Errors by (axis, side) that the layers which chose themselves are predicted to make up to a time, none where it
+        cannot be foreseen.
+    foretold : dict of str to Foretold
+        By side, what these are predicted to send back in a run that goes on beyond what they were chosen for.
     """
 
     sides: Sides
@@ -43,6 +56,8 @@ class Surroundings:
     extents: dict[Key, Extent] = field(default_factory=dict)
     doubts: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    returned: Callable[[float], dict[Key, float]] | None = None
+    foretold: dict[str, Foretold] = field(default_factory=dict)
 
     def width(self, key: Key, stencil: Stencil, spacing: float) -> int:
         """Nodes of the core beyond the near field that a sponge, an extended side or a condition along the outline
