@@ -17,10 +17,10 @@ from common import run_parts
 
 import farhorizon as fh
 from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.layers.families import briefly_damped
 from farhorizon.analysis.layers.gain import largest_gain
 from farhorizon.analysis.layers.layer import LatticeMedium, layer_amplitudes
 from farhorizon.analysis.layers.short_waves import high_pass
-from farhorizon.analysis.layers.thickness import briefly_damped
 from farhorizon.analysis.layers.tuned_layers import tuned_layers
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.checks.side_modes import Strip

@@ -9,14 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from farhorizon.analysis.layers.beside_walls import lacking_beside_walls
+from farhorizon.analysis.layers.families import by_formula, family
 from farhorizon.analysis.layers.short_waves import high_pass
 from farhorizon.analysis.layers.thickness import (
     MOST,
     NotKept,
     Thickness,
-    by_formula,
     distance_to_side,
-    family,
     least,
     predicted_error,
     thinnest,

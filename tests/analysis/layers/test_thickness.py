@@ -1,28 +1,13 @@
-"""Profiles of layers and how many nodes they take."""
+"""How many nodes layers take."""
 
-import os
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.layers.short_waves import high_pass
-from farhorizon.analysis.layers.thickness import (
-    NotKept,
-    briefly_damped,
-    distance_to_side,
-    gently_damped,
-    least,
-    long_run_profile,
-    steady_rise,
-    thin,
-    thinnest,
-)
-from farhorizon.checks.side_modes import plain_twin
-from farhorizon.engine.state import State
-
-SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
+from farhorizon.analysis.layers.families import thin
+from farhorizon.analysis.layers.thickness import NotKept, distance_to_side, least, thinnest
 
 
 class Waves:
@@ -86,142 +71,8 @@ def test_layers_known_to_be_too_thin_are_not_judged():
     assert waves.tried == [18]
 
 
-def test_scales_do_not_change_a_layer():
-    thin_here, thin_there = thin(6, 4.0, 2.0), thin(6, 4.0, 2e-6)
-    np.testing.assert_allclose(thin_here.sigma, 1e6 * thin_there.sigma, rtol=1e-14)
-    np.testing.assert_allclose(
-        long_run_profile(9, 2.0, 50.0, 12.0, 1e-5).alpha,
-        1e6 * long_run_profile(9, 2e-6, 50e6, 12.0, 1e-5).alpha,
-        rtol=1e-13,
-    )
-
-
-def test_late_layers_absorb_every_wave_of_a_run_as_their_bound_says():
-    """On Re s = 1/T an edge reflects |C - a|/(C + a) of a wave with C = 1/(T Re lambda): the product over the edges
-    stays below 1e-4.
-    """
-    until, distance, wanted = 3000.0, 15.0, 1e-4
-    layer = long_run_profile(12, 1.0, until, distance, wanted)
-    s = 1 / until + 1j * np.geomspace(1e-6, 0.6, 4000)
-    for along in (0.0, 0.05, 0.3):
-        decay = np.sqrt(s**2 + along**2)
-        stretched = (1 + layer.sigma[:, None] / (s + layer.alpha[:, None])) * np.tanh(decay / 2)
-        passed = np.abs((1 - stretched) / (1 + stretched)) ** 2
-        passed[-1] **= 0.5
-        felt = np.prod(passed, axis=0) * np.exp(-distance * decay.real)
-        # the bound holds without the 1 of the stretch, which costs less than a factor of ten
-        assert felt.max() < 10 * wanted
-
-
-def test_weak_backward_waves_are_damped_gently():
-    stencil = fh.Wave(fh.Kernel(3.0)).stencil(1.0, 3)
-    damped = gently_damped(thin(6, 4.0, 1.0), stencil)
-    assert len(damped.taps) == 4 and 0 < damped.damping.max() < 0.1 * damped.sigma[-1]
-    assert high_pass(fh.Wave(fh.Kernel(3.0)).stencil(1.0, 2)) is None
-    assert not gently_damped(thin(6, 4.0, 1.0), fh.Wave(fh.Kernel(3.0)).stencil(1.0, 2)).damping.size
-
-
-def _of_noise_in_corners(kernel, nodes, strength, rise, share, end):
-    """Size of the state in the last third of a run from white noise over that in the third before, the means over some
-    moments, between which energy goes to and fro: three layers meet, the other sides are held.
-    """
-    model = fh.Wave(kernel)
-    reach = model.stencil(1.0, 3).reach[0]
-    lattice = fh.Lattice(1.0, (0.0,) * 3, (2.0 * reach,) * 3)
-    layer = gently_damped(thin(nodes, strength, 1.0, rise), model.stencil(1.0, 3))
-    layers = dict.fromkeys(("x+", "y+", "z+"), fh.LatticePML(nodes=nodes, profile=layer))
-    sides = layers | dict.fromkeys(("x-", "y-", "z-"), fh.Fixed())
-    dt = share * fh.Simulation(lattice, model, fh.Fixed(), threads=1).step_limit
-    state = State(plain_twin(fh.Simulation(lattice, model, sides, dt=dt, threads=1)).engine)
-    now, sizes = np.random.default_rng(reach).standard_normal(state.size), []
-    for _ in range(24):
-        now = state.after_rounds(now, int(end / dt / state.every / 24))
-        sizes.append(np.linalg.norm(now))
-    return float(np.mean(sizes[16:]) / np.mean(sizes[8:16]))
-
-
-def test_thick_layers_rise_steadily_where_they_meet_in_space():
-    """Waves of the largest frequency stand still; in corners thin profiles of many nodes feed them. A ramp that begins
-    more slowly leaves them no room.
-    """
-    kernel = fh.Kernel(3.0)
-    stencil = fh.Wave(kernel).stencil(1.0, 3)
-    rises = [steady_rise(stencil, nodes) for nodes in (2, 6, 7, 10, 11, 16, 17, 24, 25)]
-    assert rises == [0.75, 0.75, 1.5, 1.5, 2.0, 2.0, 3.0, 3.0, None]
-    assert steady_rise(fh.Wave(fh.Kernel(3.0)).stencil(1.0, 2), 40) == 0.75  # nothing runs backward there
-    assert _of_noise_in_corners(kernel, 16, 2.0, 0.75, 0.5, 210.0) > 3.0
-    assert _of_noise_in_corners(kernel, 10, 2.0, 1.5, 0.5, 1350.0) < 1.0
-
-
-#: In space all of reach 2 to 4, of three influences and two volumes, that have weak backward waves.
-WEAKLY_BACKWARD = (
-    *(fh.Kernel(reach) for reach in (2.0, 3.0, 4.0)),
-    *(fh.Kernel(2.0, 1, "linear", volume=volume) for volume in ("ramp", "full")),
-    *(fh.Kernel(reach, 3, volume="full") for reach in (2.0, 3.0)),
-    fh.Kernel(4.0, 0, "gaussian", volume="full"),
-)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", range(12))
-def test_layers_of_random_thickness_do_not_grow_where_they_meet_in_space(number):
-    """Two waves that beat may rise for a third of the run while both decay: then a run four times as long decides, in
-    which what grows has grown more.
-    """
-    random = np.random.default_rng([SEED, number])
-    kernel, share = WEAKLY_BACKWARD[int(random.integers(len(WEAKLY_BACKWARD)))], float(random.uniform(0.3, 0.95))
-    stencil = fh.Wave(kernel).stencil(1.0, 3)
-    nodes = int(random.integers(3, 25 if kernel.horizon < 4 else 17))
-    rise = steady_rise(stencil, nodes)
-    strength = float(random.choice([1.4, 2.0, 4.0] + [5.6] * (rise != 0.75)))
-    print(f"seed {SEED}, set-up {number}: {kernel}, {nodes} nodes, strength {strength}, step {share:.2f}")
-    assert rise is not None
-    given = kernel, nodes, strength, rise, share
-    assert any(_of_noise_in_corners(*given, end) < 1.0 for end in (1350.0, 5400.0))
-
-
 def test_distance_of_data():
     values = np.zeros((30, 5))
     values[10, 2], values[12, 1] = 1.0, 1e-5
     assert distance_to_side([values, np.zeros((30, 5))]) == 19
     assert distance_to_side([np.zeros((30, 5))]) == 0
-
-
-BACKWARD = {
-    "elements": (fh.Elastic(None, young=1.0, poisson=0.3, material="finite-element"), 2),
-    "bonds": (fh.Elastic(fh.Kernel(2.0, 1), young=1.0), 2),
-    "wide bonds": (fh.Elastic(fh.Kernel(3.0, 1), young=1.0), 2),
-    "linear": (fh.Elastic(fh.Kernel(3.0, 1, "linear"), young=1.0), 2),
-    "states": (fh.Elastic(fh.Kernel(2.0, 1), young=1.0, poisson=0.3, material="state-based"), 2),
-    "exponent 0": (fh.Elastic(fh.Kernel(2.0, 0), young=1.0), 2),
-    "scalar elements": (fh.Wave(fh.Stencil.finite_element(2)), 2),
-    "scalar": (fh.Wave(fh.Kernel(3.0, 1)), 2),
-    "line": (fh.Wave(fh.Kernel(3.0, 0)), 1),
-    "bonds in space": (fh.Elastic(fh.Kernel(2.0, 1), young=1.0), 3),
-}
-
-
-@pytest.mark.parametrize(
-    "name", ["elements", *(pytest.param(n, marks=pytest.mark.slow) for n in BACKWARD if n != "elements")]
-)
-@pytest.mark.parametrize("share", [0.5, 0.95])
-def test_short_damping_lets_no_noise_grow(name, share):
-    """White noise in the whole state, near both ends of the range of steps: over the last third of a long run it
-    decays.
-    """
-    model, dim = BACKWARD[name]
-    stencil = model.stencil(1.0, dim)
-    end = 2.0 * max(stencil.reach) + 2.0
-    lattice, steps = fh.Lattice(1.0, (0.0,) * dim, (end,) * dim), 9000 if dim < 3 else 2400
-    dt = share * fh.Simulation(lattice, model, fh.Fixed(), threads=1).step_limit
-    found = {
-        nodes: briefly_damped(nodes, stencil, np.sqrt(model.coefficient)) for nodes in ((4, 12) if dim < 3 else (4,))
-    }
-    assert found[4]
-    for layers in found.values():
-        for layer in layers.values():
-            sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=layer.columns, profile=layer), dt=dt, threads=1)
-            state = State(plain_twin(sim).engine)
-            before = state.after(np.random.default_rng(3).standard_normal(state.size), 2 * steps // 3)
-            after = state.after(before, steps // 3)
-            assert np.abs(after).max() < 0.9 * np.abs(before).max()

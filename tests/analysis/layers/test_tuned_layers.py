@@ -9,8 +9,8 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.layers.families import briefly_damped, gently_damped, steady_rise, thin
 from farhorizon.analysis.layers.layer import LatticeMedium
-from farhorizon.analysis.layers.thickness import briefly_damped, gently_damped, steady_rise, thin
 from farhorizon.analysis.layers.tuned_layers import as_quiet, backward_band, lightly_tuned, tuned_layers
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.checks.side_modes import Strip, plain_twin

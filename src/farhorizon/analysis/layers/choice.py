@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from farhorizon.analysis.layers.short_waves import HighPass
+from farhorizon.analysis.layers.short_waves import HighPass, high_pass
 from farhorizon.engine.engine import Layer
+from farhorizon.medium.stencil import Stencil
 
 # alpha in units of speed / spacing: bounds the drift at zero frequency; ten times as much spoils long waves
 _SHIFT = 1e-3
@@ -17,6 +18,7 @@ _SOFT, _MORE = 4, 3
 # alpha at the outer end in speed / spacing where waves are at rest, of two nodes or longer ones, too
 _DRIFT = (0.006, 0.03)
 _EARLIER = (0.92, 1.0)  # power of sigma's ramp in which their damping rises
+_HARDLY, _CROWDED = 0.1, 0.38  # over the long waves' speed; share of such waves that crowds
 
 
 @dataclass(frozen=True)
@@ -94,3 +96,17 @@ def smooth_ramp(depth: np.ndarray) -> np.ndarray:
 def weak(damped: HighPass | None) -> bool:
     """Whether the ramps of stencils without backward waves serve."""
     return damped is None or damped.weak
+
+
+def crowded(stencil: Stencil) -> bool:
+    """Whether many of a scalar's waves along the normal hardly move and are not damped: thin profiles send back more
+    than is predicted, and grow.
+
+    Of exponent 1, linear influence and reach 4 nodes 40 % go more slowly than a tenth of the long waves; thin profiles
+    of 10 to 14 nodes made up to 25 times the predicted error.
+    """
+    if stencil.components > 1 or not weak(high_pass(stencil)):
+        return False
+    k = np.linspace(1e-3, np.pi, 500)
+    frequency = np.sqrt(np.maximum(stencil.symbol(k, *[np.zeros_like(k)] * (stencil.dim - 1)), 0.0))
+    return float((np.abs(np.gradient(frequency, k)) < _HARDLY).mean()) > _CROWDED

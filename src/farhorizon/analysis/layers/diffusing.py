@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gamma
 
+from farhorizon.analysis.layers.families import zolotarev
 from farhorizon.analysis.layers.side_data import Datum
-from farhorizon.analysis.layers.thickness import MOST, Thickness, distance_to_side, zolotarev
+from farhorizon.analysis.layers.thickness import MOST, Thickness, distance_to_side
 from farhorizon.engine.engine import Layer
 
 _AIM = 0.25  # of the wanted error: late in a run what all sides send back adds up
