@@ -33,7 +33,8 @@ chosen when larger targets are asked for. Asked: at most 1.3, of the median and 
 
 Run: ``python benchmarks/promise.py [first] [second] [default] [sources] [walls] [space] [solids] [long]
 [thickness] [--json FILE]``: 200 set-ups each; ``--count N`` for fewer, ``--first N`` to begin with a later one,
-``--longest S`` to leave out longer runs, ``--seed N`` for another seed.
+``--longest S`` to leave out longer runs (0: layers are chosen, and nothing runs), ``--seed N`` for another seed.
+How long setting up took is printed, too.
 """
 
 from __future__ import annotations
@@ -432,18 +433,23 @@ def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
     seed = SEEDS[part] if options.seed is None else options.seed
     print(f"seed {seed}")
     rows: dict[str, dict[str, Any]] = {}
+    spent: list[float] = []  # in setting up
     for number, setup, until, guide in drawn(seed, options.count, options.first, part):
         setup = unasked(setup) if part == "default" else setup
         (target,) = {b.wanted(setup["model"].target) for b in sides(setup).values()}
         model, kind = setup["model"], kind_of(setup, guide)
         row = rows.setdefault(kind, empty(kind))
         row["cases"] += 1
+        begin = time.perf_counter()
         try:
-            sim = fh.Simulation(**setup)
-            if (spent := seconds_of(sim.engine) * until / sim.dt) > options.longest:
+            try:
+                sim = fh.Simulation(**setup)
+            finally:
+                spent.append(time.perf_counter() - begin)
+            if (takes := seconds_of(sim.engine) * until / sim.dt) > options.longest:
                 row["cases"] -= 1
                 row["left out"] += 1
-                print(f"{number}: {kind} {target:g}: left out, takes about {spent:.0f} s", flush=True)
+                print(f"{number}: {kind} {target:g}: left out, takes about {takes:.0f} s", flush=True)
                 continue
             sim.examine(until)  # as a run begins
         except fh.InputError as refusal:
@@ -485,6 +491,8 @@ def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
             row |= {f"of {of}": "-" if share is None else share}
             row |= {f"{of} met": "-" if share is None else verdict(share, KEPT, True)}
     print(f"left out because of --longest: {total['left out']}; not judged: {total['not judged']}")
+    if spent:
+        print(f"set up in {np.median(spent):.1f} s in the median, at most {np.max(spent):.0f} s")
     return table
 
 

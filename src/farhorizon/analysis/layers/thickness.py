@@ -116,7 +116,7 @@ def thinnest(
     scalar = waves[0].medium.stencil.components == 1
     low, high, found = too_few, MOST + 1, None
     error = 1.0  # of layers of `low` nodes, roughly
-    nodes = start if start >= _SINGLY else max(2, too_few + 1)
+    nodes = max(2, too_few + 1, start if start >= _SINGLY else 0)
     while found is None or (high - low > 1 and high - nodes > high // _NOT_WORTH):
         every = members(nodes)
         # of scalars: dampers take no box of all nodes, so that filters are for what these do not keep
