@@ -819,6 +819,71 @@ def test_a_run_that_outlasts_its_layers_says_what_comes_back(model):
     assert wanted < worst <= 1.05 * predicted <= 5 * worst
 
 
+def test_what_is_predicted_of_a_run_that_goes_on_asks_nothing_of_its_signals():
+    """They need not be defined beyond its end."""
+
+    def signal(t):
+        if t > 42.0:
+            raise ValueError("nothing is known so late")
+        return np.exp(-((t - 8) ** 2) / 4)
+
+    lattice = fh.Lattice(1.0, (-16.0,), (16.0,))
+    source = fh.Source(pulse(lattice, (0,), 2.0), time=signal)
+    sim = fh.Simulation(
+        lattice, fh.Wave(fh.Kernel(2.0)), fh.LatticePML(target=1e-4, until=30.0), sources=[source], threads=1
+    )
+    sim.run(until=30.0)
+    sim.run(until=39.0)
+    assert {one.until for one in sim.parts.around.foretold.values()} == {39.0}
+    with warnings.catch_warnings(action="error"):
+        sim.run(until=41.0)  # goes on
+
+
+def test_what_comes_back_counts_by_the_larger_target_of_an_axis():
+    """A side that is asked for less is not to blame for what the other one sends back."""
+    lattice = fh.Lattice(1.0, (-16.0,), (16.0,))
+    sides = {"x-": fh.LatticePML(target=1e-2, until=200.0), "x+": fh.LatticePML(target=1e-7, until=200.0)}
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), sides, {"u": pulse(lattice, (0,), 2.5)}, threads=1)
+    sim.run(until=200.0)
+    with warnings.catch_warnings(action="error"):
+        sim.run(until=205.0)
+    foretold = sim.parts.around.foretold
+    assert 1e-7 < foretold["x-"].error < 1e-2
+    assert foretold["x+"].error < 1e-7
+
+
+def test_solids_are_predicted_as_far_as_they_can_be():
+    lattice = fh.Lattice(1.0, (-6.0, -6.0), (6.0, 6.0))
+    bell = pulse(lattice, (0, 0), 1.5)
+    model = fh.Elastic(fh.Kernel(2.0), 1.0)
+    crossing = fh.Simulation(lattice, model, fh.LatticePML(nodes=4)).crossing
+    layer = fh.LatticePML(target=1e-3, until=45 * crossing)
+    sim = fh.Simulation(lattice, model, layer, {"u": [bell, 0.0]}, threads=1)
+    sim.run(until=45 * crossing)
+    with warnings.catch_warnings(action="error"):
+        sim.run(until=50 * crossing)
+    assert all(50 * crossing <= one.until <= 60 * crossing for one in sim.parts.around.foretold.values())
+
+
+def test_a_refusal_is_of_what_was_asked():
+    """Of a side without a target nothing was: what it might keep of the usual one is not told. Sides that see less
+    keep what the others keep.
+    """
+    lattice = fh.Lattice(1.0, (-15.0,), (15.0,))
+    medium, u = fh.Wave(fh.Kernel(3.0, 0)).stencil(1.0, 1).with_reaction(0.01), {"u": pulse(lattice, (5,), 1.5)}
+    sides = {"x-": fh.LatticePML(target=1e-9, until=400.0), "x+": fh.LatticePML(until=400.0)}
+    with pytest.raises(fh.InputError, match="no layer keeps the target") as refused:
+        fh.Simulation(lattice, fh.Wave(medium), sides, u)
+    assert "1e-09" in str(refused.value)
+    least = float(str(refused.value.limit).removeprefix(">= "))
+    both = dict.fromkeys(sides, fh.LatticePML(target=1e-9, until=400.0))
+    with pytest.raises(fh.InputError, match="no layer keeps the target") as of_both:
+        fh.Simulation(lattice, fh.Wave(medium), both, u)
+    most = float(str(of_both.value.limit).removeprefix(">= "))
+    assert most >= least
+    fh.Simulation(lattice, fh.Wave(medium), dict.fromkeys(sides, fh.LatticePML(target=1.01 * most, until=400.0)), u)
+
+
 def test_a_run_longer_than_can_be_foreseen_says_so():
     lattice = fh.Lattice(1.0, (-6.0, -6.0), (6.0, 6.0))
     sim = fh.Simulation(

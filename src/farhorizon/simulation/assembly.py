@@ -473,6 +473,7 @@ def shared(setup: Setup, team: Team, topology: Sequence[int] | None, stiffer: fl
     around = by_target(uniform, setup.sides, stencil, extremes.pace.sides)
     near = near_field(bare, setup.sides, stencil, Variation(), whole=extremes)
     if chooses(setup.sides):
+        # what predicts errors stays where the data are: such a run ends when its layers are good for no more
         around = team.first(team.by_first(lambda: replace(survey(setup, stiffer).around, returned=None)))
     else:
         around = with_light_dampers(near, around)

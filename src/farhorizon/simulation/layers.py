@@ -36,7 +36,9 @@ from farhorizon.simulation.wave_field import WaveField
 
 # of layers that are given by hand
 _SENT_BACK = "layers of {{}} nodes ({{}}) are predicted to send back {:.1g} of {}, more than the target {{:g}}"
-_PATIENCE = 30.0  # seconds after which a choice that still goes on says so
+_PATIENCE = 30.0  # seconds after which a choice or a prediction that still goes on says so
+_CHOSEN = "these layers take a minute or more to choose or to judge; nodes without a target take none"
+_PREDICTED = "it takes a minute or more to predict what these layers send back in a run that goes on"
 _LITTLE = 0.3  # damping in two steps that may wait for the second
 _TURN = 0.2  # of a period, in a step of the fastest wave, where it may
 # target for each crossing of the near field down to which six digits are enough for what layers remember: under a force
@@ -49,10 +51,9 @@ _ALIVE = 0.75  # factor of a step from which on waves are still there when they 
 
 
 @contextmanager
-def _told_if_it_takes_long() -> Iterator[None]:
+def _told_if_it_takes_long(what: str) -> Iterator[None]:
     """Without a word a choice in which waves are followed one by one seems to hang."""
-    said = "farhorizon: these layers take a minute or more to choose or to judge; nodes without a target take none"
-    timer = threading.Timer(_PATIENCE, print, [said], {"file": sys.stderr, "flush": True})
+    timer = threading.Timer(_PATIENCE, print, [f"farhorizon: {what}"], {"file": sys.stderr, "flush": True})
     timer.daemon = True
     timer.start()
     try:
@@ -89,7 +90,7 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
     if layers and near.model.order == 1:
         choice.for_diffusion(layers)
     elif layers:
-        with _told_if_it_takes_long():
+        with _told_if_it_takes_long(_CHOSEN):
             choice.for_waves(layers)
     thickness = {side_name(*key): found for key, found in choice.found.items()}
     doubts = [words.format(nodes, ", ".join(named), aim) for (words, nodes, aim), named in choice.missed.items()]
@@ -102,8 +103,11 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
         chosen = {key: replace(layer, short=True) for key, layer in chosen.items()}
     notes = choice.unforeseen(layers)
     found = replace(around, layers=chosen, thickness=thickness, doubts=doubts, notes=notes)
+    if not thickness:
+        return found
     of_chosen = {key: layers[key] for key in choice.found}
-    return replace(found, returned=partial(replace(choice, around=found).returned, of_chosen))
+    returned = partial(replace(choice, around=found).returned, of_chosen)
+    return replace(found, returned=returned, foreseeable=choice.foreseeable)
 
 
 def with_light_dampers(near: NearField, around: Surroundings) -> Surroundings:
@@ -294,24 +298,26 @@ class _Choice:
             near.squared_speed,
             known=bool(data),
         )
-        foreseen = foreseen_time(near.crossing, near.dt, near.stencil, near.lattice.shape)
-        return ReturnedWaves(waves, FORESEEN * near.crossing, foreseen)
+        return ReturnedWaves(waves, FORESEEN * near.crossing, self.foreseeable)
 
     def returned(self, layers: Sides, until: float) -> dict[Key, float]:
-        """Errors that the layers of some sides are predicted to make up to a time; none of a longer run than can be
-        foreseen.
-        """
-        if until > MOST_CROSSINGS * self.near.crossing:
-            return {}
+        """Errors that the layers of some sides are predicted to make up to a time that can be foreseen."""
         target, given = self.near.model.target, self.around.layers
         if self.near.model.order == 1:
             at_side = self._diffusing(until)
             return {key: max(at_side(key, until, b.wanted(target)).returned(given[key])) for key, b in layers.items()}
         far = self._returned_waves(until, layers)
-        if until > far.foreseen:
-            return {}
-        with _told_if_it_takes_long():
+        with _told_if_it_takes_long(_PREDICTED):
             return {key: far.returned(*key, given[key], b.wanted(target), until) for key, b in layers.items()}
+
+    @property
+    def foreseeable(self) -> float:
+        """Time up to which errors are predicted."""
+        near = self.near
+        most = MOST_CROSSINGS * near.crossing
+        if near.model.order == 1:
+            return most
+        return min(most, foreseen_time(near.crossing, near.dt, near.stencil, near.lattice.shape))
 
     def unforeseen(self, layers: Sides) -> list[str]:
         """What is to be said of short waves in the data that predictions leave out: those that run backward, of vectors

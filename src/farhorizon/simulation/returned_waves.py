@@ -16,6 +16,7 @@ from farhorizon.analysis.layers.thickness import (
     NotKept,
     Thickness,
     distance_to_side,
+    keeps,
     least,
     predicted_error,
     thinnest,
@@ -112,22 +113,22 @@ class ReturnedWaves:
             return self._known[alike]
         candidates = self._candidates(axis, side, boundary, wanted, until, distance_to_side(data))
         refused = max(self._least.values(), default=0.0)
-        if refused <= wanted:
-            try:
-                found = replace(self._thinnest(axis, side, wanted, until, candidates), until=until)
-            except NotKept as refusal:
-                if boundary.target is None:
-                    return None
-                kept = self._least_kept(axis, side, until, candidates, refusal.least, refused)
-                self._least[alike] = max(wanted, kept)
-                raise NotKept.of(wanted, self._least[alike]) from None
-            self._known[alike] = found
-            return found
-        if alike not in self._least:
-            self._least[alike] = self._least_kept(axis, side, until, candidates, refused, refused)
-        if self._least[alike] > refused:
-            raise NotKept.of(wanted, self._least[alike])
-        return None
+        if refused > wanted:  # of the run; a side that keeps less than others is the one to be named
+            if boundary.target is not None and alike not in self._least:
+                self._least[alike] = self._least_kept(axis, side, until, candidates, refused)
+                if self._least[alike] > refused:
+                    raise NotKept.of(wanted, self._least[alike])
+            return None
+        try:
+            found = replace(self._thinnest(axis, side, wanted, until, candidates), until=until)
+        except NotKept as refusal:
+            if boundary.target is None:
+                return None
+            kept = self._least_kept(axis, side, until, candidates, refusal.least)
+            self._least[alike] = max(_LEFT_OUT * wanted, kept)
+            raise NotKept.of(wanted, self._least[alike]) from None
+        self._known[alike] = found
+        return found
 
     def _candidates(
         self, axis: int, side: int, boundary: LatticePML, wanted: float, until: float, distance: float
@@ -159,7 +160,8 @@ class ReturnedWaves:
             None does.
         """
         members, beside, share = candidates
-        start = next((found.nodes for found in reversed(self._known.values())), 0)
+        same = (found.nodes for (b, end, aim, *_), found in self._known.items() if (end, aim) == (until, wanted))
+        start = max(same, default=0)
         before, found, too_few = None, None, 0
         for nodes in _THICK:
             if nodes < max(start, too_few + 1):
@@ -174,14 +176,13 @@ class ReturnedWaves:
         assert found is not None
         return found
 
-    def _least_kept(
-        self, axis: int, side: int, until: float, candidates: _Candidates, about: float, kept: float
-    ) -> float:
-        """The smallest target, about known, that a layer keeps, or one where it keeps that."""
+    def _least_kept(self, axis: int, side: int, until: float, candidates: _Candidates, about: float) -> float:
+        """The smallest target that a layer keeps, which is about known, or that one if it is kept."""
         members, beside, share = candidates
         sent, size = self.waves.arriving(axis, side, until, about, MOST)
-        found = least(members, sent, size, beside, share * kept) / share
-        return found if found <= kept else _LEFT_OUT * found
+        if about in self._least.values() and keeps(members, sent, share * about, size, beside):
+            return about
+        return _LEFT_OUT * least(members, sent, size, beside) / share
 
     @one_blas_thread()
     def returned(self, axis: int, side: int, layer: Layer, wanted: float, until: float) -> float:

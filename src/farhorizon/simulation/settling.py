@@ -21,7 +21,8 @@ from farhorizon.simulation.described import rebuild
 from farhorizon.simulation.setup import Key, side_name
 from farhorizon.simulation.surroundings import Foretold, Surroundings
 
-_AHEAD = 1.5  # of the time up to which errors are known: up to which they are predicted next
+# of the time up to which errors are known: up to which they are predicted next, and if a target is missed by then
+_AHEAD = 1.5, 1.05
 _LONGER = "LatticePML(target=..., until=...) chooses them for a longer run"
 
 
@@ -115,36 +116,39 @@ class Settling:
                 self.why = [f"the domain is extended, for layers do not serve: {error.message}"]
 
 
-def foretell(around: Surroundings, until: float, dt: float) -> None:
-    """Predict what the layers send back in a run that goes on beyond what they were chosen for, and some time more, so
-    that a run in many pieces is looked at a few times only.
+def foretell(around: Surroundings, model: LatticeModel, until: float, dt: float) -> None:
+    """Predict what the layers send back in a run that goes on beyond what they were chosen for: up to some time more,
+    so that a run in many pieces is looked at a few times only, unless their targets are missed by then.
     """
-    known = [max(found.until, _foretold(around, name).until) for name, found in around.thickness.items()]
-    if around.returned is None or not known or until <= min(known) + dt:
+    known = min((max(one.until, _foretold(around, name).until) for name, one in around.thickness.items()), default=0.0)
+    if around.returned is None or not known + dt < until <= around.foreseeable:
         return
-    end = max(until, _AHEAD * min(known))
-    around.foretold.update({side_name(*key): Foretold(end, error) for key, error in around.returned(end).items()})
+    for ahead in _AHEAD:
+        end = min(max(until, ahead * known), around.foreseeable)
+        try:
+            errors = around.returned(end)
+        except Exception:  # signals are the user's, and none need be defined so late
+            continue
+        around.foretold.update({side_name(*key): Foretold(end, error) for key, error in errors.items()})
+        if not _missing(around, model, list(around.foretold)):
+            return
 
 
 def outlasted(around: Surroundings, model: LatticeModel, until: float, dt: float) -> list[str]:
     """What is to be said of a run that outlasts what its sides were chosen for, by more than its last step; sides
     without a target of their own have one of the model.
     """
-    late = [name for name, found in around.thickness.items() if until > found.until + dt]
+    late = [name for name, one in around.thickness.items() if until > one.until + dt]
     unknown = [name for name in late if until > _foretold(around, name).until + dt]
     found = [_may_miss(around, unknown, dt)] if unknown else []
-    known = [name for name in late if name not in unknown]
-    # what both sides of an axis send back adds up
-    errors = {name: sum(_foretold(around, other).error for other in known if other[0] == name[0]) for name in known}
-    sides = {side_name(*key): b for key, b in around.sides.items()}
-    missing = [name for name, error in errors.items() if error > sides[name].wanted(model.target)]
+    missing = _missing(around, model, [name for name in late if name not in unknown])
     if missing:
         chosen = min(around.thickness[name].until for name in missing)
         end = max(_foretold(around, name).until for name in missing)
         of = "the largest value" + " at that time" * (model.order == 1)
         found.append(
             f"the layers ({', '.join(missing)}) keep their target up to t = {chosen:.6g}; up to t = {end:.6g} they are "
-            f"predicted to send back {max(errors[name] for name in missing):.1g} of {of}: {_LONGER}"
+            f"predicted to send back {max(missing.values()):.1g} of {of}: {_LONGER}"
         )
     ends = _ends(around.extents)
     if ends and until > min(ends) + dt:
@@ -152,6 +156,22 @@ def outlasted(around: Surroundings, model: LatticeModel, until: float, dt: float
             f"nothing comes back from the end of the extended domain up to t = {min(ends):.6g}, later something does: "
             "Extended(until=...)"
         )
+    return found
+
+
+def _missing(around: Surroundings, model: LatticeModel, names: list[str]) -> dict[str, float]:
+    """Of sides that are foretold those whose targets are missed, and what comes back: what both sides of an axis send
+    back adds up, and is looked at by the larger of their targets.
+    """
+    targets = {side_name(*key): b.wanted(model.target) for key, b in around.sides.items()}
+    found = {}
+    for name in names:
+        axis = {other: one.error for other, one in around.foretold.items() if other[0] == name[0]}
+        own, both = axis[name], sum(axis.values())
+        if both > max(targets[other] for other in axis):
+            found[name] = both
+        elif own > targets[name]:
+            found[name] = own
     return found
 
 
@@ -171,7 +191,7 @@ def _may_miss(around: Surroundings, names: list[str], dt: float) -> str:
 def warn_outlasted(around: Surroundings, model: LatticeModel, known: float, until: float, dt: float) -> None:
     """Warn once of a run that outlasts what its sides were chosen for, if it did not by the end that was known."""
     told = outlasted(around, model, known, dt)
-    foretell(around, until, dt)
+    foretell(around, model, until, dt)
     for text in outlasted(around, model, until, dt):
         if text not in told:
             warn(text)

@@ -43,8 +43,9 @@ class Surroundings:
     notes : list of str
         What predictions leave out.
     returned : callable, or None
-        Errors by (axis, side) that the layers which chose themselves are predicted to make up to a time, none where it
-        cannot be foreseen.
+        Errors by (axis, side) that the layers which chose themselves are predicted to make up to a time,
+    foreseeable : float
+        which is no later than this one.
     foretold : dict of str to Foretold
         By side, what these are predicted to send back in a run that goes on beyond what they were chosen for.
     """
@@ -57,6 +58,7 @@ class Surroundings:
     doubts: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     returned: Callable[[float], dict[Key, float]] | None = None
+    foreseeable: float = 0.0
     foretold: dict[str, Foretold] = field(default_factory=dict)
 
     def width(self, key: Key, stencil: Stencil, spacing: float) -> int:

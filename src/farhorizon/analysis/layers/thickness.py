@@ -19,6 +19,7 @@ _AIM = 0.4
 _AIM_CROWDED = 0.2  # of that, where waves that hardly move crowd
 MOST = 60  # nodes of a layer
 _NOT_WORTH = 16  # part of a layer that is not looked for any more
+_CHECKED = 3  # quarters of a layer that are tried in any case: an error need not fall as it should
 _SINGLY = 6  # nodes up to which all numbers are tried
 
 
@@ -87,8 +88,8 @@ def thinnest(
     too_few: int = 0,
     start: int = 0,
 ) -> Thickness:
-    """The fewest nodes with which some member of a family keeps an error at a side; of thick layers a sixteenth more
-    may be taken.
+    """The fewest nodes with which some member of a family keeps an error at a side; of thick layers about a
+    sixteenth more may be taken.
 
     Parameters
     ----------
@@ -115,7 +116,7 @@ def thinnest(
     aim = _aim(waves) * wanted
     scalar = waves[0].medium.stencil.components == 1
     low, high, found = too_few, MOST + 1, None
-    error = 1.0  # of layers of `low` nodes, roughly
+    error, reached = 1.0, 0.0  # of layers of so many nodes, the former roughly
     nodes = max(2, too_few + 1, start if start >= _SINGLY else 0)
     while found is None or (high - low > 1 and high - nodes > high // _NOT_WORTH):
         every = members(nodes)
@@ -125,25 +126,27 @@ def thinnest(
             name, layer = _quietest(some, waves)
             predicted, more = predicted_error(layer, waves, size, aim, closely=nodes == MOST), beside(layer)
             if predicted <= aim and predicted + more <= wanted:
-                high, found = nodes, Thickness(name, layer, predicted + more)
+                high, found, reached = nodes, Thickness(name, layer, predicted + more), predicted
                 break
         if high > nodes:
             if nodes == MOST:
                 raise NotKept.of(wanted, max(predicted / _aim(waves), predicted + more))
             low, error = nodes, predicted
-        nodes = _next(low, error, high, found, aim)
+        nodes = _next(low, error, high, reached, aim)
     return replace(found, set_by=max(side.strongest(found.layer) for side in waves)[1])
 
 
-def _next(low: int, error: float, high: int, found: Thickness | None, aim: float) -> int:
-    """Nodes to be tried between such as keep an aim, if some were found, and such as make an error above it: where a
-    straight line in its logarithm says that they just do.
+def _next(low: int, error: float, high: int, reached: float, aim: float) -> int:
+    """Nodes to be tried between such as make an error above an aim and such as reach one below it, if some do: where a
+    straight line in the logarithm says that the aim is just reached, but no more than three quarters of those that do
+    as long as it is not known of so many.
     """
-    if found is None:  # one by one where each node counts, and where fewer may do what some more do not
+    if high > MOST:  # one by one where each node counts, and where fewer may do what some more do not
         return min(MOST, low + (1 if low < _SINGLY else low // 2))
-    reached = max(found.predicted, 1e-300)
-    too_many = np.log(max(aim / reached, 1.0)) / np.log(max(error / reached, 1.1 * aim / reached))
-    return int(np.clip(high - np.floor((high - low) * too_many), low + 1, max(low + 1, high - 1)))
+    error, reached = max(error if np.isfinite(error) else np.inf, 1.1 * aim), max(reached, 1e-300)
+    nodes = high - int((high - low) * np.log(aim / reached) / np.log(error / reached))
+    checked = _CHECKED * high // 4
+    return int(np.clip(min(nodes, checked) if low < checked else nodes, low + 1, max(low + 1, high - 1)))
 
 
 def _quietest(members: Mapping[str, Layer], waves: Sequence[Arrivals]) -> tuple[str, Layer]:
@@ -158,22 +161,30 @@ def _aim(waves: Sequence[Arrivals]) -> float:
     return _AIM * (_AIM_CROWDED if crowded(waves[0].medium.stencil) else 1.0)
 
 
+def keeps(
+    members: Callable[[int], Mapping[str, Layer]],
+    waves: Sequence[Arrivals],
+    wanted: float,
+    size: float,
+    beside: Callable[[Layer], float] = lambda layer: 0.0,
+) -> bool:
+    """Whether a layer of 60 nodes keeps an error; parameters as of `thinnest`."""
+    _, layer = _quietest(members(MOST), waves)
+    aim = _aim(waves) * wanted
+    predicted = predicted_error(layer, waves, size, aim, closely=True)
+    return bool(predicted <= aim and predicted + beside(layer) <= wanted)
+
+
 def least(
     members: Callable[[int], Mapping[str, Layer]],
     waves: Sequence[Arrivals],
     size: float,
     beside: Callable[[Layer], float] = lambda layer: 0.0,
-    kept: float = 0.0,
 ) -> float:
-    """The smallest target that a layer of 60 nodes keeps, or one where it keeps that; parameters as of `thinnest`."""
+    """The smallest target that a layer of 60 nodes keeps; parameters as of `thinnest`."""
     _, layer = _quietest(members(MOST), waves)
-    aim, more = _aim(waves), beside(layer)
-    if kept:
-        predicted = predicted_error(layer, waves, size, aim * kept, closely=True)
-        if predicted <= aim * kept and predicted + more <= kept:
-            return kept
     predicted = predicted_error(layer, waves, size)
-    return max(predicted / aim, predicted + more)
+    return max(predicted / _aim(waves), predicted + beside(layer))
 
 
 def _one_digit(value: float) -> float:
