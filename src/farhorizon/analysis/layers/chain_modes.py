@@ -25,6 +25,7 @@ _NOTHING = 1e-20  # of the largest of the rows: those that hold no more are left
 _STEEP = 8.0  # how fast waves fade out about 0.7 of the limit of speeds: 1e-8 remains at it
 _IN_CACHE = 1 << 13  # waves that are looked at together
 _FLAT = 1e-14  # of a polynomial's largest coefficient, the least of the first one: what dies out at once
+_LEVEL = 1e-100  # of the same, a slope that is none
 
 
 def slowest_modes(medium: LatticeMedium, eigenvalue: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -181,11 +182,12 @@ def vectors_arrived(
             value, slope = chain.at(root, target[part])
             determinant = value[0] * value[1] - value[2] ** 2
             rise = slope[0] * value[1] + value[0] * slope[1] - 2 * value[2] * slope[2]
-            rise = np.where(rise == 0, 1e-300, rise)
+            level = np.abs(rise) <= _LEVEL * largest  # where two modes coincide
+            rise = np.where(level, 1.0, rise)
             if polish:
-                change = determinant / rise
+                change = np.where(level, 0.0, determinant / rise)
                 root = root * np.exp(-change * np.minimum(1.0, _NEARLY / np.maximum(np.abs(change), 1e-300)))
-        carried = ~gone & (np.abs(root) < 1) & (np.abs(determinant) < _ROUGH * largest)
+        carried = ~gone & ~level & (np.abs(root) < 1) & (np.abs(determinant) < _ROUGH * largest)
         # columns of the adjugate, of which the longer one tells the polarisation
         columns = np.stack([np.stack([value[1], -value[2]]), np.stack([-value[2], value[0]])])
         lengths = np.linalg.norm(columns, axis=1)
