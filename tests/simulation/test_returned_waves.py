@@ -852,6 +852,16 @@ def test_what_comes_back_counts_by_the_larger_target_of_an_axis():
     assert foretold["x+"].error < 1e-7
 
 
+def test_a_run_beside_a_wall_goes_on():
+    """Which asks for nothing."""
+    lattice = fh.Lattice(1.0, (-16.0,), (16.0,))
+    sides = {"x-": fh.Free(), "x+": fh.LatticePML(target=1e-4, until=30.0)}
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), sides, {"u": pulse(lattice, (0,), 2.5)}, threads=1)
+    sim.run(until=30.0)
+    sim.run(until=31.0)
+    assert list(sim.parts.around.foretold) == ["x+"]
+
+
 def test_solids_are_predicted_as_far_as_they_can_be():
     lattice = fh.Lattice(1.0, (-6.0, -6.0), (6.0, 6.0))
     bell = pulse(lattice, (0, 0), 1.5)

@@ -163,7 +163,8 @@ def _missing(around: Surroundings, model: LatticeModel, names: list[str]) -> dic
     """Of sides that are foretold those whose targets are missed, and what comes back: what both sides of an axis send
     back adds up, and is looked at by the larger of their targets.
     """
-    targets = {side_name(*key): b.wanted(model.target) for key, b in around.sides.items()}
+    sides = {side_name(*key): b for key, b in around.sides.items()}
+    targets = {name: sides[name].wanted(model.target) for name in around.foretold}  # walls have none
     found = {}
     for name in names:
         axis = {other: one.error for other, one in around.foretold.items() if other[0] == name[0]}

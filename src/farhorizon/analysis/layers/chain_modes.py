@@ -182,7 +182,7 @@ def vectors_arrived(
             value, slope = chain.at(root, target[part])
             determinant = value[0] * value[1] - value[2] ** 2
             rise = slope[0] * value[1] + value[0] * slope[1] - 2 * value[2] * slope[2]
-            level = np.abs(rise) <= _LEVEL * largest  # where two modes coincide
+            level = np.abs(rise) <= _LEVEL * largest  # of what dies out at once rounding may leave nothing
             rise = np.where(level, 1.0, rise)
             if polish:
                 change = np.where(level, 0.0, determinant / rise)
