@@ -1,5 +1,7 @@
 """The waves that data send to a side: against the infinite lattice and runs in long domains."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
@@ -7,6 +9,7 @@ from test_returned import SEED, UNTIL, medium, pulse
 
 import farhorizon as fh
 from farhorizon.analysis.layers.arrivals import arrivals, round_a_point
+from farhorizon.analysis.layers.chain_modes import vectors_arrived
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.side_data import Datum, hold_backward_waves
 from farhorizon.analysis.references.infinite import InfiniteLattice
@@ -96,6 +99,18 @@ def test_all_modes_of_vectors_arrive_as_on_the_infinite_lattice(case):
         exact = infinite.after(int(step))[:, -1]
         arrives = -(waves * arrived.factor**step @ along).real  # sizes are what counts: signs are the other ones
         assert np.abs(arrives - exact).max() < 1e-4 * np.abs(u).max()
+
+
+def test_modes_that_die_out_at_once_do_not_overflow():
+    """Of a factor of 3e-4 a node to the twelfth power rounding left a slope of zero at some wavenumbers."""
+    solid = fh.Elastic(fh.Kernel(6.0, 0, volume="full"), young=1.0, poisson=0.344197534, material="state-based")
+    front = medium(solid, 2)
+    along, rows = np.linspace(0.5, 0.75, 2001)[None], np.ones((5, 2001))
+    z = np.array([1.0103 + 0.0198j, 1.0099 + 0.033j, 0.9412 + 0.3675j, 0.9363 + 0.3798j, 0.9152 + 0.4282j])
+    with warnings.catch_warnings(action="error"):
+        found = vectors_arrived(front, z, along, [(0, rows, np.ones(5)), (1, rows, np.ones(5))])
+    assert all(np.isfinite(one).all() for one in found)
+    assert found[1].any()
 
 
 @pytest.mark.sampled(3)
