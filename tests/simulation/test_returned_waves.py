@@ -839,6 +839,18 @@ def test_what_is_predicted_of_a_run_that_goes_on_asks_nothing_of_its_signals():
         sim.run(until=41.0)  # goes on
 
 
+def test_a_run_in_many_pieces_is_warned_of_a_few_times():
+    """Each time it is half as long again as what was told."""
+    lattice = fh.Lattice(1.0, (-16.0,), (16.0,))
+    layer = fh.LatticePML(target=1e-4, until=30.0)
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), layer, {"u": pulse(lattice, (0,), 2.5)}, threads=1)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        for until in np.linspace(30.0, 300.0, 90):
+            sim.run(until=float(until))
+    assert 1 <= len(told) <= np.log(10.0) / np.log(1.5) + 1
+
+
 def test_what_comes_back_counts_by_the_larger_target_of_an_axis():
     """A side that is asked for less is not to blame for what the other one sends back."""
     lattice = fh.Lattice(1.0, (-16.0,), (16.0,))

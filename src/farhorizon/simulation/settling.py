@@ -123,6 +123,7 @@ def foretell(around: Surroundings, model: LatticeModel, until: float, dt: float)
     known = min((max(one.until, _foretold(around, name).until) for name, one in around.thickness.items()), default=0.0)
     if around.returned is None or not known + dt < until <= around.foreseeable:
         return
+    already = _missing(around, model, list(around.foretold))
     for ahead in _AHEAD:
         end = min(max(until, ahead * known), around.foreseeable)
         try:
@@ -130,7 +131,7 @@ def foretell(around: Surroundings, model: LatticeModel, until: float, dt: float)
         except Exception:  # signals are the user's, and none need be defined so late
             continue
         around.foretold.update({side_name(*key): Foretold(end, error) for key, error in errors.items()})
-        if not _missing(around, model, list(around.foretold)):
+        if already or not _missing(around, model, list(around.foretold)):
             return
 
 
