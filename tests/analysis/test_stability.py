@@ -61,6 +61,22 @@ def test_out_of_time_is_undecided():
     assert growth.stable is None and growth.error == np.inf
 
 
+@pytest.mark.parametrize(("budget", "decided"), [(30.0, False), (60.0, True), (300.0, True)])
+def test_where_there_is_no_time_for_a_long_run_krylov_spaces_may_tell(monkeypatch, budget, decided):
+    """A second a crossing: noise takes 20, a space of 16 vectors as many, and the long run 100 more."""
+    matrix = with_factors([0.99 * np.exp(0.7j), *INSIDE])
+    now = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+
+    def advance(x, steps):
+        now[0] += steps / 20
+        return np.linalg.matrix_power(matrix, steps) @ x
+
+    growth = krylov_growth(advance, len(matrix), 1.0, 20, budget)
+    assert (growth.stable is True) is decided
+    assert now[0] <= budget + 1
+
+
 def test_the_clock_is_looked_at_within_a_crossing():
     """Runs of steps so short that a crossing takes days: `check` of one never ended."""
 

@@ -473,8 +473,28 @@ def test_a_run_that_is_no_longer_than_its_noise_is_not_remarked():
     assert "--budget" in first.remark(41.0) and "\n" not in first.remark(41.0)
     assert first.in_words(40.0) == "white noise does not grow in a run of this length"
     assert first.in_words(41.0) == "stability undecided"
+    assert first.in_full(40.0).startswith(first.in_words(40.0)) and "undecided" not in first.in_full(40.0)
+    assert str(first) == first.in_full(np.inf) and str(first).startswith("undecided: white noise does not grow")
     assert sim.examine(30.0) is first
     assert sim.certificate(60.0, until=5000.0).verdict == "certified"
+
+
+def test_a_check_examines_modes_whatever_noise_tells():
+    """Of a run that is no longer than its noise, and of one in which noise grows."""
+    sim = fh.Simulation(box(30, 30), wave(3), boundary=fh.LatticePML(nodes=12))
+    assert sim.check(until=40.0).certificate.verdict == "certified"
+    grows = fh.Simulation(box(30), wave(3, 0), boundary=undamped(10))
+    assert "white noise" in grows.certificate(5.0, until=100.0).reason
+    assert "all" in grows.check(until=100.0).certificate.reason
+
+
+def test_alike_sides_are_examined_once_those_that_are_closer():
+    sim = fh.Simulation(box(40, 30), wave(3), boundary=fh.LatticePML(nodes=8))
+    names = [part.name for part in certify(sim, 60.0).parts]
+    assert [name.split(",")[0] for name in names if name.startswith("sides")] == ["sides y"]
+    other = {"x": fh.LatticePML(nodes=8), "y": fh.LatticePML(nodes=9)}
+    names = [part.name for part in certify(fh.Simulation(box(40, 30), wave(3), boundary=other), 60.0).parts]
+    assert [name.split(",")[0] for name in names if name.startswith("sides")] == ["sides y", "sides x"]
 
 
 def test_what_grows_in_noise_is_refused_whatever_the_time():

@@ -174,7 +174,8 @@ def krylov_growth(
     pace = (time.monotonic() - begin) / _NOISE
     power, x = crossing, noise.state
     for _ in range(_POWERS):
-        if time.monotonic() + (subspace * power / crossing + _LONG - _NOISE) * pace > end:  # the long run must follow
+        left, spaces, long = end - time.monotonic(), subspace * power / crossing * pace, (_LONG - _NOISE) * pace
+        if spaces > left or spaces + long > left >= long:  # the long run must follow, where there is time for it
             break
         least = max(4, _LEAST * crossing // power)
         found, x = _arnoldi(lambda v: advance(v, power), x, power, dt, least, min(subspace, size))  # noqa: B023

@@ -52,6 +52,7 @@ PATIENCE = 2.0  # seconds that noise which rises may take before a run
 _MATTERS = 10.0  # factor of growth in a run from which on it is refused
 _ALIKE = 4  # times the nodes of the small copy up to which noise runs in the set-up itself
 _ESCAPES = 0.5  # growth per crossing up to which the sides along a strip may take a mode before it has grown
+_QUIET = "white noise does not grow in a run of this length"
 _MARGIN = 1 - 1e-9  # at the step limit itself the shortest wave grows linearly
 
 
@@ -171,7 +172,7 @@ class Certificate:
         return max(growing, key=lambda p: p.growth.rate) if growing else None
 
     def __str__(self) -> str:
-        return f"{self.verdict}: {self.reason}" + "".join(f"; not examined: {s}" for s in self.skipped)
+        return self.in_full(np.inf)
 
     def _repr_html_(self) -> str:
         parts = [(part.name, part.growth.rate) for part in self.parts]
@@ -187,9 +188,16 @@ class Certificate:
 
     def in_words(self, until: float) -> str:
         """What is known of a run of a length, in a few words."""
-        if self.verdict == UNDECIDED and until <= self.quiet:
-            return "white noise does not grow in a run of this length"
-        return f"stability {self.verdict}"
+        return _QUIET if self._enough(until) else f"stability {self.verdict}"
+
+    def in_full(self, until: float) -> str:
+        """What is known of a run of a length, how, and what was not examined."""
+        known = f"{_QUIET if self._enough(until) else self.verdict}: {self.reason}"
+        return known + "".join(f"; not examined: {part}" for part in self.skipped)
+
+    def _enough(self, until: float) -> bool:
+        """Whether there is no verdict, and noise that ran for as long as the run shows that none is needed."""
+        return self.verdict == UNDECIDED and until <= self.quiet
 
     def remark(self, until: float) -> str:
         """What is to be known before a run of a length; empty where nothing is to be done."""
@@ -200,7 +208,7 @@ class Certificate:
                 else "in this run"
             )
             return f"not stable, {so}: {self.reason}"
-        if self.verdict == UNDECIDED and self.quiet < until:
+        if self.verdict == UNDECIDED and not self._enough(until):
             seen = (
                 f"white noise did not grow for t = {self.quiet:.3g}, the run takes longer"
                 if self.quiet
@@ -243,7 +251,7 @@ class Certificate:
 
 
 @one_blas_thread()
-def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf) -> Certificate:
+def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf, brief: bool = True) -> Certificate:
     """Examine the one-step map of a simulation.
 
     Where no proof holds, a state of up to 700 numbers is examined as it is. Otherwise white noise runs for ten crossing
@@ -262,7 +270,9 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf) -> Cer
         Seconds; what would take longer is skipped, and said so.
     until : float
         Length of the run for which this is asked: where it is shorter than the run from noise, that takes as long as
-        the run, whatever `budget` says, and modes are not examined.
+        the run, whatever `budget` says.
+    brief : bool
+        Examine no modes where noise ran for as long as the run, or grew.
 
     Returns
     -------
@@ -284,33 +294,34 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf) -> Cer
             ),
             budget,
             until,
+            brief,
         )
         still = " and nothing heats" if any(getattr(load, "coupled", False) for load in sim.given["loads"]) else ""
         return replace(found, reason=f"{found.reason}; that of the linear form, in which no bond breaks{still}")
     if any(b.extended for b in sim.sides.values()):
         sides = {AXES[a] + "-+"[s > 0]: Fixed(sim.background) if b.extended else b for (a, s), b in sim.sides.items()}
-        found = certify(sim.remade(boundary=sides), budget, until)
+        found = certify(sim.remade(boundary=sides), budget, until, brief)
         return replace(found, reason=f"{found.reason}; nodes of the medium beyond the sides change nothing")
     begin = time.monotonic()
     proof = _proof(sim)
     if proof:
         return Certificate(CERTIFIED, proof, seconds=time.monotonic() - begin)
     if sim.model.dissolution is not None and (sim.engine.dissolved == NEVER).any():
-        found = certify(sim.remade(specimens=()), budget, until)
+        found = certify(sim.remade(specimens=()), budget, until, brief)
         return replace(found, reason=f"{found.reason}; that of the linear form, all liquid")
     path = _cache_file(sim)
     known = _recall(path)
     if known is not None:
         return known
     with progress(bar_format="stability: {desc}") as bar:
-        found, whole = _examined(sim, budget, until, begin, bar.set_description_str)
+        found, whole = _examined(sim, budget, until, brief, begin, bar.set_description_str)
     if whole:
         _keep(path, found)
     return found
 
 
 def _examined(
-    sim: Examined, budget: float, until: float, begin: float, tell: Callable[[str], None]
+    sim: Examined, budget: float, until: float, brief: bool, begin: float, tell: Callable[[str], None]
 ) -> tuple[Certificate, bool]:
     """What has been found, told what is examined, and whether nothing was left out."""
     parts: list[ExaminedPart] = []
@@ -318,9 +329,9 @@ def _examined(
     skipped: list[str] = []
     tell("a run from white noise")
     grown, quiet = _noise_part(sim, budget / 3 if np.isinf(until) else PATIENCE, until)
-    if grown is not None and np.isfinite(until):
+    if brief and grown is not None and np.isfinite(until):
         return judge([grown], [], sim.crossing, time.monotonic() - begin), False
-    if until <= quiet:
+    if brief and until <= quiet:
         return judge([], ["modes, for the run is no longer"], sim.crossing, time.monotonic() - begin, quiet), False
     try:
         for name, examine in _examinations(sim):
@@ -619,9 +630,12 @@ def _examinations(sim: Examined) -> Iterator[tuple[str, Callable[[float], tuple[
         yield "the complete update", lambda _: (_dense_part("the complete update", plain_twin(sim)), [])
         return
     layered = [axis for axis in range(sim.lattice.dim) if any(sim.sides[axis, s].stretched for s in (-1, 1))]
-    for axis in layered:
-        if not any(_same_sides(sim, axis, other) for other in layered[: layered.index(axis)]):
+    examined: list[int] = []
+    # what is stable between two sides that are close to each other is so between those that are farther apart
+    for axis in sorted(layered, key=lambda axis: sim.lattice.shape[axis]):
+        if not any(_same_sides(sim, axis, other) for other in examined):
             yield f"sides {AXES[axis]}", partial(_side_part, sim, axis)
+            examined.append(axis)
     others = [b for (axis, _), b in sim.sides.items() if axis not in layered[:1]]
     if layered and all(b.periodic for b in others) and not sim.conditions.nodes.size:
         return
@@ -772,6 +786,6 @@ def _climb(strip: Strip, angles: tuple[float, ...], found: dict[tuple[float, ...
 
 
 def _same_sides(sim: Examined, axis: int, other: int) -> bool:
-    """Whether the sides of two axes pose the same problem: alike boundaries, extent and stencil."""
+    """Whether the sides of two axes pose the same problem, whatever is between them: alike boundaries and stencil."""
     alike = all(like_sides(sim, (axis, side), (other, side)) for side in (-1, 1))
-    return alike and sim.stencil.same_along(axis, other) and sim.lattice.shape[axis] == sim.lattice.shape[other]
+    return alike and sim.stencil.same_along(axis, other)

@@ -41,8 +41,7 @@ from farhorizon.medium.stencil import BackwardWaves
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
 _FINE = tuple(np.linspace(0, 85, 35).tolist())  # angles of the picture
-_MAKING = 0.5  # seconds of the time that the making of the set-up takes
-LEAST = 2 - _MAKING  # seconds that the rest may take whatever the run takes
+LEAST = 5.0  # seconds that an examination may take whatever the run takes
 _SHARE, _MINIMUM = 0.4, 0.1  # of the time: until when wavelengths are predicted, and what the certificate has at least
 _HARDLY = 20.0  # times the run a signal lasts of which the run has hardly begun
 _STEEP = 60.0  # degrees: waves that come flatter are few, and layers are worst for them
@@ -236,7 +235,7 @@ class Report:
             report._cut_short(sim, until)
             report._estimate(sim, until)
         begin = time.monotonic()  # the time loop is compiled: its first time costs no verdict
-        whole = min(BUDGET, max(LEAST, report.numbers.get("seconds", BUDGET) - _MAKING))
+        whole = min(BUDGET, max(LEAST, report.numbers.get("seconds", BUDGET)))
         if wavelengths := _wavelengths(sim, waves, until):
             report._predict(sim, wavelengths, begin + _SHARE * whole if budget is None else np.inf)
         backward = report._backward(sim)
@@ -441,8 +440,8 @@ class Report:
         return backward
 
     def _certify(self, sim: Examined, backward: BackwardWaves, budget: float) -> None:
-        self.certificate = certificate = certify(sim, budget)
-        self._say("stability", str(certificate))
+        self.certificate = certificate = certify(sim, budget, self.until, brief=False)
+        self._say("stability", certificate.in_full(self.until))
         if certificate.verdict == NOT_CERTIFIED:
             self.warnings.append(f"the run is not stable: {certificate.reason}. {_remedy(sim, backward)}")
         elif remark := certificate.remark(self.until):

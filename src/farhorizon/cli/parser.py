@@ -122,7 +122,7 @@ def _check(sub: argparse.ArgumentParser) -> None:
         "--budget",
         type=float,
         metavar="SECONDS",
-        help="time for the stability certificate (default: that of the run, 2 to 30 s)",
+        help="time for the stability certificate (default: that of the run, 5 to 30 s)",
     )
 
 

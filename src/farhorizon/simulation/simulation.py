@@ -468,7 +468,7 @@ class Simulation(Run):
         until : float, optional
             End of the run, for its estimated time.
         budget : float, optional
-            Seconds for the certificate. Unless given all of it takes about as long as the run to `until`, from 2 to 30;
+            Seconds for the certificate. Unless given all of it takes about as long as the run to `until`, from 5 to 30;
             30 without `until`.
         """
         self.team.alone("reports")

@@ -10,11 +10,19 @@ from typing import NamedTuple
 import numpy as np
 from scipy import fft, special
 
-from farhorizon.analysis.layers.chain_modes import alike_along, all_modes, sent_in_mode, slowest_modes, vectors_arrived
+from farhorizon.analysis.layers.chain_modes import (
+    alike_along,
+    all_modes,
+    parts_in_cache,
+    sent_in_mode,
+    slowest_modes,
+    vectors_arrived,
+)
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.returned import Arrivals, loudest
 from farhorizon.analysis.layers.samples import Sample
 from farhorizon.analysis.layers.side_data import Datum, frequency_of_slow_waves, reach_the_end
+from farhorizon.engine.parallel import in_parallel
 
 # on the line Re s = _DECAY/T what happens after 2 T folds back into the run, exp(-2 _DECAY) times as large; where waves
 # are followed each by itself, what is left out of them grows as exp(_DECAY)
@@ -289,6 +297,12 @@ class _Sending:
                 for datum, rows, start in zip(self.data, self.rows, self.starts, strict=True)
             ]
             return _Waves(*vectors_arrived(self.medium, self.line.z[which], self.along[:, some], held, self.limit))
+        parts = parts_in_cache(len(which), self.along[..., some].shape[1])
+        found = in_parallel(lambda part: self._scalar(which[part], some), parts)
+        return _Waves(*(np.concatenate(part, axis=-2) for part in zip(*found, strict=True)))
+
+    def _scalar(self, which: np.ndarray, some: slice) -> tuple[np.ndarray, ...]:
+        """Factors, amplitudes and slownesses of waves of one component or type."""
         z, recursion = self.line.z[which], self.medium.recursion
         modes_of = cache(lambda ratio: self._modes(ratio, z, some))
         root, slope = modes_of(1.0)
@@ -298,7 +312,7 @@ class _Sending:
         rise = recursion.scale * np.where(slope == 0, 1, slope)
         slowness = (recursion.keep / z - z)[:, None] / rise
         found = root, np.where(slope == 0, 0, total), np.where(slope == 0, 0, slowness)
-        return _Waves(*(np.concatenate(part, axis=1) if part.ndim > 2 else part for part in found))
+        return tuple(np.concatenate(part, axis=1) if part.ndim > 2 else part for part in found)
 
     def _modes(self, ratio: float, z: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray]:
         """Factors over a node and slopes of the modes in a medium of a squared speed over that at the side."""

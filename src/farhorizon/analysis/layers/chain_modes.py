@@ -209,9 +209,14 @@ def vectors_arrived(
         found = [np.concatenate(one, axis=1) for one in (root, total, slowness)]
         return *found, np.concatenate(np.moveaxis(shape, 1, 0), axis=2)
 
-    together = max(1, _IN_CACHE // (along.shape[1] * (series.shape[-1] - 1)))
-    parts = [slice(first, first + together) for first in range(0, max(1, len(z)), together)]
+    parts = parts_in_cache(len(z), along.shape[1] * (series.shape[-1] - 1))
     return tuple(np.concatenate(found, axis=-2) for found in zip(*in_parallel(arrived, parts), strict=True))
+
+
+def parts_in_cache(frequencies: int, modes: int) -> list[slice]:
+    """Parts of so many frequencies, of so few waves that they are looked at in the cache."""
+    together = max(1, _IN_CACHE // max(1, modes))
+    return [slice(first, first + together) for first in range(0, max(1, frequencies), together)]
 
 
 def _lines(stencil: Stencil, along: np.ndarray) -> np.ndarray:

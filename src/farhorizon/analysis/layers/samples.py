@@ -68,15 +68,15 @@ class Sample:
         cells = np.floor(np.array(parts)[:, None] * logs).astype(int).T
         if shape is not None:  # along the normal or across it
             cells = np.append(cells, np.abs(shape[:1].T) ** 2 > 0.5, axis=1)
-        found, number = np.unique(cells, axis=0, return_inverse=True)
-        number = number.ravel()
-        order = np.lexsort((-np.abs(amplitude), number))
-        first = order[np.searchsorted(number[order], np.arange(len(found)))]
-        places = np.zeros(len(found), int)
-        for i, cell in enumerate(map(tuple, found.tolist())):
+        keys = np.ravel_multi_index(tuple((cells - cells.min(0)).T), tuple(np.ptp(cells, 0) + 1))
+        order = np.lexsort((-np.abs(amplitude), keys))
+        changes = np.diff(keys[order], prepend=-1) > 0
+        number, first = np.zeros(len(keys), int), order[changes]
+        number[order] = np.cumsum(changes) - 1
+        places = np.zeros(len(first), int)
+        for i, (one, cell) in enumerate(zip(first, map(tuple, cells[first].tolist()), strict=True)):
             if cell not in self._cells:
                 self._cells[cell] = len(self._waves)
-                one = first[i]
                 of = None if shape is None else shape[:, one]
                 self._waves.append(self.wave(complex(root[one]), complex(factor[one]), along[:, one], of))
             places[i] = self._cells[cell]
