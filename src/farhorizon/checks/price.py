@@ -13,7 +13,7 @@ from farhorizon.checks.examined import Examined
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
 
-_PROBED = 400_000  # nodes of a plain run that is timed, at most
+_PROBED = 200_000  # nodes of a plain run that is timed, at most
 _LEAST_ERROR = 1e-12  # of an extended domain: what is asked of ends that are exact
 
 
@@ -52,7 +52,8 @@ def price(sim: Examined, seconds: float | None = None) -> Price:
 
 
 def extended_price(sim: Examined, until: float, sides: Sequence[tuple[int, int]]) -> Price:
-    """Of the extended domain in place of some sides that absorb. It is not made: a small one tells.
+    """Of the extended domain in place of some sides that absorb: of one without data, where it is large of a smaller
+    one in proportion.
 
     Where the domain would not fit into memory the front of the waves alone tells its size.
     """
@@ -63,16 +64,17 @@ def extended_price(sim: Examined, until: float, sides: Sequence[tuple[int, int]]
         more = dict.fromkeys(
             wanted, undisturbed(sim.stencil.with_reaction(0.0), sim.fastest_rate, sim.model.order, until)
         )
-    nodes = float(
-        np.prod([float(n + more.get((a, -1), 0) + more.get((a, 1), 0)) for a, n in enumerate(sim.lattice.shape)])
-    )
     lattice = sim.lattice
-    shrunk = max(1.0, (np.prod(lattice.shape) / _PROBED) ** (1 / lattice.dim))
-    count = [max(int(n / shrunk), 2 * m + 1) for n, m in zip(lattice.shape, sim.stencil.reach, strict=True)]
+    wide = np.array([float(n + more.get((a, -1), 0) + more.get((a, 1), 0)) for a, n in enumerate(lattice.shape)])
+    shrunk = max(1.0, (np.prod(wide) / _PROBED) ** (1 / lattice.dim))
+    count = [max(int(n / shrunk), 2 * m + 1) for n, m in zip(wide, sim.stencil.reach, strict=True)]
     box = Lattice(lattice.spacing, lattice.lower, lattice.lower + lattice.spacing * (np.array(count) - 1))
     plain = sim.remade(lattice=box, boundary=Fixed(sim.background))
-    share = nodes / float(np.prod(count))
-    return Price(nodes, plain.seconds_per_step() * share, plain.engine.nbytes * share)
+    every = np.array(plain.engine.layout.box.nodes[-lattice.dim :], float)  # with the margins, which do not grow
+    held = float(np.prod((wide + every - count) / every))
+    return Price(
+        float(np.prod(wide)), plain.seconds_per_step() * float(np.prod(wide / count)), plain.engine.nbytes * held
+    )
 
 
 def layered(sim: Examined, until: float) -> Examined:
