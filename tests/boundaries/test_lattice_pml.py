@@ -609,7 +609,7 @@ def test_layers_in_space_remember_six_digits_where_these_are_enough(tmp_path, mo
 COURSES = "1-exp(-t*t/100)", "t/(40+t)", "exp(-(t-12)**2/9)", "sin(0.3*t)"
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("number", range(16))
 def test_six_digits_leave_a_part_of_the_target_to_the_end(number, monkeypatch):
     """Random set-ups in space with as small a target as the rule allows, beside the same that remember in full: also

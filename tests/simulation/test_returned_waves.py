@@ -197,6 +197,7 @@ def pulse_in_elements(width, target, until=494.0):
     return {"lattice": lattice, "model": model, "boundary": sides, "initial": initial, "threads": 1}
 
 
+@pytest.mark.slow
 def test_backward_waves_take_no_more_nodes_than_they_need():
     """Waves that were left out of those that are followed by themselves rang in the prediction, and what comes after
     the end of the run folded back into it: 19 nodes were taken.
@@ -874,6 +875,7 @@ def test_a_run_beside_a_wall_goes_on():
     assert list(sim.parts.around.foretold) == ["x+"]
 
 
+@pytest.mark.slow
 def test_solids_are_predicted_as_far_as_they_can_be():
     lattice = fh.Lattice(1.0, (-6.0, -6.0), (6.0, 6.0))
     bell = pulse(lattice, (0, 0), 1.5)
