@@ -87,6 +87,7 @@ def test_the_clock_is_looked_at_within_a_crossing():
 
     assert krylov_growth(advance, 10, 1e-12, 10**12, budget=0.01).stable is None
     assert noise_growth(advance, 10, 1e-12, 10**12, budget=0.01) == (None, 0.0)
+    assert noise_growth(advance, 10, 1e-12, 10**12, 0.0, crossings=20.0, longest=0.01) == (None, 0.0)
 
 
 def test_a_power_of_time_is_no_growth_when_time_is_up():

@@ -199,6 +199,7 @@ def noise_growth(
     budget: float,
     crossings: float = np.inf,
     seed: int = 0,
+    longest: float = np.inf,
 ) -> tuple[Growth | None, float]:
     """What a short run from white noise tells of a map that can only be applied: cheap, before anything else is
     examined.
@@ -211,6 +212,8 @@ def noise_growth(
         Length of the run for which this is asked, in crossing times of what the map moves; noise runs for as long, ten
         crossing times at most. If it is finite that takes what it takes, which is less than the run, and the budget is
         for what follows where noise rises.
+    longest : float
+        Seconds that it may take all the same.
 
     Returns
     -------
@@ -225,7 +228,7 @@ def noise_growth(
     share = min(crossings / SHORT, 1.0)
     piece = max(1, int(np.ceil(crossing * share)))  # a shorter run is looked at as often
     noise = _Noise(advance, size, dt, piece, seed)
-    whole = noise.run(SHORT, np.inf if asked else begin + budget)
+    whole = noise.run(SHORT, begin + (longest if asked else budget))
     end = budget + (time.monotonic() if asked else begin)
     if noise.explosion() is not None:
         return noise.explosion(), 0.0

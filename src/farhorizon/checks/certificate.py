@@ -270,9 +270,10 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf, brief:
         Seconds; what would take longer is skipped, and said so.
     until : float
         Length of the run for which this is asked: where it is shorter than the run from noise, that takes as long as
-        the run, whatever `budget` says.
+        the run.
     brief : bool
-        Examine no modes where noise ran for as long as the run, or grew.
+        Let noise run whatever `budget` says, not for half of it at most, and examine no modes where it ran for as long
+        as the run, or grew.
 
     Returns
     -------
@@ -328,7 +329,8 @@ def _examined(
     slow: list[ExaminedPart] = []
     skipped: list[str] = []
     tell("a run from white noise")
-    grown, quiet = _noise_part(sim, budget / 3 if np.isinf(until) else PATIENCE, until)
+    seconds, longest = budget / 3 if np.isinf(until) else PATIENCE, np.inf if brief else budget / 2
+    grown, quiet = _noise_part(sim, seconds, until, longest)
     if brief and grown is not None and np.isfinite(until):
         return judge([grown], [], sim.crossing, time.monotonic() - begin), False
     if brief and until <= quiet:
@@ -651,7 +653,7 @@ def _examinations(sim: Examined) -> Iterator[tuple[str, Callable[[float], tuple[
     yield kind, lambda left: (_krylov_part(kind, plain_twin(sim, small, one_corner(sim)), sim.crossing, left), [])
 
 
-def _noise_part(sim: Examined, budget: float, until: float) -> tuple[ExaminedPart | None, float]:
+def _noise_part(sim: Examined, budget: float, until: float, longest: float) -> tuple[ExaminedPart | None, float]:
     """What grows in a short run from white noise, None if nothing does; and the time for which noise ran.
 
     It runs in the set-up itself where this is small, or where cracks, conditions or an outline make a copy another
@@ -667,7 +669,9 @@ def _noise_part(sim: Examined, budget: float, until: float) -> tuple[ExaminedPar
     state, crossing = State(twin.engine), crossing_rounds(twin)
     pace = state.every * twin.dt
     asked = until / (crossing * pace)
-    growth, crossings = noise_growth(state.after_rounds, state.size, pace / sim.crossing, crossing, budget, asked)
+    growth, crossings = noise_growth(
+        state.after_rounds, state.size, pace / sim.crossing, crossing, budget, asked, longest=longest
+    )
     quiet = float(until if asked <= crossings * (1 + 1e-9) else crossings * crossing * pace)
     if growth is None:
         return None, quiet
