@@ -32,9 +32,10 @@ from farhorizon.engine.engine import Layer
 
 _COMPARED = 2000  # waves by which layers are compared
 _EACH = 1500  # waves of a line that are followed each by itself although none is a backward one, at most: a second
-# of such waves, where backward ones are among them, how many are followed at first, the loudest, and at most; and what
-# the others may make of these where no limit decides
-_FIRST_EACH, _MOST_EACH, _LITTLE = 1000, 64000, 0.1
+# of such waves, where backward ones are among them, how many are followed at first, the loudest, which may show that
+# too much comes back; how many show that it is not, for others that come together make more than their energy tells;
+# and how many at most. What the others may make of these where no limit decides
+_FIRST_EACH, _SURE_EACH, _MOST_EACH, _LITTLE = 1000, 8000, 64000, 0.1
 _PEAK = 5.0  # of a sum of waves of any phases, at all places and times, over its root mean square
 # what the closed form must make over what is enough, before nothing else is asked: of short waves it knows no damping
 _TOO_MUCH = 20.0
@@ -172,13 +173,11 @@ class Arrivals:
             rest = np.zeros_like(loud)
             rest[heard[last:]] = loud[heard[last:]]
             others = self._by_energy(rest)
-            if enough == np.inf:
-                decided = others <= _LITTLE * followed
-            else:
-                decided = followed + others <= enough or followed > enough + self._noise(rest)
+            little = others <= _LITTLE * followed if enough == np.inf else followed + others <= enough
+            decided = (little and last >= _SURE_EACH) or followed > enough + self._noise(rest)
             if decided or last >= min(len(heard), _MOST_EACH):
                 return followed + others
-            first, last = last, 2 * last
+            first, last = last, max(2 * last, _SURE_EACH)
 
     def _noise(self, amplitude: np.ndarray) -> float:
         """What a sum of waves of any phases is at most where it has grown most."""
