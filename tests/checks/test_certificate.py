@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.checks.certificate import certify
+from farhorizon.checks.certificate import _side_part, certify
 from farhorizon.checks.side_modes import plain_twin
 from farhorizon.cli import main
 from farhorizon.engine.state import State
@@ -495,6 +495,26 @@ def test_alike_sides_are_examined_once_those_that_are_closer():
     other = {"x": fh.LatticePML(nodes=8), "y": fh.LatticePML(nodes=9)}
     names = [part.name for part in certify(fh.Simulation(box(40, 30), wave(3), boundary=other), 60.0).parts]
     assert [name.split(",")[0] for name in names if name.startswith("sides")] == ["sides y", "sides x"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", range(20))
+def test_what_is_stable_between_close_sides_is_so_between_distant_ones(case):
+    """Alike sides are examined at their smallest distance: random kernels, profiles and extents."""
+    seed = int(os.environ.get("FARHORIZON_SEED", 77001))
+    random = np.random.default_rng([seed, case])
+    print("seed", seed)
+    reach, nodes = int(random.integers(1, 6)), int(random.integers(4, 11))
+    influence = str(random.choice(["constant", "linear", "gaussian"])) if reach > 1 else "constant"
+    depth = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
+    sigma = float(random.uniform(0.5, 4.0)) * depth ** random.integers(0, 4)
+    layer = fh.LatticePML(nodes=nodes, profile={"sigma": sigma, "alpha": float(random.choice([0.001, 0.05, 0.3]))})
+    short = int(random.integers(2 * reach + 1, 30))
+    sim = fh.Simulation(
+        box(short, int(random.integers(short, 160))), wave(reach, int(random.integers(0, 4)), influence), layer
+    )
+    close, distant = (_side_part(sim, axis, 60.0)[0].growth.stable for axis in (0, 1))
+    assert distant or not close
 
 
 def test_what_grows_in_noise_is_refused_whatever_the_time():

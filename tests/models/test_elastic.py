@@ -565,3 +565,12 @@ def test_one_message_says_which_material_sides_and_layers_go_together():
     for material in ("state-based", "correspondence"):
         fh.Simulation(lattice, fh.Elastic(kernel, 1.0, 0.3, material=material), ground)
     fh.Simulation(lattice, fh.Elastic(None, 1.0, 0.3, material="finite-element"), fh.LatticePML(nodes=8))
+
+
+def test_an_influence_that_has_no_hash():
+    """What was looked at for one solid is remembered by its table of bonds, not by what was given."""
+    influence = np.poly1d([-1.0, 1.0])
+    with pytest.raises(TypeError):
+        hash(influence)
+    given, named = (fh.Elastic(fh.Kernel(2.0, 1, one), young=1.0) for one in (influence, "linear"))
+    np.testing.assert_allclose(given.stencil(1.0, 2).weights, named.stencil(1.0, 2).weights, atol=1e-12)

@@ -272,8 +272,8 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf, brief:
         Length of the run for which this is asked: where it is shorter than the run from noise, that takes as long as
         the run.
     brief : bool
-        Let noise run whatever `budget` says, not for half of it at most, and examine no modes where it ran for as long
-        as the run, or grew.
+        As for a run that is about to begin: noise takes what it takes, and where it ran for as long as the run, or
+        grew, no modes are examined. Else it takes half of `budget` at most, and modes follow.
 
     Returns
     -------

@@ -8,6 +8,7 @@ derivatives make.
 from __future__ import annotations
 
 import itertools
+from functools import lru_cache
 
 import numpy as np
 
@@ -170,9 +171,17 @@ def stencil_of(table: Table) -> Stencil:
     return Stencil(np.array(list(known)), np.array(list(known.values())))
 
 
+@lru_cache(maxsize=8)  # a set-up asks for its stencil many times, and all waves are looked at for each
+def _lowest(offsets: bytes, weights: bytes, dim: int) -> float:
+    """The smallest eigenvalue of a stencil of matrices, over all waves."""
+    places = np.frombuffer(offsets).reshape(-1, dim).astype(int)
+    stencil = Stencil(places, np.frombuffer(weights).reshape(-1, dim, dim))
+    return float(stencil.branches(*stencil._zone()).min())
+
+
 def stable_solid(stencil: Stencil) -> Stencil:
     """Refuse a stencil that gains energy for some waves."""
-    lowest = float(stencil.branches(*stencil._zone()).min())
+    lowest = _lowest(stencil.offsets.astype(float).tobytes(), stencil.weights.tobytes(), stencil.dim)
     if lowest < -1e-9:
         raise InputError(
             "the lattice material is unstable for short waves",

@@ -9,7 +9,6 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -508,22 +507,14 @@ class Elastic(LatticeModel):
         lame, shear = self.lame / self.p_modulus, self.shear / self.p_modulus
         if self.kernel is None:
             return stencil_of(finite_element(lame, shear, dim))
-        return _stable(self.kernel, self.material, lame, shear, self.stabilisation, spacing, dim)
-
-
-@lru_cache(maxsize=8)  # a set-up asks for its stencil many times, and all waves are looked at for each
-def _stable(
-    kernel: Kernel, material: str, lame: float, shear: float, stabilisation: float, spacing: float, dim: int
-) -> Stencil:
-    """The stencil of a material of unit P modulus, refused where some wave gains energy."""
-    offsets, weights = Stencil.family(kernel, spacing, dim)
-    if material == "correspondence":
-        made = correspondence(offsets, weights, lame, shear, stabilisation)
-    else:
-        made = _springs(kernel, offsets, weights, shear)
-        if material == "state-based":
-            made = sum_of(made, dilatation(offsets, weights, lame - shear, kernel.calibrate))
-    return stable_solid(stencil_of(made))
+        offsets, weights = Stencil.family(self.kernel, spacing, dim)
+        if self.material == "correspondence":
+            made = correspondence(offsets, weights, lame, shear, self.stabilisation)
+        else:
+            made = _springs(self.kernel, offsets, weights, shear)
+            if self.material == "state-based":
+                made = sum_of(made, dilatation(offsets, weights, lame - shear, self.kernel.calibrate))
+        return stable_solid(stencil_of(made))
 
 
 def _check_kernel(kernel: Kernel | Stencil | None, material: str) -> None:
