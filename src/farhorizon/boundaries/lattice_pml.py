@@ -69,8 +69,8 @@ class LatticePML(Side):
         then (`docs/explanation/backward_waves.md`).
     profile : mapping or Layer, optional
         Stretch by hand: "kappa" (>= 1), "sigma" (1/time), "alpha" (1/time), each a number or an array of
-        ``nodes + 1`` values from the near field outwards; names left out keep 1, 0 and 0. Needs nodes. Or a whole
-        `Layer`.
+        ``nodes + 1`` values from the near field outwards; names left out keep 1, 0 and 0. Needs nodes; with a target,
+        a note tells where it is not kept. Or a whole `Layer`, which is not judged.
     until : float, optional
         Length of the run that a target is to hold for: in a case file the end of the run, else 20 crossings of the near
         field, in diffusion 10 R^2/diffusivity.
