@@ -4,7 +4,7 @@ Along a side's normal every shift of the stencil is replaced by a stretched shif
 factor (1 + z)/(1 - z) over one node in the medium, z = tanh(spacing * lambda / 2), gains (1 + g z)/(1 - g z) over one
 layer node, with the stretch g(s) = kappa + sigma/(s + alpha). The relation between a node's field and its continuation
 by k real nodes is then bilinear and holds for every wave that the lattice carries, so nothing is reflected at the
-entrance; what returns from the outer end is the product over the nodes of ((1 - g z)/(1 + g z))^2.
+entrance; what returns from the outer end is the product over the nodes of ((1 + g z)/(1 - g z))^2.
 
 It extends the reflectionless discrete layer of Chern (2019, J. Comput. Phys. 381) for the 5-point wave equation and
 that of Du, Li and Zhang (2025, arXiv 2502.03713) for peridynamic waves in 2D to any stencil, order in time and
