@@ -14,7 +14,7 @@ _FEW = 8  # entries of an array that are shown
 
 
 class FarhorizonError(Exception):
-    """Base of every error that farhorizon raises on purpose.
+    """Base class of all errors that farhorizon raises deliberately.
 
     Examples
     --------
@@ -31,18 +31,18 @@ class FarhorizonError(Exception):
 
 
 class InputError(FarhorizonError, ValueError):
-    """Input that cannot be computed, refused before any work.
+    """Input that cannot be computed, refused before any work is done.
 
     Parameters
     ----------
     message : str
         What is wrong, in one sentence.
     value, limit : object, optional
-        The offending value and the limit it breaks.
+        The offending value and the limit that it violates.
     remedy : str, optional
         What to do instead.
     key : str, optional
-        Where the value stands, e.g. ``"model.kernel.horizon"``.
+        Where the value is given, e.g. ``"model.kernel.horizon"``.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class InputError(FarhorizonError, ValueError):
         super().__init__("; ".join(parts))
 
     def at(self, key: str) -> Self:
-        """The same error with another key, of what knows where the value stands."""
+        """The same error with another key, set by a caller that knows where the value is given."""
         return type(self)(self.message, value=self.value, limit=self.limit, remedy=self.remedy, key=key)
 
 
@@ -89,7 +89,7 @@ class FileFormatError(InputError):
 
 
 class UnstableError(FarhorizonError, RuntimeError):
-    """The run produced a non-finite or exploding value; the message says step, place and likely cause.
+    """The run produced a non-finite or exploding value; the message gives the step, the location and the likely cause.
 
     Examples
     --------
@@ -106,7 +106,7 @@ class UnstableError(FarhorizonError, RuntimeError):
 
 
 class ValidityWarning(UserWarning):
-    """From some time of a run on its result is doubtful; see `Run.cautions`.
+    """The result of a run is doubtful from a certain time on; see `Run.cautions`.
 
     Examples
     --------

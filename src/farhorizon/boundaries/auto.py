@@ -13,18 +13,18 @@ from farhorizon.boundaries.side import Side
 
 @dataclass(frozen=True)
 class Auto(Side):
-    """Side beyond which the medium goes on, by a `LatticePML` or by an `Extended` domain of the same target: a run
-    takes what is faster.
+    """Side beyond which the medium continues, as a `LatticePML` or as an `Extended` domain with the same target,
+    whichever is faster.
 
     Both are timed on this machine when the run is prepared, so that no run takes longer than one on a domain from whose
-    end nothing comes back. All sides of a set-up that are `Auto` become the same; a note says which, and why.
+    end nothing returns. All `Auto` sides of a set-up become the same type; a note says which, and why.
 
     Parameters
     ----------
     target : float, optional
-        Wanted error, as of both.
+        Desired error, as in both.
     until : float, optional
-        Length of the run, as of both.
+        Length of the run, as in both.
 
     Raises
     ------
@@ -48,17 +48,17 @@ class Auto(Side):
         kinds.settle(self, target=self.as_domain(None).target, until=self.as_domain(None).until)
 
     def wanted(self, default: float) -> float:
-        """The target, or that of the model."""
+        """The target if one is given, otherwise that of the model."""
         return default if self.target is None else self.target
 
     def as_layer(self, until: float | None, default: float) -> LatticePML:
-        """A layer for a run of a length, as far as it is known here or from the side, that keeps the target or that of
-        the model.
+        """A layer for a run of the given length or that specified for the side, whichever is longer, that meets the
+        target or that of the model.
         """
         return LatticePML(target=self.wanted(default), until=self._longer(until))
 
     def as_domain(self, until: float | None) -> Extended:
-        """An extended domain for a run of a length, as far as it is known here or from the side."""
+        """An extended domain for a run of the given length or that specified for the side, whichever is longer."""
         return Extended(self.target, until=self._longer(until))
 
     def _longer(self, until: float | None) -> float | None:

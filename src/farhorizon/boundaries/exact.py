@@ -37,24 +37,25 @@ _SLOW = 1e6  # steps times reach squared from which on making a kernel takes sec
 
 @dataclass(frozen=True)
 class Exact(Side):
-    """End of a bar beyond which the medium goes on without end, exactly; one dimension only.
+    """End of a bar beyond which the medium continues indefinitely, represented exactly; one dimension only.
 
-    Serves every symmetric stencil, waves with and without damping and diffusion by forward Euler. Beyond the end
-    everything is zero (the background) at the start, the bonds are those of the last nodes, and there are no sources.
+    Works for every symmetric stencil, for waves with and without damping, and for diffusion by forward Euler. Beyond
+    the end everything is initially zero (the background), the bonds are those of the last nodes, and there are no
+    sources.
 
     Parameters
     ----------
     compress : float or None
-        Bound of the error of the force on the last nodes over all histories, relative to the same of the force itself,
-        within which the past is compressed to a sum of exponentials. The error of the field is of the same size for
-        smooth data; noise that fills the near field adds up to some times as much. None, and where no sum meets the
-        bound: the past is kept and convolved, exact to rounding, at a cost of a step that grows with its number's
-        logarithm squared.
+        Bound on the error of the force on the last nodes, over all histories and relative to the same norm of the force
+        itself, within which the history is compressed to a sum of exponentials. For smooth data the error of the field
+        is of the same size; noise that fills the near field adds up to a few times as much. With None, and where no sum
+        meets the bound, the history is stored and convolved: exact to rounding error, at a cost per step that grows
+        with the square of the logarithm of the number of steps.
 
     Raises
     ------
     InputError
-        A tolerance outside 1e-15..0.1.
+        A value of `compress` outside 1e-15..0.1.
 
     Examples
     --------
@@ -80,7 +81,7 @@ class Exact(Side):
         )
 
     def wanted(self, default: float) -> float:
-        """What may be missed beyond the end, as a part of the largest value."""
+        """Fraction of the largest value that may be neglected beyond the end."""
         return 1e-15 if self.compress is None else self.compress
 
 

@@ -13,22 +13,22 @@ from farhorizon.boundaries.side import Side, checked_target
 
 @dataclass(frozen=True)
 class Extended(Side):
-    """Side beyond which the program computes as much of the medium as the run needs, and shows none of it.
+    """Side beyond which as much of the medium as the run needs is computed, but not shown.
 
-    What a user would do without absorbing layers, with the distance chosen for him: the largest speed of waves on the
-    lattice, the place of the data and the length of the run decide it. It serves everything that a lattice of nodes
-    serves, cracks that cross the side as they are given among them, and is exact to the target; its price grows with
-    the length of the run, to the power of the dimension.
+    This is what a user would do without absorbing layers, except that the distance is chosen automatically from the
+    largest wave speed on the lattice, the location of the data and the length of the run. It supports everything that a
+    lattice of nodes supports, including cracks that cross the side as they are given, and is exact to within the
+    target. Its cost grows with the length of the run, to the power of the dimension.
 
     Parameters
     ----------
     target : float, optional
-        Wanted error, of waves relative to the largest value, of diffusion to the largest value at the same time; unless
-        given that of the model, 1e-5, of elasticity 1e-4.
+        Desired error, for waves relative to the largest value, for diffusion relative to the largest value at the same
+        time; unless given, that of the model: 1e-5, for elasticity 1e-4.
     nodes : int, optional
-        Fixes the nodes beyond the side.
+        Fixes the number of nodes beyond the side.
     until : float, optional
-        Length of the run: in a case file its end, else what the first `run` asks for.
+        Length of the run: in a case file its end, otherwise that of the first `run`.
 
     Raises
     ------
@@ -63,13 +63,13 @@ class Extended(Side):
 
     @property
     def open_ended(self) -> bool:
-        """Whether the number of nodes follows from the run."""
+        """Whether the number of nodes is chosen from the length of the run."""
         return self.nodes is None
 
     def width(self, reach: int, spacing: float) -> int:
-        """The nodes, where they are given."""
+        """The number of nodes, if it is given."""
         return self.nodes or 0
 
     def wanted(self, default: float) -> float:
-        """The target, or that of the model."""
+        """The target if one is given, otherwise that of the model."""
         return default if self.target is None else self.target

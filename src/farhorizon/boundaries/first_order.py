@@ -20,7 +20,7 @@ from farhorizon.errors import InputError
 
 @dataclass(frozen=True)
 class FirstOrder(Closing):
-    """Flat side at which waves along the normal pass; for classical waves only: stencils that reach one node.
+    """Flat side that transmits waves along its normal; only for classical waves, that is, stencils that reach one node.
 
     Examples
     --------
@@ -35,16 +35,17 @@ class FirstOrder(Closing):
     passive: ClassVar[bool] = True
 
     def wanted(self, default: float) -> float:
-        """What may be missed beyond the side, as a part of the largest value: much less than the condition's own
-        error."""
+        """Fraction of the largest value that may be neglected beyond the side: much less than the error of the
+        condition itself.
+        """
         return 1e-6
 
     def depth(self, medium: Medium, spacing: float, extent: float) -> float:
-        """How far inwards nodes are read."""
+        """Distance to which nodes are read inwards."""
         return spacing * float(np.sqrt(medium.offsets.shape[1]))
 
     def update(self, fringe: OutlineNodes, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
-        """Rows of halo nodes (places in the fringe) over the new level and those before, shape (H, 3 S).
+        """Rows for the halo nodes (locations in the fringe) over the new level and those before, shape (H, 3 S).
 
         Raises
         ------

@@ -21,23 +21,23 @@ from farhorizon.errors import InputError
 
 @dataclass(frozen=True)
 class Higdon(Closing):
-    """Side or outline at which waves pass that arrive at given angles; for waves only.
+    """Side or outline that transmits waves arriving at given angles; for waves only.
 
-    Along a curved outline each node takes the grid axis nearest to its normal. Two angles are stable in all that was
-    measured; three reflect less at a flat side, but grow at some curved ones.
+    Along a curved outline each node uses the grid axis nearest to its normal. Two angles were stable in all tests
+    but for finite elements; three reflect less at a flat side, but grow at some curved ones.
 
     Parameters
     ----------
     angles : sequence of float
-        In degrees, one a factor.
+        In degrees, one per factor.
     shift : float, optional
-        eps in ``cos a d_t + c d_n + eps`` (1/time), which keeps slow fields from drifting; unless given the damping d
-        of ``2 d u_t``, or half the speed over half the extent of the near field if that is more.
+        eps in ``cos a d_t + c d_n + eps`` (1/time), which prevents slow fields from drifting; unless given, the damping
+        d of ``2 d u_t`` or half the speed divided by half the extent of the near field, whichever is larger.
 
     Raises
     ------
     InputError
-        No angle or more than 4, angles that are not below 90, a negative shift.
+        No angle or more than 4, angles of 90 or more, a negative shift.
 
     Examples
     --------
@@ -67,18 +67,18 @@ class Higdon(Closing):
             )
 
     def wanted(self, default: float) -> float:
-        """What may be missed beyond the outline, as a part of the largest value: much less than the condition's own
-        error.
+        """Fraction of the largest value that may be neglected beyond the outline: much less than the error of the
+        condition itself.
         """
         return 1e-6
 
     def depth(self, medium: Medium, spacing: float, extent: float) -> float:
-        """How far inwards nodes are read."""
+        """Distance to which nodes are read inwards."""
         return len(self.angles) * spacing
 
     def stencil(self, speed: float, spacing: float, dt: float, shift: float) -> np.ndarray:
-        """Weights of earlier steps (rows) and nodes further in (columns), shape (J + 1, J + 1); the node itself at the
-        new step has 0.
+        """Weights of earlier steps (rows) and of nodes further inwards (columns), shape (J + 1, J + 1); that of the
+        node itself at the new step is 0.
         """
         factors = []
         for angle in self.angles:
@@ -98,12 +98,12 @@ class Higdon(Closing):
         return weights
 
     def update(self, fringe: OutlineNodes, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
-        """Rows of halo nodes (places in the fringe) over the new level and those before, shape (H, (J + 2) S).
+        """Rows for the halo nodes (locations in the fringe) over the new level and those before, shape (H, (J + 2) S).
 
         Raises
         ------
         InputError
-            Diffusion; an outline whose normal changes within the nodes that are read.
+            Diffusion; an outline whose normal changes within the range of the nodes that are read.
         """
         if medium.order != 2:
             raise InputError(

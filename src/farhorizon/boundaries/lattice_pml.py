@@ -51,37 +51,38 @@ _DIFFUSIVE, _THIN, _STRONG = 12, 12, 16
 
 @dataclass(frozen=True)
 class LatticePML(Side):
-    """Absorbing side whose error is the leak through the layer's outer end only.
+    """Absorbing side whose only error is the leakage through the outer end of the layer.
 
     Parameters
     ----------
     target : float, optional
-        Wanted error, of waves relative to the largest value, of diffusion to the largest value at the same time. The
-        layer is the thinnest that is predicted to keep it for the data, the shape of the near field and the length of
-        the run; a target that none keeps is refused, and one below what data hold of short waves that no
-        prediction follows: those that a step of diffusion near its limit hardly damps, and in a medium that varies
-        those of scalars that run backward. Without it scalar waves without backward waves have a layer that a
-        formula in the length of the run and the distance of the data designs for 1e-5, diffusion and waves in a medium
-        with a reaction one that is chosen for 1e-5; others have a fixed number of nodes.
+        Desired error, for waves relative to the largest value, for diffusion relative to the largest value at the same
+        time. The layer is the thinnest that is predicted to meet the target for the data, the shape of the near field
+        and the length of the run. A target that no layer meets is refused, and so is a target below the part of the
+        data that consists of short waves that no prediction follows: those that a step of diffusion near its limit
+        hardly damps and, in a varying medium, backward waves of scalar fields. Without a target, scalar waves without
+        backward waves have a layer designed for 1e-5 by a formula from the length of the run and the distance of the
+        data; for diffusion and for waves in a medium with a reaction the layer is chosen for 1e-5; others have a fixed
+        number of nodes.
     nodes : int, optional
-        Fixes the thickness in nodes; with a target, a note tells where they do not keep it, and one of 1e-5 or
-        more lets dampers take the place of the filter in up to 12 nodes of scalars in space, where no more comes back
-        then (`docs/explanation/backward_waves.md`).
+        Fixes the thickness in nodes. If a target is given as well, a note reports where these nodes do not meet it; a
+        target of 1e-5 or more allows dampers to replace the filter in layers of up to 12 nodes for scalar fields in 3D,
+        if these then reflect no more than before (`docs/explanation/backward_waves.md`).
     profile : mapping or Layer, optional
-        Stretch by hand: "kappa" (>= 1), "sigma" (1/time), "alpha" (1/time), each a number or an array of
-        ``nodes + 1`` values from the near field outwards; names left out keep 1, 0 and 0. Needs nodes; with a target,
-        a note tells where it is not kept. Or a whole `Layer`, which is not judged.
+        Stretch specified by hand: "kappa" (>= 1), "sigma" (1/time), "alpha" (1/time), each a number or an array of
+        ``nodes + 1`` values from the near field outwards; names left out default to 1, 0 and 0. Requires `nodes`; if a
+        target is given, a note reports where it is not met. Alternatively a complete `Layer`, which is not assessed.
     until : float, optional
-        Length of the run that a target is to hold for: in a case file the end of the run, else 20 crossings of the near
-        field, in diffusion 10 R^2/diffusivity.
+        Length of the run for which a target is to hold: in a case file the end of the run, otherwise 20 crossings of
+        the near field, for diffusion 10 R^2/diffusivity.
     angle, wavelengths
-        Refused: layers were once chosen by the angle of plane waves.
+        Refused: in earlier versions layers were chosen by the angle of plane waves.
 
     Raises
     ------
     InputError
         A target outside 1e-14..0.1, a thickness below 1, a profile with unknown names or impossible values; an angle or
-        wavelengths, by which layers were chosen once.
+        wavelengths, by which layers were chosen in earlier versions.
 
     Examples
     --------
@@ -136,33 +137,33 @@ class LatticePML(Side):
 
     @property
     def open_ended(self) -> bool:
-        """Whether the thickness is to follow from the data and the length of the run."""
+        """Whether the thickness is chosen from the data and the length of the run."""
         return self.nodes is None and self.profile is None
 
     def wanted(self, default: float) -> float:
-        """The target, or that of the model."""
+        """The target if one is given, otherwise that of the model."""
         return default if self.target is None else self.target
 
     def undamped(self) -> LatticePML:
-        """The same layer without a filter of short waves, if it is given whole."""
+        """The same layer without its filter of short waves, if the profile is a complete `Layer`."""
         if not isinstance(self.profile, Layer) or not self.profile.filtered:
             return self
         return replace(self, profile=replace(self.profile, damping=np.zeros(0)))
 
     def make_layer(self, order: int, stencil: Stencil, coefficient: float, spacing: float, half_width: float) -> Layer:
-        """The layer of one side for nodes given by hand, or as many as serve where nothing is known of data and run.
+        """The layer of one side for a given number of nodes, or with a default number for unknown data and run length.
 
         Parameters
         ----------
         order : {1, 2}
             Order of the equation in time.
         stencil : Stencil
-            Its first axis is the normal.
+            The stencil, whose first axis is the normal.
         coefficient : float
             Diffusivity or squared speed.
         spacing : float
         half_width : float
-            Half the largest extent of the near field: the scale of the diffusive far field.
+            Half the largest extent of the near field: the length scale of the diffusive far field.
         """
         if isinstance(self.profile, Layer):
             return self.profile

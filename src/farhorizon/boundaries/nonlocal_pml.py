@@ -23,28 +23,27 @@ _FOOT = 1e-6  # of the Gaussian ramp, relative to its top: "the minimum value in
 
 @dataclass(frozen=True)
 class NonlocalPML(Side):
-    """Absorbing layer on the derivatives of correspondence elasticity; a point of comparison, and what reproduces the
-    paper.
+    """Absorbing layer on the derivatives of correspondence elasticity, for comparison and for reproducing the paper.
 
     Parameters
     ----------
     nodes : int
-        Thickness. A wave needs a ramp of several horizons, 20 nodes or more with a gaussian influence function about as
-        wide as a spacing.
+        Thickness. Waves require a ramp of several horizons: 20 nodes or more with a Gaussian influence function about
+        as wide as a spacing.
     ramp : {"cubic", "quadratic", "gaussian"}
-        phi over the depth d: ``(d/thickness)^3``, ``(d/thickness)^2``, or the paper's, which rises like the flank of a
-        Gaussian bell from a millionth at the entrance and stays at its top over the outermost `plateau` of the layer
-        (section 2B).
+        phi as a function of the depth d: ``(d/thickness)^3``, ``(d/thickness)^2``, or that of the paper, which rises
+        like the flank of a Gaussian bell from a millionth at the entrance and stays at its maximum over the outermost
+        `plateau` of the layer (section 2B).
     strength : float, optional
-        Largest phi (1/time). More is worse once the layer absorbs enough.
+        Largest phi (1/time). Once the layer absorbs enough, larger values are worse.
     reflection : float
-        Without a strength: what a longitudinal wave at normal incidence keeps of its amplitude on the way to the outer
-        end and back.
+        If no strength is given: the fraction of its amplitude that a longitudinal wave at normal incidence retains on
+        the way to the outer end and back.
     plateau : float
-        Part of the layer in which the Gaussian ramp is at its top.
+        Fraction of the layer in which the Gaussian ramp is at its maximum.
     cross : float
-        Part of phi that acts on the derivatives along the side as well (a multiaxial PML): stable where the plain one
-        is not, less accurate.
+        Fraction of phi that also acts on the derivatives along the side (a multiaxial PML): stable where the plain PML
+        is not, but less accurate.
     shift : float
         alpha (1/time) in ``1 + phi/(s + alpha)``.
 
@@ -88,15 +87,15 @@ class NonlocalPML(Side):
         )
 
     def wanted(self, default: float) -> float:
-        """What may be missed beyond the layer, as a part of the largest value."""
+        """Fraction of the largest value that may be neglected beyond the layer."""
         return default
 
     def width(self, reach: int, spacing: float) -> int:
-        """Its nodes."""
+        """Number of its nodes."""
         return self.nodes
 
     def shape(self, depth: np.ndarray) -> np.ndarray:
-        """phi over its largest value at depths 0 (entrance) to 1 (outer end)."""
+        """phi relative to its largest value at depths from 0 (entrance) to 1 (outer end)."""
         depth = np.asarray(depth, float)
         if self.ramp in RAMPS:
             return depth ** RAMPS[self.ramp]
@@ -104,12 +103,12 @@ class NonlocalPML(Side):
         return np.exp(np.log(_FOOT) * np.maximum(0.0, 1 - depth / rise) ** 2)
 
     def stretches(self, spacing: float, speed: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """phi along the normal and along the side on the layer's nodes, and alpha."""
+        """phi along the normal and along the side at the nodes of the layer, and alpha."""
         phi = self.stretch(spacing, speed)
         return phi, self.cross * phi, self.shift
 
     def stretch(self, spacing: float, speed: float) -> np.ndarray:
-        """phi (1/time) on the layer's nodes from the near field outwards, shape (nodes,).
+        """phi (1/time) at the layer's nodes from the near field outwards, shape (nodes,).
 
         Parameters
         ----------

@@ -93,7 +93,7 @@ class Medium:
 
 
 class Closing(Side, ABC):
-    """A condition that closes an outline: it gives the halo its values from nodes of the near field."""
+    """A condition that closes an outline: it determines the values of the halo from nodes of the near field."""
 
     endless: ClassVar[bool] = True
     closing: ClassVar[bool] = True
@@ -104,19 +104,19 @@ class Closing(Side, ABC):
 
     @abstractmethod
     def wanted(self, default: float) -> float:
-        """What may be missed beyond the outline, as a part of the largest value."""
+        """Fraction of the largest value that may be neglected beyond the outline."""
 
     def width(self, reach: int, spacing: float) -> int:
-        """Nodes of the halo."""
+        """Thickness of the halo in nodes."""
         return reach if self.layer is None else int(self.layer / spacing + 1e-9)
 
     @abstractmethod
     def depth(self, medium: Medium, spacing: float, extent: float) -> float:
-        """How far inwards nodes are read, over a near field of half the extent `extent`."""
+        """Distance to which nodes are read inwards, for a near field of half the extent `extent`."""
 
     @abstractmethod
     def update(self, fringe: OutlineNodes, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
-        """Rows of halo nodes (places in the fringe) over the new level and those before, shape (H, L S)."""
+        """Rows for the halo nodes (locations in the fringe) over the new level and those before, shape (H, L S)."""
 
 
 @dataclass

@@ -16,7 +16,7 @@ class Fixed(Side):
     Parameters
     ----------
     value : float
-        On every node beyond the side.
+        Value of the field on every node beyond the side.
 
     Examples
     --------
@@ -46,10 +46,10 @@ class Fixed(Side):
 
 @dataclass(frozen=True)
 class Free(Side):
-    """The body ends: bonds across the side do not exist.
+    """The body ends here: bonds across the side do not exist.
 
-    Two such sides face each other at least twice the reach of the stencil apart; a plate that is thinner is the `body`
-    of a wider `Lattice`.
+    Opposite free sides must be at least twice the reach of the stencil apart; a thinner plate must be the `body` of a
+    wider `Lattice`.
 
     Examples
     --------
@@ -69,9 +69,10 @@ class Free(Side):
 
 @dataclass(frozen=True)
 class Periodic(Side):
-    """The field repeats itself beyond the opposite side.
+    """The field continues periodically beyond the opposite side.
 
-    A crack across it comes back in on the opposite side: it is given beyond both, such as one along the axis.
+    A crack that crosses this side re-enters at the opposite side: it must extend beyond both, as does a crack along the
+    axis.
 
     Examples
     --------

@@ -52,59 +52,62 @@ class Recipe:
 
 @dataclass(frozen=True)
 class PlaneWave(Closing):
-    """Side or outline at which the halo follows modes that leave, fitted to the nodes of a cloud.
+    """Side or outline at which the halo follows outgoing modes, fitted to the nodes of a cloud.
 
-    The condition is local in space and time: it holds as well as the far field is a sum of its modes near a node, 1e-3
-    or so for waves, a few per cent for diffusion. Nothing proves it stable; the spectral radius must be measured for
-    every set-up. Left out, options take what has been found best: for waves the operator fit, for diffusion the
-    published collocation with wavenumbers of the size of the near field.
+    The condition is local in space and time: it is accurate to the extent that the far field near a node is a sum of
+    its modes, about 1e-3 for waves and a few per cent for diffusion. Its stability is not proven; the spectral radius
+    must be measured for every set-up. Options left out take the values that were found to be best: for waves the
+    operator fit, for diffusion the published collocation with wavenumbers on the scale of the near field.
 
     Parameters
     ----------
     fit : {"operator", "collocation"}, optional
-        Fit the acceleration at the centre, long waves weighing most, or the next value as published.
+        Fit the acceleration at the centre, with the largest weight on long waves, or the next value as published.
     dispersion : {"discrete", "continuum", "taylor", "local"}, optional
-        Of the lattice, of the kernel, its first correction, or of the classical equation.
+        The dispersion relation of the modes: that of the lattice, of the kernel, of its first correction, or of the
+        classical equation.
     time : {"discrete", "continuous"}, optional
-        Factor of a step: the scheme's own, or the exponential.
+        Factor of a mode per step: that of the scheme, or the exponential.
     layer : float, optional
-        Thickness of the fringe of fitted nodes; as much as the stencil reads unless given. Beyond a thinner one bonds
-        are absent.
+        Thickness of the fringe of fitted nodes; as far as the stencil reaches unless given. Beyond a thinner fringe
+        bonds are absent.
     radius : float, optional
-        Of a cloud. Waves: the reach of the stencil, at least three spacings. One spacing for diffusion and for waves on
-        a line by wide stencils, one and a half among points without a lattice: wider clouds grow there.
+        Radius of a cloud. Waves: the reach of the stencil, at least three spacings. One spacing for diffusion and for
+        wide stencils for waves in 1D, one and a half among points without a lattice: wider clouds lead to growth there.
     cone : float, optional
-        Half the opening of a cloud about the inward normal, in degrees: 45 for waves, 180 (a whole ball) for diffusion.
+        Half the opening angle of a cloud about the inward normal, in degrees: 45 for waves, 180 (a complete ball) for
+        diffusion.
     thin : int, optional
-        Take the nodes nearest to a grid of `thin` spacings along normal and tangents only. Waves: such that three are
-        left along the normal.
+        Use only the nodes nearest to a grid of `thin` spacings along normal and tangents. Waves: chosen such that three
+        remain along the normal.
     normals : {"lattice", "free"}, optional
-        Turn clouds to the nearest direction between lattice nodes (multiples of 45 degrees), which makes all of one
-        direction alike and symmetric, or leave them. Waves on a lattice "lattice", others "free".
+        Rotate clouds to the nearest direction between lattice nodes (multiples of 45 degrees), which makes all clouds
+        of one direction identical and symmetric, or leave them as they are. "lattice" for waves on a lattice, otherwise
+        "free".
     angle : float, optional
-        Largest angle between modes and normal, in degrees: 60 (operator fit), else 45.
+        Largest angle between modes and normal, in degrees: 60 (operator fit), otherwise 45.
     angles : int
-        Directions from -angle to angle; in 3D rings about the normal.
+        Number of directions from -angle to angle; in 3D rings about the normal.
     wavenumber : float, optional
-        Largest wavenumber: 1/2 over the spacing for the operator fit, 1/4 for other waves; diffusion: 6 over half the
-        extent of the nodes, at most 1/10 over the spacing.
+        Largest wavenumber: 1/2 divided by the spacing for the operator fit, 1/4 for other waves; diffusion: 6 divided
+        by half the extent of the nodes, at most 1/10 divided by the spacing.
     wavenumbers : int, optional
-        Their number, evenly from `smallest` on: 10 for the operator fit, else 5.
+        Number of wavenumbers, evenly spaced starting at `smallest`: 10 for the operator fit, otherwise 5.
     smallest : float, optional
-        Smallest wavenumber; a fortieth of the largest for the operator fit, else their distance.
+        Smallest wavenumber; a fortieth of the largest for the operator fit, otherwise the interval between wavenumbers.
     regularization : float, optional
-        Tikhonov's; a collocation takes the pseudo-inverse unless given. The operator fit takes 4e-5, one of the values
-        up to 1e-4 that keep rounding out and change its reflection by less than a thousandth; from 1e-3 on they damp
-        the fit itself.
+        Tikhonov regularisation parameter; collocation uses the pseudo-inverse unless it is given. The operator fit uses
+        4e-5, one of the values up to 1e-4 that suppress rounding errors and change its reflection by less than a
+        thousandth; from 1e-3 on they damp the fit itself.
     rcond : float
-        Singular values below this part of the largest are cut off by the pseudo-inverse.
+        Singular values below this fraction of the largest are cut off by the pseudo-inverse.
     balanced : bool
         False: the published grid of directions in 3D, which favours one side.
 
     Raises
     ------
     InputError
-        Unknown words, numbers out of range.
+        Unknown options, numbers out of range.
 
     Examples
     --------
@@ -149,13 +152,13 @@ class PlaneWave(Closing):
         kinds.settle(self, **{name: take(getattr(self, name), f"boundary.{name}") for name, take in given.items()})
 
     def wanted(self, default: float) -> float:
-        """What may be missed beyond the outline, as a part of the largest value: much less than the condition's own
-        error.
+        """Fraction of the largest value that may be neglected beyond the outline: much less than the error of the
+        condition itself.
         """
         return 1e-6
 
     def recipe(self, medium: Medium, spacing: float, extent: float) -> Recipe:
-        """Everything that was left out filled in, for a medium on nodes `spacing` apart over 2 `extent`."""
+        """All options, with defaults for those left out, for a medium on nodes `spacing` apart over 2 `extent`."""
         waves, lattice = medium.order == 2, len(medium.weights) > 0
         operator = (self.fit or ("operator" if waves else "collocation")) == "operator"
         reach = float(np.abs(medium.offsets).max(initial=0.0))
@@ -184,18 +187,18 @@ class PlaneWave(Closing):
         )
 
     def step_limit(self, order: int, coefficient: float, spacing: float, dim: int) -> float:
-        """Step up to which fitted values are safe in diffusion: they act like a stencil over one spacing, whatever the
-        model's own reaches.
+        """Largest step at which fitted values are safe for diffusion: they act like a stencil over one spacing,
+        whatever the reach of that of the model.
         """
         return np.inf if order == 2 else 0.75 * spacing**2 / (2 * dim * coefficient)
 
     def depth(self, medium: Medium, spacing: float, extent: float) -> float:
-        """How far clouds reach."""
+        """Radius of the clouds."""
         return self.recipe(medium, spacing, extent).radius
 
     def update(self, fringe: OutlineNodes, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
-        """Rows of halo nodes (places in the fringe) over the new level and those before, shape (H, 3 S) for waves, (H,
-        2 S) for diffusion.
+        """Rows for the halo nodes (locations in the fringe) over the new level and those before, shape (H, 3 S) for
+        waves, (H, 2 S) for diffusion.
         """
         points, places = fringe.with_images(self.depth(medium, fringe.spacing, fringe.extent))
         found = update_matrix(

@@ -14,71 +14,71 @@ from farhorizon.medium.stencil import Stencil
 
 
 class Side:
-    """What stands on one side of the near field: a frozen dataclass in a file of its own.
+    """The condition on one side of the near field: a frozen dataclass in its own file.
 
-    It answers where it differs from a wall that holds what lies beyond it at rest. A class that says that the medium
-    goes on beyond it (`endless`) must tell by `wanted` what may be missed there.
+    A class overrides only what differs from a wall beyond which everything is fixed at rest. A class that declares that
+    the medium continues beyond it (`endless`) must specify by `wanted` how much may be neglected there.
 
     Attributes
     ----------
     endless : bool
-        The medium goes on beyond the side: what leaves does not come back, and data beyond would be missed.
+        The medium continues beyond the side: whatever leaves does not return, and data beyond it would be missed.
     bonded : bool
         Bonds cross the side.
     periodic : bool
-        The field repeats itself beyond the opposite side.
+        The field continues periodically beyond the opposite side.
     image : int
-        Sign of the image that stands for a wall; 0 where none does.
+        Sign of the mirror image that represents a wall; 0 if there is none.
     held : float or None
-        Value of all nodes beyond.
+        Fixed value of all nodes beyond.
     uniform : bool
-        The medium goes on along the normal as at the edge, where it must not vary.
+        The medium continues along the normal as at the edge, where it must not vary.
     stretched : bool
-        Its nodes are those of a layer, which `make_layer` gives.
+        Its nodes form a layer, which `make_layer` returns.
     damped : bool
         Its nodes are damped by `damping`.
     extended : bool
-        Its nodes are as many of the medium as the run needs.
+        Its nodes are nodes of the medium, as many as the run needs.
     undecided : bool
-        A run takes in its place what `as_layer` or `as_domain` gives, whichever takes less time.
+        A run replaces it by the result of `as_layer` or `as_domain`, whichever takes less time.
     derivatives : bool
-        On its nodes derivatives are stretched, see `stretches`, and initial data go on there:
-        correspondence materials alone have them.
+        At its nodes derivatives are stretched, see `stretches`, and initial data continue there: only for
+        correspondence materials.
     exact : bool
-        Nothing is left over but rounding.
+        There is no error except rounding error.
     closing : bool
-        A condition along an outline gives the nodes beyond their values.
+        A condition along an outline determines the values of the nodes beyond.
     passive : bool
-        Whatever comes to it, it gives no energy.
+        It never supplies energy, whatever arrives.
     shared : bool
-        Another process has what lies beyond it.
+        What lies beyond it is on another process.
     cracks : {"end", "continue", "repeat", "refuse"}
-        What becomes of a crack that crosses it: it is cut as it is given, goes on straight along the normal, has to
-        come back in on the opposite side, or none may.
+        Treatment of a crack that crosses it: cut as it is given, continued straight along the normal, required to
+        re-enter on the opposite side, or refused.
     vectors : bool
-        Fields of several components have it.
+        It is available for fields of several components.
     reactive : bool
-        Media whose stencil has a reaction have it.
+        It is available for media whose stencil has a reaction.
     dims : tuple of int
-        The numbers of dimensions that have it.
+        The numbers of dimensions in which it is available.
     label : str
-        What it is called beside a curve: the words of its name, unless given.
+        Its label next to a curve: the words of its name, unless given.
     tag : str
         Its `type` in a case file: ``LatticePML`` is "lattice-pml".
     known : dict of str to type
-        All sides by name, those that users define among them.
+        All sides by name, including user-defined ones.
     target, until, nodes
-        As they are given, None where nothing is or the side knows no such thing: the wanted error, the length of the
-        run, the nodes beyond.
+        As given, None if not given or not applicable to the side: the desired error, the length of the run, the number
+        of nodes beyond.
     profile
-        Of a layer, by hand.
+        Profile of a layer, specified by hand.
 
     Raises
     ------
     TypeError
-        At the definition of an endless side without `wanted`, of a stretched one without `make_layer`, of a damped one
-        without `damping`, of one with derivatives without `stretches`, of an undecided one without `as_layer` or
-        `as_domain`, or of one with the name of another module's.
+        When an endless side is defined without `wanted`, a stretched one without `make_layer`, a damped one without
+        `damping`, one with derivatives without `stretches`, an undecided one without `as_layer` or `as_domain`, or one
+        with a name that a class of another module has.
 
     Examples
     --------
@@ -138,52 +138,52 @@ class Side:
 
     @property
     def held(self) -> float | None:
-        """Value of all nodes beyond; None where they have no fixed one."""
+        """Fixed value of all nodes beyond; None if they have none."""
         return None
 
     @property
     def open_ended(self) -> bool:
-        """Whether it follows from the length of the run."""
+        """Whether the number of nodes beyond is chosen from the length of the run."""
         return False
 
     def wanted(self, default: float) -> float:
-        """What may be missed beyond the side, as a part of the largest value; `default` is that of the model."""
+        """Fraction of the largest value that may be neglected beyond the side; `default` is that of the model."""
         raise NotImplementedError
 
     def width(self, reach: int, spacing: float) -> int:
-        """Nodes of the medium itself that are computed beyond the side, over a stencil of a reach."""
+        """Number of nodes of the medium itself that are computed beyond the side, for a stencil of a given reach."""
         return 0
 
     def make_layer(self, order: int, stencil: Stencil, coefficient: float, spacing: float, half_width: float) -> Layer:
-        """The layer of the side, before anything is known of data and run; see `LatticePML.make_layer`."""
+        """The layer of the side for unknown data and run length; see `LatticePML.make_layer`."""
         raise NotImplementedError
 
     def damping(self, order: int, coefficient: float, spacing: float) -> np.ndarray:
-        """Damping on the side's nodes from the near field outwards, shape (nodes,)."""
+        """Damping at the side's nodes from the near field outwards, shape (nodes,)."""
         raise NotImplementedError
 
     def stretches(self, spacing: float, speed: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """Rates at which derivatives along the normal, and along the side, are stretched on the side's nodes from the
-        near field outwards (1/time), shape (nodes,), and their shift, for a speed of longitudinal waves.
+        """Rates at which derivatives along the normal, and along the side, are stretched at the side's nodes from the
+        near field outwards (1/time), shape (nodes,), and their shift, for a given speed of longitudinal waves.
         """
         raise NotImplementedError
 
     def as_layer(self, until: float | None, default: float) -> Side:
-        """An absorbing side for a run of a length, as far as it is known, that keeps the target or that of the model,
+        """An absorbing side for a run of the given length, if it is known, that meets the target or that of the model,
         `default`.
         """
         raise NotImplementedError
 
     def as_domain(self, until: float | None) -> Side:
-        """An extended domain for a run of a length, as far as it is known."""
+        """An extended domain for a run of the given length, if it is known."""
         raise NotImplementedError
 
     def undamped(self) -> Side:
-        """The same side without a filter of short waves."""
+        """The same side without its filter of short waves."""
         return self
 
     def step_limit(self, order: int, coefficient: float, spacing: float, dim: int) -> float:
-        """Time step that the side itself bears, which the default step goes by."""
+        """Largest time step that the side itself allows, which limits the default step."""
         return np.inf
 
 

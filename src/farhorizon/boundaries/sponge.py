@@ -15,7 +15,8 @@ from farhorizon.boundaries.side import Side
 class Sponge(Side):
     """Absorbing zone of real nodes beyond the side, damped by ``strength * (depth / thickness)^2``.
 
-    It never grows (its damping is non-negative), but it needs wavelengths, not nodes: a point of comparison.
+    It never causes growth (its damping is non-negative), but it must be several wavelengths thick, rather than several
+    nodes: intended for comparison.
 
     Parameters
     ----------
@@ -46,15 +47,15 @@ class Sponge(Side):
         )
 
     def wanted(self, default: float) -> float:
-        """What may be missed beyond the side, as a part of the largest value."""
+        """Fraction of the largest value that may be neglected beyond the side."""
         return default
 
     def width(self, reach: int, spacing: float) -> int:
-        """Its nodes."""
+        """Number of its nodes."""
         return self.nodes
 
     def damping(self, order: int, coefficient: float, spacing: float) -> np.ndarray:
-        """Damping on the sponge's nodes from the near field outwards, shape (nodes,)."""
+        """Damping at the sponge's nodes from the near field outwards, shape (nodes,)."""
         width = self.nodes * spacing
         default = 6 * np.sqrt(coefficient) / width if order == 2 else 10 * coefficient / width**2
         strength = default if self.strength is None else self.strength

@@ -389,18 +389,18 @@ def read_case(path: str | Path, changes: Mapping[str, Any] | None = None) -> Cas
     ----------
     path : str or Path
     changes : mapping of str to values, optional
-        What stands at dotted keys in place of what the file has.
+        Values at dotted keys that replace those in the file.
 
     Returns
     -------
     Case
-        ``simulation()`` makes a new simulation of it, and takes changes of arguments. ``setup``, ``lattice`` and
-        ``name`` tell what it is.
+        ``simulation()`` creates a new simulation of it, with changes of arguments if desired. ``setup``, ``lattice``
+        and ``name`` describe it.
 
     Raises
     ------
     InputError
-        Anything wrong, with file, key, value, limit and remedy.
+        Any error in the file; the message gives file, key, value, limit and remedy.
 
     Examples
     --------

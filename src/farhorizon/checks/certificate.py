@@ -119,7 +119,7 @@ class CertificateFacts(TypedDict):
 
 @dataclass(frozen=True)
 class Certificate:
-    """Whether the complete update (near field and all memory of the boundaries) is stable, and how that is known.
+    """Whether the complete update (near field and all memory of the boundaries) is stable, and how this was determined.
 
     Attributes
     ----------
@@ -127,20 +127,21 @@ class Certificate:
         Certified: no mode grows by more than 1e-10 per crossing.
     reason : str
     rate : float
-        Growth of the fastest mode per unit time, negative: it decays; nan for a proof and where nothing was found out.
+        Growth rate of the fastest-growing mode per unit time; negative if it decays; nan for a proof and if nothing
+        could be determined.
     error : float
-        By how much the rate may be wrong.
+        Uncertainty of the rate.
     crossing : float
-        Crossing time of the set-up, see `Run.crossing`: the time unit in which growth is judged; nan for a proof.
+        Crossing time of the set-up, see `Run.crossing`: the unit of time in which growth is judged; nan for a proof.
     parts : tuple of ExaminedPart
-        What was computed; their rates are growths per crossing.
+        The parts that were computed; their rates are growth rates per crossing.
     skipped : tuple of str
-        What would have to be computed, too, and why it was not.
+        What would also have to be computed, and why it was not.
     seconds : float
-        What it cost.
+        Computing time.
     quiet : float
-        Time over which white noise did not grow in a first run; 0 where there was none, as for proofs and eigenvalues
-        of the whole.
+        Time over which white noise did not grow in an initial run; 0 if there was none, as for proofs and for
+        eigenvalues of the complete update.
 
     Examples
     --------
@@ -162,12 +163,12 @@ class Certificate:
 
     @property
     def rate_per_crossing(self) -> float:
-        """The rate without a unit."""
+        """The growth rate per crossing time, which is dimensionless."""
         return self.rate * self.crossing
 
     @property
     def worst(self) -> ExaminedPart | None:
-        """The part with the growing mode; None where nothing grows."""
+        """The part with the fastest-growing mode; None if nothing grows."""
         growing = [p for p in self.parts if p.growth.stable is False]
         return max(growing, key=lambda p: p.growth.rate) if growing else None
 
@@ -181,17 +182,17 @@ class Certificate:
         return table([*rows, *(("not examined", what) for what in self.skipped)], "stability")
 
     def grows_within(self, until: float) -> bool:
-        """Whether what is known to grow grows tenfold in a run of a length: less cannot matter, since what grows begins
-        with rounding or leaks.
+        """Whether known growth reaches a factor of ten in a run of the given length: less is irrelevant, since growth
+        starts from rounding errors or leakage.
         """
         return self.verdict == NOT_CERTIFIED and not self.rate * until < np.log(_MATTERS)
 
     def in_words(self, until: float) -> str:
-        """What is known of a run of a length, in a few words."""
+        """Summary, in a few words, of what is known about a run of the given length."""
         return _QUIET if self._enough(until) else f"stability {self.verdict}"
 
     def in_full(self, until: float) -> str:
-        """What is known of a run of a length, how, and what was not examined."""
+        """What is known about a run of the given length, how it was determined, and what was not examined."""
         known = f"{_QUIET if self._enough(until) else self.verdict}: {self.reason}"
         return known + "".join(f"; not examined: {part}" for part in self.skipped)
 
@@ -200,7 +201,7 @@ class Certificate:
         return self.verdict == UNDECIDED and until <= self.quiet
 
     def remark(self, until: float) -> str:
-        """What is to be known before a run of a length; empty where nothing is to be done."""
+        """What the user should know before a run of the given length; empty if there is nothing to report."""
         if self.verdict == NOT_CERTIFIED:
             so = (
                 f"{np.exp(min(self.rate * until, 700)):.2g}-fold in this run"
@@ -221,7 +222,7 @@ class Certificate:
         return ""
 
     def as_json(self) -> CertificateFacts:
-        """Plain numbers and words; None for what is not known."""
+        """The certificate as plain numbers and words; None for what is not known."""
 
         def known(value: float) -> float | None:
             return float(value) if np.isfinite(value) else None

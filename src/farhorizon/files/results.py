@@ -44,7 +44,7 @@ _AXES = ("x", "y", "z")
 
 
 class Results:
-    """A results file; the file is opened at each access only, so it may still grow.
+    """A results file, which is opened only at each access, so that it may still grow.
 
     Parameters
     ----------
@@ -55,36 +55,36 @@ class Results:
     path : Path
     dim : int
     shape : tuple of int
-        Nodes along x[, y[, z]].
+        Number of nodes along x[, y[, z]].
     spacing : float
     lower : tuple of float
         Coordinates of the first node.
     field_names : tuple of str
     components : dict of str to int
-        Of each field: 1, or dim of vectors.
+        Number of components of each field: 1, or dim for vectors.
     probes : ndarray, shape (n, dim)
         Positions of the probes.
     case, program : str
         Text of the case file; name and version of the program that wrote the file.
     units : dict of str to str
-        Units of "length", "time", "u" and "v", as far as the case says them.
+        Units of "length", "time", "u" and "v", as far as the case specifies them.
     provenance : dict of str to str
-        Command, machine and versions that it comes from, of runs of the command line.
+        Command, machine and versions that produced the file, for runs from the command line.
     finished : bool
-        Whether the run had come to its end when the file was opened.
+        Whether the run had ended when the file was opened.
     outlines : dict of str to list of ndarray, each of shape (n, dim)
-        Lines to be shown: "cracks" as they were given, in space their rims; the edges of the "near field" and, where
-        something is computed beyond it, of the "layers".
+        Lines to be shown: "cracks" as they were given, in 3D their rims; the edges of the "near field" and, if anything
+        is computed beyond it, of the "layers".
     region_names : tuple of str
-        Of what the nodes of each of the `regions` are made; empty where one medium fills the lattice.
+        Materials of each of the `regions`; empty if one medium fills the lattice.
 
     Raises
     ------
     InputError
-        There is no such file.
+        The file does not exist.
     FileFormatError
-        The file is truncated, damaged or not a farhorizon results file.  Any access may raise this, and names the
-        dataset that fails its check sum.
+        The file is truncated, damaged or not a farhorizon results file.  Any access may raise this error, which names
+        the dataset whose checksum is wrong.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -129,7 +129,7 @@ class Results:
 
     @property
     def boxes(self) -> list[list[tuple[int, int]]]:
-        """The boxes of the parts: along each axis the first node and the last + 1; empty where the file has none."""
+        """The boxes of the parts: first node and last node + 1 along each axis; empty if the file has no parts."""
         return [[(int(first), int(last)) for first, last in box] for box in self._boxes]
 
     def _output_rows(self, name: str) -> np.ndarray:
@@ -151,7 +151,7 @@ class Results:
 
     @property
     def cautions(self) -> list[Caution]:
-        """From when on the result is doubtful, and why; empty where nothing is known against it."""
+        """Times from which the result is doubtful, and why; empty if there are no doubts."""
         with opened(self.path, "r", "results file") as file:
             return [Caution(*entry) for entry in json.loads(word_in(file["farhorizon"].attrs, "cautions"))]
 
@@ -172,9 +172,7 @@ class Results:
 
     @property
     def probe_times(self) -> np.ndarray:
-        """Times at which the probes were recorded, shape (records,): those of every step unless the case says
-        otherwise.
-        """
+        """Times at which the probes were recorded, shape (records,): every step unless the case specifies otherwise."""
         return self._records("times")
 
     @property
@@ -184,7 +182,7 @@ class Results:
 
     @property
     def recorded(self) -> dict[str, Recorded]:
-        """What receivers and spectra have recorded, by their names."""
+        """The data of receivers and spectra, by their names."""
         found = {}
         with opened(self.path, "r", "results file") as file:
             for name, group in file["farhorizon"].get("recorded", {}).items():
@@ -205,8 +203,8 @@ class Results:
 
     @property
     def regions(self) -> np.ndarray:
-        """The number of each node's region, of the lattice's shape, which `region_names` explains: 0 has most nodes; -1
-        where there is no node.
+        """The number of the region of each node, of the lattice's shape, explained by `region_names`: 0 has the most
+        nodes; -1 where there is no node.
         """
         if not self.region_names:
             return np.zeros(self.shape, np.int32)
@@ -322,10 +320,10 @@ class Results:
         return np.ascontiguousarray(found if components == 1 else found[:, :components])
 
     def merge(self, path: str | Path) -> Path:
-        """Write the results of several processes as one file, as one process would have written it; a copy of what is
-        one file.
+        """Write the results of several processes as one file, as one process would have written it; a copy if the
+        results are already one file.
 
-        It is made piece by piece: no field is held whole.
+        The file is written piece by piece: no field is held in memory as a whole.
 
         Parameters
         ----------
@@ -543,7 +541,7 @@ def open_results(path: str | Path) -> Results:
     Raises
     ------
     InputError
-        There is no such file.
+        The file does not exist.
     FileFormatError
         The file is truncated, damaged or not a farhorizon results file.
 

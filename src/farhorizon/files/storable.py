@@ -6,19 +6,19 @@ from typing import Any, ClassVar
 
 
 class Storable:
-    """What a set-up is made of, beside models and sides: a class that derives from it is known to checkpoints.
+    """A component of a set-up other than a model or a side: a class that derives from it is registered for checkpoints.
 
-    Its objects keep each argument of the constructor as an attribute of that name.
+    Its objects store each argument of the constructor as an attribute of the same name.
 
     Attributes
     ----------
     stored_as : dict of str to type
-        All such classes by name, those that users define among them.
+        All such classes by name, including user-defined ones.
 
     Raises
     ------
     TypeError
-        At the definition of a class with the name of another module's.
+        When a class is defined with the name of a class of another module.
 
     Examples
     --------

@@ -19,19 +19,19 @@ _FLAT = 1e-9  # of the extent: heights of a mesh in the plane
 
 
 class Elements(Shape):
-    """What the triangles of a mesh in the plane cover, or its tetrahedra in space; its size is the longest edge of its
-    bounding box.
+    """The region covered by the triangles of a 2D mesh or the tetrahedra of a 3D mesh; its size is the longest edge of
+    its bounding box.
 
     Parameters
     ----------
     elements : str, Path, (points, elements), or array_like of shape (n, dim + 1, dim)
-        A file of Gmsh (MSH 4.1, or another format of meshio), which takes ``pip install 'farhorizon[gmsh]'``; or points
-        and the numbers of each element's corners among them; or the corners themselves. Of elements of second order the
-        corners count.
+        A Gmsh file (MSH 4.1, or another format of meshio), which requires ``pip install 'farhorizon[gmsh]'``; or points
+        and the point indices of each element's corners; or the corners themselves. For second-order elements only the
+        corners are used.
     group : str, optional
-        The physical group of a file that is taken, by its name; all elements of the highest dimension unless given.
+        Name of the physical group of a file to be used; all elements of the highest dimension unless given.
     scale : float
-        Multiplies the coordinates: 1e-3 makes metres of a drawing in millimetres.
+        Factor on the coordinates: 1e-3 converts a drawing in millimetres to metres.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Elements(Shape):
     Raises
     ------
     InputError
-        A file that cannot be read, a group that it does not have, no triangles or tetrahedra, meshio is not installed.
+        A file that cannot be read, a group that it does not have, no triangles or tetrahedra, meshio not installed.
 
     Examples
     --------

@@ -31,25 +31,25 @@ class Lattice(Storable):
     Parameters
     ----------
     spacing : float
-        Distance of neighbouring nodes, the same along every axis.
+        Distance between neighbouring nodes, the same along every axis.
     lower, upper : sequence of float or float, optional
-        Bounds of the near field. ``upper - lower`` is a whole number of spacings to 1e-9.
+        Bounds of the near field. ``upper - lower`` must be a whole number of spacings, to within 1e-9.
     window : Shape, optional
-        A window on the medium instead of bounds: the lattice (through the origin) covers the bounding box,
-        nothing ends at the window's edge, and only nodes inside are shown.
+        A window on the medium instead of bounds: the lattice (through the origin) covers the bounding box, the medium
+        continues beyond the edge of the window, and only nodes inside are shown.
     body : Shape or ndarray of bool, optional
-        A body that ends: nodes outside do not exist. Needs bounds. An array, of the lattice's shape, has the nodes that
-        are there.
+        A body of finite extent: nodes outside it do not exist. Requires bounds. An array, of the lattice's shape, marks
+        the nodes that exist.
 
     Attributes
     ----------
     shape, first : tuple of int
-        Nodes along the axes; of a part of a lattice the number of the first one in the `whole`.
+        Number of nodes along the axes; for a part of a lattice, the index of its first node in the `whole`.
 
     Raises
     ------
     InputError
-        Spacing not positive, bounds that are no whole number of spacings apart, an empty window or body.
+        A spacing that is not positive, bounds that are not a whole number of spacings apart, an empty window or body.
 
     Examples
     --------
@@ -123,12 +123,12 @@ class Lattice(Storable):
 
     @property
     def mask(self) -> np.ndarray | None:
-        """The nodes inside the window or body, of the lattice's shape; None where there is neither.
+        """Mask of the nodes inside the window or body, of the lattice's shape; None where there is neither.
 
         Raises
         ------
         InputError
-            There are none, unless this is a part of a lattice; of large lattices nobody has looked before.
+            There are no such nodes, unless this is a part of a lattice; for large lattices this is not checked earlier.
         """
         if self._mask is None and self._region is not None:
             self._mask = self._inside()
@@ -182,7 +182,7 @@ class Lattice(Storable):
 
     @property
     def axes(self) -> list[np.ndarray]:
-        """Coordinates of the nodes along each axis, one array (n,) an axis."""
+        """Coordinates of the nodes along each axis, one array (n,) per axis."""
         begin = self.whole.lower
         return [
             begin[a] + self.spacing * np.arange(first, first + n)
@@ -191,7 +191,7 @@ class Lattice(Storable):
 
     @property
     def whole(self) -> Lattice:
-        """The lattice of which this is a part; itself unless `part` has made it."""
+        """The lattice of which this is a part; the lattice itself unless `part` created it."""
         return self if self._whole is None else self._whole
 
     def part(self, ranges: Sequence[tuple[int, int]]) -> Lattice:
@@ -200,7 +200,7 @@ class Lattice(Storable):
         Parameters
         ----------
         ranges : sequence of (int, int)
-            Along each axis the first node and the last + 1.
+            First node and last node + 1 along each axis.
         """
         made = copy.copy(self)
         made._whole, made.first = self, tuple(first for first, _ in ranges)
@@ -211,8 +211,8 @@ class Lattice(Storable):
         return made
 
     def around(self, more: Sequence[int]) -> tuple[Lattice, tuple[slice, ...]]:
-        """The part of the whole lattice with so many nodes more along each axis where it has them, and where the nodes
-        of this one are in it.
+        """The part of the whole lattice that has a number of nodes more along each axis, as far as they exist, and the
+        location of the nodes of this lattice in it.
         """
         spans = zip(self.first, self.shape, more, self.whole.shape, strict=True)
         ends = [(max(first - m, 0), min(first + n + m, size)) for first, n, m, size in spans]
@@ -221,12 +221,12 @@ class Lattice(Storable):
 
     @property
     def within(self) -> tuple[slice, ...]:
-        """Where the nodes lie among those of the `whole`."""
+        """Location of the nodes among those of the `whole`."""
         return tuple(slice(first, first + n) for first, n in zip(self.first, self.shape, strict=True))
 
     def inside(self, shape: Shape) -> np.ndarray:
-        """Flat numbers of the nodes in a shape, of a body those that are there; only the box around the shape is
-        looked at.
+        """Flat indices of the nodes in a shape, for a body only those that exist; only the box around the shape is
+        searched.
         """
         low, high = (np.asarray(bound, float) for bound in shape.bounds())
         first = np.clip(np.floor((low - self.lower) / self.spacing) - 1, 0, self.shape).astype(int)
@@ -239,7 +239,7 @@ class Lattice(Storable):
         return np.ravel_multi_index(tuple((np.argwhere(found) + first).T), self.shape)
 
     def own(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which nodes of the `whole` (flat numbers) are among those of this part, and their flat numbers here."""
+        """Which nodes of the `whole` (flat indices) belong to this part, and their flat indices here."""
         if self._whole is None:
             return np.ones(nodes.shape, bool), nodes.ravel()
         at = np.stack(np.unravel_index(nodes, self.whole.shape), axis=-1) - np.array(self.first)
@@ -247,15 +247,15 @@ class Lattice(Storable):
         return inside, np.ravel_multi_index(tuple(at[inside].T), self.shape)
 
     def coordinates(self) -> list[np.ndarray]:
-        """Coordinates of all nodes, one array of the lattice's shape an axis; InputError if they do not fit into
-        memory.
+        """Coordinates of all nodes, one array of the lattice's shape per axis; raises InputError if they do not fit
+        into memory.
         """
         _check_size(np.array(self.shape), self.dim)
         return list(np.meshgrid(*self.axes, indexing="ij"))
 
     def index(self, point: ArrayLike, key: str = "point") -> tuple[int, ...]:
-        """Index of the node nearest to a point, in one dimension to a number; InputError, which names the key, beyond
-        the near field or outside the window.
+        """Index of the node nearest to a point, in one dimension to a number; raises InputError, which names the key,
+        if the point lies outside the near field or the window.
         """
         given = kinds.array(point, key)
         at = np.atleast_1d(given)
@@ -277,8 +277,8 @@ class Lattice(Storable):
         return node
 
     def extended(self, nodes: dict[tuple[int, int], int]) -> Lattice:
-        """The lattice with more nodes beyond its sides (axis, side); a body continues along the normal, a window is
-        dropped.
+        """The lattice with additional nodes beyond its sides (axis, side); a body continues along the normal, a window
+        is dropped.
         """
         pads = [(nodes.get((a, -1), 0), nodes.get((a, 1), 0)) for a in range(self.dim)]
         low, high = (np.array([p[i] for p in pads]) * self.spacing for i in range(2))
@@ -289,7 +289,7 @@ class Lattice(Storable):
 
     @property
     def nodes(self) -> int:
-        """Number of nodes that are shown."""
+        """Number of nodes shown."""
         return int(np.prod(self.shape)) if self.mask is None else int(self.mask.sum())
 
     def __repr__(self) -> str:

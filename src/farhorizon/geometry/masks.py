@@ -24,17 +24,17 @@ class Text(Shape):
     ----------
     text : str
     height : float
-        Of a capital letter (of the H of the font).
+        Height of a capital letter (of the H of the font).
     centre : array_like, shape (2,), optional
-        Centre of the bounding box of what is drawn; the origin unless given.
+        Centre of the bounding box of the drawn text; the origin unless given.
     font : str
-        Name of a font family that matplotlib finds; DejaVu Sans comes with it.
+        Name of a font family that matplotlib can find; DejaVu Sans is included with it.
     bold : bool
 
     Raises
     ------
     InputError
-        Nothing to draw, several lines, a letter or a font that is not there, values that are not positive or not
+        Nothing to draw, several lines, a letter or a font that is not available, values that are not positive or not
         finite.
 
     Examples
@@ -103,19 +103,19 @@ class ImageMask(Shape):
     Parameters
     ----------
     image : str, Path or ndarray of bool, shape (rows, columns)
-        A file (PNG, JPEG), of which the pixels darker than `threshold` are taken, transparent ones being white; or
-        those pixels themselves, the top row first.
+        A file (PNG, JPEG), of which the pixels darker than `threshold` are used, where transparent ones count as white;
+        or a mask of the pixels themselves, with the top row first.
     width : float
-        Of the whole image; pixels are squares.
+        Width of the whole image; pixels are square.
     centre : array_like, shape (2,), optional
-        Of the whole image; the origin unless given.
+        Centre of the whole image; the origin unless given.
     threshold : float
         Between 0 (black) and 1 (white).
 
     Attributes
     ----------
     image : ndarray of bool
-        The pixels that are taken.
+        The pixels that belong to the shape.
 
     Raises
     ------

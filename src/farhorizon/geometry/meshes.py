@@ -17,19 +17,20 @@ _SAME = 1e-6  # of the size: corners that are as near are one, as STL has no num
 
 
 class Mesh(Shape):
-    """What a closed surface of triangles encloses; its size is the longest edge of its bounding box.
+    """The region enclosed by a closed surface of triangles; its size is the longest edge of its bounding box.
 
-    Inside is what a ray leaves through an odd number of triangles, so that cavities are surfaces within.
+    A point is inside if a ray from it crosses an odd number of triangles, so that cavities are described by inner
+    surfaces.
 
     Parameters
     ----------
     triangles : str, Path, (vertices, faces), or array_like of shape (n, 3, 3)
-        An STL, OBJ or PLY file; or points of shape (m, 3) and the three numbers of points of each triangle, as of
-        meshio, trimesh and Gmsh; or the corners themselves.
+        An STL, OBJ or PLY file; or points of shape (m, 3) and the three point indices of each triangle, as in meshio,
+        trimesh and Gmsh; or the corners themselves.
     scale : float
-        Multiplies the coordinates: 1e-3 makes metres of a drawing in millimetres.
+        Factor on the coordinates: 1e-3 converts a drawing in millimetres to metres.
     centre : array_like, shape (3,), optional
-        Where the middle of the bounding box is moved; it stays where it is unless given.
+        Point to which the centre of the bounding box is moved; it is not moved unless this is given.
 
     Attributes
     ----------

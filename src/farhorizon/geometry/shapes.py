@@ -97,7 +97,7 @@ class _Described(Storable):
 
 
 class Shape(_Described):
-    """A region of space. Combine shapes by ``|`` (union), ``&`` (intersection) and ``-`` (difference).
+    """A region of space. Shapes can be combined by ``|`` (union), ``&`` (intersection) and ``-`` (difference).
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class Shape(_Described):
     dim: int
 
     def contains(self, points: ArrayLike) -> Mask:
-        """Tell which points lie inside.
+        """Determine which points lie inside.
 
         Parameters
         ----------
@@ -118,7 +118,7 @@ class Shape(_Described):
         Returns
         -------
         ndarray of bool, shape (...)
-            True inside and, to 1e-9 of the shape's size, on the surface.
+            True inside and, to within 1e-9 of the shape's size, on the surface.
 
         Raises
         ------
@@ -133,7 +133,7 @@ class Shape(_Described):
         Returns
         -------
         lower, upper : ndarray, shape (dim,)
-            Corners of a box that holds the shape.
+            Corners of a box that contains the shape.
         """
         raise NotImplementedError
 
@@ -165,14 +165,14 @@ class _Round(Shape):
 
 
 class Disc(_Round):
-    """A closed disc in the plane; its size is the radius.
+    """A closed disc in 2D; its size is the radius.
 
     Parameters
     ----------
     radius : float
-        Greater than zero.
+        Radius of the disc, greater than zero.
     centre : array_like, shape (2,), optional
-        The origin unless given.
+        Centre of the disc; the origin unless given.
 
     Raises
     ------
@@ -190,14 +190,14 @@ class Disc(_Round):
 
 
 class Ball(_Round):
-    """A closed ball in space; its size is the radius.
+    """A closed ball in 3D; its size is the radius.
 
     Parameters
     ----------
     radius : float
-        Greater than zero.
+        Radius of the ball, greater than zero.
     centre : array_like, shape (3,), optional
-        The origin unless given.
+        Centre of the ball; the origin unless given.
 
     Raises
     ------
@@ -264,15 +264,15 @@ class Box(Shape):
 
 
 class Polygon(Shape):
-    """A closed polygon in the plane; its size is the longer edge of its bounding box.
+    """A closed polygon in 2D; its size is the longer edge of its bounding box.
 
-    Inside is what a ray leaves through an odd number of edges (where the polygon crosses itself, doubly enclosed parts
-    are outside). A point within 1e-9 of the size of an edge or corner lies inside, whichever edge it is.
+    A point is inside if a ray from it crosses an odd number of edges (where the polygon crosses itself, doubly enclosed
+    parts are outside). A point within 1e-9 of the size from an edge or corner counts as inside, whichever edge it is.
 
     Parameters
     ----------
     points : array_like, shape (n, 2)
-        The corners in order, n >= 3, either way round; the last may repeat the first.
+        The corners in order, n >= 3, clockwise or anticlockwise; the last may repeat the first.
 
     Raises
     ------
@@ -450,12 +450,12 @@ class Cut(_Described):
     dim: int
 
     def cuts(self, start: ArrayLike, end: ArrayLike) -> Mask:
-        """Tell which bonds are cut.
+        """Determine which bonds are cut.
 
         Parameters
         ----------
         start, end : array_like, shape (..., dim)
-            The ends of the bonds; the shapes broadcast. Swapping them changes nothing.
+            The ends of the bonds; the shapes broadcast. Swapping the ends changes nothing.
 
         Returns
         -------
@@ -476,13 +476,13 @@ class Cut(_Described):
         Returns
         -------
         lower, upper : ndarray, shape (dim,)
-            Corners of the smallest box that holds the cut.
+            Corners of the smallest box that contains the cut.
         """
         raise NotImplementedError
 
     def outline(self) -> Array:
-        """Points of the line that pictures and files show, shape (n, dim): in space the rim of the surface; none
-        unless a class has them.
+        """Points of the line that pictures and files show, shape (n, dim): in 3D the rim of the surface; empty unless a
+        class defines them.
         """
         return np.zeros((0, self.dim))
 
@@ -491,14 +491,14 @@ class Cut(_Described):
 
 
 class PointCut(Cut):
-    """A cut at a point of the line: severs the bonds that span it.
+    """A cut at a point in 1D: severs the bonds that span it.
 
-    A node at the point counts as left of it.
+    A node at the point counts as lying to the left of it.
 
     Parameters
     ----------
     x : float
-        Where it is.
+        Coordinate of the cut.
 
     Raises
     ------
@@ -537,16 +537,17 @@ class PointCut(Cut):
 
 
 class Polyline(Cut):
-    """A crack in the plane made of successive straight segments.
+    """A crack in 2D made of successive straight segments.
 
-    A node on it lies on its left, seen along the points: as if the whole curve, joints included, were shifted by an
-    infinitesimal amount to its right. A bond that touches a joint is therefore cut if it crosses the curve so shifted;
-    one that touches a free tip always is, unless it runs along the segment or comes from the left and ends on the tip.
+    A node on the crack counts as lying to its left, as seen along the points: as if the whole curve, joints included,
+    were shifted by an infinitesimal amount to its right. A bond that touches a joint is therefore cut if it crosses the
+    shifted curve; one that touches a free tip is always cut, unless it runs along the segment or comes from the left
+    and ends at the tip.
 
     Parameters
     ----------
     points : array_like, shape (n, 2)
-        The corners in order, n >= 2. If the last repeats the first the curve is closed and has no tips.
+        The corners in order, n >= 2. If the last repeats the first, the curve is closed and has no tips.
 
     Raises
     ------
@@ -648,22 +649,22 @@ def segments_cross(a0: ArrayLike, a1: ArrayLike, b0: ArrayLike, b1: ArrayLike) -
 
 
 class Rectangle(Cut):
-    """A rectangular crack in space.
+    """A rectangular crack in 3D.
 
-    A node in its plane lies on the side of edge2 x edge1. With edge2 along z this is the left of edge1, as of a crack
-    in the x-y plane.
+    A node in its plane counts as lying on the side of edge2 x edge1. With edge2 along z this is the left of edge1, as
+    for a crack in the x-y plane.
 
     Parameters
     ----------
     corner : array_like, shape (3,)
         One corner.
     edge1, edge2 : array_like, shape (3,)
-        The two edges from that corner, at right angles to 1e-9.
+        The two edges from that corner, perpendicular to within 1e-9.
 
     Raises
     ------
     InputError
-        For edges of no length or not at right angles, or values that are not finite or of the wrong length.
+        For edges of zero length or not at right angles, or values that are not finite or of the wrong length.
 
     Examples
     --------
@@ -720,23 +721,23 @@ class Rectangle(Cut):
 
 
 class DiscCut(Cut):
-    """A penny-shaped crack in space.
+    """A penny-shaped crack in 3D.
 
-    A node in its plane lies on the side that the normal points to.
+    A node in its plane counts as lying on the side to which the normal points.
 
     Parameters
     ----------
     centre : array_like, shape (3,)
-        Its centre.
+        Centre of the crack.
     normal : array_like, shape (3,)
-        Any length but zero.
+        Normal of its plane, of any nonzero length.
     radius : float
-        Greater than zero.
+        Radius of the crack, greater than zero.
 
     Raises
     ------
     InputError
-        For a radius or a normal of no length, or values that are not finite or of the wrong length.
+        For a radius or a normal of zero length, or values that are not finite or of the wrong length.
 
     Examples
     --------
@@ -777,16 +778,16 @@ class DiscCut(Cut):
 
 
 class PolygonCut(Cut):
-    """A crack in space whose outline is a polygon in a plane.
+    """A crack in 3D whose outline is a plane polygon.
 
-    A node in its plane lies on the side from which the corners run anticlockwise; for a polygon that crosses itself,
-    which way is open.
+    A node in its plane counts as lying on the side from which the corners run anticlockwise; for a polygon that crosses
+    itself, this side is not specified.
 
     Parameters
     ----------
     points : array_like, shape (n, 3)
-        The corners in order, n >= 3, in one plane to 1e-9 of the size; the last may repeat the first. Inside as of
-        `Polygon`.
+        The corners in order, n >= 3, in one plane to within 1e-9 of the size; the last may repeat the first. The inside
+        is defined as in `Polygon`.
 
     Raises
     ------

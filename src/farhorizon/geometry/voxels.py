@@ -18,29 +18,29 @@ _LISTED = 12  # labels in a message
 
 
 class Voxels(Shape):
-    """Cells of a regular grid, as of a mask, a label image or a tomogram; its size is the longest edge of the grid.
+    """Cells of a regular grid, such as a mask, a label image or a tomogram; its size is the longest edge of the grid.
 
     Parameters
     ----------
     voxels : str, Path or ndarray of bool or integers, shape (nx[, ny[, nz]])
-        The axes are those of space, in this order, as of a field of a run; or an NPY file of such an array; or a TIFF
+        The axes are those of space, in this order, as in a field of a run; or an NPY file of such an array; or a TIFF
         file, whose columns run along x, rows down y, and pages, if there are several, along z.
     size : float
-        Edge of a cell.
+        Edge length of a cell.
     lower : array_like, shape (dim,), optional
-        Least corner of the grid, whose middle is the origin unless given.
+        Lower corner of the grid; unless given, the grid is centred at the origin.
     labels : int or sequence of int, optional
-        Values of the cells that are taken; all but 0 unless given.
+        Values of the cells that belong to the shape; all except 0 unless given.
 
     Attributes
     ----------
     voxels : ndarray of bool
-        The cells that are taken.
+        The cells that belong to the shape.
 
     Raises
     ------
     InputError
-        A file that cannot be read, an array of other numbers, a label that no cell has, no cell.
+        A file that cannot be read, an array of other numbers, a label that no cell has, no selected cell.
 
     Examples
     --------

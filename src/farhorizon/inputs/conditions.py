@@ -34,23 +34,24 @@ Where = str | Shape | np.ndarray
 
 @dataclass(frozen=True)
 class Temperature(Storable):
-    """Prescribed temperature (or value of any field).
+    """Prescribed temperature (or value of any other field).
 
     Parameters
     ----------
     where : str, Shape or ndarray of bool
-        A side ("x-", ..); or the nodes in a shape or mask, all of which take the value.
+        A side ("x-", ..); or a shape or a mask, all of whose nodes take the value.
     value : float, ndarray, callable, Expression or Source
-        As of a source: a number, an array (of the lattice's shape or, on a side, of its face), a callable of the
-        coordinates and t, an expression, or a `Source` of a function of space and one of time. On a side the coordinate
-        along the normal is that of the wall.
+        As for a source: a number, an array (of the lattice's shape or, for a side, of that of its face), a callable of
+        the coordinates and t, an expression, or a `Source` with a function of space and one of time. For a side, the
+        coordinate along the normal is that of the wall.
     kind : {"node", "volume", "mirror"}
-        On a side: the outermost node layer takes the value (Bobaru and Duangpanya 2010, section 3.1; it has no limit as
-        the nodes in the horizon become many: a point has no capacity); as many layers as the stencil reaches take it;
-        or those layers are mirror images ``2 value - T`` of the nodes inside, which is of second order. The wall is the
-        middle of the outermost cells, the inner edge of the volume layer, and likewise of the mirror layer.
+        For a side: the outermost layer of nodes takes the value (Bobaru and Duangpanya 2010, section 3.1; this has no
+        limit as the number of nodes in the horizon increases: a point has no capacity); or as many layers as the
+        stencil reaches take it; or those layers are mirror images ``2 value - T`` of the nodes inside, which is
+        second-order accurate. The wall is the middle of the outermost cells, the inner edge of the volume layer, and
+        likewise that of the mirror layer.
     within : Shape, optional
-        Only nodes in it.
+        Restricts the condition to nodes in this shape.
 
     Examples
     --------
@@ -86,10 +87,10 @@ class Flux(Storable):
     value : float, ndarray, callable, Expression or Source
         Power per area; as in `Temperature`.
     kind : {"source", "layer", "mirror"}
-        A source in the outermost cells; as many layers of nodes beyond the wall as the stencil reaches with
-        ``T_j = T + value * distance / conductivity``, where T is that of the body's outermost node and the distance
-        that to it (eq. 22); or ``T_j = T_mirror + value * distance / conductivity`` with the mirror image, which is of
-        second order.
+        A source in the outermost cells; or as many layers of nodes beyond the wall as the stencil reaches, with
+        ``T_j = T + value * distance / conductivity``, where T is that of the outermost node of the body and the
+        distance is measured from it (eq. 22); or ``T_j = T_mirror + value * distance / conductivity`` with the mirror
+        image, which is second-order accurate.
     within : Shape, optional
 
     Examples
@@ -117,7 +118,7 @@ class Flux(Storable):
 
 @dataclass(frozen=True)
 class Insulated(Storable):
-    """No flux through a side: `Flux` of value 0. The surface of a body and a `Free` side are insulated anyway.
+    """No flux through a side: `Flux` with value 0. The surface of a body and a `Free` side are insulated in any case.
 
     Parameters
     ----------
@@ -155,7 +156,7 @@ class Convection(Storable):
     ----------
     where : str
     transfer : float
-        Coefficient of heat transfer, power per area and temperature.
+        Heat transfer coefficient, power per area and temperature.
     ambient : float, ndarray, callable, Expression or Source
         Temperature of the fluid; as in `Temperature`.
     within : Shape, optional

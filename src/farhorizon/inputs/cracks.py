@@ -16,15 +16,15 @@ from farhorizon.geometry.shapes import Cut, PointCut, PolygonCut, Polyline
 
 @dataclass(frozen=True)
 class Crack(Storable):
-    """A cut that conducts a little, or that opens later.
+    """A cut that weakens the bonds across it instead of removing them, or that opens later.
 
     Parameters
     ----------
     cut : Cut, sequence of points (2D, 3D) or position (1D)
     factor : float
-        What is left of the bonds that it crosses: 0 insulates, 1 does nothing.
+        Remaining fraction of the bonds that it crosses: 0 insulates, 1 has no effect.
     opens : float
-        Time from which on it is there; the first step that begins at or after it knows it.
+        Time at which it opens; it takes effect in the first step that begins at or after this time.
 
     Raises
     ------

@@ -128,18 +128,18 @@ _FORBIDDEN: dict[type[ast.AST], tuple[str, str]] = {
 class Expression(Storable):
     """An arithmetic expression of the coordinates and the time.
 
-    Operators ``+ - * / ** %`` with Python's precedence, comparisons ``< <= > >= == !=`` (chained too) that give 0 or 1,
-    the constants ``pi`` and ``e`` and the functions in `FUNCTIONS`; ``log`` is the natural logarithm, ``heaviside(x)``
-    is 1 for x >= 0 and 0 below, ``where(c, a, b)`` is a wherever c is not zero, ``min`` and ``max`` work element by
-    element.
+    Operators ``+ - * / ** %`` with Python's precedence, comparisons ``< <= > >= == !=`` (also chained), which give 0 or
+    1, the constants ``pi`` and ``e`` and the functions in `FUNCTIONS`; ``log`` is the natural logarithm,
+    ``heaviside(x)`` is 1 for x >= 0 and 0 below, ``where(c, a, b)`` is a where c is not zero and b elsewhere, ``min``
+    and ``max`` act elementwise.
 
     Parameters
     ----------
     text : str
         The expression; line breaks count as spaces.
     dim : int, optional
-        Number of coordinates, 0 to 3: the names allowed are the first `dim` of x, y, z, and t. Unless given the
-        expression has as many as where it is used, on a lattice those of the lattice; see `on`.
+        Number of coordinates, 0 to 3: the names allowed are the first `dim` of x, y, z, and t. Unless given, it is
+        determined by the context in which the expression is used, for example by the lattice; see `on`.
 
     Attributes
     ----------
@@ -153,9 +153,9 @@ class Expression(Storable):
     Raises
     ------
     InputError
-        For a syntax error (with its position), an unknown name or function (with the nearest known one and the whole
-        list), any construct that is not arithmetic, a wrong number of arguments, a number beyond the double range, and
-        a text that is too long or too deeply nested.
+        For a syntax error (with its position), an unknown name or function (with the nearest known one and the complete
+        list), any construct that is not arithmetic, a wrong number of arguments, a number outside the range of double
+        precision, and a text that is too long or too deeply nested.
 
     Examples
     --------
@@ -176,13 +176,13 @@ class Expression(Storable):
         self._set(text, _checked(text, (*COORDINATES[:dim], "t")), dim)
 
     def on(self, dim: int) -> Expression:
-        """The expression of so many coordinates: itself, or if it was made without a number of them, or for fewer, its
-        text read anew.
+        """The expression for the given number of coordinates: the expression itself or, if it was created without a
+        number of coordinates or for fewer, a new one parsed from its text.
 
         Raises
         ------
         InputError
-            A coordinate that is not there.
+            A coordinate that does not exist.
         """
         return self if self.dim == dim else Expression(self.text, dim)
 
@@ -239,15 +239,14 @@ class Expression(Storable):
     def separate(self) -> tuple[Expression, Expression] | None:
         """Split into a factor of space times a factor of time.
 
-        Looks through products, quotients and signs, and no deeper: ``exp(-x**2)*sin(t)`` splits, ``exp(x + t)`` does
-        not.
+        Only products, quotients and signs are considered: ``exp(-x**2)*sin(t)`` splits, ``exp(x + t)`` does not.
 
         Returns
         -------
         space, time : Expression
-            ``space(*coordinates) * time(t=t)`` is the expression, to rounding. `time` has ``dim=0``: it takes no
-            coordinates and gives one number for one t. Constant factors belong to `space`. An expression without t has
-            the time factor 1, one without coordinates a constant `space`.
+            ``space(*coordinates) * time(t=t)`` equals the expression, to rounding error. `time` has ``dim=0``: it takes
+            no coordinates and gives one number for one t. Constant factors belong to `space`. An expression without t
+            has the time factor 1, one without coordinates a constant `space`.
         None
             If the expression does not split.
         """

@@ -133,20 +133,20 @@ class Passage(ABC):
 
 
 class Incident(Storable, ABC):
-    """A wave that falls on whatever is inside a box.
+    """A wave that is incident on whatever is inside a box.
 
     Attributes
     ----------
     within : Box, optional
-        It contains all that scatters, two reaches of the stencil inside its faces.
+        Box that contains everything that scatters, at least two reaches of the stencil inside its faces.
     plane : bool
-        Whether it is a single plane wave in an open medium, of which cross sections are known.
+        Whether it is a single plane wave in an open medium, for which cross sections are defined.
     undamped : bool
-        Whether it is one of an undamped medium.
+        Whether it is a wave of an undamped medium.
     tag : str
         Its `type` in a case file: ``IncidentField`` is "incident-field".
     known : dict of str to type
-        All such waves by name, those that users define among them.
+        All such waves by name, including user-defined ones.
     """
 
     within: Box | None
@@ -167,19 +167,19 @@ class Incident(Storable, ABC):
         Raises
         ------
         InputError
-            A wave that this medium does not carry.
+            A wave that this medium does not support.
         """
 
     def on(self, dim: int) -> Self:
-        """The wave in space of so many dimensions, with every text in it as an expression of these coordinates."""
+        """The wave for the given number of dimensions, with every text in it as an expression of their coordinates."""
         return self
 
     def velocities(self, times: np.ndarray) -> np.ndarray | None:
-        """How fast its signal changes at some equidistant times, up to a factor; None where it has no signal."""
+        """Rates of change of its signal at some equidistant times, up to a factor; None if it has no signal."""
         return None
 
     def surface_met(self, free: Sequence[End]) -> End | None:
-        """The one of the free sides on which the box stands where none is given; None for most."""
+        """The free side on which the box stands if no box is given; None for most waves."""
         return None
 
     def resolved(self, lattice: Lattice, reach: Sequence[int], ends: Mapping[End, bool] | None = None) -> Self:
@@ -195,7 +195,7 @@ class Incident(Storable, ABC):
         Raises
         ------
         InputError
-            As `resolved_box`.
+            As in `resolved_box`.
         """
         ends = ends or {}
         met = self.surface_met([end for end, free in ends.items() if free])

@@ -22,25 +22,26 @@ _EXACT = 1e-9  # of the acceleration: what the equation of the lattice lacks les
 
 @dataclass(frozen=True)
 class IncidentField(Incident):
-    r"""A wave that falls on whatever is inside a box, given as a function of space and time.
+    r"""A wave that is incident on whatever is inside a box, given as a function of space and time.
 
     The run begins with the wave in its box, and joins total and scattered field on the faces as `IncidentWave` does. A
-    wave of the lattice leaves nothing outside but rounding. What the function lacks of one is radiated, from all of the
-    box: inside it, the field is the lattice's continuation of what comes through the faces.
+    wave that satisfies the equation of the lattice leaves nothing outside except rounding errors. To the extent that
+    the function does not satisfy it, the difference is radiated by the whole box: inside it, the field is the
+    continuation, on the lattice, of what enters through the faces.
 
     Parameters
     ----------
     field : callable, str or Expression, or a list of one a component
-        Of the coordinates and t; it is asked for one step before the start, too. Of vectors what a callable returns has
-        the components first.
+        A function of the coordinates and t, which is also evaluated one step before the start. For vectors, the return
+        value of a callable has the components first.
     within : Box, optional
-        The near field less two reaches of the stencil unless given. One that stands on a free side takes the function
-        for a wave of the half-space.
+        The near field minus two reaches of the stencil unless given. If the box stands on a free side, the function is
+        taken to be a wave of the half-space.
 
     Raises
     ------
     InputError
-        When a run is made: a text that is no expression, values that are not finite.
+        When the simulation is created: a text that is not an expression, values that are not finite.
 
     Examples
     --------

@@ -24,28 +24,28 @@ _PARTS = ("points", "times", "u", "medium")
 
 @dataclass(frozen=True, eq=False)
 class IncidentRecord(Incident):
-    """The waves of another run that pass through a box, as what falls on scatterers in it: near to near, exact on the
-    lattice.
+    """The waves of another run that pass through a box, as the wave incident on scatterers in it: near field to near
+    field, exact on the lattice.
 
-    A `ShellRecorder` of the other run has them. What the box held there (nothing, or scatterers) this run may change;
-    outside the box there is what the change scatters. Time steps, nodes and the medium at the faces of the box are the
-    same in both.
+    They are recorded by a `ShellRecorder` in the other run. The contents of the box there (nothing, or scatterers) may
+    be changed in this run; outside the box the field is what the change scatters. Time steps, nodes, and the medium at
+    the faces of the box must be the same in both runs.
 
     Parameters
     ----------
     record : str, Path, ShellRecorder, Recorded, or mapping
-        Results file, recorder, or what one of them holds: "points", "times", "u", and of the medium at the faces
-        "medium", coefficient over squared spacing.
+        Results file, recorder, or the contents of one of them: "points", "times", "u", and for the medium at the faces
+        "medium", the coefficient divided by the squared spacing.
     name : str
-        Of the recorder, in a results file.
+        Name of the recorder in a results file.
     within : Box, optional
-        That of the record; there is no other.
+        The box of the record; no other is possible.
 
     Raises
     ------
     InputError
-        A file without such a record. When a run is made: another step, other nodes, another medium; when it is run, a
-        record that ends too early.
+        A file without such a record. When the simulation is created: another step, other nodes, another medium; when it
+        is run: a record that ends too early.
 
     Examples
     --------

@@ -17,12 +17,12 @@ from farhorizon.inputs.expressions import as_signal
 
 @dataclass(frozen=True)
 class BodyForce(Storable):
-    """A force per volume on the near field.
+    """A force per volume in the near field.
 
     Parameters
     ----------
     value : sequence of (ndarray, callable, str, Expression or float)
-        One component an axis: an array of the lattice's shape, a function or an expression of the coordinates, or a
+        One component per axis: an array of the lattice's shape, a function or an expression of the coordinates, or a
         number.
     time : callable, str, Expression or float, optional
         Factor of t; 1 unless given.
@@ -30,7 +30,7 @@ class BodyForce(Storable):
     Raises
     ------
     InputError
-        No list of components, a factor that is no function of t.
+        A value that is not a list of components, a factor that is not a function of t.
 
     Examples
     --------
@@ -54,24 +54,24 @@ class BodyForce(Storable):
 
 @dataclass(frozen=True)
 class Traction(Storable):
-    """A force per area on a free side: on its outermost nodes a force per volume, value / spacing.
+    """A force per area on a free side, applied to its outermost nodes as a force per volume, value / spacing.
 
     Parameters
     ----------
     side : str
         "x-", "y+", ...
     value : sequence of float
-        One component an axis.
+        One component per axis.
     between : sequence of (float, float), optional
-        Where it acts, along each of the other axes in their order; the whole side unless given. Nodes on either end
-        count.
+        Range in which it acts, along each of the other axes in their order; the whole side unless given. Nodes at
+        either end are included.
     time : callable, str, Expression or float, optional
         Factor of t; 1 unless given.
 
     Raises
     ------
     InputError
-        An unknown side, components or ends that are no finite numbers, ends in the wrong order, a factor that is no
+        An unknown side, components or ends that are not finite numbers, ends in the wrong order, a factor that is not a
         function of t.
 
     Examples
@@ -107,8 +107,8 @@ class Traction(Storable):
         kinds.settle(self, time=None if self.time is None else as_signal(self.time, "load.time"))
 
     def bounded(self, lattice: Lattice) -> Traction:
-        """The same with the ends of the whole side named, if that is where it acts: on a larger lattice it stays where
-        it is.
+        """The same traction with explicit ends if it acts on the whole side, so that it keeps its position on a larger
+        lattice.
         """
         ends = [
             (float(a), float(b))

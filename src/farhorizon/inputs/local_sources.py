@@ -33,14 +33,14 @@ _ANGLES = ("strike", "dip", "rake")
 
 
 class LocalSource(Storable, ABC):
-    """A source at places of its own, which the lattice does not need to have nodes at.
+    """A source at its own location, which need not coincide with lattice nodes.
 
     Attributes
     ----------
     tag : str
         Its `type` in a case file: ``PointForce`` is "point-force".
     known : dict of str to type
-        All such sources by name, those that users define among them.
+        All such sources by name, including user-defined ones.
     """
 
     tag: ClassVar[str]
@@ -53,21 +53,21 @@ class LocalSource(Storable, ABC):
 
     @abstractmethod
     def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
-        """What it is on the nodes: an array and its factor of time, for each such factor.
+        """The source on the nodes: an array and its factor of time, for each such factor.
 
         Parameters
         ----------
         lattice : Lattice
         components : int
-            Of the field.
+            Number of components of the field.
         key : str
-            Named in messages.
+            Key that messages name.
 
         Raises
         ------
         InputError
-            A source of another field or dimension, or one that is not in the near field with all nodes over which it is
-            spread.
+            A source for another kind of field or another dimension, or one for which some of the nodes over which it is
+            spread do not lie in the near field.
         """
 
 
@@ -168,21 +168,21 @@ class PointSource(LocalSource):
     Parameters
     ----------
     at : sequence of float, or float
-        x0, anywhere in the near field; on a line a number.
+        x0, anywhere in the near field; a number in 1D.
     strength : float
         q, the integral of the right-hand side over space.
     time : callable, str, Expression, Signal or float, optional
         Factor of t; 1 unless given.
     interpolation : {"sinc", "linear"}
-        How it is spread over nodes: by a Kaiser-windowed sinc over eight nodes to either side along each axis along
-        which the point is between nodes, or over the two beside it.
+        How the source is spread over nodes: by a Kaiser-windowed sinc over eight nodes to either side, along each axis
+        along which the point lies between nodes, or over the two adjacent nodes.
 
     Raises
     ------
     InputError
-        Coordinates or a strength that are no finite numbers, a factor that is no function of t; with the lattice: a
-        field of vectors, a point outside the near field, in a hole, or closer to an edge or a hole than the nodes over
-        which it is spread.
+        Coordinates or a strength that are not finite numbers, a factor that is not a function of t; with the lattice: a
+        vector field, or a point outside the near field, in a hole, or so close to an edge or a hole that some of the
+        nodes over which it is spread are missing.
 
     Notes
     -----
@@ -207,7 +207,7 @@ class PointSource(LocalSource):
         settle_source(self, at=place_of(self.at), strength=kinds.number(self.strength, "source.strength"))
 
     def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
-        """What it is on the nodes."""
+        """The source as arrays on the nodes."""
         density = _at_point(self, lattice, key)
         return [Source(directed(density, self.strength, components, f"{key}.strength"), self.time)]
 
@@ -223,16 +223,16 @@ class PointForce(LocalSource):
     at : sequence of float
         x0, anywhere in the near field.
     force : sequence of float
-        F, one component an axis; in two dimensions per length across the plane.
+        F, one component per axis; in two dimensions, force per length perpendicular to the plane.
     time : callable, str, Expression, Signal or float, optional
         Factor of t; 1 unless given.
     interpolation : {"sinc", "linear"}
-        As of `PointSource`.
+        As in `PointSource`.
 
     Raises
     ------
     InputError
-        As `PointSource`, where the medium is not elastic.
+        As in `PointSource`; a medium that is not elastic.
 
     Notes
     -----
@@ -257,7 +257,7 @@ class PointForce(LocalSource):
         settle_source(self, at=place_of(self.at), force=amount_of(self.force, "source.force"))
 
     def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
-        """What it is on the nodes."""
+        """The source as arrays on the nodes."""
         density = _at_point(self, lattice, key)
         return [Source(directed(density, self.force, components, f"{key}.force"), self.time)]  # type: ignore[arg-type]
 
@@ -269,7 +269,7 @@ def _at_point(source: PointSource | PointForce, lattice: Lattice, key: str) -> n
 
 @dataclass(frozen=True)
 class MomentTensor(LocalSource):
-    r"""A source without force at a point: an explosion, a double couple, or any tensor.
+    r"""A source without net force at a point: an explosion, a double couple, or any tensor.
 
     :math:`-M_{ij}\,\partial_j \delta(x - x_0)\,s(t)` per volume.
 
@@ -278,29 +278,29 @@ class MomentTensor(LocalSource):
     at : sequence of float
         x0, anywhere in the near field.
     moment : float, or sequence of sequence of float, shape (dim, dim)
-        M, force times length, in two dimensions per length across the plane. A number is an explosion, this times the
-        unit tensor; with the three angles a double couple.
+        M, force times length, in two dimensions per length perpendicular to the plane. A number denotes an explosion,
+        with this multiple of the unit tensor, or, if the three angles are given, a double couple.
     time : callable, str, Expression, Signal or float, optional
-        Factor of t; 1 unless given. Of an earthquake, whose slip stays, a `Step`.
+        Factor of t; 1 unless given. For an earthquake, whose slip is permanent, use a `Step`.
     strike, dip, rake : float, optional
-        Of a double couple in three dimensions, degrees: strike clockwise from north, which is y, x is east and z up;
-        dip from the horizontal, down to the right of the strike; rake of the slip of the upper block, from the strike
-        upwards.
+        Angles of a double couple in three dimensions, in degrees: strike clockwise from north, where x points east, y
+        north and z up; dip from the horizontal, down to the right of the strike direction; rake of the slip of the
+        upper block, from the strike direction upwards.
     interpolation : {"sinc", "linear"}
-        As of `PointSource`; the derivative takes eight nodes to either side, or two, along every axis along which the
+        As in `PointSource`; the derivative uses eight nodes to either side, or two, along every axis for which the
         tensor has an entry.
 
     Raises
     ------
     InputError
-        As `PointForce`; a tensor that is not symmetric; some of the angles without the others, with a tensor or not in
-        three dimensions.
+        As in `PointForce`; a tensor that is not symmetric; some of the angles without the others, together with a
+        tensor, or in other than three dimensions.
 
     Notes
     -----
     The displacement of a homogeneous medium is that of Aki and Richards (2002), eq 4.29; the tensor of a double couple
-    is their Box 4.4, in axes with x east and z up. The sums of the forces and of their torques are zero, the latter as
-    far as interpolation is right: no source inside a body turns it.
+    is that of their Box 4.4, in axes with x east and z up. The sum of the forces is zero, and so is the sum of their
+    torques, to within the accuracy of the interpolation: no source inside a body rotates it.
 
     Examples
     --------
@@ -352,12 +352,12 @@ class MomentTensor(LocalSource):
         settle_source(self, at=place_of(self.at), moment=moment.tolist(), **angles)
 
     def tensor(self, dim: int) -> np.ndarray:
-        """The moment tensor on a lattice of so many dimensions, shape (dim, dim).
+        """The moment tensor on a lattice of the given number of dimensions, shape (dim, dim).
 
         Raises
         ------
         InputError
-            A tensor of another shape, a double couple where there are not three dimensions.
+            A tensor of another shape, a double couple in other than three dimensions.
         """
         if self.strike is not None and dim == 3:
             return self.moment * _double_couple(*(np.radians(getattr(self, name)) for name in _ANGLES))
@@ -373,7 +373,7 @@ class MomentTensor(LocalSource):
         return found
 
     def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
-        """What it is on the nodes."""
+        """The source as arrays on the nodes."""
         if components == 1 or components != lattice.dim:
             raise InputError(
                 "a moment tensor acts on an elastic medium",
@@ -411,18 +411,18 @@ class LineSource(LocalSource):
     Parameters
     ----------
     points : array_like, shape (n, dim)
-        Of the polyline.
+        Vertices of the polyline.
     strength : float or sequence of float
-        Per length; in an elastic medium a force, one component an axis.
+        Strength per length; in an elastic medium a force, one component per axis.
     time : callable, str, Expression, Signal or float, optional
         Factor of t; 1 unless given.
     interpolation : {"sinc", "linear"}
-        As of `PointSource`.
+        As in `PointSource`.
 
     Raises
     ------
     InputError
-        As `PointSource`; fewer than two points, or all in one place.
+        As in `PointSource`; fewer than two points, or all points coincide.
 
     Examples
     --------
@@ -452,7 +452,7 @@ class LineSource(LocalSource):
         settle_source(self, points=points.tolist(), strength=amount_of(self.strength, "source.strength"))
 
     def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
-        """What it is on the nodes."""
+        """The source as arrays on the nodes."""
         corners = as_points(self.points, lattice.dim, f"{key}.points")
         pieces = [patch(start, [end - start], lattice, f"{key}.points") for start, end in itertools.pairwise(corners)]
         points, amounts = (np.concatenate(parts) for parts in zip(*pieces, strict=True))

@@ -19,40 +19,41 @@ from farhorizon.inputs.sources import Source, steady
 
 @dataclass(frozen=True)
 class PhasedArray(LocalSource):
-    r"""Equal elements in a row that are driven by one signal with delays.
+    r"""A row of equal elements driven by one signal with delays.
 
-    Each is a line, or with `across` a parallelogram, on which a source or a force is evenly spread: on a free side a
-    traction. The delays are those of rays: towards a focus ``(max_j d_j - d_i) / c`` with the distances d of the
-    elements' centres, at an angle to the row's normal ``s_i sin(angle) / c`` with their places s along the row.
+    Each element is a line, or with `across` a parallelogram, over which a source or a force is spread uniformly: on a
+    free side, a traction. The delays are those of rays: for a focus, ``(max_j d_j - d_i) / c`` with its distances d
+    from the centres of the elements; for an angle to the normal of the row, ``s_i sin(angle) / c`` with the positions s
+    of the elements along the row.
 
     Parameters
     ----------
     first, last : sequence of float
         Centres of the first and the last element.
     elements : int
-        At least 2.
+        Number of elements, at least 2.
     strength : float or sequence of float
-        Per length, with `across` per area; in an elastic medium a force, one component an axis.
+        Strength per length, or with `across` per area; in an elastic medium a force, one component per axis.
     time : callable, str, Expression or Signal
         Signal of each element, zero before t = 0.
     speed : float, optional
-        c of the waves that are to meet; needed for delays.
+        Speed c of the waves that are to be focused or steered; required for delays.
     focus : sequence of float, optional
-        Where they meet.
+        Point at which they meet.
     angle : float, optional
-        Between their direction and the normal of the row, degrees, towards the last element.
+        Angle between their direction and the normal of the row, in degrees, towards the last element.
     width : float, optional
-        Of an element along the row; the distance of two unless given.
+        Width of an element along the row; unless given, the distance between two elements.
     across : sequence of float, optional
-        The elements' other edge, a vector.
+        Other edge of the elements, a vector.
     interpolation : {"sinc", "linear"}
-        As of `PointSource`.
+        As in `PointSource`.
 
     Raises
     ------
     InputError
-        As `PointSource`; a focus and an angle together, either without a speed, elements that overlap; with delays a
-        signal that does not begin at rest.
+        As in `PointSource`; both a focus and an angle, either of them without a speed, elements that overlap; with
+        delays, a signal that does not begin at rest.
 
     Examples
     --------
@@ -137,7 +138,7 @@ class PhasedArray(LocalSource):
 
     @property
     def delays(self) -> np.ndarray:
-        """Delays of the elements, shape (elements,); the least is zero."""
+        """Delays of the elements, shape (elements,); the smallest is zero."""
         if self.speed is None:
             return np.zeros(self.elements)
         if self.focus is not None:
@@ -147,7 +148,7 @@ class PhasedArray(LocalSource):
         return np.asarray((lead - lead.min()) / self.speed)
 
     def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
-        """What it is on the nodes."""
+        """The source as arrays on the nodes."""
         row = np.subtract(self.last, self.first) / self._length
         width = self._length / (self.elements - 1) if self.width is None else self.width
         edges = [width * row, *([] if self.across is None else [np.asarray(self.across)])]

@@ -22,33 +22,33 @@ _TOWARDS = 1e-9  # of a unit vector: what more is along a normal comes to the si
 
 @dataclass(frozen=True)
 class IncidentWave(TravellingWave):
-    r"""A plane wave that falls on whatever is inside a box, exact on the lattice.
+    r"""A plane wave that is incident on whatever is inside a box, exact on the lattice.
 
-    Inside the box `within` the field is the total one, outside it only what is scattered, which the absorbing sides
-    take. On the box's faces the two are joined by the sources :math:`\chi L u_i - L (\chi u_i)` with the incident wave
-    :math:`u_i`, a sum of the lattice's own plane waves, and
-    :math:`\chi` 1 inside and 0 outside: without a scatterer nothing leaves the box but rounding.
+    Inside the box `within` the field is the total field, outside it only the scattered field, which the absorbing sides
+    absorb. On the faces of the box the two are joined by the sources :math:`\chi L u_i - L (\chi u_i)`, where the
+    incident wave :math:`u_i` is a sum of the lattice's own plane waves and :math:`\chi` is 1 inside and 0 outside:
+    without a scatterer nothing leaves the box except rounding errors.
 
     Parameters
     ----------
     direction : sequence of float
-        Along which it travels; its length does not matter.
+        Direction of propagation; its length is irrelevant.
     signal : callable, str or Expression
-        Displacement as a function of t, where the wave meets the box first.
+        Displacement as a function of t at the point where the wave first meets the box.
     duration : float
-        The signal is zero before 0 and after it.
+        Duration of the signal, which is zero before 0 and after this time.
     polarisation : "P", "S" or sequence of float
-        Of elastic waves. In three dimensions an S wave needs its displacement's direction, at right angles to
+        For elastic waves. In three dimensions an S wave requires the direction of its displacement, perpendicular to
         `direction`.
     within : Box, optional
-        The near field less two reaches of the stencil unless given; it stands on a free side towards which the wave
-        travels, and the wave has with it all that the surface sends back. It contains all that scatters, two reaches
-        inside its faces.
+        Unless given, the near field minus two reaches of the stencil; if the wave travels towards a free side, the box
+        extends to that side, and the incident wave includes everything that the surface reflects. The box must contain
+        everything that scatters, at least two reaches inside its faces.
 
     Raises
     ------
     InputError
-        A direction without length, a duration that is not positive, a signal that is no function of t, an unknown
+        A direction of zero length, a duration that is not positive, a signal that is not a function of t, an unknown
         polarisation.
 
     Examples
@@ -75,16 +75,16 @@ class IncidentWave(TravellingWave):
             kinds.array(self.polarisation, "incident.polarisation", shape=(None,))
 
     def start(self, region: Region) -> float:
-        """Where, along its direction from the origin, the wave meets the box first and has its signal."""
+        """Coordinate along its direction at which the wave first meets the box and has the given signal."""
         return self.way(region)[0]
 
     def surface_met(self, free: Sequence[End]) -> End | None:
-        """The free side towards which it travels, if there is just one."""
+        """The free side towards which the wave travels, if there is exactly one."""
         met = [(axis, side) for axis, side in free if side * self.along[axis] > _TOWARDS]
         return met[0] if len(met) == 1 else None
 
     def passage(self, region: Region) -> Passage:
-        """The wave in the open medium, or with what the free side of the box sends back."""
+        """The wave in the open medium, or including its reflection from the free side of the box."""
         if region.end is None:
             return _PlanePassage(self, region)
         pulse = reflected_pulse(
@@ -97,7 +97,7 @@ class IncidentWave(TravellingWave):
         return SurfacePassage(pulse, region, region.end)
 
     def pulse(self, region: Region, period: float | None = None) -> PlanePulse:
-        """The wave in the open medium, which repeats itself after a time: when it has passed unless given."""
+        """The wave in the open medium, with a period; by default it repeats itself once it has passed."""
         scheme, spacing = region.scheme, region.lattice.spacing
         begin, end = self.way(region)
         return PlanePulse(
@@ -119,7 +119,7 @@ class IncidentWave(TravellingWave):
         Raises
         ------
         InputError
-            A displacement neither along the direction nor at right angles to it; "S" in three dimensions.
+            A displacement that is neither parallel nor perpendicular to the direction; "S" in three dimensions.
         """
         if components == 1:
             return None

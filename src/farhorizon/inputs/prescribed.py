@@ -19,35 +19,37 @@ from farhorizon.medium.integrators import Integrator, RungeKutta4
 
 @dataclass(frozen=True)
 class Prescribed(Storable):
-    """A prescribed value of the field on some nodes, or its velocity, from the start on.
+    """A prescribed value of the field at some nodes, or its rate of change, from the start of the run.
 
     Parameters
     ----------
     where : array_like or Shape
-        Points, each of which stands for the node nearest to it (shape (n, dim), or (n,) in 1D), a shape, or a mask of
-        the lattice's shape.
+        Points, each of which is replaced by the nearest node (shape (n, dim), or (n,) in 1D), a shape, or a mask of the
+        lattice's shape.
     value : float, callable, str or Expression, or a list of one a component, optional
-        Value as a function of t. Of displacements a list with one entry an axis, None for a component that is free.
+        Value as a function of t. For displacements, a list with one entry per axis, with None for a free component.
     until : float, optional
-        The nodes are released after this time; never unless given.
+        Time after which the nodes are released; never unless given.
     rate : float, callable, str or Expression, or a list of one a component, optional
-        Velocity with which they are released (waves); the derivative of `value` there unless given.
+        Velocity with which they are released (waves); unless given, the derivative of `value` at that time.
     velocity : float, callable, str or Expression, or a list of one a component, optional
-        Instead of `value`: the nodes move on from their initial values with this velocity, a function of t.
+        Instead of `value`: the nodes move from their initial values with this velocity, a function of t.
 
     Raises
     ------
     InputError
-        What is no function of t, an end before the start, a value and a velocity or neither, no component at all.
+        A value that is not a function of t, an end before the start, both a value and a velocity or neither, no
+        component at all.
 
     Notes
     -----
-    Displacements by a velocity are its integrals over the steps by Simpson's rule. What holds the nodes does work,
-    which the balance of energies has under "work".
+    Displacements prescribed by a velocity are its integrals over the steps by Simpson's rule. The forces that constrain
+    the nodes do work, which the energy balance includes under "work".
 
-    Nodes that are held at the background (0 unless given) for ever and reach an absorbing side go on beyond it along
-    its normal without end, as cracks do: a wire or a rigid line that runs on. There they must be the same over one
-    reach of the bonds and one node more; nodes with another value, or that are released, keep off such sides.
+    Nodes that are permanently fixed at the background value (0 unless given) and reach an absorbing side continue
+    beyond it along its normal indefinitely, as cracks do: like a wire or a rigid line that does not end. There, the
+    constraint must not change within one reach of the bonds and one more node; nodes with another value, or that are
+    released, must keep away from such sides.
 
     Examples
     --------
@@ -93,18 +95,18 @@ class Prescribed(Storable):
 
     @property
     def course(self) -> list[Any]:
-        """Values, or velocities, as functions of t by component; None where one is free."""
+        """Values, or velocities, as functions of t by component; None for a free component."""
         given = self.velocity if self.value is None else self.value
         return given if isinstance(given, list) else [given]
 
     def at(self, t: float) -> Any:
-        """The value, or the velocity, at a time; of a list each entry. InputError if one is not finite."""
+        """The value, or the velocity, at a time; for a list, each entry. Raises InputError if one is not finite."""
         found = [None if one is None else _at(one, t) for one in self.course]
         return found if isinstance(self.velocity if self.value is None else self.value, list) else found[0]
 
     def nodes(self, lattice: Lattice) -> np.ndarray:
-        """Flat indices of the nodes in the lattice, or in a part of one; InputError if the whole has none, or a point
-        lies outside.
+        """Flat indices of the nodes in the lattice, or in a part of one; raises InputError if there is none in the
+        whole lattice, or if a point lies outside.
         """
         found = lattice.inside(self.where) if isinstance(self.where, Shape) else self._listed(lattice)
         if lattice.whole is lattice and not found.size:
@@ -137,18 +139,18 @@ class Prescribed(Storable):
         return np.flatnonzero(mask if lattice.mask is None else mask & lattice.mask)
 
     def keeps(self, component: int, background: float) -> bool:
-        """Whether a component is held at the background for ever; of a Python function that is not known."""
+        """Whether a component is permanently fixed at the background; for a Python function this is not known."""
         course = self.course[component]
         if self.value is None or self.until is not None or not isinstance(course, Expression) or course.uses_time:
             return False
         return _at(course, 0.0) == background
 
     def last_step(self, dt: float) -> float:
-        """Number of the last step that is prescribed."""
+        """Number of the last step in which the value is prescribed."""
         return np.inf if self.until is None else np.floor(self.until / dt + 1e-9)
 
     def release_rate(self, component: int, t: float, dt: float) -> float:
-        """Velocity of a component at the release at time t."""
+        """Velocity of a component when it is released at time t."""
         rate = self.velocity if self.value is None else self.rate
         if isinstance(rate, list):
             rate = rate[component]

@@ -36,27 +36,27 @@ class Pressure(Storable):
     Parameters
     ----------
     on : Cut, Crack, sequence of points, or Shape
-        A crack of the set-up, or a part of one, as in `cracks`: its faces; or a region without nodes of the body: the
-        rim around it.
+        A crack of the set-up, or a part of one, given as in `cracks`: the pressure acts on its faces; or a region of
+        the body without nodes: it acts on the rim.
     value : float or array_like, shape (dim, dim)
-        Force per area, positive where it presses the faces apart; of a symmetric tensor P the traction is
-        :math:`-P n` on a face with the normal n that points away from the body.
+        Force per area, positive if it presses the faces apart; for a symmetric tensor P the traction is :math:`-P n` on
+        a face whose normal n points away from the body.
     time : callable, str, Expression or float, optional
         Factor of t; 1 unless given.
 
     Raises
     ------
     InputError
-        What is neither a crack nor a shape, a value that is no finite number or symmetric matrix, a factor that is no
-        function of t.
+        An object that is neither a crack nor a shape, a value that is not a finite number or a symmetric matrix, a
+        factor that is not a function of t.
 
     Notes
     -----
-    The force on a node is what its absent bonds would carry under the uniform stress P, turned round. Forces on the two
-    faces of a crack, and on the rim of a hole, add up to zero, and on a flat face along the lattice there are P n for
-    each unit of area, to rounding. With bonds that are linear a crack under a stress P from far away opens as one with
-    the pressure P does. The force acts on the faces that are there in the beginning, over the depth of a horizon, and
-    does not follow bonds that break.
+    The force on a node is the force that its missing bonds would carry under the uniform stress P, reversed. The forces
+    on the two faces of a crack, and on the rim of a hole, sum to zero, and on a flat face along the lattice they are
+    :math:`-P n` per unit area, to rounding error. If bonds are linear, a crack under a remote stress P opens as it does
+    under the pressure P. The force acts on the faces that exist initially, over a depth of one horizon, and does not
+    follow breaking bonds.
 
     Examples
     --------
@@ -100,11 +100,11 @@ class Pressure(Storable):
         kinds.settle(self, time=None if self.time is None else as_signal(self.time, "load.time"))
 
     def bounded(self, lattice: Lattice) -> Pressure:
-        """Itself: it stays where its crack or hole is."""
+        """The pressure itself: it stays where its crack or hole is."""
         return self
 
     def tensor(self, dim: int, key: str = "load") -> np.ndarray:
-        """Force per area as a tensor; InputError of another dimension than the lattice."""
+        """Force per area as a tensor; raises InputError if its dimension differs from that of the lattice."""
         if isinstance(self.value, float):
             return float(self.value) * np.eye(dim)
         found = np.array(self.value, float)

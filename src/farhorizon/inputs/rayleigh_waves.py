@@ -17,33 +17,34 @@ _ALONG = 1e-9  # of a unit vector: what has less along a normal runs along the s
 
 @dataclass(frozen=True)
 class RayleighWave(TravellingWave):
-    """A wave that comes along a free surface of an elastic medium, exact on the lattice: at each frequency the mode of
-    the half-infinite lattice that decays downwards.
+    """A surface wave incident along a free surface of an elastic medium, exact on the lattice: at each frequency, the
+    mode of the half-infinite lattice that decays downwards.
 
     Parameters
     ----------
     direction : sequence of float
-        Along the surface; its length does not matter.
+        Direction of propagation along the surface; its length is irrelevant.
     signal : callable, str or Expression
-        Displacement of the surface along its outward normal as a function of t, where the wave meets the box first.
+        Displacement of the surface along its outward normal as a function of t, at the point where the wave first meets
+        the box.
     duration : float
-        The signal is zero before 0 and after it.
+        Duration of the signal, which is zero before 0 and after this time.
     within : Box, optional
-        Stands on the free side, and is otherwise as that of `IncidentWave`. Unless given it stands on the one free side
-        that the direction is along.
+        Box that stands on the free side, otherwise as in `IncidentWave`. Unless given, it stands on the only free side
+        parallel to the direction.
 
     Raises
     ------
     InputError
-        A direction without length, a duration that is not positive, a signal that is no function of t. When a run is
-        made: a box that does not stand on a free side along the direction, a scalar field, frequencies at which no such
-        wave runs.
+        A direction of zero length, a duration that is not positive, a signal that is not a function of t. When the
+        simulation is created: a box that does not stand on a free side parallel to the direction, a scalar field,
+        frequencies at which no such wave exists.
 
     Notes
     -----
-    The displacement along the surface is a Hilbert transform of the signal, which has a tail before and after it.
-    The surface of a lattice is softer than that of the continuum over one horizon, so that short waves are slower (Lord
-    Rayleigh, Proc. Lond. Math. Soc. 17 (1885) 4, has the speed of long ones).
+    The displacement along the surface is a Hilbert transform of the signal, which has a tail before and after it. Over
+    a depth of one horizon the surface of a lattice is softer than that of the continuum, so that short waves are slower
+    (Lord Rayleigh, Proc. Lond. Math. Soc. 17 (1885) 4, gives the speed of long ones).
 
     Examples
     --------
@@ -59,7 +60,7 @@ class RayleighWave(TravellingWave):
     within: Box | None = None
 
     def surface_met(self, free: Sequence[End]) -> End | None:
-        """The free side along which it runs, if there is just one."""
+        """The free side along which the wave travels, if there is exactly one."""
         met = [(axis, side) for axis, side in free if abs(self.along[axis]) < _ALONG]
         return met[0] if len(met) == 1 else None
 

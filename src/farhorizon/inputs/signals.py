@@ -29,17 +29,17 @@ _PAD = 24  # samples before and after, over which the coefficients of a cubic sp
 
 
 class Signal(Storable, ABC):
-    """A factor of time that begins at rest, with its spectrum.
+    """A factor of time that begins at rest and has a known spectrum.
 
-    A signal of your own is a frozen dataclass that derives from it and has `end`, ``__call__`` and `spectrum`. Its
-    fields are the keys of its table in case files.
+    A user-defined signal is a frozen dataclass that derives from this class and defines `end`, ``__call__`` and
+    `spectrum`. Its fields are the keys of its table in case files.
 
     Attributes
     ----------
     tag : str
         Its `type` in a case file: ``ToneBurst`` is "tone-burst".
     known : dict of str to type
-        All signals by name, those that users define among them.
+        All signals by name, including user-defined ones.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class Signal(Storable, ABC):
     @property
     @abstractmethod
     def end(self) -> float:
-        """Time after which the signal stays as it is: zero, unless it is a load that lasts."""
+        """Time after which the signal is constant: zero, unless it is a permanent load."""
 
     @abstractmethod
     def __call__(self, t: Any) -> Any:
@@ -67,16 +67,16 @@ class Signal(Storable, ABC):
 
     @abstractmethod
     def spectrum(self, frequency: ArrayLike) -> np.ndarray:
-        """Complex spectrum at frequencies in cycles per time, of their shape; infinite at 0 of a load that lasts."""
+        """Complex spectrum at frequencies in cycles per time, of their shape; infinite at 0 for a permanent load."""
 
     @property
     def highest_frequency(self) -> float:
-        """Frequency, in cycles per time, above which less than a thousandth of the amplitude lies: what is above it is
-        at no time larger than that part of the signal's largest value. Infinite if the spectrum falls off too slowly
-        for there to be one.
+        """Frequency, in cycles per time, above which less than a thousandth of the amplitude lies: the part of the
+        signal above it never exceeds that fraction of the signal's largest value. Infinite if the spectrum decays too
+        slowly for such a frequency to exist.
 
-        The bound is that of the integral, ``|integral over |f| > F of S(f) exp(2 pi i f t) df| <= 2 integral from F of
-        |S(f)| df``.
+        The bound follows from the integral,
+        ``|integral over |f| > F of S(f) exp(2 pi i f t) df| <= 2 integral from F of |S(f)| df``.
         """
         return self._frequencies[1]
 
@@ -115,7 +115,7 @@ def _number(value: Any, signal: Signal, name: str, **limits: Any) -> float:
 
 
 class _Pulse(Signal):
-    """A signal that is nowhere zero, with its peak at a delay: at a default one unless given."""
+    """A signal that is nonzero everywhere, with its peak at a given delay; by default at a suitable one."""
 
     delay: float | None
 
@@ -140,16 +140,16 @@ class _Pulse(Signal):
 
 @dataclass(frozen=True)
 class Ricker(_Pulse):
-    r"""The Ricker wavelet, the second derivative of a Gaussian bell: the usual signal of seismics.
+    r"""The Ricker wavelet, the second derivative of a Gaussian: the usual signal in seismology.
 
     ``(1 - 2 a) exp(-a)`` with :math:`a = (\pi f (t - t_0))^2`.
 
     Parameters
     ----------
     frequency : float
-        Of the largest amplitude of its spectrum, in cycles per time.
+        Frequency at which the amplitude of its spectrum is largest, in cycles per time.
     delay : float, optional
-        Time t0 of its peak, where it is 1; 1.5 / frequency unless given, at which it begins with 1e-8.
+        Time t0 of its peak, where it is 1; unless given 1.5 / frequency, with which it begins with a value of 1e-8.
 
     Raises
     ------
@@ -159,7 +159,7 @@ class Ricker(_Pulse):
     Notes
     -----
     Ricker (1953), Geophysics 18(1), 10-40. Its spectrum has the magnitude ``2 / sqrt(pi) f^2 / f0^3 exp(-(f / f0)^2)``,
-    and its highest frequency is 2.85 f0.
+    and its highest frequency is 2.85 f0, which is sampled as 2.875 f0.
 
     Examples
     --------
@@ -178,7 +178,7 @@ class Ricker(_Pulse):
 
     @property
     def end(self) -> float:
-        """Until as long after the peak as the signal is short before it by default."""
+        """End of the signal: as long after the peak as the default delay."""
         return self._centre + 1.5 / self.frequency
 
     def __call__(self, t: Any) -> Any:
@@ -187,7 +187,7 @@ class Ricker(_Pulse):
         return (1 - 2 * phase) * np.exp(-phase)
 
     def spectrum(self, frequency: ArrayLike) -> np.ndarray:
-        """Complex spectrum at frequencies in cycles per time, of their shape."""
+        """Complex spectrum at frequencies in cycles per time, of the same shape as these."""
         f = np.asarray(frequency, float)
         size = 2 / np.sqrt(np.pi) * f**2 / self.frequency**3 * np.exp(-((f / self.frequency) ** 2))
         return np.asarray(size * np.exp(-2j * np.pi * f * self._centre))
@@ -202,9 +202,9 @@ class Gaussian(_Pulse):
     Parameters
     ----------
     width : float
-        w, the time in which it falls from 1 to 1/e.
+        w, the time in which it decreases from 1 to 1/e.
     delay : float, optional
-        Time t0 of its peak, where it is 1; 4.5 widths unless given, at which it begins with 2e-9.
+        Time t0 of its peak, where it is 1; unless given 4.5 widths, with which it begins with a value of 2e-9.
 
     Raises
     ------
@@ -228,7 +228,7 @@ class Gaussian(_Pulse):
 
     @property
     def end(self) -> float:
-        """Until 4.5 widths after the peak."""
+        """End of the signal: 4.5 widths after the peak."""
         return self._centre + 4.5 * self.width
 
     def __call__(self, t: Any) -> Any:
@@ -236,7 +236,7 @@ class Gaussian(_Pulse):
         return np.exp(-(((np.asarray(t) - self._centre) / self.width) ** 2))
 
     def spectrum(self, frequency: ArrayLike) -> np.ndarray:
-        """Complex spectrum at frequencies in cycles per time, of their shape."""
+        """Complex spectrum at frequencies in cycles per time, of the same shape as these."""
         f = np.asarray(frequency, float)
         size = np.sqrt(np.pi) * self.width * np.exp(-((np.pi * f * self.width) ** 2))
         return np.asarray(size * np.exp(-2j * np.pi * f * self._centre))
@@ -262,7 +262,7 @@ def _hann_spectrum(frequency: np.ndarray, length: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ToneBurst(Signal):
-    r"""Some cycles of a sine under a Hann window: the usual signal of ultrasonic testing.
+    r"""A few cycles of a sine in a Hann window: the usual signal in ultrasonic testing.
 
     :math:`\sin(2 \pi f t) \sin^2(\pi f t / n)` for ``0 < t < n / f``.
 
@@ -276,7 +276,7 @@ class ToneBurst(Signal):
     Raises
     ------
     InputError
-        A frequency that is not positive, less than a cycle.
+        A frequency that is not positive, less than one cycle.
 
     Examples
     --------
@@ -298,7 +298,7 @@ class ToneBurst(Signal):
 
     @property
     def end(self) -> float:
-        """That of its cycles."""
+        """End of the last cycle."""
         return self.cycles / self.frequency
 
     def __call__(self, t: Any) -> Any:
@@ -307,7 +307,7 @@ class ToneBurst(Signal):
         return np.sin(2 * np.pi * self.frequency * t) * _hann(t, self.end)
 
     def spectrum(self, frequency: ArrayLike) -> np.ndarray:
-        """Complex spectrum at frequencies in cycles per time, of their shape."""
+        """Complex spectrum at frequencies in cycles per time, of the same shape as these."""
         f = np.asarray(frequency, float)
         above, below = (_hann_spectrum(f - sign * self.frequency, self.end) for sign in (1, -1))
         return (above - below) / 2j
@@ -315,14 +315,14 @@ class ToneBurst(Signal):
 
 @dataclass(frozen=True)
 class Step(Signal):
-    r"""A load that rises smoothly from 0 to 1 and stays.
+    r"""A load that rises smoothly from 0 to 1 and remains.
 
     :math:`t / T - \sin(2 \pi t / T) / (2 \pi)` for ``0 < t < T``.
 
     Parameters
     ----------
     rise : float
-        T, the time that it takes.
+        T, the rise time.
 
     Raises
     ------
@@ -344,7 +344,7 @@ class Step(Signal):
 
     @property
     def end(self) -> float:
-        """The time of its rise."""
+        """The rise time."""
         return self.rise
 
     def __call__(self, t: Any) -> Any:
@@ -353,7 +353,7 @@ class Step(Signal):
         return part - np.sin(2 * np.pi * part) / (2 * np.pi)
 
     def spectrum(self, frequency: ArrayLike) -> np.ndarray:
-        """Complex spectrum at frequencies in cycles per time, of their shape; infinite at 0."""
+        """Complex spectrum at frequencies in cycles per time, of the same shape as these; infinite at 0."""
         f = np.asarray(frequency, float)
         rate = 2 / self.rise * _hann_spectrum(f, self.rise)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -362,7 +362,7 @@ class Step(Signal):
 
 @dataclass(frozen=True)
 class Chirp(Signal):
-    r"""A sine whose frequency goes evenly from one value to another, under a Hann window.
+    r"""A sine whose frequency changes linearly from one value to another, in a Hann window.
 
     :math:`\sin(2 \pi (f_0 t + (f_1 - f_0) t^2 / 2T)) \sin^2(\pi t / T)` for ``0 < t < T``.
 
@@ -404,7 +404,7 @@ class Chirp(Signal):
 
     @property
     def end(self) -> float:
-        """That of its duration."""
+        """The duration."""
         return self.duration
 
     def __call__(self, t: Any) -> Any:
@@ -414,7 +414,7 @@ class Chirp(Signal):
         return np.sin(2 * np.pi * cycles) * _hann(t, self.duration)
 
     def spectrum(self, frequency: ArrayLike) -> np.ndarray:
-        """Complex spectrum at frequencies in cycles per time, of their shape, by Fresnel integrals."""
+        """Complex spectrum at frequencies in cycles per time, of the same shape as these, by Fresnel integrals."""
         f, length = np.asarray(frequency, float), self.duration
         rate = (self.last - self.first) / length
         found = np.zeros(f.shape, complex)
@@ -439,15 +439,15 @@ def _sweep(frequency: np.ndarray, rate: float, length: float) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Samples(Signal):
-    """Samples of a signal, joined by a cubic spline.
+    """Samples of a signal, interpolated by a cubic spline.
 
-    Where they begin or end with a jump or a kink, the spline swings past it.
+    Where they begin or end with a jump or a kink, the spline overshoots.
 
     Parameters
     ----------
     values : array_like, shape (n,), or path
-        At t = 0, dt, 2 dt, ...; after the last of them the signal stays as it is. A file is an array of NumPy (.npy) or
-        a text of numbers, with one sample a line or with its time before it.
+        Values at t = 0, dt, 2 dt, ...; after the last of them the signal stays constant. A file is a NumPy array (.npy)
+        or a text file of numbers, with one sample per line, optionally preceded by its time.
     dt : float
         Time between two samples.
 
@@ -461,7 +461,7 @@ class Samples(Signal):
 
     Notes
     -----
-    With the coefficients c of the cubic B-splines (Unser 1999, IEEE Signal Processing Magazine 16(6), eq 6) the
+    With the coefficients c of the cubic B-splines (Unser 1999, IEEE Signal Processing Magazine 16(6), eq 6), the
     spectrum is ``dt sinc(f dt)^4 sum_k c_k exp(-2 pi i f k dt)``.
 
     Examples
@@ -506,7 +506,7 @@ class Samples(Signal):
 
     @property
     def end(self) -> float:
-        """From the first sample to the last one."""
+        """Time of the last sample."""
         return (len(self.values) - 1) * self.dt  # type: ignore[arg-type]
 
     def __call__(self, t: Any) -> Any:
@@ -514,8 +514,8 @@ class Samples(Signal):
         return self._spline(np.clip(np.asarray(t, float), *self._ends))[()]
 
     def spectrum(self, frequency: ArrayLike) -> np.ndarray:
-        """Complex spectrum at frequencies in cycles per time, of their shape; infinite at 0 where the samples end with
-        another value than zero.
+        """Complex spectrum at frequencies in cycles per time, of the same shape as these; infinite at 0 if the last
+        sample is not zero.
         """
         f = np.asarray(frequency, float)
         indices = np.arange(len(self._coefficients))

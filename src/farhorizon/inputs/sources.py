@@ -27,15 +27,15 @@ class Source(Storable):
     ----------
     value : ndarray, callable, str, Expression or float, or a list of one a component
         An array of the lattice's shape, a callable of the coordinates (with `time`) or of the coordinates and t
-        (without), an expression of x, y, z, t, or a number. Of a vector field, a body force: arrays and what callables
-        return have the components first.
+        (without), an expression of x, y, z, t, or a number. For a vector field this is a body force: arrays and return
+        values of callables have the components first.
     time : callable, str, Expression or float, optional
         Factor of t. A source that is a product of space and time runs without returning to Python.
 
     Raises
     ------
     InputError
-        A time factor that is no function of t.
+        A time factor that is not a function of t.
 
     Examples
     --------

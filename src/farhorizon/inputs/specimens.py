@@ -21,15 +21,15 @@ class Specimen(Storable):
     Parameters
     ----------
     where : Shape or ndarray of bool
-        A shape (`Text` and `ImageMask` among them), or a mask of the lattice's shape. An initial defect is a shape
-        taken out of it; a film that protects a part of its surface is a crack along it.
+        A shape (including `Text` and `ImageMask`), or a mask of the lattice's shape. To model an initial defect,
+        subtract a shape from it; to model a film that protects part of its surface, use a crack along that part.
     concentration : float
-        Of the intact metal.
+        Concentration of the intact metal.
 
     Raises
     ------
     InputError
-        Neither a shape nor a mask, a concentration that is negative or not finite.
+        An object that is neither a shape nor a mask, a concentration that is negative or not finite.
 
     Examples
     --------
@@ -51,8 +51,8 @@ class Specimen(Storable):
         kinds.settle(self, concentration=kinds.number(self.concentration, "specimen.concentration", least=0))
 
     def nodes(self, lattice: Lattice, key: str = "specimen") -> np.ndarray:
-        """Which nodes of a lattice it holds, mask of the lattice's shape; InputError if there are none, unless it is a
-        part of a lattice, or shape and lattice do not fit.
+        """Nodes of a lattice that belong to it, a mask of the lattice's shape; raises InputError if there are none,
+        unless the lattice is a part of another one, or if shape and lattice are incompatible.
         """
         if isinstance(self.where, Shape):
             found = nodes_in(self.where, lattice, f"{key}.where")

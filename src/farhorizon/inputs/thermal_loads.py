@@ -20,46 +20,47 @@ _SIDES = [axis + side for axis in "xyz" for side in "-+"]
 
 @dataclass(frozen=True)
 class ThermalLoad(Storable):
-    r"""Strains that a temperature brings, :math:`\alpha\,(T - T_0)` in all directions.
+    r"""Strains caused by a temperature, :math:`\alpha\,(T - T_0)` in all directions.
 
-    No force answers to them: the force of a bond follows from its stretch less the mean of what both ends would be
-    strained, and so it breaks; a state, of state-based and correspondence materials, from the strain of its node less
-    that. The temperature strains the solid; that the solid heats itself as it is deformed, of the order of
-    :math:`T_0\,E\,\alpha^2/(\rho c)`, about a percent in metals, is left out unless `coupled`.
+    These strains cause no force: the force in a bond follows from its stretch minus the mean thermal strain of its two
+    ends, and so does its breaking; a state, in state-based and correspondence materials, follows from the strain of its
+    node minus the thermal strain. The temperature strains the solid; the heating of the solid by its own deformation,
+    of the order of :math:`T_0\,E\,\alpha^2/(\rho c)`, about a percent in metals, is neglected unless `coupled`.
 
     Parameters
     ----------
     temperature : float, ndarray, str, Expression, callable, Simulation or Setup
         A number or values at the nodes; an expression or a function of the coordinates and t; or a run of `Heat` or
-        `Diffusion`, whose field it is: it is run anew beside this one, on nodes of the same lattice or of a part of it,
-        with its own sides and layers. Beyond that part all is at the reference temperature.
+        `Diffusion`, whose field it is. Such a run is repeated alongside this one, on the nodes of the same lattice or
+        of a part of it, with its own sides and layers. Beyond that part everything is at the reference temperature.
     expansion : float, str, ndarray or callable
-        Coefficient of linear expansion (1/temperature), of the coordinates or at the nodes where it varies.
+        Coefficient of linear expansion (1/temperature); where it varies, a function of the coordinates or the values at
+        the nodes.
     reference : float
-        Temperature of the solid that is free of stress.
+        Temperature at which the solid is free of stress.
     every : float, optional
-        Time between two looks at a temperature that changes, between which it changes evenly; each time step unless
-        given, and each step of a run.
+        Interval at which a changing temperature is sampled, with linear interpolation in between; unless given, each
+        time step, and for a run each of its steps.
     coupled : bool
-        The temperature is a run of `Heat` on the nodes of the solid; it makes its steps with the solid, and what is
-        deformed heats and cools: :math:`\rho c\,T_t = \kappa \Delta T - T_0\,\alpha\,\mathrm{tr}\,\sigma_t`,
-        with the stress at the temperature `reference`, which is absolute, and c at constant strain. `Thermoelastic` is
-        the model of both.
+        The temperature is a run of `Heat` on the nodes of the solid, which is advanced together with the solid;
+        deformation heats and cools the solid:
+        :math:`\rho c\,T_t = \kappa \Delta T - T_0\,\alpha\,\mathrm{tr}\,\sigma_t`, with the stress at the temperature
+        `reference`, which is absolute, and c at constant strain. `Thermoelastic` is the model of both fields.
     joint : sequence of str
-        Names of the sides that are those of both fields, whose layers they share where they can; `Thermoelastic` gives
-        them.
+        Names of the sides that are common to both fields, whose layers they share if possible; set by `Thermoelastic`.
 
     Raises
     ------
     InputError
-        An expansion or a reference that is missing or no finite number; a temperature of another kind.
+        An expansion or a reference temperature that is missing or not a finite number; a temperature of another type.
 
     Notes
     -----
     The bonds are those of Silling and Askari (2005) with the thermal stretch of Kilic and Madenci (2010), IEEE
-    Transactions on Advanced Packaging 33, 97: ``s - alpha (T_i + T_j) / 2``, T the difference to the reference. In
-    plane strain what is free across the plane is held, and all strains in the plane are :math:`1 + \nu` times as large.
-    Near sides that absorb, and near those that are held, the solid must be at the reference temperature.
+    Transactions on Advanced Packaging 33, 97: ``s - alpha (T_i + T_j) / 2``, where T is the difference from the
+    reference. In plane strain the expansion normal to the plane is suppressed, and all strains in the plane are
+    :math:`1 + \nu` times as large. Near absorbing sides and near clamped ones, the solid must be at the reference
+    temperature.
 
     Examples
     --------
@@ -135,16 +136,16 @@ class ThermalLoad(Storable):
 
     @staticmethod
     def of_run(temperature: Any) -> bool:
-        """Whether a temperature is the field of a run."""
+        """Whether the temperature is the field of a run."""
         return hasattr(temperature, "lattice") and hasattr(temperature, "model")
 
     def bounded(self, lattice: Lattice) -> ThermalLoad:
-        """Itself: beyond its nodes all is at the reference temperature."""
+        """The load itself: beyond its nodes everything is at the reference temperature."""
         return self
 
     @property
     def steady(self) -> bool:
-        """Whether it is known to be the same at all times."""
+        """Whether the temperature is known to be constant in time."""
         return isinstance(self.temperature, float | np.ndarray) or getattr(self.temperature, "uses_time", None) is False
 
 

@@ -23,21 +23,21 @@ _MOMENTS = 257  # at which the middle of a box is looked at
 
 @dataclass(frozen=True)
 class TravellingWave(Incident):
-    """A wave along a direction, with a signal where it meets its box first.
+    """A wave in a given direction, with a given signal where it first meets its box.
 
     Parameters
     ----------
     direction : sequence of float
-        Along which it travels; its length does not matter.
+        Direction of propagation; its length is irrelevant.
     signal : callable, str or Expression
-        Displacement as a function of t, where the wave meets the box first.
+        Displacement as a function of t at the point where the wave first meets the box.
     duration : float
-        The signal is zero before 0 and after it.
+        Duration of the signal, which is zero before 0 and after this time.
 
     Raises
     ------
     InputError
-        A direction without length, a duration that is not positive, a signal that is no function of t.
+        A direction of zero length, a duration that is not positive, a signal that is not a function of t.
     """
 
     direction: Sequence[float]
@@ -58,7 +58,7 @@ class TravellingWave(Incident):
         return float(kinds.array(self.signal(t), "incident.signal", shape=())) if 0 <= t <= self.duration else 0.0
 
     def velocities(self, times: np.ndarray) -> np.ndarray | None:
-        """The differences of the signal."""
+        """Rates of change of the signal at equidistant times, up to a factor."""
         return np.gradient([self.at(t) for t in times.tolist()]) if len(times) > 1 else None
 
     @property
@@ -80,7 +80,7 @@ class TravellingWave(Incident):
         return super().resolved(lattice, reach, ends)
 
     def way(self, region: Region) -> tuple[float, float]:
-        """From where to where, along its direction from the origin, the wave is in the box."""
+        """Range of coordinates along its direction, from the origin, in which the wave is inside the box."""
         ends = region.places(np.stack([region.first, region.last]))
         begin, end = np.sort(self.along * ends, axis=0).sum(1).tolist()
         return begin, end

@@ -205,19 +205,19 @@ class RungeKutta4:
 class RungeKuttaChebyshev(Storable):
     """Stabilised explicit method of second order: its stable step grows with the square of the number of stages.
 
-    A time step that is left out is one that follows the data at the start, and that of Euler's method where anything
-    else drives the field: for longer ones give `dt`.
+    If no time step is given, it follows the initial data, or is that of Euler's method if anything else drives the
+    field: specify `dt` to use longer steps.
 
     One step is the polynomial ``a + b T_s(w0 + w1 z)`` of z = dt L with Verwer's damping 2/13 (Sommeijer, Shampine and
-    Verwer 1998, J. Comput. Appl. Math. 88, section 2). For a linear operator the Chebyshev polynomials need three terms
-    only, ``Y_j = mu Y_(j-1) + nu Y_(j-2) + mu' (L Y_(j-1) + s)`` with mu + nu = 1, and the last of them is mixed with
-    the start by a stage without operator: stages as the engine knows them, and three levels.
+    Verwer 1998, J. Comput. Appl. Math. 88, section 2). For a linear operator the Chebyshev polynomials need only three
+    terms, ``Y_j = mu Y_(j-1) + nu Y_(j-2) + mu' (L Y_(j-1) + s)`` with mu + nu = 1, and the last of them is combined
+    with the initial level by a stage without operator: stages of the kind that the engine provides, and three levels.
 
     Parameters
     ----------
     chebyshev : int
-        Stages s of a step, >= 2: the limit is about ``0.65 s^2 / largest eigenvalue``, against 2.8 for the four of
-        Runge-Kutta 4.
+        Number of stages s of a step, >= 2: the limit is about ``0.65 s^2 / largest eigenvalue``, compared with 2.8 for
+        the four stages of Runge-Kutta 4.
 
     Raises
     ------
@@ -245,7 +245,7 @@ class RungeKuttaChebyshev(Storable):
 
     @classmethod
     def for_step(cls, dt: float, largest: float) -> RungeKuttaChebyshev:
-        """With just as many stages as a step needs for the largest eigenvalue of -L."""
+        """The method with the fewest stages for which a step is stable, for the largest eigenvalue of -L."""
         stages = max(2, int(np.sqrt(1.5 * dt * largest)))
         while stages < 1000 and cls(stages).step_limit(largest) < dt * (1 + 1e-9):
             stages += 1
@@ -275,8 +275,8 @@ class RungeKuttaChebyshev(Storable):
         return float((1 + w0) / w1 / largest)
 
     def stages(self, dt: float, damping: float = 0.0, increments: bool = False) -> Stages:
-        """Stages of one step: the Chebyshev polynomials in levels 1 and 2, the start in level 0, which takes the
-        mixture.
+        """Stages of one step: the Chebyshev polynomials in levels 1 and 2, the initial values in level 0, which
+        receives the combination.
         """
         w0, w1, values, _ = self._shift()
         rotation, numbers = [(0, 0, 1)], [(0.0, 1.0, w1 / w0 * dt, w1 / w0 * dt)]
@@ -300,21 +300,21 @@ class RungeKuttaChebyshev(Storable):
     def source_samples(self, dt: float) -> tuple[tuple[float, ...], np.ndarray]:
         """Times within a step at which a source is read, and its weight in each stage, shape (stages, times).
 
-        The stages lie outside the step; what varies in time is continued to them on the straight line through both its
-        ends, which is as good as the method.
+        The stages lie outside the step; what varies in time is extrapolated to them linearly from the two ends of the
+        step, which is as accurate as the method.
         """
         times = np.append(self._times()[:-1], 0.0)
         return (0.0, dt), np.stack([1 - times, times], axis=1)
 
     def prescribed_samples(self, dt: float) -> tuple[tuple[float, ...], np.ndarray]:
-        """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape
+        """Times within a step, and their weights in the value that a prescribed node has after each stage, shape
         (stages, times).
         """
         times = np.append(self._times()[1:], 1.0)
         return (0.0, dt), np.stack([1 - times, times], axis=1)
 
     def growth(self, symbol: np.ndarray, dt: float) -> np.ndarray:
-        """Factor of one step for eigenvalues -symbol."""
+        """Amplification factor of one step for eigenvalues -symbol."""
         w0, w1, values, _ = self._shift()
         start, last = self._mix()
         x = w0 - w1 * dt * np.asarray(symbol, float)

@@ -34,22 +34,22 @@ class Kernel(Storable):
     exponent : int
         p in ``w(r) / r^p``, 0 to 3.
     influence : {"constant", "linear", "gaussian"} or callable
-        w(r) = 1, ``1 - r/horizon`` or ``exp(-(r/width)^2)``, zero beyond the horizon; or a function of the distance in
-        horizons that takes arrays, from 0 to 1, and with the ramp to half a spacing more. Integrals over such a one are
-        sums over `POINTS` points, exact to rounding where it is smooth.
+        w(r) = 1, ``1 - r/horizon`` or ``exp(-(r/width)^2)``, zero beyond the horizon; or a function of r/horizon that
+        accepts arrays, from 0 to 1, and half a spacing further with the ramp. Integrals over such a function are sums
+        over `POINTS` points, exact to rounding error if it is smooth.
     width : float, optional
-        Width of the gaussian, horizon / 3 unless given.
+        Width of the Gaussian, horizon / 3 unless given.
     volume : {"ramp", "full"}
-        "ramp": the linear volume correction, bonds reach horizon + spacing/2; "full": whole cells whose centre
+        "ramp": linear volume correction, with which bonds reach horizon + spacing/2; "full": whole cells whose centre
         lies within the horizon.
     calibrate : bool
-        Rescale the discrete stencil so that it has exactly the given diffusivity or squared speed.
+        Rescale the discrete stencil so that its diffusivity or squared wave speed is exactly the given one.
 
     Raises
     ------
     InputError
         An unknown influence or volume, an exponent outside 0..3, a horizon or width that is not positive, a function
-        with values that are not finite, negative, all zero, or not one a distance.
+        whose values are not finite, negative or all zero, or that does not return one value per distance.
 
     Examples
     --------
@@ -89,7 +89,7 @@ class Kernel(Storable):
 
     @property
     def gaussian_width(self) -> float:
-        """Width of the gaussian influence function."""
+        """Width of the Gaussian influence function."""
         return self.horizon / 3 if self.width is None else self.width
 
     def influence_at(self, r: np.ndarray) -> np.ndarray:
@@ -127,11 +127,11 @@ class Kernel(Storable):
         return float(2 * dim * coefficient / (_SPHERE[dim] * moment))
 
     def series(self, dim: int, terms: int) -> np.ndarray:
-        """Terms a_1, a_2, .. of the continuum symbol ``S(k) = coefficient k^2 (1 + a_1 z^2 + a_2 z^4 + ..)``, z = k
-        horizon.
+        """Coefficients a_1, a_2, .. of the continuum symbol ``S(k) = coefficient k^2 (1 + a_1 z^2 + a_2 z^4 + ..)``, z
+        = k horizon.
 
-        The numbers of Shojaei et al. (2020), eq 26, with the signs of diffusion's growing modes turned, and of Hermann
-        et al. (2023), eqs 24 and 29.
+        The numbers are those of Shojaei et al. (2020), eq 26, with the signs of the growing modes of diffusion
+        reversed, and of Hermann et al. (2023), eqs 24 and 29.
 
         Parameters
         ----------
@@ -141,7 +141,7 @@ class Kernel(Storable):
         Returns
         -------
         ndarray, shape (terms,)
-            Empty for a gaussian influence and for functions, which have none in closed form.
+            Empty for a Gaussian influence and for functions, for which no closed form exists.
         """
         self._check_dim(dim)
         if self.influence not in ("constant", "linear"):
@@ -155,7 +155,7 @@ class Kernel(Storable):
         return np.asarray(a[1:] / a[0])
 
     def dispersion(self, k: np.ndarray | float, dim: int) -> np.ndarray:
-        """Continuum symbol S(k) for unit coefficient: squared frequency (waves) or decay rate (diffusion).
+        """Continuum symbol S(k) for a unit coefficient: squared frequency (waves) or decay rate (diffusion).
 
         Parameters
         ----------

@@ -75,15 +75,15 @@ class _Named(type):
 
 
 class materials(metaclass=_Named):
-    """Named materials, in SI units, each number with its source.
+    """Named materials in SI units, with a source for each number.
 
-    ``constants`` of one are what a model is given. Solids have Young's modulus, Poisson's ratio and density. A
-    bond-based material, which has one Poisson's ratio, refuses another one: give it ``young`` and ``density`` alone,
-    which keeps Young's modulus and changes the other moduli. Fluids have the speed of sound and, as the density of
-    `Wave`, the compressibility: the field is then the pressure. In case files ``of = "steel"`` in ``[model]`` and
-    ``[[material]]`` means the same, in the units of the case.
+    The ``constants`` of a material are the arguments of a model. Solids have Young's modulus, Poisson's ratio and
+    density. A bond-based material, whose Poisson's ratio is fixed, refuses any other value: give it ``young`` and
+    ``density`` only, which preserves Young's modulus and changes the other moduli. Fluids have the speed of sound and,
+    as the density of `Wave`, the compressibility: the field is then the pressure. In case files ``of = "steel"`` in
+    ``[model]`` and ``[[material]]`` has the same effect, in the units of the case.
 
-    Strengths and fracture energies are not among them: they are properties of a specimen, its surface and the rate.
+    Strengths and fracture energies are not included: they depend on the specimen, its surface and the loading rate.
 
     Attributes
     ----------
@@ -102,8 +102,8 @@ class materials(metaclass=_Named):
     granite : Solid
         Lac du Bonnet granite, intact.
     bone : Solid
-        Human cortical bone, taken for isotropic: across the axis of a long bone it is about a third softer than along
-        it (Reilly and Burstein 1975).
+        Human cortical bone, assumed to be isotropic: across the axis of a long bone it is about a third softer than
+        along it (Reilly and Burstein 1975).
     water : Fluid
         At 20 degrees Celsius.
     air : Fluid

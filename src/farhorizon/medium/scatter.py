@@ -15,32 +15,32 @@ _BESIDE = 1e-6  # of a cell, by which its edges lie beside nodes half a cell fro
 
 @dataclass(frozen=True)
 class Weibull(Storable):
-    """A constant that scatters: in each cell of a grid another value, ``P(value > s) = exp(-(s/scale)^modulus)``.
+    """A random constant, with a different value in each cell of a grid, ``P(value > s) = exp(-(s/scale)^modulus)``.
 
-    It is a function of place alone: the same on every lattice, for any order of nodes and number of threads, and for
-    finer lattices, on which a cell has more nodes. With a cell of one spacing each node has a value of its own.
+    It is a function of position alone: the same on every lattice, for any order of nodes and any number of threads, and
+    on finer lattices, where a cell contains more nodes. With cells of one spacing each node has its own value.
 
     Parameters
     ----------
     scale : float
-        The value that a share 1/e, 37 %, exceeds.
+        The value that a fraction 1/e, 37 %, exceeds.
     modulus : float
-        Weibull modulus m: the larger, the less scatter (standard deviation about 1.2/m of the mean).
+        Weibull modulus m: the larger it is, the smaller the scatter (standard deviation about 1.2/m of the mean).
     cell : float
-        Edge of the cells, such as the size of grains; the origin lies in the middle of one.
+        Edge length of the cells, for example the grain size; the origin lies in the middle of a cell.
     seed : int
-        Another one, another sample.
+        A different seed gives a different sample.
 
     Raises
     ------
     InputError
-        Scale, modulus or cell not positive.
+        A scale, modulus or cell that is not positive.
 
     Notes
     -----
-    Weibull (1951), Journal of Applied Mechanics 18. A bond breaks as the weaker of its ends does, so that the
-    strength of a body lies below `scale`, and the more so the more cells there are. Numbers are those of the
-    generator of Steele, Lea and Flood (2014), OOPSLA, of the numbers of the cell and the seed.
+    Weibull (1951), Journal of Applied Mechanics 18. A bond breaks when its weaker end would, so that the strength of a
+    body lies below `scale`, the more so the more cells it contains. The numbers are those of the generator of Steele,
+    Lea and Flood (2014), OOPSLA, applied to the numbers of the cell and the seed.
 
     Examples
     --------

@@ -45,27 +45,27 @@ class Stencil(Storable):
     """A translation-invariant operator ``(L u)_i = sum_k w_k (u_(i+k) - u_i) - r u_i``, for unit spacing and
     coefficient.
 
-    Every operator with a finite reach is of this form: what a node feels of its neighbours' values and of its own is in
-    the differences and in r.
+    Every operator with a finite reach has this form: the differences contain the effect of the neighbours on a node,
+    and r that of its own value.
 
     Parameters
     ----------
     offsets : array_like of int, shape (K, dim)
-        Neighbours, without the centre.
+        Offsets of the neighbours, without the centre.
     weights : array_like, shape (K,), or (K, d, d) for a field of d components, in two or three dimensions
-        A model scales them by ``coefficient / spacing^2``. A field of as many components as axes is taken for a vector
-        along them.
+        A model multiplies them by ``coefficient / spacing^2``. A field with as many components as axes is treated as a
+        vector along these.
     reaction : float, or array_like, shape (d, d)
-        r, what a node's own value is drawn back by, scaled as the weights are: the squared mass of a Klein-Gordon
-        field, the stiffness of an elastic foundation, the rate of a decay. A coefficient that varies from node to node
-        is one of the bonds and does not touch it. A symmetric matrix where components are drawn back in ways of their
-        own, as rotations of nodes are.
+        r, the coefficient with which a node's own value is drawn back, scaled like the weights: the squared mass of a
+        Klein-Gordon field, the stiffness of an elastic foundation, the rate of a decay. A coefficient that varies from
+        node to node applies to the bonds and does not affect r. A symmetric matrix where the components are drawn back
+        differently, as rotations of nodes are.
 
     Raises
     ------
     InputError
-        Repeated or zero offsets, weights that are not finite, a stencil that is not symmetric, ``w_(-k) = w_k`` (of
-        matrices the transpose), a reaction below zero (a matrix that is not symmetric or has an eigenvalue below zero).
+        Repeated or zero offsets, weights that are not finite, a stencil that is not symmetric, ``w_(-k) = w_k`` (for
+        matrices the transpose), a negative reaction (a matrix that is not symmetric or has a negative eigenvalue).
 
     Examples
     --------
@@ -131,26 +131,26 @@ class Stencil(Storable):
 
     @property
     def components(self) -> int:
-        """Components of the field: 1 with numbers, as many as matrices have rows."""
+        """Number of components of the field: 1 for scalar weights, otherwise the number of rows of the matrices."""
         return 1 if self.weights.ndim == 1 else self.weights.shape[1]
 
     @property
     def own(self) -> Any:
-        """What the reaction takes of a node's own value, of matrices one."""
+        """Factor of a node's own value in the reaction, a matrix if the weights are matrices."""
         return (
             self.reaction if self.components == 1 or np.ndim(self.reaction) else self.reaction * np.eye(self.components)
         )
 
     @property
     def strongest_reaction(self) -> float:
-        """Its largest value, or eigenvalue."""
+        """The largest value, or eigenvalue, of the reaction."""
         return float(np.linalg.eigvalsh(self.reaction)[-1]) if np.ndim(self.reaction) else float(self.reaction)
 
     @cached_property
     def signs(self) -> np.ndarray:
-        """For each component and axis whether it changes its sign (-1) or not (1) in a mirror across that axis: of a
-        vector the component along it, of others what the weights tell, so that the stencil goes over into itself if it
-        can.
+        """For each component and axis, whether the component changes its sign (-1) or not (1) in a reflection across
+        that axis: for a vector the component along it does, for others it follows from the weights, such that the
+        stencil is invariant if possible.
         """
         if self.components in (1, self.dim):
             return np.ones((1, self.dim), int) if self.components == 1 else 1 - 2 * np.eye(self.dim, dtype=int)
@@ -184,15 +184,13 @@ class Stencil(Storable):
         return None
 
     def even_along(self, axis: int) -> bool:
-        """Whether the stencil goes over into itself in a mirror across an axis, in which components change their
-        `signs`.
-        """
+        """Whether a reflection across an axis, in which components change `signs`, leaves the stencil unchanged."""
         turn, sign = np.where(np.arange(self.dim) == axis, -1, 1), self.signs[:, axis]
         turned = self.weights if self.components == 1 else self.weights * np.outer(sign, sign)
         return self._unlike(self.offsets * turn, turned) is None
 
     def same_along(self, axis: int, other: int) -> bool:
-        """Whether two axes may be exchanged, and with them the components of a vector."""
+        """Whether two axes, and with them the components of a vector, may be exchanged."""
         order = np.arange(self.dim)
         order[[axis, other]] = other, axis
         return self._unlike(self.offsets[:, order], self._reordered(order)) is None
@@ -204,7 +202,7 @@ class Stencil(Storable):
 
     @cached_property
     def positive(self) -> bool:
-        """Whether no bond gains energy in any motion of its ends, so that a part of the bonds is stable, too."""
+        """Whether no bond releases energy in any motion of its ends, so that any subset of the bonds is also stable."""
         if self.components == 1:
             return bool((self.weights >= 0).all())
         if np.abs(self.weights - np.swapaxes(self.weights, 1, 2)).max() > 1e-12 * np.abs(self.weights).max():
@@ -218,7 +216,7 @@ class Stencil(Storable):
         Raises
         ------
         InputError
-            A horizon below the spacing (no neighbours), or so many spacings wide that the stencil has above 100 000
+            A horizon below the spacing (no neighbours), or so many spacings wide that the stencil has more than 100 000
             neighbours.
         """
         grid, weights = cls.family(kernel, spacing, dim)
@@ -234,7 +232,7 @@ class Stencil(Storable):
         Raises
         ------
         InputError
-            As `from_kernel`.
+            As in `from_kernel`.
         """
         if kernel.horizon < spacing * (1 - 1e-9):
             raise InputError(
@@ -290,7 +288,7 @@ class Stencil(Storable):
         return cls(grid[used], weights[used])
 
     def along(self, axis: int) -> Stencil:
-        """The same stencil with another axis (and component of a vector) first, the rest in their order."""
+        """The same stencil with another axis (and component of a vector) first, and the others in their order."""
         order = [axis, *(a for a in range(self.dim) if a != axis)]
         moved = np.ndim(self.reaction) and self.components == self.dim
         reaction = self.own[order][:, order] if moved else self.reaction
@@ -301,7 +299,7 @@ class Stencil(Storable):
         return self if np.array_equal(reaction, self.reaction) else Stencil(self.offsets, self.weights, reaction)
 
     def beside(self, factor: float) -> Stencil:
-        """The stencil of a medium whose bonds are stronger by a factor, in units of these: the reaction is the same."""
+        """The stencil of a medium whose bonds are stronger by a factor, relative to these; the reaction is the same."""
         return self.with_reaction(self.reaction / factor)
 
     @cached_property
@@ -310,13 +308,13 @@ class Stencil(Storable):
         return tuple(int(n) for n in np.abs(self.offsets).max(0))
 
     def symbol(self, *angles: np.ndarray | float) -> np.ndarray:
-        """``sum_k w_k (1 - exp(i k . angle)) + r`` at wavenumbers times spacing, one array an axis (broadcast).
+        """``sum_k w_k (1 - exp(i k . angle)) + r`` at wavenumbers times spacing, one array per axis (broadcast).
 
         Returns
         -------
         ndarray
-            Real, of the shape of the angles; of matrices Hermitian, two more axes at the end, complex if any weight is
-            not symmetric.
+            Real, of the shape of the angles; for matrices Hermitian, with two additional axes at the end, complex if
+            any weight is not symmetric.
         """
         bonds = self._sum_up(lambda o, phase: 2 * np.sin(phase / 2) ** 2, lambda o, phase: np.sin(phase), *angles)
         return bonds + self.own
@@ -353,7 +351,7 @@ class Stencil(Storable):
         return np.moveaxis(total, (0, 1), (-2, -1)) if width else total
 
     def branches(self, *angles: np.ndarray | float) -> np.ndarray:
-        """Eigenvalues of the symbol, ascending, on one more axis at the end: one of a scalar field."""
+        """Eigenvalues of the symbol, ascending, along an additional axis at the end: one for a scalar field."""
         symbol = self.symbol(*angles)
         return symbol[..., None] if self.components == 1 else np.linalg.eigvalsh(symbol)
 
@@ -383,17 +381,17 @@ class Stencil(Storable):
 
     @property
     def zone_branches(self) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray]]:
-        """A sample of the Brillouin zone (open grids), the branches on it and their derivatives along each axis."""
+        """A sample of the Brillouin zone (open grids), the branches there and their derivatives along each axis."""
         return _zone_branches(self)
 
     @property
     def layer_growth(self) -> tuple[list[np.ndarray], np.ndarray]:
-        """Wavenumbers (open grids) and how fast waves grow in a layer, to first order in its strength sigma, per unit
-        of it.
+        """Wavenumbers (open grids) and growth rates of waves in a layer, to first order in its strength sigma and per
+        unit of sigma.
 
-        Along an axis with wavenumber k (times spacing) a wave of frequency w grows by ``-sin(k) d(w^2)/dk / (2 w^2)``;
-        the largest over the axes counts, and 0 for waves that decay. One more axis at the end has the branches of a
-        field of vectors.
+        Along an axis with wavenumber k (times spacing), a wave of frequency w grows at the rate
+        ``-sin(k) d(w^2)/dk / (2 w^2)``; the largest value over the axes is used, and 0 for waves that decay. For vector
+        fields, an additional axis at the end contains the branches.
         """
         zone, value, slopes = self.zone_branches
         growth = np.zeros_like(value)
@@ -405,7 +403,7 @@ class Stencil(Storable):
         return zone, growth
 
     def backward_waves(self) -> BackwardWaves:
-        """Backward waves along any axis, from the sign of group against phase velocity on the Brillouin zone."""
+        """Backward waves along any axis, from the signs of group and phase velocity in the Brillouin zone."""
         zone, growth = self.layer_growth
         radius = np.sqrt(sum(a**2 for a in zone))
         found = (growth > 0).any(-1)

@@ -17,14 +17,14 @@ class Beam(LatticeModel):
     r"""Semi-discrete Euler-Bernoulli beam, :math:`u_{tt} + 2 d\,u_t = -\beta\,u_{xxxx} + s`, by velocity Verlet; one
     dimension.
 
-    The fourth difference is the stencil of reach 2 with the weights 4 and -1 over spacing^4. Its bonds cannot be cut or
-    weakened one by one, and their absence is not the mechanical free end, so that the sides are `Exact`, `Fixed`
-    (clamped) or `Periodic`.
+    The fourth difference is the stencil of reach 2 with the weights 4 and -1 divided by spacing^4. Its bonds cannot be
+    cut or weakened individually, and removing them does not produce a mechanically free end, so that the sides must be
+    `Exact`, `Fixed` (clamped) or `Periodic`.
 
     Parameters
     ----------
     stiffness : float
-        Bending stiffness over mass per length, :math:`\beta = EI/(\rho A)` (length^4 / time^2).
+        Bending stiffness divided by mass per length, :math:`\beta = EI/(\rho A)` (length^4 / time^2).
     damping : float
         Viscous damping d (1 / time): the equation has 2 d u_t, so that waves decay as exp(-d t).
 
@@ -52,21 +52,21 @@ class Beam(LatticeModel):
 
     @property
     def moduli(self) -> None:
-        """None: a beam carries energy by its bending moment."""
+        """None: in a beam the bending moment transports energy."""
         return None
 
     def serves(self, side: Any) -> bool:
-        """Whether a side goes with the beam: what ends it, or continues it exactly."""
+        """Whether a side can be used with the beam, that is, ends it or continues it exactly."""
         return super().serves(side) and (side.exact or not side.endless)
 
     def crossing(self, length: float, factor: float = 1.0) -> float:
-        """Bending has no largest speed: the time in which waves as long as a length swing, but for a factor,
+        """Bending waves have no largest speed: up to a factor, the period of waves as long as a given length,
         ``length^2/sqrt(stiffness)``.
         """
         return length**2 / float(np.sqrt(factor * self.stiffness))
 
     def stencil(self, spacing: float, dim: int) -> Stencil:
-        """The fourth difference, over spacing^2: the other two powers are those of all models."""
+        """The fourth difference divided by spacing^2; the other two powers are applied as in all models."""
         if dim != 1:
             raise InputError(
                 "a beam has one dimension", value=f"{dim} dimensions", key="lattice", remedy="a lattice with one axis"

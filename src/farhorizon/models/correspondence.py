@@ -19,7 +19,7 @@ SHAPE_TENSORS = ("recomputed", "published", "kept")
 
 
 class Correspondence(Elastic):
-    r"""A correspondence solid with damage, `Elastic` with ``material="correspondence"`` and drag.
+    r"""A correspondence solid with damage: an `Elastic` model with ``material="correspondence"`` and drag.
 
     The deformation gradient and the force density of a node (Silling et al. 2007; Wildman and Gazonas 2012, eqs 2-6 to
     2-14) are
@@ -32,32 +32,33 @@ class Correspondence(Elastic):
     Parameters
     ----------
     kernel : Kernel
-        Influence function times volume; its scale does not matter.
+        Influence function times volume; its scale is irrelevant.
     young, poisson, density : float, str, ndarray or callable
-        Where the material varies, an expression or a function of the coordinates, or the values at the nodes.
+        May vary: an expression or a function of the coordinates, or the values at the nodes.
     plane : {"strain", "stress"}, optional
-        In two dimensions; "strain" unless given.
+        Plane strain or plane stress in two dimensions; "strain" unless given.
     critical_stretch : float, str, ndarray or callable, optional
-        Bonds whose length has grown by more than this part break for good; none unless given. Where it varies, as
-        `young`: a bond breaks as the weaker of its ends does.
+        Bonds whose relative elongation exceeds this value break permanently; unless given, none break. May vary like
+        `young`: a bond breaks when its weaker end would.
     shape_tensor : {"recomputed", "published", "kept"}
-        K of a node that loses bonds: from those that are left (0 where its determinant is below a thousandth of an
-        intact one); nodes with fewer bonds than on a flat face bear less of their stress, or all of it, as published;
-        or that of the body without cracks, which softens gradually.
+        How K is determined at a node that loses bonds. "recomputed": from the remaining bonds (0 where its determinant
+        is below a thousandth of that of an intact node), where nodes with fewer bonds than on a flat face bear less of
+        their stress; "published": likewise, but all of their stress is borne, as published; "kept": K of the body
+        without cracks, which softens gradually.
     drag : float
-        Rate D/dt (1/time) at which a velocity moves towards the mean of its neighbours (Wildman and Gazonas 2012, eq.
-        3-4). It is the rate that is a property of the body: D itself goes with the step.
+        Rate D/dt (1/time) at which a velocity relaxes towards the mean of its neighbours (Wildman and Gazonas 2012, eq.
+        3-4). The rate, not D, is a property of the body: D itself is proportional to the time step.
     stabilisation : float
-        0 to 1: part that is put back of the energy of displacements which the gradient does not see (Silling 2017); 1
-        makes longitudinal waves those of the bond-based operator of the same influence function. It stiffens fracture:
-        calibrate it with the critical stretch.
+        0 to 1: fraction that is restored of the energy of displacements that do not contribute to the gradient (Silling
+        2017); with 1, longitudinal waves are those of the bond-based operator of the same influence function. It
+        increases the resistance to fracture: calibrate it together with the critical stretch.
     contact : bool
-        Whether bonds that are cut or broken carry compression, as in `Elastic`.
+        Whether bonds that are cut or broken transmit compression, as in `Elastic`.
 
     Raises
     ------
     InputError
-        As `Elastic`; a drag below zero, an unknown shape tensor.
+        As in `Elastic`; a negative drag, an unknown shape tensor.
 
     Examples
     --------
@@ -120,7 +121,7 @@ class Correspondence(Elastic):
         return "Correspondence"
 
     def force_states(self, spacing: float, dim: int) -> ForceStates | None:
-        """Gradients and stresses, by the shape tensors as they are chosen; bonds break by their stretch."""
+        """Gradients and stresses, computed with the chosen shape tensors; bonds break at their critical stretch."""
         states = super().force_states(spacing, dim)
         kept, unweakened = (self.shape_tensor == name for name in ("kept", "published"))
         return None if states is None else replace(states, kept=kept, unweakened=unweakened, released=None)

@@ -18,33 +18,34 @@ class Corrosion(LatticeModel):
     r"""Peridynamic corrosion: metal that dissolves into a liquid in which it diffuses, :math:`u_t = \int c\,(u' -
     u)\,dV'`.
 
-    The field u is the concentration of the metal. Bonds between liquid nodes have the micro-diffusivity :math:`c` of
-    the operator and the diffusivity, bonds between a solid and a liquid node `interface` times as much (the
-    micro-dissolvability), bonds between solid nodes none. A solid node whose concentration has fallen below
-    `saturation` after a step is liquid from then on and keeps its concentration. `Simulation` takes the solid as
+    The field u is the concentration of the metal. Bonds between liquid nodes have the micro-diffusivity :math:`c` given
+    by the operator and the diffusivity, bonds between a solid and a liquid node `interface` times as much (the
+    micro-dissolvability), and bonds between solid nodes none. A solid node whose concentration has fallen below
+    `saturation` after a step is liquid from then on and keeps its concentration. The solid is passed to `Simulation` as
     `specimens`.
 
-    How fast the metal dissolves into a liquid that carries it away at once (activation control) is set by `interface`:
-    see `speed`, `interface_for` and `speed_of_current`. Where the liquid does not carry it away, it may rise far above
-    the saturation, which `Simulation` warns of, unless the dissolution is `limited`.
+    The rate at which the metal dissolves into a liquid that carries it away immediately (activation control) is set by
+    `interface`: see `speed`, `interface_for` and `speed_of_current`. Where the liquid does not carry the metal away,
+    the concentration may rise far above the saturation, of which `Simulation` warns, unless the dissolution is
+    `limited`.
 
     Parameters
     ----------
     operator : Kernel or Stencil
     diffusivity : float
-        Of the metal in the liquid (length^2 / time), of long waves.
+        Diffusivity of the metal in the liquid (length^2 / time), for long waves.
     saturation : float
-        Concentration below which a solid node dissolves: above that of the liquid far away, below that of the metal.
+        Concentration below which a solid node dissolves; it must lie above that of the liquid far away and below that
+        of the metal.
     interface : float
-        Micro-diffusivity of bonds between the phases over that of the liquid; positive.
+        Micro-diffusivity of bonds between the phases relative to that of the liquid; positive.
     limited : bool
-        Bonds between the phases carry ``saturation - u`` in place of ``metal - u``, u the concentration of the liquid,
-        and nothing where that is saturated: no node of the liquid rises above the saturation, and diffusion controls
-        the front where `interface` is not small. The front is then slower under activation control, too (`speed`): take
-        `interface` from `interface_for`.
+        The flux in bonds between the phases is driven by ``saturation - u`` instead of ``metal - u``, where u is the
+        concentration of the liquid, and vanishes where the liquid is saturated: no node of the liquid rises above the
+        saturation, and diffusion controls the front unless `interface` is small. The front is then slower under
+        activation control, too (`speed`): determine `interface` by `interface_for`.
     integrator : {"euler", "rk4", "rkc"} or RungeKuttaChebyshev
-        The phases change at the end of a step only, so that the fronts are of first order in time whatever the
-        integrator.
+        Phases change only at the end of a step, so that the fronts are of first order in time whatever the integrator.
 
     Raises
     ------
@@ -54,8 +55,8 @@ class Corrosion(LatticeModel):
     Notes
     -----
     Shojaei, Hermann, Seleson and Cyron (2020), section 5.2, after Chen and Bobaru (2015, J. Mech. Phys. Solids 78) and
-    Jafarzadeh, Chen, Zhao and Bobaru (2019, Corros. Sci. 150). As the horizon shrinks the concentration at the front
-    tends to the saturation, and the front to that of the Stefan problem.
+    Jafarzadeh, Chen, Zhao and Bobaru (2019, Corros. Sci. 150). As the horizon shrinks, the concentration at the front
+    tends to the saturation, and the front to the solution of the Stefan problem.
 
     Examples
     --------
@@ -88,18 +89,19 @@ class Corrosion(LatticeModel):
 
     @property
     def dissolution(self) -> Corrosion:
-        """Itself."""
+        """The model itself."""
         return self
 
     def speed(self, spacing: float, dim: int, metal: float, far: float = 0.0) -> float:
-        """Speed of a plane front along an axis under activation control, where the liquid beside it holds what it does
-        far away.
+        """Speed of a plane front along an axis under activation control, where the liquid next to the front has the
+        concentration that it has far away.
 
-        A node of the metal loses its surplus from when the front is within its reach until it falls below the
-        saturation, so that in a steady front the time between two layers of nodes follows from all bonds ahead of a
-        node, ``S = sum_(x > 0) w x`` (x in spacings): the speed is ``interface diffusivity S / spacing / ln((metal -
-        far) / (saturation - far))``, limited it is ``interface diffusivity S / spacing * (saturation - far) / (metal -
-        saturation)``. It is proportional to `interface`, and holds while it is far below diffusivity / spacing.
+        A node of the metal loses its surplus from the time at which the front is within its reach until its
+        concentration falls below the saturation. In a steady front the time between two layers of nodes therefore
+        follows from all bonds ahead of a node, ``S = sum_(x > 0) w x`` (x in spacings): the speed is
+        ``interface diffusivity S / spacing / ln((metal - far) / (saturation - far))``, or if `limited`
+        ``interface diffusivity S / spacing * (saturation - far) / (metal - saturation)``. It is proportional to
+        `interface`, and valid as long as it is far below diffusivity / spacing.
 
         Parameters
         ----------
@@ -136,23 +138,23 @@ class Corrosion(LatticeModel):
         return whole / float(np.log((metal - far) / (self.saturation - far)))
 
     def interface_for(self, speed: float, spacing: float, dim: int, metal: float, far: float = 0.0) -> float:
-        """The `interface` that gives a plane front a speed (length / time) under activation control; the rest as of
-        `speed`.
+        """The `interface` for which a plane front has a given speed (length / time) under activation control; for the
+        other parameters see `speed`.
         """
         return self.interface * kinds.number(speed, "speed", above=0) / self.speed(spacing, dim, metal, far)
 
 
 def speed_of_current(density: float, metal: float, electrons: float) -> float:
-    """Speed of a front (m/s) from the density of the corrosion current, by Faraday's law.
+    """Speed of a corrosion front (m/s) from the current density, by Faraday's law.
 
     Parameters
     ----------
     density : float
-        A/m^2.
+        Current density, A/m^2.
     metal : float
         Concentration of the intact metal, mol/m^3.
     electrons : float
-        That an atom gives away.
+        Number of electrons that each atom loses.
 
     Examples
     --------

@@ -18,8 +18,8 @@ class Diffusion(LatticeModel):
     diffusivity : float
         :math:`\chi^2` (length^2 / time) of long waves.
     integrator : {"euler", "rk4", "rkc"} or RungeKuttaChebyshev
-        Forward Euler, the classical Runge-Kutta method of fourth order, or the stabilised one of second order for long
-        runs.
+        Forward Euler, the classical Runge-Kutta method of fourth order, or the stabilised Runge-Kutta-Chebyshev method
+        of second order, for long runs.
 
     Notes
     -----

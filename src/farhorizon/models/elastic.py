@@ -58,67 +58,69 @@ class Elastic(LatticeModel):
     kernel : Kernel, Stencil or None
         Influence function ``w(r)/r^p`` of the bonds (exponent 1 and constant influence: the prototype microelastic
         material), or of the weights of state-based and correspondence materials; None for finite elements. A `Stencil`
-        of matrices, for unit P modulus, replaces the material's.
+        of matrices, for unit P modulus, replaces that of the material.
     young, poisson, bulk, shear : float, str, ndarray or callable, optional
-        Young's modulus, Poisson's ratio, bulk and shear modulus: two of the four; bond-based materials, whose Poisson's
-        ratio is fixed, need one. Where the material varies, an expression or a function of the coordinates, or the
-        values at the nodes.
+        Young's modulus, Poisson's ratio, bulk and shear modulus. Two of the four are required, but only one for
+        bond-based materials, whose Poisson's ratio is fixed. Where the material varies, an expression or a function of
+        the coordinates, or the values at the nodes.
     density : float, str, ndarray or callable
-        Mass per volume; as these.
+        Mass per volume; given like the moduli.
     material : {"bond-based", "state-based", "correspondence", "finite-element"}
     plane : {"strain", "stress"}, optional
-        In two dimensions; "strain" unless given.
+        Plane strain or plane stress in two dimensions; "strain" unless given.
     damping : float
         Viscous damping d (1 / time): the equation has 2 d u_t, so that waves decay as exp(-d t).
     stabilisation : float
-        Correspondence: strength of the force against zero-energy modes, 0 to 1 of the P modulus.
+        For correspondence materials: strength of the force against zero-energy modes, 0 to 1 times the P modulus.
     nonlinear : bool
-        Bond-based: the force ``c (|xi + eta| - |xi|)`` along the deformed bond (the prototype microelastic material),
-        not linearised in eta.
+        For bond-based materials: the force ``c (|xi + eta| - |xi|)`` acts along the deformed bond (the prototype
+        microelastic material) and is not linearised in eta.
     critical_stretch : float, str, ndarray or callable, optional
-        Bonds whose length has grown by more than this part break for good; not of finite elements. Those of a
-        correspondence material break when as much energy is lost with them as in an intact body that is stretched
-        evenly until the longest bonds have this stretch (`farhorizon.medium.force_states.energy_of_bonds`). In
-        uniaxial tension that takes a larger stretch, from about ``1 / sqrt(1 - poisson)`` times it in plane stress and
-        ``sqrt((1 - poisson) / (1 - 2 poisson))`` in plane strain on: 1.12 and 1.15 for a ratio of 0.2, 1.35 and 2.35
-        for 0.45. Where it varies, as `young`: a bond breaks as the weaker of its ends does.
+        Bonds whose relative elongation exceeds this value break permanently; not available for finite elements. Those
+        of a correspondence material break when as much energy is lost with them as in an intact body that is stretched
+        uniformly until the longest bonds have this stretch (`farhorizon.medium.force_states.energy_of_bonds`). In
+        uniaxial tension this requires a larger stretch, starting at about ``1 / sqrt(1 - poisson)`` times the value in
+        plane stress and ``sqrt((1 - poisson) / (1 - 2 poisson))`` times the value in plane strain: 1.12 and 1.15 for a
+        ratio of 0.2, 1.35 and 2.35 for 0.45. May vary like `young`: a bond breaks when its weaker end would.
     fracture_energy : float, str, ndarray or callable, optional
-        Instead of the critical stretch the energy that a new crack takes per area; see `critical_stretch_on`. In
-        bond-based materials beside it where bonds soften.
+        Instead of the critical stretch, the energy that a new crack takes per area; see `critical_stretch_on`. For
+        bond-based materials with softening, in addition to the critical stretch.
     softening : {"linear", "exponential"}, optional
-        Bond-based, with a critical stretch and a fracture energy: bonds do not break at that stretch, but begin to
-        soften there (a bilinear law, or an exponential one), so that a new crack takes the fracture energy; they unload
-        along the secant.
+        For bond-based materials with a critical stretch and a fracture energy: bonds do not break at that stretch but
+        begin to soften there (by a bilinear or an exponential law), so that a new crack absorbs the fracture energy;
+        they unload along the secant.
     contact : bool, optional
-        Bonds that are cut or broken carry compression, where they are shorter than in the beginning, so that faces of a
-        crack which closes do not pass through each other; not of finite elements. Those of state-based and
-        correspondence materials do so as the springs of a bond-based material of the same P modulus. As `nonlinear`
-        unless given.
+        Bonds that are cut or broken transmit compression when they are shorter than initially, so that the faces of a
+        closing crack do not pass through each other; not available for finite elements. In state-based and
+        correspondence materials such bonds act like the springs of a bond-based material of the same P modulus. The
+        same as `nonlinear` unless given.
 
     Attributes
     ----------
     young, poisson, bulk, shear, lame : float
-        All moduli; `lame` is Lame's first constant, in plane stress that of the plane, ``2 lam mu / (lam + 2 mu)``.
-        Where moduli or density vary there are only those that are given, as they are given, and the others are None.
+        All moduli; `lame` is Lame's first constant, in plane stress the effective one of the plane,
+        ``2 lam mu / (lam + 2 mu)``. Where moduli or density vary, only the given ones are set, in the form in which
+        they were given; the others are None.
     coefficient : float
-        Squared speed of P waves; there is none where moduli or density vary.
+        Squared speed of P waves; not defined where moduli or density vary.
 
     Raises
     ------
     InputError
-        Constants that are missing, superfluous or impossible: Poisson's ratio outside -1..0.5, bond-based other than
-        1/4 (1/3 in plane stress). Later the speeds of waves where moduli or density vary, as there is not one of
-        each: `Simulation.model`, the uniform medium in the middle of all, has them.
+        Constants that are missing, superfluous or impossible: a Poisson's ratio outside -1..0.5, or for bond-based
+        materials other than 1/4 (1/3 in plane stress). Also raised later when wave speeds are requested where moduli or
+        density vary, since they have no single value there; `Simulation.model`, the uniform medium with the median
+        constants, provides them.
 
     Notes
     -----
-    Bonds: Silling (2000), linearised unless `nonlinear`; bonds that break: Silling and Askari (2005). State-based:
+    Bonds: Silling (2000), linearised unless `nonlinear`; breaking bonds: Silling and Askari (2005). State-based:
     Silling, Epton, Weckner, Xu and Askari (2007), eq 104, linearised: its dilatation acts with lam - mu.
-    Correspondence: the same, section 18, with the gradient of Wildman and Gazonas (2012), eqs 2-8 to 2-13; the
-    stabilisation is that of Silling (2017), eq 21. Forces of state-based and correspondence materials follow from
-    states of the nodes (`farhorizon.medium.force_states`): their bonds may be cut and break, but not be weakened. A
-    bond between nodes of different strengths breaks at the smaller of their critical stretches, as in Parks, Lehoucq,
-    Plimpton and Silling (2008), Computer Physics Communications 179.
+    Correspondence: the same paper, section 18, with the gradient of Wildman and Gazonas (2012), eqs 2-8 to 2-13; the
+    stabilisation is that of Silling (2017), eq 21. The forces of state-based and correspondence materials follow from
+    states of the nodes (`farhorizon.medium.force_states`): their bonds may be cut and may break, but cannot be
+    weakened. A bond between nodes of different strengths breaks at the smaller of their critical stretches, as in
+    Parks, Lehoucq, Plimpton and Silling (2008), Computer Physics Communications 179.
 
     Examples
     --------
@@ -200,8 +202,8 @@ class Elastic(LatticeModel):
     mechanical = True
 
     def serves(self, side: Any) -> bool:
-        """Whether a side goes with the material: one for vector fields, and where bonds may not be cut one that they
-        cross.
+        """Whether a side can be used with the material: it must support vector fields and, where bonds cannot be cut,
+        be one that bonds cross.
         """
         if side.derivatives:
             return self.material == "correspondence" and isinstance(self.kernel, Kernel) and not self.stabilisation
@@ -242,7 +244,7 @@ class Elastic(LatticeModel):
 
     @property
     def title(self) -> str:
-        """Elastic, and of which material."""
+        """The title, which includes the kind of material."""
         return f"Elastic of {self.material} material"
 
     @property
@@ -253,12 +255,12 @@ class Elastic(LatticeModel):
 
     @property
     def bondwise(self) -> bool:
-        """Whether bonds follow a law of their own stretch one by one: nonlinear, or breaking, or both."""
+        """Whether each bond follows its own law of stretch: nonlinear, breaking, or both."""
         return self.nonlinear or self.contact or self.warm or bool(self._strength)
 
     @property
     def bond_law(self) -> Elastic | None:
-        """Itself where bonds follow a law one by one, else None."""
+        """The model itself where bonds follow individual laws, else None."""
         return self if self.bondwise else None
 
     @property
@@ -268,7 +270,7 @@ class Elastic(LatticeModel):
 
     @property
     def caution(self) -> str | None:
-        """That a strong stabilisation makes short S waves faster than long ones, see `neutral_stabilisation`."""
+        """Warning that stabilisation makes short S waves faster than long ones, see `neutral_stabilisation`."""
         neutral = float(np.min(neutral_stabilisation(self.lame, self.shear)))
         if self.stabilisation <= neutral * (1 + 1e-9):
             return None
@@ -286,7 +288,7 @@ class Elastic(LatticeModel):
         return model
 
     def heated(self, coupled: bool = False) -> Elastic:
-        """The same material where heat strains it: bonds are looked at one by one then."""
+        """The same material with thermal strains: its bonds are then computed one by one."""
         if self.material not in _BREAKABLE or not isinstance(self.kernel, Kernel) or self.nonlinear:
             raise InputError(
                 "heat strains materials of bonds or states, whose strains are small",
@@ -308,26 +310,26 @@ class Elastic(LatticeModel):
         return model
 
     def bond_stiffness(self, stencil: Stencil, spacing: float) -> np.ndarray:
-        """Force density over elongation of each bond of the material's stencil."""
+        """Force density per elongation of each bond of the material's stencil."""
         return np.asarray(np.trace(stencil.weights, axis1=1, axis2=2) * self.p_modulus / spacing**2)
 
     def critical_stretch_on(self, spacing: float, dim: int, strength: Any = 1.0, stiffness: Any = 1.0) -> Any:
-        """The stretch at which bonds break: the one given, or from the fracture energy and the bonds of the lattice;
-        infinite without.
+        """The stretch at which bonds break: the given one, or that from the fracture energy and the bonds of the
+        lattice; infinite if neither is given.
 
-        Of a bond-based material their energy across a plane, averaged over its directions
-        (`medium.fracture.fracture_energy`), is the fracture energy. That of a crack along an axis of the lattice
-        differs by what the lattice is not a continuum. Of the others it is what a crack spends that runs
-        (`farhorizon.simulation.running_cracks`), which a simulation lets do so when it is set up.
+        For a bond-based material, the energy of the bonds across a plane, averaged over its directions
+        (`medium.fracture.fracture_energy`), equals the fracture energy. That of a crack along an axis of the lattice
+        differs from it, because the lattice is not a continuum. For the other materials it is the energy spent by a
+        running crack (`farhorizon.simulation.running_cracks`), which a simulation computes when it is set up.
 
         Parameters
         ----------
         spacing : float
         dim : int
         strength : float or ndarray
-            Critical stretch, or fracture energy, over that of the material.
+            Critical stretch, or fracture energy, relative to that of the material.
         stiffness : float or ndarray
-            Of the bonds over those of the material: the stiffer they are, the less they stretch for the same energy.
+            Stiffness of the bonds relative to those of the material: stiffer bonds stretch less for the same energy.
 
         Returns
         -------
@@ -336,7 +338,7 @@ class Elastic(LatticeModel):
         Raises
         ------
         InputError
-            A fracture energy of which nobody has told yet what a crack spends.
+            A fracture energy for which the energy spent by a running crack has not been computed yet.
         """
         if self.critical_stretch is not None:
             return self.critical_stretch * strength
@@ -371,13 +373,13 @@ class Elastic(LatticeModel):
 
     @property
     def uneven(self) -> dict[str, Any]:
-        """Those of the moduli and the density that vary."""
+        """The moduli and the density, as far as they vary."""
         given = self._given_moduli | {"density": self.density}
         return {name: value for name, value in given.items() if not isinstance(value, float)}
 
     @property
     def varying(self) -> dict[str, Any]:
-        """These, and what it takes to break bonds where that varies."""
+        """All varying constants: those of `uneven`, and the critical stretch or fracture energy."""
         return self.uneven | {name: value for name, value in self._strength.items() if not isinstance(value, float)}
 
     def with_constants(self, constants: Mapping[str, Any]) -> Elastic:
@@ -392,14 +394,14 @@ class Elastic(LatticeModel):
 
     @classmethod
     def check_constant(cls, name: str, values: np.ndarray, key: str) -> None:
-        """Refuse values that are not positive; Poisson's ratio has a range of its own."""
+        """Refuse values that are not positive; for Poisson's ratio, values outside its range."""
         if name == "poisson":
             check_ratio(values, key)
         else:
             super().check_constant(name, values, key)
 
     def ordered(self, values: Mapping[str, np.ndarray]) -> list[Ordered]:
-        """By the speed of P waves, and each strength by itself."""
+        """Nodes are ordered by the speed of P waves, and for each strength separately."""
         found: list[Ordered] = [(values[name], {name: values[name]}) for name in self._strength if name in values]
         if not self.uneven:
             return found
@@ -410,7 +412,7 @@ class Elastic(LatticeModel):
         return [*found, (modulus / density, of_solid | {"density": density})]
 
     def beside(self, values: Mapping[str, np.ndarray]) -> Variation:
-        """How moduli, density and strength vary."""
+        """Variation of moduli, density and strength relative to this model."""
         found = _solid_beside(self, {name: value for name, value in values.items() if name not in self._strength})
         over = {name: values[name] / value for name, value in self._strength.items() if name in values}
         if self.softening is None:
@@ -419,7 +421,7 @@ class Elastic(LatticeModel):
 
     @property
     def moduli(self) -> tuple[float, float]:
-        """Lame's constants; InputError where moduli or density vary."""
+        """Lame's constants; raises InputError where moduli or density vary."""
         for name, value in self.uneven.items():
             raise InputError(
                 "where constants vary from node to node there is no one modulus or speed of waves",
@@ -443,7 +445,7 @@ class Elastic(LatticeModel):
 
     @property
     def speed_ratio(self) -> float:  # type: ignore[override]
-        """Of P waves to S waves."""
+        """Ratio of the speeds of P and S waves."""
         return self.p_speed / self.s_speed
 
     @property
@@ -453,11 +455,11 @@ class Elastic(LatticeModel):
 
     @property
     def speeds(self) -> dict[str, float]:
-        """Those of long P and S waves."""
+        """The speeds of long P and S waves."""
         return {"P": self.p_speed, "S": self.s_speed}
 
     def with_stencil(self, stencil: Stencil) -> Elastic:
-        """The same model, linear, with a stencil in place of its material's."""
+        """The same model, linear, with a stencil instead of that of its material."""
         model = super().with_stencil(stencil).linearised
         model.kernel = stencil
         return model
@@ -465,7 +467,7 @@ class Elastic(LatticeModel):
     def force_states(self, spacing: float, dim: int) -> ForceStates | None:
         """Gradients and stresses of a correspondence material, dilatations and pressures of a state-based one.
 
-        Bonds that close are springs of a bond-based material, whose P modulus is three times its shear modulus.
+        Bonds that close act as springs of a bond-based material, whose P modulus is three times its shear modulus.
         """
         if self.bonds or not isinstance(self.kernel, Kernel) or self._given is not None:
             return None

@@ -18,23 +18,24 @@ SELF_TERMS = ("centre", "neighbour", "none")
 class Heat(LatticeModel):
     r"""Peridynamic or classical heat conduction, :math:`\rho c\,T_t = \int k(r)\,\frac{T' - T}{r^2}\,dV' + w`.
 
-    The field u is the temperature; sources are powers per volume w(x, t). Any consistent units.
+    The field u is the temperature; sources are powers per volume w(x, t). Any consistent units may be used.
 
     Parameters
     ----------
     operator : Kernel or Stencil
-        The micro-conductivity k: influence "constant" or "linear" (triangular) with exponent 2 are those of the paper.
+        The micro-conductivity k: influence "constant" or "linear" (triangular) with exponent 2 corresponds to the
+        paper.
     density : float
         Mass per volume :math:`\rho`; positive.
     specific_heat : float
         Energy per mass and temperature, c; positive.
     conductivity : float
-        Power per length and temperature :math:`\kappa`; positive. `Simulation`'s `coefficient` multiplies it from node
-        to node.
+        Power per length and temperature, :math:`\kappa`; positive. The `coefficient` of `Simulation` multiplies it node
+        by node.
     integrator : {"euler", "rk4", "rkc"} or RungeKuttaChebyshev
     self_term : {"centre", "neighbour", "none"}
-        What the cell of a node itself contributes to the integral over its family: the micro-conductivity at its
-        "centre", k(0); that at the nearest "neighbour", as the paper prints it; or "none". See `self_weight`.
+        Contribution of the cell of a node itself to the integral over its family: the micro-conductivity at its
+        "centre", k(0); that at the nearest "neighbour", as printed in the paper; or "none". See `self_weight`.
 
     Raises
     ------
@@ -43,10 +44,10 @@ class Heat(LatticeModel):
 
     Notes
     -----
-    Bobaru and Duangpanya (2010), eqs 9, 16, 17 and 18. Only the self term with k(0) gives the conductivity asked for,
-    without calibration, whatever the number of nodes in the horizon; printed is the nearest neighbour's (they are the
-    same for a constant k). A kernel with ``calibrate=True`` is rescaled after the self term; give ``calibrate=False``
-    to see what the other variants do.
+    Bobaru and Duangpanya (2010), eqs 9, 16, 17 and 18. Only the self term with k(0) gives the specified conductivity
+    without calibration, whatever the number of nodes in the horizon; the paper prints that of the nearest neighbour
+    (they are the same for a constant k). A kernel with ``calibrate=True`` is rescaled after the self term is added; use
+    ``calibrate=False`` to see the effect of the other variants.
 
     Examples
     --------
@@ -77,7 +78,7 @@ class Heat(LatticeModel):
         self.source_factor = 1 / self.heat_capacity
 
     def stencil(self, spacing: float, dim: int) -> Stencil:
-        """Dimensionless stencil on a lattice, the self term in the weights of the nearest neighbours."""
+        """Dimensionless stencil on a lattice, with the self term included in the weights of the nearest neighbours."""
         if not isinstance(self.operator, Kernel) or self.self_term == "none":
             return super().stencil(spacing, dim)
         kernel = self.operator

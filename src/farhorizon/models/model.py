@@ -69,11 +69,11 @@ class Dissolution(Protocol):
 
 
 class LatticeModel:
-    """A linear model of one field u, a scalar unless its stencil has matrices, whose operator is ``coefficient * L``.
+    """A linear model of one field u, a scalar unless its stencil has matrices, with the operator ``coefficient * L``.
 
-    A model is a class that derives from it, and thereby known to case files and checkpoints. Its ``__init__`` sets
-    `coefficient` and `integrator`, and whatever else of the following differs, and keeps each of its parameters, which
-    are the keys in a case file, as an attribute of that name.
+    A model is a class that derives from this one and is thereby registered for case files and checkpoints. Its
+    ``__init__`` sets `coefficient` and `integrator`, and any of the following that differs from the default, and stores
+    each of its parameters, which are the keys in a case file, as an attribute of the same name.
 
     Attributes
     ----------
@@ -82,43 +82,44 @@ class LatticeModel:
     damping : float
         d in ``2 d u_t`` (1/time), second-order models only.
     drag : float
-        Rate at which the velocity of a node moves towards the mean of its neighbours (1/time).
+        Rate at which the velocity of a node relaxes towards the mean of its neighbours (1/time).
     reaction : float
-        r in ``- r (u - background)`` on the right-hand side, 1/time or, of second order, 1/time^2; not below zero.
+        r in ``- r (u - background)`` on the right-hand side, in 1/time or, for second-order models, 1/time^2; not
+        negative.
     integrator : Verlet, Euler, RungeKutta4 or RungeKuttaChebyshev
     source_factor : float
-        Factor on sources: 1, or what turns power into a rate of temperature.
+        Factor on sources: 1, or the factor that converts power into a rate of temperature.
     combinations : str
-        What goes together with which sides, for messages.
+        Which sides can be combined with the model, for messages.
     bonds : bool
-        Whether the operator is bonds alone, which may be weakened one by one.
+        Whether the operator consists of bonds only, which may be weakened individually.
     strongest : float
-        Largest factor that the model itself puts on bonds.
+        Largest factor that the model itself applies to bonds.
     mechanical : bool
-        Whether loads and tractions act on it.
+        Whether loads and tractions can act on it.
     warm : bool
-        Whether heat strains it, see `heated`.
+        Whether temperature strains it, see `heated`.
     heat_capacity : float or None
-        Heat per volume and temperature, where its field is a temperature.
+        Heat per volume and temperature, if its field is a temperature.
     of_temperature : LatticeModel or None
-        The model of a temperature that is its second field; None where there is one field alone.
+        The model of the temperature, if this is its second field; None if there is only one field.
     speed_ratio : float
-        Of the fastest long waves to the slowest.
+        Ratio of the speed of the fastest long waves to that of the slowest.
     target : float
-        Error that sides keep unless they are given one: of waves relative to the largest value, of diffusion to the
-        largest at the same time.
+        Target error of the sides unless they are given one: for waves relative to the largest value, for diffusion
+        relative to the largest value at the same time.
     others : dict of str to str
-        What to do instead of giving it some arguments of other models, for messages.
+        What to do instead of passing some arguments of other models, for messages.
     tag : str
         Its `type` in a case file: ``KleinGordon`` is "klein-gordon".
     known : dict of str to type
-        All models by name, those that users define among them.
+        All models by name, including user-defined ones.
 
     Raises
     ------
     InputError
-        At the definition of a class that cannot have set the first two, has parameters that cannot be given by name, or
-        is called as another.
+        When a class is defined that cannot have set the first two, has parameters that cannot be given by name, or has
+        the name of another model.
 
     Examples
     --------
@@ -194,7 +195,7 @@ class LatticeModel:
         Raises
         ------
         InputError
-            It names what is missing.
+            The message names what is missing.
         """
         asked = ["integrator", *([] if self.uneven else ["coefficient"]), *inspect.signature(type(self)).parameters]
         missing = [name for name in asked if not hasattr(self, name)]
@@ -211,21 +212,21 @@ class LatticeModel:
 
     @property
     def varying(self) -> dict[str, Any]:
-        """Constants of the material that vary from node to node, by name, as they are given."""
+        """Constants of the material that vary from node to node, by name, in the form in which they were given."""
         return {}
 
     @property
     def uneven(self) -> dict[str, Any]:
-        """Those of them that its waves feel."""
+        """The varying constants that affect its waves."""
         return self.varying
 
     def with_constants(self, constants: Mapping[str, Any]) -> Self:
-        """The same model with others of its constants `varying`."""
+        """The same model with other values of the constants in `varying`."""
         return self
 
     @classmethod
     def check_constant(cls, name: str, values: np.ndarray, key: str) -> None:
-        """Refuse values of a constant that varies, which stand at a key.
+        """Refuse inadmissible values of a varying constant, which are given at a key.
 
         Raises
         ------
@@ -242,37 +243,37 @@ class LatticeModel:
         kinds.check_magnitude(values, key)
 
     def ordered(self, values: Mapping[str, np.ndarray]) -> list[Ordered]:
-        """By what nodes are put in order, and the constants of which the uniform model takes those of the node in the
-        middle: the host medium, where that fills most of a lattice.
+        """Quantities by which nodes are ordered, each with the constants whose values at the median node define the
+        uniform model: the host medium, if it fills most of a lattice.
 
         Parameters
         ----------
         values : mapping of str to ndarray
-            Of each of the constants `varying` its value at the nodes.
+            Values at the nodes of each of the constants in `varying`.
         """
         return []
 
     def beside(self, values: Mapping[str, np.ndarray]) -> Variation:
-        """How the medium varies beside this model, which is uniform; see `ordered`."""
+        """Variation of the medium relative to this model, which is uniform; see `ordered`."""
         return Variation()
 
     @property
     def title(self) -> str:
-        """What it is called in messages."""
+        """Name of the model in messages."""
         return type(self).__name__
 
     @property
     def bond_law(self) -> BondLaw | None:
-        """The law that bonds follow one by one; None where the operator is all there is."""
+        """The law that individual bonds follow; None where the operator describes everything."""
         return None
 
     def force_states(self, spacing: float, dim: int) -> ForceStates | None:
-        """The two passes of which the stencil is the convolution; None where it is bonds alone."""
+        """The two passes whose convolution is the stencil; None for bonds alone."""
         return None
 
     @property
     def cuttable(self) -> bool:
-        """Whether bonds may be absent: cut by cracks, beyond free sides and outside a body."""
+        """Whether bonds may be absent: cut by cracks, beyond free sides, or outside a body."""
         return self.bonds
 
     @property
@@ -281,12 +282,12 @@ class LatticeModel:
         return self
 
     def heated(self, coupled: bool = False) -> Self:
-        """The same model where heat strains the medium; `coupled`: and what is deformed heats.
+        """The same model with thermal strains in the medium and, with `coupled`, heating by its deformation.
 
         Raises
         ------
         InputError
-            Heat strains no such medium.
+            Such a medium has no thermal strains.
         """
         raise InputError(
             "heat strains an elastic medium",
@@ -298,7 +299,7 @@ class LatticeModel:
 
     @property
     def dissolution(self) -> Dissolution | None:
-        """How its solid dissolves; None where it has none."""
+        """The dissolution of its solid; None if there is none."""
         return None
 
     @property
@@ -308,18 +309,18 @@ class LatticeModel:
 
     @property
     def speeds(self) -> dict[str, float]:
-        """Of long waves by what they are called, where the model knows them."""
+        """Speeds of long waves by the names of the waves, if the model provides them."""
         return {}
 
     @property
     def moduli(self) -> tuple[float, float] | None:
-        """Lame's first constant and the shear modulus; of a scalar field 0 and what its gradient is multiplied with in
-        the flux of energy, ``c^2``. None where the gradient does not tell that flux.
+        """Lame's first constant and the shear modulus; for a scalar field, 0 and the factor of its gradient in the flux
+        of energy, ``c^2``. None where the gradient does not determine that flux.
         """
         return 0.0, self.coefficient / self.source_factor
 
     def serves(self, side: Any) -> bool:
-        """Whether a side, of which the class is given, goes with the model: bonds end at it only if they may be cut.
+        """Whether a side, given by its class, can be used with the model: bonds may end at it only if they may be cut.
 
         Parameters
         ----------
@@ -329,47 +330,47 @@ class LatticeModel:
         return not side.derivatives and (self.cuttable or side.bonded)
 
     def step_limit(self, rate: float) -> float:
-        """Largest stable time step for the largest rate of the operator (1/time, or 1/time^2 of waves).
+        """Largest stable time step for the largest rate of the operator (1/time, for waves 1/time^2).
 
-        Of a wave of frequency w drag leaves a part s >= 1 - 2 drag dt of the velocity: ``(w dt)^2 < 2 (1 + s)``.
+        Drag leaves a fraction s >= 1 - 2 drag dt of the velocity of a wave of frequency w: ``(w dt)^2 < 2 (1 + s)``.
         """
         if not self.drag:
             return self.integrator.step_limit(rate)
         return 2 / (self.drag + float(np.sqrt(self.drag**2 + rate)))
 
     def crossing(self, length: float, factor: float = 1.0) -> float:
-        """Time in which the fastest long wave crosses a length, or in which what diffuses spreads over half of it:
+        """Time in which the fastest long wave crosses a length, or in which diffusion spreads over half of it:
         ``R^2/D``.
 
         Parameters
         ----------
         length : float
         factor : float
-            On the coefficient, of what is stiffer or conducts better than the medium.
+            Factor on the coefficient, for parts that are stiffer or conduct better than the medium.
         """
         coefficient = factor * self.coefficient
         return length / float(np.sqrt(coefficient)) if self.order == 2 else (length / 2) ** 2 / coefficient
 
     def with_stencil(self, stencil: Stencil) -> Self:
-        """The same model with a stencil, its reaction included, in place of its operator."""
+        """The same model with a stencil, including its reaction, instead of its operator."""
         model = copy.copy(self)
         model._given, model._stronger = stencil, 1.0
         return model
 
     def scaled(self, factor: float) -> Self:
-        """The model of a medium whose bonds are all stiffer, or conduct better, by a factor."""
+        """The model of a medium whose bonds are all stiffer, or conduct better, by a given factor."""
         model = copy.copy(self)
         model.coefficient = factor * self.coefficient
         model._stronger = factor * self._stronger
         return model
 
     def medium(self, spacing: float, dim: int) -> Stencil:
-        """Dimensionless stencil on a lattice, with the reaction of the model.
+        """Dimensionless stencil on a lattice, including the reaction of the model.
 
         Raises
         ------
         InputError
-            As `stencil`; a reaction below zero.
+            As in `stencil`; a negative reaction.
         """
         if self._given is not None:
             return self._given.beside(self._stronger)

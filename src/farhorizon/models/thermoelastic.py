@@ -12,48 +12,49 @@ from farhorizon.models.model import BondLaw, Constant, LatticeModel, material_co
 
 
 class Thermoelastic(LatticeModel):
-    r"""Displacements and the temperature of a solid on one lattice: heat strains it, and what is deformed heats.
+    r"""Displacements and temperature of a solid on one lattice: temperature strains it, and deformation heats it.
 
     .. math::
 
         \rho\,u_{tt} = \mathrm{div}\,\sigma(u) - \nabla(\beta\,(T - T_0)) + b, \qquad
         \rho c\,T_t = \kappa\,\Delta T - T_0\,\beta\,\mathrm{div}\,u_t + w, \qquad \beta = \alpha\,(3 \lambda + 2 \mu)
 
-    The fields are u and T. A `Setup` keeps the displacements with a `ThermalLoad`, whose temperature is the set-up of
-    the heat. `boundary`, `sources` and `coefficient` may be given by field, ``{"u": ..., "T": ...}``; sides are those
-    of both fields otherwise, sources forces on the solid; `initial` has "u", "v" and "T", which is `reference` unless
-    given. Of the constraints `Prescribed` is one of displacements, all others are those of the temperature. Cracks are
-    in both fields: no heat crosses them, but for the factor of a `Crack`.
+    The fields are u and T. A `Setup` stores the displacements with a `ThermalLoad`, whose temperature is the set-up of
+    the heat conduction. `boundary`, `sources` and `coefficient` may be given by field, ``{"u": ..., "T": ...}``;
+    otherwise sides apply to both fields, and sources are forces on the solid. `initial` has "u", "v" and "T", which is
+    `reference` unless given. Of the constraints, `Prescribed` applies to the displacements, all others to the
+    temperature. Cracks exist in both fields: no heat crosses them, except for the factor of a `Crack`.
 
     Parameters
     ----------
     elastic : Elastic
-        The solid: bond-based, state-based or correspondence, with `coupled` without `contact`.
+        The solid: bond-based, state-based or correspondence; with `coupled`, it must not have `contact`.
     heat : Heat
-        Its conduction; the specific heat is that at constant strain, in plane stress of the strains in the plane. The
-        density is one of its own, which only the capacity goes by.
+        The heat conduction; the specific heat is that at constant strain, in plane stress at constant strains in the
+        plane. Its density is independent of that of the solid and affects only the heat capacity.
     expansion : float, str, ndarray or callable
         Coefficient of linear expansion (1/temperature).
     reference : float
-        Temperature of the solid that is free of stress; with `coupled` absolute, and positive.
+        Temperature at which the solid is free of stress; with `coupled`, absolute and positive.
     coupled : bool
-        Whether what is deformed heats and cools. Without, the temperature is computed by itself.
+        Whether deformation heats and cools the solid. If not, the temperature is computed independently of the
+        deformation.
 
     Raises
     ------
     InputError
-        What is no such model; an expansion or a reference that is missing or no finite number, a material that heat
-        does not strain, or that does not heat.
+        Models of another type; an expansion or a reference temperature that is missing or not a finite number; a
+        material that has no thermal strain, or that is not heated by its deformation.
 
     Notes
     -----
-    Biot (1956), Journal of Applied Physics 27, 240. Long waves are adiabatic, and faster than without heat by half of
-    :math:`T_0 \beta^2 / (\rho c\,(\lambda + 2 \mu))`, a percent or so in metals. On the lattice mechanical energy and
-    that of the temperature, ``rho c (T - T0)^2 / 2 T0``, exchange to rounding
-    (`farhorizon.simulation.heat_of_deformation`). Through a `LatticePML` or an `Extended` domain that both fields have
-    on a side they go on together (`farhorizon.simulation.warm_sides`), if the heat is integrated by Euler's method.
-    Beside other sides that absorb, and those that are held, the solid must be at the reference temperature, and with
-    `coupled` the expansion falls smoothly to zero.
+    Biot (1956), Journal of Applied Physics 27, 240. Long waves are adiabatic, and faster than without heat, by half of
+    :math:`T_0 \beta^2 / (\rho c\,(\lambda + 2 \mu))`, a percent or so in metals. On the lattice, mechanical energy and
+    the energy of the temperature, ``rho c (T - T0)^2 / 2 T0``, are exchanged exactly to rounding error
+    (`farhorizon.simulation.heat_of_deformation`). Through a `LatticePML` or an `Extended` domain shared by both fields
+    on a side, they continue together (`farhorizon.simulation.warm_sides`), provided that the heat is integrated by the
+    forward Euler method. Next to other absorbing sides and clamped sides, the solid must be at the reference
+    temperature, and with `coupled` the expansion is tapered smoothly to zero.
 
     Examples
     --------

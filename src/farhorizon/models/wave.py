@@ -19,25 +19,24 @@ from farhorizon.models.model import Constant, LatticeModel, Ordered, material_co
 class Wave(LatticeModel):
     r"""Peridynamic or classical scalar waves, :math:`\rho\,(u_{tt} + 2 d\,u_t) = \rho c^2 L u + s`, by velocity Verlet.
 
-    Where the medium varies, bonds have the stiffness :math:`\rho c^2` that follows from those of both ends
-    (`Simulation`, `rule`), and each node has its own density: the operator is that of
-    :math:`\nabla\cdot(\rho c^2\,\nabla u)`.
+    Where the medium varies, the stiffness :math:`\rho c^2` of a bond follows from those of its two ends (`Simulation`,
+    `rule`), and each node has its own density: the operator is that of :math:`\nabla\cdot(\rho c^2\,\nabla u)`.
 
     Parameters
     ----------
     operator : Kernel or Stencil
     speed : float, str, ndarray or callable
-        Wave speed c (length / time) of long waves; of a medium that varies an expression or a function of the
-        coordinates, or its values at the nodes.
+        Wave speed c (length / time) of long waves; for a varying medium, an expression or a function of the
+        coordinates, or the values at the nodes.
     damping : float
         Viscous damping d (1 / time): the equation has 2 d u_t, so that waves decay as exp(-d t).
     density : float, str, ndarray or callable
-        Mass per volume; as `speed`.
+        Mass per volume; given like `speed`.
 
     Notes
     -----
-    Hermann, Shojaei, Seleson and Cyron (2023), eqs 1 and 42. Waves of pressure in a fluid, with
-    :math:`\nabla\cdot(\rho_f^{-1}\,\nabla p)` on the right-hand side, have the density :math:`1/(\rho_f c^2)` here.
+    Hermann, Shojaei, Seleson and Cyron (2023), eqs 1 and 42. For pressure waves in a fluid, with
+    :math:`\nabla\cdot(\rho_f^{-1}\,\nabla p)` on the right-hand side, the density is :math:`1/(\rho_f c^2)` here.
 
     Examples
     --------
@@ -69,28 +68,28 @@ class Wave(LatticeModel):
 
     @property
     def varying(self) -> dict[str, Any]:
-        """The speed, the density, or both, where they vary."""
+        """The speed, the density, or both, if they vary."""
         given = {"speed": self.speed, "density": self.density}
         return {name: value for name, value in given.items() if not isinstance(value, float)}
 
     @property
     def speeds(self) -> dict[str, float]:
-        """That of long waves."""
+        """The speed of long waves."""
         return {"long waves": self.speed}
 
     def with_constants(self, constants: Mapping[str, Any]) -> Wave:
-        """The same waves at other speeds."""
+        """The same model with another speed or density."""
         model = copy.copy(self)
         model._set(constants.get("speed", self.speed), constants.get("density", self.density))
         return model
 
     def ordered(self, values: Mapping[str, np.ndarray]) -> list[Ordered]:
-        """By speed."""
+        """Nodes are ordered by speed."""
         speed, density = np.broadcast_arrays(values.get("speed", self.speed), values.get("density", self.density))
         return [(speed, {"speed": speed, "density": density})]
 
     def beside(self, values: Mapping[str, np.ndarray]) -> Variation:
-        """How speed and density vary."""
+        """Variation of speed and density relative to this model."""
         speed, density = np.broadcast_arrays(values.get("speed", self.speed), values.get("density", self.density))
         heavier = density / self.density
         return Variation(heavier * (speed / self.speed) ** 2, heavier)

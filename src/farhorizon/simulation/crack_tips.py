@@ -20,21 +20,22 @@ _WINDOW = 10.0  # horizons that the fastest wave travels in the time of a speed:
 
 
 class CrackTips(Recorder):
-    """Tips of cracks in the plane as bonds break; given to a run in ``observe=[...]``. In space those of a slab of one
-    node, in the plane of its other two axes.
+    """Crack tips in 2D while bonds break; passed to a run in ``observe=[...]``. In 3D those of a slab one node thick,
+    in the plane of its other two axes.
 
-    A tip lies where the damage ahead of a crack falls to half of what a long crack leaves beside itself; see
-    `farhorizon.analysis.fracture.crack_paths`. It keeps its number as it runs. At a branch one tip goes on, and each of
-    the others begins there with a new number. Where a crack ends at the edge of the near field there is no tip.
+    A tip is located where the damage ahead of a crack falls to half of the value that a long crack leaves beside
+    itself; see `farhorizon.analysis.fracture.crack_paths`. It keeps its number as it runs. At a branching point one tip
+    continues, and each of the others begins there with a new number. Where a crack ends at the edge of the near field
+    there is no tip.
 
     Parameters
     ----------
     every : int
         Steps from one record to the next.
     most : int
-        Tips that are followed; a note tells of more.
+        Largest number of tips that are followed; a note reports if there are more.
     name : str
-        Tells several of one run apart.
+        Name that distinguishes several of them in one run.
 
     Attributes
     ----------
@@ -42,21 +43,22 @@ class CrackTips(Recorder):
         Numbers of the tips, from 1 on.
     times : ndarray, shape (rows,)
     data : dict of str to ndarray
-        "position", shape (rows, most, 2); "advance", the way of each tip since its first record, and "speed", how far
-        it has come in the time before in which P waves travel ten horizons, over that time, of shape (rows, most). nan
-        where no tip is, and of speeds until it has been followed for so long.
+        "position", shape (rows, most, 2); "advance", the distance travelled by each tip since its first record, and
+        "speed", both of shape (rows, most). The speed is the distance between the present position and that at the
+        beginning of the preceding time in which P waves travel ten horizons, divided by that time. nan where there is
+        no tip, and for speeds until the tip has been followed for that long.
     length : ndarray, shape (rows,)
-        Of all cracks together, those that were there at the start, too.
+        Total length of all cracks, including those that existed at the start.
     dissipated : ndarray, shape (rows,)
-        Energy that bonds held when they broke, as "broken" of `Simulation.energies`.
+        Energy that bonds held when they broke, as in "broken" of `Simulation.energies`.
     now : CrackPaths
-        The lines of the cracks, their tips and branches at the last record; of a run that goes on from a file, when it
-        was saved.
+        The lines of the cracks, their tips and branches at the last record; for a run that continues from a file, at
+        the time when it was saved.
 
     Raises
     ------
     InputError
-        When a run is made: more or less than two axes longer than a node, bonds that do not break.
+        When the simulation is created: more or fewer than two axes with more than one node, bonds that do not break.
 
     Examples
     --------
@@ -92,7 +94,7 @@ class CrackTips(Recorder):
 
     @property
     def times(self) -> np.ndarray:
-        """When each row was recorded, shape (rows,)."""
+        """Times at which the rows were recorded, shape (rows,)."""
         return np.array(self._steps, float) * self._dt
 
     @property
@@ -106,7 +108,7 @@ class CrackTips(Recorder):
 
     @property
     def length(self) -> np.ndarray:
-        """Of all cracks together, shape (rows,)."""
+        """Total length of all cracks, shape (rows,)."""
         return np.array(self._sums).reshape(-1, 2)[:, 0]
 
     @property
@@ -115,13 +117,13 @@ class CrackTips(Recorder):
         return np.array(self._sums).reshape(-1, 2)[:, 1]
 
     def energy_release(self) -> float:
-        """Energy that was spent on new crack, over its area: from the energy of the bonds that broke, per length of way
-        of all tips.
+        """Energy spent per area of new crack: the energy of the bonds that broke, divided by the distance that all tips
+        have travelled.
 
         Raises
         ------
         InputError
-            No tip has come on by a horizon yet.
+            No tip has advanced by a horizon yet.
         """
         way = float(np.nansum(np.nanmax(self.data["advance"], axis=0, initial=0.0)))
         if not way > self._horizon:
@@ -132,7 +134,7 @@ class CrackTips(Recorder):
 
     @property
     def recorded(self) -> Recorded:
-        """What was recorded, apart from the run."""
+        """The recorded data, independent of the run."""
         new = slice(self._given, None)
         rows = {name: one[new] for name, one in self.data.items()}
         labels = tuple(f"tip {number:g}" for number in self.points[:, 0])

@@ -63,48 +63,49 @@ class CrossSections(NamedTuple):
 
 
 class FarField(Recorder):
-    r"""What a run sends into the unbounded medium around it: receivers at any distance, patterns by direction and
-    frequency, cross sections. It is given to a run in ``observe=[...]``.
+    r"""Waves that a run radiates into the surrounding unbounded medium: receivers at any distance, patterns by
+    direction and frequency, cross sections. It is passed to a run in ``observe=[...]``.
 
-    After every step the field is recorded on the nodes within one reach of the faces of a box around all that radiates
-    or scatters. From it follow the forces :math:`f = L (\chi u) - \chi L u` that send the same waves into the uniform
-    infinite lattice as what is in the box, exactly and without any wave that only passes through, see
-    `farhorizon.medium.shell.Shell`.
+    After every step the field is recorded at the nodes within one reach of the faces of a box around everything that
+    radiates or scatters. From it follow the forces :math:`f = L (\chi u) - \chi L u`, which radiate the same waves into
+    the uniform infinite lattice as the contents of the box do, exactly and without any wave that only passes through,
+    see `farhorizon.medium.shell.Shell`.
 
     Parameters
     ----------
     box : Box, optional
-        Around all that radiates or scatters, which lies one reach of the stencil inside its faces; it leaves one reach
-        of the near field on each side. The widest one unless given.
+        Box around everything that radiates or scatters, all of which must lie at least one reach of the stencil inside
+        its faces; outside it there must be one reach of the near field on each side. The largest such box unless given.
     frequencies : sequence of float
-        Cycles per time, of waves, at which patterns and cross sections are wanted. Spectra are those of `numpy.fft`,
-        ``sum dt u exp(-2 pi i f t)``.
+        Frequencies, in cycles per time, at which patterns and cross sections of waves are computed. Spectra follow the
+        convention of `numpy.fft`, ``sum dt u exp(-2 pi i f t)``.
     points : array_like, shape (P, dim), or (P,) in 1D, optional
-        Receivers outside the box that results files keep.
+        Receivers outside the box, whose records are written to results files.
     directions : int or array_like, shape (D, dim)
-        Those of the pattern that results files keep, as `pattern` takes them.
+        Directions of the pattern that is written to results files, as in `pattern`.
     history : bool
-        Keep the shell at all steps, which `at` and `points` need: 8 bytes for each step, node and component. Spectra
-        alone need memory by frequency only.
+        Keep the values on the shell for all steps, which `at` and `points` require: 8 bytes for each step, node and
+        component. Spectra alone need memory by frequency only.
     name : str
-        Tells several of one run apart, in files and pictures.
+        Name that distinguishes several of them in one run, in files and pictures.
 
     Attributes
     ----------
     notes : list of str
-        What is to be known: parts of the data outside the box, points for which the nearest nodes were taken. At the
-        end of a run a `ValidityWarning`, too: that it ended before the waves had left the box, or that something on the
-        box is faster than all waves of the lattice.
+        Notes: parts of the data outside the box, points for which the nearest nodes were used. At the end of a run
+        also, as a `ValidityWarning`: that it ended before the waves had left the box, or that something on the box is
+        faster than all waves of the lattice.
 
     Raises
     ------
     InputError
-        When a run is made: a box that does not serve, a medium that ends at some side or is not the same from within
-        the faces of the box outwards, data or sources outside the box, frequencies that the lattice does not carry.
+        When the simulation is created: an unsuitable box, a medium that ends at some side or is not uniform from just
+        inside the faces of the box outwards, data or sources outside the box, frequencies that the lattice does not
+        support.
 
     Notes
     -----
-    Electromagnetics calls this a near-to-far-field transformation, with a quadrature over a surface: Taflove and
+    In electromagnetics this is called a near-to-far-field transformation, with a quadrature over a surface: Taflove and
     Hagness, Computational Electrodynamics (2005), chapter 8. Patterns follow from the wave surface of the lattice by
     the method of stationary phase, see `farhorizon.analysis.wave_surface`.
 
@@ -179,12 +180,12 @@ class FarField(Recorder):
         return Wanted(nodes, ())
 
     def foresee(self, until: float, steps: int) -> None:
-        """Before a run to a time: sources that do not split into space and time, and memory.
+        """Check, before a run to a given time, sources that do not split into space and time, and memory.
 
         Raises
         ------
         InputError
-            Sources that leave the box, a history that does not fit into memory.
+            Sources that extend beyond the box, a history that does not fit into memory.
         """
         self._end, notes = steps, check_moving(self._parts, self._faces, self._reach, until)
         notes += check_history(8 * self._count * (steps + 1) * self.history, len(self._shell.nodes), steps)
@@ -217,16 +218,16 @@ class FarField(Recorder):
 
     @property
     def recorded(self) -> Recorded:
-        """Nothing before the end of the run."""
+        """Empty before the end of the run."""
         return Recorded(self.name, np.zeros((0, self._lattice.dim)), np.zeros(0), {})
 
     @property
     def asked(self) -> Arrays:
-        """The frequencies and the points, where there are any."""
+        """The frequencies, and the points if there are any."""
         return {"frequencies": self.frequencies} | ({} if self.points is None else {"points": self.points})
 
     def forget(self) -> None:
-        """Nothing: receivers need all that the shell had."""
+        """Do nothing: receivers need the complete history of the shell."""
 
     @property
     def names(self) -> list[str]:
@@ -269,13 +270,13 @@ class FarField(Recorder):
             yield from driven
 
     def at(self, points: Any = None) -> tuple[np.ndarray, np.ndarray]:
-        """The field at places outside the box, in the near field or at any distance, exactly as a run that contains
-        them would have it.
+        """The field at points outside the box, in the near field or at any distance, exactly as in a run whose near
+        field contains them.
 
         Parameters
         ----------
         points : array_like, shape (P, dim), or (P,) in 1D, optional
-            Each stands for the node of the infinite lattice nearest to it; those of the constructor unless given.
+            Each point is replaced by the nearest node of the infinite lattice; those of the constructor unless given.
 
         Returns
         -------
@@ -285,8 +286,8 @@ class FarField(Recorder):
         Raises
         ------
         InputError
-            No history, a point inside the box, points so far away, or a run so long, that the work does not fit into
-            memory.
+            No history, a point inside the box, points so far away, or a run so long, that the computation does not fit
+            into memory.
         """
         self._must_have_run()
         check_kept(self.history, "history = true, before the run")
@@ -303,19 +304,19 @@ class FarField(Recorder):
     # --- by frequency ------------------------------------------------------------------------------------------
 
     def pattern(self, directions: Any = None) -> Pattern:
-        """What is radiated far away, by frequency, wave and direction.
+        """Far-field radiation by frequency, wave and direction.
 
         Parameters
         ----------
         directions : int or array_like, shape (D, dim), optional
-            Vectors along which energy travels; their length does not matter. Or how many, evenly spread: in the plane
-            from the x axis round, in space so many in each of the planes xy, yz and zx. Those of the constructor unless
-            given.
+            Vectors along which energy travels; their length is irrelevant. Or a number of directions, evenly
+            distributed: in 2D starting from the x axis, in 3D this number in each of the planes xy, yz and zx. Those of
+            the constructor unless given.
 
         Raises
         ------
         InputError
-            No frequencies; a frequency at which several waves of a kind go in one direction.
+            No frequencies; a frequency at which several waves of one kind travel in the same direction.
         """
         self._must_have_spectra()
         scheme, spacing, dim = self._scheme, self._lattice.spacing, self._lattice.dim
@@ -340,11 +341,11 @@ class FarField(Recorder):
         )
 
     def energy(self) -> np.ndarray:
-        """Energy that leaves the box, by frequency: integrated over positive frequencies it is all that is radiated.
+        """Energy that leaves the box, by frequency; its integral over positive frequencies is the radiated energy.
 
-        It is what the forces on the shell do on the field that they radiate, with the velocity of the scheme, ``(u(t +
-        dt) - u(t - dt)) / (2 dt)``, whose factor is ``sin(omega dt) / dt``: on the lattice just what crosses any closed
-        surface around them.
+        It is the work of the forces on the shell on the field that they radiate, with the velocity of the scheme,
+        ``(u(t + dt) - u(t - dt)) / (2 dt)``, whose factor is ``sin(omega dt) / dt``: on the lattice, exactly the energy
+        that crosses any closed surface around them.
 
         Returns
         -------
@@ -353,28 +354,28 @@ class FarField(Recorder):
         Raises
         ------
         InputError
-            No frequencies; a medium with damping, which takes it.
+            No frequencies; a medium with damping, which absorbs energy.
         """
         self._must_have_spectra(undamped=True)
         mass = self._density * self._lattice.spacing**self._lattice.dim
         return 2 * mass * self._rates * self._outflow()
 
     def energies(self) -> dict[str, np.ndarray]:
-        """Energy of the pattern in all directions, by wave and frequency: how `energy` is shared by P and S waves.
+        """Energy of the pattern in all directions, by wave and frequency: the shares of P and S waves in `energy`.
 
-        It is an integral over the wave surfaces of the lattice, over all directions of wave vectors; that of
-        `Pattern.intensities`, over directions in which energy travels, is the same, but for S waves in space, some of
-        which come to one place by several ways.
+        It is an integral over the wave surfaces of the lattice, over all directions of wave vectors. The integral of
+        `Pattern.intensities`, over directions in which energy travels, is the same, except for S waves in 3D, some of
+        which reach one point along several paths.
 
         Returns
         -------
         dict of str to ndarray, shape (F,)
-            "wave" of a scalar, "P" and "S" of a solid, in space both S waves together.
+            "wave" for a scalar field, "P" and "S" for a solid, where in 3D both S waves are combined.
 
         Raises
         ------
         InputError
-            As of `energy`.
+            As in `energy`.
         """
         self._must_have_spectra(undamped=True)
         mass = self._density * self._lattice.spacing**self._lattice.dim
@@ -386,12 +387,12 @@ class FarField(Recorder):
         return dict(zip(KINDS[self._scheme.stencil.components], energies, strict=True))
 
     def cross_sections(self) -> CrossSections:
-        """Scattering and total cross section of what is in the box, for the incident wave of the run.
+        """Scattering and total cross sections of the contents of the box, for the incident wave of the run.
 
         Raises
         ------
         InputError
-            No frequencies; not one incident wave.
+            No frequencies; not exactly one incident wave.
         """
         self._must_have_spectra(undamped=True)
         incident = self._arriving

@@ -22,49 +22,49 @@ _UNEVEN = 1e-9  # of a factor on bonds
 
 
 class StressIntensity(RowRecorder):
-    r"""Stress intensity factors in time, from the interaction integral; given to a run in ``observe=[...]``.
+    r"""Stress intensity factors over time, from the interaction integral; passed to a run in ``observe=[...]``.
 
-    K of a crack at rest is a sum over the nodes around its tip: the interaction integral is linear in the field, and
-    the force that the bonds exert on a node, the density times its acceleration less its load, is their sum.
-    It thus holds for waves and for loads on the faces, and it does not depend on the circles; see
+    K of a stationary crack is a sum over the nodes around its tip, because the interaction integral is linear in the
+    field and the force that the bonds exert on a node is density times acceleration minus load. It is therefore valid
+    for waves and for loads on the faces, and it does not depend on the circles; see
     `farhorizon.analysis.fracture.interaction`.
 
     Parameters
     ----------
     tips : array_like, shape (n, 2), optional
-        Ends of cracks of the run, to within half a spacing; all that lie in the near field unless given.
+        Ends of cracks of the run, to within half a spacing; unless given, all that lie in the near field.
     radii : (float, float), optional
-        Circles between which the field's gradient is taken, and within which each crack is straight and alone; as large
-        as they may be unless given, the smaller of half the radius.
+        Inner and outer circle: the gradient of the field is evaluated between them, and each crack must be straight and
+        alone within them. Unless given, as large as possible, with the smaller radius half the larger one.
     every : int
         Steps from one record to the next.
     name : str
-        Tells several of one run apart.
+        Name that distinguishes several of them in one run.
 
     Attributes
     ----------
     points : ndarray, shape (n, 2)
         The tips.
     ahead : ndarray, shape (n, 2)
-        The ways in which the cracks would go on.
+        The directions in which the cracks would advance.
     domains : list of InteractionDomain
     times : ndarray, shape (rows,)
     data : dict of str to ndarray
-        "K_I" and "K_II" of elastic media (K_I opens a crack; K_II moves the face on the left of the way ahead along),
-        "K_III" of scalar waves, whose modulus is the squared speed; "G", the energy that new area would release, by
-        Irwin's relation. Each of shape (rows, n).
+        "K_I" and "K_II" for elastic media (K_I opens a crack; K_II moves the face to the left of the direction of
+        advance in that direction), "K_III" for scalar waves, whose modulus is the squared speed; "G", the energy that
+        new crack area would release, by Irwin's relation. Each of shape (rows, n).
 
     Raises
     ------
     InputError
-        When a run is made: no crack tip, another dimension than two, bonds that are nonlinear or break, cracks that
-        open later or carry something, a medium that varies around a tip, circles within the horizon of the tip, that
-        leave the near field or the box of an incident wave, or that a crack crosses twice.
+        When the simulation is created: no crack tip, other than two dimensions, bonds that are nonlinear or break,
+        cracks that open later or only weaken bonds, a medium that varies around a tip, circles within the horizon of
+        the tip, that extend beyond the near field or the box of an incident wave, or that a crack crosses twice.
 
     Notes
     -----
-    Yau, Wang and Corten (1980), J. Appl. Mech. 47, 335. On a lattice with the horizon m spacings wide the error falls
-    like the spacing, as the place of the tip between the nodes does.
+    Yau, Wang and Corten (1980), J. Appl. Mech. 47, 335. On a lattice with a horizon of m spacings, the error is
+    proportional to the spacing, like that of the position of the tip between the nodes.
 
     Examples
     --------
@@ -106,7 +106,7 @@ class StressIntensity(RowRecorder):
 
     @property
     def data(self) -> dict[str, np.ndarray]:
-        """Intensities and what would be released, by name."""
+        """Stress intensity factors and energy release rates, by name."""
         if not self.domains:
             return {}
         medium, rows = self.domains[0].medium, super().data["rows"]

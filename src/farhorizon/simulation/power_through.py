@@ -27,51 +27,52 @@ _SYMMETRIC = 1e-12  # of a bond's largest weight
 class PowerThrough(RowRecorder):
     r"""Power of waves through surfaces, recorded in every step: the sum over the bonds that cross them.
 
-    It is given to a run in ``observe=[...]``. A bond of weights w between the nodes x inside and y outside carries out
-    of the inside
+    It is passed to a run in ``observe=[...]``. A bond of weights w between nodes x inside and y outside carries out of
+    the inside the power
 
     .. math:: -\tfrac{1}{2}\,m\,(u_y - u_x) \cdot w\,(v_y + v_x),
 
     the force in the bond times the mean velocity of its ends, with ``v = (u(t + dt) - u(t - dt)) / (2 dt)`` and m the
-    mass of a node. So much, times dt, the energy inside (that of `Simulation.energies`, in which bonds across the edge
-    count half) loses from half a step before to half a step after: exactly, where nothing is damped and no source acts
-    there. Where forces follow from states p of the nodes (with absent bonds, varying moduli or in space) a bond carries
-    :math:`-m\,(v_x \cdot D p_y + v_y \cdot D p_x)` beside what its spring does, and each state's energy is that of its
-    node.
+    mass of a node. This, times dt, is the energy that the inside loses from half a step before to half a step after
+    (that of `Simulation.energies`, in which bonds across the edge count half): exactly, where nothing is damped and no
+    source acts there. Where forces follow from states p of the nodes (with absent bonds, varying moduli or in 3D), a
+    bond carries :math:`-m\,(v_x \cdot D p_y + v_y \cdot D p_x)` in addition to the contribution of its spring, and the
+    energy of each state belongs to its node.
 
     Parameters
     ----------
     surfaces : Shape, (str, float), or sequence of these
-        A region, of which it is what leaves it; or a plane, ``("x", 2.5)``, half-way between two nodes, of which it is
-        what crosses it towards larger coordinates within the near field, by states between nodes all of whose bonds
-        are in it. No bond through a surface, nor one that their states follow from, may lead beyond the near field, of
-        a plane along its normal: a plane keeps as many nodes off layers, sponges and fixed sides.
+        A region, for the power that leaves it; or a plane, ``("x", 2.5)``, half-way between two nodes, for the power
+        that crosses it towards larger coordinates within the near field, where states count only between nodes all of
+        whose bonds lie in the near field. No bond through a surface, and none from which the states of its ends follow,
+        may lead beyond the near field, for a plane along its normal: a plane must keep away from layers, sponges and
+        fixed sides by as many nodes as these bonds reach.
     frequencies : array_like, shape (F,)
-        In cycles per unit of time, at which `energy` tells what goes through; memory is by frequency, not by time.
+        In cycles per unit of time, at which `energy` gives the transmitted energy; memory is by frequency, not by time.
     name : str
-        Tells several of one run apart.
+        Name that distinguishes several of them in one run.
 
     Attributes
     ----------
     points : ndarray, shape (n, dim)
-        The middle of each region's nodes, and of each plane's part in the lattice.
+        The centre of the nodes of each region, and of the part of each plane in the lattice.
     times : ndarray, shape (rows,)
-        Those of the steps from the first on; the power of a step is known after the next one.
+        Times of the steps from the first on; the power of a step is known after the next one.
     data : dict of str to ndarray
-        "power", shape (rows, n); in two dimensions per thickness.
+        "power", shape (rows, n); in two dimensions per unit thickness.
     frequencies : ndarray, shape (F,)
 
     Raises
     ------
     InputError
-        What is neither a region nor a plane, a frequency below zero. When a run is made: no waves, bonds that are
-        nonlinear or break or are cut later, a region without nodes, a plane outside the near field, bonds through a
-        surface that lead beyond it, frequencies that no wave on the lattice has.
+        An object that is neither a region nor a plane, a negative frequency. When the simulation is created: no waves,
+        bonds that are nonlinear or break or are cut later, a region without nodes, a plane outside the near field,
+        bonds through a surface that lead beyond it, frequencies that no wave on the lattice has.
 
     Notes
     -----
     The power of a bond is that of Silling and Lehoucq (2010), Adv. Appl. Mech. 44, section 3, where the energy of a
-    pair is shared evenly.
+    pair is divided equally.
 
     Examples
     --------
@@ -121,15 +122,15 @@ class PowerThrough(RowRecorder):
         return {**super().asked, "frequencies": self.frequencies}
 
     def energy(self) -> np.ndarray:
-        r"""Energy that has gone through each surface, by frequency: integrated over positive frequencies it is the sum
-        of the power.
+        r"""Energy that has passed through each surface, by frequency: integrated over positive frequencies, it equals
+        the integral of the power over time.
 
         With the Fourier sums U of the field on the nodes next to a surface it is
 
         .. math:: \frac{\sin \omega \Delta t}{\Delta t}\,\mathrm{Im} \sum (U_y - U_x)^* \cdot m w (U_y + U_x)
 
-        over its bonds. Once the field has come to rest as much leaves a region as the sources in it give at that
-        frequency, to rounding.
+        over its bonds. Once the field has come to rest, as much energy leaves a region as the sources in it supply at
+        that frequency, to rounding error.
 
         Returns
         -------
@@ -138,7 +139,7 @@ class PowerThrough(RowRecorder):
         Raises
         ------
         InputError
-            There has been no run.
+            There has not been a run.
         """
         check_begun(self.points.size > 0, "energy", "power")
         sums, dt = self._sums.values, self._dt
@@ -147,7 +148,7 @@ class PowerThrough(RowRecorder):
 
     @property
     def recorded(self) -> Recorded:
-        """What was recorded, apart from the run."""
+        """The recorded data, independent of the run."""
         spectra = {"energy": self.energy()} if self.frequencies.size else {}
         labels = tuple(_label(*one) for one in zip(self.surfaces, self.points, strict=False))
         return Recorded(self.name, self.points, self.times, self.data, self.frequencies, spectra, labels=labels)

@@ -11,20 +11,20 @@ from farhorizon.geometry.lattice import Lattice
 
 
 class Probes:
-    """What a run records at some nodes, after every step or after every few; `Run.record` makes it.
+    """Values recorded by a run at some nodes, after every step or every few steps; created by `Run.record`.
 
     Parameters
     ----------
     lattice : Lattice
     points : array_like, shape (n, dim), or (n,) in 1D
-        Each stands for the node nearest to it.
+        Each point is replaced by the nearest node.
     stride : int
         Steps from one row to the next.
 
     Attributes
     ----------
     places : ndarray, shape (n, dim)
-        Coordinates of the nodes that were taken.
+        Coordinates of the nodes that are used.
     nodes : ndarray of int, shape (n,)
         Their flat indices in the lattice.
 
@@ -60,7 +60,7 @@ class Probes:
         self._dt = 0.0
 
     def add(self, step: int, dt: float, rows: np.ndarray) -> None:
-        """Take the values after the steps from number `step` on, shape (steps, n[, components])."""
+        """Record the values after the steps from number `step` on, shape (steps, n[, components])."""
         steps = step + np.arange(len(rows))
         kept = steps % self.stride == 0
         self._steps.append(steps[kept])
@@ -78,7 +78,7 @@ class Probes:
         return np.concatenate(self._rows) if self._rows else np.zeros((0, len(self.nodes)))
 
     def take(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times and values since the last call, which are forgotten here."""
+        """Return times and values since the last call, and discard them here."""
         found = self.times, self.values
         self._steps, self._rows = [], [found[1][:0]]
         return found

@@ -25,51 +25,53 @@ from farhorizon.simulation.setup import Setup
 
 
 class Receivers(RowRecorder):
-    """Points at which a run is recorded in every step of the compiled loop, or in every few.
+    """Points at which a run is recorded in every step of the compiled loop, or every few steps.
 
-    They are given to a run in ``observe=[...]``.
+    They are passed to a run in ``observe=[...]``.
 
     Parameters
     ----------
     points : array_like, shape (n, dim), or (n,) in 1D
-        Anywhere in the near field; `line` and `grid` make regular ones.
+        Anywhere in the near field; `line` and `grid` create regular arrangements.
     record : str or sequence of str
-        What is recorded: "u", the field; of waves "v", the velocity; "gradient", the derivatives along the axes; of
+        What is recorded: "u", the field; for waves "v", the velocity; "gradient", the derivatives along the axes; for
         elastic media "strain", "stress", "pressure" (minus the mean of the normal stresses, in two dimensions of those
-        in the plane), "divergence", "curl" and "rotation" (half the curl); of waves "energy_flux", the Poynting vector
-        ``- stress . v``, of scalar waves ``- c^2 v grad u``.
+        in the plane), "divergence", "curl" and "rotation" (half the curl); for waves "energy_flux", the Poynting vector
+        ``- stress . v``, for scalar waves ``- c^2 v grad u``.
     every : int
         Steps from one record to the next.
     interpolation : {"sinc", "linear"}
-        Between nodes: a windowed sinc that reads eight nodes to either side, good to some 1e-5 for waves of four nodes
-        and more; or linearly, with an error of second order, which serves within eight nodes of an edge, a hole or a
-        crack, too. A point on a node is that node. Derivatives are those of the sinc, or central differences.
+        Interpolation between nodes: by a windowed sinc that uses eight nodes to either side, accurate to some 1e-5 for
+        waves of four nodes per wavelength and more; or linear, with an error of second order, which also works within
+        eight nodes of an edge, a hole or a crack. A point that coincides with a node takes its value. Derivatives are
+        those of the sinc, or central differences.
     name : str
-        Tells several of one run apart, in files and pictures.
+        Name that distinguishes several of them in one run, in files and pictures.
 
     Attributes
     ----------
     points : ndarray, shape (n, dim)
     times : ndarray, shape (rows,)
-        When each row was recorded. "v" and "energy_flux" are those of half a step before, as in the energies.
+        Time at which each row was recorded. "v" and "energy_flux" refer to half a step earlier, as in the energies.
     data : dict of str to ndarray
-        What was recorded, each of shape (rows, n), of vectors (rows, n, dim), of tensors (rows, n, dim, dim); gradients
+        Recorded values, each of shape (rows, n), for vectors (rows, n, dim), for tensors (rows, n, dim, dim); gradients
         of displacements have the component first.
     doubts : list of str
-        Which waves are recorded falsely where not every step is; a `ValidityWarning` when a run is made.
+        Which waves are aliased if not every step is recorded; a `ValidityWarning` when the simulation is created.
     shared : bool
-        They record runs on several processes, too, the same on each: sums over nodes of several boxes to rounding.
+        They can also record runs on several processes, with the same result on each: sums over nodes of several boxes
+        agree to rounding error.
 
     Raises
     ------
     InputError
-        No points, an unknown quantity. When a run is made: points outside the near field, in a hole, or too close to
-        an edge, a hole or a crack for the interpolation; what the model does not have.
+        No points, an unknown quantity. When the simulation is created: points outside the near field, in a hole, or too
+        close to an edge, a hole or a crack for the interpolation; quantities that the model does not have.
 
     Notes
     -----
     The interpolation is that of Hicks (2002), see `farhorizon.geometry.interpolation`. Where a material changes, the
-    sinc rings as Fourier sums do; stress and energy flux take the moduli at the nearest node.
+    sinc shows ringing, as Fourier sums do; stress and energy flux use the moduli at the nearest node.
 
     Examples
     --------
@@ -113,28 +115,28 @@ class Receivers(RowRecorder):
 
     @classmethod
     def line(cls, start: Any, end: Any, count: int, **options: Any) -> Self:
-        """Receivers at even distances along a line, both ends included.
+        """Create receivers at equal distances along a line, including both ends.
 
         Parameters
         ----------
         start, end : array_like, shape (dim,)
         count : int
         **options
-            Of the constructor.
+            Options of the constructor.
         """
         return cls(points_on_line(start, end, count), **options)
 
     @classmethod
     def grid(cls, lower: Any, upper: Any, counts: Any, **options: Any) -> Self:
-        """Receivers on a grid, both corners included; the last axis runs fastest.
+        """Create receivers on a grid, including both corners; the last axis varies fastest.
 
         Parameters
         ----------
         lower, upper : array_like, shape (dim,)
         counts : sequence of int
-            Receivers along each axis.
+            Number of receivers along each axis.
         **options
-            Of the constructor.
+            Options of the constructor.
         """
         return cls(points_on_grid(lower, upper, counts), **options)
 

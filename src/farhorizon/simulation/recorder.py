@@ -57,23 +57,23 @@ class Heard(NamedTuple):
 
 
 class Recorder(ABC):
-    """What records a run in every step of the compiled loop; it is given to a run in ``observe=[...]``.
+    """An object that records a run in every step of the compiled loop; it is passed to a run in ``observe=[...]``.
 
-    A recorder serves one run at a time: given to another one it forgets what it has.
+    A recorder serves one run at a time: when passed to another one, it discards what it has recorded.
 
     Attributes
     ----------
     name : str
-        By which results and checkpoints know it.
+        Name by which results and checkpoints identify it.
     run : int
-        Number of the run that it serves, among those of this process.
+        Number of the run that it serves, among the runs of this process.
     notes : list of str
-        What is allowed, but to be known.
+        Notes on what is allowed but should be known.
     doubts : sequence of str
-        Why what is recorded may be false: each is a `ValidityWarning` when a run is made.
+        Why the recorded data may be wrong: each entry is a `ValidityWarning` when the simulation is created.
     shared : bool
-        Whether it records runs on several processes: all that it asks for and is told is of the whole lattice then, the
-        same on all of them.
+        Whether it can record runs on several processes: everything that it requests and receives then refers to the
+        whole lattice and is the same on all of them.
     """
 
     name: str
@@ -85,29 +85,29 @@ class Recorder(ABC):
     @property
     @abstractmethod
     def recorded(self) -> Recorded:
-        """What was recorded so far, apart from the run."""
+        """The data recorded so far, independent of the run."""
 
     @abstractmethod
     def forget(self) -> None:
-        """Keep no rows of the past: a file has them."""
+        """Discard the rows recorded so far, once a file has them."""
 
     @property
     def asked(self) -> Arrays:
-        """What a recorder that goes on has in common with the one before, by name."""
+        """What a recorder that continues must have in common with the previous one, by name."""
         return {}
 
     @property
     def names(self) -> list[str]:
-        """All names that it takes in results."""
+        """All names that it uses in results."""
         return [self.name]
 
     def concluded(self) -> list[Recorded]:
-        """What follows from all that was recorded, once the run has come to its end; nothing for most."""
+        """What follows from all recorded data once the run has ended; nothing for most recorders."""
         return []
 
     @abstractmethod
     def begin(self, setup: Any, parts: Any) -> Wanted:
-        """Say what to take of a run.
+        """Specify what to record of a run.
 
         Parameters
         ----------
@@ -118,45 +118,45 @@ class Recorder(ABC):
         Raises
         ------
         InputError
-            What this run cannot give.
+            Quantities that this run cannot provide.
         """
 
     def foresee(self, until: float, steps: int) -> None:  # noqa: B027
-        """What `run` does first: look at a run to a time, of so many steps in all.
+        """Examine a run to a given time, of the given total number of steps, as `run` does first.
 
         Raises
         ------
         InputError
-            What cannot be recorded of it.
+            Data of this run that cannot be recorded.
         """
 
     @abstractmethod
     def start(self, step: int, heard: Heard) -> None:
-        """Forget what was recorded, and take the values at the first step, in the last of two rows; the row before
-        has those one step ago.
+        """Discard what was recorded and record the values at the first step, in the last of two rows; the row before
+        has those one step earlier.
         """
 
     @abstractmethod
     def add(self, step: int, heard: Heard) -> None:
-        """Take the values after the steps from number `step` on."""
+        """Record the values after the steps from number `step` on."""
 
     @abstractmethod
     def state(self) -> Arrays:
-        """All that `take` needs to go on from here."""
+        """Everything that `take` needs to continue from here."""
 
     @abstractmethod
     def take(self, state: Arrays) -> None:
-        """Be in a state that `state` gave."""
+        """Restore a state that `state` returned."""
 
 
 class RowRecorder(Recorder):
-    """A recorder that keeps rows of its quantities, until a file has them.
+    """A recorder that keeps rows of its quantities until they are in a file.
 
     Attributes
     ----------
     points : ndarray, shape (n, dim)
     unbroken : bool
-        Whether there is a row of every step: the first one tells them all.
+        Whether there is a row for every step: the first step then determines all of them.
     """
 
     points: np.ndarray
@@ -176,21 +176,21 @@ class RowRecorder(Recorder):
 
     @property
     def times(self) -> np.ndarray:
-        """When each row was recorded, shape (rows,)."""
+        """Times at which the rows were recorded, shape (rows,)."""
         return np.concatenate(self._steps) * self._dt
 
     @property
     def data(self) -> Arrays:
-        """What was recorded, by quantity."""
+        """Recorded values by quantity."""
         return {name: np.concatenate(rows) for name, rows in self._rows.items()}
 
     @property
     def recorded(self) -> Recorded:
-        """What was recorded, apart from the run: it writes tables and arrays, and traces of ObsPy."""
+        """The recorded data, independent of the run: it writes tables and arrays, and ObsPy traces."""
         return Recorded(self.name, self.points, self.times, self.data)
 
     def forget(self) -> None:
-        """Keep no rows of the past."""
+        """Discard the rows recorded so far."""
         self._begin_rows({name: rows[0][:0] for name, rows in self._rows.items()})
 
     def _begin_rows(self, empty: Arrays) -> None:

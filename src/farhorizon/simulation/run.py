@@ -49,38 +49,38 @@ def _tells(value: Any) -> bool:
 
 
 class Run(ABC):
-    """A run of a near field in time, such as `Simulation`.
+    """A run of a near field in time, for example a `Simulation`.
 
     Attributes
     ----------
     lattice : Lattice
         The near field.
     beyond : dict of (axis, side) to int
-        Nodes that are computed beyond each side.
+        Number of nodes that are computed beyond each side.
     dt, time : float
     step_count : int
     observers : list of callable
-        Called with the run every so often, see `run`.
+        Called with the run as argument at regular intervals, see `run`.
     recorders : list of Recorder
-        What records it in every step: `Receivers`.
+        Recorders, such as `Receivers`, which record the run in every step.
     stop_requested : bool
-        Set it (from a signal handler, an observer) to end `run` with KeyboardInterrupt between two steps.
+        Set this to True (in a signal handler or an observer) to end `run` with a KeyboardInterrupt between two steps.
     probes : Probes or None
-        What `record` has made.
+        The probes that `record` has created.
     peak : float
-        The largest kinetic energy, of diffusion the largest value, that a run to its static state has seen.
+        The largest kinetic energy, for diffusion the largest value, that occurred in a run to its static state.
     resting : Resting
-        What tells whether the run has come to rest.
+        Determines whether the run has come to rest.
     team : Team
-        The processes that compute it.
+        The processes that compute the run.
     cautions : list of Caution
-        From when on the result is doubtful, and why; each has been a `ValidityWarning` when it was found.
+        Times from which the result is doubtful, with the reasons; a `ValidityWarning` was issued for each.
     output : RunResults or None
         The results file that `run` has begun.
     next_look : int
-        Step of the next look at bonds that cannot break.
+        Step at which bonds that cannot break are checked next.
     given : dict
-        What was given, by names of arguments, without the initial data; the time step is the one that was chosen.
+        The arguments by name, without the initial data; the time step is the one that was chosen.
     """
 
     lattice: Lattice
@@ -123,10 +123,10 @@ class Run(ABC):
 
     @abstractmethod
     def step(self, count: int = 1) -> None:
-        """Advance by `count` steps; raises UnstableError when a field becomes non-finite or explodes."""
+        """Advance by `count` steps; raises UnstableError if a field becomes non-finite or grows beyond all bounds."""
 
     def prepare(self, until: float) -> int:
-        """What `run` does first; returns the number of the last step, the first one at or after a time."""
+        """Prepare a run, as `run` does first; returns the number of the last step, the first one at or after a time."""
         return last_step(until, self.dt)
 
     def run(
@@ -139,37 +139,37 @@ class Run(ABC):
         limit: float | None = None,
         output: str | Path | None = None,
     ) -> Self:
-        """Run to a time, or until it has come to rest; observers are called every `every` time units and at the end.
+        """Run to a given time, or until the field is at rest; observers are called at intervals `every` and at the end.
 
         Parameters
         ----------
         until : float or "static"
-            The run stops at the first step at or after it; `time` says when that was. "static": it stops when the
-            waves have left, see `farhorizon.simulation.rest.Rest`.
+            The run stops at the first step at or after this time; `time` gives the actual end. "static": the run stops
+            when the waves have left, see `farhorizon.simulation.rest.Rest`.
         every : float, optional
-            A whole number of steps: build the run with ``dt=WholeSteps(every=...)`` where it matters.
+            Must be a whole number of steps: create the run with ``dt=WholeSteps(every=...)`` to ensure this.
         progress : bool, optional
-            Show a bar; on terminals only unless given.
+            Show a progress bar; by default only on terminals.
         allow_unstable : bool
-            Run although something grows tenfold or more until then, see `examine`.
+            Run even if something grows tenfold or more by the end, see `examine`.
         tolerance : float, optional
-            Of a run to the static state: part of their largest value below which velocities are to fall, 1e-3 unless
-            given.
+            For a run to the static state: the fraction of their largest value below which velocities must fall, 1e-3
+            unless given.
         limit : float, optional
-            Of a run to the static state: the latest end, for which layers are chosen, too; a hundred times as long as
-            the slowest wave takes to cross the near field unless given. A `ValidityWarning` tells of a run that ended
-            there.
+            For a run to the static state: the latest end, for which layers are also chosen; unless given, a hundred
+            times as long as the slowest wave takes to cross the near field. A `ValidityWarning` is issued if the run
+            ends at this limit.
         output : str or Path, optional
-            Results file, as the command line writes it: the start, and what observers are called for. A run that goes
-            on with the file that it has begun appends; other results of that name are replaced. `open_results` reads
-            it, `farhorizon plot` draws it, ParaView opens it.
+            Results file, as the command line writes it, with the initial state and the states at which observers are
+            called. A run that continues with the file it has begun appends to it; other results of that name are
+            replaced. `open_results` reads the file, `farhorizon plot` draws it, ParaView opens it.
 
         Raises
         ------
         InputError
             An end that is not finite or lies in the past, a time between outputs that is not a whole number of steps, a
-            run that is not stable, or one to the static state whose loads change up to its latest end; a file that is
-            not ours.
+            run that is not stable, a run to the static state whose loads still change at its latest end, or a file that
+            farhorizon did not write.
         """
         rest = coming_to_rest(self, until, tolerance, limit)
         end = checked_end(until, self.dt) if rest is None else rest.limit
@@ -188,15 +188,15 @@ class Run(ABC):
         return self
 
     def write(self, path: str | Path, fields: Sequence[str] | None = None) -> Path:
-        """Write a results file of the run as it is now, with what recorders and probes have; older results of that
-        name are replaced.
+        """Write a results file of the present state of the run, with the data of recorders and probes; older results of
+        that name are replaced.
 
         Parameters
         ----------
         path : str or Path
             ParaView opens files whose names end in .h5, .hdf or .vtkhdf.
         fields : sequence of str, optional
-            Some of `fields`; all but velocities unless given.
+            Some of `fields`; all except velocities unless given.
 
         Returns
         -------
@@ -206,7 +206,7 @@ class Run(ABC):
         Raises
         ------
         InputError
-            A field that there is not, a file of another program, no such directory.
+            A field that does not exist, a file of another program, a directory that does not exist.
         """
         made = RunResults.begin(self, path, fields)
         made.append()
@@ -216,14 +216,14 @@ class Run(ABC):
         return made.path
 
     def record(self, points: Any, every: float | None = None) -> Probes:
-        """Record u at some nodes from now on, in place of what was recorded so far; each of several processes has all.
+        """Record u at some nodes from now on, and discard earlier records; each of several processes has all values.
 
         Parameters
         ----------
         points : array_like, shape (n, dim), or (n,) in 1D
-            Each stands for the node nearest to it.
+            Each point is replaced by the nearest node.
         every : float, optional
-            Time between two rows, a whole number of steps; one step unless given.
+            Time between two rows, a whole number of steps; unless given, one step.
 
         Raises
         ------
@@ -242,23 +242,23 @@ class Run(ABC):
         return probes
 
     def far_field(self, name: str | None = None) -> FarField:
-        """The far field that the run records, given in ``observe=[...]`` or as ``[far_field]`` in a case file.
+        """The far field that the run records, specified by ``observe=[...]`` or by ``[far_field]`` in a case file.
 
         Parameters
         ----------
         name : str, optional
-            Of one of several.
+            Name of the far field, if there are several.
 
         Returns
         -------
         FarField
-            Its `at` has receivers at any distance, its `pattern`, `energies` and `cross_sections` what goes where, by
-            frequency.
+            Its `at` gives the field at receivers at any distance; its `pattern`, `energies` and `cross_sections` give
+            the radiation by direction, wave and frequency.
 
         Raises
         ------
         InputError
-            The run records none, none of this name, or several and no name is given.
+            The run records no far field, none of this name, or several of them while no name is given.
 
         Examples
         --------
@@ -293,12 +293,12 @@ class Run(ABC):
     @property
     @abstractmethod
     def fields(self) -> dict[str, np.ndarray]:
-        """Copies of the near field by name, "u" among them; vectors have the components first."""
+        """Copies of the fields in the near field by name, including "u"; for vectors the components come first."""
 
     @property
     @abstractmethod
     def notes(self) -> list[str]:
-        """What is allowed, but to be known."""
+        """Notes on what is allowed but should be known."""
 
     @abstractmethod
     def energy(self) -> float:
@@ -306,30 +306,30 @@ class Run(ABC):
 
     @abstractmethod
     def balance(self) -> dict[str, float]:
-        """Gains since the start and where they came from, of runs that record it; raises InputError for others."""
+        """Gains since the start by origin, for runs that record them; raises InputError for others."""
 
     def plot(self, name: str = "u", path: str | Path | None = None, limits: tuple[float, float] | None = None) -> Any:
-        """Draw a field as it is now; in three dimensions the slice in the middle of z.
+        """Draw a field in its present state; in three dimensions, the slice in the middle of z.
 
         Parameters
         ----------
         name : str
-            One of `fields`; of vectors, whose length is drawn, also a component: "u_x"; of elastic media "stress_xx"
-            and so on, and "stress_von_mises".
+            One of `fields`; for vectors, of which the magnitude is drawn, also a component, such as "u_x"; for elastic
+            media also "stress_xx" and so on, and "stress_von_mises".
         path : str or Path, optional
-            A file to write, PNG, PDF or SVG by the ending of its name.
+            A file to write: PNG, PDF or SVG, depending on the ending of its name.
         limits : (float, float), optional
-            Of the colours, in one dimension of the axis.
+            Limits of the colour scale, in one dimension of the value axis.
 
         Returns
         -------
         matplotlib.figure.Figure
-            Notebooks show it.
+            Displayed by notebooks.
 
         Raises
         ------
         InputError
-            A field that there is not, another format, no such directory, an empty range.
+            A field that does not exist, another format, a directory that does not exist, an empty range.
         """
         from farhorizon.pictures.snapshot import snapshot
         from farhorizon.pictures.style import time_text
@@ -348,28 +348,29 @@ class Run(ABC):
         path: str | Path | None = None,
         limits: tuple[float, float] | None = None,
     ) -> Film:
-        """Run on to a time, and draw a film of a field on the way; in three dimensions of the slice in the middle of z.
+        """Continue the run to a given time and animate a field; in three dimensions, its slice in the middle of z.
 
         Parameters
         ----------
         name : str
-            As of `plot`.
+            As in `plot`.
         until, every : float
-            As of `run`: the end, and the time from one picture to the next.
+            As in `run`: the end, and the time between two pictures.
         path : str or Path, optional
-            A file to write: GIF, or MP4 with imageio-ffmpeg, by the ending of its name.
+            A file to write: GIF, or MP4 with imageio-ffmpeg, depending on the ending of its name.
         limits : (float, float), optional
-            Of the colours, in one dimension of the axis; chosen for all pictures together unless given.
+            Limits of the colour scale, in one dimension of the value axis; unless given, chosen for all pictures
+            together.
 
         Returns
         -------
         Film
-            Notebooks show it; ``film.save(path)`` writes it.
+            Displayed by notebooks; ``film.save(path)`` writes it.
 
         Raises
         ------
         InputError
-            As `run` and `plot`; an end that is not beyond the present time.
+            As in `run` and `plot`; an end that is not later than the present time.
         """
         from farhorizon.pictures.snapshot import Frames
         from farhorizon.pictures.style import time_text
@@ -390,7 +391,7 @@ class Run(ABC):
         return frames.film()
 
     def to_xarray(self) -> xarray.Dataset:
-        """The fields as they are now, with their coordinates.
+        """The fields in their present state, with their coordinates.
 
         Returns
         -------
@@ -409,30 +410,30 @@ class Run(ABC):
     @property
     @abstractmethod
     def crossing(self) -> float:
-        """The run's own unit of time: in it the fastest wave crosses the near field, or what diffuses empties it,
-        ``R^2/D``.
+        """The run's own unit of time: the time in which the fastest wave crosses the near field, or ``R^2/D``, in which
+        diffusion empties it.
         """
 
     @abstractmethod
     def seconds_per_step(self) -> float:
-        """Time of a step on this machine now; the state stays as it is."""
+        """Time per step on this machine at present; the state is not changed."""
 
     @abstractmethod
     def certificate(self, budget: float, until: float = np.inf) -> Certificate:
-        """Whether the complete update is stable, in at most `budget` seconds; as far as a run to `until` needs it."""
+        """Examine the stability of the complete update, for `budget` seconds at most, as a run to `until` needs it."""
 
     def examine(self, until: float, allow_unstable: bool = False) -> Certificate:
-        """What `run` knows of its stability before it begins; the same for a Python program and for the command line.
+        """Examine the stability of a run before it begins; a Python program and the command line do the same.
 
-        White noise runs for as long as the run, ten crossing times at most. Where the run is longer modes are examined,
-        too, for half the time of the run or two seconds. What was examined before is not examined again. What is to be
-        known is added to the `notes`.
+        White noise is followed for the length of the run, but for ten crossing times at most. If the run is longer,
+        modes are also examined, for half the computing time of the run or two seconds, whichever is longer. What has
+        been examined before is not examined again. Anything the user should know is added to the `notes`.
 
         Parameters
         ----------
         until : float
         allow_unstable : bool
-            Note what grows, in place of refusing it.
+            Note what grows instead of refusing the run.
 
         Returns
         -------
@@ -441,7 +442,7 @@ class Run(ABC):
         Raises
         ------
         InputError
-            What grows does so tenfold or more until then.
+            Something grows tenfold or more by the end of the run.
         """
         if self.team:
             self._remarks = ["the stability of a run on several processes is not examined: check the case on one"]
@@ -452,41 +453,41 @@ class Run(ABC):
 
     @abstractmethod
     def check(self, until: float | None = None, budget: float | None = None) -> Report:
-        """Facts, warnings and notes before a run to `until`."""
+        """Report facts, warnings and notes before a run to `until`."""
 
     # --- state -------------------------------------------------------------------------------------------------
 
     @abstractmethod
     def save(self, path: str | Path, **extra: Any) -> None:
-        """Write the complete state under a temporary name and rename it; `extra` comes back from `load`."""
+        """Write the complete state to a temporary file, which is then renamed; `load` returns `extra`."""
 
     @abstractmethod
     def load(self, path: str | Path) -> dict[str, Any]:
-        """Take the state of a checkpoint written by the same set-up; what follows is bitwise the uninterrupted run.
+        """Restore a checkpoint of the same set-up; what follows is bitwise identical to the uninterrupted run.
 
         Raises
         ------
         FileFormatError
-            A damaged file, or the checkpoint of another set-up.
+            A damaged file, or a checkpoint of another set-up.
         """
 
     @classmethod
     def restore(cls, path: str | Path, **changes: Any) -> Self:
-        """The run that wrote a checkpoint, in the state in which it was saved.
+        """Recreate the run that wrote a checkpoint, in the state in which it was saved.
 
         Parameters
         ----------
         path : str or Path
         **changes
-            Arguments of the constructor to take instead of the stored ones: needed for Python functions (sources,
-            loads), which a file cannot hold, and for observers.
+            Arguments of the constructor that replace the stored ones: needed for Python functions (sources, loads),
+            which a file cannot hold, and for observers.
 
         Raises
         ------
         InputError
-            The set-up held a Python function that is not given again.
+            The set-up contained a Python function that is not given again.
         FileFormatError
-            A damaged or foreign file, or changes that make another set-up.
+            A damaged or foreign file, or changes that result in another set-up.
         """
         run = cls(**{**stored(path, cls.__name__, changes), **changes})
         run.load(path)

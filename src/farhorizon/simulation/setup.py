@@ -95,22 +95,22 @@ def _check_coupled(heat: Setup, lattice: Lattice, key: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """All that a user gives for a run; `Simulation.of` runs it.
+    """All that a user specifies for a run; `Simulation.of` creates the simulation.
 
-    ``dataclasses.replace`` changes it. Each attribute has the kind that it keeps: texts have become expressions, cracks
-    `Crack`, and `boundary` has a side by name for every side of the lattice. Whether what is given goes together is
-    seen when it is run.
+    Use ``dataclasses.replace`` to change it. Attributes are stored in their final form: texts are converted to
+    expressions, cracks to `Crack`, and `boundary` names a side for every side of the lattice. Whether the arguments are
+    compatible with one another is checked when the simulation is created.
 
     Parameters
     ----------
     lattice, model, boundary, initial, sources, cracks, coefficient, background, dt, dtype, threads, rule, rim, \
 constraints, balance, specimens, loads
-        As of `Simulation`.
+        As in `Simulation`.
 
     Raises
     ------
     InputError
-        What is of another kind than `Simulation` says.
+        An argument of another type than `Simulation` requires.
 
     Examples
     --------
@@ -224,30 +224,30 @@ constraints, balance, specimens, loads
 
     @property
     def heat(self) -> ThermalLoad | None:
-        """What strains the solid by its temperature."""
+        """The thermal load of the solid; None if there is none."""
         return next((one for one in self.loads if isinstance(one, ThermalLoad)), None)
 
     @property
     def sides(self) -> Sides:
-        """What stands on each side by (axis, side), side = -1 or +1."""
+        """The boundary on each side by (axis, side), side = -1 or +1."""
         return sides(self.boundary, self.lattice.dim)
 
     @property
     def bond_rule(self) -> str:
-        """How the coefficients of a bond's ends combine."""
+        """How the coefficients of the two ends of a bond are combined."""
         return self.rule or ("harmonic" if self.model.uneven else "both")
 
     @property
     def lasting(self) -> bool:
-        """Whether the older time level outlives a step, which the energies of bonds one by one, drag and the work of
-        sources need.
+        """Whether the older time level is kept after a step, as required by the energies of individual bonds, by drag
+        and by the work of sources.
         """
         kept = self.model.bond_law is not None or self.model.drag > 0
         return kept or (self.model.mechanical and self.balance)
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """What is given, by the names of the arguments of `Simulation`."""
+        """The arguments by their names in `Simulation`."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 

@@ -21,31 +21,32 @@ _ROUNDING = 1e-12  # of the largest value: data and sources that have no more in
 
 
 class ShellRecorder(RowRecorder):
-    """The field on the nodes with a bond through a face of a box, after every step: all that another run needs to know
-    of the waves that come into the box, see `IncidentRecord`.
+    """The field at the nodes with a bond through a face of a box, after every step: all that another run needs to know
+    about the waves that enter the box, see `IncidentRecord`.
 
-    It is given to a run in ``observe=[...]``.
+    It is passed to a run in ``observe=[...]``.
 
     Parameters
     ----------
     box : Box, optional
-        With all of the medium that the other run changes, two reaches of the stencil inside its faces. The near field
-        less two reaches unless given; it may stand on a free side.
+        Box that contains every part of the medium that the other run changes, at least two reaches of the stencil
+        inside its faces. The near field minus two reaches unless given; it may stand on a free side.
     name : str
-        Tells several of one run apart, in results files too.
+        Name that distinguishes several of them in one run, in results files too.
 
     Attributes
     ----------
     points : ndarray, shape (n, dim)
     times : ndarray, shape (rows,)
     data : dict of str to ndarray
-        "u", shape (rows, n), of vectors (rows, n, dim).
+        "u", shape (rows, n), for vectors (rows, n, dim).
 
     Raises
     ------
     InputError
-        When a run is made: no waves of linear bonds, a box that does not fit, a medium that is not uniform at its
-        faces, initial data or sources inside it. When it is run: records that do not fit into memory.
+        When the simulation is created: a model other than waves with linear bonds, a box that does not fit, a medium
+        that is not uniform at its faces, initial data or sources inside it. When it is run: records that do not fit
+        into memory.
 
     Examples
     --------
@@ -72,7 +73,7 @@ class ShellRecorder(RowRecorder):
 
     @property
     def recorded(self) -> Recorded:
-        """What was recorded, apart from the run."""
+        """The recorded data, independent of the run."""
         return Recorded(self.name, self.points, self.times, self.data, medium=self._medium)
 
     def begin(self, setup: Setup, parts: Parts) -> Wanted:
@@ -97,12 +98,12 @@ class ShellRecorder(RowRecorder):
         return Wanted(of_whole, ())
 
     def foresee(self, until: float, steps: int) -> None:
-        """Before a run: how much is recorded.
+        """Determine, before a run, how much will be recorded.
 
         Raises
         ------
         InputError
-            It does not fit into memory.
+            The record does not fit into memory.
         """
         need = 8 * int(np.prod(self._rows["u"][0].shape[1:])) * (steps + 1)
         size = size_of_record(need, len(self.points), steps, _KEY, "a smaller box, or a shorter run")

@@ -55,49 +55,49 @@ class Simulation(Run):
         The near field.
     model : Wave, Diffusion, Heat, Corrosion, Beam, Elastic or Thermoelastic
     boundary : Side or mapping
-        One for all sides, or ``{"x-": ..., "x+": ..., "y": ..., "all": ...}``.
+        One boundary for all sides, or a mapping by side: ``{"x-": ..., "x+": ..., "y": ..., "all": ...}``.
     initial : mapping
         "u" and, for waves, "v" (velocity): arrays of the lattice's shape, callables of the coordinates, expressions or
-        numbers. Of vectors arrays (dim, n..), callables that return the components, or a sequence of one value a
-        component.
+        numbers. For vector fields: arrays of shape (dim, n..), callables that return the components, or a sequence with
+        one value per component.
     sources : sequence
         `Source`, array, callable of the coordinates and t, or expression; `PointSource`, `PointForce`, `MomentTensor`,
-        `LineSource` and `PhasedArray`, which lie anywhere between the nodes; waves from outside: `IncidentWave`,
+        `LineSource` and `PhasedArray`, which may lie anywhere between the nodes; incident waves: `IncidentWave`,
         `RayleighWave`, `IncidentField` and `IncidentRecord`.
     communicator : mpi4py.MPI.Intracomm, optional
-        Processes that compute the run together, each a box of the lattice: `lattice` and `fields` are those of the box,
-        and ``team.joined(lattice, fields["u"])`` is the whole field, on the first process.
+        Processes that share the computation, each of which computes one box of the lattice: `lattice` and `fields` are
+        then those of the box, and ``team.joined(lattice, fields["u"])`` is the whole field, on the first process.
     topology : sequence of int, optional
-        Boxes along each axis; those that exchange least unless given.
+        Number of boxes along each axis; by default the division that requires the least communication.
     loads : sequence of BodyForce, Traction, Pressure and ThermalLoad
-        Forces on an `Elastic` medium per volume, and per area on its free sides, cracks and holes; heat in it.
+        Forces per volume in an `Elastic` medium, or per area on its free sides, cracks and holes; heat that strains it.
     cracks : sequence
-        Cuts, points of polylines (2D), of polygons (3D) or positions (1D); `Crack` for one that conducts a little or
-        opens later.
+        Cuts, the points of polylines (2D) or polygons (3D), or positions (1D); use `Crack` for a cut that weakens bonds
+        without severing them, or that opens later.
     constraints : sequence
         `Temperature`, `Flux`, `Insulated`, `Convection`: conditions on nodes of the body; `Prescribed`: nodes that
-        follow a value for a while.
+        follow a prescribed value, permanently or for a limited time.
     specimens : sequence of Specimen
-        The metal of a `Corrosion`; all else is liquid.
+        The metal of a `Corrosion` model; everything else is liquid.
     balance : bool
-        Record what flows into the near field, for `balance`; of an `Elastic` medium the energies and the work of
+        Record the flow into the near field, for `balance`; for an `Elastic` medium, record the energies and the work of
         sources and loads.
     coefficient : array_like, optional
-        Factor on bonds, given on the nodes.
+        Factor on the bonds, given at the nodes.
     rule : {"both", "arithmetic", "harmonic"}, optional
-        How the coefficients, or the stiffness, of a bond's ends combine: "both" (the smaller one), which is that of a
-        uniform model unless given, or one of two means; "harmonic" of a model whose constants vary.
+        How coefficients or stiffnesses of the two ends of a bond are combined: "both" (the smaller one), the default of
+        a uniform model, or one of two means; "harmonic" is the default for a model whose constants vary.
     rim : {"free", "fixed"}
-        What the outline of a body is: bonds across it are absent, or the field is held at the background outside.
+        Condition on the outline of a body: bonds across it are absent, or the field outside is fixed at the background.
     background : float
         Uniform state of the infinite medium.
     observe : sequence of callable and Receivers
-        Functions that `run` calls with the run every so often, and what records it in every step.
+        Functions that `run` calls with the run at regular intervals, and recorders, which record every step.
     dt : float or callable, optional
-        Time step; half the stable limit unless given. A function of that default gives another one: `WholeSteps`.
+        Time step; by default half the stability limit. A function of this default, such as `WholeSteps`, returns it.
     dtype : {"float64", "float32"}
     threads : int, optional
-        All that the machine offers unless given; small lattices use one.
+        Number of threads; all that the machine offers unless given. Small lattices use one.
 
     Attributes
     ----------
@@ -105,27 +105,28 @@ class Simulation(Run):
     step_count : int
     dt : float
     setup : Setup
-        What was given.
+        The arguments as they were given.
     settled : Setup
-        The same with the time step, the sides and the factors on bonds as they were chosen: run again it does not
-        choose anew.
+        The same with the time step, the sides and the factors on bonds that were chosen: a run of it makes none of
+        these choices again.
     stop_requested : bool
-        Set it (from a signal handler, an observer) to end `run` with KeyboardInterrupt between two steps.
+        Set this to True (in a signal handler or an observer) to end `run` with a KeyboardInterrupt between two steps.
     closure : Closure or None
         The conditions along the outline of the near field.
     start_u, start_v : ndarray
-        Initial values less the background, and initial velocities.
+        Initial values minus the background, and initial velocities.
     fields : dict of str to ndarray
-        The near field, "u", vectors as (dim, n..), and for waves "v" (half a step late, (u(n) - u(n-1))/dt); nan
-        outside a window or body, and on the nodes beyond a wall that conditions set as images of those inside. Of bonds
-        that are nonlinear or break "damage", the part of a node's bonds that are cut or broken. Of a solid that heat
-        strains "T" and "thermal_strain". Of a corrosion "solid", 1 in the metal and 0 in the liquid, and "dissolved",
-        the time at which a node became liquid: 0 where it was from the start, nan in the metal.
+        The near field: "u" (vectors as (dim, n..)) and, for waves, "v" (lagging by half a step, (u(n) - u(n-1))/dt);
+        nan outside a window or body, and on nodes beyond a wall that conditions use as images of those inside. For
+        bonds that are nonlinear or break, also "damage", the fraction of a node's bonds that are cut or broken. For a
+        solid with thermal strains, "T" and "thermal_strain". For corrosion, "solid", 1 in the metal and 0 in the
+        liquid, and "dissolved", the time at which a node became liquid: 0 where it was liquid from the start, nan in
+        the metal.
 
     Raises
     ------
     InputError
-        Anything that cannot be computed, before any work.
+        Anything that cannot be computed; raised before any work is done.
 
     Examples
     --------
@@ -166,13 +167,13 @@ class Simulation(Run):
 
     @classmethod
     def of(cls, setup: Setup, observe: Sequence[Observer] = (), communicator: Any = None, topology: Any = None) -> Self:
-        """A run of a set-up.
+        """Create a simulation from a set-up.
 
         Parameters
         ----------
         setup : Setup
         observe, communicator, topology
-            As of the constructor.
+            As in the constructor.
         """
         run = cls.__new__(cls)
         run._begin(setup, observe, Team.of(communicator), checked_topology(topology))
@@ -218,26 +219,26 @@ class Simulation(Run):
     # --- running -----------------------------------------------------------------------------------------------
 
     def check_sources(self, until: float) -> None:
-        """Look beyond the absorbing sides at sources that do not split into space and time, at up to 64 even times up
-        to the end of the run, and at incident waves; `run` calls it.
+        """Evaluate sources that do not split into space and time beyond the absorbing sides, at up to 64 equidistant
+        times until the end of the run, and check incident waves; `run` calls this method.
 
         Raises
         ------
         InputError
-            The near field would miss more of a source than the side's target; an incident wave that is not known for so
-            long.
+            The part of a source beyond the near field exceeds the side's target; an incident wave that is not known for
+            the whole run.
         """
         with self.team.agreed():
             self._march.moving.check(until)
         self._incident_notes = foreseen(self.incident, until)
 
     def prepare(self, until: float) -> int:
-        """What `run` does first for its sides, sources and exact ends; returns the number of the last step.
+        """Prepare the sides, sources and exact ends of a run, as `run` does first; returns the number of the last step.
 
         Raises
         ------
         InputError
-            As `check_sources`; a kernel or a domain that does not fit into memory.
+            As in `check_sources`; a kernel or a domain that does not fit into memory.
         """
         if self.share is not None:
             self.share.check_length(until - self.dt)  # the last step may end that much later
@@ -252,8 +253,8 @@ class Simulation(Run):
         return last
 
     def take(self, sides: Mapping[Key, Side]) -> None:
-        """Be at the start of the same run with some other sides; InputError where these do not serve, and the run is as
-        it was.
+        """Replace some sides and return to the start of the run; raises InputError if the new sides cannot be used, and
+        then leaves the run unchanged.
         """
         settled = self.setup if self.team else self.settled  # of several that is the part of each
         named = {side_name(*key): boundary for key, boundary in {**settled.sides, **sides}.items()}
@@ -265,12 +266,12 @@ class Simulation(Run):
             self._watch(self.probes.nodes)
 
     def step(self, count: int = 1) -> None:
-        """Advance by `count` steps; the compiled loop runs them without returning to Python.
+        """Advance by `count` steps, which the compiled loop computes without returning to Python.
 
         Raises
         ------
         UnstableError
-            The field became non-finite or exploded.
+            The field became non-finite or grew beyond all bounds.
         """
         count, march = kinds.integer(count, "count", least=0, most=MOST_STEPS), self._march
         last = self.step_count + count
@@ -301,57 +302,57 @@ class Simulation(Run):
 
     @property
     def fields(self) -> dict[str, np.ndarray]:
-        """Copies of the near field."""
+        """Copies of the fields in the near field."""
         return self._march.fields()
 
     def energy(self) -> float:
-        """Energy of the near field, kinetic and strain or stored, of `energies`."""
+        """Energy of the near field: kinetic plus strain energy, or stored energy, from `energies`."""
         return present(self.energies())
 
     def energies(self) -> dict[str, float]:
-        """Energies of the near field; bonds across its edge count half, to a side fixed at the background whole.
+        """Energies of the near field; bonds across its edge count half, those to sides fixed at the background in full.
 
         Waves: "kinetic" and "strain", half a step ago, ``1/2 v . v`` and ``1/4 sum_k (u_k - u) . w_k (u_k^- - u^-)``
-        times the density of an elastic medium, and with a reaction r "reaction", ``1/2 r u . u^-``; the undamped scheme
-        conserves their sum exactly. Of an elastic medium with ``balance=True`` "work", done by sources, loads and
-        what holds prescribed nodes since the start, and of a solid that heats as it is deformed "thermal", that of its
-        temperature half a step ago, ``rho c theta . theta^- / 2 T0``; the strain energy is then that of the strains as
-        they are, and without conduction the sum of all three stays as it is, exactly. Diffusion: "stored",
+        times the density of an elastic medium, and, with a reaction r, "reaction", ``1/2 r u . u^-``; the undamped
+        scheme conserves their sum exactly. For an elastic medium with ``balance=True`` also "work", done since the
+        start by sources, loads and prescribed nodes, and for a solid that is heated by its deformation "thermal", the
+        energy of its temperature half a step ago, ``rho c theta . theta^- / 2 T0``; the strain energy is then that of
+        the actual strains, and without conduction the sum of all three is conserved exactly. Diffusion: "stored",
         ``1/2 integral (u - background)^2``.
 
         Bonds that are nonlinear or break: the strain energy is ``c d d^- / 2`` of the elongations d and d^- now and a
-        step ago, and there are "work", as before, and "broken", what bonds held when they broke, beyond sides that
-        extend the domain, too. Where no energy leaves through the sides and nothing is damped, kinetic + strain +
-        broken - work stays as it was: exactly for linear bonds, else up to the error of the time step.
+        step ago. There are also "work", as above, and "broken", the energy that bonds held when they broke, also beyond
+        sides that extend the domain. Where no energy leaves through the sides and nothing is damped, kinetic + strain +
+        broken - work is conserved: exactly for linear bonds, otherwise to within the error of the time step.
         """
         return self._march.energies()
 
     @property
     def broken_bonds(self) -> int:
-        """Bonds that have broken, as "broken" of `energies` counts them; several processes ask together."""
+        """Number of broken bonds, counted as in "broken" of `energies`; on several processes all must call it."""
         return round(self.team.total({"broken": self.engine.bonds.broken[1]})["broken"])
 
     def balance(self) -> dict[str, float]:
-        """What the near field has gained since the start, and from where, for simulations with ``balance=True``.
+        """Gains of the near field since the start, by origin, for simulations with ``balance=True``.
 
-        Of an elastic medium: the `energies`, and "lost", what is missing to the energy at the start and the work: it
-        left through the sides or was damped, or is the error of the time step of nonlinear bonds.
+        For an elastic medium: the `energies`, and "lost", the initial energy plus the work minus the present energy: it
+        left through the sides or was damped, or is the time-stepping error of nonlinear bonds.
 
-        Free nodes count: those that no condition prescribes. Every entry is heat (the field's integral for a
-        diffusion): heat capacity times cell volume times temperature.
+        Only free nodes count, that is, nodes that no condition prescribes. Every entry is a heat (for diffusion the
+        integral of the field): heat capacity times cell volume times temperature.
 
         Returns
         -------
         dict
-            "stored", the gain, of a corrosion the sum of the gains of "metal" (what it has lost, negative) and
+            "stored", the gain, for corrosion the sum of the gains of "metal" (what it has lost, negative) and
             "dissolved" (of the liquid); "source[i]", "constraint[i]", "x-", .. and "rim" or "outline": what came in
-            from there; "reaction": minus what it has taken; "residual": "stored" less all that came in, which is
-            rounding.
+            from there; "reaction": minus what the reaction has consumed; "residual": "stored" minus all inflow, which
+            is rounding error.
 
         Raises
         ------
         InputError
-            The simulation does not record it.
+            The simulation does not record a balance.
         """
         if not self.setup.balance:
             raise InputError(
@@ -360,10 +361,10 @@ class Simulation(Run):
         return self._march.balance()
 
     def flux(self) -> np.ndarray:
-        """Heat flux (or that of a diffusing field) at the nodes along each axis, positive towards larger coordinates.
+        """Heat flux (or flux of a diffusing field) at the nodes along each axis, positive towards larger coordinates.
 
-        One-sided sums over the bonds ahead of a node, over those behind it where bonds ahead are missing, exact for a
-        linear field at every node; nan where the bonds left do not determine it. See `farhorizon.simulation.flux`.
+        One-sided sums over the bonds ahead of a node, or over those behind it where some ahead are missing, exact for a
+        linear field; nan where the remaining bonds do not determine the flux. See `farhorizon.simulation.flux`.
 
         Returns
         -------
@@ -375,20 +376,19 @@ class Simulation(Run):
         return found if self.lattice.mask is None else np.where(self.lattice.mask, found, np.nan)
 
     def power_across(self, axis: str, position: float) -> float:
-        """Power that crosses a plane, towards larger coordinates: the sum over the bonds of the near field that cross
-        it.
+        """Power across a plane, towards larger coordinates: the sum over the bonds of the near field that cross it.
 
         Parameters
         ----------
         axis : {"x", "y", "z"}
             Normal of the plane.
         position : float
-            Coordinate of the plane, taken to the nearest middle between two nodes.
+            Coordinate of the plane, moved to the nearest midpoint between two nodes.
 
         Raises
         ------
         InputError
-            An axis that the lattice has not, a plane outside it.
+            An axis that the lattice does not have, a plane outside the lattice.
         """
         self.team.alone("powers across a plane (PowerThrough records them)")
         place = plane(self.lattice, axis, position)
@@ -397,7 +397,7 @@ class Simulation(Run):
 
     @property
     def notes(self) -> list[str]:
-        """What lies beyond the near field and is missed, but within the sides' targets, or cannot be known."""
+        """What is neglected beyond the near field, within the targets of the sides, or cannot be determined."""
         ends = [] if self.exact_ends is None else self.exact_ends.notes()
         overdue = outlasted(self.parts.around, self.model, max(self._end, self.time), self.dt)
         notes = self.parts.beyond.notes + ends + self._remarks + self._settling.why + overdue + self._incident_notes
@@ -405,7 +405,7 @@ class Simulation(Run):
 
     @property
     def ends(self) -> dict[str, str]:
-        """What serves each exact end: modes and error bound of its sum, and for how many steps."""
+        """Representation of each exact end: modes and error bound of its sum, and the number of steps it covers."""
         ends = self.exact_ends
         return {} if ends is None else {name: ends.describe(i, self.dt) for i, name in enumerate(ends.names)}
 
@@ -413,19 +413,19 @@ class Simulation(Run):
 
     @property
     def exact_ends(self) -> ExactEnds | None:
-        """The exact ends; None without."""
+        """The exact ends; None if there are none."""
         return self.parts.ends
 
     @property
     def crossing(self) -> float:
-        """The set-up's own unit of time: in it the fastest wave crosses the near field, or what diffuses empties it,
-        ``R^2/D``.
+        """The set-up's own unit of time: the time in which the fastest wave crosses the near field, or ``R^2/D``, in
+        which diffusion empties it.
         """
         return self.parts.near.crossing
 
     @property
     def targets(self) -> dict[Key, float]:
-        """What may be missed beyond each side that absorbs, as a part of the largest value."""
+        """Fraction of the largest value that may be neglected beyond each absorbing side."""
         return self.parts.beyond.targets
 
     def extents_for(self, wanted: Mapping[Key, float], until: float) -> dict[Key, Extent]:
@@ -433,43 +433,43 @@ class Simulation(Run):
         return self.parts.emitters.extents_for(wanted, until)
 
     def remade(self, **changes: Any) -> Simulation:
-        """The same set-up at its start with some arguments changed, and with the same time step and layers, unless the
-        model changes; on another lattice nothing is there, and the medium is uniform, as stiff as it is anywhere.
+        """The same set-up at its start with some arguments changed, with the same time step and layers unless the model
+        changes; on another lattice there are no data, and the medium is uniform, as stiff as its stiffest part.
         """
         return Simulation.of(remade_setup(self.setup, self.settled, self.parts, changes))
 
     def certificate(self, budget: float = BUDGET, until: float = np.inf) -> Certificate:
-        """Whether the complete update, near field and all memory of the boundaries, is stable; see
-        `farhorizon.checks.certificate`.
+        """Determine whether the complete update, that is, the near field with all memory of the boundaries, is stable;
+        see `farhorizon.checks.certificate`.
 
         Parameters
         ----------
         budget : float
-            Seconds that it may take; what is not examined in that time is named.
+            Seconds that this may take; whatever is not examined in that time is named.
         until : float
-            Length of the run: noise for as long is enough, up to ten crossing times.
+            Length of the run: white noise is followed for as long as this, up to ten crossing times.
         """
         self.team.alone("certificates")
         return certify(self, budget, until)
 
     def seconds_per_step(self) -> float:
-        """Time of a step on this machine now, measured for a tenth of a second without sources; the state stays as it
-        is.
+        """Time per step on this machine at present, measured for a tenth of a second without sources; the state is not
+        changed.
         """
         self.team.alone("measured times")
         return seconds_of(self.engine)
 
     def check(self, until: float | None = None, budget: float | None = None) -> Report:
-        """Step limit, stability certificate, predicted reflection, layer, memory, time, warnings and notes, before
-        running; and what several processes would send each other.
+        """Report before running: step limit, stability certificate, predicted reflection, layers, memory, time,
+        warnings and notes, and the communication between several processes.
 
         Parameters
         ----------
         until : float, optional
-            End of the run, for its estimated time.
+            End of the run, for the estimate of its time.
         budget : float, optional
-            Seconds for the certificate. Unless given all of it takes about as long as the run to `until`, from 5 to 30;
-            30 without `until`.
+            Seconds for the certificate. By default it takes about as long as the run to `until`, but from 5 to 30; 30
+            without `until`.
         """
         self.team.alone("reports")
         if until is not None:
@@ -481,7 +481,7 @@ class Simulation(Run):
     # --- state -------------------------------------------------------------------------------------------------
 
     def save(self, path: str | Path, **extra: Any) -> None:
-        """Write the complete state, boundary memory included, under a temporary name and rename it."""
+        """Write the complete state, with the memory of the boundaries, to a temporary file, which is then renamed."""
         kept = {"cautions": self.cautions, "peak": self.peak, "extra": extra}
         path = kinds.path(path, "path")
         given = self.given if self.share is None else self.share.given

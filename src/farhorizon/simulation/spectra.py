@@ -26,28 +26,28 @@ _LINEAR = [name for name, quantity in QUANTITIES.items() if not quantity.moving]
 
 
 class Spectra(Recorder):
-    """The field's spectrum at some frequencies, summed up in every step: memory by frequency, not by time.
+    """Spectrum of the field at some frequencies, accumulated in every step: memory by frequency, not by time.
 
-    It is given to a run in ``observe=[...]``. The sums are ``sum dt u(n dt) exp(-2 pi i f n dt)`` over all steps from
-    the first on, the convention of `numpy.fft`: of a field that has come to rest the Fourier transform.
+    It is passed to a run in ``observe=[...]``. The sums are ``sum dt u(n dt) exp(-2 pi i f n dt)`` over all steps from
+    the first on, with the convention of `numpy.fft`: once the field has come to rest, they are its Fourier transform.
 
     Parameters
     ----------
     where : Shape, (str, float), or array_like, shape (n, dim), or (n,) in 1D
-        A region, all nodes of the near field in it; a plane, ``("z", 2.5)``, all nodes of the layer of nodes nearest to
-        it; or points as of `Receivers`.
+        A region, for all nodes of the near field in it; a plane, ``("z", 2.5)``, for all nodes of the layer of nodes
+        nearest to it; or points as in `Receivers`.
     frequencies : array_like, shape (F,)
         In cycles per unit of time.
     record : str or sequence of str
         Quantities of `Receivers` that are linear in the field: all but "v" and "energy_flux".
     every : int
-        Steps from one term of the sums to the next, whose weight is so much larger: where the lattice carries no waves
-        that would be taken for others the sums are the same once the field has come to rest, and cost so much less.
+        Steps from one term of the sums to the next, whose weight is larger by this factor. If this does not alias any
+        waves on the lattice, the sums are the same once the field has come to rest, at a cost smaller by this factor.
         Half the stable step allows 3.
     interpolation : {"sinc", "linear"}
-        Of points between nodes, as of `Receivers`.
+        For points between nodes, as in `Receivers`.
     name : str
-        Tells several of one run apart.
+        Name that distinguishes several of them in one run.
 
     Attributes
     ----------
@@ -55,14 +55,14 @@ class Spectra(Recorder):
         The points, or the nodes of the region.
     frequencies : ndarray, shape (F,)
     data : dict of str to ndarray
-        The sums so far, complex, each of shape (F, n), of vectors (F, n, dim), of tensors (F, n, dim, dim).
+        The sums so far, complex, each of shape (F, n), for vectors (F, n, dim), for tensors (F, n, dim, dim).
 
     Raises
     ------
     InputError
-        A frequency below zero, an unknown quantity. When a run is made: frequencies above what steps of that length, or
-        waves on the lattice, can have; no node in the region; points as of `Receivers`; sums that do not fit into
-        memory.
+        A negative frequency, an unknown quantity. When the simulation is created: frequencies above the limit for steps
+        of that length, or above those of waves on the lattice; no node in the region; points as in `Receivers`; sums
+        that do not fit into memory.
 
     Examples
     --------
@@ -126,7 +126,7 @@ class Spectra(Recorder):
 
     @property
     def recorded(self) -> Recorded:
-        """The sums so far, apart from the run."""
+        """The sums so far, independent of the run."""
         return Recorded(self.name, self.points, np.zeros(0), {}, self.frequencies, self.data)
 
     @property
@@ -135,7 +135,7 @@ class Spectra(Recorder):
         return {"points": self.points, "frequencies": self.frequencies}
 
     def forget(self) -> None:
-        """Nothing: there are no rows."""
+        """Do nothing: there are no rows."""
 
     # --- in a run ----------------------------------------------------------------------------------------------
 

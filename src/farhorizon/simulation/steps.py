@@ -34,15 +34,14 @@ def last_step(until: float, dt: float) -> int:
 
 
 class WholeSteps:
-    """A rule for the time step: the largest one, up to the default, of which some intervals are whole numbers.
+    """A rule for the time step: the largest step, up to the default, that divides given intervals evenly.
 
-    A step may be up to twice as short as the default for their sake (and as short as the shortest interval, if that is
-    shorter).
+    To this end, the step may be as short as half the default (or as the shortest interval, if that is shorter).
 
     Parameters
     ----------
     **intervals : float
-        By name, which messages tell: ``dt=WholeSteps(every=0.25, until=10.0)``.
+        Intervals by name, which messages mention: ``dt=WholeSteps(every=0.25, until=10.0)``.
 
     Raises
     ------
@@ -115,12 +114,12 @@ class WholeSteps:
         return float(shortest / counts[np.argmax(fit)]) if fit.any() else None
 
     def check(self, dt: float, key: str) -> None:
-        """Refuse a step that was given and does not divide all of the intervals.
+        """Refuse a given step that does not divide all of the intervals.
 
         Raises
         ------
         InputError
-            With the next smaller step that does, and the nearest intervals that would.
+            With the next smaller step that does, and the nearest intervals that the given step would divide.
         """
         for name, interval in self.intervals.items():
             if whole_steps(interval, dt) is None:

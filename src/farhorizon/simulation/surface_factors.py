@@ -19,25 +19,25 @@ _SERVED = ("bond-based", "state-based")
 
 
 def surface_factor(lattice: Lattice, model: Elastic, boundary: Side | Mapping[str, Side] | None = None) -> np.ndarray:
-    """What Young's modulus of the nodes near free surfaces is multiplied with so that a surface is no softer than the
-    solid: the sum of a node's bonds, weighted as the material weighs them, over that of those that are there.
+    """Factor on Young's modulus near free surfaces that makes a surface no softer than the solid: the sum over all
+    bonds of a node, weighted as in the material, divided by that over the existing ones.
 
-    This is the volume method: as the moduli of a bond's ends combine to their harmonic mean, a bond is stiffer by
-    ``2 V0 / (V + V')``. Along a flat face the factor does not change, so that the face may run into layers.
+    This is the volume method: since the moduli of a bond's ends are combined by their harmonic mean, a bond becomes
+    stiffer by ``2 V0 / (V + V')``. Along a flat face the factor does not change, so that the face may run into layers.
 
     Parameters
     ----------
     lattice : Lattice
-        Outside a body, if it has one, no bonds are.
+        The lattice; outside its body, if it has one, there are no bonds.
     model : Elastic
         Bond-based or state-based, with a kernel.
     boundary : Side or mapping, optional
-        As of a `Simulation`: beyond `Free` sides no bonds are.
+        As in `Simulation`: beyond `Free` sides there are no bonds.
 
     Returns
     -------
     ndarray
-        Of the lattice's shape, at least 1; 1 where all bonds are there, outside a body, and where none is.
+        Of the lattice's shape, at least 1; 1 where all bonds exist, outside a body, and where no bond exists.
 
     Raises
     ------

@@ -77,23 +77,24 @@ def convergence(
     quantity: Callable[[Any], Any],
     exact: Any = None,
 ) -> Convergence:
-    """Compute the same at several spacings and fit the order of the error.
+    """Compute one case at several spacings and fit the order of the error.
 
-    With exact values it is the slope of the error's logarithm over that of the spacing, by least squares. Without them
-    limit and order are those of ``q(h) = q(0) + C h^p``, fitted to all values, each with a q(0) and a C of its own
-    (Richardson's extrapolation).
+    With exact values, the order is the slope of the logarithm of the error over that of the spacing, by least squares.
+    Without them, limit and order are those of ``q(h) = q(0) + C h^p``, fitted to all values, each with its own q(0) and
+    C (Richardson extrapolation).
 
     Parameters
     ----------
     case : Case or callable
-        A case file that `read_case` has read, which is run to its end with the horizon as many spacings as in the file;
-        or a function that takes a spacing and returns what `quantity` takes, such as a `Simulation` that has run.
+        A case file read by `read_case`, which is run to its end with the number of spacings per horizon that it has in
+        the file; or a function that takes a spacing and returns the argument of `quantity`, such as a `Simulation` that
+        has run.
     spacings : sequence of float
         Two or more; without exact values three or more.
     quantity : callable
-        Takes the run; returns a number or an array, always of one shape: fields at the same places.
+        A function of the run that returns a number or an array, always of the same shape: fields at the same locations.
     exact : array_like, optional
-        What it should be.
+        The exact value.
 
     Returns
     -------
@@ -103,8 +104,8 @@ def convergence(
     ------
     InputError
         Too few spacings, or some that are not positive or appear twice; values of different shapes or not finite;
-        values of which all are exact, or, without exact ones, that come no nearer to a limit. What the case at such a
-        spacing refuses.
+        values that are all exact, or, without exact values, that do not approach a limit. Anything that the case
+        refuses at such a spacing.
 
     Examples
     --------

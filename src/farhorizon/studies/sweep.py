@@ -117,39 +117,40 @@ def sweep(
     executor: Executor | None = None,
     progress: bool = False,
 ) -> SweepTable:
-    """Run a case once for each combination of values of some keys, several at a time, and make a table of what came
-    out.
+    """Run a case for each combination of values of some keys, several at a time, and tabulate the results.
 
     Parameters
     ----------
     case : Case
-        What `read_case` has read.
+        A case read by `read_case`.
     changes : mapping of str to sequence, or sequence of mappings
-        Values of each dotted key, all combinations of which are computed, the last key first; or the cases one by one.
+        Values of each dotted key, all combinations of which are computed, with the last key varying fastest; or the
+        changes of each case, one by one.
     quantities : mapping of str to callable, optional
-        Each takes the run at its end and returns a number. For other processes they must be functions of a module.
-        Unless given: what `Case.figures` tells.
+        Functions that take the run at its end and return a number. For use in other processes they must be functions of
+        a module. Unless given, those of `Case.figures`.
     table : str or Path, optional
-        A CSV file, to which each case is added when it has ended. Cases that it has are not computed again, but for
+        A CSV file, to which each case is added when it has ended. Cases that it contains are not computed again, except
         those that failed.
     jobs : int
-        Processes that compute at a time; they share the threads of the machine. One computes here.
+        Number of processes that compute simultaneously; they share the threads of the machine. With one, the
+        computation takes place in this process.
     executor : concurrent.futures.Executor, optional
-        What computes in their place: `mpi4py.futures.MPIPoolExecutor()`, Dask's, ...
+        Executor used instead of them: `mpi4py.futures.MPIPoolExecutor()`, Dask's, ...
     progress : bool
         Print a line for each case as it ends.
 
     Returns
     -------
     SweepTable
-        What failed is listed in it; the other cases go on.
+        Failed cases are listed in it; the other cases continue.
 
     Raises
     ------
     InputError
-        No values, a change that the case file refuses, both jobs and an executor: before anything is computed.
+        No values, a change that the case file refuses, both jobs and an executor; raised before anything is computed.
     FileFormatError
-        The table is another one, or another sweep writes it.
+        The table belongs to another sweep, or another sweep is writing it.
 
     Examples
     --------

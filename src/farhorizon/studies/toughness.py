@@ -30,29 +30,30 @@ def running_crack(
 
 
 def calibrated_stretch(model: Elastic, spacing: float, fracture_energy: float, dim: int = 2) -> float:
-    r"""The critical stretch with which a running crack spends a fracture energy.
+    r"""The critical stretch for which a running crack dissipates a given fracture energy.
 
-    The energy that a state-based or correspondence material loses with a bond goes by all bonds of the two nodes, so
-    that what a crack spends depends on how it breaks them, one after the other; a crack in bonds breaks some beside its
-    plane. It is found from cracks that run at 0.3 of the speed of Rayleigh waves after a pair of forces: in the
-    infinite plane from two, along an axis of the lattice and at 0.18 rad to it, in space from one along an axis,
-    through a slab in plane strain (`running_crack`). As forces are linear, that energy goes with the square of the
-    critical stretch. The pair is chosen by the energy, and another crack runs where that is found to be another one.
-    With three nodes in the horizon it takes some twenty seconds in the plane and a minute in space, once: the number
-    stays in the cache of the program, for any Young's modulus, density and unit.
+    In a state-based or correspondence material, the energy that is lost with a bond depends on all bonds of its two
+    nodes, so that the energy spent by a crack depends on the sequence in which it breaks them; in a bond-based material
+    a crack also breaks some bonds next to its plane. The energy is determined from cracks that run at 0.3 of the
+    Rayleigh wave speed, driven by a pair of forces: in 2D, in the infinite plane, from two of them, one along an axis
+    of the lattice and one at 0.18 rad to it; in 3D from one along an axis, through a slab in plane strain
+    (`running_crack`). Since forces are linear, this energy is proportional to the square of the critical stretch. The
+    pair is chosen on the basis of the energy, and another crack is computed if the energy turns out to be different.
+    With three nodes in the horizon this takes some twenty seconds in 2D and a minute in 3D, once: the result is kept in
+    the cache of the program, for any Young's modulus, density and units.
 
-    A simulation does the same for a state-based or correspondence material that has a `fracture_energy`.
+    A simulation does the same for a state-based or correspondence material with a `fracture_energy`.
 
     Parameters
     ----------
     model : Elastic
-        The material; its own strength does not matter.
+        The material; its own strength is irrelevant.
     spacing : float
-        Of the lattice.
+        Spacing of the lattice.
     fracture_energy : float
-        Energy per area of a new crack.
+        Energy per area of new crack.
     dim : {2, 3}
-        The plane or space.
+        Number of dimensions.
 
     Returns
     -------
@@ -61,8 +62,8 @@ def calibrated_stretch(model: Elastic, spacing: float, fracture_energy: float, d
     Raises
     ------
     InputError
-        Constants that vary; less than 2 or more than 12 (in space 5) spacings in the horizon; a material in which no
-        crack runs, or energy is not spent, as in a correspondence material without stabilisation.
+        Constants that vary; less than 2 or more than 12 (in 3D 5) spacings in the horizon; a material in which no crack
+        runs, or no energy is spent, as in a correspondence material without stabilisation.
 
     Examples
     --------

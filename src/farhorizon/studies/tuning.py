@@ -96,27 +96,28 @@ class Tuning:
 def tuned(
     sim: Simulation, angle: float = 60.0, band: tuple[float, float] | None = None, budget: float = BUDGET
 ) -> Tuning:
-    """Search the options of the condition that closes a simulation for the least reflection among those that are
+    """Search for the options of the closing condition of a simulation with the smallest reflection among those that are
     certified.
 
-    Of a `PlaneWave` the cloud's radius, the angles of its modes and the regularisation are varied, of a `Higdon` the
-    angles and the shift; what else is given stays. ``sim.remade(boundary=tuned(sim).boundary)`` takes the result.
+    For a `PlaneWave`, the radius of the cloud, the angles of its modes and the regularisation are varied, for a
+    `Higdon` the angles and the shift; all other options remain as given. ``sim.remade(boundary=tuned(sim).boundary)``
+    applies the result.
 
     Parameters
     ----------
     sim : Simulation
-        Waves, closed by one condition.
+        A simulation of waves with the same closing condition on all sides.
     angle : float
-        Largest angle of incidence in degrees that counts.
+        Largest angle of incidence considered, in degrees.
     band : tuple of float, optional
-        Shortest and longest wavelength; those of initial data and sources unless given.
+        Shortest and longest wavelength; those of the initial data and sources unless given.
     budget : float
-        Seconds for all certificates.
+        Time for all certificates, in seconds.
 
     Raises
     ------
     InputError
-        Another boundary, diffusion, numbers out of range, or no candidate that is certified in this time.
+        Another boundary, diffusion, numbers out of range, or no candidate that can be certified in this time.
 
     Examples
     --------
