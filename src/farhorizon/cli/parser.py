@@ -75,7 +75,7 @@ def _offer_completion(parser: argparse.ArgumentParser) -> None:
 
 
 def _new(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("kind", nargs="?", metavar="KIND", help="what it is about, such as wave")
+    sub.add_argument("kind", nargs="?", metavar="KIND", help="kind of case, such as wave")
     sub.add_argument("-o", "--out", metavar="FILE", help="the file (default: print it)")
     sub.add_argument("--force", action="store_true", help="overwrite the file")
 
@@ -95,28 +95,32 @@ def _time(text: str) -> float:
 def _run(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("case", help="case file (TOML)")
     sub.add_argument("--out", metavar="DIR", default=".", help="folder of the results (default: here)")
-    sub.add_argument("--resume", action="store_true", help="go on from the checkpoint NAME.ckpt of an interrupted run")
+    sub.add_argument(
+        "--resume", action="store_true", help="continue from the checkpoint NAME.ckpt of an interrupted run"
+    )
     sub.add_argument("--until", type=_time, metavar="T", help="end time instead of the case's")
     sub.add_argument("--force", action="store_true", help="overwrite the results of a finished run")
     sub.add_argument(
         "--keep-checkpoint",
         action="store_true",
-        help="keep NAME.ckpt at the end of the case, too, for --resume --until T",
+        help="keep NAME.ckpt even after the end of the case, for --resume --until T",
     )
     sub.add_argument("--no-report", action="store_true", help="write no page about the run (NAME/report.html)")
-    sub.add_argument("--allow-unstable", action="store_true", help="run although a mode grows")
+    sub.add_argument("--allow-unstable", action="store_true", help="run even if a mode grows")
 
 
 def _check(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("case", help="case file (TOML)")
-    sub.add_argument("--details", action="store_true", help="print all facts and the tables of reflection, too")
+    sub.add_argument(
+        "--details", action="store_true", help="also print all details and the tables of predicted reflection"
+    )
     sub.add_argument(
         "--out", metavar="DIR", help="draw nodes, reflection and a growing mode into this folder (default: no pictures)"
     )
     sub.add_argument(
         "--tune",
         action="store_true",
-        help="search the settings of a PlaneWave or Higdon for the best that are certified",
+        help="search for the settings of a PlaneWave or Higdon boundary that reflect least and are certified",
     )
     sub.add_argument(
         "--budget",
@@ -129,7 +133,9 @@ def _check(sub: argparse.ArgumentParser) -> None:
 def _compare(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("case", help="case file (TOML)")
     sub.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
-    sub.add_argument("--times", type=float, nargs="+", metavar="T", help="when to compare (default: 40 even times)")
+    sub.add_argument(
+        "--times", type=float, nargs="+", metavar="T", help="times at which to compare (default: 40 equidistant times)"
+    )
 
 
 def _sweep(sub: argparse.ArgumentParser) -> None:
@@ -138,11 +144,13 @@ def _sweep(sub: argparse.ArgumentParser) -> None:
         "changes",
         nargs="+",
         metavar="KEY=VALUES",
-        help="values of a key, such as model.speed=1.0,2.0; of several keys all combinations are computed",
+        help="values of a key, such as model.speed=1.0,2.0; for several keys all combinations are computed",
     )
-    sub.add_argument("--jobs", type=int, default=1, metavar="N", help="cases that are computed at a time (default: 1)")
+    sub.add_argument(
+        "--jobs", type=int, default=1, metavar="N", help="number of cases computed at the same time (default: 1)"
+    )
     sub.add_argument("--out", metavar="DIR", default=".", help="folder of the table NAME-sweep.csv (default: here)")
-    sub.add_argument("--force", action="store_true", help="compute those again that the table has")
+    sub.add_argument("--force", action="store_true", help="compute again what the table already contains")
 
 
 def _plot(sub: argparse.ArgumentParser) -> None:
@@ -151,46 +159,52 @@ def _plot(sub: argparse.ArgumentParser) -> None:
         "--out", metavar="DIR", help="folder of the pictures (default: beside the file, its name without .h5)"
     )
     sub.add_argument(
-        "--time", "--times", dest="times", type=float, nargs="+", metavar="T", help="times (default: four even ones)"
+        "--time",
+        "--times",
+        dest="times",
+        type=float,
+        nargs="+",
+        metavar="T",
+        help="times (default: four equidistant ones)",
     )
     sub.add_argument(
         "--field",
         nargs="+",
         metavar="NAME",
-        help="fields, components, or what follows from displacements: u u_x u_divergence u_curl (default: all fields)",
+        help="fields, components, or derivatives of displacements: u u_x u_divergence u_curl (default: all fields)",
     )
     sub.add_argument(
         "--slice",
         nargs="+",
         default=[],
         metavar="z=0.5",
-        help="in space the planes to draw, a picture each (default: the three through the middle in one)",
+        help="in 3D the planes to draw, one picture each (default: the three through the middle in one picture)",
     )
     sub._negative_number_matcher = _NEGATIVE  # that of argparse takes -1e-5 for an option
-    sub.add_argument("--range", type=float, nargs=2, metavar=("LOW", "HIGH"), help="of the colours")
-    sub.add_argument("--db", action="store_true", help="magnitudes in decibels below the largest")
+    sub.add_argument("--range", type=float, nargs=2, metavar=("LOW", "HIGH"), help="range of the colours")
+    sub.add_argument("--db", action="store_true", help="draw magnitudes in decibels relative to the largest")
     sub.add_argument(
         "--deformed",
         type=float,
         nargs="?",
         const=0.0,
         metavar="FACTOR",
-        help="of elastic runs in 2D the deformed shape, displacements times a factor (default: a round one)",
+        help="for elastic runs in 2D, draw the deformed shape, displacements times a factor (default: a round one)",
     )
     sub.add_argument(
         "--isosurfaces",
         type=float,
         nargs="*",
         metavar="VALUE",
-        help="in space the surfaces on which the first field, or each --field, has these values (default: a fifth "
+        help="in 3D, draw the surfaces on which the first field, or each --field, has these values (default: a fifth "
         "and a half of the largest)",
     )
     sub.add_argument(
         "--movie",
         action="store_true",
-        help="a film of the first field, or of each --field: GIF, and MP4 with imageio-ffmpeg",
+        help="make a film of the first field, or of each --field: GIF, and MP4 with imageio-ffmpeg",
     )
-    sub.add_argument("--format", default="png", metavar="png|pdf|svg", help="of pictures (default: png)")
+    sub.add_argument("--format", default="png", metavar="png|pdf|svg", help="format of pictures (default: png)")
 
 
 def _merge(sub: argparse.ArgumentParser) -> None:
@@ -202,9 +216,7 @@ def _entry(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("name", nargs="?", help="name in the list")
     sub.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
     sub.add_argument(
-        "--full",
-        action="store_true",
-        help="the largest size, that of a paper, where the default is smaller; takes minutes",
+        "--full", action="store_true", help="full size, that of the paper, where the default is smaller; takes minutes"
     )
 
 
@@ -221,7 +233,7 @@ def _schema(sub: argparse.ArgumentParser) -> None:
         nargs="?",
         choices=writing,
         metavar="COMMAND",
-        help=f"what it writes with --json: {', '.join(writing)} (default: case files)",
+        help=f"the command whose --json output is described: {', '.join(writing)} (default: case files)",
     )
 
 
@@ -236,14 +248,14 @@ def _changes(sub: argparse.ArgumentParser) -> None:
 
 
 def _computing(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("--json", metavar="FILE", help="write the figures as JSON too")
-    sub.add_argument("--threads", type=int, metavar="N", help="threads of the time loop (default: all there are)")
-    sub.add_argument("--quiet", action="store_true", help="print errors and the result only")
+    sub.add_argument("--json", metavar="FILE", help="also write the numbers to a JSON file")
+    sub.add_argument("--threads", type=int, metavar="N", help="threads of the time loop (default: all available)")
+    sub.add_argument("--quiet", action="store_true", help="print only errors and the result")
 
 
 #: What a command does, functions that add what it may be given, and what the help says.
 _COMMANDS: dict[str, tuple[Callable[..., int], tuple[Callable[[argparse.ArgumentParser], None], ...], str]] = {
-    "new": (new_command, (_new,), "write a commented case to start from; without a kind, list them"),
+    "new": (new_command, (_new,), "write a commented case to start from; without a kind, list all kinds"),
     "keys": (
         keys_command,
         (_keys,),
@@ -262,19 +274,19 @@ _COMMANDS: dict[str, tuple[Callable[..., int], tuple[Callable[[argparse.Argument
     "compare": (
         compare_command,
         (_compare, _changes, _computing),
-        "compare a case with the infinite medium, beside a fixed and a free edge",
+        "measure the error of a case against the infinite medium, and that of a fixed and of a free edge",
     ),
     "sweep": (
         sweep_command,
         (_sweep, _changes, _computing),
-        "run a case with many values of some keys: one table of what came out, which is gone on with",
+        "run a case for many values of some keys and collect the results in one table, which a later call continues",
     ),
     "plot": (plot_command, (_plot,), "draw pictures of a results file"),
-    "merge": (merge_command, (_merge,), "write the results of several processes as one file"),
+    "merge": (merge_command, (_merge,), "merge the results of several processes into one file"),
     "reproduce": (
         reproduce_command,
         (_entry, _computing),
-        "compute a published table or figure anew, ours beside theirs; without a name, list them",
+        "recompute a published table or figure and compare; without a name, list them",
     ),
     "validate": (
         validate_command,
@@ -289,7 +301,7 @@ _COMMANDS: dict[str, tuple[Callable[..., int], tuple[Callable[[argparse.Argument
     "schema": (
         schema_command,
         (_schema,),
-        "the JSON Schema of case files, with which editors complete and check them, or of what a command writes",
+        "print the JSON Schema of case files, with which editors complete and check them, or of a command's output",
     ),
-    "info": (info_command, (), "versions, threads, caches"),
+    "info": (info_command, (), "print versions, threads and caches"),
 }
