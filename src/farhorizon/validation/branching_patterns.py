@@ -88,7 +88,7 @@ def draw_patterns(found: dict[tuple[float, int], Simulation], picture: Path) -> 
     full="minutes",
 )
 def branching_patterns(folder: Path, full: bool = False) -> Outcome:
-    """Two horizons with three spacings each; three horizons with `full`."""
+    """Two horizons with two, three and four spacings in each; three horizons with `full`."""
     from farhorizon.pictures.curves import curve_panels
 
     rows, found, panels = [], {}, []
