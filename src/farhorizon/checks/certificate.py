@@ -612,7 +612,7 @@ def _with_whole(
     """Parts and what is left out, with the complete update in place of what grows slowly between two sides."""
     worst = max(slow, key=lambda p: p.growth.rate)
     name = (
-        "the complete update, for without end along its sides a mode would grow by "
+        "the complete update, since with sides that go on without end a mode would grow by "
         f"{told(worst.growth.rate, sim.crossing)} ({worst.name})"
     )
     if left > 0:

@@ -386,7 +386,7 @@ class Report:
             "extended_cost": far.seconds / mine.seconds,
             "extended_memory": far.memory / mine.memory,
         }
-        layers = "; layers save more in longer runs, and in space" if sim.engine.layers else ""
+        layers = "; layers save more in longer runs and in 3D" if sim.engine.layers else ""
         self._recommend(mine, "extended", far, steps, layers)
 
     def _compare_with_layer(self, sim: Examined, mine: Price, until: float, steps: int) -> None:

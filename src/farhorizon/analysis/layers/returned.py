@@ -206,7 +206,7 @@ class Arrivals:
         normal, fades = abs(float(np.angle(self.root[one]))), -float(np.log(np.abs(self.root[one])))
         along = float(np.linalg.norm(self.along[:, one]))
         if fades > normal:
-            words = f"what fades by a factor of e in {1 / fades:.2g} nodes towards the side"
+            words = f"waves that decay by a factor of e in {1 / fades:.2g} nodes towards the side"
         else:
             angle = "" if not self.along.size else f" at {np.degrees(np.arctan2(along, normal)):.0f} degrees"
             words = f"waves of {2 * np.pi / max(np.hypot(normal, along), 1e-300):.2g} nodes{angle}"
