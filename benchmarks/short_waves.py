@@ -307,7 +307,7 @@ def told_and_found(random: np.random.Generator, solid: bool) -> tuple[float, flo
         fh.Simulation(lattice, model, {"x": side, "y-": wall, "y+": side}, {"u": u}, threads=1)
         for side in (fh.LatticePML(nodes=nodes, target=1e-12, until=until), fh.Extended(target=1e-10, until=until + 10))
     )
-    told = max(float(note.split("send back ")[1].split()[0]) for note in near.notes if "predicted to send back" in note)
+    told = max(float(note.split("reflect ")[1].split()[0]) for note in near.notes if "predicted to reflect" in note)
     worst = 0.0
     while near.time < until:
         for sim in (near, far):

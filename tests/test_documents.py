@@ -60,7 +60,7 @@ def test_case_and_python_of_the_readme_are_one_run(capsys):
     (case,), (program,) = _blocks("toml"), _blocks("python")
     names = {}
     exec(compile(program, "README.md", "exec"), names)
-    assert "layers chosen to send back" in capsys.readouterr().out
+    assert "layers chosen to reflect" in capsys.readouterr().out
     # a case has outputs besides, which its own step divides
     sim = fh.Simulation.of(replace(Case(case).setup, dt=names["sim"].dt))
     sim.run(until=30.0)

@@ -109,10 +109,10 @@ def test_longer_runs_choose_anew_until_something_has_run(dear):
 def test_where_no_layer_serves_the_domain_is_extended(dear):
     dear(2.0)
     bar, noise = fh.Lattice(0.25, -3.0, 3.0), np.random.default_rng(3).standard_normal(25)
-    with pytest.raises(fh.InputError, match="no layer keeps the target"):
+    with pytest.raises(fh.InputError, match="no layer meets the target"):
         fh.Simulation(bar, fh.Wave(fh.Kernel(0.5)), LatticePML(target=1e-12, until=100.0), {"u": noise})
     sim = fh.Simulation(bar, fh.Wave(fh.Kernel(0.5)), fh.Auto(1e-12, until=100.0), {"u": noise}).run(until=2.0)
-    assert kinds(sim) == {Extended} and any("layers do not serve: no layer keeps" in note for note in sim.notes)
+    assert kinds(sim) == {Extended} and any("layers cannot be used: no layer meets" in note for note in sim.notes)
 
 
 def test_where_layers_grow_the_domain_is_extended(dear, monkeypatch):
@@ -127,7 +127,7 @@ def test_where_layers_grow_the_domain_is_extended(dear, monkeypatch):
     sim = fh.Simulation(**SETUP, boundary=fh.Auto(target=1e-4))
     sim.run(until=2.0)
     assert kinds(sim) == {Extended}
-    assert any("layers do not serve: the run is not stable" in note for note in sim.notes)
+    assert any("layers cannot be used: the run is not stable" in note for note in sim.notes)
 
 
 def test_a_case_and_its_check(dear):

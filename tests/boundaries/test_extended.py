@@ -173,7 +173,7 @@ def test_the_length_of_the_run_is_that_of_the_first_run():
     assert any("comes back from the end of the extended domain up to t = 20" in note for note in sim.notes)
     stepped = fh.Simulation(LATTICE, WAVE, fh.Extended(1e-4, until=2.0), {"u": BLOB})
     stepped.step(int(2.5 / stepped.dt))
-    assert any("up to t = 2, later" in note for note in stepped.notes)
+    assert any("up to t = 2, but later" in note for note in stepped.notes)
 
 
 def nodes(sim):
@@ -254,7 +254,7 @@ def test_what_it_cannot_serve_is_refused():
     with pytest.raises(fh.InputError, match="does not fit into memory") as refused:
         fh.Simulation(cube, fh.Wave(fh.Kernel(0.2)), fh.Extended(until=1e4), {"u": "exp(-30*(x**2+y**2+z**2))"})
     assert refused.value.key == "boundary" and "LatticePML" in refused.value.remedy
-    with pytest.raises(fh.InputError, match="do not stand beside each other"):
+    with pytest.raises(fh.InputError, match="cannot be combined"):
         fh.Simulation(LATTICE, WAVE, {"x": fh.Extended(), "y": fh.Higdon()})
     with pytest.raises(fh.InputError, match="no such side"):
         fh.Simulation(fh.Lattice(0.25, -4, 4), fh.Beam(1.0), fh.Extended())

@@ -529,7 +529,7 @@ def test_a_thickness_by_hand_says_what_it_misses_of_its_target():
 
     (said,) = notes(nodes=3, target=1e-5)
     assert (
-        "layers of 3 nodes (x-, x+, y-, y+) are predicted to send back" in said and "more than the target 1e-05" in said
+        "layers of 3 nodes (x-, x+, y-, y+) are predicted to reflect" in said and "more than the target 1e-05" in said
     )
     assert notes(nodes=10, target=1e-5) == notes(nodes=3) == notes() == []
 

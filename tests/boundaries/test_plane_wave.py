@@ -164,7 +164,7 @@ BAD_POINTS = [
     ),
     ({"condition": fh.PlaneWave(radius=0.2, dispersion="discrete")}, "no stencil"),
     ({"condition": fh.PlaneWave(radius=0.2, dispersion="taylor")}, "series"),
-    ({"normals": np.zeros((160, 2))}, "normal of some length"),
+    ({"normals": np.zeros((160, 2))}, "normal of nonzero length"),
     ({"points": np.full((2000, 2), np.nan)}, "finite"),
 ]
 

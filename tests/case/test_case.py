@@ -66,7 +66,7 @@ def test_demo_is_the_published_example():
         ("[run]", "[boundary]\nw = { type = 'free' }\n[run]", "unknown side"),
         ("[run]", "[boundary]\nall = { type = 'lattice-pml', node = 3 }\n[run]", "did you mean 'nodes'"),
         ("[run]", "[output]\nprobes = [[9.0, 0.0]]\n[run]", "outside the near field"),
-        ("[run]", "[output]\npictures = [-1.0]\n[run]", r"output\.pictures\[0\]: the run does not go through"),
+        ("[run]", "[output]\npictures = [-1.0]\n[run]", r"output\.pictures\[0\]: the time of the picture"),
         (
             "[run]",
             "[output]\nfields = []\n[run]",
@@ -213,9 +213,9 @@ def test_elastic_case():
         ("poisson = 0.3", "poisson = 0.7", "model.poisson"),
         ('material = "state-based"', "", "bond-based materials have one Poisson's ratio"),
         (", 0.0]\nv", "]\nv", "not as many entries"),
-        ('u = ["exp(-2*(x**2+y**2))", 0.0]', 'u = "exp(-2*(x**2+y**2))"', "one entry a component"),
+        ('u = ["exp(-2*(x**2+y**2))", 0.0]', 'u = "exp(-2*(x**2+y**2))"', "one entry per component"),
         ('"x*exp(-2*(x**2+y**2))"', '"t*x"', "depend on t"),
-        ('value = [0.0, "exp(-2*(x**2+y**2))*sin(t)"]', 'value = "sin(t)"', "one entry a component"),
+        ('value = [0.0, "exp(-2*(x**2+y**2))*sin(t)"]', 'value = "sin(t)"', "one entry per component"),
         ('type = "elastic"', 'type = "wave"', "unknown key"),
     ],
 )
@@ -416,7 +416,7 @@ def test_body_case():
         (
             'u = ["1e-4*exp(-(x**2+(y+8)**2)/8)", 0.0]',
             'u = "x"',
-            "initial.u: a vector field needs one entry a component",
+            "initial.u: a vector field needs one entry per component",
         ),
         ("until = 30.0", "until = 30.0\ndt = 5.0", "run.dt"),
         ("balance = true", 'fields = ["solid"]', "no such field"),

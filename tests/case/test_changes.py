@@ -50,7 +50,7 @@ def test_changes_reach_tables_entries_of_lists_and_what_is_not_there():
         "a": {"x-": {"b": 4}},
     }
     assert data["model"]["kernel"]["horizon"] == 1.0 and data["crack"][1] == {}
-    with pytest.raises(fh.InputError, match=r"model.kernel.horizon.x: .*no table; value: 1"):
+    with pytest.raises(fh.InputError, match=r"model.kernel.horizon.x: .*not a table; value: 1"):
         changed(data, {"model.kernel.horizon.x": 2.0})
     with pytest.raises(fh.InputError, match=r"crack\[2\].factor: .*no such entry; value: 2; limit: 0 to 1"):
         changed(data, {"crack[2].factor": 2.0})

@@ -98,12 +98,12 @@ WORST = {
     ),
     "one text for a displacement": (
         case(ELASTIC, '["exp(-2*(x**2+y**2))", 0.0]', '"exp(-x**2)"'),
-        r"initial\.u: a vector field needs one entry a component; value: one for all; limit: a list of 2; remedy: \[",
+        r"initial\.u: a vector field needs one entry per component; value: one for all; limit: a list of 2; remedy: \[",
         "entries",
     ),
     "a flat text for the source of a vector": (
         case(ELASTIC, more='[[source]]\nvalue = "exp(-x**2)*sin(t)"\n'),
-        "source: a vector field needs one entry a component",
+        "source: a vector field needs one entry per component",
         "value: a number",
     ),
     "a load without a type": (

@@ -173,12 +173,12 @@ class TestWithoutDim:
             ),
             (
                 lambda: elastic(initial={"u": "exp(-x**2)"}),
-                r"initial\.u: a vector field needs one entry a component; "
+                r"initial\.u: a vector field needs one entry per component; "
                 r"value: one for all",
             ),
             (
                 lambda: elastic(sources=["exp(-x**2)"]),
-                "source: a vector field needs one entry a component; value: one for all; limit: a list of 2",
+                "source: a vector field needs one entry per component; value: one for all; limit: a list of 2",
             ),
             (lambda: elastic(initial={"u": ["x", "y", "x"]}), "value: 3 entries; limit: a list of 2"),
         ],

@@ -123,9 +123,9 @@ def test_results_have_the_temperature(tmp_path):
 
 
 BAD = {
-    'temperature = "K"': ('temperature = "degC"', "units.temperature: what is deformed heats by the absolute"),
+    'temperature = "K"': ('temperature = "degC"', "units.temperature: the heat of deformation depends on the absolute"),
     'reference = "20 degC"': ("", "model.reference: .*the reference is missing"),
-    'young = "70 GPa"': ('young = "70 GPa"\ncontact = true', "model.coupled: what is deformed"),
+    'young = "70 GPa"': ('young = "70 GPa"\ncontact = true', "model.coupled: the heat of deformation"),
     'integrator = "rkc"': ('integrator = "euler"', "model.heat.stages: only Runge-Kutta-Chebyshev has stages"),
     "[boundary_T]\ny =": ("[boundary_T]\nz =", "boundary_T: unknown side; value: z"),
     "conductivity": ("conductance", "unknown key model.heat.conductance; did you mean 'conductivity'"),

@@ -148,7 +148,7 @@ def test_names_of_derived_units():
         ({"model.kernel.horizon": "3 mm^x"}, "model.kernel.horizon: unknown unit"),
         ({"background": "3 degC"}, "background: the unit measures"),
         ({"source": [{"value": ["3 K", 0]}]}, r"source\[0\].value\[0\]: the case has no unit of temperature"),
-        ({"units.length": "kg"}, "units.length: is no unit of length; value: kg; limit: such as m"),
+        ({"units.length": "kg"}, "units.length: is not a unit of length; value: kg; limit: such as m"),
         ({"units.length": "furlong"}, "units.length: unknown unit"),
         ({"units.mass": "kg"}, "units: the unit of mass follows from one of them; value: pressure, mass"),
         ({"units.colour": "red"}, "unknown key units.colour"),

@@ -31,7 +31,7 @@ def test_the_verdict_first_then_what_to_do_and_tables_when_asked_for(tmp_path, m
     Path("a.toml").write_text(CASE)
     short, long = told(capsys), told(capsys, "--details")
     for page in (short, long):
-        assert re.match(r"fine: about .* in all, .* MiB, echoes of plane waves at most -\d+ dB", page[0])
+        assert re.match(r"fine: about .* in all, .* MiB, reflections of plane waves at most -\d+ dB", page[0])
         assert page[1] == "to do: nothing, run it"
         assert re.match(r"wave speeds +long waves 2$", next(line for line in page if line.startswith("wave speeds")))
         assert any(re.match(r"wavelengths .* = [\d.]+ nodes", line) for line in page)
@@ -135,7 +135,7 @@ def test_a_sponge_that_sends_back_much_is_not_fine():
         for nodes in (8, 120)
     )
     (warning,) = thin.warnings
-    assert re.fullmatch(r"x-, x\+ send back 0\.\d+ of waves of .*; take more nodes, .*, or a LatticePML", warning)
+    assert re.fullmatch(r"x-, x\+ reflect 0\.\d+ of waves of .*; use more nodes, .*, or a LatticePML", warning)
     assert not wide.warnings
 
 
@@ -158,7 +158,7 @@ def test_layers_that_chose_themselves_are_told_by_what_is_predicted_of_the_data(
     )
     report = sim.check(until=10.0)
     assert not report.warnings
-    assert re.search(r"layers chosen to send back \S+ of the largest value,", report.headline)
+    assert re.search(r"layers chosen to reflect \S+ of the largest value,", report.headline)
     assert 0 < report.numbers["returned"] <= target
     worst = 0.0
     while sim.time < 10.0:
@@ -171,4 +171,4 @@ def test_layers_that_chose_themselves_are_told_by_what_is_predicted_of_the_data(
         "returned" not in fh.Simulation(lattice, model, fh.LatticePML(target=target), sources=[moving]).check().numbers
     )
     given = fh.Simulation(lattice, model, fh.LatticePML(nodes=2), start).check(until=10.0)
-    assert "returned" not in given.numbers and any("take more nodes" in text for text in given.warnings)
+    assert "returned" not in given.numbers and any("use more nodes" in text for text in given.warnings)

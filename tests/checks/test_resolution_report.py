@@ -42,7 +42,7 @@ def test_a_signal_that_goes_on_after_the_run(unit, told):
     sources = [fh.PointSource((0.2, 0.3), time=fh.Samples(values, unit))]
     found = fh.Simulation(LATTICE, MODEL, fh.Fixed(), sources=sources, threads=1).check(50.0, budget=0.1)
     assert [
-        name for name in ("notes", "warnings") if any("goes on to" in text for text in getattr(found, name))
+        name for name in ("notes", "warnings") if any("continues to" in text for text in getattr(found, name))
     ] == told
 
 

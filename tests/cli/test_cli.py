@@ -360,7 +360,7 @@ def test_interrupted_run_resumes_to_the_same_result(tmp_path, monkeypatch):
     assert code == 130
     part = open_results(tmp_path / "a folder" / "long.h5")
     assert 1 <= len(part.times) < 81 and not part.finished
-    advice = shlex.split(said.strip().splitlines()[-1].split("go on with: ")[1])
+    advice = shlex.split(said.strip().splitlines()[-1].split("continue with: ")[1])
     assert advice[:4] == ["farhorizon", "run", "long.toml", "--resume"]
     monkeypatch.chdir(tmp_path)
     assert main(advice[1:]) == 0 and main(["run", "long.toml", "--out", "whole", *words]) == 0
@@ -374,7 +374,7 @@ def test_interrupted_run_resumes_to_the_same_result(tmp_path, monkeypatch):
 def test_a_batch_system_that_ends_a_run_loses_nothing(tmp_path):
     """SIGTERM is Ctrl-C with another exit code: the checkpoint is of that moment."""
     said, code = stopped(tmp_path, signal.SIGTERM)
-    assert code == 143 and "go on with: farhorizon run long.toml --resume" in said
+    assert code == 143 and "continue with: farhorizon run long.toml --resume" in said
     _, meta = read_checkpoint(tmp_path / "long.ckpt")
     assert f"t = {meta['step'] * meta['fingerprint']['dt']:g};" in said
     assert not list(tmp_path.glob(".*"))  # no lock, no temporary file
@@ -639,7 +639,7 @@ def test_set_changes_the_case_and_what_the_results_keep(small, capsys):
 def test_an_interrupted_run_goes_on_with_its_changes(tmp_path):
     said, code = stopped(tmp_path, signal.SIGINT, "--set", "model.damping=0.02", "--threads", "1", "--quiet")
     assert code == 130
-    advice = shlex.split(said.strip().splitlines()[-1].split("go on with: ")[1])
+    advice = shlex.split(said.strip().splitlines()[-1].split("continue with: ")[1])
     words = ["--threads", "1", "--set", "model.damping=0.02", "--quiet"]
     assert advice == ["farhorizon", "run", "long.toml", "--resume", *words]
 
@@ -740,7 +740,7 @@ def test_plot_draws_what_it_is_asked_for(small, capsys):
     assert main(["plot", "small.h5", "--movie", "--db"]) == 0
     assert "small/u-dB.gif" in capsys.readouterr().out
     for options, why in (
-        (["--slice", "z=0.5"], "--slice: only a lattice in space"),
+        (["--slice", "z=0.5"], "--slice: only a 3D lattice"),
         (["--slice", "0.5"], "--slice: a slice is an axis and a number"),
         (["--slice", "w=0.5"], "--slice"),
         (["--slice", "z=nan"], "--slice"),
@@ -797,4 +797,4 @@ def test_a_target_that_no_layer_keeps_is_refused_by_the_name_of_the_file(tmp_pat
     )
     assert main([command, "node.toml"]) == 2
     said = capsys.readouterr().err
-    assert "node.toml" in said and "no layer keeps the target" in said and "Extended" in said
+    assert "node.toml" in said and "no layer meets the target" in said and "Extended" in said

@@ -148,7 +148,7 @@ def test_surfaces_in_space_and_wrong_arrays_are_refused(tmp_path):
     path.write_text(TWO_SQUARES.replace("2 1 0\n$EndNodes", "2 1 1\n$EndNodes"))
     with pytest.raises(fh.InputError, match="a surface, and cover no volume"):
         fh.Elements(path)
-    with pytest.raises(fh.InputError, match="triangles in the plane or tetrahedra in space"):
+    with pytest.raises(fh.InputError, match="triangles in 2D or tetrahedra in 3D"):
         fh.Elements(np.zeros((3, 4, 2)))
     with pytest.raises(fh.InputError, match="0 to 2, whole"):
         fh.Elements(([(0, 0), (1, 0), (0, 1)], [(0, 1, 3)]))

@@ -137,7 +137,7 @@ def test_the_node_of_a_number():
     """Along a line a point is a number, or a list of one."""
     line = Lattice(0.5, -2.0, 2.0)
     assert line.index(0.2) == line.index([0.2]) == line.index(np.float64(0.2)) == (4,)
-    with pytest.raises(InputError, match=r"one coordinate an axis; value: \[0, 0\]; limit: one coordinate"):
+    with pytest.raises(InputError, match=r"one coordinate per axis; value: \[0, 0\]; limit: one coordinate"):
         line.index([0.0, 0.0])
-    with pytest.raises(InputError, match=r"one coordinate an axis; value: 0.*limit: 2 coordinates"):
+    with pytest.raises(InputError, match=r"one coordinate per axis; value: 0.*limit: 2 coordinates"):
         Lattice(0.5, (-2.0, -2.0), (2.0, 2.0)).index(0.0)

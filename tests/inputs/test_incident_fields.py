@@ -171,8 +171,8 @@ def test_bad_input():
     _refused(r"incident\.field: .*x, y, t", lambda x: x)
     _refused("finite", "1/t")
     _refused("one value a place", lambda x, y, t: np.ones(3))
-    _refused("one entry a component", ["x", "y"])
-    _refused("one entry a component", "x", model=fh.Elastic(_LINEAR, young=2.0))
+    _refused("one entry per component", ["x", "y"])
+    _refused("one entry per component", "x", model=fh.Elastic(_LINEAR, young=2.0))
     _refused("one reach of the near field", "x", within=fh.Box((-11, -8), (8, 8)))
     _refused("second order", "x", model=fh.Diffusion(fh.Kernel(2.5)))
 

@@ -184,11 +184,11 @@ def test_a_load_on_the_whole_side_is_said_to_end_at_the_layers():
     [
         (fh.Traction("x+", (1.0, 0.0)), {}, "acts on a free side.*LatticePML"),
         (fh.Traction("z+", (1.0, 0.0)), {}, "unknown side"),
-        (fh.Traction("y+", (1.0,)), {}, "one component an axis"),
+        (fh.Traction("y+", (1.0,)), {}, "one component per axis"),
         (fh.Traction("y+", (1.0, 0.0), [(2.0, 7.0)]), {}, r"load\[0\].between \(x\): .*reaches beyond the near field"),
         (fh.Traction("y+", (1.0, 0.0), [(2.1, 2.2)]), {}, "meets no node"),
         (fh.Traction("y+", (1.0, 0.0), [(0.0, 1.0), (0.0, 1.0)]), {}, "two ends along each other axis"),
-        (fh.BodyForce([1.0]), {}, "needs one entry a component"),
+        (fh.BodyForce([1.0]), {}, "needs one entry per component"),
         (fh.BodyForce([1.0, 0.0]), {}, "not zero beyond the absorbing side"),
         (fh.Traction("y+", (1.0, 0.0)), {"model": fh.Wave(fh.Kernel(1.0, 1))}, "loads act on an elastic medium"),
         (

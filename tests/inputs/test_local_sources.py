@@ -375,8 +375,8 @@ def test_in_a_hole_or_beside_it(at):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: fh.PointForce([[0, 0]], (1, 0)), "one coordinate an axis"),
-        (lambda: fh.PointForce((0, 0), [[1, 0]]), "one component an axis"),
+        (lambda: fh.PointForce([[0, 0]], (1, 0)), "one coordinate per axis"),
+        (lambda: fh.PointForce((0, 0), [[1, 0]]), "one component per axis"),
         (lambda: fh.PointForce((0, 0), (1, 0), interpolation="cubic"), "unknown interpolation.*sinc, linear"),
         (lambda: fh.PointForce((0, 0), (1, 0), lambda x, y: x), "called with t"),
         (lambda: fh.MomentTensor((0, 0), np.ones(3)), "a number or a tensor"),

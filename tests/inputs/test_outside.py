@@ -211,7 +211,7 @@ def test_interfaces_are_no_gradients_and_gradients_across_the_normal_are_none():
 
 PULSE = {"u": ["1e-3*exp(-(x**2+y**2)/8)", "0"]}  # which reaches the sides, as far as layers are concerned
 PUSH = {"loads": [fh.BodyForce(["0", "exp(-x**2-y**2)"], time="exp(-(t-4)**2)")]}
-ALONG = "goes on beyond straight along the normal"
+ALONG = "continue straight along the normal"
 ROOM = fh.Box((-99.0, -99.0), (99.0, 99.0))
 
 

@@ -85,7 +85,7 @@ def test_it_focuses():
         ({"width": 2.5}, r"source\.width: the elements overlap; value: 2.5; limit: 2"),
         ({"elements": 1}, r"source\.elements: .*limit: 2 to"),
         ({"last": (0.0, 0.0)}, r"source\.first: the first and the last element differ"),
-        ({"focus": (0.0, 0.0, 1.0), "speed": 1.0}, "one coordinate an axis"),
+        ({"focus": (0.0, 0.0, 1.0), "speed": 1.0}, "one coordinate per axis"),
         ({"time": "cos(t)", "angle": 10.0, "speed": 1.0}, r"source\.time: .* begin at rest.*value: 1 at t = 0.*remedy"),
         ({"strength": [[1.0]]}, r"source\.strength: must be a number"),
     ],

@@ -321,7 +321,7 @@ def test_a_wave_onto_a_wall_is_refused_with_the_reason():
 
     for side, tops in ((fh.Fixed(), (0.0, -0.5, 3.0)), (fh.Free(), (-0.5,))):
         for top in tops:
-            with pytest.raises(fh.InputError, match="does not know the surface") as error:
+            with pytest.raises(fh.InputError, match="does not account for the surface") as error:
                 run(side, top)
             assert error.value.value == "y+" and "source" in error.value.remedy
         sim = run(side, -1.0)
@@ -337,7 +337,7 @@ def test_a_corner_of_two_surfaces_is_refused():
     lattice = fh.Lattice(1.0, (-12, -12), (0, 0))
     wave = fh.IncidentWave((1.0, 1.0), _SIGNAL, _DURATION, within=fh.Box((-9, -9), (0, 0)))
     sides = {"all": fh.LatticePML(nodes=8), "x+": fh.Free(), "y+": fh.Free()}
-    with pytest.raises(fh.InputError, match="knows one free surface"):
+    with pytest.raises(fh.InputError, match="accounts for only one free surface"):
         fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), sides, sources=[wave])
 
 

@@ -312,16 +312,16 @@ def test_case_of_displacements():
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('["1 um", "0.1*t"]', '"0.1*t"', "constraint.value.*needs one entry a component"),
-        ('["1 um", "0.1*t"]', '[0.0, 0.0, "0.1*t"]', "needs one entry a component"),
-        ('["1 um", "0.1*t"]', "[false, false]", "holds no component"),
+        ('["1 um", "0.1*t"]', '"0.1*t"', "constraint.value.*needs one entry per component"),
+        ('["1 um", "0.1*t"]', '[0.0, 0.0, "0.1*t"]', "needs one entry per component"),
+        ('["1 um", "0.1*t"]', "[false, false]", "prescribes no component"),
         ('["1 um", "0.1*t"]', '["x", 0.0]', "function of t only"),
         ('["1 um", "0.1*t"]', '["1 s", 0.0]', "measures something else"),
         ("until = 1.0\nrate", "until = 1.0\nvelocity = [0, 0]\nrate", "either a value or a velocity"),
         ('value = ["1 um", "0.1*t"]\n', "", "either a value or a velocity"),
         ("points = [[0.0, -4.0]]", "points = [[0.0, 4.0]]", "the same node"),
         ("points = [[0.0, -4.0]]", "points = [[0.0, -5.0]]", "outside the near field"),
-        ('rate = [0.0, "2 m/s"]', "rate = 0.0", "constraint.rate.*needs one entry a component"),
+        ('rate = [0.0, "2 m/s"]', "rate = 0.0", "constraint.rate.*needs one entry per component"),
         ('velocity = [false, { type = "step", rise = 1.0 }]', "velocity = [0, 0]\nrate = [0, 0]", "released with it"),
     ],
 )
@@ -334,7 +334,7 @@ def test_bad_cases_of_displacements(old, new, message):
 def test_lists_and_conditions_of_heat_are_refused_where_they_do_not_fit():
     with pytest.raises(fh.InputError, match="a scalar field has one value"):
         fh.Simulation(LINE, fh.Wave(KERNEL), constraints=[fh.Prescribed([0.0], [1.0])])
-    with pytest.raises(fh.InputError, match="conditions of heat"):
+    with pytest.raises(fh.InputError, match="thermal conditions"):
         fh.Simulation(PLANE, solid(), fh.Free(), constraints=[fh.Insulated("x-")])
 
 

@@ -126,7 +126,7 @@ def test_case_of_a_fluid():
     ("old", "new", "message"),
     [
         ('"steel"', '"stele"', "steel"),
-        ('[units]\nlength = "mm"\ntime = "us"\npressure = "GPa"\n', "", "what units it counts in"),
+        ('[units]\nlength = "mm"\ntime = "us"\npressure = "GPa"\n', "", "states its own units"),
         ('material = "state-based"\n', "", "bond-based materials have one Poisson's ratio"),
         ('"glass"', '"water"', "constants that the model has, too"),
         ('of = "steel"', "young = 1.0\npoisson = 0.3", None),

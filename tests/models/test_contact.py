@@ -608,5 +608,5 @@ def test_the_default_and_what_is_refused():
     with pytest.raises(fh.InputError, match="bonds of this material have no softening"):
         material("correspondence", softening="linear", critical_stretch=0.1, fracture_energy=1.0)
     heat = fh.Heat(fh.Kernel(2.0), specific_heat=0.5, conductivity=0.05)
-    with pytest.raises(fh.InputError, match="what is deformed heats where bonds carry nothing"):
+    with pytest.raises(fh.InputError, match="the heat of deformation requires bonds that carry nothing"):
         fh.Thermoelastic(material("state-based"), heat, expansion=0.01, reference=300.0)

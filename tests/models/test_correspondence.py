@@ -394,7 +394,7 @@ def test_bad_constants(change, words):
     [
         ({"dt": 5.0}, "the time step is above the stable limit"),
         ({"drag": 10.0, "dt": 0.3}, "above the stable limit.*limit: 0.09"),
-        ({"sides": {"all": fh.NonlocalPML(6), "x-": fh.LatticePML(nodes=6)}}, "do not stand beside each other"),
+        ({"sides": {"all": fh.NonlocalPML(6), "x-": fh.LatticePML(nodes=6)}}, "cannot be combined"),
         ({"stabilisation": 0.1, "sides": fh.NonlocalPML(6)}, "no such side.*without stabilisation"),
         (
             {"sides": {"all": fh.NonlocalPML(6), "y+": fh.Free()}, "cracks": [[(12.0, 3.0), (40.0, 20.0)]]},

@@ -357,7 +357,7 @@ def test_layers_of_diffusion_that_decays(seed):
 def test_what_does_not_know_it_refuses():
     model, lattice = massive(fh.Kernel(2.0)), box(8, 2)
     for boundary in (fh.PlaneWave(), fh.Higdon(angles=(0, 45)), fh.FirstOrder()):
-        with pytest.raises(fh.InputError, match=r"does not know media with a reaction.*LatticePML"):
+        with pytest.raises(fh.InputError, match=r"does not support media with a reaction.*LatticePML"):
             fh.Simulation(lattice, model, boundary)
     wave = fh.IncidentWave((1.0, 0.0), lambda t: np.exp(-((t - 6) ** 2)), 12.0)
     with pytest.raises(fh.InputError, match=r"without a reaction"):

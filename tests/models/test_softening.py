@@ -336,7 +336,7 @@ def test_case_of_regions_that_soften():
         (
             "= 1e-3\n",
             "= 1e-5\n",
-            r"model\.fracture_energy: bonds hold more .* a horizon of about 0\.\d+ times this one",
+            r"model\.fracture_energy: bonds store more .* a horizon of about 0\.\d+ times this one",
         ),
         ('"8e-4 + 1e-5*x"', '"2e-4*x"', "must be positive at every node"),
         ("= 0.01\n", "= -0.01\n", r"model\.critical_stretch: the critical_stretch must be positive"),

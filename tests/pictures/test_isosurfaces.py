@@ -45,7 +45,7 @@ def test_a_value_that_there_is_not_has_no_surface():
     assert isosurface(DISTANCE, AXES, 9.0).shape == (0, 3, 3)
     with pytest.raises(InputError, match="--isosurfaces: the field has this value nowhere; value: 9"):
         isosurface_panels([("", DISTANCE)], AXES, None, levels=[9.0])
-    with pytest.raises(InputError, match="--isosurfaces: only a field in space has surfaces; value: 2D"):
+    with pytest.raises(InputError, match="--isosurfaces: only a field in 3D has isosurfaces; value: 2D"):
         isosurface_panels([("", DISTANCE[0])], AXES[1:], None)
 
 
@@ -68,7 +68,7 @@ def test_surfaces_of_a_results_file(tmp_path):
     assert made.name == "u-surfaces.pdf" and made.read_bytes().startswith(b"%PDF")
     with pytest.raises(InputError, match="--isosurfaces: levels are finite numbers"):
         View(isosurfaces=[np.nan])
-    with pytest.raises(InputError, match="--isosurfaces: only a field in space"):
+    with pytest.raises(InputError, match="--isosurfaces: only a field in 3D"):
         drawing.plot_results(file(tmp_path / "b.h5", DISTANCE[0]), tmp_path / "new", View(isosurfaces=()))
     assert not (tmp_path / "new").exists()
 

@@ -22,8 +22,8 @@ def test_the_nearest_time_is_said(tmp_path):
     said = []
     assert View(times=[0.5, 0.6, 99.0]).chosen(results(tmp_path / "a.h5"), said.append) == [1, 3]
     assert said == [
-        "t = 0.6 is not stored; drawn is t = 0.5, the nearest",
-        "t = 99 is not stored; drawn is t = 1.5, the nearest",
+        "t = 0.6 is not stored; t = 0.5, the nearest, is drawn",
+        "t = 99 is not stored; t = 1.5, the nearest, is drawn",
     ]
 
 
@@ -41,7 +41,7 @@ def test_one_kind_of_picture_is_drawn_at_a_time(asked):
 
 
 def test_only_space_is_sliced(tmp_path):
-    with pytest.raises(InputError, match="--slice: only a lattice in space"):
+    with pytest.raises(InputError, match="--slice: only a 3D lattice"):
         View(planes=[("x", 0.0)]).slices(results(tmp_path / "a.h5"))
 
 

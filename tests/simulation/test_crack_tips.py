@@ -135,7 +135,7 @@ def test_records_do_not_change_the_run_and_resume(tmp_path):
 
 
 def test_what_has_no_tips_is_refused():
-    with pytest.raises(fh.InputError, match="in the plane, where bonds break"):
+    with pytest.raises(fh.InputError, match="only in 2D, where bonds break"):
         fh.Simulation(BOX, fh.Wave(fh.Kernel(1.0)), fh.LatticePML(nodes=8), observe=[fh.CrackTips()])
     tips = fh.CrackTips()
     pulled([tips], pull=1e-6).step(20)

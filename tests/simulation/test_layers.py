@@ -113,7 +113,7 @@ def test_a_choice_that_takes_long_says_so(monkeypatch, capfd):
             fh.LatticePML(target=1e-2, until=20.0),
             {"u": "exp(-(x**2 + y**2)/4)"},
         )
-        assert ("to judge; nodes without a target" in capfd.readouterr().err) == (patience == 0)
+        assert ("nodes without a target need no such" in capfd.readouterr().err) == (patience == 0)
 
 
 def test_layers_of_scalars_in_space_have_dampers_in_place_of_a_box_of_all_nodes():
@@ -198,7 +198,7 @@ def test_filters_that_end_at_walls_take_more_nodes(wall):
     assert nodes[1, 1e-3, False] <= nodes[1, 1e-3, True] + 2
     assert nodes[2, 1e-6, False] <= nodes[2, 1e-6, True] + 2
     notes = chosen(wide, 1e-6, wall, nodes=24).notes
-    assert any("layers of 24 nodes" in note and "predicted to send back" in note for note in notes)
+    assert any("layers of 24 nodes" in note and "predicted to reflect" in note for note in notes)
 
 
 def scattering(random, wave, side=None):
@@ -341,7 +341,7 @@ def test_what_a_refusal_in_diffusion_names_is_kept():
     def make(target):
         return fh.Simulation(lattice, model, fh.LatticePML(target=target, until=1e12), {"u": "exp(-(x-8)**2)"})
 
-    with pytest.raises(fh.InputError, match=r"no layer keeps the target.*Extended") as refused:
+    with pytest.raises(fh.InputError, match=r"no layer meets the target.*Extended") as refused:
         make(1e-13)
     least = float(refused.value.limit.removeprefix(">= "))
     assert least > 1e-13 and all(found.predicted <= least for found in make(least).thickness.values())

@@ -457,9 +457,9 @@ def told_and_missed(lattice, model, layer, u):
     """
     until = layer.until
     near = fh.Simulation(lattice, model, layer, {"u": u}, threads=1)
-    said = [note for note in near.notes if "predicted to send back" in note]
+    said = [note for note in near.notes if "predicted to reflect" in note]
     assert set(said) <= set(near.check(until).warnings)
-    told = max(float(note.split("send back ")[1].split()[0]) for note in said)
+    told = max(float(note.split("reflect ")[1].split()[0]) for note in said)
     whole = InfiniteLattice(near.stencil, 1.0, model.integrator, near.dt, int(until / near.dt), u)
     missed = 0.0
     for step in np.geomspace(10, until / near.dt, 40).astype(int):
@@ -505,7 +505,7 @@ def test_what_profiles_by_hand_send_back_is_told(number):
     assert told / 10 < missed < 5 * told  # what is told counts echoes of all sides as if they met
     layer = next(iter(fh.Simulation(lattice, model, by_hand).engine.layers.values()))
     whole = fh.Simulation(lattice, model, fh.LatticePML(1e-13, nodes, layer, until), {"u": u}, threads=1)
-    assert not any("send back" in note for note in whole.notes)
+    assert not any("more than the target" in note for note in whole.notes)
 
 
 def test_short_waves_that_stages_hardly_damp_are_refused():
@@ -575,7 +575,7 @@ def test_data_of_waves_that_run_backward_keep_their_target(where, case):
         sim = fh.Simulation(**setup)
         sim.examine(until)
     except fh.InputError as refused:
-        assert "no layer keeps" in str(refused) or "not stable" in str(refused)
+        assert "no layer meets" in str(refused) or "not stable" in str(refused)
         return
     steps, worst = int(until / sim.dt), 0.0
     infinite = (
@@ -604,7 +604,7 @@ def test_forward_waves_that_leave_as_backward_ones_keep_their_target(case):
     try:
         sim = fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until))
     except fh.InputError as refused:
-        assert "no layer keeps" in str(refused)
+        assert "no layer meets" in str(refused)
         return
     assert worst_error(sim, u, until) <= target
 
@@ -644,7 +644,7 @@ def test_waves_that_run_backward_in_space_are_followed_each(case):
     try:
         sim = fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until))
     except fh.InputError as refused:
-        assert "no layer keeps" in str(refused)
+        assert "no layer meets" in str(refused)
         return
     print([one.layer.columns for one in sim.thickness.values()])
     assert worst_error(sim, u, until, 16) <= target
@@ -724,7 +724,7 @@ def test_what_no_prediction_follows_of_waves_that_run_backward():
     with pytest.raises(fh.InputError, match="run backward") as caught:
         fh.Simulation(**setup, boundary=fh.LatticePML(target=1e-4, until=60.0), coefficient="where(y < 0, 1, 2)")
     assert caught.value.key == "boundary.target" and float(caught.value.limit.removeprefix(">= ")) > 1e-4
-    assert "nodes in place of the target" in caught.value.remedy
+    assert "nodes instead of the target" in caught.value.remedy
     sim = fh.Simulation(**setup, boundary=fh.LatticePML(until=60.0))
     assert any("run backward" in note for note in sim.notes)
 
@@ -850,7 +850,7 @@ def test_a_run_that_outlasts_its_layers_says_what_comes_back(model):
     assert sim.notes == said[1]
     assert "up to t = 30;" in sim.notes[0]
     predicted = sum(one.error for one in sim.parts.around.foretold.values())
-    assert f"to send back {predicted:.1g} of the largest value" in sim.notes[0]
+    assert f"to reflect {predicted:.1g} of the largest value" in sim.notes[0]
     assert wanted < worst <= 1.05 * predicted <= 5 * worst
 
 
@@ -930,12 +930,12 @@ def test_a_refusal_is_of_what_was_asked():
     lattice = fh.Lattice(1.0, (-15.0,), (15.0,))
     medium, u = fh.Wave(fh.Kernel(3.0, 0)).stencil(1.0, 1).with_reaction(0.01), {"u": pulse(lattice, (5,), 1.5)}
     sides = {"x-": fh.LatticePML(target=1e-9, until=400.0), "x+": fh.LatticePML(until=400.0)}
-    with pytest.raises(fh.InputError, match="no layer keeps the target") as refused:
+    with pytest.raises(fh.InputError, match="no layer meets the target") as refused:
         fh.Simulation(lattice, fh.Wave(medium), sides, u)
     assert "1e-09" in str(refused.value)
     least = float(str(refused.value.limit).removeprefix(">= "))
     both = dict.fromkeys(sides, fh.LatticePML(target=1e-9, until=400.0))
-    with pytest.raises(fh.InputError, match="no layer keeps the target") as of_both:
+    with pytest.raises(fh.InputError, match="no layer meets the target") as of_both:
         fh.Simulation(lattice, fh.Wave(medium), both, u)
     most = float(str(of_both.value.limit).removeprefix(">= "))
     assert most >= least
@@ -952,7 +952,7 @@ def test_a_run_longer_than_can_be_foreseen_says_so():
         threads=1,
     )
     sim.run(until=30.0)
-    with pytest.warns(fh.ValidityWarning, match="up to t = 30, later perhaps not: LatticePML"):
+    with pytest.warns(fh.ValidityWarning, match="up to t = 30, but perhaps not later: LatticePML"):
         sim.run(until=61 * sim.crossing)
     with warnings.catch_warnings(action="error"):
         sim.run(until=62 * sim.crossing)
@@ -962,7 +962,7 @@ def test_a_target_that_no_layer_keeps_is_refused():
     lattice = fh.Lattice(1.0, (-20.0,), (20.0,))
     noise = np.zeros(41)
     noise[20] = 1.0  # all waves that the lattice carries, those that hardly move, too
-    with pytest.raises(fh.InputError, match=r"no layer keeps the target.*Extended") as refused:
+    with pytest.raises(fh.InputError, match=r"no layer meets the target.*Extended") as refused:
         fh.Simulation(lattice, fh.Wave(fh.Kernel(3.0)), fh.LatticePML(target=1e-9, until=20000.0), {"u": noise})
     most = float(str(refused.value.limit).removeprefix(">= "))  # the least that can be had
     assert 1e-9 < most < 0.1
@@ -1064,9 +1064,7 @@ def test_what_comes_back_beside_walls_is_no_more_than_is_told(vectors, short):
             for side in (wide, layer)
         )
         assert near.dt == far.dt
-        told = max(
-            float(note.split("send back ")[1].split()[0]) for note in near.notes if "predicted to send back" in note
-        )
+        told = max(float(note.split("reflect ")[1].split()[0]) for note in near.notes if "predicted to reflect" in note)
         worst, largest = 0.0, float(bell.max()) if short else 0.0
         while far.time < until:
             far.step(2)

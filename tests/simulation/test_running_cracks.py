@@ -100,7 +100,7 @@ def test_it_is_said_and_a_case_has_it(runs):
     until = 1.0
     """
     sim = Case(text).simulation()
-    (note,) = [one for one in sim.notes if "spends the fracture energy" in one]
+    (note,) = [one for one in sim.notes if "dissipates the fracture energy" in one]
     assert f"{stretch_of(1e-4):.4g}" in note and len(runs) == 1
     assert not any("fracture energy" in one for one in fh.Simulation(PLATE, material(fracture_energy=None)).notes)
 

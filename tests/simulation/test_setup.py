@@ -86,7 +86,7 @@ def test_types_of_numbers_are_those_of_numpy_too(given):
 @pytest.mark.parametrize("load", [fh.Traction("y+", (0.0, 1.0)), fh.BodyForce([0.0, 1.0])])
 def test_loads_are_told_from_sources(load):
     name = type(load).__name__
-    with pytest.raises(fh.InputError, match=rf"source: a load is no source.*remedy: loads=\[{name}\(\.\.\.\)\]"):
+    with pytest.raises(fh.InputError, match=rf"source: a load is not a source.*remedy: loads=\[{name}\(\.\.\.\)\]"):
         fh.Setup(**{**GIVEN, "sources": [load]})
     with pytest.raises(fh.InputError, match=r"load\[0\]: must be a BodyForce.*remedy: sources=\[\.\.\.\]"):
         fh.Setup(**{**GIVEN, "loads": [fh.Source("exp(-x**2)")]})

@@ -242,9 +242,9 @@ def test_an_end_in_the_past_is_refused():
     with pytest.raises(fh.InputError, match=r"run\.until: must be a number; value: the text 'static'"):
         sim.check(until="static")
     steps = sim.run(until=2.0).step_count
-    with pytest.raises(fh.InputError, match=r"run\.until: the run is beyond its end already; value: 1; limit: >= 2"):
+    with pytest.raises(fh.InputError, match=r"run\.until: the run is already past this end; value: 1; limit: >= 2"):
         sim.run(until=1.0)
-    with pytest.raises(fh.InputError, match=r"run\.limit: the run is beyond its end already; value: 1;"):
+    with pytest.raises(fh.InputError, match=r"run\.limit: the run is already past this end; value: 1;"):
         sim.run(until="static", limit=1.0)
     assert sim.run(until=2.0).step_count == sim.run(until=sim.time).step_count == steps  # nothing is left to do
 

@@ -121,7 +121,7 @@ def test_saved_and_taken_up_the_sums_are_the_same_bit_by_bit(tmp_path):
         (POINTS, [-0.1], {}, "from 0 on"),
         (POINTS, [], {}, "from 0 on"),
         (POINTS, [0.1], {"record": "v"}, "linear"),
-        (POINTS, [0.1], {"every": 5}, "for others"),
+        (POINTS, [0.1], {"every": 5}, "alias waves"),
         (POINTS, [0.1], {"record": []}, "linear"),
         ([(9.0, 0.0)], [0.1], {}, "outside"),
         (fh.Disc(0.1, (0.12, 0.12)), [0.1], {}, "no node"),

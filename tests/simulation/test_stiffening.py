@@ -234,7 +234,7 @@ def test_a_set_up_serves_whose_trial_does_not():
 def test_what_is_refused_is_said_of_the_set_up_itself():
     with pytest.raises(fh.InputError, match="only straight along its normal"):
         fh.Simulation.of(setup_of("correspondence", cracks=[[(2.0, 0.2), (30.0, 14.0)]]))
-    with pytest.raises(fh.InputError, match="no layer keeps the target"):
+    with pytest.raises(fh.InputError, match="no layer meets the target"):
         fh.Simulation.of(setup_of("correspondence", fh.LatticePML(target=1e-13, until=15.0)))
 
 

@@ -102,7 +102,7 @@ def _check_derivatives(found: Mapping[tuple[int, int], Any]) -> None:
         others = [b for b in found.values() if b.stretched]
         if one.derivatives and others:
             raise InputError(
-                f"{type(one).__name__} and {type(others[0]).__name__} do not stand beside each other",
+                f"{type(one).__name__} and {type(others[0]).__name__} cannot be combined",
                 key="boundary",
                 limit="Fixed, Free, Sponge",
                 remedy="the same layer on all open sides",
@@ -115,11 +115,11 @@ def _check_closing(found: Mapping[tuple[int, int], Any]) -> None:
     others = {type(b).__name__ for b in found.values() if b.endless and not b.closing}
     if closing and others:
         raise InputError(
-            f"{type(closing[0]).__name__} and {', '.join(sorted(others))} do not stand beside each other",
+            f"{type(closing[0]).__name__} and {', '.join(sorted(others))} cannot be combined",
             key="boundary",
             limit="Fixed, Free, Periodic",
             remedy="the same absorber on all open sides",
         )
     layers = {b.layer for b in closing}
     if len(layers) > 1:
-        raise InputError("sides of one box need one layer", value=sorted(map(str, layers)), key="boundary.layer")
+        raise InputError("sides of one box need the same layer", value=sorted(map(str, layers)), key="boundary.layer")

@@ -262,7 +262,7 @@ class ExactEnds:
     def describe(self, end: int, dt: float) -> str:
         """What serves an end, for the report."""
         tolerance, found = self.boundaries[end].compress, self.sums[end]
-        until = f"to step {self.steps} (t = {self.steps * dt:.4g}), then made anew"
+        until = f"to step {self.steps} (t = {self.steps * dt:.4g}), then recomputed"
         if not self.steps:
             return "past convolved" if tolerance is None else f"past compressed to {tolerance:g} when the run begins"
         if found is not None:
@@ -277,7 +277,7 @@ class ExactEnds:
             if b.compress is not None and s is None
         ]
         return [
-            f"no sum of exponentials meets {c:g} at {name}: the past is convolved there"
+            f"no sum of exponentials meets the tolerance {c:g} at {name}: the past is convolved there"
             for name, c in missed
             if self.steps
         ]

@@ -42,7 +42,7 @@ _SHIFTS = (0.3, 0.5, 0.8, 1.2, 1.8, 2.5, 3.5, 5.0)  # of alpha, see `Profile`
 _STEEPEST = 60  # power of a ramp: all in the last column
 _LEAST = 1.95  # sum of sigma over the edges: a long wave comes back with 2 percent
 
-BY_TARGET = "target=...: the layer follows from the error that is wanted, the data and the length of the run"
+BY_TARGET = "target=...: the layer follows from the desired error, the data and the length of the run"
 _MOST_NODES = 1000  # of a layer: what predicts its echo is dense algebra of that size
 
 # nodes where nothing is known: for diffusion, for waves, beside strong backward waves

@@ -409,7 +409,7 @@ def ordered_fronts(update: sparse.csr_array, rows: np.ndarray, size: int) -> tup
         front = later
     else:
         raise InputError(
-            "halo nodes wait for each other: the outline is too narrow for this condition",
+            "halo nodes depend on each other: the outline is too narrow for this condition",
             key="boundary",
             remedy="a larger or smoother window, or LatticePML",
         )

@@ -375,7 +375,7 @@ def _check_points(points: np.ndarray, absorbing: np.ndarray, normals: np.ndarray
         )
     if normals.shape != (absorbing.size, points.shape[1]) or not (np.linalg.norm(normals, axis=1) > 0).all():
         raise InputError(
-            "each absorbing node needs a normal of some length",
+            "each absorbing node needs a normal of nonzero length",
             value=normals.shape,
             limit=(absorbing.size, points.shape[1]),
             key="normals",

@@ -291,7 +291,7 @@ class Case:
         counted = "" if self.units is None else self.units.name("K")
         if getattr(self.model, "coupled", False) and counted and unit(counted).zero:
             raise InputError(
-                "what is deformed heats by the absolute temperature",
+                "the heat of deformation depends on the absolute temperature",
                 value=counted,
                 limit="K",
                 key="units.temperature",
@@ -303,7 +303,7 @@ class Case:
         checked_topology(run.topology)
         if run.until == STATIC and run.limit is None:
             raise InputError(
-                "a run to the static state has a latest end, for which its layers are chosen",
+                "a run to the static state needs a latest end, for which its layers are chosen",
                 key="run.limit",
                 remedy="some tens of the time in which the slowest wave crosses the near field",
             )
@@ -333,7 +333,7 @@ class Case:
         for i, time in enumerate(self.parts.output.pictures or ()):
             if time < 0:
                 raise InputError(
-                    "the run does not go through the time of the picture",
+                    "the time of the picture lies outside the run",
                     value=time,
                     limit=">= 0",
                     key=f"output.pictures[{i}]",

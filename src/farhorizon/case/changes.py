@@ -60,7 +60,7 @@ def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 
 def _table(place: Any, key: str) -> dict[str, Any]:
     if not isinstance(place, dict):
-        raise InputError("the key leads through a value that is no table", value=place, key=key)
+        raise InputError("the key leads through a value that is not a table", value=place, key=key)
     return place
 
 

@@ -67,7 +67,7 @@ def write_report(
         *([("go on with it", again)] if again else []),
         (
             "check it",
-            "farhorizon check tells the step limit, predicted reflection by angle, memory and time of the case",
+            "farhorizon check reports the step limit, predicted reflection by angle, memory and time of the case",
         ),
     ]
     balance = [(name, f"{values[-1]:.6g}") for name, values in results.balance.items()]

@@ -102,7 +102,7 @@ def _named_constants(data: Mapping[str, Any], units: Units | None, keys: Iterabl
         )
     if units is None:
         raise InputError(
-            "the constants of a named material need a case that says what units it counts in",
+            "the constants of a named material need a case that states its own units",
             value=data["of"],
             key="of",
             remedy='[units] with length = "m", time = "s", mass = "kg"',

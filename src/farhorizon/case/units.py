@@ -192,7 +192,7 @@ class Units:
             except InputError as error:
                 raise error.at(f"units.{name}") from None
             if found.powers != unit(usual).powers:
-                raise InputError(f"is no unit of {name}", value=text, limit=f"such as {usual}", key=f"units.{name}")
+                raise InputError(f"is not a unit of {name}", value=text, limit=f"such as {usual}", key=f"units.{name}")
             base = "mass" if name in MASS_BY else name
             if base in self._bases:
                 masses = [one for one in given if one == "mass" or one in MASS_BY]
@@ -277,7 +277,7 @@ def _plain(value: Any, si: str | None, units: Units | None, key: str) -> Any:
     if units is None:
         _known_unit(text, key)
         raise InputError(
-            "a number with a unit needs a case that says what units it counts in",
+            "a number with a unit needs a case that states its own units",
             value=f"the text {value!r}",
             key=key,
             remedy='[units] with length = "m", time = "s", mass = "kg"',

@@ -211,7 +211,7 @@ class Certificate:
             return f"not stable, {so}: {self.reason}"
         if self.verdict == UNDECIDED and not self._enough(until):
             seen = (
-                f"white noise did not grow for t = {self.quiet:.3g}, the run takes longer"
+                f"white noise did not grow for t = {self.quiet:.3g}, but the run is longer"
                 if self.quiet
                 else "nothing is known yet"
             )
@@ -303,7 +303,7 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf, brief:
     if any(b.extended for b in sim.sides.values()):
         sides = {AXES[a] + "-+"[s > 0]: Fixed(sim.background) if b.extended else b for (a, s), b in sim.sides.items()}
         found = certify(sim.remade(boundary=sides), budget, until, brief)
-        return replace(found, reason=f"{found.reason}; nodes of the medium beyond the sides change nothing")
+        return replace(found, reason=f"{found.reason}; extending the medium beyond the sides changes nothing")
     begin = time.monotonic()
     proof = _proof(sim)
     if proof:
@@ -335,7 +335,7 @@ def _examined(
     if brief and grown is not None and np.isfinite(until):
         return judge([grown], [], sim.crossing, time.monotonic() - begin), False
     if brief and until <= quiet:
-        return judge([], ["modes, for the run is no longer"], sim.crossing, time.monotonic() - begin, quiet), False
+        return judge([], ["modes, as the run is no longer"], sim.crossing, time.monotonic() - begin, quiet), False
     try:
         for name, examine in _examinations(sim):
             left = budget - (time.monotonic() - begin)
@@ -415,14 +415,14 @@ def judge(
     unclear = [p.name for p in parts if p.growth.stable is None]
     if unclear:
         return Certificate(
-            UNDECIDED, f"the fastest mode could not be told from a growing one ({', '.join(unclear)})", *found
+            UNDECIDED, f"the fastest mode could not be distinguished from a growing one ({', '.join(unclear)})", *found
         )
     looked = ", ".join(p.name for p in parts)
     noisy = [p for p in parts if p.growth.hidden]
     if noisy and not skipped:
         rest = ", ".join(p.name for p in parts if p not in noisy)
         known = ", ".join(
-            f"{p.name}, where growth below {p.growth.hidden:.1g} per crossing would not show" for p in noisy
+            f"{p.name}, where growth below {p.growth.hidden:.1g} per crossing would go unnoticed" for p in noisy
         )
         return Certificate(
             CERTIFIED,
@@ -447,11 +447,11 @@ def _short_lived(sim: Examined, found: Certificate) -> Certificate:
     ends = sim.exact_ends
     if ends is None or sim.engine.layers or found.verdict == CERTIFIED or not found.rate * ends.steps * sim.dt < 1:
         return found
-    gain = f"until then their fastest mode gains a factor {np.exp(found.rate * ends.steps * sim.dt):.3g}"
+    gain = f"until then their fastest mode grows by a factor of {np.exp(found.rate * ends.steps * sim.dt):.3g}"
     return replace(
         found,
         verdict=CERTIFIED,
-        reason=f"the ends follow the infinite chain for {ends.steps} steps and are made anew then; {gain}",
+        reason=f"the ends follow the infinite chain for {ends.steps} steps and are then recomputed; {gain}",
     )
 
 
@@ -534,7 +534,7 @@ def _proof(sim: Examined) -> str:
     ends = sim.exact_ends
     if ends is not None and ends.convolved and not any(b.stretched for b in sides):
         return (
-            "the past beyond the ends is kept whole: the run is a part of one on the infinite chain, whose energy "
+            "the full history beyond the ends is kept: the run is part of one on the infinite chain, whose energy "
             "does not grow"
         )
     positive = sim.stencil.positive
@@ -551,8 +551,8 @@ def _proof(sim: Examined) -> str:
         share = sim.dt * (bonds + sim.engine.reaction + float(sim.leak.max(initial=0)) + damped)
         if model.integrator.name == "forward Euler" and positive and share <= 1 and rows.max(initial=0) <= 1 + 1e-12:
             return (
-                "each new value is a mean of old ones with weights that are not negative, or plus or minus such a "
-                "mean: the maximum cannot grow"
+                "each new value is, up to its sign, a mean of old ones with non-negative weights: the maximum "
+                "cannot grow"
             )
         return ""
     whole = all(b.bonded for b in sides) and not (sim.engine.absent.count or sim.varied)
@@ -581,7 +581,7 @@ def _outline_proof(sim: Examined, positive: bool) -> str:
             and share <= 1
             and largest_update(closure.update) <= 1 + stability.TOLERANCE * sim.dt / sim.crossing
         ):
-            return "each new value is a mean of old ones, or less, fitted ones included: the maximum cannot grow"
+            return "each new value, fitted ones included, is at most a mean of old ones: the maximum cannot grow"
         return ""
     if not all(b.passive for b in sim.sides.values()):
         return ""
@@ -589,7 +589,7 @@ def _outline_proof(sim: Examined, positive: bool) -> str:
     held = 2 * float(np.sqrt(model.coefficient)) * model.damping * sim.lattice.dim / sim.lattice.spacing
     if (positive or not sim.engine.absent.count) and sim.dt <= _MARGIN * 2 / np.sqrt(sim.rate_limit + held):
         return (
-            "bonds act alike in both directions, the sides add damping and stiffness that are not negative, and "
+            "bonds act alike in both directions, the sides add damping and stiffness, neither of them negative, and "
             "the step is below the limit"
         )
     return ""
@@ -612,7 +612,7 @@ def _with_whole(
     """Parts and what is left out, with the complete update in place of what grows slowly between two sides."""
     worst = max(slow, key=lambda p: p.growth.rate)
     name = (
-        "the complete update, since with sides that go on without end a mode would grow by "
+        "the complete update, because with infinitely long sides a mode would grow by "
         f"{told(worst.growth.rate, sim.crossing)} ({worst.name})"
     )
     if left > 0:
@@ -628,7 +628,7 @@ def _with_whole(
 def _examinations(sim: Examined) -> Iterator[tuple[str, Callable[[float], tuple[ExaminedPart, list[str]]]]]:
     """What must be stable for the whole to be, cheapest first; each takes the seconds it may cost."""
     if sim.exact_ends is not None and not sim.exact_ends.steps:
-        raise InputError("the kernel of the exact ends is made when the run begins")
+        raise InputError("the kernel of the exact ends is computed when the run begins")
     if int(np.prod(sim.engine.layout.box.nodes)) <= DENSE and State(sim.engine).size <= DENSE:
         yield "the complete update", lambda _: (_dense_part("the complete update", plain_twin(sim)), [])
         return
@@ -712,7 +712,7 @@ def _with_noise(growth: Growth, matrix: np.ndarray, crossing: int, dt: float) ->
     if sizes[1] > 1.4 * sizes[0]:  # 3/2 for a growth like time
         return replace(
             growth, rate=np.log(sizes[1] / sizes[0]) / (length / 6 * crossing * dt), error=0.0
-        ), "white noise grows as fast as time, it drifts"
+        ), "white noise grows linearly in time (it drifts)"
     return replace(growth, error=np.inf), f"white noise does not decay within {_CROSSINGS} crossing times"
 
 

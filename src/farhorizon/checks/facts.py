@@ -43,7 +43,7 @@ def wave_rows(sim: Examined, waves: Band | None) -> Rows:
     """The speeds of waves, and how long those are that the data hold."""
     found = []
     if sim.model.speeds:
-        of = " of the medium in the middle of all" if sim.varied else ""
+        of = ' of the medium "in the middle of all speeds"' if sim.varied else ""
         speeds = ", ".join(f"{wave} {speed_text(c)}" for wave, c in sim.model.speeds.items())
         found.append(("wave speeds", speeds + of))
     if waves is not None:
@@ -73,7 +73,7 @@ def _layer(sim: Examined, axis: int, side: int, layer: Layer, waves: Band | None
     if name in sim.thickness:
         text += f"; {sim.thickness[name]}"
     elif boundary.open_ended:
-        text += "; a fixed number, for the stencil has backward waves or reaches far: give target=..."
+        text += "; a fixed number, because the stencil has backward waves or a long reach: specify target=..."
     return text
 
 
@@ -131,7 +131,7 @@ def size_rows(sim: Examined) -> Rows:
     engine = sim.engine
     extra = int(np.prod(engine.layout.box.nodes)) - int(np.prod(sim.lattice.shape))
     times = engine.nbytes / (np.prod(sim.field_shape) * engine.dtype.itemsize)
-    digits = ", layers remember six digits" if engine.kept != engine.dtype else ""
+    digits = ", layers store six digits" if engine.kept != engine.dtype else ""
     return [
         ("nodes computed", f"{int(np.prod(engine.core.nodes))} in the core, {extra} beyond the near field"),
         ("memory", f"{mebibytes(engine.nbytes)} = {times:.3g} near fields{digits}"),
@@ -151,7 +151,7 @@ def bond_rows(sim: Examined) -> Rows:
         breaking = f"{_ENDS[law.softening]} a stretch of {stretch}, except within one reach of sides that are not free"
     shape = "nonlinear" if law.nonlinear else "linear"
     contact = ", absent ones carry compression" if law.contact else ""
-    return [("bonds", f"{shape}, {breaking}{contact}; what is predicted is the linear form, whole")]
+    return [("bonds", f"{shape}, {breaking}{contact}; predictions are for the linear form with intact bonds")]
 
 
 def mebibytes(size: float) -> str:

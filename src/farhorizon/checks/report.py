@@ -267,12 +267,12 @@ class Report:
             parts.append(f"about {seconds(numbers['seconds'])} of steps")
         parts.append(mebibytes(numbers["memory"]))
         if "returned" in numbers:
-            parts.append(f"layers chosen to send back {numbers['returned']:.1g} of the largest value")
+            parts.append(f"layers chosen to reflect {numbers['returned']:.1g} of the largest value")
         elif (back := self._largest_returned()) is not None:
             others, most = back
             apart = most > max(2 * others, _MUCH)
             at_most = _decibels(others if apart else most)
-            parts.append(f"echoes of plane waves at most {at_most} dB up to {_STEEP:g} degrees")
+            parts.append(f"reflections of plane waves at most {at_most} dB up to {_STEEP:g} degrees")
             if apart:
                 parts[-1] += f", of the shortest {_decibels(most)} dB"
         if self.certificate is not None:
@@ -319,12 +319,12 @@ class Report:
         amplitude = float(np.nanmax(np.append(table[:, 0], 0.0)))
         most = _MUCH_OF_SPONGE if boundary.damped else _MUCH if boundary.nodes is not None else 10 * wanted
         if amplitude > most:
-            aim = "" if boundary.nodes is not None else f", where the target is {wanted:g}"
-            what = f"{found.sides} send back {amplitude:.1g} of waves of length {wavelength:.3g} along the normal{aim}"
-            others = "a kernel that reaches less far, a Sponge of several wavelengths, or in one dimension Exact"
+            aim = "" if boundary.nodes is not None else f", but the target is {wanted:g}"
+            what = f"{found.sides} reflect {amplitude:.1g} of waves of length {wavelength:.3g} along the normal{aim}"
+            others = "a kernel of shorter reach, a Sponge of several wavelengths, or in 1D Exact"
             if boundary.damped:
                 others = "several wavelengths of them, or a LatticePML"
-            self.warnings.append(f"{what}; take more nodes, {others}")
+            self.warnings.append(f"{what}; use more nodes, {others}")
 
     def _say(self, name: str, value: str) -> None:
         self.rows.append((name, value))
@@ -343,17 +343,17 @@ class Report:
         key, signal = max(sim.signals, key=lambda named: named[1].highest_frequency)
         highest = signal.highest_frequency
         if not np.isfinite(highest):
-            self.warnings.append(f"{key} has amplitude at all frequencies, of which the lattice carries a part")
+            self.warnings.append(f"{key} contains all frequencies, but the lattice carries only some of them")
             return
         rate = sim.model.coefficient * sim.weakest / sim.lattice.spacing**2
         found = resolution(sim.stencil.beside(sim.weakest), rate, sim.dt, highest)
         nodes = f"{found.nodes:.3g} nodes" if found.nodes else "shorter than the lattice carries"
-        self._say("shortest wave", f"{nodes}, at {highest:.4g} cycles per time: a thousandth of {key} lies above")
+        self._say("shortest wave", f"{nodes}, at {highest:.4g} cycles per time; a thousandth of {key} lies above")
         self.numbers |= {"shortest_wave_nodes": found.nodes, "resolving_spacing": found.scale * sim.lattice.spacing}
         if found.nodes < ENOUGH:
             self.warnings.append(
-                f"the shortest waves of {key} are badly resolved ({nodes}, where {ENOUGH:g} are needed): spacing = "
-                f"{found.scale * sim.lattice.spacing:.2g} resolves them, with a horizon of as many spacings as here"
+                f"the shortest waves of {key} are badly resolved ({nodes}, but {ENOUGH:g} are needed): spacing = "
+                f"{found.scale * sim.lattice.spacing:.2g} resolves them, with as many spacings per horizon as here"
             )
 
     def _cut_short(self, sim: Examined, until: float) -> None:
@@ -362,8 +362,8 @@ class Report:
             if signal.end > until:
                 found = self.warnings if signal.end > _HARDLY * until else self.notes
                 found.append(
-                    f"{key} goes on to t = {signal.end:.4g}, the run ends at {until:.4g}: the rest of it is not sent; "
-                    "is its unit of time that of the run?"
+                    f"{key} continues to t = {signal.end:.4g}, but the run ends at {until:.4g}: the rest is not sent; "
+                    "does it use the unit of time of the run?"
                 )
 
     def _estimate(self, sim: Examined, until: float) -> None:
@@ -410,7 +410,7 @@ class Report:
         """Say which sides that keep the target are the cheapest, and when others are."""
         share, saved = other.seconds / mine.seconds, (mine.seconds - other.seconds) * steps
         if share >= 1:
-            self._say("cheapest sides", f"as given; {theirs} would take {share:.2g} times the time")
+            self._say("cheapest sides", f"as given; {theirs} would take {share:.2g} times as long")
             return
         self._say("cheapest sides", f'type = "{theirs}", {share:.2g} of the time of the steps{when}')
         if saved > _WORTH:
@@ -424,8 +424,7 @@ class Report:
         if duration > _LONG:
             self.warnings.append(
                 f"the run would take about {seconds(duration)}: compare until = {until:g} with dt = {run.dt:.3g}, and "
-                "look at the "
-                "units of speed, spacing and time"
+                "check the units of speed, spacing and time"
             )
         return duration
 
@@ -496,7 +495,7 @@ class Report:
             made.append(folder / f"{name}-reflection.png")
             kind = "diffusion waves" if self.reflections[0].diffusive else "plane waves"
             title = (
-                f"{kind} sent back by {'an absorbing side' if len(self.reflections) > 1 else self.reflections[0].sides}"
+                f"{kind} reflected by {'an absorbing side' if len(self.reflections) > 1 else self.reflections[0].sides}"
             )
             reflection_picture(np.array(_FINE), curves, title, made[-1])
         return made
@@ -504,8 +503,8 @@ class Report:
     def _reflection_lines(self) -> list[str]:
         lines = []
         for found in self.reflections:
-            kind = "diffusion waves, of which most dies out on the way," if found.diffusive else "plane waves"
-            lines.append(f"predicted reflection by {found.sides} in dB, of {kind} by their angle to the normal")
+            kind = "diffusion waves, most of which decay on the way," if found.diffusive else "plane waves"
+            lines.append(f"predicted reflection by {found.sides} in dB, for {kind} by their angle to the normal")
             lines.append(f"{'wavelength':>18}" + "".join(f"{f'{a:g} deg':>9}" for a in found.angles))
             for pair, wavelength, amplitudes in found.rows():
                 label = "  ".join([*_named_pair(pair), f"{wavelength:.3g}"])
@@ -654,7 +653,7 @@ def _remedy(sim: Examined, backward: BackwardWaves) -> str:
     """What to do about growth in a layer."""
     if sim.closure is not None:
         few = (
-            " A window whose radius is no whole number of spacings has no single nodes at its poles, which grow."
+            " Single nodes at the poles of a window grow; a radius of no whole number of spacings avoids them."
             if sim.lattice.window
             else ""
         )

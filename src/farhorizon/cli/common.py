@@ -58,7 +58,7 @@ def check_folder(name: str) -> None:
             "cannot make the folder",
             value=name,
             key="--out",
-            remedy=f"{there} is no folder that may be written: choose another",
+            remedy=f"{there} is not a writable folder: choose another",
         )
 
 

@@ -85,13 +85,13 @@ def _advance(options: argparse.Namespace, case: Any, sim: Any, until: float, rec
             raise
         if len(came) == 1 or sim.team:  # it ended between two steps
             record.keep()
-        print(f"\ninterrupted at t = {sim.time:g}; go on with: {again(options)}", file=options.errors)
+        print(f"\ninterrupted at t = {sim.time:g}; continue with: {again(options)}", file=options.errors)
         return int(sim.team.largest(128 + came[0] if came else INTERRUPTED))
     except FarhorizonError:
         print(f"the last good checkpoint is {record.checkpoint}", file=options.errors)
         raise
     except OSError:
-        onward = f"when files can be written again go on with: {again(options)}"
+        onward = f"when files can be written again, continue with: {again(options)}"
         print(f"the last good checkpoint is {record.checkpoint}; {onward}", file=options.errors)
         raise
     record.keep()

@@ -83,8 +83,8 @@ def communicator() -> Any:
         ) from None
     if MPI.COMM_WORLD.Get_size() == 1:
         raise InputError(
-            "mpi4py works with another MPI than that which has started the processes: each would compute the whole",
-            value=f"{count} processes, of which mpi4py knows one",
+            "mpi4py uses another MPI than the one that started the processes: each would compute the whole",
+            value=f"{count} processes, of which mpi4py sees one",
             limit=MPI.Get_library_version().splitlines()[0].strip("\0 "),
             key="mpiexec",
             remedy="the mpiexec of this MPI, or MPI4PY_LIBMPI=PATH of the library of that mpiexec",

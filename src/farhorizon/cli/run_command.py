@@ -89,8 +89,8 @@ def _look(options: argparse.Namespace, files: RunFiles) -> None:
 
     if options.resume and not files.checkpoint.exists():
         remedy = (
-            "run without --resume, or give the --out of the run; a run that has come to the end of its case keeps one "
-            "with --keep-checkpoint alone"
+            "run without --resume, or give the --out of the run; a run that has reached the end of its case keeps one "
+            "only with --keep-checkpoint"
         )
         raise InputError(f"no checkpoint {files.checkpoint}", key="--resume", remedy=remedy)
     _refuse_finished(files.result, options)
@@ -122,7 +122,7 @@ def _refuse_finished(result: Path, options: argparse.Namespace) -> None:
     except FileFormatError:
         return  # no results of ours: `ResultsWriter.create` refuses it
     if finished:
-        onward = ", --resume --until T goes on from them" * result.with_suffix(".ckpt").exists()
+        onward = ", --resume --until T continues from them" * result.with_suffix(".ckpt").exists()
         remedy = f"--force overwrites them{onward}, --out DIR puts the new ones elsewhere"
         raise InputError(f"{result} holds the results of a finished run", remedy=remedy)
 

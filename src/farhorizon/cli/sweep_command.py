@@ -25,7 +25,7 @@ def sweep_command(options: argparse.Namespace) -> int:
     try:
         found = sweep(case, changes, table=path, jobs=options.jobs, progress=True)
     except KeyboardInterrupt:
-        print(f"\ninterrupted; the same command goes on with {path}", file=options.errors)
+        print(f"\ninterrupted; the same command continues {path}", file=options.errors)
         return INTERRUPTED
     print(found, file=options.output)
     print(f"table: {path}")

@@ -29,7 +29,7 @@ def new_command(options: argparse.Namespace) -> int:
             file.write(template(options.kind))
     except FileExistsError:
         raise InputError(f"{path} exists", key="--out", remedy="--force overwrites it") from None
-    print(f"{path}: farhorizon check {path} tells what is to be expected, farhorizon run {path} computes it")
+    print(f"{path}: farhorizon check {path} shows what to expect, farhorizon run {path} computes it")
     return GOOD
 
 

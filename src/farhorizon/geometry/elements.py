@@ -122,7 +122,7 @@ def _corners(given: Any) -> Array:
     count, width, dim = corners.shape
     if not count or dim not in (2, 3) or width != dim + 1:
         raise InputError(
-            "elements are triangles in the plane or tetrahedra in space",
+            "elements are triangles in 2D or tetrahedra in 3D",
             value=f"shape {corners.shape}",
             limit="(n, 3, 2) or (n, 4, 3)",
             key="elements",
@@ -178,7 +178,7 @@ def _read(path: Path, group: str | None) -> Array:
         return corners
     if points.shape[1] > 2 and np.ptp(corners[..., 2]) > _FLAT * max(float(np.ptp(corners)), 1e-300):
         raise InputError(
-            "triangles in space are a surface, and cover no volume",
+            "triangles in 3D are a surface, and cover no volume",
             value=path.name,
             key="elements",
             remedy="mesh = {...} takes a closed surface; tetrahedra cover a volume",

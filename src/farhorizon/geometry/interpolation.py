@@ -163,7 +163,7 @@ def points_on_line(start: Any, end: Any, count: int) -> np.ndarray:
     ends = [np.atleast_1d(kinds.array(one, "line")) for one in (start, end)]
     if ends[0].ndim != 1 or ends[0].shape != ends[1].shape:
         raise InputError(
-            "both ends of a line have one coordinate an axis",
+            "both ends of a line need one coordinate per axis",
             value=[one.shape for one in ends],
             limit="two equal shapes (dim,)",
             key="line",

@@ -261,7 +261,7 @@ class Lattice(Storable):
         at = np.atleast_1d(given)
         if at.shape != (self.dim,):
             count = "one coordinate" if self.dim == 1 else f"{self.dim} coordinates"
-            raise InputError("a point needs one coordinate an axis", value=given, limit=count, key=key)
+            raise InputError("a point needs one coordinate per axis", value=given, limit=count, key=key)
         with np.errstate(over="ignore"):  # so far away is outside, too
             place = np.round((at - self.lower) / self.spacing)
         inside = bool(((place >= 0) & (place < self.shape)).all())

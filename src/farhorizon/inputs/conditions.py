@@ -572,7 +572,7 @@ def _on_face(
     there, references = lattice.own(np.concatenate(inner)[mine])
     if not there.all():
         raise InputError(
-            "a condition follows from nodes that another process has",
+            "a condition depends on nodes that another process has",
             value=face.name,
             key="run.topology",
             remedy=f"boxes that are not cut along {AXES[face.axis]} within {2 * layers} nodes of this side of the body",
@@ -701,7 +701,7 @@ def _join(out: Conditions, found: Sequence[_Held], lattice: Lattice) -> None:
             loose = held.references[keep][place[held.references[keep]] < 0]
             if (owner[loose] >= 0).any():
                 raise InputError(
-                    "a condition follows from nodes that a later one prescribes",
+                    "a condition depends on nodes that a later one prescribes",
                     value=f"constraint[{held.number}]",
                     key="constraints",
                     remedy="restrict one of them by `within`",

@@ -245,7 +245,7 @@ def resolved_box(
             value=low.size,
             limit=lattice.dim,
             key=key,
-            remedy="a box with one entry an axis of the lattice in each corner",
+            remedy="a box with one entry per axis of the lattice in each corner",
         )
     stands = {-1: low < lattice.lower + close, 1: high > lattice.upper - close}
     surfaces = [end for end, free in ends.items() if free and stands[end[1]][end[0]]]
@@ -255,9 +255,9 @@ def resolved_box(
     beyond = [(axis, side) for axis, side in ends if near[side][axis] and (axis, side) not in surfaces]
     if beyond or len(surfaces) > 1:
         raise InputError(
-            "an incident wave does not know the surface that it would fall on"
+            "an incident wave does not account for the surface that it would hit"
             if beyond
-            else "an incident wave knows one free surface",
+            else "an incident wave accounts for only one free surface",
             value=_names(beyond or surfaces),
             key=key,
             limit="one reach away from sides at which the medium ends, or standing on one that is free",

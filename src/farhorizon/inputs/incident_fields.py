@@ -123,11 +123,11 @@ def _values(field: Any, places: np.ndarray, t: float, components: int) -> np.nda
     entries = list(found) if several else [found]
     if len(entries) != components:
         raise InputError(
-            "an incident field has one entry a component",
+            "an incident field needs one entry per component",
             value=f"{len(entries)} entries",
             limit=components,
             key="incident.field",
-            remedy="one entry an axis for an elastic medium, one alone for a scalar field",
+            remedy="one entry per axis for an elastic medium, a single one for a scalar field",
         )
     values = np.empty((components, places.shape[1]))
     for number, entry in enumerate(entries):
@@ -147,7 +147,7 @@ def _values(field: Any, places: np.ndarray, t: float, components: int) -> np.nda
             value=f"not so at t = {t:g}",
             limit="no nan, no inf",
             key="incident.field",
-            remedy="where(condition, a, b) in an expression keeps to where it is defined",
+            remedy="where(condition, a, b) in an expression restricts it to where it is defined",
         )
     return values
 

@@ -156,7 +156,7 @@ def force_density(
         )
     if len(load.value) != lattice.dim:
         raise InputError(
-            "a traction needs one component an axis",
+            "a traction needs one component per axis",
             value=list(load.value),
             limit=f"a list of {lattice.dim}",
             key=f"{key}.value",

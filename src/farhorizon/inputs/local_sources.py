@@ -122,7 +122,7 @@ def place_of(at: Any, key: str = "source.at") -> tuple[float, ...]:
     found = np.atleast_1d(kinds.array(at, key))
     if found.ndim != 1 or not 1 <= found.size <= 3:
         raise InputError(
-            "a point has one coordinate an axis",
+            "a point has one coordinate per axis",
             value=kinds.said(at),
             limit="1 to 3 numbers",
             key=key,
@@ -136,7 +136,7 @@ def amount_of(value: Any, key: str) -> float | tuple[float, ...]:
     found = kinds.array(value, key)
     if found.ndim > 1 or found.size > 3:
         raise InputError(
-            "must be a number, or of an elastic medium one component an axis",
+            "must be a number, or for an elastic medium one component per axis",
             value=kinds.said(value),
             limit="a number, or up to 3",
             key=key,

@@ -133,11 +133,11 @@ class Beyond:
                 edge = "outline" if name == "outline" else f"side {name}"
                 if not np.isfinite(worst):
                     raise InputError(
-                        f"not finite beyond the absorbing {edge}, where the medium goes on",
+                        f"not finite beyond the absorbing {edge}, where the medium continues",
                         value=f"{worst:.3g} at {where}",
                         limit="no nan, no inf",
                         key=key,
-                        remedy="where(condition, a, b) in an expression keeps to where it is defined",
+                        remedy="where(condition, a, b) in an expression restricts it to where it is defined",
                     )
                 raise InputError(
                     f"not {_named(level)} beyond the absorbing {edge}; the run would miss it: an error of about "
@@ -303,16 +303,16 @@ def changes(values: np.ndarray, what: str, sides: Iterable[tuple[int, int]], rea
         size = np.abs(lines).max(0)
         change = np.divide(np.ptp(lines, axis=0), size, out=np.zeros(size.shape), where=gradual & (size > 0)).max()
         name, where = _name(axis, side), f"over the last {len(lines) - 1} nodes in front of"
-        missed = "sends back is missed; a wider near field misses less"
+        missed = "would reflect is missed; a wider near field misses less"
         if change > _FLAT:
             notes.append(
-                f"{what} changes by {100 * change:.2g} % along the normal {where} {name}, and goes on beyond as it is "
-                f"at the edge: what a medium that goes on changing {missed}"
+                f"{what} changes by {100 * change:.2g} % along the normal {where} {name}, and is assumed to stay "
+                f"beyond as it is at the edge: what a medium that keeps changing {missed}"
             )
         elif _oblique(lines):
             notes.append(
-                f"{what}: an interface meets {name} at an angle, or bends {where} it, and goes on beyond straight "
-                f"along the normal: what one that goes on otherwise {missed}"
+                f"{what}: an interface meets {name} at an angle, or bends {where} it, and is assumed to continue "
+                f"straight along the normal: what one that continues otherwise {missed}"
             )
     return notes
 

@@ -85,7 +85,7 @@ class PhasedArray(LocalSource):
         }
         if len({len(at) for at in points.values()}) > 1 or points["first"] == points["last"]:
             raise InputError(
-                "the first and the last element differ, and every point has one coordinate an axis",
+                "the first and the last element differ, and every point has one coordinate per axis",
                 value=[self.first, self.last],
                 limit="two different points of as many coordinates as the others",
                 key="source.first",

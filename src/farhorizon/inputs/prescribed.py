@@ -167,7 +167,7 @@ def _by_component(given: Any, key: str) -> Any:
         return _of_time(given, key)
     found = [_of_time(one, f"{key}[{i}]") for i, one in enumerate(given)]
     if all(one is None for one in found):
-        raise InputError("a constraint holds no component", value=list(given), key=key, remedy="leave it out")
+        raise InputError("a constraint prescribes no component", value=list(given), key=key, remedy="leave it out")
     return found
 
 
@@ -286,7 +286,7 @@ class PrescribedNodes:
         ]
         everywhere = np.concatenate([np.zeros(0, np.int64), *(held.places for held in self._held)])
         if len(np.unique(everywhere)) < len(everywhere):
-            raise InputError("two constraints hold the same node", key="constraint", remedy="separate them")
+            raise InputError("two constraints apply to the same node", key="constraint", remedy="separate them")
 
     def start(self, u: np.ndarray) -> np.ndarray:
         """Initial values less the background, with those that are prescribed at t = 0."""
@@ -362,7 +362,7 @@ def _check_components(constraint: Prescribed, components: int) -> None:
         entries = len(given) if isinstance(given, list) else None
         if (entries or 1) != components or (entries is None) != (components == 1):
             raise InputError(
-                "a constraint of a vector field needs one entry a component"
+                "a constraint of a vector field needs one entry per component"
                 if components > 1
                 else "a constraint of a scalar field has one value",
                 value="one for all" if entries is None else f"{entries} entries",

@@ -120,7 +120,7 @@ def by_component(source: Any, lattice: Lattice, components: int) -> list[tuple[A
         return [(source, 1.0)]
     if len(value) != components:
         raise InputError(
-            "a source of a vector field needs one entry a component",
+            "a source of a vector field needs one entry per component",
             value=f"{len(value)} entries",
             limit=f"a list of {components}",
             key="source",
@@ -157,7 +157,7 @@ def field(value: Any, lattice: Lattice, components: int, key: str = "source") ->
     )
     if entries != components:
         raise InputError(
-            "a vector field needs one entry a component",
+            "a vector field needs one entry per component",
             value="one for all" if entries is None else f"{entries} entries",
             limit=f"a list of {components}",
             key=key,
@@ -223,7 +223,7 @@ def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:
             value=f"{values[first]:g} at {shown(place)}, and on {int(bad.sum())} of {bad.size} nodes in all",
             limit="no nan, no inf",
             key=key,
-            remedy="where(condition, a, b) in an expression keeps to where it is defined",
+            remedy="where(condition, a, b) in an expression restricts it to where it is defined",
         )
     check_size(values, key)
     if lattice.mask is None:

@@ -131,7 +131,7 @@ class ThermalLoad(Storable):
                 remedy="leave it out",
             )
         kinds.number(
-            self.reference, "load.reference", above=0, beyond="heat of deformation goes by the absolute temperature"
+            self.reference, "load.reference", above=0, beyond="heat of deformation depends on the absolute temperature"
         )
 
     @staticmethod

@@ -122,7 +122,7 @@ def lost_notes(lost: float) -> list[str]:
         return []
     return [
         f"a part of {lost:.1g} of an incident wave's signal is shorter than the lattice carries: "
-        "so much leaks from its box"
+        "this part leaks from its box"
     ]
 
 

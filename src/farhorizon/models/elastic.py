@@ -276,7 +276,7 @@ class Elastic(LatticeModel):
             return None
         return (
             f"a stabilisation of {self.stabilisation:g} makes short S waves faster than long ones: above {neutral:.3g} "
-            "cracks may outrun Rayleigh waves, and spend more across the lattice than along it"
+            "cracks may outrun Rayleigh waves, and dissipate more across the lattice than along it"
         )
 
     @property
@@ -291,7 +291,7 @@ class Elastic(LatticeModel):
         """The same material with thermal strains: its bonds are then computed one by one."""
         if self.material not in _BREAKABLE or not isinstance(self.kernel, Kernel) or self.nonlinear:
             raise InputError(
-                "heat strains materials of bonds or states, whose strains are small",
+                "thermal strain is available only for solids of bonds or states with small strains",
                 value="nonlinear = True" if self.nonlinear else self.material,
                 limit=f"{', '.join(_BREAKABLE)} with a kernel",
                 key="load",
@@ -299,7 +299,7 @@ class Elastic(LatticeModel):
             )
         if coupled and self.contact:
             raise InputError(
-                "what is deformed heats where bonds carry nothing once they are broken",
+                "the heat of deformation requires bonds that carry nothing once they are broken",
                 value="contact = True",
                 limit="contact = False",
                 key="load.coupled",
@@ -347,7 +347,7 @@ class Elastic(LatticeModel):
         if not self.bonds:
             if self.energy_factor is None or not isinstance(self.kernel, Kernel):
                 raise InputError(
-                    "what a crack spends in this material is found when a simulation is set up",
+                    "what a crack dissipates in this material is found when a simulation is set up",
                     value=self.title,
                     key="model.fracture_energy",
                     remedy="Simulation(...).model, or fh.calibrated_stretch",
@@ -424,11 +424,11 @@ class Elastic(LatticeModel):
         """Lame's constants; raises InputError where moduli or density vary."""
         for name, value in self.uneven.items():
             raise InputError(
-                "where constants vary from node to node there is no one modulus or speed of waves",
+                "where constants vary from node to node there is no single modulus or wave speed",
                 value=kinds.said(value),
                 limit="a number",
                 key=f"model.{name}",
-                remedy="Simulation(...).model, which is the uniform medium in the middle of all",
+                remedy="Simulation(...).model, which is the uniform medium in the middle of all speeds",
             )
         return self.lame, self.shear
 
@@ -523,7 +523,7 @@ def _check_kernel(kernel: Kernel | Stencil | None, material: str) -> None:
     """Finite elements have no bonds, all other materials do; a stencil is in place of either."""
     if (kernel is None) != (material == "finite-element") and not isinstance(kernel, Stencil):
         raise InputError(
-            f"a {material} material takes " + ("a kernel" if kernel is None else "no kernel"),
+            f"a {material} material needs " + ("a kernel" if kernel is None else "no kernel"),
             value=kinds.said(kernel),
             key="model.kernel",
             remedy="Kernel(horizon=3*spacing, exponent=1)" if kernel is None else "leave it out",

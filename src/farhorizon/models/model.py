@@ -290,7 +290,7 @@ class LatticeModel:
             Such a medium has no thermal strains.
         """
         raise InputError(
-            "heat strains an elastic medium",
+            "thermal strain needs an elastic medium",
             value=self.title,
             key="load",
             limit="Elastic, Correspondence",

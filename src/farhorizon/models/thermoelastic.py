@@ -98,7 +98,7 @@ class Thermoelastic(LatticeModel):
         self.expansion = material_constant(expansion, "model.expansion", positive=False)
         self.coupled = kinds.flag(coupled, "model.coupled")
         above = 0.0 if self.coupled else None
-        remedy = "heat of deformation goes by the absolute temperature; or coupled=False"
+        remedy = "heat of deformation depends on the absolute temperature; or coupled=False"
         self.reference = kinds.number(reference, "model.reference", above=above, beyond=remedy)
         try:
             self.elastic.heated(self.coupled)

@@ -113,7 +113,7 @@ def isosurface_panels(
 
     arrays = [np.asarray(values, float) for _, values in fields]
     if len(axes) != 3:
-        raise InputError("only a field in space has surfaces", value=f"{len(axes)}D", limit="3D", key="--isosurfaces")
+        raise InputError("only a field in 3D has isosurfaces", value=f"{len(axes)}D", limit="3D", key="--isosurfaces")
     own = levels is None and not comparable(arrays)
     tops = [float(np.nanmax(np.abs(values), initial=0.0)) if own else 1.0 for values in arrays]
     arrays = [values / (top or 1.0) for values, top in zip(arrays, tops, strict=True)]

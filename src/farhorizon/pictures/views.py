@@ -96,7 +96,7 @@ class View:
         found = [int(np.abs(outputs - time).argmin()) for time in self.times]
         for time, k in zip(self.times, found, strict=True):
             if abs(outputs[k] - time) > 1e-9 * max(abs(time), abs(outputs[-1])):
-                say(f"t = {time:g} is not stored; drawn is t = {outputs[k]:.6g}, the nearest")
+                say(f"t = {time:g} is not stored; t = {outputs[k]:.6g}, the nearest, is drawn")
         return sorted(set(found))
 
     def slices(self, results: Results) -> list[Slice]:
@@ -108,7 +108,7 @@ class View:
             One lies outside, or the lattice is not three-dimensional.
         """
         if self.planes and results.dim != 3:
-            raise InputError("only a lattice in space is sliced", value=f"{results.dim}D", limit="3D", key="--slice")
+            raise InputError("only a 3D lattice can be sliced", value=f"{results.dim}D", limit="3D", key="--slice")
         found = []
         for name, place in self.planes:
             axis = results.axes["xyz".index(name)]

@@ -54,8 +54,8 @@ T = TypeVar("T")
 
 #: What is said of cracks whose faces meet and that run into sides, by whether these extend the domain.
 _STAYS_OPEN = (
-    "the faces of a crack do not meet within one reach of {} and beyond: compression is sent back there; "
-    "Extended continues cracks whose faces meet, contact = false does without"
+    "the faces of a crack do not meet within one reach of {} and beyond: compression is reflected there; "
+    "Extended continues cracks whose faces meet, contact = false disables contact"
 )
 
 
@@ -322,11 +322,11 @@ def assembled(
     breaking = None if law is None else Breaking(law, near, sides, grid, cuts, regions, team)
     if law is not None and law.nonlinear and incident:
         beyond.notes.append(
-            "an incident wave is one of linear bonds: of nonlinear ones a part of it leaves its box that is about as "
-            "large as its strain"
+            "an incident wave is one of linear bonds: with nonlinear ones a fraction of it about as large as its "
+            "strain leaks from its box"
         )
     if breaking is not None and incident and not team.largest(float(np.prod(breaking.extent))):
-        beyond.notes.append("the boxes of the incident waves have no node in common, so that no bond breaks")
+        beyond.notes.append("the boxes of the incident waves have no node in common, so no bond will break")
     _set_engine(setup, grid, margins)
     _cut(setup, cuts, breaking, beyond.notes)
     held = rest_and_damp(near, around, cuts, setup.rim == "fixed")

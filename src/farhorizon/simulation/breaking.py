@@ -68,7 +68,7 @@ class Breaking:
         self.families = self.left()
         if law.fracture_energy is not None and law.energy_factor is not None:
             cuts.notes.append(
-                f"bonds break at a critical stretch of {self.critical_stretch:.4g}, with which a crack spends the "
+                f"bonds break at a critical stretch of {self.critical_stretch:.4g}, with which a crack dissipates the "
                 "fracture energy: found from cracks that ran through this lattice at 0.3 of the speed of Rayleigh waves"
             )
 
@@ -128,7 +128,7 @@ class Breaking:
         share = -self.team.largest(-float((final / onset).min()))
         if share < 1 - _ROUNDING:
             raise InputError(
-                "bonds hold more when they begin to soften than the fracture energy, so that they would snap back",
+                "bonds store more when they begin to soften than the fracture energy, so they would snap back",
                 value=f"{share:.4g} of that",
                 limit=">= 1",
                 key="model.fracture_energy",

@@ -77,7 +77,7 @@ def check_ahead(run: Clocked, until: float, key: str) -> None:
     """InputError for an end that a run has left behind; one that it has just reached leaves nothing to do."""
     if last_step(until, run.dt) < run.step_count:
         raise InputError(
-            "the run is beyond its end already",
+            "the run is already past this end",
             value=until,
             limit=f">= {run.time:g}, the present time",
             key=key,

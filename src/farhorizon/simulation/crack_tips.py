@@ -150,7 +150,7 @@ class CrackTips(Recorder):
         self._axes = [axis for axis, n in enumerate(near.lattice.whole.shape) if n > 1]
         if len(self._axes) != 2 or parts.breaking is None:
             raise InputError(
-                "tips are found in the plane, where bonds break",
+                "tips are found only in 2D, where bonds break",
                 value=f"{near.model.title} in {near.lattice.dim}D",
                 key="crack_tips",
                 remedy="critical_stretch, fracture_energy; StressIntensity for cracks that stay as they are",

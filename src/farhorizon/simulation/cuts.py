@@ -185,7 +185,7 @@ class CutBonds:
         nodes[:, axis] = 0
         if not {(*r, b) for r, b in zip(nodes.tolist(), bonds.tolist(), strict=True)} <= continued:
             raise self._oblique(cut, key)
-        note = f"the crack that runs into the layer at {side_name(*key)} is taken to go on straight without end"
+        note = f"the crack that runs into the layer at {side_name(*key)} is assumed to continue straight without end"
         if continued and note not in self.notes:
             self.notes.append(note)
 

@@ -136,8 +136,8 @@ class _FactorOfTime:
         self._over = True
         seen = f"it is up to {between:.3g} between them, {at:.3g} at them" if between > 2 * at else "they alias it"
         return (
-            f"{self._key} changes within the steps of {dt:.3g}: {seen}, and the run is driven by what it is at them; "
-            "a shorter dt, or a slower function of time"
+            f"{self._key} changes within the steps of {dt:.3g}: {seen}, but the run uses only its values at the steps; "
+            "use a shorter dt, or a slower function of time"
         )
 
 
@@ -267,8 +267,8 @@ def jumps(setup: Setup, near: NearField) -> list[str]:
         if not isinstance(source, LocalSource)
     }
     return [
-        f"{key} begins with a jump, {share:.3g} of its largest value at t = 0, and moves on: the waves that it sends "
-        "out are as short as its shape; a signal that is cut there needs a delay"
+        f"{key} begins with a jump, {share:.3g} of its largest value at t = 0, and keeps changing: the waves that it "
+        "emits are as short as its shape; a signal that is cut there needs a delay"
         for key, share in shares.items()
         if share > SMALL
     ]
@@ -436,9 +436,9 @@ def _arriving(wave: Incident, near: NearField, ends: dict[Key, bool], cuts: Sequ
     lattice, model = near.lattice, near.model
     if not isinstance(model.integrator, Verlet) or (model.damping and wave.undamped):
         raise InputError(
-            "an incident wave travels through an undamped medium of second order"
+            "an incident wave needs an undamped medium of second order in time"
             if wave.undamped
-            else "an incident wave travels through a medium of second order",
+            else "an incident wave needs a medium of second order in time",
             value=type(model).__name__,
             key="incident",
             limit="Wave or Elastic with damping = 0" if wave.undamped else "Wave or Elastic",
@@ -457,7 +457,7 @@ def incidence(one: Arriving, near: NearField, sides: Sides, notes: list[str]) ->
     """
     walls = [side_name(*key) for key, b in sides.items() if not (b.endless or b.shared or key in one.known)]
     if walls:
-        notes.append(f"only what is scattered meets {', '.join(walls)}: an incident wave does not know them")
+        notes.append(f"only what is scattered meets {', '.join(walls)}: an incident wave does not account for them")
     found = Incidence(one.wave, near.lattice, scheme_of(near, one.factor), one.free, near.states)
     notes += found.passage.notes
     return found

@@ -52,8 +52,8 @@ class Examination:
                 "the run is not stable",
                 value=known.reason,
                 limit=f"no tenfold growth until t = {until:.6g}",
-                remedy="see the warnings of check; Extended in place of what absorbs, or layers with more nodes; or "
-                "allow_unstable=True (--allow-unstable) runs it all the same",
+                remedy="see the warnings of check; use Extended instead of absorbing sides, or layers with more nodes; "
+                "allow_unstable=True (--allow-unstable) runs it anyway",
             )
         return known
 

@@ -41,9 +41,9 @@ def medium_outside(parts: Parts) -> Scheme:
     ends = [side_name(*key) for key, side in parts.whole.sides.items() if not side.endless]
     if ends:
         raise InputError(
-            "the far field is that of a medium without end: what walls, free surfaces and periods send on is not in it",
+            "the far field is that of a medium without end: echoes of walls, free and periodic sides are not included",
             value=", ".join(ends),
-            limit="sides beyond which the medium goes on",
+            limit="sides beyond which the medium continues",
             key="far_field",
             remedy="LatticePML there; or, where the medium does end, Receivers in a larger near field",
         )
@@ -87,7 +87,7 @@ def corner_nodes(lattice: Lattice, box: Box | None, reach: Sequence[int]) -> tup
                 value=box.dim,
                 limit=lattice.dim,
                 key="far_field.box",
-                remedy="a box with one entry an axis of the lattice in each corner",
+                remedy="a box with one entry per axis of the lattice in each corner",
             )
         lower, upper = ((bound - lattice.lower) / spacing for bound in box.bounds())
         if (lower < first - 1e-6).any() or (upper > last + 1e-6).any():
@@ -211,7 +211,7 @@ def check_kept(history: bool, remedy: str) -> None:
     """InputError unless the history of the shell is kept."""
     if not history:
         raise InputError(
-            "receivers of the far field need what the shell had at all steps",
+            "receivers of the far field need the values on the shell at all steps",
             value="history = false",
             limit="history = true",
             key="far_field.history",
@@ -239,13 +239,13 @@ def spectral_notes(last: float, largest: float, missed: float) -> list[str]:
     if last > _LEFT * largest:
         return [
             "spectra of the far field leave out what has not left the box by the end of the run: on its shell "
-            f"{last / largest:.2g} of the largest value is left"
+            f"{last / largest:.2g} of the largest value remains"
         ]
     if missed > max(_FAST, last / max(largest, _TINY)):
         return [
-            "spectra of the far field take something on the box that is faster than all waves of the lattice for "
-            f"something slower, some {missed:.2g} of the largest: sources that are smooth in time, or farther from the "
-            "faces of the box, send less of it"
+            "spectra of the far field mistake something on the box that is faster than all waves of the lattice for "
+            f"something slower, some {missed:.2g} of the largest: sources that are smooth in time, or farther from "
+            "the faces of the box, emit less of it"
         ]
     return []
 

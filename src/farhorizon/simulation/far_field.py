@@ -413,7 +413,7 @@ class FarField(Recorder):
         """``Im sum f* v`` of forces and what they radiate, shape (F,): twice the mean power over mass and frequency."""
         if self._total and not self._arriving:
             raise InputError(
-                "what leaves a box inside that of an incident wave is known of one plane wave alone",
+                "what leaves a box inside that of an incident wave is known only for a single plane wave",
                 value="a box inside that of another wave",
                 limit="a box around that of the wave",
                 key="far_field.box",
@@ -482,7 +482,7 @@ class FarField(Recorder):
             raise InputError("no frequencies were recorded", value="none", limit="at least 1", key=key, remedy=remedy)
         if undamped and any(squared.imag > 1e-12 * abs(squared) for squared in self._squares):
             raise InputError(
-                "damping takes what is radiated: there is no energy far away",
+                "damping absorbs what is radiated: no energy arrives far away",
                 value="a damped medium",
                 limit="damping = 0",
                 key="model.damping",

@@ -199,7 +199,7 @@ class Feed:
                 value=f"t = {times[np.argmax(wrong)]:g}",
                 limit="no nan, no inf",
                 key="source",
-                remedy="where(t < ..., a, b) in an expression keeps to where it is defined, or an earlier end",
+                remedy="where(t < ..., a, b) in an expression restricts it to where it is defined, or an earlier end",
             )
         return amplitudes
 

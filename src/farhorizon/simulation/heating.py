@@ -171,7 +171,7 @@ class Heating:
             share = strain / max(self._largest, 1e-300)
             if share <= target:
                 continue
-            words = f"the temperature near the side {side_name(*key)} is not that of the solid free of stress"
+            words = f"the temperature near the side {side_name(*key)} is not the stress-free temperature of the solid"
             if step == 0:
                 raise InputError(
                     words,

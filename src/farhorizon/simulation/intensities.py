@@ -203,7 +203,7 @@ def _check_medium(setup: Setup, near: NearField) -> None:
     """InputError unless cracks in a medium of waves in the plane stay as they are."""
     model, wrong, remedy = near.model, None, ""
     if near.lattice.dim != 2:
-        wrong, remedy = "intensities are recorded in the plane", "opening_intensity of the faces in space"
+        wrong, remedy = "intensities are recorded in 2D only", "opening_intensity of the faces in 3D"
     elif model.order != 2 or model.moduli is None:
         wrong, remedy = "only elastic media and scalar waves have stress intensity factors", "Elastic or Wave"
     elif model.bond_law is not None:

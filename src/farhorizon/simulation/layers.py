@@ -35,10 +35,10 @@ from farhorizon.simulation.wave_data import FORESEEN, foreseen_time, stand_ins
 from farhorizon.simulation.wave_field import WaveField
 
 # of layers that are given by hand
-_SENT_BACK = "layers of {{}} nodes ({{}}) are predicted to send back {:.1g} of {}, more than the target {{:g}}"
+_SENT_BACK = "layers of {{}} nodes ({{}}) are predicted to reflect {:.1g} of {}, more than the target {{:g}}"
 _PATIENCE = 30.0  # seconds after which a choice or a prediction that still goes on says so
-_CHOSEN = "these layers take a minute or more to choose or to judge; nodes without a target take none"
-_PREDICTED = "it takes a minute or more to predict what these layers send back in a run that goes on"
+_CHOSEN = "choosing or assessing these layers takes a minute or more; nodes without a target need no such time"
+_PREDICTED = "predicting what these layers reflect in the continued run takes a minute or more"
 _LITTLE = 0.3  # damping in two steps that may wait for the second
 _TURN = 0.2  # of a period, in a step of the fastest wave, where it may
 # target for each crossing of the near field down to which six digits are enough for what layers remember: under a force
@@ -99,7 +99,7 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
     doubts = [words.format(nodes, ", ".join(named), aim) for (words, nodes, aim), named in choice.missed.items()]
     wanted = min((b.wanted(near.model.target) for b in layers.values()), default=1.0)
     if setup.dtype == "float32" and wanted < _ROUNDED[near.model.order - 1]:
-        doubts.append(f"in single precision rounding adds more than the target {wanted:g}: float64, or a larger target")
+        doubts.append(f"in single precision, rounding exceeds the target {wanted:g}: use float64 or a larger target")
     chosen = {key: one.layer for key, one in choice.found.items()}
     chosen = with_one_filter(around.layers | chosen, near.rate_limit, near.dt, near.lattice.dim)
     if _may_be_short(near, around.sides):
@@ -334,12 +334,12 @@ class _Choice:
         near, model = self.near, self.near.model
         if model.order == 1:
             first = self._kept_alive()
-            say = "which a step so near its limit hardly damps, and which layers for diffusion do not absorb"
+            say = "which a step so close to its limit hardly damps, and which layers for diffusion do not absorb"
             remedy = f"dt <= {0.6 * near.step_limit:.3g} or smoother data"
         else:
             damped = high_pass(near.stencil)
             first = None if damped is None or weak(damped) else damped.first
-            say = "some of which run backward in this medium, which predictions leave out"
+            say = "some of which run backward in this medium, which predictions do not include"
             remedy = "smoother data, another influence or Extended"
             layers = {
                 key: b for key, b in layers.items() if key not in self.followed or not (key in self.found or b.target)
@@ -347,7 +347,7 @@ class _Choice:
         if first is None or not layers:
             return []
         share = max((short_share(datum.values, first) for datum in self.driven.initial()), default=0.0)
-        say = f"of the data {share:.2g} are waves of less than {2 * np.pi / first:.2g} nodes, {say}"
+        say = f"{share:.2g} of the data are waves of less than {2 * np.pi / first:.2g} nodes, {say}"
         asked = [b.target for b in layers.values() if b.target is not None and b.open_ended]
         if near.stencil.components == 1 and share > min(asked, default=np.inf):
             raise InputError(
@@ -355,10 +355,10 @@ class _Choice:
                 value=min(asked),
                 limit=f">= {share:.1g}",
                 key="boundary.target",
-                remedy=f"{remedy}; nodes in place of the target, and 'farhorizon compare' for the error",
+                remedy=f"{remedy}; nodes instead of the target, and 'farhorizon compare' for the error",
             )
         wanted = min(b.wanted(model.target) for b in layers.values())
-        words = f"{say}: layers may send back more than the target {wanted:g}; {remedy} keep it"
+        words = f"{say}: layers may reflect more than the target {wanted:g}; {remedy} would meet it"
         return [f"{words}, 'farhorizon compare' measures the error"] if share > wanted else []
 
     def _kept_alive(self) -> float | None:
@@ -426,17 +426,17 @@ class _Choice:
         InputError
             It chose itself for a target.
         """
-        say = "waves alternate from step to step, which a step so near its limit hardly damps"
+        say = "waves alternate from step to step, which a step so close to its limit hardly damps"
         remedy = f"dt <= {0.6 * self.near.step_limit:.3g} or smoother data"
         if boundary.open_ended and boundary.target is not None:
             raise InputError(
-                f"no layer keeps the target: {say}",
+                f"no layer meets the target: {say}",
                 value=wanted,
                 limit=f">= {back:.1g}",
                 key="boundary.target",
-                remedy=f"{remedy}; nodes in place of the target, and 'farhorizon compare' for the error",
+                remedy=f"{remedy}; nodes instead of the target, and 'farhorizon compare' for the error",
             )
-        words = f"layers of {{}} nodes ({{}}) send back {back:.1g} of the largest value, more than the target {{:g}}"
+        words = f"layers of {{}} nodes ({{}}) reflect {back:.1g} of the largest value, more than the target {{:g}}"
         self._miss(key, f"{words}: {say}; {remedy}", layer.columns, wanted)
 
     def _take(self, key: Key, found: Thickness, wanted: float) -> None:

@@ -212,10 +212,10 @@ class Receivers(RowRecorder):
             return []
         limit = 0.5 / (self.every * near.dt)
         return [
-            f"{self.name} are recorded every {self.every} steps: what has frequencies above {limit:.4g} "
-            f"appears at lower ones, and the lattice carries waves up to {near.highest_frequency:.4g}; "
+            f"{self.name} are recorded every {self.every} steps: frequencies above {limit:.4g} "
+            f"are aliased to lower ones, and the lattice carries waves up to {near.highest_frequency:.4g}; "
             f"every = {max(most, 1)} or less records "
-            "all of them truly"
+            "all of them correctly"
         ]
 
 

@@ -107,7 +107,7 @@ class Rest:
         settled = run.team.largest(_last_change(run.resting, looks, tolerance))
         if settled > limit - window:
             raise InputError(
-                "what drives the run changes up to its latest end, so that it does not come to rest",
+                "what drives the run still changes up to its latest end, so the run does not come to rest",
                 value=f"t = {settled:.6g}",
                 limit=f"{limit:.6g}, less {window:.6g} for the slowest wave",
                 key="run.until",

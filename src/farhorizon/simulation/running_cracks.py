@@ -274,8 +274,8 @@ def energy_factor(runs: Runs, model: Elastic, spacing: float, dim: int) -> float
     reach = model.kernel.horizon / spacing
     if not _COARSEST * (1 - 1e-9) <= reach <= _FINEST[dim]:
         raise InputError(
-            "what a crack spends is found on lattices that are fine enough to let it pass, and no finer than takes "
-            "minutes",
+            "what a crack dissipates is found on lattices fine enough to let it run, and no finer than can be computed "
+            "in minutes",
             value=f"{reach:.3g} spacings in the horizon",
             limit=f"{_COARSEST:g} to {_FINEST[dim]:g}",
             key="model.fracture_energy",
@@ -309,7 +309,7 @@ def _energy_factor(runs: Runs, model: Elastic, dim: int) -> float:
     """The same of a material in the units of its lattice, from runs."""
     assert isinstance(model.kernel, Kernel)
     print(
-        "farhorizon: a crack runs to find what new area takes of this material, once: later runs find it on disk",
+        "farhorizon: simulating a crack to find the energy per area in this material, once: later runs find it on disk",
         file=sys.stderr,
         flush=True,
     )
@@ -334,10 +334,10 @@ def _spent(runs: Runs, model: Elastic, dim: int, turn: float, expected: float) -
             stuck, expected = expected, _MORE**2 * expected
     if not found.follows or found.spent <= 0:
         raise InputError(
-            "bonds that break spend no energy" if found.follows else "no crack runs through this material",
+            "bonds that break dissipate no energy" if found.follows else "no crack runs through this material",
             value=found.spent if found.follows else "none",
             key="model.fracture_energy",
-            remedy="a larger horizon, or of a correspondence material a stabilisation",
+            remedy="a larger horizon, or for a correspondence material a stabilisation",
         )
     return found.spent
 
@@ -382,7 +382,7 @@ def with_energy_factor(setup: Setup, runs: Runs, team: Team) -> Setup:
     ratio = np.ones(1) if variation.lame is None else variation.lame[0] / variation.lame[1]
     if team.largest(float(ratio.max())) + team.largest(-float(ratio.min())) > 10.0**-_DIGITS:
         raise InputError(
-            "what new area takes is found for one Poisson's ratio; the other constants may vary",
+            "the energy per new area is found for one Poisson's ratio; the other constants may vary",
             value="one that varies",
             key="model.fracture_energy",
             remedy="critical_stretch, by region that of fh.calibrated_stretch",

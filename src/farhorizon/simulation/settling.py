@@ -99,7 +99,7 @@ class Settling:
                 run.take(near_sides)
         except InputError as error:
             run.take(far_sides)
-            self.why = [f"the domain is extended, for layers do not serve: {error.message}"]
+            self.why = [f"the domain is extended, because layers cannot be used: {error.message}"]
             return
         layers, far = price(run), extended_price(run, until, list(self.autos))
         fits = far.memory <= available_memory()
@@ -113,7 +113,7 @@ class Settling:
         except InputError as error:
             if fits:
                 run.take(far_sides)
-                self.why = [f"the domain is extended, for layers do not serve: {error.message}"]
+                self.why = [f"the domain is extended, because layers cannot be used: {error.message}"]
 
 
 def foretell(around: Surroundings, model: LatticeModel, until: float, dt: float) -> None:
@@ -148,14 +148,14 @@ def outlasted(around: Surroundings, model: LatticeModel, until: float, dt: float
         end = max(_foretold(around, name).until for name in missing)
         of = "the largest value" + " at that time" * (model.order == 1)
         found.append(
-            f"the layers ({', '.join(missing)}) keep their target up to t = {chosen:.6g}; up to t = {end:.6g} they are "
-            f"predicted to send back {max(missing.values()):.1g} of {of}: {_LONGER}"
+            f"the layers ({', '.join(missing)}) meet their target up to t = {chosen:.6g}; up to t = {end:.6g} they are "
+            f"predicted to reflect {max(missing.values()):.1g} of {of}: {_LONGER}"
         )
     ends = _ends(around.extents)
     if ends and until > min(ends) + dt:
         found.append(
-            f"nothing comes back from the end of the extended domain up to t = {min(ends):.6g}, later something does: "
-            "Extended(until=...)"
+            f"nothing comes back from the end of the extended domain up to t = {min(ends):.6g}, but later "
+            "something does: use Extended(until=...)"
         )
     return found
 
@@ -187,7 +187,7 @@ def _may_miss(around: Surroundings, names: list[str], dt: float) -> str:
     first = min(names, key=lambda name: around.thickness[name].until)
     end = around.thickness[first].until
     longer = "errors of longer runs are not predicted" if asked[first] > end + dt else _LONGER
-    return f"the layers keep their target up to t = {end:.6g}, later perhaps not: {longer}"
+    return f"the layers meet their target up to t = {end:.6g}, but perhaps not later: {longer}"
 
 
 def warn_outlasted(around: Surroundings, model: LatticeModel, known: float, until: float, dt: float) -> None:

@@ -63,7 +63,7 @@ def _settled_source(source: Any, dim: int, key: str) -> Any:
     """A source with every text in it as an expression."""
     if isinstance(source, BodyForce | Traction | Pressure | ThermalLoad):
         raise InputError(
-            "a load is no source",
+            "a load is not a source",
             value=source,
             limit="Source, PointSource and others, IncidentWave and others, functions, expressions",
             key=key,

@@ -121,7 +121,7 @@ class Share:
         """Refuse a run that is longer than its layers were chosen for."""
         if until > self.good_for * (1 + 1e-9):
             raise InputError(
-                "the layers were chosen for a shorter run, and several processes cannot choose anew",
+                "the layers were chosen for a shorter run, and several processes cannot choose new ones",
                 value=until,
                 limit=f"{self.good_for:.6g}",
                 key="boundary",
@@ -249,7 +249,7 @@ def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
     refused = [
         (f"recorders of the kind {type(recorders[0]).__name__}" if recorders else "", "observe", bool(recorders)),
         (
-            "solids that heat as they are deformed, of which a second run takes what each step sets free,",
+            "solids that heat as they are deformed, whose heat a second run needs at each step,",
             "load",
             setup.heat is not None and setup.heat.coupled,
         ),
@@ -295,7 +295,7 @@ def check_choosable(setup: Setup) -> None:
             value=f"{nodes:.3g} nodes",
             limit=f"{_CHOSEN:.3g}",
             key="boundary",
-            remedy="nodes=..., as a smaller lattice chooses them: 'farhorizon check' tells",
+            remedy="nodes=..., as chosen for a smaller lattice: 'farhorizon check' shows them",
         )
 
 

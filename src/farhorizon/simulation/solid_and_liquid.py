@@ -98,9 +98,9 @@ class SolidAndLiquid:
         if most <= 1 + _SUPERSATURATED:
             return None
         remedy = (
-            "limited = true keeps its bound in Euler's steps alone: take integrator = 'euler' or a smaller step"
+            "limited = true guarantees its bound only in Euler's steps: use integrator = 'euler' or a smaller step"
             if self.dissolution.limited
-            else "take limited = true, or an interface for the speed of the front (Corrosion.interface_for)"
+            else "use limited = true, or an interface for the speed of the front (Corrosion.interface_for)"
         )
         return (
             f"the liquid holds up to {most:.3g} times the saturation: metal dissolves faster than it diffuses away; "

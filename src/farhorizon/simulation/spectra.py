@@ -195,7 +195,7 @@ class Spectra(Recorder):
         most = max(1, int(0.5 / (near.highest_frequency * near.dt) * (1 + 1e-9))) if waves else 1
         if self.every > most:
             raise InputError(
-                "terms so far apart would take waves on the lattice for others",
+                "terms so far apart would alias waves on the lattice",
                 value=self.every,
                 limit=f"1 to {most}",
                 key="spectra.every",
@@ -239,7 +239,7 @@ def check_frequencies(frequencies: np.ndarray, near: NearField, key: str = "spec
     highest, nyquist = float(frequencies.max(initial=0.0)), 0.5 / near.dt
     if highest > nyquist * (1 + 1e-9):
         raise InputError(
-            "the frequency is above Nyquist's: steps of this length cannot tell it from a lower one",
+            "the frequency is above Nyquist's: steps of this length cannot distinguish it from a lower one",
             value=highest,
             limit=nyquist,
             key=key,

@@ -78,8 +78,8 @@ def drifting(near: NearField, sides: Sides, dtype: str) -> list[str]:
     if dtype != "float32" or near.model.order == 1 or held:
         return []
     return [
-        "in single precision a body that nothing holds is pushed by rounding: its motion as a whole is off by 0.1 to "
-        "14 percent after 2000 steps, in trials, which grows with the square of their number; take dtype float64"
+        "in single precision rounding pushes a body that nothing fixes: in trials its motion as a whole was off by 0.1 "
+        "to 14 percent after 2000 steps, which grows with the square of their number; use dtype float64"
     ]
 
 

@@ -74,13 +74,13 @@ def check_conditions(near: NearField, sides: Sides, margins: dict[Key, int], not
         surfaces = [np.take(held, last, 1 + axis).swapaxes(0, 1 + axis), np.take(leak, last, axis).swapaxes(0, axis)]
         if any((surface != surface[:1]).any() for surface in surfaces):
             raise InputError(
-                f"a condition ends or varies within one reach of the absorbing side {name}, into which it would go on",
+                f"a condition ends or varies within one reach of the absorbing side {name}, where it would continue",
                 key="constraints",
                 limit=f"the same on the last {reach + 1} nodes",
                 remedy="a larger near field, or restrict the condition by `within`",
             )
         if np.take(held, last, 1 + axis).any():
-            notes.append(f"what is held at the side {name} is taken to go on straight beyond it without end")
+            notes.append(f"what is held at the side {name} is assumed to continue straight beyond it without end")
 
 
 def _last(count: int, side: int, wanted: int) -> np.ndarray:

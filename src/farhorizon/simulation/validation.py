@@ -97,7 +97,7 @@ def check_variation(sides: Sides, variation: Variation) -> None:
     for key, boundary in sides.items():
         if boundary.exact or boundary.closing:
             raise InputError(
-                "goes on with a medium of one density",
+                "continues the medium with one density",
                 value=type(boundary).__name__,
                 limit="a density that is the same everywhere",
                 key=f"boundary.{side_name(*key)}",
@@ -147,7 +147,7 @@ def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
         _check_vector(setup, sides)
     if stencil.components not in (1, stencil.dim) and any(isinstance(source, Incident) for source in setup.sources):
         raise InputError(
-            "an incident wave is one of a scalar or of a vector",
+            "incident waves are available for scalar and vector fields",
             value=f"{stencil.components} components",
             limit=f"1 or {stencil.dim}",
             key="incident",
@@ -200,12 +200,12 @@ def check_repeats(setup: Setup, sides: Sides, stencil: Stencil) -> None:
         back = np.concatenate([ends, -stencil.offsets[bonds]], 1)[across]
         if len(np.unique(np.concatenate([there, back]), axis=0)) > len(there):
             raise InputError(
-                "a crack crosses a side that cannot continue it: what goes out through a periodic side comes in "
+                "a crack crosses a side that cannot continue it: what leaves through a periodic side comes in "
                 "through the opposite one",
                 value=[b.tolist() for b in crack.cut.bounds()],
                 limit=f"{lattice.lower.tolist()} to {lattice.upper.tolist()}",
                 key="crack",
-                remedy="a crack that goes on beyond both sides, by the reach of the bonds, or ends inside",
+                remedy="a crack that continues beyond both sides, by the reach of the bonds, or ends inside",
             )
 
 
@@ -215,7 +215,7 @@ def _check_vector(setup: Setup, sides: Sides) -> None:
     for i, one in enumerate(setup.constraints):
         if not isinstance(one, Prescribed):
             raise InputError(
-                f"conditions of heat are for scalar fields, not for {name}",
+                f"thermal conditions are for scalar fields, not for {name}",
                 value=type(one).__name__,
                 limit="Prescribed",
                 key=f"constraint[{i}]",
@@ -242,7 +242,7 @@ def _check_reaction(setup: Setup, sides: Sides, reaction: float) -> None:
     for key, boundary in sides.items():
         if not boundary.reactive:
             raise InputError(
-                f"{type(boundary).__name__} does not know media with a reaction",
+                f"{type(boundary).__name__} does not support media with a reaction",
                 value=value,
                 key=f"boundary.{side_name(*key)}",
                 limit=names(lambda kind: kind.reactive and model.serves(kind)),
@@ -268,7 +268,7 @@ def _check_closing(setup: Setup, sides: Sides) -> None:
     name, integrator = type(closing[0]).__name__, setup.model.integrator
     if not isinstance(integrator, Euler | Verlet):
         raise InputError(
-            f"{name} goes along with one stage a step",
+            f"{name} needs an integrator of one stage per step",
             value=integrator.name,
             key="model.integrator",
             limit="forward Euler, velocity Verlet",

@@ -209,7 +209,7 @@ class NotKept(InputError):
         """The refusal of a target, which names the smallest one that is kept."""
         least = _one_digit(least)
         refusal = cls(
-            "no layer keeps the target for these data",
+            "no layer meets the target for these data",
             value=wanted,
             limit=f">= {least:.1g}",
             key="boundary.target",
