@@ -320,7 +320,7 @@ def test_what_serves_an_end_is_said():
     assert "modes, error of the force <= " in text and "past convolved, exact to rounding, to step 1024" in text
     strict = fh.Simulation(**setup, boundary=fh.Exact(compress=1e-15))
     strict.prepare(10.0)
-    assert any("no sum of exponentials meets 1e-15" in note for note in strict.notes)
+    assert any("no sum of exponentials meets the tolerance 1e-15" in note for note in strict.notes)
     strict.step(100)
     sim.step(100)
     assert np.abs(strict.fields["u"] - sim.fields["u"]).max() < 1e-12
