@@ -502,7 +502,8 @@ def test_what_profiles_by_hand_send_back_is_told(number):
         profile = {"kappa": 1 + random.uniform(1, 8) * depth ** random.uniform(1, 2)}
     u, by_hand = pulse(lattice, random.uniform(-3, 3, dim), 3.0), fh.LatticePML(1e-13, nodes, profile, until)
     told, missed = told_and_missed(lattice, model, by_hand, u)
-    assert told / 10 < missed < 5 * told  # what is told counts echoes of all sides as if they met
+    rounded = 10 ** np.floor(np.log10(told)) / 2  # what is told has one digit
+    assert (told - rounded) / 5 < missed < 5 * (told + rounded)
     layer = next(iter(fh.Simulation(lattice, model, by_hand).engine.layers.values()))
     whole = fh.Simulation(lattice, model, fh.LatticePML(1e-13, nodes, layer, until), {"u": u}, threads=1)
     assert not any("more than the target" in note for note in whole.notes)
@@ -1042,7 +1043,7 @@ def test_what_comes_back_beside_walls_is_no_more_than_is_told(vectors, short):
     seed = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))
     print(f"seed {seed}")
     random = np.random.default_rng([seed, 2 * short + vectors])
-    most = 3.0 if short else 1.5  # predictions are right to a factor of three; two of 279 set-ups made more, 1.12
+    most = 3.0 if short else 1.1  # told by one digit
     for _ in range(6):
         kernel = fh.Kernel(
             float(random.integers(2, 6)), int(random.integers(2)), volume=str(random.choice(["ramp", "full"]))
@@ -1071,5 +1072,4 @@ def test_what_comes_back_beside_walls_is_no_more_than_is_told(vectors, short):
             near.step(2)
             exact = np.array(far.fields["u"])
             worst, largest = max(worst, np.abs(near.fields["u"] - exact).max()), max(largest, np.abs(exact).max())
-        told += 10 ** np.floor(np.log10(told)) / 2  # it is rounded to one digit
         assert worst < most * told * largest, (kernel, nodes, wall, worst / largest, told)

@@ -140,6 +140,11 @@ class LatticePML(Side):
         """Whether the thickness is chosen from the data and the length of the run."""
         return self.nodes is None and self.profile is None
 
+    @property
+    def whole(self) -> bool:
+        """Whether its profile is a complete `Layer`."""
+        return isinstance(self.profile, Layer)
+
     def wanted(self, default: float) -> float:
         """The target if one is given, otherwise that of the model."""
         return default if self.target is None else self.target

@@ -146,6 +146,11 @@ class Side:
         """Whether the number of nodes beyond is chosen from the length of the run."""
         return False
 
+    @property
+    def whole(self) -> bool:
+        """Whether its layer is given complete and used as it is."""
+        return False
+
     def wanted(self, default: float) -> float:
         """Fraction of the largest value that may be neglected beyond the side; `default` is that of the model."""
         raise NotImplementedError

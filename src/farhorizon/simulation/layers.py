@@ -66,8 +66,7 @@ def looks_at_data(side: Side) -> bool:
     """Whether a side has a layer that chooses itself for the data, or is to say what it keeps of a target; whole
     `Layer`s, as those that were chosen are handed on, are taken as they are.
     """
-    given = isinstance(side.profile, Layer)
-    return side.stretched and not given and (side.open_ended or side.target is not None)
+    return side.stretched and not side.whole and (side.open_ended or side.target is not None)
 
 
 def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: Sequence[Any]) -> Surroundings:
