@@ -31,8 +31,8 @@ CROSSINGS, LASTING = 20, 10
 MOST_CROSSINGS = 1000  # for which layers are made: what was measured
 # nodes of layers from which slow waves of solids are followed until they are back, as far as it takes thicker ones
 _THICK = 16, 32, MOST
-# of the wanted error, where a free side runs into a layer: predictions take it for a mirror, but it lacks bonds, and
-# waves run along it that are bound to it
+# What is predicted over what comes back, where a free side runs into a layer: predictions take it for a mirror, but it
+# lacks bonds, and waves run along it that are bound to it.
 _BESIDE_FREE = 0.4
 _LEFT_OUT = 1.1  # of the least target that is kept: for a larger one fewer waves are followed
 
@@ -141,7 +141,7 @@ class ReturnedWaves:
                 2, media[0].stencil, media[0].coefficient, waves.spacing, 0.0
             )
 
-        share = _BESIDE_FREE if any(b.image > 0 for b in waves.beside(axis)) else 1.0
+        share = self._share(axis)
         dt = waves.dt if waves.squared_speed is None and spreads(waves.sides, axis) else None
         fastest, slowest = (medium.speed / waves.spacing for medium in (media[0], media[-1]))
         members = family(media[0].stencil, fastest, slowest, until, distance, share * wanted, dt, steep)
@@ -174,7 +174,7 @@ class ReturnedWaves:
                 break
             start, too_few = found.nodes, found.nodes - 1  # with more of the waves it takes no fewer
         assert found is not None
-        return found
+        return replace(found, predicted=found.predicted / share)
 
     def _least_kept(self, axis: int, side: int, until: float, candidates: _Candidates, about: float) -> float:
         """The smallest target that a layer keeps, which is about known, or that one if it is kept."""
@@ -190,7 +190,11 @@ class ReturnedWaves:
         wanted one or larger.
         """
         sent, size = self.waves.arriving(axis, side, until, wanted, layer.columns)
-        return predicted_error(layer, sent, size) + self._beside_walls(axis, side, until, layer)
+        return predicted_error(layer, sent, size) / self._share(axis) + self._beside_walls(axis, side, until, layer)
+
+    def _share(self, axis: int) -> float:
+        """What is predicted to come back along an axis, over what does."""
+        return _BESIDE_FREE if any(side.image > 0 for side in self.waves.beside(axis)) else 1.0
 
     def _beside_walls(self, axis: int, side: int, until: float, layer: Layer) -> float:
         """What a layer that damps short waves lacks beside walls, from trials: predictions do not know of it."""
