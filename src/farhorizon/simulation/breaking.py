@@ -24,11 +24,11 @@ from farhorizon.simulation.setup import Key, Sides
 from farhorizon.simulation.team import ALONE, Team
 
 _ROUNDING = 1e-9
-_SHATTERS = 10.0  # a load whose first strain is so many times the critical stretch breaks whatever it meets
+_SHATTERS = 10.0  # a load whose first strain is this many times the critical stretch would break all bonds in its way
 
 
 class Breaking:
-    """Bonds with a law of a near field on its grid. The engine is given them whole and uncut.
+    """Bonds of a near field on its grid that follow a law; the engine receives them whole and uncut.
 
     Parameters
     ----------
@@ -38,17 +38,18 @@ class Breaking:
     grid : Grid
     cuts : CutBonds
     regions : sequence of Region
-        Boxes of incident waves. The field in them is the total one and around them the scattered one alone, so that
-        bonds through their faces see a jump that no solid has, and those outside miss a part: none of them break.
+        Boxes of incident waves. The field is the total one inside them and the scattered one outside, so that bonds
+        through their faces see a jump that is not in the solid, and bonds outside see only a part of the strain:
+        neither can break.
     team : Team
-        Processes that have parts of the near field, which all make one.
+        Processes that each have a part of the near field.
 
     Attributes
     ----------
     critical_stretch : float
-        Of the weakest bonds on all of the lattice.
+        That of the weakest bonds in the whole lattice.
     families : ndarray of int
-        Bonds of each node, whole and uncut; shape of the lattice.
+        Number of bonds of each node, whole and uncut; shape of the lattice.
     """
 
     def __init__(
@@ -74,7 +75,7 @@ class Breaking:
 
     @cached_property
     def zone(self) -> Zone:
-        """Where the law holds: one reach away from sides that are not free, of those that extend the domain from their
+        """Where the law holds: one reach away from sides that are not free, for sides that extend the domain from their
         far ends, and inside the boxes of incident waves.
         """
         near, lead, margins = self.near, self.grid.lead, self.grid.margins
@@ -99,24 +100,25 @@ class Breaking:
 
     @property
     def extent(self) -> np.ndarray:
-        """Nodes of the zone along the axes."""
+        """Nodes of the zone along the three axes."""
         return np.subtract(self.zone.end, self.zone.first)
 
     @cached_property
     def critical_stretches(self) -> np.ndarray:
-        """At the nodes of this lattice, or of one number; a bond breaks at the smaller one of its ends."""
+        """At the nodes of this lattice, or a single number; a bond breaks at the smaller value of its two ends."""
         lattice, strength, factor = self.near.lattice, self.near.variation.strength, self.near.factor
         given = 1.0 if strength is None else strength, 1.0 if factor is None else factor
         return np.asarray(self.law.critical_stretch_on(lattice.spacing, lattice.dim, *given))
 
     @cached_property
     def final_stretches(self) -> np.ndarray:
-        """Of bonds that soften what leaves nothing of those of each node of this lattice, or of one number.
+        """For bonds that soften, the stretch at which nothing is left of them; at the nodes of this lattice, or a
+        single number.
 
         Raises
         ------
         InputError
-            Bonds hold more than the fracture energy when they begin to soften.
+            When they begin to soften, bonds hold more than the fracture energy.
         """
         law, near, onset = self.law, self.near, self.critical_stretches
         toughness = 1.0 if near.variation.toughness is None else near.variation.toughness
@@ -138,7 +140,9 @@ class Breaking:
         return np.maximum(final, onset)
 
     def _limits(self) -> tuple[float, np.ndarray | None]:
-        """Largest strain e of the weakest bonds, and of those of each node over it, None where all are alike."""
+        """Return the largest strain e of the weakest bonds, and those at each node relative to it; None if all are
+        equal.
+        """
         stretches = self.critical_stretches
         limits = stretches * (2 + stretches) if self.law.nonlinear else 2 * stretches
         every = self.team.gather((float(limits.min()), float(limits.max())))
@@ -146,7 +150,7 @@ class Breaking:
         return least, None if least == most else self.grid.grown(self._everywhere(limits / least))
 
     def _everywhere(self, values: np.ndarray) -> np.ndarray:
-        """Values at the nodes, of which there may be one for all."""
+        """Return values at the nodes as an array, also if there is a single one for all."""
         return np.broadcast_to(values, self.near.lattice.shape)
 
     def begin(self) -> None:
@@ -167,7 +171,7 @@ class Breaking:
         self.cuts.cut(())
 
     def _bonds(self) -> Stencil | None:
-        """Those that follow the law, beside states those that close; None where they only break."""
+        """Return the bonds that follow the law, next to states those that close; None if they only break."""
         near = self.near
         states = (
             None if self.grid.engine.passes is None else near.model.force_states(near.lattice.spacing, near.lattice.dim)
@@ -177,23 +181,23 @@ class Breaking:
         return None if states.closed is None else Stencil(states.offsets, states.closed)
 
     def left(self) -> np.ndarray:
-        """Bonds of each node of the near field that are there; shape of the lattice."""
+        """Return the number of bonds that each node of the near field has left; shape of the lattice."""
         return self.grid.engine.bonds.left[self.grid.near].reshape(self.near.lattice.shape)
 
     @property
     def damage(self) -> np.ndarray:
-        """Part of the bonds of each node that are cut or broken; one that has softened counts as much as it has lost of
-        its stiffness.
+        """Fraction of the bonds of each node that are cut or broken; bonds that soften count by the stiffness that they
+        have lost.
         """
         return 1 - self.left() / np.maximum(self.families, 1)
 
     def loose(self) -> int:
-        """Nodes of the near field that have lost all their bonds."""
+        """Return the number of nodes of the near field that have lost all their bonds."""
         return int(((self.left() == 0) & (self.families > 0)).sum())
 
     def strain_energy(self, cold: bool = False) -> float:
-        """Strain energy of the bonds of the near field, beside states of those that close; those across its edge count
-        half, to a held side whole. If `cold`, that of the strains as they are, without what heat would make of them.
+        """Return the strain energy of the bonds of the near field, next to states that of bonds that close; bonds
+        across its edge count half, those to a held side in full. If `cold`, thermal strains are not subtracted.
         """
         lattice, lead = self.near.lattice, self.grid.lead
         first = [0] * lead + [self.grid.margins[a, -1] for a in range(lattice.dim)]
@@ -207,7 +211,9 @@ class Breaking:
         )
 
     def margin(self) -> IntactMargin | None:
-        """Where bonds would break, but cannot; looked at each time that a longitudinal wave has crossed one reach."""
+        """Return the margin in which bonds cannot break, to be checked whenever a longitudinal wave has crossed one
+        reach.
+        """
         engine, lattice, law, near = self.grid.engine, self.near.lattice, self.law, self.near
         low, high = (
             np.clip(
@@ -223,7 +229,7 @@ class Breaking:
             bounds = np.maximum([region.along(axis, lattice) for axis in range(lattice.dim)], 0)
             inside[tuple(slice(*pair) for pair in bounds)] = True
         part, bonds = self.grid.near, lattice.spacing * engine.offsets[:, self.grid.lead :].astype(float)
-        if len(engine.bonds.table.released):  # bonds that break by their energy become as much longer as the longest
+        if len(engine.bonds.table.released):  # bonds that break by energy share the elongation limit of the longest one
             lengths = np.linalg.norm(bonds, axis=1)
             bonds *= (lengths.max() / lengths)[:, None]
         return intact_margin(
@@ -242,7 +248,9 @@ class Breaking:
         )
 
     def open_ends(self, cracks: Iterable[Cut]) -> list[Key]:
-        """Sides within one reach of which there are cracks whose faces would meet, but do not."""
+        """Return the sides within one reach of which there are cracks whose faces would come into contact, but do
+        not.
+        """
         near, found = self.near, set()
         for (low, high), (key, side) in itertools.product((cut.bounds() for cut in cracks), self.sides.items()):
             if self.law.contact and side.bonded and not (side.periodic or side.shared or side.extended):
@@ -254,12 +262,13 @@ class Breaking:
         return sorted(found)
 
     def check_start(self, force: np.ndarray) -> None:
-        """Look for bonds that the start, or the first strain of a load, would break at once.
+        """Refuse initial data that would break bonds at once, and a load whose first strain would shatter whatever it
+        meets; note one whose first strain would break bonds.
 
         Parameters
         ----------
         force : ndarray
-            What the sources do at the start, of the field's shape.
+            Force of the sources at the start, of the shape of the field.
 
         Raises
         ------

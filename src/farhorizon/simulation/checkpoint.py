@@ -1,6 +1,4 @@
-"""The state of a run as arrays and JSON, and what a checkpoint must have in common with the run that goes on from
-it.
-"""
+"""State of a run as arrays and JSON, and what a checkpoint must have in common with the run that resumes from it."""
 
 from __future__ import annotations
 
@@ -16,13 +14,13 @@ from farhorizon.simulation.setup import Setup
 Arrays = dict[str, np.ndarray]
 
 
-#: What a process knows of its own nodes alone: of checkpoints of several processes it is left out.
+#: Entries of the fingerprint that refer to the nodes of one process; not compared when several processes are involved.
 OF_A_BOX = "shape", "lower", "held", "cuts", "conditions", "density", "strength", "toughness", "solid"
 
 
 def fingerprint(setup: Setup, parts: Parts, cuts: int) -> dict[str, Any]:
-    """What a checkpoint and the run that goes on from it have in common; `cuts` is the number of absent bonds at the
-    start.
+    """Return what a checkpoint and the run that resumes from it must have in common; `cuts` is the number of absent
+    bonds at the start.
     """
     near, engine, model = parts.near, parts.grid.engine, parts.near.model
     lattice, law, dissolution = near.lattice, model.bond_law, model.dissolution
@@ -72,8 +70,9 @@ def fingerprint(setup: Setup, parts: Parts, cuts: int) -> dict[str, Any]:
 
 
 def whole_of(parts: Parts) -> tuple[Arrays, dict[str, Any]]:
-    """What the state of a run on one process has beside that of its nodes: the start, sums in the order in which they
-    were added up, and what sides remember that are for one process; arrays, and facts as JSON.
+    """Return what the state of a run on one process has in addition to that of its nodes: the initial data, partial
+    sums in the order in which they were added, and the memory of sides that exist only on one process; as arrays, and
+    as facts for JSON.
     """
     engine, meta = parts.grid.engine, {}
     arrays = {"start_u": parts.start.u, "start_v": parts.start.v}
@@ -89,7 +88,7 @@ def whole_of(parts: Parts) -> tuple[Arrays, dict[str, Any]]:
 
 
 def take_whole(parts: Parts, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
-    """Go on with what `whole_of` gave."""
+    """Restore what `whole_of` returned."""
     engine = parts.grid.engine
     if parts.ends is not None:
         parts.ends.load(arrays, meta["exact"])

@@ -1,9 +1,9 @@
-"""The files of checkpoints.
+"""Checkpoint files.
 
-One process writes one. Of several each writes what belongs to the nodes of its box into a file of its own, whose name
-has the step (``NAME.ckpt.parts/120-0000.ckpt``); then the first one writes ``NAME.ckpt``, which says where the boxes
-lie and has all that is the same for all, and removes the parts of earlier ones. Whenever they are stopped, there is a
-whole one. A run goes on from either on any number of processes.
+One process writes one file. Of several processes, each writes the state of the nodes in its box to a file of its own,
+whose name contains the step (``NAME.ckpt.parts/120-0000.ckpt``); then the first one writes ``NAME.ckpt``, which says
+where the boxes lie and holds what is common to all, and removes the parts of earlier checkpoints. A complete checkpoint
+thus exists whenever they are stopped. A run resumes from either kind on any number of processes.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ def write_state(
     march : March
     step : int
     arrays : mapping of str to ndarray
-        What else is kept, on several processes the same on all.
+        Further arrays to store; on several processes the same on all.
     kept : mapping
-        The same as JSON.
+        Further metadata for JSON.
     given : mapping
-        What was given for the run, of several processes the sides as they were chosen.
+        Arguments of the run; on several processes, the sides as chosen.
     """
     team, folder = march.team, folder_of(path)
     mine, meta = march.state(step)
@@ -61,13 +61,13 @@ def write_state(
 
 
 def read_state(path: Path, march: March) -> tuple[int, Arrays, dict[str, Any]]:
-    """Be in the state that a checkpoint has, on whichever processes it was written; returns its step, and what else was
-    kept.
+    """Restore the state stored in a checkpoint, whichever processes wrote it; return its step, and the further arrays
+    and metadata.
 
     Raises
     ------
     FileFormatError
-        A damaged file, the checkpoint of another set-up, a part that is missing.
+        The file is damaged, belongs to another set-up, or lacks a part.
     """
     with march.team.agreed():
         arrays, meta = read_checkpoint(path)
@@ -83,7 +83,7 @@ def read_state(path: Path, march: March) -> tuple[int, Arrays, dict[str, Any]]:
 
 
 def _states_in(path: Path, arrays: Arrays, meta: Mapping[str, Any], own: Box) -> Iterator[tuple[Box, Arrays]]:
-    """The boxes of a checkpoint that have nodes of a box, and their arrays."""
+    """Yield the boxes of a checkpoint that share nodes with a box, and their arrays."""
     boxes = meta["boxes"]
     for number, box in enumerate(boxes):
         if common(own, box, (0, 1, 2)) is None:
@@ -97,7 +97,7 @@ def _states_in(path: Path, arrays: Arrays, meta: Mapping[str, Any], own: Box) ->
 
 
 def facts_of(march: March) -> dict[str, Any]:
-    """What a checkpoint and the run that goes on from it have in common."""
+    """Return what a checkpoint and the run that resumes from it must have in common."""
     found, whole = fingerprint(march.setup, march.parts, march.first_cuts), march.parts.near.lattice.whole
     ends = march.team.gather([end for _, end in march.box])
     return found | {
@@ -108,7 +108,7 @@ def facts_of(march: March) -> dict[str, Any]:
 
 
 def remove_checkpoint(path: Path) -> None:
-    """Remove a checkpoint, that of several processes with its parts."""
+    """Remove a checkpoint, and its parts if several processes wrote it."""
     path.unlink(missing_ok=True)
     if (folder := folder_of(path)).is_dir():
         for one in folder.iterdir():

@@ -1,4 +1,4 @@
-"""How much the temperature that a deformation changes stiffens a solid, and what time step that bears."""
+"""How much the heating by deformation stiffens a solid, and which time step is then stable."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ _SAMPLES, _HALVINGS = 400, 60
 
 @dataclass(frozen=True)
 class Coupling:
-    """A temperature that is computed with the displacements, in numbers.
+    """Constants of a temperature that is computed together with the displacements.
 
     Attributes
     ----------
     stiffening : float
-        ``T0 alpha^2 s / rho c``, s the sum of the normal stresses of a unit of strain in all directions, where it is
-        largest: the part by which the adiabatic stiffness is larger than the isothermal one, at most.
+        Largest ``T0 alpha^2 s / rho c``, s the sum of the normal stresses for unit strain in all directions: upper
+        bound of the relative difference between the adiabatic and the isothermal stiffness.
     stiffness : float
-        s.
+        The s above.
     rate : float
-        Largest rate of the conduction (1/time).
+        Largest rate of the heat conduction (1/time).
     dt : float
-        The step that it takes by itself.
+        Time step of the heat conduction on its own.
     integrator : Integrator
-        Of the conduction.
+        Integrator of the heat conduction.
     """
 
     stiffening: float
@@ -43,7 +43,7 @@ class Coupling:
     integrator: Integrator
 
     def softest(self, dt: float) -> float:
-        """``1/M`` where it is largest, M of `farhorizon.simulation.heat_of_deformation`; 1 for slow conduction."""
+        """Return the largest ``1/M``, with M of `farhorizon.simulation.heat_of_deformation`; 1 for slow conduction."""
         stages = self.integrator.chebyshev if isinstance(self.integrator, RungeKuttaChebyshev) else 1
         rates = self.rate * np.linspace(0, 1, 1 + max(_SAMPLES, 40 * stages))[1:]
         growth = self.integrator.growth(rates, dt)  # type: ignore[union-attr]
@@ -52,7 +52,9 @@ class Coupling:
         return float(max(1.0, found.max()))
 
     def step_limit(self, model: LatticeModel, rate: float) -> float:
-        """Largest stable step of both fields for the largest rate of the operator of the displacements (1/time^2)."""
+        """Return the largest stable time step of both fields; `rate` is the largest rate of the operator of the
+        displacements (1/time^2).
+        """
         low, high = 0.0, min(self.integrator.step_limit(self.rate), model.step_limit(rate * (1 + self.stiffening)))
         if self._bears(high, model, rate):
             return high
@@ -67,7 +69,8 @@ class Coupling:
 
 
 def expansion_of(load: ThermalLoad, lattice: Lattice, model: LatticeModel, lame: np.ndarray) -> np.ndarray:
-    """What a unit of the temperature strains each node, more in the plane where none is free across it.
+    """Return the thermal strain per unit of temperature at each node; in plane strain larger by the suppressed
+    expansion across the plane.
 
     Parameters
     ----------
@@ -82,7 +85,7 @@ def expansion_of(load: ThermalLoad, lattice: Lattice, model: LatticeModel, lame:
 
 
 def _held(lattice: Lattice, model: LatticeModel, lame: np.ndarray) -> Any:
-    """What strains in the plane are over those that are free: more where none is free across it."""
+    """Return the ratio of the thermal strains in the plane to unconstrained ones: larger than 1 in plane strain."""
     if lattice.dim != 2 or getattr(model, "plane", None) == "stress":
         return 1.0
     first, shear = lame

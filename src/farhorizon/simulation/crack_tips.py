@@ -1,4 +1,4 @@
-"""Crack tips while a run goes on: where they are, how fast, and what they leave behind."""
+"""Crack tips during a run: their positions and speeds, and the energy spent."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from farhorizon.simulation.breaking import Breaking
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
 from farhorizon.simulation.setup import Setup
 
-_JUMP = 2.0  # times as far as the fastest wave comes between two records, and horizons: tips farther apart are others
-_WINDOW = 10.0  # horizons that the fastest wave travels in the time of a speed: places are known to a part of one
+_JUMP = 2.0  # horizon + distance of the fastest wave between records, times this: tips farther apart are different
+_WINDOW = 10.0  # horizons travelled by the fastest wave while measuring a speed: tips are located to a fraction of one
 
 
 class CrackTips(Recorder):
@@ -141,7 +141,7 @@ class CrackTips(Recorder):
         return Recorded(self.name, self.points, self.times[new], rows, labels=labels)
 
     def forget(self) -> None:
-        self._given = len(self._steps)  # all are kept, for ways and speeds follow from those before
+        self._given = len(self._steps)  # all rows are kept: advances and speeds depend on earlier ones
 
     # --- in a run ----------------------------------------------------------------------------------------------
 
@@ -193,7 +193,7 @@ class CrackTips(Recorder):
         self.now = self._found()
 
     def _found(self) -> CrackPaths:
-        """The cracks as they are now."""
+        """Return the cracks as they are now."""
         lattice, breaking = self._lattice.whole, self._breaking
         damage = breaking.team.joined(self._lattice, breaking.damage)
         return breaking.team.first(
@@ -223,14 +223,16 @@ class CrackTips(Recorder):
 
 
 def _latest(last: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """Where each tip was seen last, of two records one after the other."""
+    """Return where each tip was last seen, from two consecutive records."""
     return np.where(np.isnan(now), last, now)
 
 
 def _speeds(times: np.ndarray, places: np.ndarray, window: float) -> np.ndarray:
-    """How far apart each tip's places are now and a window before, over the time between, as far as it was there.
+    """Return the distance between the position of each tip now and one window before, divided by the time between,
+    where the tip existed at both times.
 
-    Not the mean rate of its way: where a crack splits the end of its thinned line moves from side to side, and no tip.
+    The mean rate of its advance would be too large: where a crack splits, the end of its thinned line moves from side
+    to side although the tip does not.
     """
     found = np.full(places.shape[:2], np.nan)
     for column in range(places.shape[1]):

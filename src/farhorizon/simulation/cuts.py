@@ -1,4 +1,4 @@
-"""Absent bonds: cut by cracks, across a free side, to nodes outside a body, or beyond a thin halo."""
+"""Absent bonds: cut by cracks, crossing a free side, leading to nodes outside a body, or beyond a thin halo."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, side_name
 from farhorizon.simulation.surroundings import Surroundings
 
-# nodes, the neighbours at the other ends of their bonds, and what these bonds lose
+# nodes, the neighbours at the other ends of their bonds, and the weights that these bonds lose
 _Bonds = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
 class CutBonds:
-    """Where bonds of a near field on its grid are absent.
+    """Absent bonds of a near field on its grid.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class CutBonds:
     free_rim : bool
         Whether bonds to nodes outside a body are absent.
     notes : list of str
-        Gets what is to be known.
+        Receives notes for the user.
     """
 
     near: NearField
@@ -46,12 +46,12 @@ class CutBonds:
     _known: dict[int, tuple[Crack, list[_Bonds]]] = field(default_factory=dict, init=False)
 
     def cut(self, cracks: Sequence[Crack]) -> None:
-        """Leave out the bonds across some cracks, and those that are absent in any case.
+        """Remove the bonds across some cracks, and those that are absent in any case.
 
         Raises
         ------
         InputError
-            A crack that what stands on a side cannot continue, or does not bear.
+            A crack crosses a side that cannot continue it, or cuts bonds that a condition along the outline reads.
         """
         engine = self.grid.engine
         found = [bonds for crack in cracks for bonds in self._lost(crack)]
@@ -60,7 +60,7 @@ class CutBonds:
         found.append((np.zeros(0, np.int64), np.zeros(0, np.int64), engine.weights[:0]))
         nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(3))
         size = np.abs(weights).max(axis=tuple(range(1, weights.ndim)))
-        order = np.argsort(-size, kind="stable")  # of two cracks across a bond the one that takes more counts
+        order = np.argsort(-size, kind="stable")  # where two cracks cross a bond, the one that removes more counts
         nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
         _, first = np.unique(nodes * engine.layout.size + neighbours, return_index=True)
         bare = self.free_rim or not all(b.bonded for b in self.around.sides.values())
@@ -69,8 +69,8 @@ class CutBonds:
         )
 
     def _lost(self, crack: Crack) -> list[_Bonds]:
-        """The bonds across a crack, those beyond the near field apart; of one that was asked for before as they were
-        found then, for cracks may open one after the other.
+        """Return the bonds across a crack, those in the core and those in the layers as separate entries; results are
+        kept, because cracks may open one after the other.
         """
         if id(crack) in self._known:
             return self._known[id(crack)][1]
@@ -93,12 +93,12 @@ class CutBonds:
         for keys in (*((key,) for key in crossed), *corners):
             *ends, weights = self._continued(cut, nodes, bonds, keys)
             found.append((ends[0], ends[1], lost * weights))
-        self._known[id(crack)] = crack, found  # which keeps the crack, and with it its id
+        self._known[id(crack)] = crack, found  # keeps the crack alive, so that its id stays unique
         return found
 
     def existing(self, body: bool) -> np.ndarray:
-        """True where a node of the medium is, False beyond free sides and, if wanted, outside the body; over a
-        level.
+        """Return True at each place of a level where the medium has a node, and False beyond free sides and, if `body`,
+        outside the body.
         """
         lattice, engine = self.near.lattice, self.grid.engine
         core = np.ones(engine.core.nodes)
@@ -108,7 +108,7 @@ class CutBonds:
         return engine.spread(core, self.grid.keyed(beyond), jointly=body and lattice.mask is not None) > 0.5
 
     def _beyond_halo(self, closure: Closure) -> list[_Bonds]:
-        """Bonds of the near field beyond a halo that is thinner than the stencil reaches."""
+        """Return the bonds that lead from the near field beyond a halo thinner than the reach of the stencil."""
         engine, block = self.grid.engine, self.grid.engine.core
         at_rest = self.grid.keyed(dict.fromkeys(closure.outline.sides, 0.0))
         exists = engine.spread(np.reshape(~closure.outside, block.nodes), at_rest) > 0.5
@@ -121,9 +121,10 @@ class CutBonds:
         return rows
 
     def _crossed(self, cut: Cut) -> list[Key]:
-        """Sides with a layer that a crack runs into; InputError where it crosses a sponge or a periodic side.
+        """Return the sides with a layer that a crack enters; InputError if it crosses a side that cannot continue it,
+        such as a sponge.
 
-        Beyond an extended side, or a periodic one, it is cut as it is given.
+        Beyond other sides it is cut as given.
         """
         lattice, crossed = self.near.lattice, []
         for (axis, side), boundary in self.around.sides.items():
@@ -141,8 +142,8 @@ class CutBonds:
         return crossed
 
     def _continued(self, cut: Cut, nodes: np.ndarray, bonds: np.ndarray, keys: Sequence[Key]) -> _Bonds:
-        """Bonds that a crack parallel to a layer's normal cuts inside the layer, from those at the core's last nodes;
-        of two layers, those where both meet.
+        """Return the bonds inside a layer that a crack parallel to its normal cuts, continued from those at the last
+        nodes of the core; for two layers, those in their common corner.
         """
         engine, block, lead = self.grid.engine, self.grid.engine.core, self.grid.lead
         strides = block.stride[lead:]
@@ -156,7 +157,7 @@ class CutBonds:
             last &= nodes[:, axis] == (count - 1 if side > 0 else 0)
         rows = np.column_stack([rest, bonds])
         continued = {tuple(row) for row in rows[last].tolist()}
-        if len(keys) == 1:  # so is what is where two layers meet
+        if len(keys) == 1:  # in a corner this was checked for both layers
             self._check_straight(cut, nodes, rows, continued, keys[0])
         table = np.array(sorted(continued), int).reshape(-1, self.near.lattice.dim + 1)
         flat = block.origin + table[:, :-1] @ np.array(strides) + places[:, None]
@@ -166,8 +167,8 @@ class CutBonds:
     def _check_straight(
         self, cut: Cut, nodes: np.ndarray, rows: np.ndarray, continued: set[tuple[int, ...]], key: Key
     ) -> None:
-        """The last columns of the core are cut alike. Beyond it a crack may end, but cut nothing that its straight
-        continuation does not cut.
+        """Check that a crack cuts the last columns of the core alike. In the layer it may end, but must not cut any
+        bond that its straight continuation does not cut.
         """
         axis, side = key
         count = self.grid.engine.core.nodes[self.grid.lead + axis]

@@ -15,20 +15,20 @@ from farhorizon.simulation.setup import Sides
 
 
 def kinetic_energy(near: NearField, grid: Grid) -> float:
-    """Of waves, half a step ago."""
+    """Return the kinetic energy of waves half a step ago."""
     engine = grid.engine
     rate = (_shown(near, grid, engine.current).astype(float) - _shown(near, grid, engine.older)) / near.dt
     return _kinetic(near, rate)
 
 
 def _kinetic(near: NearField, rate: np.ndarray) -> float:
-    """Of velocities."""
+    """Kinetic energy for given velocities."""
     squares = rate**2 if near.density is None else rate**2 * _there(near, near.density)
     return float(near.mass * 0.5 * squares.sum())
 
 
 def present(found: Mapping[str, float]) -> float:
-    """Of energies by name the sum of those that are there now: what moves and what is stored."""
+    """Return the sum of the energies, given by name, that are present now: kinetic and stored ones."""
     return sum(found.get(name, 0.0) for name in ("kinetic", "strain", "reaction", "stored", "thermal"))
 
 
@@ -41,8 +41,8 @@ def energies(
     work: bool,
     cold: bool = False,
 ) -> dict[str, float]:
-    """Energies by name, see `farhorizon.Simulation.energies`; `work` says whether that of the sources is recorded.
-    `cold`: the strain energy is that of the strains as they are, without what heat would make of them.
+    """Return the energies by name, see `farhorizon.Simulation.energies`; `work` says whether the work of the sources is
+    recorded. If `cold`, the strain energy is that of the total strains, thermal strains not subtracted.
     """
     engine, lattice = grid.engine, near.lattice
     if near.model.order == 1:
@@ -66,7 +66,7 @@ def energies(
         ends.fill(u, old)
     rate = (_shown(near, grid, u) - _shown(near, grid, old)) / near.dt
     strain = _shown(near, grid, _strain(near, sides, grid, u, old))
-    if engine.tables.heat.warmth.size and not cold:  # what heat brings, less what giving way to it takes
+    if engine.tables.heat.warmth.size and not cold:  # the mixed and the purely thermal terms
         forces, resisted = engine.forces_of_heat()
         strain = strain - 2 * _shown(near, grid, forces * (u + old))
         strain[0] += _there(near, resisted[grid.nodes].reshape(near.lattice.shape))
@@ -79,10 +79,10 @@ def energies(
 
 
 def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.ndarray) -> np.ndarray:
-    """Four times the strain energy at each place of a level over its mass."""
+    """Four times the strain energy per unit of mass at each place of a level."""
     engine = grid.engine
 
-    def apply(level: np.ndarray) -> np.ndarray:  # the bonds alone
+    def apply(level: np.ndarray) -> np.ndarray:  # the bonds without the reaction
         return engine.apply_core(level.astype(engine.dtype)).astype(float) + _drawn_back(engine, level)
 
     strain = -u * apply(old) - old * apply(u)
@@ -101,18 +101,18 @@ def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.nd
 
 
 def _drawn_back(engine: Engine, values: np.ndarray) -> np.ndarray:
-    """What a reaction takes of values, component by component."""
+    """Apply the reaction to values, component by component."""
     if np.ndim(engine.reaction):
         return np.reshape(engine.reaction @ values.reshape(engine.components, -1), values.shape)
     return engine.reaction * values
 
 
 def _shown(near: NearField, grid: Grid, level: np.ndarray) -> np.ndarray:
-    """A level on the nodes of the near field that there are."""
+    """A level at the existing nodes of the near field."""
     part = grid.view(np.ascontiguousarray(level)).reshape(near.field_shape)
     return _there(near, part)
 
 
 def _there(near: NearField, values: np.ndarray) -> np.ndarray:
-    """Values on the nodes that there are."""
+    """Values at the existing nodes."""
     return values if near.lattice.mask is None else values[..., near.lattice.mask]

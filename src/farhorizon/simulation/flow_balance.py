@@ -1,4 +1,4 @@
-"""The balance of a diffusion: what flows into the free nodes of the near field, and from where."""
+"""Balance of a diffusion: what flows into the free nodes of the near field, and from where."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from farhorizon.simulation.team import ALONE, Team
 
 
 class FlowBalance:
-    """One account for each condition, each side that the field flows through, and a fixed edge of a body: bonds from
-    there into free nodes, which no condition prescribes; and one for what a reaction takes of these.
+    """Accounts of the flow into the free nodes, those that no condition prescribes: one for each condition, one for
+    each side that the field flows through, one for the fixed edge of a body, and one for what a reaction consumes.
 
     Parameters
     ----------
@@ -33,23 +33,23 @@ class FlowBalance:
     ends : ExactEnds or None
     feed : Feed
     sources : int
-        Number of drives that are sources; conditions come after them.
+        Number of drives that are sources; conditions follow them.
     team : Team
-        The processes that compute the run; each counts what flows into the nodes of its box.
+        The processes that compute the run; each counts the flow into the nodes of its box.
 
     Attributes
     ----------
     names : list of str
-        Of the accounts, on all processes.
+        Names of the accounts, the same on all processes.
     powers : ndarray
-        What each drive has brought here.
+        Amount that each drive has supplied on this process.
     first : dict of str to float
-        What was there at the start, on all processes together.
+        Amounts at the start, summed over all processes.
 
     Raises
     ------
     InputError
-        An equation that is not of first order in time.
+        The equation is not of first order in time.
     """
 
     def __init__(
@@ -83,14 +83,14 @@ class FlowBalance:
         self.first = team.total(self._amounts())
 
     def reopen(self) -> None:
-        """Go on with other bonds, as a crack has opened."""
+        """Set the accounts up again for the present bonds, after a crack has opened; the sums so far are kept."""
         so_far = self.grid.engine.flows
         self._open()
         self.grid.engine.flows[...] = so_far
 
     def _places(self) -> tuple[list[str], np.ndarray, np.ndarray]:
-        """Names of the accounts, the number from 1 on of that to which each place of a level belongs, 0 of free nodes,
-        and the free nodes of the near field.
+        """Return the names of the accounts, the number of the account of each place of a level (from 1; 0 for free
+        nodes), and the free nodes of the near field.
         """
         near, grid, engine, lead = self.near, self.grid, self.grid.engine, self.grid.lead
         lattice, rim = near.lattice, self._setup.rim
@@ -106,9 +106,9 @@ class FlowBalance:
             strip = slice(0, width) if side < 0 else slice(core.shape[lead + axis] - width, None)
             core[tuple(strip if a == lead + axis else slice(None) for a in range(3))] = number
         inner = core[grid.near].reshape(lattice.shape)
-        inner.flat[near.conditions.nodes] = near.conditions.owner + 1  # also where it is no whole array
+        inner.flat[near.conditions.nodes] = near.conditions.owner + 1  # also if it is not contiguous
         if lattice.mask is not None and (lattice.body is not None or near.closed is not None):
-            number = -1  # bonds to the free edge of a body are absent: no account
+            number = -1  # bonds to the free edge of a body are absent and need no account
             if rim == "fixed" or near.closed is not None:
                 names.append("rim" if rim == "fixed" else "outline")
                 number = len(names)
@@ -117,7 +117,7 @@ class FlowBalance:
         return names, np.round(engine.spread(core, beyond, jointly=True)).astype(int), inner == 0
 
     def _open(self) -> None:
-        """Tell the engine which bonds belong to which account."""
+        """Tell the engine to which account each bond belongs."""
         near, grid, engine = self.near, self.grid, self.grid.engine
         self.names, where, self._free = self._places()
         block = engine.core
@@ -158,8 +158,8 @@ class FlowBalance:
         )
 
     def _amounts(self) -> dict[str, float]:
-        """Sums of the field over the free nodes of the near field: "stored", and "metal" and "dissolved" of a
-        corrosion; of the box of this process.
+        """Sums of the field over the free nodes in the box of this process: "stored", and for corrosion "metal" and
+        "dissolved".
         """
         values = self.grid.view(self.grid.engine.current).reshape(self.near.lattice.shape)
 
@@ -172,7 +172,7 @@ class FlowBalance:
         return {"stored": total(self._free)} | {name: total(where, background) for name, where in phases.items()}
 
     def add(self, batch: Batch) -> None:
-        """Count in what the sources have done."""
+        """Add what the sources supplied in a batch of steps."""
         stages = self.grid.engine.stages
         effects = stage_effects(stages) * np.array([n[3] for n in stages.numbers])
         totals = np.einsum("p,npj->j", effects, batch.amplitudes) * batch.fields[
@@ -185,16 +185,18 @@ class FlowBalance:
             row += count
 
     def sums(self) -> dict[str, float]:
-        """What each drive has brought here, by name."""
+        """Return the amount that each drive has supplied on this process, by name."""
         return {f"power/{number}": float(power) for number, power in enumerate(self.powers)}
 
     def take_sums(self, given: Mapping[str, float], first: Mapping[str, float]) -> None:
-        """Go on from what `sums` has told, and from what was there at the start."""
+        """Continue from sums that `sums` returned, and from the amounts at the start."""
         self.powers[:] = [given[f"power/{number}"] for number in range(len(self.powers))]
         self.first = dict(first)
 
     def balance(self) -> dict[str, float]:
-        """What the near field has gained since the start, and from where; see `farhorizon.Simulation.balance`."""
+        """Return what the near field has gained since the start, and from where; see
+        `farhorizon.Simulation.balance`.
+        """
         lattice = self.near.lattice
         unit = lattice.spacing**lattice.dim / self.near.model.source_factor
         flows, powers = self._team.summed(self.grid.engine.flows.sum(0)), self._team.summed(self.powers)

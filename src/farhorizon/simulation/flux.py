@@ -1,9 +1,10 @@
-"""Flux of a nonlocal conductor: one-sided at nodes, and across planes. Plain arrays in, plain arrays out.
+"""Flux of a nonlocal conductor at nodes, from one-sided sums, and across planes. The functions take and return plain
+arrays.
 
 The flux at a node is the sum over the bonds to one side of ``k (T' - T) / distance`` (Bobaru and Duangpanya 2010, eqs
-19 and 20, whose signs differ: here it is positive along an axis when heat flows that way). It is exact for a linear
-temperature if all those bonds exist; where they do not, the other side's bonds serve, and where neither side is whole
-all that exist, normalised by their own second moments.
+19 and 20, with opposite sign: here it is positive if heat flows in the direction of the axis). It is exact for a linear
+temperature if all those bonds exist; if some do not, the bonds to the other side are used, and if neither side is
+complete all existing bonds, normalised by their own second moments.
 """
 
 from __future__ import annotations
@@ -23,19 +24,19 @@ from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
 
 Bonds = Callable[[int], np.ndarray]
-_FAINT = 1e-12  # what is left of a bond below this part is rounding
-_SINGULAR = 1e-8  # second moments of the bonds left, relative to those of all
+_FAINT = 1e-12  # remaining fractions of a bond below this are rounding error
+_SINGULAR = 1e-8  # second moments of the remaining bonds, relative to those of all
 
 
 def shifted(values: np.ndarray, offset: np.ndarray) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
-    """Slices of the nodes that have a neighbour at an offset, and of those neighbours."""
+    """Return the slices of the nodes that have a neighbour at an offset, and of those neighbours."""
     near = tuple(slice(max(0, -o), n - max(0, o)) for o, n in zip(offset.tolist(), values.shape, strict=True))
     far = tuple(slice(max(0, o), n - max(0, -o)) for o, n in zip(offset.tolist(), values.shape, strict=True))
     return near, far
 
 
 def nodal_flux(u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: Bonds, spacing: float) -> np.ndarray:
-    """Flux at every node, along each axis.
+    """Return the flux at every node, along each axis.
 
     Parameters
     ----------
@@ -45,14 +46,14 @@ def nodal_flux(u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: B
     weights : ndarray, shape (K,)
         Conductivity times the dimensionless weights: half their second moment along an axis is the conductivity.
     bonds : callable
-        Takes the number of an offset, gives the factor of each node's bond along it, shape (n..): 0 where it is absent,
-        the ratio of the conductivities in composites.
+        Takes the number of an offset and returns the factor of each node's bond along it, shape (n..): 0 where the bond
+        is absent, the ratio of the conductivities in composites.
     spacing : float
 
     Returns
     -------
     ndarray, shape (dim, n..)
-        nan where the bonds left do not determine the gradient.
+        nan where the remaining bonds do not determine the gradient.
     """
     dim = u.ndim
     sums, whole = np.zeros((2, dim, *u.shape)), np.ones((2, dim, *u.shape), bool)  # over the bonds ahead and behind
@@ -83,7 +84,7 @@ def _gains(u: np.ndarray, offset: np.ndarray, factor: np.ndarray) -> np.ndarray:
 def _fitted(
     u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: Bonds, spacing: float, where: np.ndarray
 ) -> np.ndarray:
-    """Flux at the nodes of a mask from all bonds that exist, normalised by their second moments; shape (dim, nodes)."""
+    """Flux at the nodes of a mask from all existing bonds, normalised by their second moments; shape (dim, nodes)."""
     dim, count = u.ndim, int(where.sum())
     moment, drive = np.zeros((count, dim, dim)), np.zeros((count, dim))
     for number, offset in enumerate(offsets):
@@ -100,10 +101,11 @@ def _fitted(
 def power_across(
     u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: Bonds, spacing: float, axis: int, row: int
 ) -> float:
-    """Power that crosses, towards larger coordinates, the plane half-way between the nodes `row` and `row + 1` along an
-    axis.
+    """Return the power that crosses, towards larger coordinates, the plane half-way between the nodes `row` and
+    `row + 1` along an axis.
 
-    The sum over all bonds that cross it: what leaves one part of the body and enters the other, exactly.
+    It is the sum over all bonds that cross the plane, and so exactly what leaves one part of the body and enters the
+    other.
 
     Parameters
     ----------
@@ -138,12 +140,13 @@ def power_across(
 def flux_tables(
     near: NearField, grid: Grid, phases: SolidAndLiquid | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Bonds]:
-    """What `nodal_flux` and `power_across` need of a run: the field, offsets and weights of the bonds, and the factor
-    of the bond from each node of the near field along an offset, 0 where there is none within it.
+    """Return what `nodal_flux` and `power_across` need of a run: the field, offsets and weights of the bonds, and a
+    function that returns the factor of the bond from each node of the near field along an offset, 0 where none exists
+    within the near field.
     """
     engine, stencil = grid.engine, near.stencil
     u = grid.view(engine.current).reshape(near.lattice.shape).astype(float)
-    if phases is not None and phases.dissolution.limited:  # what bonds between the phases carry
+    if phases is not None and phases.dissolution.limited:  # the value of the metal in bonds between the phases
         u = np.where(phases.solid, phases.dissolution.saturation - near.background, u)
     nodes = grid.nodes.ravel()
     inside = np.zeros(engine.layout.size, bool)
@@ -160,12 +163,12 @@ def flux_tables(
 
 
 def plane(lattice: Lattice, axis: str, position: float) -> tuple[int, int]:
-    """Number of the axis that a plane is normal to, and of the last row of nodes before it.
+    """Return the number of the axis that a plane is normal to, and the last row of nodes before the plane.
 
     Raises
     ------
     InputError
-        An axis that the lattice has not, a plane outside it.
+        The lattice does not have the axis, or the plane lies outside it.
     """
     number = AXES.index(kinds.one_of(axis, "axis", AXES[: lattice.dim], "the lattice has no such axis"))
     position = kinds.number(position, "position")
@@ -182,8 +185,8 @@ def plane(lattice: Lattice, axis: str, position: float) -> tuple[int, int]:
 
 
 def is_cut(cuts: Cuts, size: int, nodes: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whether the bond from each of some places to another is among those cut, of levels of so many places; and its
-    number there if it is.
+    """Return whether the bond from each of some places to another is cut, and if so its number among those cut; `size`
+    is the number of places in a level.
     """
     keys, wanted = cuts.nodes * size + cuts.neighbours, nodes * size + others
     if not keys.size:
@@ -194,9 +197,10 @@ def is_cut(cuts: Cuts, size: int, nodes: np.ndarray, others: np.ndarray) -> tupl
 
 
 def bonds_left(engine: Engine, nodes: np.ndarray, others: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """What is left of a bond of that weight from each of some places to another: its factor, 0 where it is absent.
+    """Return the remaining factor of a bond of the given weight from each of some places to another; 0 where it is
+    absent.
 
-    Forces that follow from states, and springs beside them, are there or not.
+    Where forces follow from states, a bond and its spring are either present or absent.
     """
     of_states, exists = engine.passes is not None, engine.absent.exists
     cuts = engine.tables.gather.cuts if of_states else engine.tables.cuts

@@ -1,4 +1,4 @@
-"""A temperature that is computed step by step with the displacements."""
+"""A temperature that is advanced step by step together with the displacements."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from farhorizon.simulation.warm_sides import WarmNodes, heat_beside
 
 
 class HeatInSteps(Heating):
-    """A temperature that makes its steps with the displacements.
+    """A temperature that makes the same steps as the displacements.
 
     Parameters
     ----------
     load : ThermalLoad
-        With the set-up of the heat.
+        Its temperature is the set-up of the heat conduction.
     near : NearField
-        Of the solid, as `grid` and `sides`.
+        Near field of the solid, to which `grid` and `sides` belong as well.
     grid : Grid
     sides : dict of (axis, side) to Side
     shared : mapping of (axis, side) to Side
-        Those through which the temperature goes on with the displacements, as it has them.
+        Sides through which the temperature continues together with the displacements, as used for the temperature.
     march_of : callable
-        Puts the parts of a set-up in motion, given what drives it beside its sources: a function of the time.
+        Makes a `March` of a set-up, given what drives it in addition to its sources: a function of time.
 
     Attributes
     ----------
     kept : tuple of str
-        What does not follow from the set-up, beside the run of the heat.
+        Names of the arrays to save that do not follow from the set-up, in addition to the state of the heat conduction.
     """
 
     kept: ClassVar[tuple[str, ...]] = ("now", "before")
@@ -67,7 +67,7 @@ class HeatInSteps(Heating):
         self._now = self._before = self._temperature_now()
 
     def _seen(self) -> Any:
-        """The part of the expansion that each node has."""
+        """Factor on the expansion at each node."""
         return 1.0
 
     def _temperature_now(self) -> np.ndarray:
@@ -76,7 +76,9 @@ class HeatInSteps(Heating):
         return np.asarray(found + parts.near.background)
 
     def lay(self, step: int) -> float:
-        """Tell the engine what heat strains the nodes now; the displacements that all strains so far explain."""
+        """Give the engine the present thermal strains; return the size of displacements that all strains so far can
+        explain.
+        """
         changed = self._now - self._zero
         strains = self.near.inside(self._expansion * changed)
         self._check_heat(changed, step)
@@ -86,13 +88,13 @@ class HeatInSteps(Heating):
         return self.explained
 
     def follow(self, step: int) -> None:
-        """The displacements have made a step, after so many; the temperature makes it, too."""
+        """Advance the temperature by a step from number `step`, which the displacements have already made."""
         for _ in self._heat.advance(step, 1):
             pass
         self._before, self._now = self._now, self._temperature_now()
 
     def at_points(self, nodes: np.ndarray, weights: np.ndarray, steps: int) -> np.ndarray:
-        """As in `Heating`, of the temperature after the last step and, of two, before it."""
+        """As in `Heating`, for the temperature after the last step and, of two steps, before it."""
         strains = (self._expansion * (np.stack([self._before, self._now])[-steps:] - self._zero)).reshape(steps, -1)
         return np.asarray((strains[:, nodes] * weights).sum(-1))
 
@@ -114,5 +116,5 @@ class HeatInSteps(Heating):
             setattr(self, f"_{name}", mine[name])
 
     def _check_heat(self, changed: np.ndarray, step: int) -> None:
-        """No heat flows to where the solid knows of none, so that strains would be missed."""
+        """Check that no heat flows to where bonds ignore it, so that thermal strains would be missed."""
         self._check_sides(self.near.inside(self._whole * changed), step)

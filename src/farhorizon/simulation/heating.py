@@ -1,4 +1,4 @@
-"""What heat strains a near field, from a temperature that is given or computed beside it."""
+"""Thermal strains of a near field, for a temperature that is given or computed alongside it."""
 
 from __future__ import annotations
 
@@ -19,33 +19,35 @@ from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, Sides, side_name
 from farhorizon.simulation.team import ALONE, Team
 
-_STRIP = 2  # reaches beside a side in which no bond sees heat, or one of its ends does not
+_STRIP = 2  # reaches next to a side within which bonds ignore heat at one or both ends
 
 
 class Heating:
-    """What heat strains a near field as time goes on; the engine has it.
+    """Thermal strains of a near field over time, which it gives to the engine.
 
     Parameters
     ----------
     load : ThermalLoad
-        With texts settled (`farhorizon.simulation.setup`).
+        With texts converted to expressions (`farhorizon.simulation.setup`).
     near : NearField
     grid : Grid
     sides : dict of (axis, side) to Side
     run_of : callable
-        Makes a run of a set-up.
+        Makes a run of a set-up, given what observes it and a team.
     team : Team
-        The processes that compute the run, which all look at the same steps.
+        The processes that compute the run; all of them sample the temperature at the same steps.
 
     Attributes
     ----------
     every : int
-        Steps from one look at the temperature to the next, between which the strains change evenly; 0 where they stay.
+        Steps from one sample of the temperature to the next, between which the strains are linear in time; 0 if they
+        are constant.
 
     Raises
     ------
     InputError
-        A temperature on other nodes, an expansion that is not finite, heat near sides that are not free.
+        The temperature is given at other nodes, the expansion is not finite, or there is heat next to sides that are
+        not free.
     """
 
     def __init__(
@@ -67,8 +69,8 @@ class Heating:
         self._known: dict[int, np.ndarray] = {}
 
     def lay(self, step: int) -> float:
-        """Tell the engine what heat strains the nodes at a step, and until the next look; the displacements that all
-        strains so far explain.
+        """Give the engine the thermal strains at a step and their rate until the next sample; return the size of
+        displacements that all strains so far can explain.
         """
         start = step - step % self.every if self.every else 0
         now = self._strain(start)
@@ -78,25 +80,26 @@ class Heating:
 
     @property
     def explained(self) -> float:
-        """The displacements that all strains so far explain."""
+        """Size of displacements that all strains so far can explain."""
         return self._largest * self.near.lattice.spacing * max(self.near.lattice.whole.shape)
 
     def due(self, step: int) -> bool:
-        """Whether there is a look at the temperature before a step."""
+        """Whether the temperature is sampled before a step."""
         return bool(self.every) and step % self.every == 0
 
     def allow(self, step: int, steps: int) -> int:
-        """How many of some steps may be made from one on until the next look."""
+        """Return how many of some steps can be made from `step` on until the next sample."""
         return min(steps, self.every - step % self.every) if self.every else steps
 
     @property
     def strains(self) -> np.ndarray:
-        """What heat strains the nodes now; shape of the lattice."""
+        """Thermal strains of the nodes now, of the shape of the lattice."""
         warmth = self.grid.engine.tables.heat.warmth[self.grid.nodes]
         return warmth.astype(float).reshape(self.near.lattice.shape)
 
     def at_points(self, nodes: np.ndarray, weights: np.ndarray, steps: int) -> np.ndarray:
-        """Sums over nodes of what heat has strained them after each of the last steps, before which there was no look.
+        """Return weighted sums over nodes of the thermal strains after each of the last steps, within which there was
+        no sample.
 
         Parameters
         ----------
@@ -114,34 +117,36 @@ class Heating:
         return np.asarray(now - np.arange(steps)[::-1, None] * rate)
 
     def begin(self) -> None:
-        """The displacements are those of the start, and of one step before it: nothing follows from it here."""
+        """Prepare for the first step, once the engine has the displacements at the start and one step before; nothing
+        to do here.
+        """
 
     def follow(self, step: int) -> None:
-        """A step has been made, after so many: nothing follows from it here."""
+        """React to a step from number `step`, which the displacements have already made; nothing to do here."""
 
     @property
     def fields(self) -> dict[str, np.ndarray]:
-        """What is shown of it: copies."""
+        """Copies of the temperature and of the thermal strain, by name."""
         return {"T": self.temperature, "thermal_strain": self.strains}
 
     def energies(self) -> dict[str, float]:
-        """Those that the heat has: of a temperature that is given none is known."""
+        """Energies of the heat by name; none are known of a given temperature."""
         return {}
 
     @property
     def coupled(self) -> bool:
-        """Whether what is deformed heats."""
+        """Whether deformation heats the solid."""
         return False
 
     def state(self, step: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """All that does not follow from the set-up, before a step: arrays, and facts as JSON."""
+        """Return everything that does not follow from the set-up, before a step: arrays, and facts for JSON."""
         return {}, {}
 
     def take(self, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
-        """Be in a state that `state` gave."""
+        """Restore a state that `state` returned."""
 
     def _strain(self, step: int) -> np.ndarray:
-        """The strains at a step: the temperature of the last look is known at the next one."""
+        """Thermal strains at a step; the temperature of the previous sample is kept."""
         known = step in self._known
         if not known:
             found = np.broadcast_to(self._temperature(step * self.near.dt), self.near.lattice.shape)
@@ -153,15 +158,16 @@ class Heating:
 
     @property
     def temperature(self) -> np.ndarray:
-        """It at the nodes now; it changes evenly from one look to the next."""
+        """Temperature at the nodes now, linear in time between samples."""
         step = self.grid.engine.steps_done
         part = step % self.every / self.every if self.every else 0.0
         start = step - step % self.every if self.every else 0
         return (1 - part) * self._known[start] + (part * self._known[start + self.every] if part else 0.0)
 
     def _check_sides(self, strains: np.ndarray, step: int, rise: int = 0, most: float = 0.0) -> None:
-        """Beside sides that are neither free nor periodic no bond knows of heat, nor do those of some nodes more, where
-        the medium goes on, know of all of it: the target of it, or `most` where that is more, may be missed.
+        """Refuse, or after the start warn of, heat next to sides that are neither free nor periodic, where bonds ignore
+        it, in whole or, over `rise` further nodes where the medium continues, in part. The share of the largest strain
+        missed there may be the target of the side, or `most` if that is larger.
         """
         found = {None: float(np.abs(strains).max(initial=0))} | self._beside(strains, rise, most)
         every = self._team.gather(found)
@@ -190,8 +196,8 @@ class Heating:
                 )
 
     def _beside(self, strains: np.ndarray, rise: int, most: float) -> dict[Any, Any]:
-        """Of each side that must see no heat how many nodes beside it are looked at, the largest strain of them, and
-        what it may be over the largest of all.
+        """For each side next to which bonds ignore heat, return how many nodes are examined, the largest strain at
+        them, and its admissible ratio to the largest strain of all.
         """
         found = {}
         for (axis, side), boundary, cold in cold_strips(self.near, self.sides):
@@ -203,16 +209,16 @@ class Heating:
 
 
 class RunBeside:
-    """The field of a run beside another one, on a part of its lattice.
+    """The field of a run that is computed alongside another one, on a part of its lattice.
 
-    On several processes its boxes are its own: each process is given what is computed on the nodes of its box of the
-    other run, by whichever process.
+    On several processes the run has its own decomposition into boxes; each process receives the values at the nodes of
+    its box of the other run, from whichever process computes them.
 
     Parameters
     ----------
     load : ThermalLoad
     lattice : Lattice
-        Of the other run, the part of this process.
+        Part of the lattice of the other run that belongs to this process.
     run_of : callable
         Makes a run of a set-up, given what observes it and a team.
     team : Team
@@ -220,7 +226,7 @@ class RunBeside:
     Raises
     ------
     InputError
-        Nodes that are not those of the lattice, or without a temperature.
+        Its nodes are not nodes of the lattice, or have no temperature.
     """
 
     def __init__(self, load: ThermalLoad, lattice: Lattice, run_of: Callable[..., Any], team: Team = ALONE) -> None:
@@ -257,7 +263,9 @@ class RunBeside:
         return np.where(np.isfinite(found), found, self._reference)
 
     def _dealt(self) -> np.ndarray:
-        """What the run has of the nodes of this process, the reference on those that are not its own."""
+        """Return the field at the nodes of this process, the reference temperature at nodes that the run does not
+        have.
+        """
         values, low = self._run.fields["u"], self._place + self._run.lattice.first
         pieces = []
         for first, shape in self._boxes:
@@ -270,7 +278,9 @@ class RunBeside:
         return found
 
     def at(self, t: float) -> np.ndarray:
-        """The field at a time, linear between steps; from one long past the run begins anew."""
+        """Return the field at a time, linear between steps; for a time before the last step the run is repeated from
+        its start.
+        """
         if t < (self._run.step_count - 1) * self.dt:
             self._begin()
         while self._run.step_count * self.dt < t:
@@ -281,8 +291,8 @@ class RunBeside:
 
 
 def cold_strips(near: NearField, sides: Sides) -> list[tuple[Key, Any, int]]:
-    """The sides that are neither free, periodic nor those of other processes, and beside how many nodes of each bonds
-    know of no heat.
+    """Return the sides that are neither free, periodic nor shared with other processes, each with the number of nodes
+    next to it whose bonds ignore heat.
     """
     return [
         (key, boundary, _STRIP * near.stencil.reach[key[0]])
@@ -292,7 +302,7 @@ def cold_strips(near: NearField, sides: Sides) -> list[tuple[Key, Any, int]]:
 
 
 def check_known(unknown: int) -> None:
-    """Refuse a heat without a temperature on so many nodes of the solid.
+    """Raise InputError if the temperature is unknown on some nodes of the solid.
 
     Raises
     ------
@@ -308,6 +318,6 @@ def check_known(unknown: int) -> None:
 
 
 def _given(load: ThermalLoad, lattice: Lattice) -> Callable[[float], Any]:
-    """A temperature as a function of time."""
+    """Return a given temperature as a function of time."""
     space, time = split(load.temperature, lattice)
     return time if space is None else lambda t: space * time(t)

@@ -1,4 +1,4 @@
-"""Stress intensity factors of cracks at rest, step by step."""
+"""Stress intensity factors of stationary cracks, step by step."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.recorder import Heard, RowRecorder, Wanted
 from farhorizon.simulation.setup import Setup
 
-_PART = 0.75  # of the way to the next corner of a crack, for the larger circle
-_UNEVEN = 1e-9  # of a factor on bonds
+_PART = 0.75  # radius of the larger circle, relative to the distance of the next corner of a crack
+_UNEVEN = 1e-9  # relative tolerance
 
 
 class StressIntensity(RowRecorder):
@@ -156,12 +156,13 @@ class StressIntensity(RowRecorder):
 
 
 def _shares(domain: InteractionDomain, parts: Parts, loads: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
-    """Weights on the displacements of all nodes, shape (modes, nodes, components), the force on a node being what its
-    bonds exert; and what loads on the faces add for each unit of their amplitude, shape (loads, modes).
+    """Return the weights with which displacements enter K, shape (modes, nodes, components), where the force on a node
+    is what its bonds exert, and the contributions of loads on the faces per unit of their amplitude, shape (loads,
+    modes).
 
-    The weights on forces are singular at the tip, where sums over nodes come near integrals like the root of the
-    spacing only. So there must be no load: to the field a linear one is added, which has no intensity, and whose
-    tractions on the faces are those of the load.
+    The weights of forces are singular at the tip, where sums over nodes approach integrals only like the root of the
+    spacing. The loads are therefore replaced: a linear field is added, which has no intensity, and whose tractions on
+    the faces are those of the load.
     """
     near, engine, grid, team = parts.whole.near, parts.grid.engine, parts.grid, parts.whole.team
     lattice, components = near.lattice, engine.components
@@ -171,7 +172,7 @@ def _shares(domain: InteractionDomain, parts: Parts, loads: Sequence[Any]) -> tu
     linear = np.eye(2 * components).reshape(-1, components, 2)  # gradients of linear fields
 
     def pulled(values: np.ndarray) -> np.ndarray:
-        """What the bonds of a field, shape (nodes, components), exert on nodes."""
+        """Return the forces that the bonds exert on the nodes for a field of shape (nodes, components)."""
         level = np.zeros(engine.levels.shape[1], engine.dtype)
         level[grid.indices] = values[mine].T.reshape(grid.indices.shape)
         if team:
@@ -200,7 +201,7 @@ def _shares(domain: InteractionDomain, parts: Parts, loads: Sequence[Any]) -> tu
 
 
 def _check_medium(setup: Setup, near: NearField) -> None:
-    """InputError unless cracks in a medium of waves in the plane stay as they are."""
+    """Raise InputError unless cracks are stationary in a medium of waves in the plane."""
     model, wrong, remedy = near.model, None, ""
     if near.lattice.dim != 2:
         wrong, remedy = "intensities are recorded in 2D only", "opening_intensity of the faces in 3D"
@@ -216,7 +217,7 @@ def _check_medium(setup: Setup, near: NearField) -> None:
 
 
 def _ends(cuts: Sequence[Cut], near: NearField) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Free tips in the near field, and the way ahead of each."""
+    """Return the free tips in the near field, each with the direction in which it would advance."""
     lattice, found = near.lattice, []
     for points in (cut.points for cut in cuts if isinstance(cut, Polyline)):
         if (points[0] == points[-1]).all():
@@ -232,7 +233,7 @@ def _ends(cuts: Sequence[Cut], near: NearField) -> list[tuple[np.ndarray, np.nda
 
 
 def _nearest(tip: np.ndarray, ends: Sequence[tuple[np.ndarray, np.ndarray]], near: NearField) -> int:
-    """Number of the tip that is meant."""
+    """Return the number of the tip at a given point."""
     apart = [float(np.linalg.norm(tip - end)) for end, _ in ends]
     if min(apart) > near.lattice.spacing / 2:
         raise InputError(
@@ -251,13 +252,13 @@ def _circles(
     near: NearField,
     edges: tuple[np.ndarray, np.ndarray],
 ) -> tuple[float, float]:
-    """Those that are given, or the largest circle around a tip that needs no nodes beyond the near field and stays away
-    from other corners of cracks, and one of half its radius, or the horizon.
+    """Return the given radii, or that of the largest circle around a tip that needs no nodes beyond the near field and
+    keeps away from other corners of cracks, and half of it, or the horizon if that is larger.
 
     Raises
     ------
     InputError
-        Within the horizon of the tip, or of the edge.
+        The circles come within the horizon of the tip or of the edge.
     """
     lattice = near.lattice
     room = float(min((tip - edges[0]).min(), (edges[1] - tip).min()))
@@ -279,8 +280,8 @@ def _circles(
 
 
 def _edges(parts: Parts) -> tuple[np.ndarray, np.ndarray]:
-    """Between which the field is the whole one: those of the near field, and of the boxes of incident waves, outside of
-    which is what they scatter alone.
+    """Return the corners of the box in which the field is the total one: the near field, and within it the boxes of
+    incident waves, outside which it is the scattered one.
     """
     lattice, regions = parts.whole.near.lattice, [one.region for one in parts.incident]
     lower = np.max([lattice.lower, *(lattice.lower + lattice.spacing * region.first for region in regions)], axis=0)
@@ -289,7 +290,7 @@ def _edges(parts: Parts) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _medium_at(parts: Parts, tip: np.ndarray) -> NearTip:
-    """The near fields of the medium around a tip."""
+    """Return the near-tip fields for the medium around a tip."""
     lattice = parts.near.lattice.whole
     node = np.ravel_multi_index(lattice.index(tip), lattice.shape)
     lame, shear = parts.at(parts.near.lame, np.array([node]))[:, 0].tolist()
@@ -297,8 +298,8 @@ def _medium_at(parts: Parts, tip: np.ndarray) -> NearTip:
 
 
 def _check_even(parts: Parts, domain: InteractionDomain) -> None:
-    """Refuse a domain in which the medium varies, or ends."""
-    factor = parts.at(parts.near.material, domain.nodes)  # nan where the medium ends, or is heavier
+    """Refuse a domain in which the medium varies or ends."""
+    factor = parts.at(parts.near.material, domain.nodes)  # nan where the medium ends or differs otherwise
     if parts.hides(domain.nodes).any() or not np.ptp(factor) <= _UNEVEN * factor.max():
         raise InputError(
             "the medium varies around the tip, or ends there",

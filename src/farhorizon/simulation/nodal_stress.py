@@ -1,7 +1,7 @@
-"""The stress on the nodes of a run, as receivers record it at points: central differences of u, the moduli of each
+"""Stress at the nodes of a run, defined as receivers define it at points: central differences of u, the moduli of each
 node, and the formula of `farhorizon.simulation.quantities`.
 
-Differences are one-sided at edges and holes, and beside open cracks; where bonds have broken there are none.
+Differences are one-sided at edges and holes, and next to open cracks; nodes with broken bonds are left out.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from farhorizon.simulation.quantities import QUANTITIES, LocalModuli, Reading
 NAME = "stress"
 """What is asked for where all of its components are wanted."""
 _MISES = "stress_von_mises"
-_BESIDE = 2  # nodes that a difference at a node looks at, to either side
+_BESIDE = 2  # nodes to either side that a difference uses
 
 
 def stress_names(dim: int) -> list[str]:
-    """Names of the components in so many dimensions, from two on with von Mises' stress."""
+    """Return the names of the components in a number of dimensions, from two on with the von Mises stress."""
     parts = [f"{NAME}_{a}{b}" for a, b in combinations_with_replacement("xyz"[:dim], 2)]
     return parts if dim == 1 else [*parts, _MISES]
 
 
 def fields_of(run: Any, names: Iterable[str]) -> dict[str, np.ndarray]:
-    """Some fields of a run as they are now, stress among them, which is computed where it is asked for.
+    """Return fields of a run by name, as they are now; the stress is computed if requested.
 
     Raises
     ------
     InputError
-        No field of this name.
+        There is no field of this name.
     """
     wanted = list(names)
     held = shown_fields(run, next((name for name in wanted if name.startswith(NAME)), ""))
@@ -47,16 +47,16 @@ def fields_of(run: Any, names: Iterable[str]) -> dict[str, np.ndarray]:
 
 
 def shown_fields(run: Any, name: str) -> dict[str, np.ndarray]:
-    """The fields of a run, and its stress if that is asked for."""
+    """Return the fields of a run, and its stress if `name` requests it."""
     asked = isinstance(name, str) and name.startswith(NAME) and QUANTITIES[NAME].has(run.model)
     return run.fields | (nodal_stress(run) if asked else {})
 
 
 def nodal_stress(run: Any) -> dict[str, np.ndarray]:
-    """Components of the stress at the nodes, and von Mises' stress, by name; nan where there is none.
+    """Return the components of the stress at the nodes, and the von Mises stress, by name; nan where undefined.
 
-    In two dimensions the components are those in the plane; von Mises' stress has the normal one across it, too.
-    Several processes ask for it together.
+    In two dimensions the components are those in the plane; the von Mises stress includes the normal stress across it.
+    All processes must call it.
     """
     near, lattice = run.parts.near, run.lattice
     dim = lattice.dim
@@ -72,7 +72,7 @@ def nodal_stress(run: Any) -> dict[str, np.ndarray]:
     slopes = [_slope(wide, axis, around, cuts)[own] for axis in range(dim)]
     warmth = run.fields.get("thermal_strain", np.zeros(lattice.shape))
     for axis, slope in enumerate(slopes):
-        slope[axis] -= warmth  # no force answers to it
+        slope[axis] -= warmth  # thermal strains cause no stress
     now = np.stack([u, *slopes], axis=-1).reshape(dim, -1, 1 + dim).swapaxes(0, 1)[None]
     lame, shear = near.lame.reshape(2, -1)
     (tensor,) = Reading(now, now, run.dt, 0.0, LocalModuli(lame, shear)).of([NAME])[NAME]
@@ -85,16 +85,16 @@ def nodal_stress(run: Any) -> dict[str, np.ndarray]:
 
 
 def von_mises(tensor: np.ndarray, across: Any = 0.0, beside: Any = 0.0) -> np.ndarray:
-    """``sqrt(3/2 s : s)`` of the deviator s of stresses, shape (n, dim, dim).
+    """Return ``sqrt(3/2 s : s)`` for the deviators s of stresses.
 
     Parameters
     ----------
     tensor : ndarray, shape (n, dim, dim)
     across : float or ndarray, shape (n,)
-        In two dimensions the normal stress across the plane over the sum of those in it: Poisson's ratio in plane
-        strain, 0 in plane stress.
+        In two dimensions, the ratio of the normal stress across the plane to the sum of those in it: Poisson's ratio in
+        plane strain, 0 in plane stress.
     beside : float or ndarray, shape (n,)
-        What is added to it: of heat in plane strain.
+        Contribution to the normal stress across the plane that is added: that of heat in plane strain.
     """
     dim = tensor.shape[-1]
     whole = np.zeros((len(tensor), 3, 3))
@@ -107,7 +107,7 @@ def von_mises(tensor: np.ndarray, across: Any = 0.0, beside: Any = 0.0) -> np.nd
 
 
 def _slope(u: np.ndarray, axis: int, lattice: Any, cuts: Any) -> np.ndarray:
-    """Derivative along an axis: means of the differences to both sides, or what those to one side tell."""
+    """Derivative along an axis: the mean of the differences to both sides, or a one-sided difference."""
     first = np.moveaxis(np.diff(u, axis=axis + 1) / lattice.spacing, axis + 1, -1)
     if cuts:
         at = np.moveaxis(np.stack(np.meshgrid(*lattice.axes, indexing="ij"), -1), axis, -2)

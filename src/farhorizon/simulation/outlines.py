@@ -1,4 +1,4 @@
-"""Lines that a results file has beside the fields: cracks, and the edges of the near field and of its layers."""
+"""Outlines in a results file, next to the fields: cracks, and the edges of the near field and of its layers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from farhorizon.inputs.cracks import as_crack
 
 
 def outlines_of(run: Any) -> dict[str, list[np.ndarray]]:
-    """Polylines of a run by what they show, each of shape (n, dim); of a run on several processes those of the whole.
+    """Return the polylines of a run by name, each of shape (n, dim); on several processes, those of the whole lattice.
 
     Parameters
     ----------
@@ -20,8 +20,8 @@ def outlines_of(run: Any) -> dict[str, list[np.ndarray]]:
     Returns
     -------
     dict
-        "cracks" as they were given, in space their rims, on a line points; "near field"; "layers", all that is computed
-        beyond it, where there is something.
+        "cracks": cracks as given (in space their rims, on a line points); "near field": its edges; "layers": the edges
+        of everything that is computed, if that extends beyond the near field.
     """
     lattice = run.lattice.whole
     lower, upper = np.array(lattice.lower), np.array(lattice.upper)
@@ -36,7 +36,7 @@ def outlines_of(run: Any) -> dict[str, list[np.ndarray]]:
 
 
 def edges(lower: np.ndarray, upper: np.ndarray) -> list[np.ndarray]:
-    """The edges of a box: its two ends on a line, a closed line in the plane, twelve edges in space."""
+    """Return the edges of a box: its two ends on a line, a closed polyline in the plane, twelve edges in space."""
     dim = len(lower)
     if dim == 1:
         return [lower[None], upper[None]]

@@ -1,6 +1,6 @@
-"""What a run writes into a results file: its fields now and then, its history, what recorders and probes have.
+"""Output of a run to a results file: its fields at chosen times, its history, and the data of recorders and probes.
 
-Several processes write a file in parts, each its own; the first one writes the file of the whole.
+Several processes write a file in parts, each its own; the first one writes the file that joins them.
 """
 
 from __future__ import annotations
@@ -26,27 +26,27 @@ from farhorizon.simulation.recorder import Recorder
 from farhorizon.simulation.regions import regions_of
 from farhorizon.simulation.team import Team
 
-_FOLLOWS = ("v", "solid")  # from the others, and as large
+_FOLLOWS = ("v", "solid")  # follow from other fields, and are as large
 
 
 class RunResults:
-    """A run and the results file that it fills.
+    """A run and the results file that it writes.
 
     Parameters
     ----------
     run : Run
     path : Path
     writer : ResultsWriter or None
-        That of the file; of several processes the first one has it.
+        Writer of the file; on several processes only the first one has it.
     part : ResultsWriter or None
-        That of the part of one of several processes.
+        Writer of the part of this process, if there are several.
 
     Attributes
     ----------
     path, writer
         As given.
     own : ResultsWriter
-        That of the fields of this process.
+        Writer of the fields of this process.
     """
 
     def __init__(self, run: Any, path: Path, writer: ResultsWriter | None, part: ResultsWriter | None = None) -> None:
@@ -68,28 +68,28 @@ class RunResults:
         compress: bool = False,
         materials: Regions | None = None,
     ) -> RunResults:
-        """An empty file, in place of results that were there.
+        """Create an empty file, replacing earlier results.
 
         Parameters
         ----------
         run : Run
         path : str or Path
         fields : sequence of str, optional
-            All but velocities, and the metal that the times of dissolution tell, unless given; "stress" of elastic
-            media stands for its components and von Mises' stress.
+            Names of fields; unless given, all but velocities and the metal, which follow from the other fields.
+            "stress" in elastic media stands for its components and the von Mises stress.
         dtype : {"float32", "float64"}, optional
-            That of the run unless given.
+            That of the run, unless given.
         case, units, compress
-            As of `ResultsWriter.create`.
+            As for `ResultsWriter.create`.
         command : mapping of str to str, optional
-            What is known of where the run comes from, beside versions and machine.
+            Provenance of the run, in addition to versions and machine.
         materials : Regions, optional
-            What materials are called.
+            Names of the materials.
 
         Raises
         ------
         InputError
-            A field that there is not; another file is there, or no such folder.
+            There is no such field or folder, or another file is in the way.
         """
         team, lattice, path = run.team, run.lattice, kinds.path(path, "path")
         if fields is None:
@@ -97,7 +97,7 @@ class RunResults:
         else:
             wanted = kinds.sequence(fields, "fields", "names of fields")
             held = fields_of(run, [kinds.text(name, "fields") for name in wanted])
-        shown = {"u": run.fields["u"], **held}  # probes show u, written or not
+        shown = {"u": run.fields["u"], **held}  # probes record u, whether it is written or not
         alike: dict[str, Any] = {
             "spacing": lattice.spacing,
             "fields": tuple(held),
@@ -139,7 +139,7 @@ class RunResults:
 
     @classmethod
     def resume(cls, run: Any, path: Path, outputs: int, *kept: Any) -> RunResults:
-        """A file that goes on after so many outputs; one whose parts are of other boxes is cut anew.
+        """Continue a file after its first `outputs` outputs; if its parts belong to other boxes, it is divided again.
 
         Parameters
         ----------
@@ -147,7 +147,7 @@ class RunResults:
         path : Path
         outputs : int
         *kept
-            What else is kept, as of `ResultsWriter.resume`.
+            What else to keep, as for `ResultsWriter.resume`.
         """
         team, part = run.team, None
         _cut_anew(run, path, outputs)
@@ -158,18 +158,18 @@ class RunResults:
         return cls(run, path, writer, part)
 
     def _write(self, change: Callable[..., None], *given: Any) -> None:
-        """Change the file of the whole, which one process does; what it fails with all fail with."""
+        """Change the file of the whole run, on the first process; all processes fail if it does."""
         with self._run.team.agreed():
             if self.writer is not None:
                 change(self.writer, *given)
 
     @property
     def growing(self) -> list[Recorder]:
-        """Recorders that have something before the run has come to its end."""
+        """Recorders that have data before the run has ended."""
         return [one for one in self._run.recorders if one.recorded.data or one.recorded.spectra]
 
     def append(self) -> None:
-        """Append the fields as they are now; not twice the same step."""
+        """Append the present fields, unless this step has already been written."""
         run, own = self._run, self.own
         if own.last_step == run.step_count:
             return
@@ -182,7 +182,7 @@ class RunResults:
         self._write(ResultsWriter.append, run.step_count, run.time, held, energy, balance, run.cautions)
 
     def move_records(self) -> None:
-        """Append what recorders and probes have recorded; they forget it."""
+        """Append what recorders and probes have recorded, and discard it there."""
         for recorder in self.growing:
             self._write(ResultsWriter.append_recorded, recorder.recorded)
             recorder.forget()
@@ -191,7 +191,7 @@ class RunResults:
             self._write(ResultsWriter.append_probes, *probes.take())
 
     def copy_records(self) -> None:
-        """Put what recorders and probes have, which keep it, in place of what the file has of them."""
+        """Write what recorders and probes have recorded, replacing what the file has of it, and keep it there."""
         for recorder in self.growing:
             self._write(ResultsWriter.conclude, recorder.recorded)
         probes = self._run.probes
@@ -200,26 +200,26 @@ class RunResults:
             self._write(ResultsWriter.append_probes, probes.times[held:], probes.values[held:])
 
     def conclude(self) -> None:
-        """Append what follows from all that was recorded, once the run has come to its end."""
+        """Append what follows from all recorded data, once the run has ended."""
         for recorder in self._run.recorders:
             for records in recorder.concluded():
                 self._write(ResultsWriter.conclude, records)
 
     def finish(self) -> None:
-        """Note that the run has come to its end."""
+        """Mark the run as finished."""
         self._write(ResultsWriter.finish)
 
 
 @contextmanager
 def written(run: Any, output: Any) -> Iterator[RunResults | None]:
-    """Within it a run writes an output whenever it calls its observers, and one at the start; at the end, also where
-    that is not a good one, what was recorded. A file that the run has begun itself goes on.
+    """Write outputs within the context: at the start, whenever the run calls its observers, and at the end, even after
+    an error, what was recorded. A file that this run itself has begun is continued.
 
     Parameters
     ----------
     run : Run
     output : str or Path, or None
-        The file; without one nothing is written.
+        The file; nothing is written if it is None.
     """
     if output is None:
         yield None
@@ -237,7 +237,7 @@ def written(run: Any, output: Any) -> Iterator[RunResults | None]:
     try:
         yield made
     except BaseException as error:
-        if run.team.knows(error):  # else the others do something else
+        if run.team.knows(error):  # otherwise the processes would no longer act together
             made.copy_records()
         raise
     finally:
@@ -248,12 +248,12 @@ def written(run: Any, output: Any) -> Iterator[RunResults | None]:
 
 
 def _box_of(run: Any) -> list[tuple[int, int]]:
-    """The nodes of this process along each axis: the first one and the last + 1."""
+    """Return the nodes of this process along each axis: the first one and the last + 1."""
     return [(first, first + n) for first, n in zip(run.lattice.first, run.lattice.shape, strict=True)]
 
 
 def _cut_anew(run: Any, path: Path, outputs: int) -> None:
-    """Let the parts of a results file be those of the processes that go on with it."""
+    """Divide the parts of a results file anew for the processes that continue it."""
     team, own = run.team, _box_of(run)
     with team.agreed():
         held = open_results(path)
@@ -272,7 +272,7 @@ def _cut_anew(run: Any, path: Path, outputs: int) -> None:
 
 
 def _check_seen(team: Team, path: Path) -> None:
-    """Refuse a folder that not all processes see: what the first one puts there no other folder of the name has."""
+    """Refuse a folder that not all processes see: the first one creates a file there whose name no other folder has."""
     mark = folder_of(path) / team.first(f".{secrets.token_hex(8)}.seen")
     team.by_first(mark.touch)
     try:

@@ -1,5 +1,5 @@
-"""The margin of a near field whose bonds break: within one reach of sides that are not free, and outside the boxes of
-incident waves, they cannot, so that a crack that gets there stops.
+"""The margin of a near field with breakable bonds: within one reach of sides that are not free, and outside the boxes
+of incident waves, bonds cannot break, so that a crack that gets there stops.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from farhorizon.simulation.course import say_doubt
 
 @dataclass(frozen=True, eq=False)
 class IntactMargin:
-    """The bonds of the nodes that lie there.
+    """The bonds of the nodes in the margin.
 
     Attributes
     ----------
@@ -26,20 +26,21 @@ class IntactMargin:
     corners : ndarray of int, shape (n, dim)
         Their indices in the lattice.
     bits : ndarray of uint64, shape (words, n)
-        Which of their bonds are there and end in the near field.
+        One bit per bond: set if it is present and ends in the near field.
     distances : ndarray of int, shape (K,)
-        To the neighbours in a level.
+        Offsets to the neighbours in a level.
     bonds : ndarray, shape (K, dim)
-        Vectors of the bonds.
+        Bond vectors.
     limit : float
-        Largest ``|xi + eta|^2 / |xi|^2 - 1`` of a bond that would not break (linearised: ``2 xi . eta / |xi|^2``).
+        Largest ``|xi + eta|^2 / |xi|^2 - 1`` at which the weakest bonds would not break (linearised:
+        ``2 xi . eta / |xi|^2``).
     nonlinear : bool
     strength : ndarray
-        Of each place of a level the limit over that one, or of one number.
+        Limit at each place of a level relative to `limit`, or a single number.
     every : int
-        Steps between two looks: a wave takes longer through the margin.
+        Steps between two checks: a wave takes longer to cross the margin.
     boxed : bool
-        Whether what lies outside the boxes of incident waves is part of it.
+        Whether the margin includes what lies outside the boxes of incident waves.
     """
 
     nodes: np.ndarray
@@ -54,15 +55,15 @@ class IntactMargin:
     boxed: bool
 
     def overstretched(self, level: np.ndarray) -> np.ndarray | None:
-        """Index in the lattice of the node with the bond that is nearest to its limit, or farthest beyond, if that is
-        beyond it; `level` as the engine has it.
+        """Return the index in the lattice of the node whose bond exceeds its limit most, None if none does; `level` is
+        laid out as in the engine.
         """
         given = self.nodes, self.bits, self.distances, self.bonds, self.nonlinear, self.strength
         node, strain = steepest(level, *given)
         return self.corners[node] if strain > self.limit else None
 
     def warning(self, level: np.ndarray, lattice: Lattice) -> str | None:
-        """What is said where such a bond is; None where there is none."""
+        """Return a warning if a bond exceeds its limit; otherwise None."""
         found = self.overstretched(level)
         if found is None:
             return None
@@ -88,23 +89,23 @@ def intact_margin(
     strength: np.ndarray,
     every: int,
 ) -> IntactMargin | None:
-    """The margin of a near field, None if there is none.
+    """Return the margin of a near field, or None if there is none.
 
     Parameters
     ----------
     shape : tuple of int
-        Of the lattice.
+        Shape of the lattice.
     breakable : tuple of slice
-        The nodes between which bonds break.
+        The nodes between which bonds can break.
     places : ndarray of int, of that shape
-        Of the nodes in a level.
+        Places of the nodes in a level.
     offsets : ndarray of int, shape (K, dim)
     present : ndarray of uint64, shape (words, *shape)
-        Bits of the bonds that are there.
+        One bit per bond, set if it is present.
     within : sequence of ndarray of bool, of that shape
-        Nodes in the boxes of incident waves: bonds through their faces have no stretch that means anything.
+        Nodes in the boxes of incident waves: bonds through the faces of a box have no meaningful stretch.
 
-    The rest as of `IntactMargin`.
+    The others are as for `IntactMargin`.
     """
     outside = np.ones(shape, bool)
     outside[breakable] = False
@@ -135,8 +136,8 @@ def intact_margin(
 
 
 def look_at(run: Any, margin: IntactMargin | None, every: int, level: np.ndarray) -> None:
-    """See every so many steps, if that is above 0, whether bonds of the margin of a run, which cannot break, are
-    stretched so far that they would; of several processes any may have some.
+    """Check every `every` steps, if that is positive, whether bonds in the margin of a run are stretched beyond their
+    limit, and warn if so; on several processes any of them may have such bonds.
     """
     if not every or run.step_count < run.next_look:
         return

@@ -1,4 +1,4 @@
-"""Power through surfaces, bond by bond: what leaves one part of the medium and enters the other, exactly."""
+"""Power through surfaces, bond by bond: exactly what leaves one part of the medium and enters the other."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.spectra import as_frequencies, check_frequencies
 from farhorizon.simulation.state_power import NodeStates, states_at
 
-_SYMMETRIC = 1e-12  # of a bond's largest weight
+_SYMMETRIC = 1e-12  # asymmetry relative to the largest weight of a bond
 
 
 class PowerThrough(RowRecorder):
@@ -202,22 +202,24 @@ class PowerThrough(RowRecorder):
 
 
 def _label(given: Any, middle: np.ndarray) -> str:
-    """What a surface is called in pictures."""
+    """Return the label of a surface in pictures."""
     if isinstance(given, Shape):
         return f"{type(given).__name__.lower()} around ({', '.join(f'{x:.4g}' for x in middle)})"
     return f"plane {given[0]} = {middle['xyz'.index(given[0])]:.4g}"
 
 
 class _Surface(NamedTuple):
-    """A surface among the nodes.
+    """A surface between nodes.
 
     Attributes
     ----------
     given : Shape or (str, float)
     axes : list of int
-        Along which bonds that cross it may not lead out of the near field: a plane ends with it along the others.
+        Axes along which bonds that cross the surface must not lead out of the near field; along the others a plane ends
+        at its edge.
     sides : ndarray of int
-        Of the nodes of this part of the lattice and within one reach around it: it goes up across the surface.
+        For each node of this part of the lattice and within one reach around it, an index that increases across the
+        surface.
     middle : ndarray, shape (dim,)
     """
 
@@ -228,13 +230,13 @@ class _Surface(NamedTuple):
 
 
 def _surface_of(given: Any, parts: Parts) -> _Surface:
-    """A region or a plane among the nodes; across the sides of the whole lattice a region repeats itself, and so does a
-    plane across periodic ones.
+    """Return a region or a plane as a surface between nodes. A region is continued periodically across all sides of the
+    lattice, a plane across periodic ones.
 
     Raises
     ------
     InputError
-        No node in the region, no such plane.
+        There is no node in the region, or no such plane.
     """
     part, lattice, team = parts.near.lattice, parts.whole.near.lattice, parts.whole.team
     more = parts.near.stencil.reach
@@ -273,9 +275,9 @@ def _surface_of(given: Any, parts: Parts) -> _Surface:
 
 
 def _check_bonds(setup: Setup, parts: Parts) -> None:
-    """InputError unless the bonds are those of a linear wave equation and stay."""
+    """Raise InputError unless the bonds are those of a linear wave equation and do not change."""
     model, weights = parts.near.model, parts.grid.engine.weights
-    # the flux of energy in the continuum is that of stresses and velocities
+    # the remedy: the energy flux of the continuum, from stresses and velocities
     receivers, wrong = 'Receivers with record = "energy_flux", up to their interpolation', None
     if model.order != 2:
         wrong = "a field that diffuses carries no energy of waves", "Simulation.power_across, which tells the heat"
@@ -299,9 +301,9 @@ class _Bonds(NamedTuple):
     ends : ndarray of int, shape (bonds, 2)
         Flat numbers of the nodes inside and outside.
     offsets : ndarray of int, shape (bonds,)
-        Numbers of their offsets.
+        Number of the offset of each.
     weights : ndarray, shape (bonds, c, c)
-        What is left of them; of a material with states of the springs beside these.
+        Their remaining weights; for a material with states those of the springs next to these.
     """
 
     ends: np.ndarray
@@ -310,8 +312,8 @@ class _Bonds(NamedTuple):
 
 
 def _crossing(parts: Parts, surface: _Surface) -> _Bonds:
-    """Bonds of the near field, across periodic sides too, from nodes inside to nodes that are not. Each process looks
-    at those of its nodes.
+    """Return the bonds of the near field, including those across periodic sides, from nodes inside to nodes outside.
+    Each process examines those of its nodes.
 
     Raises
     ------
@@ -343,17 +345,17 @@ def _crossing(parts: Parts, surface: _Surface) -> _Bonds:
         found.append(left[:, None, None] * weight.reshape(engine.components, engine.components))
     every = parts.whole.team.gather((np.concatenate(ends), np.concatenate(found)))
     bonds, weights = (np.concatenate(one) for one in zip(*every, strict=True))
-    order = np.lexsort((bonds[:, 0], bonds[:, 2]))  # that of one process
+    order = np.lexsort((bonds[:, 0], bonds[:, 2]))  # as on a single process
     return _Bonds(bonds[order, :2], bonds[order, 2], weights[order])
 
 
 def _of_known(states: NodeStates, bonds: _Bonds, surface: _Surface, parts: Parts) -> _Bonds:
-    """Those of the bonds both ends of which have known states: where a plane ends, some may lack them.
+    """Return the bonds whose ends both have known states; where a plane ends, some may not.
 
     Raises
     ------
     InputError
-        States next to the surface follow from what lies beyond the near field.
+        States next to the surface depend on what lies beyond the near field.
     """
     known = states.knows(bonds.ends)
     if not known[:, surface.axes].all():
@@ -362,7 +364,7 @@ def _of_known(states: NodeStates, bonds: _Bonds, surface: _Surface, parts: Parts
 
 
 def _leads_out(parts: Parts, surface: _Surface) -> InputError:
-    nodes = max(parts.near.stencil.reach[a] for a in surface.axes)  # of states both passes together
+    nodes = max(parts.near.stencil.reach[a] for a in surface.axes)  # for states, that of both passes together
     return InputError(
         "bonds through the surface lead beyond the near field",
         value=repr(surface.given),
@@ -373,8 +375,8 @@ def _leads_out(parts: Parts, surface: _Surface) -> InputError:
 
 
 def _form(ends: np.ndarray, weights: np.ndarray, count: int) -> csr_array:
-    """The matrix A of ``u . A w = sum over bonds of (u_y - u_x) . weights (w_y + w_x)`` on so many nodes, of vectors
-    component by component of each node.
+    """Return the matrix A of ``u . A w = sum over bonds of (u_y - u_x) . weights (w_y + w_x)`` on `count` nodes;
+    vectors are ordered node by node.
     """
     components = weights.shape[1]
     rows, columns, values = [], [], []

@@ -1,8 +1,9 @@
-"""What receivers record: u, and what follows from it and its gradient at a point. Plain arrays in, plain arrays out.
+"""What receivers record at a point: u, and quantities that follow from it and its gradient. The functions take and
+return plain arrays.
 
-Stress and energy flux are those of classical elasticity and of the classical wave equation, which long waves obey:
-the strain is that of the interpolated field, the moduli are the model's. The energy that crosses a surface on the
-lattice itself, bond by bond, is that of `farhorizon.simulation.power_through`.
+Stress and energy flux are those of classical elasticity and of the classical wave equation, which hold for long waves:
+the strain is that of the interpolated field, the moduli are those of the model. For the energy that crosses a surface
+on the lattice itself, bond by bond, see `farhorizon.simulation.power_through`.
 """
 
 from __future__ import annotations
@@ -17,13 +18,12 @@ from farhorizon.models import LatticeModel
 
 
 class LocalModuli(NamedTuple):
-    """Constants at n points.
+    """Constants of the medium at n points.
 
     Attributes
     ----------
     lame, shear : ndarray, shape (n,)
-        Lame's constants of an elastic medium; of another one `shear` is what the gradient is multiplied with in the
-        flux of energy.
+        Lame's constants of an elastic medium; for other media `shear` is the factor of the gradient in the energy flux.
     """
 
     lame: np.ndarray
@@ -31,16 +31,17 @@ class LocalModuli(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """The field at n points after each of some steps.
+    """Field at n points after each of some steps.
 
     Attributes
     ----------
     now, before : ndarray, shape (steps, n, components, 1 or 1 + dim or 2 + dim)
-        The field, its derivatives along the axes, and what heat strains the point; and a step before.
+        The field, its derivatives along the axes and, if `warm`, the thermal strain at the point; now and one step
+        before.
     dt, background : float
     medium : LocalModuli
     warm : bool
-        Whether what heat strains the point is there.
+        Whether the thermal strain is included.
     """
 
     now: np.ndarray
@@ -57,17 +58,17 @@ class Reading(NamedTuple):
 
     @property
     def v(self) -> np.ndarray:
-        """Its velocity half a step before."""
+        """Velocity half a step before, shape (steps, n, components)."""
         return np.asarray((self.now[..., 0] - self.before[..., 0]) / self.dt)
 
     @property
     def gradient(self) -> np.ndarray:
-        """Its derivatives along the axes, shape (steps, n, components, dim)."""
+        """Derivatives along the axes, shape (steps, n, components, dim)."""
         return self.now[..., 1:-1] if self.warm else self.now[..., 1:]
 
     @property
     def answered(self) -> np.ndarray:
-        """The gradient less what heat strains the point: forces answer to this part."""
+        """The gradient minus the thermal strain: the part that causes stress."""
         return self._answered(self.now)
 
     @property
@@ -82,30 +83,31 @@ class Reading(NamedTuple):
         return np.asarray(gradient - rows[..., :1, -1:] * np.eye(gradient.shape[-1]))
 
     def of(self, names: Iterable[str]) -> dict[str, np.ndarray]:
-        """Quantities by name, of shape (steps, n, ...)."""
+        """Return quantities by name, each of shape (steps, n, ...)."""
         found = {name: QUANTITIES[name].of(self) for name in names}
         if self.now.shape[2] > 1:
             return found
-        # a scalar has no component
+        # a scalar field has no axis of components
         return {n: values[:, :, 0] if n in ("u", "v", "gradient") else values for n, values in found.items()}
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Something to record.
+    """A quantity that can be recorded.
 
     Attributes
     ----------
     of : callable
-        Takes a `Reading`, gives an array of shape (steps, n, ...), of scalar fields with a component of one in between.
+        Takes a `Reading`, and returns an array of shape (steps, n, ...); u, v and gradient of scalar fields have an
+        axis of one component.
     derived : bool
         Whether it needs the gradient.
     moving : bool
-        Whether it needs the velocity, so that only waves have it; it is that of half a step before.
+        Whether it needs the velocity, which only waves have; it then refers to half a step before.
     mechanical : bool
-        Whether only displacements have it.
+        Whether it exists for displacements only.
     stressed : bool
-        Whether it is made of stresses, and so needs what heat strains the medium.
+        Whether it is derived from stresses, and so needs the thermal strain.
     """
 
     of: Callable[[Reading], np.ndarray]
@@ -115,13 +117,13 @@ class Quantity:
     stressed: bool = False
 
     def has(self, model: LatticeModel) -> bool:
-        """Whether the field of a model has it."""
+        """Whether it exists for a model."""
         flows = not (self.derived and self.moving) or model.moduli is not None
         return flows and (model.order == 2 or not self.moving) and (model.mechanical or not self.mechanical)
 
 
 def strain(gradient: np.ndarray) -> np.ndarray:
-    """Symmetric part of the gradient of displacements, shape (..., dim, dim)."""
+    """Symmetric part of the displacement gradient, shape (..., dim, dim)."""
     return (gradient + gradient.swapaxes(-1, -2)) / 2
 
 
@@ -131,8 +133,8 @@ def _divergence(gradient: np.ndarray) -> np.ndarray:
 
 
 def stress(gradient: np.ndarray, medium: LocalModuli) -> np.ndarray:
-    """``lame div u 1 + 2 shear strain`` of the gradient of displacements at n points, less what heat strains them;
-    shape (steps, n, dim, dim), in two dimensions the components in the plane.
+    """``lame div u 1 + 2 shear strain`` from the displacement gradient at n points, thermal strain subtracted; shape
+    (steps, n, dim, dim), in two dimensions the components in the plane.
     """
     lame, shear = medium.lame[:, None, None], medium.shear[:, None, None]
     unit = np.eye(gradient.shape[-1])
@@ -140,7 +142,7 @@ def stress(gradient: np.ndarray, medium: LocalModuli) -> np.ndarray:
 
 
 def curl(gradient: np.ndarray) -> np.ndarray:
-    """In two dimensions ``du_y/dx - du_x/dy``, shape (...); in three the vector, shape (..., 3)."""
+    """``du_y/dx - du_x/dy`` in two dimensions, shape (...); the vector in three, shape (..., 3)."""
     if gradient.shape[-1] == 2:
         return np.asarray(gradient[..., 1, 0] - gradient[..., 0, 1])
     pairs = ((2, 1), (0, 2), (1, 0))
@@ -148,7 +150,7 @@ def curl(gradient: np.ndarray) -> np.ndarray:
 
 
 def _energy_flux(reading: Reading) -> np.ndarray:
-    """``- stress . v``, of scalar waves ``- c^2 v grad u``: the Poynting vector."""
+    """Poynting vector: ``- stress . v``, for scalar waves ``- c^2 v grad u``."""
     if reading.now.shape[2] == 1:
         return np.asarray(-reading.medium.shear[:, None] * reading.v * reading.middle[..., 0, :])
     return -np.einsum("...ij,...i->...j", stress(reading.middle, reading.medium), reading.v)

@@ -1,4 +1,4 @@
-"""Receivers: what a field does at points between the nodes, step by step."""
+"""Receivers: recording of the field at points between the nodes, step by step."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ class Receivers(RowRecorder):
             check_blocks(setup, parts, self.points, one, self.interpolation, "receivers.points")
         self._medium, self._background, self._dt = moduli_at(parts, self.points), near.background, near.dt
         self.doubts = self._aliased(near)
-        self._moving = any(QUANTITIES[name].moving for name in self.record)  # these take the step before, too
+        self._moving = any(QUANTITIES[name].moving for name in self.record)  # these need the previous step as well
         self._warm = near.model.warm and any(QUANTITIES[name].stressed for name in self.record)
         every = 1 if self._moving else self.every
         return Wanted(np.zeros(0, np.int64), tuple(blocks), every, heat=self._warm)
@@ -170,12 +170,12 @@ class Receivers(RowRecorder):
         self._look(step, rows[1:])
 
     def add(self, step: int, heard: Heard) -> None:
-        one = heard.blocks[0][..., None]  # of it all quantities make arrays of their own
+        one = heard.blocks[0][..., None]  # no copy: every quantity computes a new array
         self._look(step, one if len(heard.blocks) == 1 else np.stack(heard.blocks, axis=-1))
 
     def _look(self, step: int, rows: np.ndarray) -> None:
-        """Take the field, its derivatives and what heat strains after the steps from number `step` on, as `Reading` has
-        them.
+        """Record the field, its derivatives and the thermal strain, laid out as in `Reading`, after the steps from
+        number `step` on.
         """
         kept = slice(-step % self.every, None, self.every)
         now = rows[kept]
@@ -185,7 +185,7 @@ class Receivers(RowRecorder):
         self._before = rows[-1:].copy()
 
     def _read(self, now: np.ndarray, before: np.ndarray) -> dict[str, np.ndarray]:
-        """All quantities from the field and its derivatives now and a step before."""
+        """Return all quantities from the field and its derivatives now and one step before."""
         reading = Reading(now, before, self._dt, self._background, self._medium, self._warm)
         return reading.of(self.record)
 
@@ -204,7 +204,7 @@ class Receivers(RowRecorder):
             kinds.one_of(name, "receivers.record", has, f"{near.model.title} has no such quantity")
 
     def _aliased(self, near: NearField) -> list[str]:
-        """What is false of waves whose frequencies not every step but every few cannot tell apart."""
+        """Return warnings about waves whose frequencies are aliased because not every step is recorded."""
         if near.model.order == 1 or self.every == 1:
             return []
         most = int(0.5 / (near.highest_frequency * near.dt) * (1 + 1e-9))
@@ -220,20 +220,20 @@ class Receivers(RowRecorder):
 
 
 def moduli_at(parts: Parts, points: np.ndarray) -> LocalModuli:
-    """Constants of the medium at points: those of the nearest nodes."""
+    """Return the constants of the medium at points: those of the nearest nodes."""
     lattice = parts.near.lattice.whole
-    last = np.array(lattice.shape) - 1  # what lies outside is refused elsewhere
+    last = np.array(lattice.shape) - 1  # points outside are refused elsewhere
     nearest = np.clip(np.round((points - lattice.lower) / lattice.spacing), 0, last).astype(int)
     return LocalModuli(*parts.at(parts.near.lame, np.ravel_multi_index(tuple(nearest.T), lattice.shape)))
 
 
 def check_blocks(setup: Setup, parts: Parts, points: np.ndarray, blocks: Blocks, method: str, key: str) -> None:
-    """Refuse sums over nodes whose values are not those of the field around a point.
+    """Refuse interpolations that use nodes whose values do not belong to the field around the point.
 
     Raises
     ------
     InputError
-        Nodes beyond a wall, which are images of those inside, or beyond a crack, where the field jumps.
+        Nodes lie beyond a wall, where they are images of those inside, or beyond a crack, where the field jumps.
     """
     remedy = "interpolation = 'linear', or a point on a node" if method == "sinc" else "a point on a node"
     nodes, weights = blocks.entries()

@@ -1,4 +1,4 @@
-"""What records a run step by step: receivers, spectra, whatever derives from `Recorder`."""
+"""Recorders of a run, step by step: receivers, spectra, and whatever derives from `Recorder`."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ Arrays = dict[str, np.ndarray]
 
 
 class Wanted(NamedTuple):
-    """What a recorder takes from the loop.
+    """What a recorder requests from the time loop.
 
     Attributes
     ----------
     nodes : ndarray of int, shape (N,)
-        Flat indices of nodes in the lattice, of several processes in the whole of it.
+        Flat indices of nodes in the lattice, on several processes in the whole one.
     blocks : tuple of Blocks
-        Sums over blocks of nodes of this lattice, computed in the loop.
+        Sums over blocks of nodes of the lattice, computed in the loop.
     every : int
-        Only steps that are multiples of it need be there; rows of others may hold anything.
+        Only rows of steps that are multiples of it are needed; other rows may hold anything.
     stop : bool
-        Whether the loop returns after such steps, so that the recorder sees the run as it is then.
+        Whether the loop returns after such steps, so that the recorder can examine the run in that state.
     heat : bool
-        Whether what heat strains the medium is wanted, too, by the sums over the first of the blocks.
+        Whether the thermal strain is wanted as well, by the sums over the first of the blocks.
     """
 
     nodes: np.ndarray
@@ -42,14 +42,14 @@ class Wanted(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """What a recorder is given of some steps: the field less the background. The arrays are filled anew in the next
-    ones.
+    """What a recorder receives for some steps: the field minus the background. The arrays are reused for the next
+    steps.
 
     Attributes
     ----------
     nodes : ndarray, shape (steps, N, components)
     blocks : tuple of ndarray, each of shape (steps, n, components)
-        Those of heat, the same for all components, are the last.
+        Those of the thermal strain, the same for all components, come last.
     """
 
     nodes: np.ndarray
@@ -166,7 +166,7 @@ class RowRecorder(Recorder):
         self.name = recorder_name(name)
         self.notes = []
         self._dt = 0.0
-        self._next = 0  # the step of the next row, where there is one of every step
+        self._next = 0  # step of the next row, if there is one for every step
         self._begin_rows({})
 
     @property
@@ -194,11 +194,11 @@ class RowRecorder(Recorder):
         self._begin_rows({name: rows[0][:0] for name, rows in self._rows.items()})
 
     def _begin_rows(self, empty: Arrays) -> None:
-        """Keep nothing yet; of each quantity no rows tell the shape of one."""
+        """Discard all rows; `empty` has zero rows of each quantity, which define the shape of a row."""
         self._steps, self._rows = [np.zeros(0, np.int64)], {name: [rows] for name, rows in empty.items()}
 
     def _keep(self, steps: np.ndarray, rows: Arrays) -> None:
-        """Keep what each quantity was at some steps."""
+        """Append the rows of each quantity for some steps."""
         self._steps.append(steps)
         self._next = int(steps[-1]) + 1
         for name, values in rows.items():
@@ -220,12 +220,12 @@ class RowRecorder(Recorder):
 
 
 def size_of_record(need: int, nodes: int, steps: int, key: str, remedy: str) -> str:
-    """What a record of some nodes over all steps takes, in words.
+    """Return, in words, the size of a record of some nodes over all steps.
 
     Raises
     ------
     InputError
-        More bytes than the machine has left.
+        More bytes than the machine has available.
     """
     size = f"about {need / 2**30:.3g} GiB for {nodes} nodes and {steps} steps"
     if need > available_memory():
@@ -244,7 +244,7 @@ Observer = Callable[[Any], None] | Recorder
 
 
 def check_from_start(step: int, what: str, key: str) -> None:
-    """InputError unless what needs all steps begins with the first."""
+    """Raise InputError unless a recorder that needs all steps begins with the first one."""
     if step:
         raise InputError(
             f"{what} is recorded from the start of a run on",
@@ -256,12 +256,12 @@ def check_from_start(step: int, what: str, key: str) -> None:
 
 
 def check_begun(begun: bool, what: str, key: str) -> None:
-    """Refuse what was recorded where there has been no run.
+    """Raise InputError if data are requested of a recorder that has not recorded a run.
 
     Raises
     ------
     InputError
-        It has not begun.
+        No run has begun.
     """
     if not begun:
         raise InputError(
@@ -274,7 +274,7 @@ def check_begun(begun: bool, what: str, key: str) -> None:
 
 
 def recorder_name(value: object) -> str:
-    """A name of a recorder: letters, digits, - and _, which is also one in files.
+    """Return the name of a recorder, which consists of letters, digits, - and _, so that it can be used in files.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Regions of a run: nodes that are made of the same, as one number a node."""
+"""Regions of a run: nodes of the same material, as one number per node."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from farhorizon.files.region_numbers import OUTSIDE, Regions
 from farhorizon.simulation.host import constants_of
 from farhorizon.simulation.team import Team
 
-_MOST = 256  # values of a constant; what has more varies continuously
+_MOST = 256  # values of a constant; with more of them it counts as varying continuously
 
 
 def uneven(run: Any) -> dict[str, np.ndarray]:
-    """What differs from node to node: "metal" (of bool), "coefficient" and constants of the model, by name; of several
-    processes on the nodes of this one.
+    """Return what varies from node to node, by name: "metal" (boolean), "coefficient" and constants of the model; on
+    several processes, at the nodes of this one.
 
     Parameters
     ----------
@@ -29,16 +29,16 @@ def uneven(run: Any) -> dict[str, np.ndarray]:
 
 
 def regions_of(run: Any, named: Regions | None = None) -> Regions | None:
-    """The regions of a run; None where one medium fills its box, and on all processes but the first, which has them.
+    """Return the regions of a run; None where one medium fills the box, and on all processes but the first.
 
-    They are counted by their size: 0 has most nodes. A constant with more than 256 values, as one that scatters or
-    grows with depth, tells no regions.
+    Regions are numbered by size: region 0 has the most nodes. A constant with more than 256 values, such as a random
+    one or one that grows with depth, defines no regions.
 
     Parameters
     ----------
     run : Simulation
     named : Regions, optional
-        Names of materials, which stand before their constants.
+        Named materials, whose names come before the constants.
     """
     shape, hidden, team = run.lattice.shape, run.parts.near.hidden, run.team
     there = np.ones(shape, bool) if hidden is None else ~hidden
@@ -63,7 +63,9 @@ def regions_of(run: Any, named: Regions | None = None) -> Regions | None:
 
 
 def _numbered(values: np.ndarray, team: Team, most: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """The different ones of values that all processes have, at most so many of each, and which each here is."""
+    """Return the distinct values on all processes together, taking at most `most` of each process, and the index among
+    them of each value here.
+    """
     known = np.unique(np.concatenate(team.gather(np.unique(values)[:most])))
     return known, np.searchsorted(known, values)
 

@@ -1,4 +1,4 @@
-"""What a run that goes on takes from a checkpoint."""
+"""What a resumed run takes from a checkpoint."""
 
 from __future__ import annotations
 
@@ -15,21 +15,23 @@ from farhorizon.simulation.described import rebuild
 
 
 def stored(path: str | Path, kind: str, left_out: Container[str]) -> dict[str, Any]:
-    """Arguments of the run that wrote a checkpoint, some left out; the initial data are arrays of its state.
+    """Return the arguments of the run that wrote a checkpoint, without those in `left_out`; the initial data are arrays
+    of its state.
 
     Parameters
     ----------
     path : str or Path
     kind : str
-        Name of its class.
+        Name of the class of the run.
     left_out : container of str
+        Names of arguments to omit.
 
     Raises
     ------
     InputError
-        A Python function, which a file cannot hold.
+        An argument is a Python function, which a file cannot hold.
     FileFormatError
-        A damaged or foreign file.
+        The file is damaged or foreign, holds another kind of run, or was written by several processes.
     """
     arrays, meta = read_checkpoint(path)
     if len(meta.get("boxes", ())) > 1:
@@ -53,7 +55,8 @@ def stored(path: str | Path, kind: str, left_out: Container[str]) -> dict[str, A
 def check_alike(
     path: str | Path, meta: Mapping[str, Any], fingerprint: dict[str, Any], left_out: Container[str] = ()
 ) -> None:
-    """Refuse a checkpoint with such facts that is not that of a set-up with such a fingerprint, some left out.
+    """Refuse a checkpoint whose fingerprint, in `meta`, differs from that of a set-up; entries in `left_out` are not
+    compared.
 
     Raises
     ------

@@ -1,16 +1,16 @@
-r"""The energy that cracks spend on new area, from one that runs after a pair of forces.
+r"""Energy that cracks spend per new area, measured on a crack that follows a pair of forces.
 
 Two opposite forces P that move along the faces of a crack at a speed V hold its tip at the distance d ahead of them at
-which :math:`K_I = P\sqrt{2/\pi d}` is what the tip wants at that speed: nearer to them K rises and it runs ahead,
-farther on K falls. So the crack runs straight and, once it has settled, as fast as the forces do (Freund, 1990, Dynamic
-Fracture Mechanics: the stress ahead of a steady tip under forces that move along does not depend on the speed). The
-medium has no edges, and no echo comes back. In space it is a slab of one node between periodic sides, in plane strain:
-a straight front without end, which all bonds of space cross.
+which :math:`K_I = P\sqrt{2/\pi d}` is what the tip requires at that speed: closer to them K increases and the tip runs
+ahead, farther away it decreases. The crack therefore runs straight and, once it has settled, as fast as the forces
+(Freund, 1990, Dynamic Fracture Mechanics: the stress ahead of a steady tip under forces that move with it does not
+depend on the speed). The medium has no edges and returns no echo. In 3D it is a slab of one node between periodic
+sides, in plane strain, with a straight, infinite front that all bonds in space cross.
 
-As forces are linear, the energy goes with the square of the critical stretch, and over Young's modulus and the horizon
-it is a number that follows from the kernel, the spacings in the horizon and Poisson's ratio: it is found once and kept.
-In the plane it is the mean of two cracks, along an axis of the lattice and across it, in space that of one along an
-axis.
+Because forces are linear, the energy is proportional to the square of the critical stretch. Divided by Young's modulus
+and the horizon, it is a number that depends only on the kernel, the horizon in spacings and Poisson's ratio; it is
+computed once and stored. In 2D it is the mean of two cracks, one along an axis of the lattice and one at an angle to
+it; in 3D that of one along an axis.
 """
 
 from __future__ import annotations
@@ -45,29 +45,29 @@ from farhorizon.simulation.host import looked_at
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.team import Team
 
-#: Makes a run of a set-up with what is recorded of it: a `Simulation`, which imports this module.
+#: Makes a run of a set-up, given its recorders: a `Simulation`, which is passed in because it imports this module.
 Runs = Callable[[Setup, Sequence[Any]], Any]
-_STRETCH = 0.01  # any: forces are linear in it
-SPEED = 0.3  # of Rayleigh waves: below, tips wait at each bond; above, bonds beside the plane break, too
-# Angles of cracks to the lattice, in the plane and in space: along an axis the least is spent, across it the most.
+_STRETCH = 0.01  # arbitrary: forces are linear in it
+SPEED = 0.3  # of Rayleigh waves: at lower speeds tips wait at each bond, at higher ones bonds off the plane break, too
+# angles of cracks to the lattice, in 2D and 3D: least is spent along an axis, most at this angle to it
 TURNS = {2: (0.0, 0.18), 3: (0.0,)}
-_TRIES, _AGREES, _MORE = 6, 0.15, 1.15  # runs, until what was expected is spent to this part; more where none runs
-# In horizons: how far the crack reaches and runs, and the room around it; breadths of the forces and their distance
-# from the plane, and from the tip, at first and with the K that the energy takes; the circles around the tip; the
-# thickness of sponges.
+_TRIES, _AGREES, _MORE = 6, 0.15, 1.15  # most runs, agreement at which they end, factor on forces where no crack runs
+# in horizons: both ends of the initial crack, the distance that it runs, and the room around it; widths of the forces
+# and their distances from the plane, and from the tip at first and with the K that the energy requires; the circles
+# around the tip; the thickness of sponges
 _LEFT, _TIP, _WAY, _BESIDE, _HIGH = -20.0, -6.0, 24.0, 9.0, 10.0
 _ALONG, _ACROSS, _OFF, _FIRST, _LEAD = 2.0, 1.5, 3.0, 7.0, 5.0
 _RINGS = 2.5, 4.5
 _SPONGE = 6.0
-_SETTLED = 9.0  # horizons of way until a tip runs steadily
-_RISE = 10.0  # of the forces, in horizons over the speed of a bar
-_COARSEST, _FINEST = 2.0, {2: 12.0, 3: 5.0}  # spacings in the horizon, in the plane and in space
-_DIGITS = 12  # of what decides the number: units that differ make the same run
-_MOMENTS, _ONWARD = 12, 4.0  # at which the flux of energy is looked at, on so many horizons
+_SETTLED = 9.0  # horizons that a tip travels until it runs steadily
+_RISE = 10.0  # rise time of the forces, in horizons over the speed of waves in a bar
+_COARSEST, _FINEST = 2.0, {2: 12.0, 3: 5.0}  # spacings in the horizon, in 2D and 3D
+_DIGITS = 12  # of the constants on which the number depends, so that the run is the same in all units
+_MOMENTS, _ONWARD = 12, 4.0  # number of moments at which the energy flux is evaluated, over this many horizons
 
 
 def rayleigh_speed(lame: float, shear: float, density: float) -> float:
-    """Speed of surface waves of a half-space (Rayleigh, 1885).
+    """Return the speed of surface waves on a half-space (Rayleigh, 1885).
 
     Examples
     --------
@@ -84,20 +84,20 @@ def rayleigh_speed(lame: float, shear: float, density: float) -> float:
 
 @dataclass(frozen=True)
 class RunningCrack:
-    """A crack in the infinite plane, or in a slab of one node, that runs after a pair of forces.
+    """A crack in the infinite plane, or in a slab of one node, that follows a pair of forces.
 
     Attributes
     ----------
     sim : Simulation
-        At its end.
+        Simulation at its end.
     tips : CrackTips
     ahead : ndarray, shape (2,)
-        The way in which the forces move, in the plane across the front.
+        Direction in which the forces move, in the plane across the front.
     horizon : float
     load : Source
-        The forces per volume.
+        Forces per volume.
     thickness : float
-        Of the slab; 1 in the plane.
+        Thickness of the slab; 1 in 2D.
     """
 
     sim: Any
@@ -109,8 +109,8 @@ class RunningCrack:
 
     @property
     def way(self) -> np.ndarray:
-        """Of the foremost tip along the way of the forces, from where the crack ended, shape (rows,); -inf where no tip
-        is seen.
+        """Distance of the foremost tip from the initial one, in the direction of the forces, shape (rows,); -inf where
+        no tip is found.
         """
         along = np.nan_to_num(self.tips.data["position"] @ self.ahead, nan=-np.inf)
         return np.asarray(along.max(1) - _TIP * self.horizon)
@@ -122,22 +122,22 @@ class RunningCrack:
 
     @property
     def follows(self) -> bool:
-        """Whether the tip has come as far as it was to."""
+        """Whether the tip has travelled as far as intended."""
         return bool(self.way[-1] > 0.9 * _WAY * self.horizon)
 
     @property
     def spent(self) -> float:
-        """Energy of broken bonds for each area of steady way, in the plane for each length."""
+        """Energy of broken bonds per new area while the tip runs steadily (per length in 2D)."""
         return float(np.polyfit(self.way[self.steady], self.tips.dissipated[self.steady], 1)[0]) / self.thickness
 
     @property
     def speed(self) -> float:
-        """Of the tip on its steady way."""
+        """Speed of the tip while it runs steadily."""
         return float(np.polyfit(self.tips.times[self.steady], self.way[self.steady], 1)[0])
 
     def flux(self) -> float:
-        """Energy that flows into the tip for each new length in the plane, the domain J integral, the median over some
-        moments; the run goes on by four horizons. For a crack along an axis.
+        """Return the energy that flows into the tip per new length in the plane, from the domain J integral: the median
+        over some moments, during which the run continues for four horizons. For a crack along an axis.
         """
         sim, model = self.sim, self.sim.model
         assert isinstance(model, Elastic)
@@ -146,7 +146,7 @@ class RunningCrack:
         for _ in range(_MOMENTS):
             sim.step(max(1, apart - 2))
             levels = [sim.fields["u"]]
-            for _ in range(2):  # of the steps from one moment to the next
+            for _ in range(2):  # counted in `apart`
                 sim.step()
                 levels.append(sim.fields["u"])
             before, u, after = levels
@@ -159,10 +159,10 @@ class RunningCrack:
             force = model.density * acceleration - load
             held = sim.fields["damage"] < 1
             found.append(domain.energy_release(u, velocity, model.density, force, held))
-        return float(np.median(found))  # where the crack changes its row within the circles it is no straight one
+        return float(np.median(found))  # where the crack changes rows within the circles, it is not straight
 
     def _straightened(self, inner: float, outer: float) -> np.ndarray:
-        """The foremost tip, moved across to the line on which its crack crosses the circles."""
+        """Return the foremost tip, moved sideways to the line along which its crack crosses the circles."""
         across = np.array([-self.ahead[1], self.ahead[0]])
         far = float((self.tips.now.tips @ self.ahead).max())
         points = np.concatenate(self.tips.now.paths)
@@ -180,24 +180,24 @@ def crack_after_forces(
     push: float = 1.2,
     dim: int = 2,
 ) -> RunningCrack:
-    """A crack that follows a pair of forces.
+    """Run a crack that follows a pair of forces.
 
     Parameters
     ----------
     runs : callable
-        Makes a run of a set-up and what observes it.
+        Makes a run of a set-up, given its recorders.
     model : Elastic
-        Whose bonds break.
+        With bonds that break.
     spacing : float
-        Of the lattice.
+        Spacing of the lattice.
     energy : float
-        What it is expected to spend for each area, by which the forces are chosen.
+        Energy per new area that is expected, from which the forces follow.
     speed : float
-        Of the forces, over that of Rayleigh waves.
+        Speed of the forces, relative to that of Rayleigh waves.
     turn : float
         Angle of the crack to the lattice.
     push : float
-        The forces over those with which the tip is five horizons ahead of them if it spends what is expected.
+        Factor on the forces that hold the tip five horizons ahead of them if it spends the expected energy.
     dim : {2, 3}
         The plane, or a slab of one node.
     """
@@ -207,7 +207,7 @@ def crack_after_forces(
     across = np.array([-ahead[1], ahead[0]])
     ends = _LEFT - _BESIDE, _TIP + _WAY + _BESIDE
     corners = size * np.array([x * ahead + y * across for x in ends for y in (-_HIGH, _HIGH)])
-    # between two rows of nodes, or right across the lattice
+    # nodes at half-integer multiples of the spacing: a crack along an axis lies between two rows
     lower, upper = (spacing * (np.floor(one / spacing) + 0.5) for one in (corners.min(0), corners.max(0)))
     medium = NearTip(model.lame, model.shear)
     total = push * np.sqrt(medium.stiffness * energy * np.pi * _LEAD * size / 2)
@@ -229,7 +229,7 @@ def crack_after_forces(
     around: dict[str, Side] = {"all": LatticePML(nodes=12)}
     crack: Any = [start, tip]
     if dim == 3:
-        # layers for the bonds of space take longer than all else here, and the forces hardly make waves
+        # layers in 3D would take most of the time, and the forces hardly emit waves
         around = {"x": Periodic(), "all": Sponge(round(_SPONGE * size / spacing))}
         crack = Rectangle([-2 * _HIGH * size, *start], [4 * _HIGH * size, 0.0, 0.0], [0.0, *(tip - start)])
     lattice = Lattice(spacing, (*front, *lower), (*front, *upper))
@@ -248,24 +248,24 @@ def crack_after_forces(
 
 
 def energy_factor(runs: Runs, model: Elastic, spacing: float, dim: int) -> float:
-    """What cracks that run at 0.3 of the speed of Rayleigh waves, along an axis of the lattice and in the plane at an
-    angle to it, too, spend for each area in the mean, over Young's modulus, the horizon and the square of the critical
-    stretch; from the cache of the program if it is there.
+    """Return the energy that cracks spend per new area at 0.3 of the speed of Rayleigh waves, divided by Young's
+    modulus, the horizon and the square of the critical stretch; in 2D the mean of cracks along an axis of the lattice
+    and at an angle to it. It is taken from the cache of the program if it is there.
 
     Parameters
     ----------
     runs : callable
-        Makes a run of a set-up and what observes it.
+        Makes a run of a set-up, given its recorders.
     model : Elastic
-        With numbers for constants; its own strength does not matter.
+        With constants that are numbers; its own strength does not matter.
     spacing : float
     dim : {2, 3}
 
     Raises
     ------
     InputError
-        No kernel, a lattice that is too coarse or too fine, a material in which no crack runs, or energy is not spent,
-        as in a correspondence material without stabilisation.
+        There is no kernel, the lattice is too coarse or too fine, or no crack runs or spends energy in the material, as
+        in a correspondence material without stabilisation.
     """
     if not isinstance(model.kernel, Kernel):
         raise InputError(
@@ -292,7 +292,9 @@ def energy_factor(runs: Runs, model: Elastic, spacing: float, dim: int) -> float
 
 
 def _in_units_of_the_lattice(model: Elastic, kernel: Kernel, spacing: float) -> Elastic:
-    """The same material for a unit of spacing, Young's modulus and density, with linear bonds that break."""
+    """Return the same material in units of the spacing, Young's modulus and the density, with linear bonds that
+    break.
+    """
     moduli = {name: getattr(model, name) / model.young for name in ("young", "bulk", "shear")}
     given = moduli | {"poisson": model.poisson}
     tried = model.linearised.with_constants({name: round(value, _DIGITS) for name, value in given.items()})
@@ -306,7 +308,7 @@ def _in_units_of_the_lattice(model: Elastic, kernel: Kernel, spacing: float) -> 
 
 
 def _energy_factor(runs: Runs, model: Elastic, dim: int) -> float:
-    """The same of a material in the units of its lattice, from runs."""
+    """The same as `energy_factor` for a material in units of its lattice, computed from runs."""
     assert isinstance(model.kernel, Kernel)
     print(
         "farhorizon: simulating a crack to find the energy per area in this material, once: later runs find it on disk",
@@ -314,7 +316,7 @@ def _energy_factor(runs: Runs, model: Elastic, dim: int) -> float:
         flush=True,
     )
     unit, spent = model.young * model.kernel.horizon * _STRETCH**2, []
-    expected = unit * (12 / (5 * np.pi) if dim == 2 else 6 / 5)  # of bonds, see `farhorizon.medium.fracture`
+    expected = unit * (12 / (5 * np.pi) if dim == 2 else 6 / 5)  # of single bonds, see `farhorizon.medium.fracture`
     for turn in TURNS[dim]:
         expected = _spent(runs, model, dim, turn, expected)
         spent.append(expected)
@@ -322,14 +324,14 @@ def _energy_factor(runs: Runs, model: Elastic, dim: int) -> float:
 
 
 def _spent(runs: Runs, model: Elastic, dim: int, turn: float, expected: float) -> float:
-    """What a crack at an angle to the lattice spends for each area, of which some value is expected."""
-    stuck = 0.0  # forces by which no crack ran: on coarse lattices it takes more than is spent
+    """Return what a crack at an angle to the lattice spends per new area, given an estimate of it."""
+    stuck = 0.0  # estimate for which no crack ran: on coarse lattices a crack needs more energy than it spends
     for _ in range(_TRIES):
         found = crack_after_forces(runs, model, 1.0, expected, turn=turn, dim=dim)
         if found.follows and abs(found.spent - expected) <= _AGREES * expected:
             break
         if found.follows and found.spent > 0:
-            expected = max(found.spent, _MORE * stuck)  # by which the forces go
+            expected = max(found.spent, _MORE * stuck)  # determines the forces
         else:
             stuck, expected = expected, _MORE**2 * expected
     if not found.follows or found.spent <= 0:
@@ -342,13 +344,13 @@ def _spent(runs: Runs, model: Elastic, dim: int, turn: float, expected: float) -
     return found.spent
 
 
-# what lets a crack run, and decides which bonds break and what is lost with them
+# the modules that determine how a crack runs, which bonds break and which energy is lost with them
 _FILES = __file__, damage.__file__, release.__file__, force_states.__file__
 _PROGRAM = b"".join(Path(str(file)).read_bytes() for file in _FILES)
 
 
 def _cache_file(model: Elastic, dim: int) -> Path:
-    """File of the number of this very lattice, found by this very program."""
+    """Return the file that caches the number for this lattice and this version of the program."""
     assert isinstance(model.kernel, Kernel)
     mark = hashlib.sha256(_PROGRAM)
     for table in Stencil.family(model.kernel, 1.0, dim):
@@ -360,20 +362,20 @@ def _cache_file(model: Elastic, dim: int) -> Path:
 
 
 def with_energy_factor(setup: Setup, runs: Runs, team: Team) -> Setup:
-    """The set-up, whose fracture energy is one that its bonds know how to turn into a critical stretch.
+    """Return the set-up with a model whose bonds can convert its fracture energy into a critical stretch.
 
     Parameters
     ----------
     setup : Setup
     runs : callable
-        Makes a run of a set-up and what observes it.
+        Makes a run of a set-up, given its recorders.
     team : Team
-        Processes that compute the run: the first one finds the number.
+        Processes that compute the run; the first one determines the number.
 
     Raises
     ------
     InputError
-        As `energy_factor`; Poisson's ratio is not the same everywhere.
+        As for `energy_factor`; or Poisson's ratio varies.
     """
     law = setup.model.bond_law
     if law is None or law.fracture_energy is None or law.energy_factor is not None or setup.model.bonds:

@@ -1,4 +1,4 @@
-"""Sides that follow from the length of a run, and the sides of a run as they were chosen."""
+"""Sides that depend on the length of a run, and the sides of a run as chosen."""
 
 from __future__ import annotations
 
@@ -21,37 +21,38 @@ from farhorizon.simulation.described import rebuild
 from farhorizon.simulation.setup import Key, side_name
 from farhorizon.simulation.surroundings import Foretold, Surroundings
 
-# of the time up to which errors are known: up to which they are predicted next, and if a target is missed by then
+# times up to which errors are predicted next, relative to that up to which they are known; the second one is tried if
+# a target is missed by the first
 _AHEAD = 1.5, 1.05
 _LONGER = "LatticePML(target=..., until=...) chooses them for a longer run"
 
 
 class Changeable(Examined, Protocol):
-    """A set-up before its run that can have other sides."""
+    """A set-up before its run whose sides can be replaced."""
 
     step_count: int
 
     def examine(self, until: float) -> object:
-        """Look at the stability of a run; InputError where it is refused."""
+        """Examine the stability of a run; raise InputError if it is refused."""
 
     def take(self, sides: Mapping[Key, Side]) -> None:
-        """Be at the start of the same run with some other sides."""
+        """Go back to the start of the same run with some sides replaced."""
 
 
 @dataclass
 class Settling:
-    """The choice of sides by the length of the run.
+    """Choice of sides by the length of the run.
 
     Attributes
     ----------
     autos : dict of (axis, side) to Side
-        Sides that are layers or extend the domain, whichever takes less time.
+        Sides that become layers or extended domains, whichever takes less time.
     open_ended : list of (axis, side)
-        Those that follow from the length of the run.
+        Sides that depend on the length of the run.
     good_for : float
-        Length of the run that the sides are good for, as far as they are chosen for one.
+        Length of the run for which the sides were last chosen.
     why : list of str
-        How it was chosen.
+        Reasons for the choice.
     """
 
     autos: dict[Key, Side]
@@ -60,12 +61,12 @@ class Settling:
     why: list[str] = field(default_factory=list)
 
     def settle(self, run: Changeable, until: float) -> None:
-        """Choose anew for a run that has not begun if it is longer than the sides are good for.
+        """Choose the sides again if the run has not begun and is to be longer than they were chosen for.
 
         Raises
         ------
         InputError
-            An extended domain that does not fit into memory.
+            The extended domain does not fit into memory.
         """
         if run.step_count or not until > self.good_for * (1 + 1e-9):
             return
@@ -75,13 +76,15 @@ class Settling:
             sides: dict[Key, Any] = dict(run.sides)
             try:
                 run.take({key: replace(sides[key], nodes=None, until=until) for key in self.open_ended})
-            except InputError:  # what layers keep then is noted
+            except InputError:  # layers stay as they are, which is noted
                 if any(sides[key].extended for key in self.open_ended):
                     raise
         self.good_for = until
 
     def adopt(self, run: Changeable, path: str | Path) -> None:
-        """Take the sides of the run that wrote a checkpoint, as far as its length or its price chose them."""
+        """Take those sides that depend on the length of the run or on their cost from the run that wrote a
+        checkpoint.
+        """
         names = {key: side_name(*key) for key in {*self.open_ended, *self.autos}}
         if run.step_count or not names:
             return
@@ -91,7 +94,7 @@ class Settling:
             run.take({key: theirs[name] for key, name in names.items()})
 
     def _decide(self, run: Changeable, until: float) -> None:
-        """Take layers or the extended domain on the sides that leave the choice, whichever takes less time."""
+        """Use layers or the extended domain on the sides that leave the choice open, whichever takes less time."""
         far_sides: dict[Key, Side] = {key: b.as_domain(until) for key, b in self.autos.items()}
         near_sides: dict[Key, Side] = {key: b.as_layer(until, run.model.target) for key, b in self.autos.items()}
         try:
@@ -109,7 +112,7 @@ class Settling:
             return
         self.why = [f"layers: the extended domain would take {far.over(layers)}"]
         try:
-            run.examine(until)  # as the run will, which knows the answer then
+            run.examine(until)  # the run needs this too, and reuses the result
         except InputError as error:
             if fits:
                 run.take(far_sides)
@@ -117,8 +120,8 @@ class Settling:
 
 
 def foretell(around: Surroundings, model: LatticeModel, until: float, dt: float) -> None:
-    """Predict what the layers send back in a run that goes on beyond what they were chosen for: up to some time more,
-    so that a run in many pieces is looked at a few times only, unless their targets are missed by then.
+    """Predict what the layers reflect in a run that lasts longer than they were chosen for. The prediction extends
+    somewhat further, unless a target is missed by then, so that a run in many pieces needs only a few of them.
     """
     known = min((max(one.until, _foretold(around, name).until) for name, one in around.thickness.items()), default=0.0)
     if around.returned is None or not known + dt < until <= around.foreseeable:
@@ -128,7 +131,7 @@ def foretell(around: Surroundings, model: LatticeModel, until: float, dt: float)
         end = min(max(until, ahead * known), around.foreseeable)
         try:
             errors = around.returned(end)
-        except Exception:  # signals are the user's, and none need be defined so late
+        except Exception:  # signals are functions of the user and may not be defined at such late times
             continue
         around.foretold.update({side_name(*key): Foretold(end, error) for key, error in errors.items()})
         if already or not _missing(around, model, list(around.foretold)):
@@ -136,8 +139,8 @@ def foretell(around: Surroundings, model: LatticeModel, until: float, dt: float)
 
 
 def outlasted(around: Surroundings, model: LatticeModel, until: float, dt: float) -> list[str]:
-    """What is to be said of a run that outlasts what its sides were chosen for, by more than its last step; sides
-    without a target of their own have one of the model.
+    """Return warnings for a run that lasts longer, by more than its last step, than its sides were chosen for; the
+    target of a side without its own is that of the model.
     """
     late = [name for name, one in around.thickness.items() if until > one.until + dt]
     unknown = [name for name in late if until > _foretold(around, name).until + dt]
@@ -161,8 +164,8 @@ def outlasted(around: Surroundings, model: LatticeModel, until: float, dt: float
 
 
 def _missing(around: Surroundings, model: LatticeModel, names: list[str]) -> dict[str, float]:
-    """Of sides that are foretold those whose targets are missed, and what comes back: what both sides of an axis send
-    back adds up, and is looked at by the larger of their targets.
+    """Return which of some sides with predictions miss their targets, with the predicted error. The errors of the two
+    sides of an axis add up, and their sum is compared with the larger of the two targets.
     """
     sides = {side_name(*key): b for key, b in around.sides.items()}
     targets = {name: sides[name].wanted(model.target) for name in around.foretold}  # walls have none
@@ -182,7 +185,7 @@ def _foretold(around: Surroundings, name: str) -> Foretold:
 
 
 def _may_miss(around: Surroundings, names: list[str], dt: float) -> str:
-    """What is said of layers of which nothing is known so late."""
+    """Return a warning about layers of which nothing is known at such late times."""
     asked = {side_name(*key): b.until or 0.0 for key, b in around.sides.items()}
     first = min(names, key=lambda name: around.thickness[name].until)
     end = around.thickness[first].until
@@ -191,7 +194,9 @@ def _may_miss(around: Surroundings, names: list[str], dt: float) -> str:
 
 
 def warn_outlasted(around: Surroundings, model: LatticeModel, known: float, until: float, dt: float) -> None:
-    """Warn once of a run that outlasts what its sides were chosen for, if it did not by the end that was known."""
+    """Warn of a run that now lasts longer than its sides were chosen for; warnings that applied at the time `known` are
+    not repeated.
+    """
     told = outlasted(around, model, known, dt)
     foretell(around, model, until, dt)
     for text in outlasted(around, model, until, dt):
@@ -200,8 +205,8 @@ def warn_outlasted(around: Surroundings, model: LatticeModel, known: float, unti
 
 
 def settled_sides(around: Surroundings, model: LatticeModel) -> dict[str, Side]:
-    """The sides by name, with the layers that were chosen for the data: on another lattice, or without data, they stay
-    what they are.
+    """Return the sides by name, with the layers that were chosen for the data, so that they remain the same on another
+    lattice or without data.
     """
     found: dict[str, Side] = {}
     for key, side in around.sides.items():
@@ -216,5 +221,5 @@ def settled_sides(around: Surroundings, model: LatticeModel) -> dict[str, Side]:
 
 
 def _ends(chosen: Mapping[Any, Any]) -> list[float]:
-    """Lengths of runs that sides were chosen for."""
+    """Lengths of the runs that sides were chosen for."""
     return [found.until for found in chosen.values()]

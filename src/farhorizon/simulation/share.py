@@ -1,4 +1,4 @@
-"""The share of one process in a run: a set-up of its own on a box of the lattice."""
+"""Share of one process in a run: its own set-up on a box of the lattice."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from farhorizon.simulation.surroundings import Surroundings
 from farhorizon.simulation.team import ALONE, Team
 from farhorizon.simulation.work import work_along
 
-#: Work of a node of a layer over that of one of the near field.
+#: Work of a node of a layer relative to one of the near field.
 _LAYER = 2.0
-#: Nodes of a lattice whose layers are chosen for its data: one process looks at the whole.
+#: Largest number of nodes for which layers are chosen for the data, because one process then examines all of them.
 _CHOSEN = 4_000_000
 
 
@@ -43,18 +43,18 @@ class Share:
     Attributes
     ----------
     setup : Setup
-        On a box of the lattice, with the time step and the layers of the whole.
+        Set-up on a box of the lattice, with the time step and the layers of the whole run.
     decomposition : Decomposition
     neighbours : dict of (axis, side) to int
-        Processes that fill the halo, -1 for none; of the axes along which any does.
+        Process that fills the halo at each side, -1 for none, for the axes along which any does.
     good_for : float
-        Length of the run that the layers were chosen for.
+        Length of the run for which the layers were chosen.
     host : Host
-        The uniform medium beside which that of the whole varies.
+        Uniform medium relative to which that of the whole run varies.
     whole : Extremes
-        Of the near field of all processes.
+        Extremes of the near field on all processes.
     boundary : dict of str to Side
-        The sides of the whole by name, with their layers.
+        Sides of the whole run by name, with their layers.
     """
 
     setup: Setup
@@ -67,31 +67,31 @@ class Share:
 
     @property
     def sides(self) -> Sides:
-        """The sides of the whole, with their layers."""
+        """Sides of the whole run, with their layers."""
         return {key: self.boundary[side_name(*key)] for key in self.setup.sides}
 
     @property
     def given(self) -> dict[str, Any]:
-        """What a checkpoint of several processes has of what was given for the run: the sides, as they were chosen."""
+        """Arguments of the run that a checkpoint of several processes stores: the sides as chosen."""
         return {"boundary": self.boundary}
 
     @property
     def words(self) -> str:
-        """Numbers of boxes along the axes, as they are written: "2 x 2"."""
+        """Number of boxes along the axes, in words: "2 x 2"."""
         return " x ".join(map(str, self.decomposition.topology))
 
     def wider(self, field: np.ndarray, width: int, team: Team) -> tuple[Lattice, np.ndarray]:
-        """A field with so many nodes more where other processes have them, but none across periodic sides, and the
-        part of the lattice that it then covers.
+        """Extend a field by `width` nodes where other processes have them, except across periodic sides; return the
+        part of the lattice that it then covers, and the field.
 
         Parameters
         ----------
         field : ndarray
             Its last axes are those of the lattice.
         width : int
-            At most the nodes of a box.
+            At most the number of nodes of a box.
         team : Team
-            All processes, which give theirs at the same time.
+            All processes, which must call it together.
         """
         lattice, boxes = self.setup.lattice, self.decomposition
         ends = boxes.ranges(team.number)
@@ -106,7 +106,7 @@ class Share:
         return lattice.whole.part(ends), field
 
     def check_places(self, team: Team) -> None:
-        """Refuse bodies, forces on sides and metal without a node on any process."""
+        """Refuse bodies, tractions and specimens that have no node on any process."""
         part, sides = self.setup.lattice, self.setup.sides
         check_any(part.mask is None or team.any(bool(part.mask.any())))
         for number, specimen in enumerate(self.setup.specimens):
@@ -118,7 +118,7 @@ class Share:
                 raise InputError("the traction meets no node", value=load.between, key=key, remedy="a wider load")
 
     def check_length(self, until: float) -> None:
-        """Refuse a run that is longer than its layers were chosen for."""
+        """Refuse a run longer than the layers were chosen for."""
         if until > self.good_for * (1 + 1e-9):
             raise InputError(
                 "the layers were chosen for a shorter run, and several processes cannot choose new ones",
@@ -132,25 +132,25 @@ class Share:
 def share_of(
     setup: Setup, host: Host, around: Surroundings, near: NearField, team: Team, topology: Sequence[int] | None
 ) -> Share:
-    """The share of this process.
+    """Return the share of this process.
 
     Parameters
     ----------
     setup : Setup
-        Of the whole run.
+        Set-up of the whole run.
     host : Host
     around : Surroundings
         Its sides with their layers.
     near : NearField
-        The whole one, as far as it is known without a look at the nodes.
+        Near field of the whole run, as far as it is known without examining the nodes.
     team : Team
     topology : sequence of int, optional
-        Boxes along each axis.
+        Number of boxes along each axis.
 
     Raises
     ------
     InputError
-        As `farhorizon.geometry.decomposition.decompose`.
+        As for `farhorizon.geometry.decomposition.decompose`.
     """
     lattice, boxes = setup.lattice, boxes_of(setup, host.model, around, team.size, topology, team)
     around = replace(around, layers=with_one_filter(around.layers, near.rate_limit, near.dt, lattice.dim))
@@ -186,7 +186,7 @@ def share_of(
 
 
 def _chosen(around: Surroundings) -> dict[str, Side]:
-    """The sides by name, with the layers that were chosen."""
+    """Return the sides by name, with the layers as chosen."""
     found = {}
     for key, side in around.sides.items():
         layer = around.layers.get(key)
@@ -203,7 +203,9 @@ def boxes_of(
     team: Team = ALONE,
     work: Sequence[np.ndarray] | None = None,
 ) -> Decomposition:
-    """The boxes of so many processes, see `share_of`; `work` is that along the axes, where it is known already."""
+    """Return the boxes of `processes` processes, see `share_of`; `work` is the work along the axes, if already
+    known.
+    """
     lattice, stencil = setup.lattice, model.medium(setup.lattice.spacing, setup.lattice.dim)
     filtered = max((len(layer.taps) - 1 for layer in around.layers.values() if layer.filtered), default=1)
     beyond, wraps = work_beyond(around, stencil, lattice), wrapping(around.sides)
@@ -212,7 +214,7 @@ def boxes_of(
 
 
 def work_beyond(around: Surroundings, stencil: Stencil, lattice: Lattice) -> dict[Key, float]:
-    """What sides cost, in nodes of the lattice along their axes."""
+    """Return the cost of each side, as an equivalent number of nodes along its axis."""
     found = {}
     for key in around.sides:
         layer = around.layers.get(key)
@@ -223,7 +225,9 @@ def work_beyond(around: Surroundings, stencil: Stencil, lattice: Lattice) -> dic
 def _load_on(
     part: Lattice, load: BodyForce | Traction | Pressure | ThermalLoad, number: int, setup: Setup, model: LatticeModel
 ) -> BodyForce | Traction | ThermalLoad:
-    """A load on a part of the lattice; a pressure, which looks at both sides of its faces, as the forces that it is."""
+    """Return a load on a part of the lattice; a pressure, which needs both sides of its faces, is converted to its
+    forces.
+    """
     lattice = setup.lattice
     if isinstance(load, Pressure):
         periodic = {axis: setup.sides[axis, -1].periodic for axis in range(lattice.dim)}
@@ -238,7 +242,7 @@ def _missing(what: str, key: str) -> InputError:
 
 
 def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
-    """Refuse what does not run on several processes, before any work, recorders among it.
+    """Refuse, before any work, what cannot run on several processes, recorders included.
 
     Raises
     ------
@@ -269,7 +273,7 @@ def check_shareable(setup: Setup, observers: Sequence[Observer]) -> None:
 
 
 def _of_one_process(side: Side) -> str:
-    """Why a side is for one process, "" where it is not."""
+    """Return why a side works on a single process only, or ""."""
     if side.exact:
         return "they sum over the whole past of the nodes at the end, step by step"
     if side.closing:
@@ -282,7 +286,7 @@ def _of_one_process(side: Side) -> str:
 
 
 def check_choosable(setup: Setup) -> None:
-    """Refuse layers that choose themselves for data that the first process cannot hold, before any work.
+    """Refuse, before any work, layers that would be chosen for more data than the first process can hold.
 
     Raises
     ------
@@ -304,12 +308,12 @@ def _varies(setup: Setup) -> bool:
 
 
 def chooses(sides: Sides) -> list[Key]:
-    """Sides whose layers choose themselves for the data and the length of the run."""
+    """Return the sides whose layers are chosen for the data and the length of the run."""
     return [key for key, side in sides.items() if side.stretched and side.profile is None and side.open_ended]
 
 
 def checked_topology(topology: Any) -> list[int] | None:
-    """Boxes along each axis; InputError for what is none."""
+    """Return the number of boxes along each axis; InputError if it is not one."""
     if topology is None:
         return None
     return [kinds.integer(n, "run.topology", least=1) for n in kinds.sequence(topology, "run.topology", "numbers")]

@@ -1,4 +1,4 @@
-"""What a run does on the shell of a box, for another run to take it as an incident wave."""
+"""Recording of a run on the shell of a box, to be used as an incident wave in another run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from farhorizon.simulation.recorder import Heard, RowRecorder, Wanted, check_fro
 from farhorizon.simulation.setup import Setup
 
 _KEY = "shell.box"
-_ROUNDING = 1e-12  # of the largest value: data and sources that have no more in the box are not in it
+_ROUNDING = 1e-12  # of the largest value: data and sources below this in the box count as absent
 
 
 class ShellRecorder(RowRecorder):
@@ -120,14 +120,14 @@ class ShellRecorder(RowRecorder):
 
 
 def _rows_of(nodes: np.ndarray) -> np.ndarray:
-    """What was heard of nodes, as is kept: of scalar fields without an axis of components."""
+    """Return the rows to keep from the values at the nodes: those of scalar fields without an axis of components."""
     rows = np.array(nodes, float)
     return rows[..., 0] if rows.shape[2] == 1 else rows
 
 
 def _factor(setup: Setup, parts: Parts, nodes: np.ndarray) -> float:
-    """What the bonds at the nodes of a shell (flat numbers) are multiplied with: no crack, hole or other material, and
-    no condition, is there.
+    """Return the factor on the bonds at the nodes of a shell, given by flat numbers; refuse cracks, holes, other
+    materials and conditions there.
     """
     near, lattice = parts.near, parts.near.lattice.whole
     material = parts.at(near.material, nodes)
@@ -148,7 +148,7 @@ def _factor(setup: Setup, parts: Parts, nodes: np.ndarray) -> float:
 
 
 def _check_rest(parts: Parts, region: Region) -> list[str]:
-    """Refuse data and sources inside a box; returns notes of what cannot be known."""
+    """Refuse data and sources inside a box; return notes on what cannot be checked."""
     part, largest = parts.near.lattice, parts.whole.team.largest
     inside = np.zeros(part.shape, bool)
     ends = zip(region.first, region.last, part.first, strict=True)

@@ -1,4 +1,4 @@
-"""The solid and the liquid of a corrosion."""
+"""Solid and liquid in corrosion."""
 
 from __future__ import annotations
 
@@ -14,11 +14,13 @@ from farhorizon.models.model import Dissolution
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.setup import Setup, Sides, side_name
 
-_SUPERSATURATED = 0.05  # part of the saturation by which liquid may exceed it without a word
+_SUPERSATURATED = 0.05  # fraction of the saturation by which the liquid may exceed it without a warning
 
 
 def placed(setup: Setup, sides: Sides) -> tuple[np.ndarray, np.ndarray]:
-    """The solid nodes and what they hold; refuses metal at an absorbing side, where all must be liquid."""
+    """Return the solid nodes and their concentrations; refuse metal at an absorbing side, where everything must be
+    liquid.
+    """
     lattice, dissolution = setup.lattice, setup.model.dissolution
     if dissolution is None:
         return np.zeros(lattice.shape, bool), np.zeros(lattice.shape)
@@ -35,7 +37,7 @@ def placed(setup: Setup, sides: Sides) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class SolidAndLiquid:
-    """The phases of a near field on its grid.
+    """Phases of a near field on its grid.
 
     Attributes
     ----------
@@ -52,29 +54,29 @@ class SolidAndLiquid:
     first: np.ndarray
 
     def set(self, dissolved: np.ndarray) -> None:
-        """Give the engine the step at which each node of the near field became liquid (`NEVER`: solid)."""
+        """Give the engine the step at which each node of the near field dissolved (`NEVER` if it is solid)."""
         core = np.zeros(self.grid.engine.core.nodes, np.int64)
         core[self.grid.near] = dissolved.reshape(core[self.grid.near].shape)
         law = self.dissolution
         set_phases(self.grid.engine, core, law.interface, law.saturation - self.background, law.limited)
 
     def start(self) -> None:
-        """Give the engine the phases of the start."""
+        """Give the engine the initial phases."""
         self.set(np.where(self.first, NEVER, 0))
 
     @property
     def steps(self) -> np.ndarray:
-        """Step at which each node became liquid, of the lattice's shape."""
+        """Step at which each node dissolved, of the shape of the lattice."""
         return self.grid.engine.dissolved[self.grid.near].reshape(self.grid.lattice.shape)
 
     @property
     def solid(self) -> np.ndarray:
-        """The nodes of the near field that are solid now."""
+        """Nodes of the near field that are solid now."""
         return self.steps == NEVER
 
     def refuse_wet(self, busy: np.ndarray) -> None:
-        """Metal changes by what it loses to the liquid alone: InputError where nodes that something acts on are
-        solid.
+        """Raise InputError if a source or a condition acts on solid nodes (`busy` marks where they act): metal changes
+        only by what it loses to the liquid.
         """
         wet = int((busy & self.solid).sum())
         if wet:
@@ -87,14 +89,12 @@ class SolidAndLiquid:
 
     @property
     def most(self) -> float:
-        """The most that the liquid holds, over what can be dissolved in it."""
+        """Largest concentration in the liquid relative to the saturation, both relative to the background."""
         liquid = np.where(self.solid, -np.inf, self.grid.view(self.grid.engine.current).reshape(self.first.shape))
         return float(liquid.max()) / (self.dissolution.saturation - self.background)
 
     def warning(self, most: float) -> str | None:
-        """What is said where the liquid of the whole run holds so much more than can be dissolved in it; None where it
-        does not.
-        """
+        """Return a warning if `most`, the largest ratio in the whole run, exceeds 1 by too much; otherwise None."""
         if most <= 1 + _SUPERSATURATED:
             return None
         remedy = (

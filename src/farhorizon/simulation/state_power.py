@@ -1,5 +1,5 @@
-"""Power through surfaces of materials whose forces follow from states: what the law of each node makes of its state, as
-a matrix, and what the bonds between two nodes carry by it.
+"""Power through surfaces in materials whose forces follow from states: the state of each node, after its law, as a
+matrix, and the power that bonds carry by it.
 """
 
 from __future__ import annotations
@@ -14,19 +14,20 @@ from farhorizon.simulation.flux import is_cut
 
 
 class NodeStates(NamedTuple):
-    """The states of some nodes as sums over displacements, after the law of each node.
+    """States of some nodes, after the law of each node, as sums over displacements.
 
     Attributes
     ----------
     nodes : ndarray of int, shape (E,)
-        Flat numbers in the lattice, in order.
+        Flat numbers in the lattice, sorted.
     known : ndarray of bool, shape (E, dim)
-        Whether all that a state follows from is in the near field, along each axis.
+        Whether all displacements that a state depends on lie in the near field, along each axis.
     owners : ndarray of int, shape (T,)
-        Of each term the number of its node among these.
+        For each term, the index in `nodes` of the node whose state it belongs to.
     places : ndarray of int, shape (T,)
-        Of each term the node whose displacement it takes, a flat number.
+        For each term, the flat number of the node whose displacement it multiplies.
     terms : ndarray, shape (T, n, components)
+        Matrices that multiply these displacements.
     """
 
     nodes: np.ndarray
@@ -36,20 +37,20 @@ class NodeStates(NamedTuple):
     terms: np.ndarray
 
     def knows(self, ends: np.ndarray) -> np.ndarray:
-        """Of which bonds, ends of shape (bonds, 2), both states are known, along each axis."""
+        """For bonds with ends of shape (bonds, 2), whether the states of both ends are known, along each axis."""
         return np.asarray(self.known[np.searchsorted(self.nodes, ends)].all(1))
 
     def form(self, nodes: np.ndarray, ends: np.ndarray, pushes: np.ndarray) -> csr_array:
-        """The matrix A of ``u . A w = sum over bonds of 2 (w_x . D p_y(u) + w_y . D p_x(u))``.
+        """Return the matrix A of ``u . A w = sum over bonds of 2 (w_x . D p_y(u) + w_y . D p_x(u))``.
 
         Parameters
         ----------
         nodes : ndarray of int, shape (N,)
-            On which u and w are, in order; of vectors component by component of each node.
+            Nodes on which u and w are given, sorted; vectors are ordered node by node.
         ends : ndarray of int, shape (bonds, 2)
-            x and y of each bond.
+            The nodes x and y of each bond.
         pushes : ndarray, shape (bonds, components, n)
-            D of each.
+            The matrix D of each bond.
         """
         size, components = pushes.shape[2], pushes.shape[1]
         x, y = np.searchsorted(self.nodes, ends).T
@@ -62,7 +63,9 @@ class NodeStates(NamedTuple):
 
 
 def _blocks(rows: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tuple[int, int]) -> csr_array:
-    """A matrix of blocks, shape (count, n, c), at their numbers along both axes."""
+    """Return a sparse matrix of blocks, given their values, of shape (count, n, c), and their block rows and
+    columns.
+    """
     _, n, c = values.shape
     row = np.broadcast_to((n * rows)[:, None, None] + np.arange(n)[:, None], values.shape)
     column = np.broadcast_to((c * columns)[:, None, None] + np.arange(c), values.shape)
@@ -70,7 +73,9 @@ def _blocks(rows: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tu
 
 
 def states_at(parts: Parts, nodes: np.ndarray) -> NodeStates:
-    """The states of some nodes of the lattice (flat numbers, in order); each process looks at its own."""
+    """Return the states of some nodes of the lattice, given by their sorted flat numbers; each process contributes
+    those of its own nodes.
+    """
     engine, near, lattice = parts.grid.engine, parts.near, parts.whole.near.lattice
     passes = engine.passes
     assert passes is not None

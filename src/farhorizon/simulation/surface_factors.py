@@ -1,4 +1,4 @@
-"""How much stiffer bonds near a free surface have to be to make up for those that are absent."""
+"""Surface correction: by what factor bonds near a free surface must be stiffer to make up for the absent ones."""
 
 from __future__ import annotations
 

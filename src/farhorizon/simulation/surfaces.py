@@ -1,4 +1,4 @@
-"""Surfaces and nodes apart: held at the background, losing heat, damped or resting, and going on beyond the near
+"""Nodes that are held at the background, lose heat, are damped or never move, and their continuation beyond the near
 field.
 """
 
@@ -16,8 +16,8 @@ from farhorizon.simulation.surroundings import Surroundings
 
 
 def _held(near: NearField) -> tuple[np.ndarray, np.ndarray]:
-    """Values that conditions, or constraints, hold, and of these such as are held at the background for ever; of the
-    lattice's shape behind the components.
+    """Return which values conditions or constraints hold, and which of these are held at the background for ever;
+    components first, then the shape of the lattice.
     """
     found, resting = np.zeros((2, near.stencil.components, *near.lattice.shape), bool)
     found.ravel()[np.concatenate([near.conditions.nodes, near.prescribed.held(0)])] = True
@@ -26,13 +26,13 @@ def _held(near: NearField) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _leak(near: NearField) -> np.ndarray:
-    """Rates at which nodes lose heat, of the lattice's shape."""
+    """Rates at which nodes lose heat, of the shape of the lattice."""
     return near.leak if near.leak.size else np.zeros(near.lattice.shape)
 
 
 def check_conditions(near: NearField, sides: Sides, margins: dict[Key, int], notes: list[str]) -> None:
-    """What lies beyond an absorbing side goes on as at the edge and comes to rest: surfaces that lose heat, and nodes
-    that are held at the background.
+    """Check conditions next to absorbing sides. Beyond such a side the medium continues as at the edge and comes to
+    rest, including surfaces that lose heat and nodes that are held at the background.
 
     Parameters
     ----------
@@ -41,12 +41,12 @@ def check_conditions(near: NearField, sides: Sides, margins: dict[Key, int], not
     margins : dict of (axis, side) to int
         Nodes of the core beyond the near field.
     notes : list of str
-        Gets what is to be known.
+        Receives notes for the user.
 
     Raises
     ------
     InputError
-        Surfaces that end, vary or do not come to rest so near to such a side.
+        A condition within reach of such a side ends, varies or does not let the medium come to rest.
     """
     (found, held), leak = _held(near), _leak(near)
     if not found.any() and not leak.any():
@@ -84,14 +84,16 @@ def check_conditions(near: NearField, sides: Sides, margins: dict[Key, int], not
 
 
 def _last(count: int, side: int, wanted: int) -> np.ndarray:
-    """Numbers of the last nodes of so many along an axis in front of a side, from it on; none of less than one."""
+    """Indices of the last `wanted` nodes along an axis of `count` nodes, from a side inwards; none if fewer than one is
+    wanted.
+    """
     inwards = np.arange(min(wanted, count))
     return inwards if side < 0 else count - 1 - inwards
 
 
 def rest_and_damp(near: NearField, around: Surroundings, cuts: CutBonds, fixed_rim: bool) -> np.ndarray:
     """Give the engine the nodes that never move, and the damping of sponges and of surfaces that lose heat, in the core
-    and in layers along it.
+    and in the layers next to it.
 
     Parameters
     ----------
@@ -120,7 +122,7 @@ def rest_and_damp(near: NearField, around: Surroundings, cuts: CutBonds, fixed_r
         tables.append(_damped(near, around, grid, held))
     tables.append((leaking, *np.ones((2, leaking.size)), leak))
     nodes, before, after, losses = (np.concatenate(columns) for columns in zip(*tables, strict=True))
-    # a node belongs to one thread: a sponge's may lose heat at a surface, too
+    # a node of a sponge may also lose heat at a surface, but the engine takes each node only once
     once, at = np.unique(nodes, return_inverse=True)
     rows = [np.ones(once.size), np.ones(once.size), np.zeros(once.size)]
     for row, put, values in zip(rows, (np.multiply, np.multiply, np.add), (before, after, losses), strict=True):
@@ -130,8 +132,8 @@ def rest_and_damp(near: NearField, around: Surroundings, cuts: CutBonds, fixed_r
 
 
 def _continued(near: NearField, grid: Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places beyond the near field that go on being held at the background, of all components, and nodes that lose
-    heat, with their rates, beyond it too.
+    """Return the places beyond the near field where values remain held at the background, for all components, and the
+    nodes that lose heat, with their rates, including those beyond it.
     """
     engine = grid.engine
     beyond = np.ones(engine.layout.size, bool)
@@ -150,7 +152,9 @@ def _continued(near: NearField, grid: Grid) -> tuple[np.ndarray, np.ndarray, np.
 def _damped(
     near: NearField, around: Surroundings, grid: Grid, held: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes of the sponges but those held, their factors on the old and the new increment, their loss rate."""
+    """Return the nodes of the sponges that are not held, their factors on the old and the new increment, and their loss
+    rates.
+    """
     layout, lead, model = grid.engine.layout, grid.lead, near.model
     rate = np.zeros(layout.box.nodes)
     for (axis, side), boundary in around.sides.items():

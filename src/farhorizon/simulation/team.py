@@ -1,4 +1,4 @@
-"""The processes that compute one run together: what they tell each other outside the compiled loop."""
+"""The processes that compute one run together, and their communication outside the compiled loop."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from farhorizon.geometry.lattice import Lattice
 
 T = TypeVar("T")
 E = TypeVar("E", bound=BaseException)
-_LOOKS = 2000  # at whether all have come, before a process that waits for them sleeps between two
+_LOOKS = 2000  # polls for the others before a waiting process sleeps between polls
 _NAP = 5e-4  # seconds
 
 
 class _Failure:
-    """What went wrong on one process, as all others are told."""
+    """An error on one process, as reported to all others."""
 
     def __init__(self, error: BaseException) -> None:
         self.kind, self.text = type(error).__name__, str(error)
         self.system = (error.errno, error.strerror, error.filename) if isinstance(error, OSError) else None
 
     def error(self) -> BaseException:
-        """The same error for another process."""
+        """Return the same error for another process."""
         if self.system is not None:
             return agreed(OSError(*self.system))
         kind = getattr(errors, self.kind, None)
@@ -38,7 +38,7 @@ class _Failure:
 
 
 def agreed(error: E) -> E:
-    """An error as one that all processes of a run raise."""
+    """Mark an error as one that all processes of a run raise."""
     error.agreed = True  # type: ignore[attr-defined]
     return error
 
@@ -46,23 +46,23 @@ def agreed(error: E) -> E:
 class Team:
     """The processes of an MPI communicator.
 
-    All of them make the same calls in the same order. One that fails tells the others by its next call, which fails on
-    all of them with the same error: none waits for ever.
+    All of them make the same calls in the same order. A process that fails reports this in the next call, which then
+    fails on all of them with the same error, so that none waits for ever.
 
     Parameters
     ----------
     communicator : mpi4py.MPI.Intracomm or None
-        Duplicated, so that nobody else's messages are among ours; None for one process alone.
+        Duplicated, so that no other messages mix with those of the run; None for a single process.
 
     Attributes
     ----------
     number, size : int
-        Of this process, and how many there are.
+        Number of this process, and how many there are.
 
     Raises
     ------
     InputError
-        No communicator, one on several machines of different make, or processes with different versions.
+        Not a communicator, or processes with different versions.
     """
 
     def __init__(self, communicator: Any = None) -> None:
@@ -85,11 +85,11 @@ class Team:
 
     @classmethod
     def of(cls, communicator: Any) -> Team:
-        """The processes of a communicator, or a team that there is."""
+        """Return the processes of a communicator, or the team itself if it is one."""
         return communicator if isinstance(communicator, Team) else cls(communicator)
 
     def __bool__(self) -> bool:
-        """Whether there are others."""
+        """Whether there are other processes."""
         return self.size > 1
 
     def _check_versions(self) -> None:
@@ -112,7 +112,7 @@ class Team:
                 )
 
     def alone(self, what: str, key: str = "communicator") -> None:
-        """Refuse what several processes do not do together yet.
+        """Refuse something that several processes cannot do together yet.
 
         Raises
         ------
@@ -121,10 +121,10 @@ class Team:
         if self:
             raise InputError(f"{what} are not for several processes yet", key=key, remedy="one process")
 
-    # --- what they tell each other ------------------------------------------------------------------------------
+    # --- communication ------------------------------------------------------------------------------------------
 
     def gather(self, value: Any) -> list[Any]:
-        """The values of all processes, in their order; raises what one of them has failed with."""
+        """Return the values of all processes, in order; raises the error with which one of them has failed."""
         if self._all is None:
             return [value]
         found = self._exchanged(value)
@@ -134,7 +134,7 @@ class Team:
         return found
 
     def _exchanged(self, value: Any) -> list[Any]:
-        """The values of all processes; while one is long at work the others leave it the processor."""
+        """Return the values of all processes; while one of them works for long, the others leave it the processor."""
         assert self._all is not None
         waiting, looks = self._all.Ibarrier(), 0
         while not waiting.Test():
@@ -145,7 +145,7 @@ class Team:
 
     @contextmanager
     def agreed(self) -> Iterator[None]:
-        """What one process fails with within it all fail with."""
+        """Context in which an error on one process is raised on all."""
         try:
             yield
         except Exception as error:
@@ -159,11 +159,13 @@ class Team:
         self.gather(None)
 
     def knows(self, error: BaseException) -> bool:
-        """Whether there is no process that has not met an error."""
+        """Whether all processes know of an error."""
         return self._all is None or getattr(error, "agreed", False)
 
     def by_first(self, work: Callable[[], T]) -> T | None:
-        """What the first process does while the others wait, None for them; what it fails with all fail with."""
+        """Return the result of `work` on the first process, for which the others wait, and None on these; its errors
+        are raised on all.
+        """
         done: T | None = None
         with self.agreed():
             if self.number == 0:
@@ -171,33 +173,35 @@ class Team:
         return done
 
     def first(self, value: Any) -> Any:
-        """The value of the first process."""
+        """Return the value of the first process."""
         return value if self._all is None else self.gather(value if self.number == 0 else None)[0]
 
     def any(self, wanted: bool) -> bool:
-        """Whether it holds on any process."""
+        """Whether it is true on any process."""
         return any(self.gather(wanted))
 
     def largest(self, value: float) -> float:
-        """The largest value of any process."""
+        """Return the largest value of all processes."""
         return max(self.gather(value))
 
     def total(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Sums over all processes, in their order."""
+        """Return the sums over all processes, added in their order."""
         every = self.gather(dict(values))
         return {name: sum(one[name] for one in every) for name in values}
 
     def summed(self, values: np.ndarray) -> np.ndarray:
-        """The sum over all processes of arrays that are alike, on all of them."""
+        """Return, on all processes, the sum of arrays of equal shape."""
         if self._all is None:
             return values
-        self.gather(None)  # of one that has failed nothing else comes
+        self.gather(None)  # a process that has failed makes no further calls
         found = np.empty_like(values)
         self._all.Allreduce(np.ascontiguousarray(values), found)
         return found
 
     def completed(self, values: np.ndarray, which: np.ndarray, count: int, axis: int) -> np.ndarray:
-        """Sums at so many places along an axis, on all processes; this one has values at those of some numbers."""
+        """Return, on all processes, sums at `count` places along an axis; this process has values at the places
+        `which`.
+        """
         if self._all is None:
             return values
         whole = np.zeros((*values.shape[:axis], count, *values.shape[axis + 1 :]))
@@ -205,16 +209,16 @@ class Team:
         return self.summed(whole) if count else whole
 
     def collected(self, value: Any) -> list[Any] | None:
-        """The values of all processes, which the first one alone is given."""
+        """Return the values of all processes on the first one, and None on the others."""
         return [value] if self._all is None else self._all.gather(value)
 
     def joined(self, lattice: Lattice, field: np.ndarray) -> np.ndarray | None:
-        """A field of the whole lattice from those of its parts, for the first process; None for the others.
+        """Return a field on the whole lattice, joined from its parts, on the first process, and None on the others.
 
         Parameters
         ----------
         lattice : Lattice
-            The part of this process.
+            Part of this process.
         field : ndarray
             Its last axes are those of the lattice.
         """
@@ -229,36 +233,40 @@ class Team:
         return whole
 
     def dealt(self, values: Sequence[Any]) -> list[Any]:
-        """What each process gives to this one, as this one gives a value to each; all call it."""
+        """Return what each process has for this one; `values` are what this one has for each. All processes must call
+        it.
+        """
         if self._all is None:
             return list(values)
-        self.gather(None)  # of one that has failed nothing else comes
+        self.gather(None)  # a process that has failed makes no further calls
         return list(self._all.alltoall(values))
 
     def passed(self, value: Any, to: int, of: int) -> Any:
-        """What one process gives to this one, None for -1, as this one gives a value to another; all call it."""
+        """Return the value that the process `of` sends to this one, while this one sends `value` to the process `to`;
+        -1 stands for no process. All processes must call it.
+        """
         from mpi4py import MPI
 
         assert self._all is not None
-        self.gather(None)  # of one that has failed nothing else comes
+        self.gather(None)  # a process that has failed makes no further calls
         dest, source = (MPI.PROC_NULL if number < 0 else number for number in (to, of))
         return self._all.sendrecv(value, dest=dest, source=source)
 
     def abort(self, code: int) -> None:
-        """End all processes at once."""
+        """Terminate all processes at once."""
         if self._all is not None:
             self._all.Abort(code)
 
-    # --- what compiled code is told -------------------------------------------------------------------------------
+    # --- for compiled code ----------------------------------------------------------------------------------------
 
     @property
     def link(self) -> Link:
-        """How compiled code reaches the others."""
+        """Addresses and handles by which compiled code communicates with the other processes."""
         if self._all is None:
             return Link((0, 0, 0, 0), 0, 0, False, 0)
         from mpi4py import MPI
 
-        # an error that compiled code, which asks for none, left behind it would be a wait for ever
+        # compiled code checks no error codes: after an error it would wait for ever
         self._all.Set_errhandler(MPI.ERRORS_ARE_FATAL)
         library = ctypes.CDLL(MPI.__file__)
         sends, receives, waits, tests = (
@@ -269,8 +277,8 @@ class Team:
         return Link(functions, _handle(self._all), _handle(MPI.BYTE), _wide(), self.number)
 
     def threads(self) -> int:
-        """Threads for each process where none are asked for: those of its machine, shared by the processes that may run
-        on the same processors.
+        """Return the number of threads for each process unless one is given: those of its machine, divided among the
+        processes that may run on the same processors.
         """
         from farhorizon.engine.engine import available_threads
 
@@ -283,7 +291,7 @@ class Team:
         return max(1, available_threads() // self.gather(mine).count(mine))
 
 
-#: Where there is one process.
+#: The team of a single process.
 ALONE = Team()
 
 
@@ -294,7 +302,7 @@ def _wide() -> bool:
 
 
 def _handle(of: Any) -> int:
-    """The handle of a communicator or of a type as a number."""
+    """Return the handle of a communicator or a data type as a number."""
     from mpi4py import MPI
 
     kind = ctypes.c_void_p if _wide() else ctypes.c_int

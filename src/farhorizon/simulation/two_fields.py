@@ -1,4 +1,4 @@
-"""The set-up of displacements and a temperature as that of the displacements, with the temperature's beside it."""
+"""The set-up of displacements and a temperature, reduced to that of the displacements with a thermal load."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from farhorizon.inputs.cracks import Crack
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.thermal_loads import ThermalLoad, of_the_heat
 
-U, T = "u", "T"  # what the fields are called
+U, T = "u", "T"  # names of the fields
 
 
 def of_one_field(given: Mapping[str, Any], make: Callable[..., Any]) -> dict[str, Any]:
-    """What is given for a set-up of a `Thermoelastic`, for one of its solid alone, with a thermal load.
+    """Turn the arguments for a set-up of a `Thermoelastic` into those for a set-up of its solid with a thermal load.
 
     Parameters
     ----------
     given : mapping
-        By names of arguments of `Setup`.
+        Arguments of `Setup` by name.
     make : callable
         Makes a `Setup`.
 
     Raises
     ------
     InputError
-        What is given for a field that there is not, or for none; what the heat refuses, with a key that begins with
-        "heat.".
+        A value is given for an unknown field, or a coefficient is not given by field; the set-up of the heat is
+        refused, with a key that begins with "heat.".
     """
     model = given["model"]
     boundary = _by_field(given["boundary"], "boundary", both=True)
@@ -70,7 +70,7 @@ def of_one_field(given: Mapping[str, Any], make: Callable[..., Any]) -> dict[str
 
 
 def _joint(boundary: Mapping[str, Any], heat: Any) -> list[str]:
-    """Names of the sides that are the same for both fields."""
+    """Return the names of the sides that are the same for both fields."""
     if boundary[U] is boundary[T]:
         return list(heat.boundary)
     if None in boundary.values():
@@ -83,13 +83,13 @@ def _joint(boundary: Mapping[str, Any], heat: Any) -> list[str]:
 
 
 def _same(mine: Side, theirs: Side) -> bool:
-    """Whether two sides are given alike; those with a profile of their own only if they are one."""
+    """Whether two sides are equal; sides with a profile of their own must be the same object."""
     return mine is theirs or (mine.profile is None and theirs.profile is None and mine == theirs)
 
 
 def _by_field(value: Any, key: str, both: bool = False, none: bool = False) -> dict[str, Any]:
-    """A value for each field: as it is given by field, or for both, or for the displacements; where `none` it must be
-    given by field.
+    """Return a value for each field: those given by field, or one value for both fields if `both`, otherwise for the
+    displacements alone. If `none`, the value must be given by field.
     """
     if isinstance(value, Mapping) and (value.keys() & {U, T} or none):
         for name in value:

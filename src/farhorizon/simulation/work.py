@@ -1,8 +1,8 @@
-"""The work that nodes make, by which a lattice is cut into boxes for several processes.
+"""Computational work of nodes, by which a lattice is divided into boxes for several processes.
 
-Units are those of a node that a stencil sweeps with all its bonds. What a node costs was measured on one thread
-(`python benchmarks/work.py`, 2D and 3D, nodes of the plane with 28 bonds, those of space with 32): the constants here
-are between what was found, which depends on the stencil and the machine. Nodes outside a body are swept as all others.
+The unit is the work of a node with all its bonds that a stencil sweeps. The costs were measured on one thread
+(`python benchmarks/work.py`, 2D and 3D, nodes with 28 bonds in the plane and 32 in space): the constants here lie
+between the results, which depend on the stencil and the machine. Nodes outside a body are swept like all others.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from farhorizon.simulation.host import constants_of, node_factor
 from farhorizon.simulation.setup import Setup, within_part
 from farhorizon.simulation.team import ALONE, Team
 
-#: A node whose bonds are swept one by one, and of a row of a linear material whose bonds may break.
+#: A node whose bonds are swept one by one, and one in a row of a linear material with breakable, intact bonds.
 _ONE_BY_ONE, _WATCHED = 10.0, 3.0
-#: What is added for a node beside a crack, or a rim, that a stencil sweeps; of states two passes of it.
+#: Added for a node next to a crack or a rim that a stencil sweeps, and next to a crack for the two passes of states.
 _CUT, _RIM, _STATES = 50.0, 2.0, 35.0
-#: What is added for a node of a linear material whose bonds see several media, and if nodes of its own row do.
+#: Added for a node of a linear material whose bonds end in several media, and if those along its row do.
 _UNEVEN, _UNEVEN_ROW = 20.0, 45.0
-#: Bonds between metal and liquid, one by one; of metal alone none is swept.
+#: Added for a node with bonds between metal and liquid, swept one by one; bonds within metal are not swept.
 _FRONT = 20.0
 
 
 @dataclass(frozen=True)
 class Costs:
-    """What nodes of a set-up cost.
+    """Work per node for a set-up.
 
     Attributes
     ----------
     node : float
-        With all its bonds.
+        For a node with all its bonds.
     cut, rim : float
-        What is added beside a crack, and beside nodes that are not of the body.
+        Added next to a crack, and next to nodes outside the body.
     uneven : tuple of float
-        What is added where bonds see several media, and where those of the same row do.
+        Added where bonds end in several media, and where those along the row do.
     """
 
     node: float
@@ -53,8 +53,8 @@ class Costs:
 
 
 def costs_of(setup: Setup, model: LatticeModel) -> Costs:
-    """What the operator of a set-up, whose model is made uniform, costs where bonds are there and where they are
-    not.
+    """Return the work per node of the operator of a set-up, where bonds are present and where they are absent; `model`
+    is its uniform host.
     """
     lattice = setup.lattice
     law, varies = model.bond_law, bool(setup.model.varying) or setup.coefficient is not None
@@ -68,21 +68,21 @@ def costs_of(setup: Setup, model: LatticeModel) -> Costs:
 
 
 def work_of(setup: Setup, model: LatticeModel, part: Lattice) -> np.ndarray:
-    """Work of the nodes of a part of the lattice, of its shape.
+    """Return the work of each node in a part of the lattice.
 
     Parameters
     ----------
     setup : Setup
-        Of the whole.
+        The whole set-up.
     model : LatticeModel
-        Uniform.
+        Uniform host of its model.
     part : Lattice
     """
     costs, whole = costs_of(setup, model), part.whole
     states = model.force_states(whole.spacing, whole.dim)
     offsets = (model.medium(whole.spacing, whole.dim) if states is None else states).offsets
     reach = np.abs(offsets).max(0).tolist()
-    around, own = part.around(reach)  # with what the bonds of its nodes reach
+    around, own = part.around(reach)  # with all nodes within reach of its own
     box = [2 * m + 1 for m in reach]
     found = np.full(around.shape, costs.node)
     if whole.body is not None and around.mask is not None and setup.rim == "free" and costs.rim:
@@ -107,8 +107,8 @@ def work_of(setup: Setup, model: LatticeModel, part: Lattice) -> np.ndarray:
 
 
 def _uneven(setup: Setup, model: LatticeModel, part: Lattice, reach: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of a part of the lattice whose bonds see more than one medium, and those of which bonds along the last axis
-    do.
+    """Mark the nodes in a part of the lattice whose bonds end in more than one medium, and those for which bonds along
+    the last axis do.
     """
     there = replace(setup, lattice=part)
     variation = model.beside(constants_of(there)) if setup.model.varying else Variation()
@@ -126,17 +126,18 @@ def _uneven(setup: Setup, model: LatticeModel, part: Lattice, reach: Sequence[in
 
 
 def work_along(setup: Setup, model: LatticeModel, more: Mapping[Key, float], team: Team = ALONE) -> list[np.ndarray]:
-    """Work of the nodes at each place along each axis, over that of as many plain ones, layers beside them counted.
+    """Return, for each axis, the work of the nodes at each place along it, layers beside them included, relative to
+    that of as many plain nodes.
 
-    Each process looks at a box of the lattice.
+    Each process examines a box of the lattice.
 
     Parameters
     ----------
     setup : Setup
     model : LatticeModel
-        Uniform.
+        Uniform host of its model.
     more : mapping of (axis, side) to float
-        Work beyond each side, in nodes along the axis.
+        Work beyond each side, as an equivalent number of nodes along the axis.
     team : Team
     """
     lattice, shape = setup.lattice, setup.lattice.shape

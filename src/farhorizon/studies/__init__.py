@@ -1,1 +1,1 @@
-"""Several runs side by side: against the infinite medium, over options, over horizons."""
+"""Studies of several runs: comparison with the infinite medium, variation of options, horizons."""

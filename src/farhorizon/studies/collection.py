@@ -1,7 +1,7 @@
-"""Collections of computations with a known result: published tables and figures, exact solutions.
+"""Collections of computations with known results: published tables and figures, exact solutions.
 
-An entry is a function of a folder (where it may draw a picture) that returns an `Outcome`: numbers of ours, each beside
-the one that is expected. `Collection.enter` puts it into a collection under a name.
+An entry is a function of a folder (where it may draw pictures) that returns an `Outcome`: computed numbers, each with
+the expected one. `Collection.enter` adds it to a collection under a name.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ class Row:
     Attributes
     ----------
     what : str
-        What it is, e.g. ``"t = 5, dt = 0.001"``.
+        Description, e.g. ``"t = 5, dt = 0.001"``.
     ours : float
     printed : float, optional
-        As the paper has it, or the value of the exact solution; None where there is no such number.
+        Value in the paper or of the exact solution; None if there is none.
     corrected : float, optional
-        What a misprint should read.
+        Correct value of a misprint.
     note : str
-        Why, in one line.
+        Explanation, in one line.
     """
 
     what: str
@@ -42,18 +42,18 @@ class Row:
 
     @property
     def expected(self) -> float | None:
-        """The printed number, a misprint corrected."""
+        """The printed number, or the correct value of a misprint."""
         return self.printed if self.corrected is None else self.corrected
 
     @property
     def deviation(self) -> float | None:
-        """Relative deviation of ours from what is expected."""
+        """Relative deviation of the computed number from the expected one."""
         return self.ours / self.expected - 1 if self.expected else None
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What an entry found.
+    """Result of an entry.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class RowFacts(TypedDict):
 
 
 class OutcomeFacts(TypedDict):
-    """Computed numbers beside the known ones."""
+    """Computed numbers next to the known ones."""
 
     name: str
     """Name in the list."""
@@ -121,12 +121,11 @@ class Entry:
     ----------
     name, paper, title : str
     function : callable
-        Takes the folder of the pictures, and `full` if it is scaled.
+        Takes the folder of the pictures, and `full` if the entry is scaled.
     takes : {"seconds", "a minute"}
-        About how long it runs on one core, once what it needs is compiled.
+        Approximate run time on one core, once everything needed is compiled.
     full : {"", "a minute", "minutes", "an hour"}
-        The same of the full size, where the default is a smaller version or has larger steps; empty if there is one
-        size.
+        The same in full size, if the default is a smaller version or has larger steps; empty if there is only one size.
     """
 
     name: str
@@ -138,25 +137,25 @@ class Entry:
 
     @property
     def scaled(self) -> bool:
-        """Whether it runs in a smaller version, or with larger steps, unless the full one is asked for."""
+        """Whether it is run in a smaller version, or with larger steps, unless the full one is requested."""
         return bool(self.full)
 
     @property
     def duration(self) -> str:
-        """The words of the list for how long it runs."""
+        """Run time, as stated in the list."""
         return f"{self.takes}; --full: {self.full}" if self.scaled else self.takes
 
     def run(self, folder: Path, full: bool = False) -> Outcome:
-        """Compute it; `full` in the size that was published or that the closest agreement takes."""
+        """Compute the entry; with `full` in the published size, or that which gives the closest agreement."""
         return self.function(folder, full) if self.scaled else self.function(folder)
 
     @property
     def facts(self) -> EntryFacts:
-        """What the list says, as plain data."""
+        """The entry of the list as plain data."""
         return {"paper": self.paper, "title": self.title, "takes": self.takes, "full": self.full}
 
     def as_json(self, outcome: Outcome) -> OutcomeFacts:
-        """The outcome as plain data."""
+        """Return an outcome as plain data."""
         rows = [_row_facts(row) for row in outcome.rows]
         pictures = [path.name for path in outcome.pictures]
         return {
@@ -181,11 +180,11 @@ class Collection:
     command : str
         The command that lists and computes them.
     package : str
-        Where the modules are that enter them.
+        Package of the modules that enter them.
     modules : tuple of str
-        In the order of the list.
+        Names of these modules, in the order of the list.
     known : str
-        What the known numbers are: the word over their column.
+        Heading of the column of known numbers.
     """
 
     command: str
@@ -197,8 +196,8 @@ class Collection:
     def enter(
         self, name: str, paper: str, title: str, takes: str = "seconds", full: str = ""
     ) -> Callable[[Callable[..., Outcome]], Callable[..., Outcome]]:
-        """Decorator that enters a function of the pictures' folder; one with a `full` size takes `full`, too. See
-        `Entry`.
+        """Decorator that enters a function of the folder of the pictures; if there is a `full` size, the function takes
+        `full` as well. See `Entry`.
         """
 
         def entered(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
@@ -208,18 +207,18 @@ class Collection:
         return entered
 
     def entries(self) -> dict[str, Entry]:
-        """All entries by name, in the order of the modules."""
+        """Return all entries by name, in the order of the modules."""
         for module in self.modules:
             importlib.import_module(f"{self.package}.{module}")
         return dict(self._entries)
 
     def find(self, name: str) -> Entry:
-        """The entry of a name.
+        """Return the entry of a name.
 
         Raises
         ------
         InputError
-            An unknown name; the nearest known one is suggested.
+            The name is unknown; the closest known one is suggested.
         """
         entries = self.entries()
         if name not in entries:
@@ -235,7 +234,7 @@ class Collection:
 
 
 def outcome_table(outcome: Outcome, known: str) -> str:
-    """The rows as text: ours, the known number under its word, deviation, note."""
+    """Return the rows as text: the computed number, the known one under its heading, deviation, note."""
     width = max(len(row.what) for row in outcome.rows)
     lines = [f"{'':{width}}  {'ours':>10}  {known:>10}  {'deviation':>9}  note"]
     for row in outcome.rows:

@@ -1,7 +1,6 @@
-"""Comparison of a truncated run with the infinite medium, for the given boundary and, beside it, a fixed and a free
-edge.
+"""Comparison of a truncated run with the infinite medium, for the given boundary and for a fixed and a free edge.
 
-In one dimension exact ends stand beside layers, and layers beside exact ends.
+In one dimension, exact ends are run in addition to layers, and layers in addition to exact ends.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from farhorizon.simulation.host import constants_of
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.simulation import Simulation
 
-_KERNEL = 1e7  # steps times reach squared of an exact end whose kernel takes half a minute
+_KERNEL = 1e7  # steps times squared reach for which the kernel of an exact end takes half a minute to compute
 
 
 class Curve(TypedDict):
@@ -57,11 +56,11 @@ class Comparison:
         How the infinite medium was computed.
     times : list of float
     curves : dict of str to Curve
-        For each boundary.
+        Errors of each boundary.
     fields : dict of str to ndarray
         The field at `shown_time`: "infinite medium" and each boundary.
     edges : str
-        Where the fixed and the free edge lie.
+        Where the fixed and the free edges lie.
     scale : str
         What the relative errors refer to: with zero initial values, constraints or incident waves the largest value of
         the run.
@@ -71,7 +70,7 @@ class Comparison:
     growth_bound : float
         Growth of backward waves in the layer to first order in its strength.
     left_out : str
-        An absorber that would serve but was not run, and why.
+        An absorber that would be applicable but was not run, and why.
     """
 
     reference: str
@@ -88,19 +87,19 @@ class Comparison:
 
     @property
     def headline(self) -> str:
-        """The error of the given boundary in one line."""
+        """Error of the given boundary, in one line."""
         name, curve = next(iter(self.curves.items()))
         return f"error of the {name} at most {curve['error_max_over_run'] / self.initial:.2g} of the {self.scale}"
 
     def as_json(self) -> dict[str, Curve]:
-        """Errors by boundary as plain data."""
+        """Return the errors by boundary as plain data."""
         growing: dict[str, Curve] = {
             name: {**self.curves[name], "growth_rate": rate} for name, rate in self.growth.items()
         }
         return self.curves | growing
 
     def table(self) -> str:
-        """Errors at up to eight times, one row a time, relative to the initial maximum."""
+        """Return the errors at up to eight times as text, one row per time, relative to the initial maximum."""
         names = list(self.curves)
         rows = [f"{'t':>10}" + "".join(f"{n:>16}" for n in names)]
         some = sorted({round(i) for i in np.linspace(0, len(self.times) - 1, 8)})
@@ -135,8 +134,8 @@ class Comparison:
 
 
 def growth_rate(times: Sequence[float], values: Sequence[float]) -> float:
-    """Slope of the logarithm of positive values over the second half of the times, by least squares; 0 with fewer than
-    two.
+    """Return the slope of the logarithm of positive values over the second half of the times, by least squares; 0 if
+    there are fewer than two.
     """
     t, v = np.asarray(times, float), np.asarray(values, float)
     late = (t >= 0.5 * t[-1]) & (v > 0) & np.isfinite(v)
@@ -152,7 +151,7 @@ def compare(
 ) -> Comparison:
     """Run a set-up, the same with a fixed and with a free edge, and the infinite medium, at the same time step.
 
-    In one dimension the set-up is run with exact ends as well as with layers, where both serve.
+    In one dimension the set-up is run with exact ends as well as with layers, where both are applicable.
 
     The edges lie where the near field ends: at the absorbing sides, or on the outline of a window.
 
@@ -164,10 +163,10 @@ def compare(
     times : sequence of float, optional
         When to compare; 40 even times unless given.
     shown : float, optional
-        Time of the fields kept for a picture; unless given that at which the smaller of the medium's field and the
-        largest error is largest, so that the picture shows both.
+        Time of the fields kept for a picture; unless given, that at which the smaller of the field of the medium and
+        the largest error is largest, so that the picture shows both.
     beside : bool
-        Run a fixed and a free edge too, and the other absorber in one dimension.
+        Whether to run a fixed and a free edge too, and in one dimension the other absorber.
 
     Raises
     ------
@@ -191,7 +190,7 @@ def compare(
         result.edges, result.left_out = _edges(ours), _left_out(ours, steps[-1])
     shown_step = None if shown is None else min(steps, key=lambda n: abs(n * ours.dt - shown))
     errors, size = _step_together(result, runs, steps, exact_after, shown_step)
-    # driven by sources or prescribed values: the largest value of the run is the scale
+    # initially zero, or driven by constraints or incident waves: the scale is the largest value of the run
     driven = setup.constraints or any(isinstance(s, Incident) for s in setup.sources)
     if result.initial == 0 or driven:
         result.initial, result.scale = max(size), "largest value of the run"
@@ -208,7 +207,7 @@ def compare(
 
 
 def _moments(until: float, times: Sequence[float] | None) -> np.ndarray:
-    """When to compare, ascending."""
+    """Return the times of comparison in ascending order."""
     if times is None:
         return np.linspace(0, until, 41)[1:]
     if not (np.size(times) and np.isfinite(times).all() and np.min(times) > 0):
@@ -217,14 +216,14 @@ def _moments(until: float, times: Sequence[float] | None) -> np.ndarray:
 
 
 def _edges(ours: Simulation) -> str:
-    """Where the fixed and the free edge lie."""
+    """Return where the fixed and the free edges lie, in words."""
     if ours.lattice.window is not None:
         return "on the outline of the window"
     return "at the absorbing sides of the near field"
 
 
 def _left_out(ours: Simulation, steps: int) -> str:
-    """The absorber that would serve beside layers on a line but is not run, and why; empty if there is none."""
+    """Return the absorber that would be applicable in one dimension but is not run, and why; empty if there is none."""
     if not (_has_layers(ours) and ours.lattice.dim == 1 and _long_kernel(ours, steps)):
         return ""
     return f'exact ends, whose kernel for {steps} steps would take minutes to make: compare a case of type = "exact"'
@@ -237,8 +236,8 @@ def _step_together(
     exact_after: Callable[[int], np.ndarray],
     shown_step: int | None,
 ) -> tuple[dict[str, list[float]], list[float]]:
-    """Errors of each run after some steps, and the largest value of the infinite medium; the fields to be shown are
-    kept in the result.
+    """Return the errors of each run after some steps, and the largest values of the infinite medium; the fields to be
+    shown are stored in the result.
     """
     ours, most = next(iter(runs.values())), -1.0
     errors: dict[str, list[float]] = {name: [] for name in runs}
@@ -272,7 +271,7 @@ def _curve(result: Comparison, error: list[float], size: Sequence[float]) -> Cur
 
 
 def _measure_growth(result: Comparison, ours: Simulation) -> None:
-    """Note how fast the error of the given boundary grows where backward waves do in a layer."""
+    """Measure how fast the error of the given boundary grows if backward waves grow in a layer."""
     layers = ours.engine.layers.values()
     undamped = ours.model.order == 2 and any(not layer.damping.any() for layer in layers)
     backward = ours.stencil.backward_waves() if undamped else None
@@ -282,8 +281,8 @@ def _measure_growth(result: Comparison, ours: Simulation) -> None:
 
 
 def _infinite(setup: Setup, ours: Simulation, steps: int) -> tuple[str, Callable[[int], np.ndarray]]:
-    """The infinite medium: how it is computed, and its field on the near field after a number of steps, which do not
-    decrease.
+    """Return how the infinite medium is computed, and a function that returns its field on the near field after a
+    number of steps, which must not decrease from call to call.
     """
     if _homogeneous(setup, ours):
         lattice = InfiniteLattice(
@@ -307,7 +306,7 @@ def _infinite(setup: Setup, ours: Simulation, steps: int) -> tuple[str, Callable
 
 
 def _homogeneous(setup: Setup, ours: Simulation) -> bool:
-    """Whether there is nothing but a linear medium without end and initial data."""
+    """Whether the set-up consists of an unbounded, homogeneous, linear medium and initial data only."""
     changed = setup.cracks or setup.constraints or setup.specimens or setup.coefficient is not None or ours.varied
     endless = all(b.endless for b in ours.sides.values()) and ours.lattice.body is None
     plain = ours.model.bond_law is None and not ours.model.drag
@@ -315,13 +314,13 @@ def _homogeneous(setup: Setup, ours: Simulation) -> bool:
 
 
 def _besides(setup: Setup, ours: Simulation, steps: int) -> dict[str, Simulation]:
-    """What is run beside a set-up: the other absorber, a fixed and a free edge, as far as they serve."""
+    """Return what is run in addition to a set-up: the other absorber, a fixed and a free edge, as far as applicable."""
     served = [rim for rim, end in (("fixed", Fixed), ("free", Free)) if ours.model.serves(end)]
     return {**_other_absorber(setup, ours, steps), **{f"{rim} edge": _ended(setup, ours, rim) for rim in served}}
 
 
 def _with(ours: Simulation, end: Any) -> dict[str, Any]:
-    """The sides with another boundary in place of those that absorb."""
+    """Return the sides by name, with the absorbing ones replaced by another boundary."""
     return {name: end if b.endless else b for name, b in _by_name(ours).items()}
 
 
@@ -330,12 +329,12 @@ def _has_layers(ours: Simulation) -> bool:
 
 
 def _long_kernel(ours: Simulation, steps: int) -> bool:
-    """Whether the kernel of exact ends would take minutes to make."""
+    """Whether the kernel of exact ends would take minutes to compute."""
     return steps * ours.stencil.reach[0] ** 2 > _KERNEL
 
 
 def _other_absorber(setup: Setup, ours: Simulation, steps: int) -> dict[str, Simulation]:
-    """In one dimension, where layers and exact ends both serve: the set-up with the one in place of the other.
+    """Return, in one dimension, the set-up with exact ends in place of layers or vice versa, if applicable.
 
     Exact ends whose kernel would take minutes are left out.
     """
@@ -345,15 +344,15 @@ def _other_absorber(setup: Setup, ours: Simulation, steps: int) -> dict[str, Sim
             try:
                 other = Simulation.of(replace(setup, boundary=boundary, dt=ours.dt))
                 other.prepare(steps * ours.dt)
-            except InputError:  # a model, an integrator or data for which the other one does not serve
+            except InputError:  # not applicable to this model, integrator or data
                 continue
             return {_name(other): other}
     return {}
 
 
 def _ended(setup: Setup, ours: Simulation, rim: str) -> Simulation:
-    """The same set-up in a medium that ends where the near field does, at a fixed or a free edge: on the outline of a
-    window, if it is one.
+    """Return the same set-up in a medium that ends at the edge of the near field, or on the outline of a window, with a
+    fixed or a free edge.
     """
     changes: dict[str, Any] = {
         "boundary": _with(ours, Fixed(ours.background) if rim == "fixed" else Free()),
@@ -375,13 +374,13 @@ def _name(sim: Simulation) -> str:
 
 
 def far_slices(far: Simulation, ours: Simulation) -> tuple[Any, ...]:
-    """Where the near field lies in a field of the extended domain."""
+    """Return the slices of the near field in a field of the extended domain."""
     first = np.round((ours.lattice.lower - far.lattice.lower) / ours.lattice.spacing).astype(int)
     return (..., *(slice(i, i + n) for i, n in zip(first, ours.lattice.shape, strict=True)))
 
 
 def _extended(setup: Setup, ours: Simulation, until: float) -> Simulation:
-    """The same set-up on a domain so large that nothing returns from its ends."""
+    """Return the same set-up on a domain so large that nothing returns from its ends."""
     lattice = ours.lattice
     more = undisturbed(ours.stencil.with_reaction(0.0), ours.fastest_rate, ours.model.order, until)
     open_sides = {key: more for key, b in ours.sides.items() if b.endless}
@@ -422,7 +421,7 @@ def _extended(setup: Setup, ours: Simulation, until: float) -> Simulation:
 
 
 def _widened_loads(loads: Sequence[Any], lattice: Lattice, nodes: dict[tuple[int, int], int]) -> list[Any]:
-    """Loads where they are on a larger lattice."""
+    """Return the loads for a larger lattice, where they act at the same places."""
     return [
         replace(one, value=widened(one.value, lattice, nodes)) if isinstance(one, BodyForce) else one.bounded(lattice)
         for one in loads

@@ -1,4 +1,4 @@
-"""Convergence under refinement: one computation at several spacings, the horizon always as many of them."""
+"""Convergence under refinement: one computation at several spacings, with a fixed number of spacings per horizon."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from farhorizon import kinds
 from farhorizon.errors import InputError, shown
 from farhorizon.pictures.curves import log_panels
 
-_ROUNDING = 8 * float(np.finfo(float).eps)  # of the largest value
-_ORDERS = np.linspace(0.1, 10.0, 100)  # at which a fit is looked for
+_ROUNDING = 8 * float(np.finfo(float).eps)  # relative to the largest value
+_ORDERS = np.linspace(0.1, 10.0, 100)  # orders among which the best fit is searched
 
 
 class Refinable(Protocol):
-    """A case file, read."""
+    """A case file that has been read."""
 
     @property
     def end(self) -> float:
         """End of the run."""
 
     def refined(self, spacing: float) -> Refinable:
-        """The same at another spacing."""
+        """Return the same case at another spacing."""
 
     def run(self) -> Any:
-        """A new run."""
+        """Create a new run."""
 
 
 @dataclass(frozen=True, eq=False)
 class Convergence:
-    """What some quantity is at several spacings, and its limit.
+    """Values of a quantity at several spacings, and their limit.
 
     Attributes
     ----------
@@ -42,11 +42,11 @@ class Convergence:
         The largest first.
     values : ndarray, shape (n, ...)
     limit : ndarray, shape (...)
-        The exact values, or, where none are given, those that the fit has at spacing 0.
+        The exact values or, where none are given, the fit at spacing 0.
     errors : ndarray, shape (n,)
-        The largest difference to the limit.
+        The largest difference from the limit.
     order : float
-        Of the error in the spacing.
+        Order of the error in the spacing.
     """
 
     spacings: np.ndarray
@@ -164,7 +164,7 @@ def _computed(case: Refinable | Callable[[float], Any], spacing: float) -> Any:
 
 
 def _fitted(spacings: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, float]:
-    """Limit and order of ``q(0) + C h^p`` with the least squares of what is left."""
+    """Return limit and order of ``q(0) + C h^p``, fitted by least squares."""
     flat, scaled = values.reshape(len(values), -1), spacings / spacings[0]
 
     def solved(order: float) -> tuple[np.ndarray, float]:

@@ -1,7 +1,7 @@
-"""Studies of nonlocal models: a measured number over a table of horizons and of nodes in the horizon.
+"""Studies of nonlocal models: a measured number as a function of the horizon and of the number of nodes in it.
 
-m-convergence: the horizon stays, the nodes in it become many; delta-convergence: their number m stays, the horizon
-shrinks.
+m-convergence: the horizon is fixed and the number m of nodes in it increases; delta-convergence: m is fixed and the
+horizon decreases.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from farhorizon.errors import InputError
 
 @dataclass(frozen=True)
 class Study:
-    """Numbers over horizons and nodes in the horizon.
+    """Numbers as a function of the horizon and of the number of nodes in it.
 
     Attributes
     ----------
     horizons : ndarray, shape (H,)
     ratios : ndarray, shape (M,)
-        Nodes in the horizon, m.
+        Number of nodes in the horizon, m.
     values : ndarray, shape (H, M)
     """
 
@@ -33,14 +33,14 @@ class Study:
     values: np.ndarray
 
     def increments(self) -> np.ndarray:
-        """What each refinement at the same horizon changes, shape (H, M - 1): in m-convergence they go to zero
+        """Change by each refinement at the same horizon, shape (H, M - 1): in m-convergence it tends to zero
         geometrically.
         """
         return np.diff(self.values, axis=1)
 
     def rates(self, last: int | None = None) -> np.ndarray:
-        """Slope of log value over log horizon for each m by least squares, shape (M,), over the `last` horizons (all
-        unless given).
+        """Slope of the logarithm of the values over that of the horizon for each m, by least squares, shape (M,), over
+        the `last` horizons (all unless given).
 
         Raises
         ------
@@ -59,8 +59,8 @@ class Study:
         return np.polyfit(np.log(self.horizons[first:]), np.log(self.values[first:]), 1)[0]
 
     def crossing(self) -> tuple[float, float]:
-        """Number of nodes m* at which the curves of the two smallest horizons over log m cross, and the value there;
-        nan if they do not.
+        """Return the number of nodes m* at which the curves over log m of the last two horizons cross, and the value
+        there; nan if they do not cross.
         """
         one, other = self.values[-2:]
         place = np.log(self.ratios)
@@ -79,17 +79,17 @@ def over_horizons(
     ratios: Sequence[int],
     workers: int | None = None,
 ) -> dict[str, Study]:
-    """Measure over all horizons and nodes in the horizon.
+    """Measure for all combinations of horizons and numbers of nodes in the horizon.
 
     Parameters
     ----------
     measure : callable
-        Takes a horizon and m; returns numbers by name. Simulations in it should use one thread.
+        Takes a horizon and m, and returns numbers by name. Simulations in it should use one thread.
     horizons : sequence of float
     ratios : sequence of int
     workers : int, optional
-        Runs side by side (threads; the compiled loop lets go of the interpreter); as many as cores are offered unless
-        given.
+        Number of simultaneous runs (threads; the compiled loop releases the interpreter lock); unless given, the number
+        of available cores.
 
     Returns
     -------
@@ -98,7 +98,7 @@ def over_horizons(
     Raises
     ------
     InputError
-        Nothing to study, horizons or ratios that are not positive.
+        Nothing to study, or horizons or ratios that are not positive.
     """
     from farhorizon.engine.engine import available_threads
 
@@ -109,7 +109,7 @@ def over_horizons(
             key="study",
         )
     cells = [(h, m) for h in horizons for m in ratios]
-    # the finest grid first, so that no worker ends alone with it
+    # start with the finest grid, so that no worker is left alone with it at the end
     cost = sorted(range(len(cells)), key=lambda i: cells[i][0] / cells[i][1])
     found: list[dict[str, Any]] = [{}] * len(cells)
     with ThreadPoolExecutor(workers or available_threads()) as pool:

@@ -1,4 +1,4 @@
-"""Many cases that differ in some keys, side by side: one table of what came out."""
+"""Sweeps: many cases that differ in some keys, run in parallel, and a table of the results."""
 
 from __future__ import annotations
 
@@ -25,41 +25,41 @@ from farhorizon.files.storage import locked, replacing
 if TYPE_CHECKING:
     import xarray
 
-_FAILED, _CASE = "failed", "case"  # columns behind those of the keys and of the quantities
+_FAILED, _CASE = "failed", "case"  # columns after those of the keys and the quantities
 
 Quantities = Mapping[str, Callable[[Any], float]]
-Outcome = tuple[dict[str, float], str]  # quantities, and why it failed
+Outcome = tuple[dict[str, float], str]  # quantities, and the reason of a failure
 
 
 class Sweepable(Protocol):
-    """A case file, read."""
+    """A case file that has been read."""
 
     @property
     def text(self) -> str:
-        """What it says."""
+        """Its contents."""
 
     def changed(self, changes: Mapping[str, Any]) -> Sweepable:
-        """The same with other values at dotted keys."""
+        """Return the same case with other values at dotted keys."""
 
     def completed(self, threads: int | None) -> Any:
-        """A new run that has come to its end, on so many threads at most."""
+        """Return a new run that has reached its end, on at most `threads` threads."""
 
     def figures(self, run: Any) -> dict[str, float]:
-        """What is told of a run unless something else is asked for."""
+        """Return the default quantities of a run."""
 
 
 @dataclass(frozen=True, eq=False)
 class SweepTable:
-    """What came of many cases.
+    """Results of many cases.
 
     Attributes
     ----------
     changes : list of dict
-        Of each case, the values of the keys that were changed.
+        For each case, the values of the keys that were changed.
     figures : list of dict
-        Of each case the quantities by name; empty for one that failed.
+        For each case, the quantities by name; empty if it failed.
     failed : dict of int to str
-        Numbers of the cases that failed, and why.
+        Numbers of the cases that failed, with the reasons.
     """
 
     changes: list[dict[str, Any]]
@@ -82,8 +82,8 @@ class SweepTable:
         return "\n".join([*lines, *(f"failed: {_said(self.changes[i])}: {why}" for i, why in self.failed.items())])
 
     def to_xarray(self) -> xarray.Dataset:
-        """The table with an axis for each key, where all combinations of their values were computed, else with one axis
-        of the cases. What failed is NaN.
+        """Return the table with one axis per key if all combinations of their values were computed, otherwise with a
+        single axis for the cases. Failed cases are NaN.
 
         Returns
         -------
@@ -199,7 +199,7 @@ def sweep(
 
 
 def _combinations(changes: Any) -> list[dict[str, Any]]:
-    """The cases one by one."""
+    """Return the changes of each case."""
     if isinstance(changes, Mapping):
         values = [kinds.sequence(several, f"changes[{key!r}]", "values") for key, several in changes.items()]
         found = [dict(zip(changes, one, strict=True)) for one in itertools.product(*values)]
@@ -224,7 +224,7 @@ def _checked(quantities: Any, keys: list[str]) -> Quantities:
 
 
 def _name(case: Sweepable, asked: Quantities | None) -> str:
-    """What tells a case and its quantities from others in a table."""
+    """Return a name by which a case with its quantities is identified in a table."""
     words = [case.text, *([] if asked is None else sorted(asked))]
     return hashlib.sha256("\0".join(words).encode()).hexdigest()[:16]
 
@@ -232,18 +232,18 @@ def _name(case: Sweepable, asked: Quantities | None) -> str:
 def _outcomes(
     cases: Mapping[int, Sweepable], asked: Quantities | None, jobs: int, executor: Executor | None
 ) -> Iterator[tuple[int, Outcome]]:
-    """Numbers of the cases and what came of them, as they end."""
+    """Yield the number and the outcome of each case as it ends."""
     jobs = min(jobs, len(cases))
     if executor is None and jobs <= 1:
         yield from ((i, _outcome(case, asked)) for i, case in cases.items())
         return
     threads = None if executor else max(1, available_threads() // jobs)
-    # a fork of a process with threads may hang
+    # a forked process may hang if its parent has threads
     pool = executor or ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"))
     waiting = {pool.submit(_outcome, case, asked, threads): i for i, case in cases.items()}
     try:
         for future in as_completed(waiting):
-            error = future.exception()  # the process was killed, or what it was sent cannot be sent
+            error = future.exception()  # the process was killed, or its arguments cannot be pickled
             yield waiting[future], future.result() if error is None else ({}, _told(error))
     finally:
         for future in waiting:
@@ -253,7 +253,7 @@ def _outcomes(
 
 
 def _outcome(case: Sweepable, asked: Quantities | None, threads: int | None = None) -> Outcome:
-    """What came of one case, wherever it is computed."""
+    """Return the outcome of one case, in any process."""
     try:
         run = case.completed(threads)
         found = case.figures(run) if asked is None else {name: float(of(run)) for name, of in asked.items()}
@@ -267,7 +267,7 @@ def _told(error: BaseException) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """A value as a coordinate: a number, or a text."""
+    """Return a value as a coordinate: a number or a text."""
     return value if isinstance(value, int | float | str) else json.dumps(value, default=str)
 
 
@@ -281,12 +281,12 @@ def _said(change: Mapping[str, Any]) -> str:
 
 
 class _Table:
-    """The file of a sweep, which is whole whenever its process ends: one row a case.
+    """File of a sweep with one row per case; it is complete at all times, even if the process is killed.
 
     Attributes
     ----------
     figures : dict of str to dict
-        By the names of cases, those that did not fail.
+        Quantities of the cases that did not fail, by the name of the case.
     """
 
     def __init__(self, path: Path | None, keys: list[str]) -> None:
@@ -298,7 +298,7 @@ class _Table:
                 self._read(path)
             except FileFormatError:
                 raise
-            except (ValueError, csv.Error) as error:  # no text, or no number where one is due
+            except (ValueError, csv.Error) as error:  # not a text file, or no number where one is expected
                 raise FileFormatError(
                     f"{path} is damaged, or no table: {error}", remedy="choose another file, or mend it"
                 ) from None
@@ -306,7 +306,7 @@ class _Table:
     @classmethod
     @contextmanager
     def opened(cls, path: str | Path | None, keys: list[str]) -> Iterator[_Table]:
-        """That of a path, which nobody else writes meanwhile; without one it is kept nowhere."""
+        """Open the table at a path, locked against other writers; with None it is kept in no file."""
         if path is None:
             yield cls(None, keys)
             return
@@ -334,7 +334,7 @@ class _Table:
                     self.figures[row[_CASE]] = {name: float(row[name]) for name in numbers if row[name]}
 
     def add(self, name: str, change: Mapping[str, Any], figures: Mapping[str, float], why: str) -> None:
-        """A case that has ended; one of the same name is replaced."""
+        """Add a case that has ended, replacing an earlier one of the same name."""
         if self._path is None:
             return
         texts = {key: _word(value) for key, value in change.items()} | {n: repr(v) for n, v in figures.items()}

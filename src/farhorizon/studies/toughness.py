@@ -1,4 +1,4 @@
-"""Cracks that run after a pair of forces, and the critical stretch with which they spend a fracture energy; see
+"""Cracks that follow a pair of forces, and the critical stretch for which they spend a given fracture energy; see
 `farhorizon.simulation.running_cracks`.
 """
 
@@ -23,7 +23,7 @@ def running_crack(
     push: float = 1.2,
     dim: int = 2,
 ) -> RunningCrack:
-    """A crack that follows a pair of forces; parameters as of
+    """Run a crack that follows a pair of forces; parameters as for
     `farhorizon.simulation.running_cracks.crack_after_forces`.
     """
     return crack_after_forces(Simulation.of, model, spacing, energy, speed, turn, push, dim)

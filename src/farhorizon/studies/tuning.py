@@ -1,5 +1,5 @@
-"""The best certified condition along an outline: reflection by a flat side orders the candidates, the certificate of
-the complete update decides.
+"""Search for the best certified condition along an outline: candidates are ordered by their reflection at a flat side
+and accepted by the certificate of the complete update.
 """
 
 from __future__ import annotations
@@ -27,31 +27,31 @@ if TYPE_CHECKING:
     from farhorizon.simulation.simulation import Simulation
 
 BUDGET = 60.0  # seconds
-_SHARE = 0.2  # of the budget that one certificate may take
-_RADII = (1.0, 2.0, 3.0, 4.0)  # of clouds, in spacings; the reach besides
-_ANGLES = (45.0, 60.0, 75.0)  # largest ones of modes
-_REGULARIZATIONS = (4e-5, 1e-2, 1e-1)  # below 1e-4 nothing depends on it
+_SHARE = 0.2  # largest share of the budget for one certificate
+_RADII = (1.0, 2.0, 3.0, 4.0)  # radii of clouds, in spacings; the reach is added
+_ANGLES = (45.0, 60.0, 75.0)  # largest angles of modes
+_REGULARIZATIONS = (4e-5, 1e-2, 1e-1)  # below 1e-4 it has no effect
 _PASSING = (0.0, 15.0, 30.0, 45.0, 60.0)  # angles of Higdon's factors
-_SHIFTS = (1.0, 2.0)  # his shift over the default one
-_BAND = (8.0, 80.0)  # wavelengths in spacings where the data have none
-_WAVES = 5  # of the band, and of the angles
+_SHIFTS = (1.0, 2.0)  # shift relative to the default
+_BAND = (8.0, 80.0)  # wavelengths in spacings, if there are no data to define them
+_WAVES = 5  # number of wavelengths in the band, and of angles
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """A condition that is certified, and what it sends back.
+    """A certified condition, and what it reflects.
 
     Attributes
     ----------
     boundary : PlaneWave or Higdon
     amplitude : float
-        Largest reflected amplitude of a plane wave of the band and of the angles, at a flat side.
+        Largest reflected amplitude at a flat side, of plane waves of amplitude 1 in the band and up to the angle.
     angle : float
-        Largest angle of incidence, degrees.
+        Largest angle of incidence, in degrees.
     certificate : Certificate
-        Of the complete update on the outline itself.
+        Certificate of the complete update on the outline itself.
     refused : int
-        Candidates that send back less and are not certified.
+        Number of candidates that reflect less but are not certified.
     """
 
     boundary: PlaneWave | Higdon
@@ -62,7 +62,7 @@ class Tuning:
 
     @property
     def toml(self) -> str:
-        """The condition as a case file has it."""
+        """The condition as written in a case file."""
         given = {
             f.name: getattr(self.boundary, f.name)
             for f in fields(self.boundary)
@@ -76,7 +76,7 @@ class Tuning:
         )
 
     def as_json(self) -> TunedFacts:
-        """The condition and its certificate as plain data."""
+        """Return the condition and its certificate as plain data."""
         return {
             "boundary": self.toml,
             "amplitude": self.amplitude,
@@ -152,7 +152,7 @@ def tuned(
     for candidate in _candidates(sim, given):
         try:
             ranked.append((flat_reflection(sim, candidate, angle, band), candidate))
-        except InputError:  # a cloud without neighbours, no such wave
+        except InputError:  # a cloud without neighbours, or no wave of the band
             continue
     ranked.sort(key=lambda found: found[0])
     begin = time.monotonic()
@@ -162,7 +162,7 @@ def tuned(
             break
         try:
             certificate = sim.remade(boundary=candidate, initial={}).certificate(min(left, _SHARE * budget))
-        except InputError:  # served a flat side, but not this outline
+        except InputError:  # applicable to a flat side, but not to this outline
             continue
         if certificate.verdict == CERTIFIED:
             return Tuning(candidate, amplitude, angle, certificate, refused)
@@ -190,12 +190,13 @@ def _candidates(sim: Simulation, given: PlaneWave | Higdon) -> Iterator[PlaneWav
 
 
 def flat_reflection(sim: Simulation, boundary: PlaneWave | Higdon, angle: float, band: tuple[float, float]) -> float:
-    """Largest amplitude that a flat side along the lattice sends back of plane waves of amplitude 1 up to an angle.
+    """Return the largest amplitude that a flat side along the lattice reflects of plane waves of amplitude 1, up to an
+    angle.
 
     Parameters
     ----------
     sim : Simulation
-        The medium and its step.
+        Defines the medium and the time step.
     boundary : PlaneWave or Higdon
     angle : float
         In degrees.
@@ -205,7 +206,7 @@ def flat_reflection(sim: Simulation, boundary: PlaneWave | Higdon, angle: float,
     Raises
     ------
     InputError
-        No wave of the band comes to the side; the condition cannot serve it.
+        No wave of the band reaches the side, or the condition is not applicable to it.
     """
     rows = _flat_rows(sim, boundary)
     spacing = sim.lattice.spacing
@@ -228,13 +229,13 @@ def flat_reflection(sim: Simulation, boundary: PlaneWave | Higdon, angle: float,
     return max(largest)
 
 
-# of each halo column: its place, and level, steps (N, dim) and weight of what it reads
+# for each halo column: its place, and the levels, offsets (N, dim) and weights of the nodes that it reads
 _Rows = list[tuple[int, np.ndarray, np.ndarray, np.ndarray]]
 
 
 def _flat_rows(sim: Simulation, boundary: PlaneWave | Higdon) -> _Rows:
-    """The condition at the halo nodes beside one another along the normal of a flat side; places are counted from the
-    last near node.
+    """Return the condition at the halo nodes along the normal of a flat side; places are counted from the last node of
+    the near field.
     """
     lattice, dim = sim.lattice, sim.lattice.dim
     assert sim.closure is not None
@@ -260,7 +261,9 @@ def _flat_rows(sim: Simulation, boundary: PlaneWave | Higdon) -> _Rows:
 
 
 def _sent_back(rows: _Rows, wave: ArrivingWave) -> float:
-    """Amplitude of the waves that go back. One condition a halo column, one mode a column."""
+    """Return the amplitude of the reflected waves, from one condition per halo column (rows) and one unknown per mode
+    (columns).
+    """
     modes = np.append(wave.modes.leaving, wave.modes.incoming)
     conditions = np.empty((len(rows), len(modes)), complex)
     for row, (place, level, steps, weights) in enumerate(rows):
