@@ -157,7 +157,7 @@ def flux_tables(
         weight = engine.weights[number]
         missing = engine.absent.lost(nodes, other, weight) / weight
         left = factors_of(engine.tables.material, nodes, other) * (1 - missing)
-        return np.where(inside[other] & (left > 1e-12), left, 0.0).reshape(near.lattice.shape)
+        return np.where(inside[other] & (left > _FAINT), left, 0.0).reshape(near.lattice.shape)
 
     return u, stencil.offsets, stencil.weights * near.model.coefficient / near.model.source_factor, factor
 

@@ -47,30 +47,57 @@ class Study:
         InputError
             Values that are not positive, or fewer than two horizons.
         """
-        first = 0 if last is None else len(self.horizons) - last
-        if len(self.horizons) - first < 2 or (self.values <= 0).any():
+        first = 0 if last is None else max(0, len(self.horizons) - last)
+        horizons, values = self.horizons[first:], self.values[first:]
+        _need_two(horizons, "a rate")
+        if (values <= 0).any():
             raise InputError(
-                "a rate needs two horizons and positive values",
-                value=self.values.min(),
+                "a rate needs positive values",
+                value=values.min(),
                 limit="> 0",
                 key="study",
                 remedy="study an error, not a value",
             )
-        return np.polyfit(np.log(self.horizons[first:]), np.log(self.values[first:]), 1)[0]
+        return np.polyfit(np.log(horizons), np.log(values), 1)[0]
 
     def crossing(self) -> tuple[float, float]:
         """Return the number of nodes m* at which the curves over log m of the last two horizons cross, and the value
         there; nan if they do not cross.
+
+        Raises
+        ------
+        InputError
+            Fewer than two horizons.
         """
+        _need_two(self.horizons, "a crossing")
         one, other = self.values[-2:]
         place = np.log(self.ratios)
         gap = one - other
-        for i in range(len(gap) - 1):
-            if gap[i] == 0 or gap[i] * gap[i + 1] < 0:
-                share = gap[i] / (gap[i] - gap[i + 1])
-                at = place[i] + share * (place[i + 1] - place[i])
+        for i in range(len(gap)):
+            if gap[i] == 0:
+                return float(self.ratios[i]), float(other[i])
+            if i and gap[i - 1] * gap[i] < 0:
+                share = gap[i - 1] / (gap[i - 1] - gap[i])
+                at = place[i - 1] + share * (place[i] - place[i - 1])
                 return float(np.exp(at)), float(np.interp(at, place, other))
         return np.nan, np.nan
+
+
+def _need_two(horizons: np.ndarray, what: str) -> None:
+    """Refuse a study of fewer than two horizons.
+
+    Raises
+    ------
+    InputError
+    """
+    if len(horizons) < 2:
+        raise InputError(
+            f"{what} needs two horizons",
+            value=len(horizons),
+            limit="2 or more",
+            key="study",
+            remedy="study more horizons",
+        )
 
 
 def over_horizons(
