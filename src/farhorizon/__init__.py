@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
-if TYPE_CHECKING:  # they see the names, and those that do not exist
+if TYPE_CHECKING:  # so that type checkers see all names, and report unknown ones
     from farhorizon.case.case import read_case as read_case
     from farhorizon.public import *
 else:
 
     def __getattr__(name: str) -> Any:
-        """Load names when they are wanted: NumPy, SciPy and the rest take a second, in which the command line must hear
-        an interrupt.
+        """Load names on first use: importing NumPy, SciPy and the rest takes a second, in which the command line must
+        be interruptible.
         """
         from difflib import get_close_matches
         from importlib import import_module
@@ -25,7 +25,7 @@ else:
             raise AttributeError(f"module 'farhorizon' has no attribute {name!r}")
         if find_spec(f"farhorizon.{name}"):
             return import_module(f"farhorizon.{name}")
-        if name == "read_case":  # case files know every public name
+        if name == "read_case":  # the module for case files imports every public name
             return import_module("farhorizon.case.case").read_case
         public = vars(import_module("farhorizon.public"))
         if name not in public:
@@ -36,7 +36,7 @@ else:
 
 
 def _public_names() -> list[str]:
-    """Those that `farhorizon.public` lists, and what reads case files."""
+    """Names in `farhorizon.public`, and `read_case`."""
     from farhorizon import public
 
     return sorted(["read_case", *(name for name in vars(public) if not name.startswith("_"))])

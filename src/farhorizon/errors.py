@@ -117,15 +117,15 @@ class ValidityWarning(UserWarning):
 
 
 def suggestion(word: str, words: Iterable[str]) -> str:
-    """The nearest of some words, if one is near, and all of them."""
+    """The most similar of some words, if one is similar enough, followed by all of them."""
     known = list(words)
     near = difflib.get_close_matches(word, known, 1, 0.6)
     return (f"did you mean {near[0]!r}? " if near else "") + f"known: {', '.join(known)}"
 
 
 def shown(value: Any) -> str:
-    """A value as a person writes it: numbers without the noise of rounding, large arrays by their shape, objects by
-    their type.
+    """A value as a person would write it: numbers without rounding noise, large arrays by their shape, objects by their
+    type.
     """
     if isinstance(value, np.ndarray | np.generic):
         if value.size > _FEW:
@@ -146,7 +146,7 @@ def shown(value: Any) -> str:
 
 
 def _plain(value: Any) -> str:
-    """Objects that do not say what they are, by their type: an address helps nobody."""
+    """A value as text; objects without a representation of their own by their type, because an address helps nobody."""
     kind = type(value)
     return (
         f"an object of type {kind.__qualname__}"
@@ -158,7 +158,7 @@ def _plain(value: Any) -> str:
 def _long(value: Any) -> str:
     try:
         return str(value)
-    except ValueError:  # Python writes no integers of more than 4300 digits
+    except ValueError:  # Python does not print integers of more than 4300 digits
         return f"a whole number of {value.bit_length()} bits"
 
 

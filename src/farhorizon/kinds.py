@@ -1,7 +1,7 @@
-"""Kinds of arguments: a converter for each, which returns what the program computes with, or raises InputError.
+"""Converters for arguments: each returns a value the program can compute with, or raises InputError.
 
-Every public argument goes through one of these before any work, so that what is wrong is named by its key, in the
-user's words, and not by whatever NumPy would say of it later.
+Every public argument passes through one of these before any work is done, so that errors name its key in the user's
+terms rather than surface later in NumPy.
 """
 
 from __future__ import annotations
@@ -44,15 +44,15 @@ def number(
     Parameters
     ----------
     value : object
-        An int, a float, a NumPy scalar, or an array of no dimension; neither bool nor text.
+        An int, a float, a NumPy scalar, or a zero-dimensional array; neither bool nor string.
     key : str
         Named in messages.
     above, least, below, most : float, optional
-        Limits, the first and the third excluded.
+        Limits; `above` and `below` are exclusive.
     remedy : str
-        What to do instead of giving something that is no number, as an array.
+        What to do instead of giving something that is not a number, such as an array.
     beyond : str
-        What to do instead of giving a number out of range.
+        What to do instead of giving a number that is out of range.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def number(
 
 
 def check_magnitude(values: np.ndarray | float, key: str) -> None:
-    """Refuse numbers, zero aside, whose products overflow or vanish, with an InputError."""
+    """Raise InputError for numbers other than zero whose products would overflow or underflow."""
     given = np.asarray(values, float).ravel()
     size = np.abs(given)
     wrong = given[(size != 0) & ~((size >= 1 / LARGEST) & (size <= LARGEST))]
@@ -104,7 +104,7 @@ def check_magnitude(values: np.ndarray | float, key: str) -> None:
 
 
 def integer(value: Any, key: str, *, least: int, most: int = MOST_WHOLE) -> int:
-    """A whole number between two limits, both included; what `operator.index` takes, so no 3.0, and no bool.
+    """A whole number between two limits, both included: what `operator.index` accepts (so not 3.0), except bool.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def integer(value: Any, key: str, *, least: int, most: int = MOST_WHOLE) -> int:
     except TypeError:
         words = said(value)
         if isinstance(value, float | np.floating):
-            words = str(float(value))  # 3.0 is not seen as 3
+            words = str(float(value))  # shows 3.0, not 3
             if least <= value <= most and float(value).is_integer():
                 remedy = f"write {value:.0f}"
         raise InputError("must be a whole number", value=words, limit=limit, key=key, remedy=remedy) from None
@@ -136,14 +136,14 @@ def flag(value: Any, key: str) -> bool:
 
 
 def text(value: Any, key: str) -> str:
-    """A text; InputError for anything else."""
+    """A string; InputError for anything else."""
     if not isinstance(value, str):
         raise InputError("must be a text", value=said(value), limit="a text", key=key, remedy="put it into quotes")
     return value
 
 
 def one_of(value: Any, key: str, known: Iterable[str], message: str = "unknown word") -> str:
-    """One of some words; InputError with `message`, all of them and the nearest one for anything else."""
+    """One of some words; for anything else, InputError with `message`, all of the words and the most similar one."""
     words = list(known)
     if not isinstance(value, str) or value not in words:
         near = difflib.get_close_matches(value, words, 1) if isinstance(value, str) else []
@@ -158,7 +158,7 @@ def one_of(value: Any, key: str, known: Iterable[str], message: str = "unknown w
 
 
 def number_type(value: Any) -> Any:
-    """The name of a type of floating-point numbers, as ``np.float32`` is one; other values as they are."""
+    """The name of a floating-point type, such as ``np.float32``; other values unchanged."""
     kind = value.type if isinstance(value, np.dtype) else value
     return np.dtype(kind).name if isinstance(kind, type) and issubclass(kind, float | np.float32) else value
 
@@ -180,7 +180,7 @@ def array(value: Any, key: str, *, shape: tuple[int | None, ...] | None = None, 
     Raises
     ------
     InputError
-        What holds no real numbers, or complex ones; masked entries; another shape; numbers that are not finite.
+        Entries that are not real numbers; masked entries; another shape; numbers that are not finite.
     """
     if np.ma.is_masked(value):
         raise InputError(
@@ -230,7 +230,7 @@ def mask(value: Any, key: str, message: str = "must be an array of true and fals
 
 
 def sequence(value: Any, key: str, what: str = "entries") -> list[Any]:
-    """A list or a tuple as a list; InputError for anything else, a text and an array among it."""
+    """A list or a tuple as a list; InputError for anything else, including strings and arrays."""
     if not isinstance(value, list | tuple):
         raise InputError(
             f"must be a list of {what}",
@@ -243,19 +243,19 @@ def sequence(value: Any, key: str, what: str = "entries") -> list[Any]:
 
 
 def instance(value: Any, key: str, kinds: type | tuple[type, ...], what: str, remedy: str = "") -> Any:
-    """An object of some classes; InputError that it is not `what` for anything else."""
+    """An object of one of some classes; for anything else, InputError that it must be `what`."""
     if not isinstance(value, kinds):
         raise InputError(f"must be {what}", value=said(value), key=key, remedy=remedy)
     return value
 
 
 def function(value: Any, key: str, arguments: str) -> Callable[..., Any]:
-    """A callable that takes as many positional arguments as are named in `arguments`, e.g. "x, y, t".
+    """A callable that takes as many positional arguments as `arguments` names, e.g. "x, y, t".
 
     Raises
     ------
     InputError
-        No callable, or one that takes more or fewer.
+        Not a callable, or one that takes more or fewer arguments.
     """
     if not callable(value):
         raise InputError(
@@ -267,7 +267,7 @@ def function(value: Any, key: str, arguments: str) -> Callable[..., Any]:
         )
     names = arguments.split(", ")
     try:
-        # their signatures have an argument for the output, too
+        # signatures of ufuncs include an argument for the output
         if isinstance(value, np.ufunc) and value.nin != len(names):
             raise TypeError(f"it takes {value.nin}")
         inspect.signature(value).bind(*names)
@@ -278,13 +278,13 @@ def function(value: Any, key: str, arguments: str) -> Callable[..., Any]:
             key=key,
             remedy=f"a function of {len(names)} argument{'s' if len(names) > 1 else ''}",
         ) from None
-    except ValueError:  # compiled functions do not say what they take
+    except ValueError:  # compiled functions may have no signature
         pass
     return value
 
 
 def path(value: Any, key: str) -> Path:
-    """The path of a file, of which a text is one; InputError for anything else."""
+    """The path of a file, given as a string or a Path; InputError for anything else."""
     if not isinstance(value, str | Path):
         raise InputError("must be a path", value=said(value), limit="a text or a Path", key=key, remedy='"name.h5"')
     found = Path(value)
@@ -294,18 +294,18 @@ def path(value: Any, key: str) -> Path:
 
 
 def settle(target: Any, /, **values: Any) -> None:
-    """Set attributes of a frozen dataclass to what converters returned."""
+    """Set attributes of a frozen dataclass to the values returned by converters."""
     for name, value in values.items():
         object.__setattr__(target, name, value)
 
 
 def hyphened(name: str) -> str:
-    """The name of a class as case files have it: ``LatticePML`` is "lattice-pml"."""
+    """The name of a class as used in case files: ``LatticePML`` becomes "lattice-pml"."""
     return re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower()
 
 
 def said(value: Any) -> str:
-    """A value of the wrong kind, with its type where that does not show."""
+    """A value of the wrong kind as text, with its type where the value does not show it."""
     if value is None:
         return "None"
     if isinstance(value, str):

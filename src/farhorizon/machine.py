@@ -1,4 +1,4 @@
-"""What the machine offers."""
+"""Resources of the machine: threads, memory, garbage collection, and a progress bar."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _SET = (
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Small dense algebra on one thread: matrices of a few hundred rows gain nothing from more, and lose a hundredfold
-    where cores are busy.
+    """Run small dense linear algebra on one thread: matrices of a few hundred rows gain nothing from more threads, and
+    can take a hundred times as long when cores are busy.
 
-    Holds for every OpenBLAS that the process has loaded, where the operating system tells which these are (Linux);
+    Applies to every OpenBLAS library that the process has loaded, where the operating system lists them (Linux);
     elsewhere it does nothing.
     """
     libraries = [(set_threads, count()) for set_threads, count in _openblas("scipy.linalg" in sys.modules)]
@@ -41,8 +41,8 @@ def one_blas_thread() -> Iterator[None]:
 
 @cache
 def _openblas(of_scipy: bool) -> list[tuple[Callable[[int], object], Callable[[], int]]]:
-    """Functions that set and tell the number of threads of each OpenBLAS in the process: NumPy's, and SciPy's where it
-    is loaded by now.
+    """Functions that set and get the number of threads of each OpenBLAS in the process: NumPy's, and SciPy's if it has
+    been loaded.
     """
     try:
         maps = Path("/proc/self/maps").read_text()
@@ -60,8 +60,8 @@ def _openblas(of_scipy: bool) -> list[tuple[Callable[[int], object], Callable[[]
 
 @contextmanager
 def without_collection() -> Iterator[None]:
-    """Python does not look for garbage: where many objects are made that stay, as modules are loaded or functions
-    compiled, it spends a seventh of the time on it and finds none.
+    """Switch off garbage collection: where many lasting objects are created, as when modules are loaded or functions
+    are compiled, a seventh of the time is spent on collections that find nothing.
     """
     before = gc.isenabled()
     gc.disable()
@@ -73,7 +73,9 @@ def without_collection() -> Iterator[None]:
 
 
 def available_memory() -> int:
-    """Bytes that the machine can still give, by the operating system's account."""
+    """Bytes of memory still available on this machine, according to the operating system; all of its memory if that is
+    unknown.
+    """
     try:
         with open("/proc/meminfo") as file:
             for line in file:
@@ -85,17 +87,17 @@ def available_memory() -> int:
 
 
 def progress(total: float | None = None, unit: str = "step", show: bool | None = None, **look: Any) -> Any:
-    """A bar on stderr that says how far something is, and goes when it is done.
+    """A progress bar on stderr, which disappears when it is closed.
 
     Parameters
     ----------
     total : float, optional
-        Of so many.
+        Number of units.
     unit : str
     show : bool, optional
-        Unless told it is shown where stderr is a terminal.
+        Whether it is shown; by default if stderr is a terminal.
     **look
-        As of `tqdm`.
+        As for `tqdm`.
     """
     from tqdm import tqdm
 

@@ -1,6 +1,6 @@
-"""Every name of the public interface: the one list of them, which `farhorizon` loads when a name is wanted.
+"""The complete list of public names, which `farhorizon` loads on first use.
 
-``X as X`` tells type checkers and linters that a name is handed on.
+``X as X`` marks a name as re-exported for type checkers and linters.
 """
 
 from farhorizon.boundaries import Auto as Auto

@@ -1,1 +1,1 @@
-"""Case files: TOML to a set-up."""
+"""Case files: from TOML to a set-up."""

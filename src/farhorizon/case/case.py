@@ -1,4 +1,4 @@
-"""Case files: TOML with the words of the Python interface, validated before any work."""
+"""Case files: TOML with the names of the Python interface, validated before any work is done."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from farhorizon.simulation.setup import check_names
 from farhorizon.simulation.share import checked_topology
 from farhorizon.simulation.steps import WholeSteps, whole_steps
 
-_OUTPUTS = 40  # of a run, unless `every` is given
+_OUTPUTS = 40  # outputs of a run if `every` is not given
 _MOST_OUTPUTS = 1e6  # each takes milliseconds
 
 
@@ -45,22 +45,22 @@ class Case:
     text : str
         TOML.
     path : Path or str
-        Named in messages; its stem names the results.
+        Path named in messages; its stem is the name of the results.
     changes : mapping of str to values, optional
-        What stands at dotted keys in place of what the text has ("model.speed"). `text` is then that of the changed
-        case.
+        Values at dotted keys ("model.speed") that replace those in the text. The attribute `text` is then that of the
+        changed case.
 
     Raises
     ------
     InputError
-        Anything wrong, with file, key, value, limit and remedy.
+        Any error in the file; the message gives file, key, value, limit and remedy.
     """
 
     def __init__(self, text: str, path: str | Path = "case.toml", changes: Mapping[str, Any] | None = None) -> None:
         self.text, self.path = text, Path(path)
         try:
             data = tomllib.loads(text)
-        except (ValueError, RecursionError) as error:  # of numbers and of nesting beyond what Python takes, too
+        except (ValueError, RecursionError) as error:  # also for numbers and nesting beyond Python's limits
             raise InputError(f"{self.path}: not valid TOML: {error}") from None
         if changes:
             with self.naming():
@@ -68,7 +68,7 @@ class Case:
             self.text = document(data)
         try:
             context: dict[str, Any] = {"folder": self.path.parent}
-            if _has_readable_units(data):  # else these are what is wrong
+            if _has_readable_units(data):  # otherwise validation reports them
                 with self.naming():
                     context["units"] = _units_of(data)
             self.parts = case_part().model_validate(data, context=context)
@@ -97,8 +97,8 @@ class Case:
         return cls(text, path, changes)
 
     def refined(self, spacing: float) -> Case:
-        """The case at another spacing, with as many nodes in the horizon; a time step of its own goes with the
-        spacing, where something diffuses with its square.
+        """The case at another spacing, with the same number of nodes per horizon; a given time step scales with the
+        spacing, for diffusion with its square.
         """
         finer, changes = spacing / self.lattice.spacing, {"lattice.spacing": spacing}
         models = {"model": self.parts.model} | {
@@ -121,45 +121,43 @@ class Case:
 
     @property
     def name(self) -> str:
-        """Name of the results: the file's stem."""
+        """Name of the results: the stem of the file."""
         return self.path.stem
 
     @property
     def end(self) -> float:
-        """End of the run; of one to its static state the latest."""
+        """End of the run; for a run to its static state, the latest end."""
         run = self.parts.run
         return float(run.limit if run.until == STATIC and run.limit is not None else run.until)
 
     @property
     def to_rest(self) -> dict[str, float]:
-        """What `Run.run` is told of a run to its static state."""
+        """Arguments of `Run.run` for a run to its static state."""
         run = self.parts.run
         return {name: value for name in ("tolerance", "limit") if (value := getattr(run, name)) is not None}
 
     def every(self, dt: float) -> float:
-        """Time between two outputs with a time step; a fortieth of the run, or the number of steps next to it, unless
-        given.
-        """
+        """Time between two outputs: as given, or a fortieth of the run, rounded to whole time steps."""
         if self.parts.output.every is not None:
             return self.parts.output.every
         return dt * max(1, round(self.end / _OUTPUTS / dt))
 
     @property
     def _asked(self) -> WholeSteps:
-        """What is to be a whole number of steps."""
+        """Intervals that must be whole numbers of steps."""
         out, until = self.parts.output, self.end
         asked = {"output.every": out.every, "output.probe_every": out.probe_every, "run.until": until}
         return WholeSteps(**{name: interval for name, interval in asked.items() if interval is not None})
 
     def _step(self, default: float) -> float:
-        """The time step in place of the default one: it divides what is asked for, and a fortieth of the run if that
-        comes for free.
+        """Time step to use in place of the default one: it divides the given intervals, and also a fortieth of the run
+        if that is possible.
         """
         between = self.end / _OUTPUTS
         if self.parts.output.every is None and between >= default:
             try:
                 return WholeSteps(**self._asked.intervals, between=between)(default)
-            except InputError:  # with an odd `probe_every`
+            except InputError:  # no common step, as with an odd `probe_every`
                 pass
         return self._asked(default)
 
@@ -192,7 +190,9 @@ class Case:
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """What is written: u unless given, of a corrosion the times of dissolution too, of what breaks the damage."""
+        """Fields that are written: as given, otherwise u, with T, the times of dissolution and the damage where the
+        model has them.
+        """
         more = ["T"] * self._warms + ["dissolved"] * self._dissolves + ["damage"] * self._bondwise
         default = ["u", *more]
         return tuple(default if self.parts.output.fields is None else self.parts.output.fields)
@@ -206,14 +206,14 @@ class Case:
 
     @property
     def unit_names(self) -> dict[str, str]:
-        """The units of length, time, frequency, what is recorded in pictures and files, and constants that vary;
-        nothing of those that the case does not say.
+        """Units of length, time, frequency, recorded quantities and varying constants, by name; without those that the
+        case does not define.
         """
         if (units := self.units) is None:
             return {}
         named = {"length": "m", "time": "s", "frequency": "1/s", "speed": "m/s", "u": FIELD, "v": RATE}
         if self.model.mechanical:
-            per = ["/m^2", "/m", ""][self.lattice.dim - 1]  # of a line per area, of a plane per thickness
+            per = ["/m^2", "/m", ""][self.lattice.dim - 1]  # per area in 1D, per thickness in 2D
             named |= {"stress": "Pa", "pressure": "Pa", "energy_flux": "W/m^2", "T": "K", "G": "J/m^2"}
             named |= {"energy": f"J{per}", "power": f"W{per}"}
         named |= {constant: KEYS[constant] for constant in self.model.varying if constant in KEYS}
@@ -224,12 +224,12 @@ class Case:
 
     @property
     def materials(self) -> Regions | None:
-        """The nodes by what the case calls their materials, "" where that has no name; None where none has."""
+        """Nodes by material name, "" where a material has none; None if no material has a name."""
         return named_materials(self.parts.model, self.parts.material, self.lattice)
 
     @property
     def quantities(self) -> dict[str, str]:
-        """What this case calls quantities, in words."""
+        """Names of quantities in this case, in words."""
         known = {
             "heat": "temperature",
             "diffusion": "concentration",
@@ -241,7 +241,7 @@ class Case:
         return {"energy": energy, **({"u": u} if u else {})}
 
     def run(self, observe: Sequence[Observer] = (), communicator: Any = None, **changes: Any) -> fh.Simulation:
-        """A new simulation of the case, with some arguments changed; on the processes of a communicator, if any."""
+        """A new simulation of the case with some arguments changed, on the processes of a communicator if given."""
         with self.naming():
             check_names(changes)
             setup, recorders = replace(self.setup, **changes), [*recorders_of(self.parts), *observe]
@@ -250,7 +250,7 @@ class Case:
             return made
 
     def completed(self, threads: int | None = None) -> fh.Simulation:
-        """A new run that has come to its end, on so many threads at most."""
+        """A new run, completed, on at most so many threads."""
         given = self.parts.run.threads
         least = min((one for one in (given, threads) if one is not None), default=None)
         made = self.run(threads=least)
@@ -258,8 +258,8 @@ class Case:
         return made.run(self.parts.run.until, self.every(made.dt), progress=False, **rest)
 
     def figures(self, run: fh.Simulation) -> dict[str, float]:
-        """What a table of several cases has of a run: its step, their number, the time and the energy at the end, the
-        largest magnitude of each field that is written, and what the probes show then.
+        """Values of a run for a table of several cases: time step, number of steps, time and energy at the end, the
+        largest magnitude of each written field, and the final values at the probes.
         """
         fields = fields_of(run, self.fields)
         found = {"dt": run.dt, "steps": run.step_count, "time": run.time, "energy": run.energy()}
@@ -278,7 +278,7 @@ class Case:
 
     @contextmanager
     def naming(self) -> Iterator[None]:
-        """Within it an InputError names the case file."""
+        """Context in which an InputError names the case file."""
         try:
             yield
         except InputError as error:
@@ -287,7 +287,7 @@ class Case:
             raise named from None
 
     def _check_absolute(self) -> None:
-        """Refuse temperatures that are not counted from absolute zero where a deformation heats."""
+        """Refuse temperatures not counted from absolute zero where deformation generates heat."""
         counted = "" if self.units is None else self.units.name("K")
         if getattr(self.model, "coupled", False) and counted and unit(counted).zero:
             raise InputError(
@@ -329,7 +329,7 @@ class Case:
             )
 
     def _check_moments(self) -> None:
-        """Refuse pictures of times before the start; the end may be put off."""
+        """Refuse pictures at times before the start; times after the end are allowed, as it may be postponed."""
         for i, time in enumerate(self.parts.output.pictures or ()):
             if time < 0:
                 raise InputError(
@@ -370,7 +370,7 @@ class Case:
 
 
 def _has_readable_units(data: Mapping[str, Any]) -> bool:
-    """Whether the units of a case that is not validated yet are a table of known keys and texts, if it has any."""
+    """Whether the units of a case that is not yet validated are a table of known keys and strings, or are absent."""
     given = data.get("units", {})
     known = isinstance(given, dict) and given.keys() <= UnitsPart.model_fields.keys()
     return known and all(isinstance(text, str) for text in given.values())

@@ -14,24 +14,24 @@ from farhorizon.case.schema import MaterialPart, Part, WeibullPart, model_kinds
 from farhorizon.errors import InputError, shown
 from farhorizon.files.region_numbers import Regions
 
-_NO_CONSTANTS = {"region", "of", "name"}  # of a material
+_NO_CONSTANTS = {"region", "of", "name"}  # keys of a material that are not constants
 
 
 def model_of(part: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice) -> fh.LatticeModel:
-    """The model on a lattice, its constants in regions those of their materials.
+    """The model on a lattice, with the constants of the materials in their regions.
 
     Parameters
     ----------
     part : Part
         The table [model].
     materials : sequence of MaterialPart
-        The tables [[material]]; later ones go before earlier ones.
+        The tables [[material]]; later ones override earlier ones.
     lattice : Lattice
 
     Raises
     ------
     InputError
-        A constant or an option that such a model does not have, a region without a material or without nodes.
+        A constant or an option that the model does not have, a region without a material or without nodes.
     """
     parts = models_in(part)
     values = part.model_dump(exclude={"type", "kernel", "stencil", "stages", "of", "name", *parts})
@@ -70,7 +70,7 @@ def model_of(part: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice) 
 
 
 def named_materials(part: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice) -> Regions | None:
-    """The nodes by what the case calls their materials, "" where that has no name; None where none has."""
+    """Nodes by material name, "" where a material has none; None if no material has a name."""
     names = [_called(part)]
     numbers = np.zeros(lattice.shape, np.int32)
     for i, material in enumerate(materials):
@@ -81,14 +81,14 @@ def named_materials(part: Any, materials: Sequence[MaterialPart], lattice: fh.La
 
 
 def models_in(part: Any) -> dict[str, Any]:
-    """The tables of the models of which a model consists, by the names of their keys."""
+    """The tables of the models that a model is composed of, by key."""
     return {
         name: one for name, one in part if isinstance(one, Part) and hasattr(one, "type") and one.type in model_kinds()
     }
 
 
 def _called(part: Any) -> str:
-    """What a table calls its material; "" where it says nothing."""
+    """Name that a table gives its material; "" if none."""
     for one in models_in(part).values():
         return _called(one)
     return getattr(part, "name", None) or getattr(part, "of", None) or ""
@@ -125,7 +125,7 @@ def _check(materials: Sequence[MaterialPart]) -> None:
 def _constant(
     kind: type[fh.LatticeModel], name: str, value: Any, materials: Sequence[MaterialPart], lattice: fh.Lattice
 ) -> Any:
-    """A constant of a kind of model, with what regions have in its place."""
+    """A constant of a kind of model, with the values given in regions."""
     read = Values(lattice.dim)
     found = read.steady(value, f"model.{name}")
     given = [(i, part) for i, part in enumerate(materials) if getattr(part, name) is not None]
@@ -151,5 +151,5 @@ def _constant(
 
 
 def _inside(material: MaterialPart, number: int, lattice: fh.Lattice) -> np.ndarray:
-    """Which nodes lie in the region of a material."""
+    """Mask of the nodes in the region of a material."""
     return material.region.build(f"material[{number}].region").contains(np.stack(lattice.coordinates(), -1))

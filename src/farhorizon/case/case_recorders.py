@@ -12,11 +12,11 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.interpolation import points_on_grid, points_on_line
 from farhorizon.simulation.recorder import Observer
 
-_BY_NAME = {"record", "every", "interpolation", "frequencies", "radii", "most"}  # what recorders are told
+_BY_NAME = {"record", "every", "interpolation", "frequencies", "radii", "most"}  # keys passed to recorders by name
 
 
 def recorders_of(parts: Any) -> list[Observer]:
-    """New recorders, which belong to one run.
+    """New recorders, each for a single run.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def recorders_of(parts: Any) -> list[Observer]:
     Raises
     ------
     InputError
-        What a recorder refuses by itself, with the key of its table.
+        What a recorder itself refuses, with the key of its table.
     """
     makers: dict[str, tuple[Callable[..., Observer], Callable[[Any, str], list[Any]]]] = {
         "receivers": (fh.Receivers, lambda part, key: [_where(part, key)]),
@@ -52,13 +52,13 @@ def recorders_of(parts: Any) -> list[Observer]:
 
 
 def _far_field(part: FarFieldPart) -> fh.FarField:
-    """Its history is kept for receivers alone."""
+    """The far field; its history is kept only if there are receivers or no frequencies."""
     options = part.model_dump(include={"frequencies", "points", "directions"})
     return fh.FarField(a_box(part.box), **options, history=part.points is not None or not part.frequencies)
 
 
 def _surface(part: PowerPart, key: str) -> Any:
-    """The region, or the plane, through which power is recorded."""
+    """The region or the plane through which power is recorded."""
     if part.region is not None and part.axis is None and part.position is None:
         return part.region.build(f"{key}.region")
     if part.region is not None or part.axis is None or part.position is None:
@@ -74,7 +74,7 @@ def _surface(part: PowerPart, key: str) -> Any:
 
 
 def _where(part: ReceiversPart | SpectraPart, key: str) -> Any:
-    """The points, or the region, of a recorder."""
+    """The points, the region or the plane of a recorder."""
     region, plane = (part.region, (part.axis, part.position)) if isinstance(part, SpectraPart) else (None, (None, None))
     given = {"points": part.points, "line": part.line, "grid": part.grid, "region": region, "axis": plane[0]}
     if sum(place is not None for place in given.values()) != 1 or (plane[0] is None) != (plane[1] is None):

@@ -1,4 +1,4 @@
-"""The set-up of a case file: what its tables stand for."""
+"""The set-up that the tables of a case file describe."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from farhorizon.simulation.setup import keys
 
 
 def lattice_of(part: LatticePart) -> fh.Lattice:
-    """The nodes of a case."""
+    """The lattice of a case."""
     window = part.window.build("lattice.window") if part.window else None
     body = part.body.build("lattice.body") if part.body else None
     return fh.Lattice(part.spacing, part.lower, part.upper, window=window, body=body)
@@ -51,14 +51,14 @@ def setup_of(
     lattice : Lattice
     model : LatticeModel
     end : float
-        Time up to which layers serve that do not say one.
+        Length of the run for which layers without one of their own are designed.
     dt : float or callable
-        The time step, or what takes the default one and returns it.
+        The time step, or a function that computes it from the default one.
 
     Raises
     ------
     InputError
-        What a table's object refuses by itself, with the key of the table.
+        What the object of a table itself refuses, with the key of the table.
     """
     read = Values(lattice.dim, model.mechanical)
     two = model.of_temperature is not None
@@ -95,7 +95,7 @@ def setup_of(
 
 
 def _check_fields(parts: Any, two: bool) -> None:
-    """Refuse what is given for a temperature that there is not."""
+    """Refuse keys for the temperature if the model has none."""
     given = {
         "initial.T": "T" in parts.initial,
         "boundary_T": bool(parts.boundary_T),
@@ -113,7 +113,7 @@ def _check_fields(parts: Any, two: bool) -> None:
 
 
 def _boundaries(parts: Any, dim: int, end: float, two: bool) -> Any:
-    """What stands on the sides, of two fields by field."""
+    """Boundaries by side; for two fields, by field."""
     plain: Any = fh.LatticePML(until=end)
     found = _boundary(parts.boundary, "boundary", dim, end)
     if not two:
@@ -123,7 +123,7 @@ def _boundaries(parts: Any, dim: int, end: float, two: bool) -> Any:
 
 
 def _sources(parts: Any, read: Values, two: bool) -> Any:
-    """Sources and incident waves, of two fields by field."""
+    """Sources and incident waves; for two fields, by field."""
     given = [
         (part, _source(part, key, Values(read.dim) if _heats(part) else read))
         for part, key in _numbered("source", parts.source)
@@ -134,7 +134,7 @@ def _sources(parts: Any, read: Values, two: bool) -> Any:
 
 
 def _heats(part: Part) -> bool:
-    """Whether a source is one of the temperature."""
+    """Whether a source drives the temperature."""
     return getattr(part, "field", "u") == "T"
 
 
@@ -143,12 +143,12 @@ def _numbered(table: str, parts: list[Any]) -> list[tuple[Any, str]]:
 
 
 def _initial(given: dict[str, Any], read: Values) -> dict[str, Any]:
-    """Initial values, which do not depend on time."""
+    """Initial values, which must not depend on time."""
     return {name: read.expression(value, f"initial.{name}", time=False) for name, value in given.items()}
 
 
 def _boundary(given: dict[str, Any], key: str, dim: int, end: float) -> dict[str, Any]:
-    """What stands on the sides that are named."""
+    """Boundaries of the sides that are named."""
     boundary: dict[str, Any] = {}
     kinds = side_kinds()
     for side, part in given.items():
@@ -243,7 +243,7 @@ def _condition(part: ConstraintPart, key: str, read: Values) -> Any:
     if (part.side is None) == (part.region is None):
         raise InputError("give either a side or a region", key=key)
     make = CONDITIONS[part.type]
-    # "value" is what each is given, whatever the class calls it
+    # in case files the value is always called "value", whatever the class calls it
     names = {"value" if one.name == "ambient" else one.name: one.name for one in fields(make)}
     options: dict[str, Any] = {}
     for name in ("value", "kind", "transfer"):

@@ -1,4 +1,4 @@
-"""Numbers, expressions and signals of a case file, as a set-up takes them."""
+"""Numbers, expressions and signals of a case file, converted to arguments of a set-up."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ Made = TypeVar("Made")
 
 
 class Values(NamedTuple):
-    """Reads values of fields of a lattice: with a component for each dimension, or one."""
+    """Reads values of fields on a lattice of `dim` dimensions, with one component per dimension if `vector`, otherwise
+    one.
+    """
 
     dim: int
     vector: bool = False
 
     def expression(self, value: str | float | list[str | float], key: str, time: bool = True) -> Any:
-        """A number or an expression of the coordinates, and of t where it may be one, of a vector a list of them."""
+        """A number or an expression of the coordinates (and of t if `time`); for vectors, a list of them."""
         if isinstance(value, list):
             if not self.vector or len(value) != self.dim:
                 limit = f"a list of {self.dim}" if self.vector else "one"
@@ -29,17 +31,17 @@ class Values(NamedTuple):
         return self.entry(value, key, time)
 
     def entry(self, value: str | float, key: str, time: bool = True) -> Any:
-        """A number, or an expression of the coordinates, and of t where it may be one."""
+        """A number, or an expression of the coordinates (and of t if `time`)."""
         return as_given(value, self.dim, key, time=time)
 
     def steady(self, value: str | float | WeibullPart, key: str) -> Any:
-        """An expression of the coordinates alone, a number, or what scatters."""
+        """A number, an expression of the coordinates alone, or a distribution that scatters."""
         if isinstance(value, WeibullPart):
             return made(fh.Weibull, key, **value.model_dump(exclude={"type"}))
         return self.entry(value, key, time=False)
 
     def of_times(self, value: Any, key: str) -> Any:
-        """Functions of t, one a component, and None where there is none."""
+        """Functions of t, one per component; None for a component without one."""
         if value is None or value is False:
             return None
         if isinstance(value, list):
@@ -53,14 +55,14 @@ def of_time(value: str | float | Part, key: str) -> Any:
 
 
 def built(part: Part, known: Mapping[str, Any], key: str, **changes: Any) -> Any:
-    """What a table stands for that has a type and the fields of a dataclass, some of them changed."""
+    """The object described by a table that has a type and the fields of a dataclass, with some fields changed."""
     given = dict(part)
     values = {name: given[name] for name in part.model_fields_set - {"type"}} | changes
     return made(known[given["type"]], key, **values)
 
 
 def made(kind: Callable[..., Made], key: str, /, *given: Any, **named: Any) -> Made:
-    """An object of a kind, whose complaints name the key of its table."""
+    """An object of a kind; its errors name the key of its table."""
     try:
         return kind(*given, **named)
     except InputError as error:
@@ -68,5 +70,5 @@ def made(kind: Callable[..., Made], key: str, /, *given: Any, **named: Any) -> M
 
 
 def a_box(part: BoxPart | None) -> fh.Box | None:
-    """A box that may be left out."""
+    """A box, or None if omitted."""
     return None if part is None else fh.Box(part.lower, part.upper)

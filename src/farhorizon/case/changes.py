@@ -11,7 +11,7 @@ from farhorizon.errors import InputError
 
 
 def parsed(text: str) -> tuple[str, Any]:
-    """Key and value of ``key=value``: the value is TOML, and what is no TOML a text.
+    """Key and value of ``key=value``: the value is TOML, or a string where it is not valid TOML.
 
     Raises
     ------
@@ -31,17 +31,17 @@ def parsed(text: str) -> tuple[str, Any]:
 
 
 def steps(key: str) -> list[str]:
-    """The names and numbers of a dotted key: ``crack[0].points`` and ``crack.0.points`` are the same."""
+    """Names and numbers in a dotted key: ``crack[0].points`` and ``crack.0.points`` are the same."""
     return key.replace('"', "").replace("[", ".").replace("]", "").split(".")
 
 
 def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """A copy of a case's tables with values put in at dotted keys; tables that are not there are made.
+    """A copy of a case's tables with values set at dotted keys; missing tables are created.
 
     Raises
     ------
     InputError
-        A key leads through something that is no table, or to an entry that a list does not have.
+        A key leads through something that is not a table, or to an entry that a list does not have.
     """
     whole: dict[str, Any] = copy.deepcopy(dict(data))
     for key, value in changes.items():

@@ -1,4 +1,4 @@
-"""What became of the geometry of a case: its nodes, and what they are made of."""
+"""Pictures of the geometry of a case: its nodes and their materials."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from farhorizon.simulation.run import Run
 
 
 def draw_geometry(case: Case, run: Run, folder: Path) -> list[Path]:
-    """Draw the nodes of a case, as far as they are not the same everywhere; within `counted_in` with units.
+    """Draw whatever varies from node to node in a case; call it within `counted_in` for units.
 
     Parameters
     ----------
@@ -23,14 +23,14 @@ def draw_geometry(case: Case, run: Run, folder: Path) -> list[Path]:
     run : Run
         A run of it, at its start.
     folder : Path
-        Where the pictures go.
+        Folder of the pictures.
 
     Returns
     -------
     list of Path
-        ``NAME-nodes.png`` of a body or a window, ``NAME-coefficient.png``, ``NAME-metal.png``, of a body of several
-        materials ``NAME-young.png`` and so on; in space slices through the middle, ``NAME-nodes-x.png`` and so on;
-        nothing of a uniform medium that fills its box.
+        ``NAME-nodes.png`` for a body or a window, ``NAME-coefficient.png``, ``NAME-metal.png``, for a body of several
+        materials ``NAME-young.png`` and so on; in 3D slices through the middle, ``NAME-nodes-x.png`` and so on; empty
+        for a uniform medium that fills its box.
     """
     made, lattice = [], case.lattice
     planes = [(axis, n // 2) for axis, n in enumerate(lattice.shape)] if lattice.dim == 3 else [None]
@@ -43,7 +43,7 @@ def draw_geometry(case: Case, run: Run, folder: Path) -> list[Path]:
 
 
 def _uneven(case: Case, run: Run) -> Iterator[tuple[str, np.ndarray]]:
-    """Names and values of what differs from node to node."""
+    """Names and values of everything that varies from node to node."""
     mask = case.lattice.mask
     if mask is not None:
         yield "nodes", mask.astype(float)

@@ -1,4 +1,4 @@
-"""The keys of a case file, explained at the prompt from the JSON Schema."""
+"""Explanations of the keys of a case file at the prompt, from the JSON Schema."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _KINDS = {
     "boolean": "true or false",
     "object": "table",
 }
-_SIDE = "all"  # stands for every name of a side
+_SIDE = "all"  # stands for the name of any side
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,11 @@ class Key:
     Attributes
     ----------
     path : str
-        With dots, of sides ``boundary.all...``; entries of lists have no number.
+        Dotted path, with ``boundary.all...`` for sides; entries of lists have no number.
     types : tuple of str
-        Types of the tables around it, where these have one.
+        Types of the enclosing tables, where these have one.
     kind, default, text : str
-        What is given, what holds unless it is given with what it is counted in, and what it is.
+        What values the key takes; its default (or that it is required or optional) with its unit; and its description.
     """
 
     path: str
@@ -46,22 +46,22 @@ class Key:
 
     @property
     def parent(self) -> str:
-        """The path of its table."""
+        """Path of the table that contains the key."""
         return self.path.rpartition(".")[0]
 
     @property
     def name(self) -> str:
-        """The last part of its path."""
+        """Last part of the path."""
         return self.path.rpartition(".")[2]
 
     @property
     def brief(self) -> str:
-        """The first sentence of the text."""
+        """First sentence of the text."""
         return re.split(r"(?<!\.)\.(?: (?=[A-Z\"])|$)", self.text)[0]
 
 
 def all_keys() -> list[Key]:
-    """Every key, tables before what is in them."""
+    """Every key, each table before its contents."""
     whole = schema()
     return list(_inside(whole, whole["$defs"], "", (), ()))
 
@@ -69,7 +69,9 @@ def all_keys() -> list[Key]:
 def _inside(
     table: dict[str, Any], defs: dict[str, Any], path: str, types: tuple[str, ...], within: tuple[str, ...]
 ) -> Iterator[Key]:
-    """The keys of a table and of the tables in it; `within` names those around it, which a region may have again."""
+    """The keys of a table and of the tables in it; `within` names the enclosing kinds of table, which are not entered
+    again (regions may contain regions).
+    """
     for name, found in table["properties"].items():
         place = f"{path}.{name}".lstrip(".")
         needed, default = name in table.get("required", ()), found.get("default")
@@ -85,12 +87,12 @@ def _inside(
 
 
 def _empty(default: Any) -> bool:
-    """Whether a default is a list or a table, which has defaults of its own if anything."""
+    """Whether a default is a table or an empty list, whose contents have their own defaults."""
     return isinstance(default, dict) or default == []
 
 
 def _tables(found: dict[str, Any], defs: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Name and schema of each kind of table that a key may have, or a list of them."""
+    """Name and schema of each kind of table that a key, or a list at a key, may contain."""
     if "$ref" in found:
         name = found["$ref"].rpartition("/")[2]
         yield name, defs[name]
@@ -102,7 +104,7 @@ def _tables(found: dict[str, Any], defs: dict[str, Any]) -> Iterator[tuple[str, 
 
 
 def _kind(found: dict[str, Any], defs: dict[str, Any]) -> str:
-    """What a key takes, in words."""
+    """Kind of value that a key takes, in words."""
     options = [*found.get("anyOf", ()), *found.get("oneOf", ())]
     if options:
         return " or ".join(dict.fromkeys(_kind(one, defs) for one in options if one.get("type") != "null"))
@@ -123,20 +125,20 @@ def _kind(found: dict[str, Any], defs: dict[str, Any]) -> str:
 
 
 def explain_keys(prefix: str, width: int = 100) -> str:
-    """What is known of a key and of the keys below it, as text.
+    """Description of a key and of the keys below it, as text.
 
     Parameters
     ----------
     prefix : str
-        A key with dots: the first part of its path or all of it, with entries of lists and types of tables where
-        wanted ("crack[0]", "model.elastic.young", "boundary.x-"). Of an empty one the tables of a case.
+        A dotted key: the first part of its path or all of it, with numbers of list entries and types of tables if
+        desired ("crack[0]", "model.elastic.young", "boundary.x-"). If empty, the tables of a case are listed.
     width : int
-        Characters a line.
+        Characters per line.
 
     Raises
     ------
     InputError
-        There is no such key; the nearest ones are named.
+        There is no such key; the message names the most similar ones.
     """
     keys = all_keys()
     path, types = _place(prefix, keys)
@@ -160,9 +162,9 @@ def explain_keys(prefix: str, width: int = 100) -> str:
 
 
 def _place(prefix: str, keys: Sequence[Key]) -> tuple[str, set[str]]:
-    """The path that is meant, and the types of tables named on the way."""
+    """The path that a prefix denotes, and the types of tables that it names."""
     given, path, types = [step for step in steps(prefix) if step and not step.isdecimal()], "", set()
-    # what is taken out of a region has the keys of a region
+    # regions taken out of a region have the keys of a region
     wanted = [step for step, below in zip(given, [*given, ""][1:], strict=True) if step != "without" or not below]
     for number, step in enumerate(wanted):
         known = {kind for key in keys if f"{key.path}.".startswith(f"{path}.") for kind in key.types}
@@ -179,7 +181,7 @@ def _place(prefix: str, keys: Sequence[Key]) -> tuple[str, set[str]]:
 
 
 def _listed(entries: Sequence[tuple[str, str]], width: int) -> list[str]:
-    """Names with what they are, in two columns."""
+    """Names and descriptions in two columns."""
     longest = max(len(name) for name, _ in entries)
     return [line for name, text in entries for line in _wrapped(text, f"  {name:{longest}}  ", width)]
 
@@ -189,7 +191,7 @@ def _default(key: Key) -> str:
 
 
 def _merged(keys: Sequence[Key]) -> list[tuple[Key, tuple[str, ...]]]:
-    """Keys of the same path that say the same, as one, with the types of the tables that have it."""
+    """Keys of the same path and description merged into one, with the types of the tables that contain it."""
     found: dict[tuple[str, str, str, str], list[str]] = {}
     first: dict[tuple[str, str, str, str], Key] = {}
     for key in keys:
@@ -208,7 +210,7 @@ def _wrapped(text: str, head: str, width: int) -> list[str]:
 
 
 def _unknown(given: str, place: str, keys: Sequence[Key]) -> InputError:
-    """The refusal of a key that is not there, with those nearest to it."""
+    """The error for an unknown key, with the most similar ones."""
     typed = (f"{key.parent.removesuffix(f'.{_SIDE}')}.{key.types[-1]}" for key in keys if key.types)
     paths = list(dict.fromkeys([*(key.path for key in keys), *typed]))
     last = place.rpartition(".")[2]

@@ -1,4 +1,4 @@
-"""What is wrong with a case file, in one line: key, value, limit, remedy."""
+"""Errors in a case file, described in one line: key, value, limit, remedy."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from farhorizon.errors import InputError, suggestion
 
 
 def _tables(hint: Any) -> list[type[Part]]:
-    """The tables that a type has room for."""
+    """The tables that a type hint admits."""
     if isinstance(hint, type) and issubclass(hint, Part):
         return [hint]
     return [table for inner in get_args(hint) for table in _tables(inner)]
 
 
 def _tags(table: type[Part]) -> tuple[str, ...]:
-    """What `type` may be in a table."""
+    """Values that `type` may have in a table."""
     return get_args(table.model_fields["type"].annotation) if "type" in table.model_fields else ()
 
 
 def _at(location: tuple[Any, ...]) -> list[type[Part]]:
-    """Tables at a place of the schema, which names the types of tables on the way."""
+    """Tables at a place of the schema; places include the types of tables on the way."""
     tables: list[type[Part]] = [case_part()]
     for step in location:
         having = [table for table in tables if step in table.model_fields]
         if having:
             tables = [inner for table in having for inner in _tables(table.model_fields[step].annotation)]
-        else:  # a type, or the number of an entry or the name of a side, after which the tables are the same
+        else:  # a type selects a table; the number of an entry or the name of a side leaves the tables as they are
             tables = [table for table in tables if step in _tags(table)] or tables
     return tables
 
@@ -41,7 +41,7 @@ def _known(location: tuple[Any, ...]) -> list[str]:
     return list(dict.fromkeys(name for table in _at(location) for name in table.model_fields))
 
 
-# What pydantic wants, in words, by the types of its errors.
+# What pydantic expects, in words, by its type of error.
 _WANTED = {
     "float_type": "a number",
     "float_parsing": "a number",
@@ -70,27 +70,27 @@ _EXAMPLES = {
 
 
 def _types(location: tuple[Any, ...]) -> list[str]:
-    """The types that a table at a place of the schema may have."""
+    """Types that a table at a place of the schema may have."""
     return [tag for table in _at(location) for tag in _tags(table)]
 
 
 def _instead(location: tuple[Any, ...]) -> str:
-    """What a model takes in place of a key of other models, if that is known."""
+    """What a model takes in place of a key of other models, if known."""
     kind = model_kinds().get(str(location[-2])) if len(location) > 1 else None
     found = kind.others.get(str(location[-1])) if kind else None
     return f"; remedy: {found}" if found else ""
 
 
 def _meaning(location: tuple[Any, ...]) -> str:
-    """What a key stands for, as the schema says it."""
+    """Description of a key from the schema."""
     fields = [table.model_fields.get(location[-1]) for table in _at(location[:-1])]
     texts = [field.description for field in fields if field and field.description]
     return f": {texts[0][0].lower()}{' '.join(texts[0][1:].split()).rstrip('.')}" if texts else ""
 
 
 def explain(error: ValidationError, data: dict[str, Any]) -> str:
-    """The first problems in one line: key, value, what is wrong, the nearest known key."""
-    # a misspelt key is why another is missing
+    """The first problems in one line: key, value, what is wrong, the most similar known key."""
+    # misspelt keys first, because they are why other keys are missing
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
     by_key: dict[str, list[Any]] = {}
     for problem in problems:
@@ -99,7 +99,7 @@ def explain(error: ValidationError, data: dict[str, Any]) -> str:
 
 
 def _key(data: Any, location: tuple[Any, ...], missing: bool) -> str:
-    """The path of a problem as it stands in the case: pydantic's has names of types in between, which are nowhere in
+    """The path of a problem as it is in the case: pydantic's path also contains names of types, which do not occur in
     the data.
     """
     found = ""
@@ -112,7 +112,7 @@ def _key(data: Any, location: tuple[Any, ...], missing: bool) -> str:
 
 
 def _problem(key: str, same: list[Any]) -> str:
-    """What is wrong with one key; of what may be of several types there is a problem each."""
+    """What is wrong with one key; `same` has one problem for each type that the key may have."""
     first = same[0]
     location, context = tuple(first["loc"]), first.get("ctx", {})
     match first["type"]:
@@ -124,7 +124,7 @@ def _problem(key: str, same: list[Any]) -> str:
             return f"unknown key {key}; {suggestion(str(location[-1]), _known(location[:-1]))}{_instead(location)}"
         case "missing":
             return f"missing key {key}{_meaning(location)}"
-        case "value_error" if isinstance(context["error"], InputError):  # the key of it is within the table
+        case "value_error" if isinstance(context["error"], InputError):  # its key is relative to the table
             return str(context["error"].at(f"{key}.{context['error'].key}".lstrip(".")))
         case "union_tag_not_found" | "union_tag_invalid":
             types = _types(location)

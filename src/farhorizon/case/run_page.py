@@ -1,4 +1,4 @@
-"""The page about a run, NAME/report.html: one file that needs no network and nothing beside it."""
+"""The HTML page about a run, NAME/report.html: a single file that needs no network and no other files."""
 
 from __future__ import annotations
 
@@ -35,22 +35,22 @@ def write_report(
     Parameters
     ----------
     path : Path
-        The file; its folder is made.
+        The file; its folder is created.
     case : Case
     run : Run
-        At its end.
+        The run, at its end.
     certificate : Certificate
         What was known of its stability before it began.
     results : Results
-        Its file.
+        Its results file.
     pictures : sequence of Path
-        PNG files, which become part of the page.
+        PNG files, which are embedded in the page.
     threads : int
-        As many as the run was allowed.
+        Number of threads that the run was allowed.
     again : str
-        The command that goes on with it; empty where there is no checkpoint.
+        The command that continues it; empty if there is no checkpoint.
     seconds : float
-        That steps and files took.
+        Time that steps and files took.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def write_report(
 
 
 def _summary(case: Case, run: Run, results: Results) -> list[tuple[str, str]]:
-    """What was computed, in a few rows."""
+    """Rows that summarise what was computed."""
     nodes = " x ".join(map(str, run.lattice.whole.shape))
     shared = f", on {run.team.size} processes" if run.team else ""
     rows = [
@@ -110,7 +110,7 @@ def _summary(case: Case, run: Run, results: Results) -> list[tuple[str, str]]:
 
 
 def _probes(results: Results) -> list[tuple[str, str]]:
-    """The last values of the probes, by their places."""
+    """Final values of the probes, by position."""
     last = results.probe_values[-1]
     return [
         (", ".join(f"{value:g}" for value in place), ", ".join(f"{value:.6g}" for value in np.atleast_1d(values)))

@@ -1,4 +1,4 @@
-"""The tables of a case file and their keys, from which its JSON Schema follows."""
+"""The tables of a case file and their keys, from which its JSON Schema is generated."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ from farhorizon.models import LatticeModel
 
 
 class Part(BaseModel):
-    """A table. What stands below a key explains it, in the JSON Schema and at the prompt (`farhorizon keys`)."""
+    """A table. The string below a key is its description in the JSON Schema and at the prompt (`farhorizon keys`)."""
 
     model_config = ConfigDict(extra="forbid", strict=False, use_attribute_docstrings=True)
 
@@ -62,7 +62,7 @@ class Part(BaseModel):
 
 
 def _no_truth_value(wanted: Literal["float_type", "int_type"]) -> BeforeValidator:
-    """Refuses true and false, which Python takes for 1 and 0."""
+    """Refuse true and false, which Python would take for 1 and 0."""
 
     def check(value: Any) -> Any:
         if isinstance(value, bool):
@@ -74,18 +74,18 @@ def _no_truth_value(wanted: Literal["float_type", "int_type"]) -> BeforeValidato
 
 Number = Annotated[float, _no_truth_value("float_type"), Field(allow_inf_nan=False)]
 Whole = Annotated[int, _no_truth_value("int_type")]
-Flag = Annotated[bool, Strict()]  # neither "yes" nor 1
-Value = str | Number | list[str | Number]  # an expression or a number, of vectors one a component
+Flag = Annotated[bool, Strict()]  # neither "yes" nor 1 passes
+Value = str | Number | list[str | Number]  # an expression or a number; for vectors one per component
 _OF_TIME = "a function of t"
 Named: TypeAlias = Literal[*named_materials()]  # type: ignore[valid-type]
 _PLAIN = "expression"
 _OF_TIMES = "functions of t, one a component, false where one is free"
 Factor = Annotated[str | Number, _OF_TIME]  # or a table with a signal
-Factors = Annotated[Any, _OF_TIMES]  # a `Factor`, or a list of them and of false
+Factors = Annotated[Any, _OF_TIMES]  # a `Factor`, or a list of factors and false
 
 
 def _named_constants(data: Mapping[str, Any], units: Units | None, keys: Iterable[str]) -> dict[str, float]:
-    """Constants of the material that a table with some keys names, in the units of the case."""
+    """Constants, in the units of the case, of the material named in a table that knows the given keys."""
     material = named_materials().get(data["of"])
     if material is None:
         return {}  # the table refuses the name
@@ -120,7 +120,7 @@ def _beside_the_case(name: str, info: ValidationInfo) -> str:
     return str((info.context or {}).get("folder", Path()) / name)
 
 
-FilePath = Annotated[str, AfterValidator(_beside_the_case)]  # from the case file
+FilePath = Annotated[str, AfterValidator(_beside_the_case)]  # relative to the case file
 
 
 class DiscPart(Part):
@@ -195,7 +195,7 @@ class ElementsPart(Part):
     """Factor of its coordinates."""
 
 
-#: What a region may be; the keys of its table are in the order of the arguments.
+#: Shapes of a region; the keys of each table are in the order of the arguments.
 _SHAPES: dict[str, Callable[..., Shape]] = {
     "disc": fh.Disc,
     "ball": fh.Ball,
@@ -234,7 +234,7 @@ class RegionPart(Part):
     """Regions that are taken out of it."""
 
     def build(self, key: str) -> Shape:
-        """The shape itself; InputError names the key."""
+        """The shape; an InputError names the key."""
         try:
             return self._shape(key)
         except InputError as error:
@@ -360,7 +360,7 @@ class CrackPart(CutPart):
     """Time from which on it is there."""
 
 
-#: Conditions by what they are called.
+#: Classes of conditions by type name.
 CONDITIONS: dict[str, type] = {kinds.hyphened(kind.__name__): kind for kind in get_args(Constraint)}
 
 
@@ -711,29 +711,29 @@ class CasePart(Part):
 
 
 def side_kinds() -> dict[str, Any]:
-    """The sides by what they are called, the recommended one first, those that users define among them."""
+    """Classes of sides by type name, user-defined ones included; the recommended one first."""
     known = [kind for kind in Side.known.values() if is_dataclass(kind) and not isabstract(kind)]
     return {kind.tag: kind for kind in sorted(known, key=lambda kind: (kind.__name__ != "LatticePML", kind.__name__))}
 
 
 def model_kinds() -> dict[str, Any]:
-    """The models by what they are called, those that users define among them."""
+    """Classes of models by type name, user-defined ones included; the wave equation first."""
     known = [kind for kind in LatticeModel.known.values() if not isabstract(kind)]
     return {kind.tag: kind for kind in sorted(known, key=lambda kind: (kind.__name__ != "Wave", kind.__name__))}
 
 
 def signal_kinds() -> dict[str, Any]:
-    """The signals by what they are called, those that users define among them."""
+    """Classes of signals by type name, user-defined ones included."""
     return _kinds_of(Signal)
 
 
 def source_kinds() -> dict[str, Any]:
-    """The sources with places of their own by what they are called, those that users define among them."""
+    """Classes of local sources by type name, user-defined ones included."""
     return _kinds_of(LocalSource)
 
 
 def incident_kinds() -> dict[str, Any]:
-    """The incident waves by what they are called, those that users define among them."""
+    """Classes of incident waves by type name, user-defined ones included."""
     return _kinds_of(Incident)
 
 
@@ -744,14 +744,14 @@ def _kinds_of(base: type[Signal] | type[LocalSource] | type[Incident]) -> dict[s
 
 @lru_cache(maxsize=64)
 def part_of(kind: Any) -> type[Part]:
-    """The table of a side, a signal or a source: its keys are the fields of the dataclass."""
+    """The table of a side, a signal, a source or an incident wave: its keys are the fields of the dataclass."""
     return _table(kind, {one.name: _key(_hints(kind).get(one.name, Any), one.default) for one in fields(kind)})
 
 
 @lru_cache(maxsize=64)
 def model_part(kind: Any) -> type[Part]:
-    """The table of a model: its keys are the parameters of the class, with two for an operator and one more for an
-    integrator.
+    """The table of a model: the parameters of its class, with two keys for an operator, one more for an integrator, and
+    those of a named material.
     """
     hints = _hints(kind.__init__)
     keys: dict[str, Any] = {}
@@ -779,33 +779,31 @@ def model_part(kind: Any) -> type[Part]:
 
 
 def _of_both(kind: Any, part: Any) -> Any:
-    """The table of a model that is a part of another one, which knows its type."""
+    """The table of a model that is part of another one, which determines its `type`."""
     table = model_part(part)
     given = {"type": (Literal[part.tag], Field(part.tag, description=table.model_fields["type"].description))}
     return _made(f"{kind.__name__}{part.__name__}Part", table, given, table.__doc__)
 
 
 def _made(name: str, base: Any, keys: dict[str, Any], doc: str | None = None) -> Any:
-    """A table with more keys, which say what they are: it has no source to look through for their docstrings."""
+    """A table with additional keys, which bring their own descriptions: it has no source to read docstrings from."""
     settings = {"use_attribute_docstrings": False}
     return create_model(name, __base__=base, __doc__=doc, __cls_kwargs__=settings, **keys)
 
 
 def _table(kind: Any, keys: dict[str, Any]) -> type[Part]:
-    """A table of these keys, of which the docstring of the class says what they are."""
+    """A table with these keys, described by the docstring of the class."""
     brief, says = explained(kind)
     for name in says.keys() & keys.keys():
         hint, default = keys[name]
-        if not isinstance(default, FieldInfo):  # which says what it is
+        if not isinstance(default, FieldInfo):  # which has a description
             keys[name] = (hint, Field(default, description=says[name]))
     given: dict[str, Any] = {"type": (Literal[kind.tag], Field(description=brief)), **keys}
     return _made(f"{kind.__name__}Part", Part, given)
 
 
 def explained(kind: type) -> tuple[str, dict[str, str]]:
-    """What the docstring of a class says: its first paragraph, and for each parameter the values to choose from and the
-    text below it.
-    """
+    """First paragraph of a class docstring; and for each parameter, its choice of values and its description."""
     text = inspect.cleandoc(kind.__doc__ or "")
     listed = re.search(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+$|\Z)", text, re.DOTALL | re.MULTILINE)
     says: dict[str, str] = {}
@@ -818,20 +816,20 @@ def explained(kind: type) -> tuple[str, dict[str, str]]:
 
 
 def _line(text: str) -> str:
-    """A paragraph of a docstring as one line, without formulas and marks of code."""
+    """A paragraph of a docstring as one line, without formulas and backquotes."""
     return " ".join(re.sub(r",? :math:`[^`]*`|`", "", text).split())
 
 
 def _hints(given: Any) -> dict[str, Any]:
     try:
         return get_type_hints(given)
-    except NameError:  # of types that are known in a function alone
+    except NameError:  # types that are known only within a function
         return {}
 
 
 def _key(hint: Any, default: Any) -> tuple[Any, Any]:
-    """Type and default of a key. TOML has no None: the key is left out, or false where None is not the default. Where a
-    type has no counterpart the class itself sees what it is given.
+    """Type and default of a key. TOML has no None: the key is omitted, or false where None is not the default. A type
+    without a counterpart in TOML is checked by the class itself.
     """
     options = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     found = [kind for option in options if (kind := _of_toml(option)) is not None]
@@ -843,7 +841,7 @@ def _key(hint: Any, default: Any) -> tuple[Any, Any]:
 
 
 def _of_toml(hint: Any) -> Any:
-    """The counterpart of one type; None where there is none."""
+    """The counterpart of a type in TOML; None if there is none."""
     inner, origin = get_args(hint), get_origin(hint)
     if origin is Literal:
         return hint
@@ -857,7 +855,7 @@ def _of_toml(hint: Any) -> Any:
 
 
 def case_part() -> type[CasePart]:
-    """A whole case file, with the sides, models, sources and signals that are known now."""
+    """The table of a complete case file, with the sides, models, sources and signals that are currently registered."""
     known = (side_kinds(), model_kinds(), source_kinds(), signal_kinds(), incident_kinds())
     return _case_part(*(tuple(kinds.values()) for kinds in known))
 
@@ -889,12 +887,12 @@ def _case_part(
 
 
 def _one_of(parts: Sequence[type[Part]]) -> Any:
-    """One of several tables by their `type`."""
+    """One of several tables, selected by `type`."""
     return Annotated[reduce(or_, parts), Field(discriminator="type")]
 
 
 def _tagged(options: Mapping[str, Any], plain: str) -> Any:
-    """One of several tables by their `type`; what is no table, or has none, is that of one of them."""
+    """One of several tables, selected by `type`; `plain` where the value is not a table or has no type."""
 
     def tag(value: Any) -> Any:
         return value.get("type", plain) if isinstance(value, Mapping) else getattr(value, "type", plain)
@@ -903,7 +901,7 @@ def _tagged(options: Mapping[str, Any], plain: str) -> Any:
 
 
 def _incident(kind: Any, factor: Any) -> type[Part]:
-    """The table of an incident wave, which is a plane one where it has no type; its box is a table, too."""
+    """The table of an incident wave; plane waves may omit `type`, and the box is a table as well."""
     part, plain = part_of(kind), kind is fh.IncidentWave
     keys = part.model_fields
     given: dict[str, Any] = {"within": (BoxPart | None, keys["within"])}
@@ -913,7 +911,7 @@ def _incident(kind: Any, factor: Any) -> type[Part]:
 
 
 def _timed(part: type[Part], factor: Any, *names: str) -> type[Part]:
-    """The same table with signals as factors of time: of its keys those with such names, or that are marked."""
+    """The same table with signals allowed as functions of time, for the given keys and those marked as such."""
     given = {
         name: (factor | None if one.default is None else factor, one)
         for name, one in part.model_fields.items()
@@ -925,17 +923,15 @@ def _timed(part: type[Part], factor: Any, *names: str) -> type[Part]:
 
 
 def under(place: str, key: str) -> str:
-    """The key that an error has in Python, at its place in the case: the last part of it, unless it has the place
-    already.
-    """
+    """Place in the case of a key named as in Python: its last part below `place`, unless it begins with `place`."""
     if not key:
         return place
     return key if key.startswith(place) else f"{place}.{key.rpartition('.')[2]}"
 
 
 def schema() -> dict[str, Any]:
-    """JSON Schema of case files: keys, kinds of values and defaults; what else must hold is told when a case is
-    read. What may be given with a unit has one of the SI as `unit`.
+    """JSON Schema of case files: keys, kinds of values and defaults; further conditions are checked when a case is
+    read. Keys that accept a unit have the SI unit as `unit`.
     """
     whole = case_part().model_json_schema()
     for name, table in {"CasePart": whole, **whole["$defs"]}.items():
@@ -952,7 +948,7 @@ def schema() -> dict[str, Any]:
 
 
 def _take_units(found: Any) -> None:
-    """Let the numbers of a schema be texts with a unit, too."""
+    """Allow the numbers of a schema to be strings with a unit, too."""
     if isinstance(found, dict):
         if found.get("type") == "number":
             found |= {"type": ["number", "string"], "pattern": f"^{QUANTITY}$"}

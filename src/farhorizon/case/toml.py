@@ -1,4 +1,4 @@
-"""TOML as the program writes it; Python itself reads it only."""
+"""TOML output; Python's `tomllib` only reads it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def literal(value: Any) -> str:
-    """A value as it stands behind the equals sign, tables among them."""
+    """A value as TOML has it after the equals sign; tables are inline."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
@@ -23,7 +23,7 @@ def literal(value: Any) -> str:
 
 
 def document(data: Mapping[str, Any]) -> str:
-    """A whole file: what is no table, then a section for each table."""
+    """A complete file: values that are not tables, then a section for each table."""
     lines = [f"{_key(name)} = {literal(value)}" for name, value in data.items() if not isinstance(value, Mapping)]
     for name, table in data.items():
         if isinstance(table, Mapping):

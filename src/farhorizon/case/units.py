@@ -1,4 +1,4 @@
-"""Numbers with units in case files: what is measured by each key, and the units that a case counts in."""
+"""Numbers with units in case files: what each key measures, and the units in which a case gives its numbers."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any
 
 from farhorizon.errors import InputError
 
-#: What a case may give units of, and those of the SI: the powers of a `Unit` are in this order.
+#: Base quantities for which a case may give units, with their SI units; the powers of a `Unit` are in this order.
 BASES = {"mass": "kg", "length": "m", "time": "s", "temperature": "K", "amount": "mol"}
-#: Given in place of the mass, which follows from any of them with length and time.
+#: Quantities that may be given in place of the mass, which follows from any of them with length and time.
 MASS_BY = {"force": "N", "pressure": "Pa", "density": "kg/m^3", "energy": "J"}
 
 ANY, FIELD, RATE = "any", "that of u", "that of v"
 
-#: SI unit of what a key takes, the same in all tables but for those that are named with their table.
+#: SI unit of the value of a key, the same in all tables except for keys that are named with their table.
 KEYS = {
     **dict.fromkeys(("spacing", "lower", "upper", "horizon", "radius", "radii", "centre", "corner", "edge1"), "m"),
     **dict.fromkeys(("edge2", "points", "height", "width", "start", "end", "probes", "position", "tips"), "m"),
@@ -50,10 +50,10 @@ KEYS = {
     "transfer": "W/(m^2*K)",
     "stiffness": "m^4/s^2",
 }
-#: SI unit of u by the type of the model; of others it may be anything.
+#: SI unit of u by the type of the model; for other types it may be any unit.
 FIELDS = {**dict.fromkeys(("elastic", "correspondence", "thermoelastic", "beam"), "m"), "heat": "K"}
 
-# Tables that no class describes: what is in them has names of `KEYS`.
+# Tables that no class describes: their keys are in `KEYS`.
 _PLAIN_TABLES = ("initial", "rectangle", "disc")
 _NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 QUANTITY = _NUMBER.pattern + r"(\s*(?![eE][-+]?\d)(?!(?:if|and|or)\b)[A-Za-z\u00b5\u03bc\u00b0]|\s+1\s*/).*"
@@ -90,7 +90,7 @@ _PREFIXES = {
     "G": 1e9,
     "T": 1e12,
 }
-# Those with prefixes, and those without: scale, and powers of kg, m, s, K, mol.
+# Units that take prefixes, and units that do not: scale, and powers of kg, m, s, K, mol.
 _PREFIXED = {
     "g": (1e-3, (1, 0, 0, 0, 0)),
     "m": (1.0, (0, 1, 0, 0, 0)),
@@ -122,7 +122,7 @@ _SYMBOLS["degC"] = Unit(1.0, _SYMBOLS["K"].powers, zero=273.15)
 
 
 def unit(text: str) -> Unit:
-    """The unit that a text such as "W/(m K)", "1/us" or "kg m^-3" stands for; InputError if it is none."""
+    """The unit that a string such as "W/(m K)", "1/us" or "kg m^-3" denotes; InputError if it denotes none."""
     written = text.strip().replace("^", "**").replace("\u00b0", "deg").replace("\u00b7", "*")
     superscript = f"[{''.join(map(chr, _SUPERSCRIPTS))}]+"
     written = re.sub(superscript, lambda power: f"**{power[0].translate(_SUPERSCRIPTS)}", written)
@@ -138,7 +138,7 @@ def unit(text: str) -> Unit:
 
 
 def _known_unit(text: str, key: str) -> Unit:
-    """The unit that a text at a key stands for."""
+    """The unit that the string at a key denotes; an InputError names the key."""
     try:
         return unit(text)
     except InputError as error:
@@ -163,24 +163,24 @@ def _value(node: ast.expr) -> Unit:
 
 
 def measured(table: str, key: str) -> str | None:
-    """The SI unit of what a key of a table takes, `ANY`, `FIELD` or `RATE`; None if it takes no unit."""
+    """The SI unit of the values of a key in a table, or `ANY`, `FIELD` or `RATE`; None if it takes no unit."""
     return KEYS.get(f"{table}.{key}", KEYS.get(key))
 
 
 class Units:
-    """The units that a case counts in.
+    """The units in which a case gives its numbers.
 
     Parameters
     ----------
     given : mapping of str to str
-        The table ``[units]``: what is in `BASES`, and one of `MASS_BY` in place of the mass.
+        The table ``[units]``: quantities in `BASES`, and possibly one of `MASS_BY` in place of the mass.
     field : str
         SI unit of the field u, or `ANY`.
 
     Raises
     ------
     InputError
-        An unknown unit, one that measures something else, more than one that gives the mass.
+        An unknown unit, one that measures something else, or more than one that determines the mass.
     """
 
     def __init__(self, given: Mapping[str, str], field: str = ANY) -> None:
@@ -200,12 +200,13 @@ class Units:
             self._bases[base] = text, found
 
     def number(self, value: float, text: str, si: str, key: str) -> float:
-        """A number with a unit in the units of the case.
+        """A number with a unit, converted to the units of the case.
 
         Raises
         ------
         InputError
-            An unknown unit, one of something else than the key takes, or one for which the case has none.
+            The unit is unknown, measures something else than the key takes, or measures something for which the case
+            has no unit.
         """
         own = _known_unit(text, key)
         given, wanted = f"{value:g} {text}", self._named.get(si, si)
@@ -222,10 +223,10 @@ class Units:
                 )
             scale *= self._bases[base][1].scale ** power
         zero = own.zero - self._bases["temperature"][1].zero if shares == {"temperature": 1} else 0.0
-        return float(f"{(value * own.scale + zero) / scale:.15g}")  # as it would have been written
+        return float(f"{(value * own.scale + zero) / scale:.15g}")  # without rounding errors of the conversion
 
     def name(self, si: str) -> str:
-        """The unit of the case for what an SI unit measures, as text; empty where it has none."""
+        """The unit of the case for what an SI unit measures, as text; empty if the case has none."""
         si = self._named.get(si, si)
         shares = self._shares(unit(si).powers) if si != ANY else {}
         if not shares or not shares.keys() <= self._bases.keys():
@@ -236,8 +237,8 @@ class Units:
         return " ".join(above or ["1"]) + (f"/{over}" if over else "")
 
     def _shares(self, powers: tuple[int, ...]) -> dict[str, int]:
-        """The powers of the units of the case in a unit with such powers of those of the SI."""
-        # what gives the mass, always in its first power, takes length and time with it
+        """Exponents of the units of the case in a unit with the given powers of SI units."""
+        # the quantity that determines the mass contains it in the first power, and also length and time
         mass = self._bases["mass"][1].powers if "mass" in self._bases else _SYMBOLS["kg"].powers
         rest = [powers[0], *(a - powers[0] * b for a, b in zip(powers[1:], mass[1:], strict=True))]
         return {base: power for base, power in zip(BASES, rest, strict=True) if power}
@@ -256,7 +257,7 @@ def without_units(table: str, data: Mapping[str, Any], units: Units | None) -> d
     Raises
     ------
     InputError
-        A number with a unit in a case that has no ``[units]``, or over one; else as `Units.number`.
+        A number with a unit in a case that has no ``[units]``, or a number over a unit; otherwise as `Units.number`.
     """
     return {key: _plain(value, measured(table, key), units, key) for key, value in data.items()}
 
@@ -286,9 +287,9 @@ def _plain(value: Any, si: str | None, units: Units | None, key: str) -> Any:
 
 
 def _check_quotient(text: str, key: str) -> None:
-    """Refuse a number over a unit, as in "2/K": it reads as an expression, in which K is no name."""
+    """Refuse a number over a unit, as in "2/K": it would be read as an expression, in which K is unknown."""
     divided = _QUOTIENT.fullmatch(text)
-    if divided is None or re.search(r"\bt\b", text):  # in expressions t is the time, not tonnes
+    if divided is None or re.search(r"\bt\b", text):  # in expressions t is the time, not the tonne
         return
     inverse = f"1/{divided['below']}"
     try:

@@ -1,4 +1,4 @@
-"""How long `farhorizon run` takes in all: the steps are often the least of it."""
+"""How long `farhorizon run` takes in all, of which the steps are often the smallest part."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from farhorizon.simulation.nodal_stress import fields_of
 from farhorizon.simulation.output import RunResults
 from farhorizon.simulation.run import Run
 
-_PANELS = 4  # of a picture
+_PANELS = 4  # panels of a picture
 
 
 def whole_time(case: Case, run: Run, report: Report, start: float) -> dict[str, float]:
-    """Seconds that each part of a run takes on this machine, and a row of the report about them.
+    """Seconds that each part of a run takes on this machine; a row about them is added to the report.
 
-    Files and pictures are tried: two outputs, a checkpoint and a picture, in a folder that is removed.
+    Files and pictures are timed by a trial: two outputs, a checkpoint and a picture, in a temporary folder.
 
     Parameters
     ----------
     case : Case
     run : Run
-        Of it, at its start, with the probes of the case.
+        A run of it, at its start, with the probes of the case.
     report : Report
-        Of it, with the time of its steps.
+        Its report, with the time of its steps.
     start : float
         Seconds from the start of the command to the first step, without compilation.
 
@@ -42,7 +42,7 @@ def whole_time(case: Case, run: Run, report: Report, start: float) -> dict[str, 
     """
     outputs = 1 + int(np.ceil(report.numbers["steps"] * run.dt / case.every(run.dt) - 1e-9))
     certificate, steps = report.certificate, report.numbers["seconds"]
-    examined = certificate is not None and certificate.verdict != UNDECIDED  # and kept: `run` recalls it
+    examined = certificate is not None and certificate.verdict != UNDECIDED  # and cached: `run` reads it
     with TemporaryDirectory() as folder:
         files, pictures = _files(case, run, Path(folder), outputs), _pictures(case, run, Path(folder))
     parts = {
@@ -60,7 +60,7 @@ def whole_time(case: Case, run: Run, report: Report, start: float) -> dict[str, 
 
 
 def _files(case: Case, run: Run, folder: Path, outputs: int) -> float:
-    """Of so many outputs, and of two checkpoints."""
+    """Seconds for `outputs` outputs and two checkpoints."""
     out = case.parts.output
     made = RunResults.begin(run, folder / "a.h5", case.fields, dtype=out.dtype, compress=out.compress)
     made.append()
@@ -77,7 +77,7 @@ def _balance(made: RunResults, run: Run) -> dict[str, float] | None:
 
 
 def _pictures(case: Case, run: Run, folder: Path) -> float:
-    """Of all pictures of a run: each takes as long as this one, and what draws them is loaded once."""
+    """Seconds for all pictures of a run: each takes as long as the trial one, and plotting modules are loaded once."""
     from farhorizon.pictures.snapshot import scalars
 
     fields = fields_of(run, case.fields)

@@ -1,5 +1,5 @@
-"""Whether a set-up is stable: proofs where they hold, else the spectral radius of the complete update, sides first,
-then corners.
+"""Stability of a set-up: proofs where they hold, otherwise the spectral radius of the complete update, examined first
+for pairs of sides and then for corners.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ CERTIFIED: Verdict = "certified"
 NOT_CERTIFIED: Verdict = "not certified"
 UNDECIDED: Verdict = "undecided"
 BUDGET = 30.0  # seconds that a certificate may take
-_WIDE = 1500  # the same where a growing mode is looked at again
-_CROSSINGS = 200_000  # of a run from noise whose map is known as a matrix
-PATIENCE = 2.0  # seconds that noise which rises may take before a run
-_MATTERS = 10.0  # factor of growth in a run from which on it is refused
-_ALIKE = 4  # times the nodes of the small copy up to which noise runs in the set-up itself
-_ESCAPES = 0.5  # growth per crossing up to which the sides along a strip may take a mode before it has grown
+_WIDE = 1500  # numbers in the state of a strip on a line, or of one widened where a mode grows, at most
+_CROSSINGS = 200_000  # longest run from noise whose map is known as a matrix
+PATIENCE = 2.0  # seconds for which rising noise may be followed before a run
+_MATTERS = 10.0  # a run is refused if something grows by this factor within it
+_ALIKE = 4  # noise runs in the set-up itself if it has at most this many times the nodes of the small copy
+_ESCAPES = 0.5  # growth per crossing below which sides along a strip may absorb a mode before it has grown
 _QUIET = "white noise does not grow in a run of this length"
 _MARGIN = 1 - 1e-9  # at the step limit itself the shortest wave grows linearly
 
@@ -63,12 +63,12 @@ class ExaminedPart:
     Attributes
     ----------
     name : str
-        What it is.
+        What was examined.
     growth : Growth
     field : ndarray of complex
-        The growing mode on the near field and its unstretched margins; empty if it is not known.
+        The growing mode on the near field and its unstretched margins; empty if unknown.
     drifts : bool
-        Not a mode but the whole state grows, as fast as time; `growth` has the rate at the end of a long run.
+        Whether the whole state grows, linearly in time, and no mode; `growth` is the rate at the end of a long run.
     """
 
     name: str
@@ -197,7 +197,7 @@ class Certificate:
         return known + "".join(f"; not examined: {part}" for part in self.skipped)
 
     def _enough(self, until: float) -> bool:
-        """Whether there is no verdict, and noise that ran for as long as the run shows that none is needed."""
+        """Whether there is no verdict but none is needed, because noise did not grow for as long as the run lasts."""
         return self.verdict == UNDECIDED and until <= self.quiet
 
     def remark(self, until: float) -> str:
@@ -257,24 +257,24 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf, brief:
 
     Where no proof holds, a state of up to 700 numbers is examined as it is. Otherwise white noise runs for ten crossing
     times of a small copy of the near field, and what grows there is refused. Then each pair of absorbing sides is
-    examined by itself, the medium between them without end along the other axes: its map is a chain for each tangential
-    wavenumber, all of whose eigenvalues are computed. Corners, edges and faces that run into a layer are examined on a
-    small copy of the near field by Krylov spaces of powers of the map; where layers are all around and those of both
-    sides of an axis are the same, that copy has one of them, and the other side is held fixed: all corners are alike.
-    What grows between two sides so slowly that the others may take it before (long surface waves do) is examined on the
-    near field as it is.
+    examined by itself, with a medium between them that extends indefinitely along the other axes: its map is a chain
+    for each tangential wavenumber, and all eigenvalues of that chain are computed. Corners, edges and faces that run
+    into a layer are examined on a small copy of the near field by Krylov spaces of powers of the map. Where there are
+    layers on all sides and both sides of an axis are the same, that copy keeps one of them and the other side is held
+    fixed, because all corners are alike. A mode between two sides that grows so slowly that the other sides may absorb
+    it first (as they do long surface waves) is examined on the near field as it is.
 
     Parameters
     ----------
     sim : Examined
     budget : float
-        Seconds; what would take longer is skipped, and said so.
+        Seconds; what would take longer is skipped, and the certificate says so.
     until : float
-        Length of the run for which this is asked: where it is shorter than the run from noise, that takes as long as
-        the run.
+        Length of the run for which stability is examined. Where it is shorter than the run from noise, the noise runs
+        only for this long.
     brief : bool
-        As for a run that is about to begin: noise takes what it takes, and where it ran for as long as the run, or
-        grew, no modes are examined. Else it takes half of `budget` at most, and modes follow.
+        Whether a run is about to begin: noise then takes the time it needs, and if it ran for as long as the run, or
+        grew, no modes are examined. If false, noise takes at most half of `budget`, and modes are examined afterwards.
 
     Returns
     -------
@@ -283,7 +283,7 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf, brief:
     Raises
     ------
     InputError
-        A budget that is no number, not finite or negative.
+        The budget is not a number, not finite or negative.
     """
     budget = kinds.number(budget, "budget", least=0)
     if sim.model.bond_law is not None:
@@ -325,7 +325,7 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf, brief:
 def _examined(
     sim: Examined, budget: float, until: float, brief: bool, begin: float, tell: Callable[[str], None]
 ) -> tuple[Certificate, bool]:
-    """What has been found, told what is examined, and whether nothing was left out."""
+    """The certificate, and whether nothing was left out; `tell` is called with what is being examined."""
     parts: list[ExaminedPart] = []
     slow: list[ExaminedPart] = []
     skipped: list[str] = []
@@ -364,30 +364,30 @@ def _examined(
     except InputError as error:
         skipped.append(f"a smaller copy, which is refused ({error.message})")
     found = judge(parts, skipped, sim.crossing, time.monotonic() - begin, quiet)
-    examined = found.verdict == CERTIFIED and bool(slow)  # the whole, of which a copy tells less
+    examined = found.verdict == CERTIFIED and bool(slow)  # the complete set-up, which says more than a copy
     if grown is not None and found.verdict != NOT_CERTIFIED and not examined:
         found = judge([*parts, grown], skipped, sim.crossing, time.monotonic() - begin)
     return _short_lived(sim, found), not skipped
 
 
 def told(rate: float, crossing: float) -> str:
-    """A growth per crossing in words, which takes so long."""
+    """A growth per crossing in words; a crossing takes the time `crossing`."""
     return f"{rate:.2g} per crossing ({rate / crossing:.2g} per unit time)"
 
 
 def judge(
     parts: list[ExaminedPart], skipped: list[str], crossing: float, seconds: float, quiet: float = 0.0
 ) -> Certificate:
-    """What follows from the parts that were computed and those that were not.
+    """Verdict that follows from the parts that were computed and those that were not.
 
     Parameters
     ----------
     parts : list of ExaminedPart
     skipped : list of str
     crossing : float
-        Time of a crossing.
+        Crossing time.
     seconds : float
-        What the parts cost.
+        Computing time of the parts.
     quiet : float
         Time over which white noise did not grow.
     """
@@ -441,8 +441,8 @@ def judge(
 
 
 def _short_lived(sim: Examined, found: Certificate) -> Certificate:
-    """Exact ends follow the infinite chain, whose energy does not grow, for as many steps as their sums are made for: a
-    slower growth is none.
+    """The certificate; certified if exact ends let nothing grow e-fold in the steps for which their sums are made, over
+    which they follow the infinite chain, whose energy does not grow.
     """
     ends = sim.exact_ends
     if ends is None or sim.engine.layers or found.verdict == CERTIFIED or not found.rate * ends.steps * sim.dt < 1:
@@ -455,7 +455,7 @@ def _short_lived(sim: Examined, found: Certificate) -> Certificate:
     )
 
 
-# --- what is known from before ---------------------------------------------------------------------------------
+# --- cached certificates ---------------------------------------------------------------------------------------
 
 
 _PROGRAM = b"".join(
@@ -464,7 +464,7 @@ _PROGRAM = b"".join(
 
 
 def _cache_file(sim: Examined) -> Path:
-    """File of the certificate of this very map, made by this very program."""
+    """File of the certificate of this map, as computed by this version of the program."""
     mark = hashlib.sha256(state.digest(sim.engine).encode())
     mark.update(repr((sim.lattice.shape, sim.crossing, [type(b).__name__ for b in sim.sides.values()])).encode())
     mark.update(_PROGRAM)
@@ -529,7 +529,7 @@ def _keep(path: Path, found: Certificate) -> None:
 
 
 def _proof(sim: Examined) -> str:
-    """Why nothing can grow, where one sentence tells; else empty."""
+    """Why nothing can grow, where a proof exists; otherwise empty."""
     model, sides = sim.model, sim.sides.values()
     ends = sim.exact_ends
     if ends is not None and ends.convolved and not any(b.stretched for b in sides):
@@ -565,7 +565,7 @@ def _proof(sim: Examined) -> str:
 
 
 def _outline_proof(sim: Examined, positive: bool) -> str:
-    """Why a condition along an outline cannot make anything grow."""
+    """Why a condition along an outline cannot make anything grow; empty without a proof."""
     closure, model = sim.closure, sim.model
     if (
         closure is None
@@ -585,7 +585,7 @@ def _outline_proof(sim: Examined, positive: bool) -> str:
         return ""
     if not all(b.passive for b in sim.sides.values()):
         return ""
-    # stiffness that the sides add
+    # stiffness added by the sides
     held = 2 * float(np.sqrt(model.coefficient)) * model.damping * sim.lattice.dim / sim.lattice.spacing
     if (positive or not sim.engine.absent.count) and sim.dt <= _MARGIN * 2 / np.sqrt(sim.rate_limit + held):
         return (
@@ -596,9 +596,7 @@ def _outline_proof(sim: Examined, positive: bool) -> str:
 
 
 def _escapes(sim: Examined, part: ExaminedPart) -> bool:
-    """Whether a mode between two sides grows so slowly that an absorbing side along them may take it before it has
-    grown.
-    """
+    """Whether a mode between two sides grows so slowly that absorbing sides along them may absorb it first."""
     axis = AXES.index(part.name[len("sides ")]) if part.name.startswith("sides ") else None
     along = [] if axis is None else [a for a in range(sim.lattice.dim) if a != axis]
     if not any(sim.sides[a, s].stretched or sim.sides[a, s].damped for a in along for s in (-1, 1)):
@@ -609,7 +607,7 @@ def _escapes(sim: Examined, part: ExaminedPart) -> bool:
 def _with_whole(
     sim: Examined, slow: list[ExaminedPart], parts: list[ExaminedPart], skipped: list[str], left: float
 ) -> tuple[list[ExaminedPart], list[str]]:
-    """Parts and what is left out, with the complete update in place of what grows slowly between two sides."""
+    """Examined and skipped parts, with the complete update in place of modes that grow slowly between two sides."""
     worst = max(slow, key=lambda p: p.growth.rate)
     name = (
         "the complete update, because with infinitely long sides a mode would grow by "
@@ -626,7 +624,7 @@ def _with_whole(
 
 
 def _examinations(sim: Examined) -> Iterator[tuple[str, Callable[[float], tuple[ExaminedPart, list[str]]]]]:
-    """What must be stable for the whole to be, cheapest first; each takes the seconds it may cost."""
+    """What must be stable for the set-up to be stable, cheapest first; each is called with the seconds it may take."""
     if sim.exact_ends is not None and not sim.exact_ends.steps:
         raise InputError("the kernel of the exact ends is computed when the run begins")
     if int(np.prod(sim.engine.layout.box.nodes)) <= DENSE and State(sim.engine).size <= DENSE:
@@ -634,7 +632,7 @@ def _examinations(sim: Examined) -> Iterator[tuple[str, Callable[[float], tuple[
         return
     layered = [axis for axis in range(sim.lattice.dim) if any(sim.sides[axis, s].stretched for s in (-1, 1))]
     examined: list[int] = []
-    # what is stable between two sides that are close to each other is so between those that are farther apart
+    # what is stable between sides close together is also stable between sides farther apart
     for axis in sorted(layered, key=lambda axis: sim.lattice.shape[axis]):
         if not any(_same_sides(sim, axis, other) for other in examined):
             yield f"sides {AXES[axis]}", partial(_side_part, sim, axis)
@@ -642,7 +640,7 @@ def _examinations(sim: Examined) -> Iterator[tuple[str, Callable[[float], tuple[
     others = [b for (axis, _), b in sim.sides.items() if axis not in layered[:1]]
     if layered and all(b.periodic for b in others) and not sim.conditions.nodes.size:
         return
-    # how an outline runs decides whether its condition grows
+    # whether the condition along an outline grows depends on the course of the outline
     if sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None:
         yield (
             "the complete update",
@@ -657,12 +655,12 @@ def _examinations(sim: Examined) -> Iterator[tuple[str, Callable[[float], tuple[
 def _noise_part(sim: Examined, budget: float, until: float, longest: float) -> tuple[ExaminedPart | None, float]:
     """What grows in a short run from white noise, None if nothing does; and the time for which noise ran.
 
-    It runs in the set-up itself where this is small, or where cracks, conditions or an outline make a copy another
-    problem, else on a small copy.
+    The noise runs in the set-up itself if that is small, or if cracks, conditions or an outline would make a copy a
+    different problem; otherwise in a small copy.
     """
     ends = sim.exact_ends
     if ends is not None and (ends.convolved or not ends.steps):
-        return None, 0.0  # a past that is kept whole is no finite state
+        return None, 0.0  # a history that is kept in full is not a finite state
     small = small_lattice(sim)
     special = sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None
     whole = special or np.prod(sim.lattice.shape) <= _ALIKE * np.prod(small.shape)
@@ -695,11 +693,12 @@ def _dense_part(name: str, sim: Examined) -> ExaminedPart:
 
 
 def _with_noise(growth: Growth, matrix: np.ndarray, crossing: int, dt: float) -> tuple[Growth, str]:
-    """What a run from noise adds to eigenvalues that do not grow, and what it does instead of decaying.
+    """Check eigenvalues that do not grow by a run from noise; return the growth, and what noise does if it does not
+    decay.
 
-    The run takes 24 crossing times or, as modes that are nearly alike add up first, twice as many until it decays over
-    its last third. What still grows as fast as time itself belongs to a double factor 1: no eigenvalue grows, or
-    rounding hides it, but the state does.
+    The run takes 24 crossing times. Modes that are nearly alike add up first, so it is doubled until the noise decays
+    over its last third. Noise that still grows linearly in time indicates a double eigenvalue 1: no eigenvalue grows,
+    or rounding hides it, but the state does.
     """
     third, length, sizes = np.linalg.matrix_power(matrix, 8 * crossing), 24, [0.0, 0.0]
     noise = np.random.default_rng(0).standard_normal(len(matrix))
@@ -717,12 +716,12 @@ def _with_noise(growth: Growth, matrix: np.ndarray, crossing: int, dt: float) ->
 
 
 def _krylov_part(name: str, sim: Examined, crossing: float, budget: float) -> ExaminedPart:
-    """The fastest mode of a set-up; `crossing` is the time unit of its growth."""
+    """The fastest-growing mode of a set-up; `crossing` is the unit of time of its growth."""
     complete = State(sim.engine)
     pace = complete.every * sim.dt
     growth = krylov_growth(complete.after_rounds, complete.size, pace / crossing, crossing_rounds(sim), budget)
     if growth.hidden and any((layer.sigma[layer.alpha == 0] > 0).any() for layer in sim.engine.layers.values()):
-        # every static field is at rest in such a layer: a double factor 1, slower than any run shows
+        # static fields do not decay in such a layer: a double eigenvalue 1, slower than any run shows
         growth = replace(growth, error=np.inf)
         name = f"layers with alpha = 0, which let fields of zero frequency drift: {name}"
     return ExaminedPart(name, growth, complete.portrait(growth.mode) if growth.mode.size else np.zeros(0))
@@ -743,7 +742,7 @@ def _side_part(sim: Examined, axis: int, budget: float) -> tuple[ExaminedPart, l
         begin = time.monotonic()
         found[angles] = strip.growth(*angles)
         longest = max(longest, time.monotonic() - begin)
-        if time.monotonic() + longest > end:  # the next one would not be done in time
+        if time.monotonic() + longest > end:  # the next one would not finish in time
             break
     missed = (
         [f"sides {AXES[axis]} at {len(sample) - len(found)} of {len(sample)} tangential wavenumbers"]
@@ -771,7 +770,7 @@ def _side_part(sim: Examined, axis: int, budget: float) -> tuple[ExaminedPart, l
 
 
 def _climb(strip: Strip, angles: tuple[float, ...], found: dict[tuple[float, ...], Growth], end: float) -> None:
-    """Climb from a tangential wavenumber to a maximum of the growth rate beside it, axis by axis."""
+    """Climb from a tangential wavenumber to a nearby maximum of the growth rate, axis by axis."""
     for number in range(len(angles)):
         step = np.pi / strip.coarse / 2
         while step > np.pi / strip.coarse / 10 and time.monotonic() < end:
@@ -791,6 +790,6 @@ def _climb(strip: Strip, angles: tuple[float, ...], found: dict[tuple[float, ...
 
 
 def _same_sides(sim: Examined, axis: int, other: int) -> bool:
-    """Whether the sides of two axes pose the same problem, whatever is between them: alike boundaries and stencil."""
+    """Whether the sides of two axes pose the same problem: same boundaries and same stencil."""
     alike = all(like_sides(sim, (axis, side), (other, side)) for side in (-1, 1))
     return alike and sim.stencil.same_along(axis, other)

@@ -1,4 +1,4 @@
-"""What the checks ask of a set-up. `Simulation` answers; none of them needs to know how it runs."""
+"""What the checks need of a set-up: protocols that `Simulation` fulfils, so that no check depends on how it runs."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Timed(Protocol):
     dt: float
 
     def seconds_per_step(self) -> float:
-        """Time of a step on this machine now; the state stays as it is."""
+        """Time of a step on this machine now; the state is left unchanged."""
 
 
 class Examined(Timed, Protocol):
@@ -40,7 +40,7 @@ class Examined(Timed, Protocol):
     Attributes
     ----------
     given : dict of str to object
-        What it was made of but the initial data, by the names of the arguments of `Simulation`.
+        What it was made of except the initial data, by the names of the arguments of `Simulation`.
     lattice : Lattice
         The near field.
     model : LatticeModel
@@ -52,31 +52,33 @@ class Examined(Timed, Protocol):
         Largest stable time step; largest rate of the operator, and largest factor on the stencil (1/time, or 1/time^2
         of waves).
     strongest, weakest : float
-        Largest squared speed over the model's, and the smallest one that is not zero; `varied`: whether the medium
-        does.
+        Largest squared speed relative to that of the model, and the smallest one that is not zero.
+    varied : bool
+        Whether the medium varies from node to node.
     field_shape : tuple of int
-        That of the lattice, of vectors with the components first.
+        Shape of the lattice, preceded by the number of components for vectors.
     start_u, start_v : ndarray
         Initial data of that shape.
     sources : list
-        (space, time) of each, as `farhorizon.inputs.sources.split` gives them.
+        (space, time) of each source, as given by `farhorizon.inputs.sources.split`.
     signals : list of (str, Signal)
-        Of all that drives, with what each is called, as far as their spectra are known.
+        Name and signal of everything that drives the set-up, as far as the spectra are known.
     incident : list of Incidence
     conditions : Conditions
     prescribed : PrescribedNodes
     leak : ndarray
-        Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without.
+        Rate at which each node loses its value to the surroundings of the body; shape of the lattice, or empty if there
+        is no loss.
     closure : Closure or None
-        What closes the near field along its outline.
+        Condition along the outline of the near field.
     coefficients : dict of (axis, side) to float
         Squared speed or diffusivity of the medium at each side.
     thickness : dict of str to Thickness
-        By side, what the layers that chose themselves are predicted to do.
+        Predicted errors of automatically chosen layers, by side.
     extents : dict of (axis, side) to Extent
         How far the medium is computed beyond sides that extend it.
     doubts : list of str
-        Layers that are predicted to miss their targets, which are among the notes.
+        Notes about layers that are predicted to miss their targets; `notes` contains them, too.
     recorders : list of farhorizon.simulation.recorder.Recorder
     """
 
@@ -111,30 +113,32 @@ class Examined(Timed, Protocol):
 
     @property
     def crossing(self) -> float:
-        """The set-up's own unit of time: in it the fastest wave crosses the near field, or what diffuses empties it."""
+        """The set-up's own unit of time: the fastest wave crosses the near field in it, or diffusion empties the near
+        field.
+        """
 
     @property
     def targets(self) -> dict[tuple[int, int], float]:
-        """What may be missed beyond each side that absorbs, as a part of the largest value."""
+        """Fraction of the largest value that may be neglected beyond each absorbing side."""
 
     @property
     def exact_ends(self) -> ExactEnds | None:
-        """The exact ends; None without."""
+        """The exact ends; None if there are none."""
 
     @property
     def ends(self) -> dict[str, str]:
-        """What serves each exact end."""
+        """Representation of each exact end."""
 
     @property
     def fields(self) -> dict[str, np.ndarray]:
-        """Copies of the near field by name."""
+        """Copies of the fields on the near field, by name."""
 
     @property
     def notes(self) -> list[str]:
-        """What is allowed, but to be known."""
+        """What is allowed, but worth knowing."""
 
     def extents_for(self, wanted: Mapping[tuple[int, int], float], until: float) -> dict[tuple[int, int], Extent]:
-        """How far the medium must be computed beyond some sides for nothing to return in a run."""
+        """How far the medium must be computed beyond the given sides so that nothing returns during a run."""
 
     def remade(self, **changes: Any) -> Examined:
-        """The same set-up at its start with some arguments of `Simulation` changed."""
+        """The same set-up at its start, with some arguments of `Simulation` changed."""

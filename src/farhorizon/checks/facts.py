@@ -1,4 +1,4 @@
-"""What is said of a set-up before its run, line by line: a name and a value each."""
+"""Rows of the report about a set-up before its run, each a name and a value."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from farhorizon.pictures.style import speed_text
 
 Rows = list[tuple[str, str]]
 
-#: What bonds do beyond a critical stretch, by how they soften.
+#: What bonds do beyond their critical stretch, by softening law.
 _ENDS = {None: "break at", "linear": "soften linearly from", "exponential": "soften exponentially from"}
 
 
 def options_shown(boundary: Any) -> str:
-    """A boundary with the options that differ from their defaults."""
+    """A boundary with those options that differ from their defaults."""
     given = {f.name: getattr(boundary, f.name) for f in fields(boundary) if getattr(boundary, f.name) != f.default}
     return f"{type(boundary).__name__}({', '.join(f'{k}={v!r}' for k, v in given.items())})"
 
 
 def lattice_rows(sim: Examined) -> Rows:
-    """The lattice, its stencil and its steps."""
+    """The lattice, its stencil and its time step."""
     lattice, stencil = sim.lattice, sim.stencil
     shape, reach = (" x ".join(map(str, numbers)) for numbers in (lattice.shape, stencil.reach))
     limit = f"{sim.dt / sim.step_limit:.3g} of the stable limit {sim.step_limit:.6g}"
@@ -40,7 +40,7 @@ def lattice_rows(sim: Examined) -> Rows:
 
 
 def wave_rows(sim: Examined, waves: Band | None) -> Rows:
-    """The speeds of waves, and how long those are that the data hold."""
+    """The wave speeds, and the range of wavelengths in the data."""
     found = []
     if sim.model.speeds:
         of = ' of the medium "in the middle of all speeds"' if sim.varied else ""
@@ -53,7 +53,7 @@ def wave_rows(sim: Examined, waves: Band | None) -> Rows:
 
 
 def layer_rows(sim: Examined, waves: Band | None) -> Rows:
-    """The layers, and how far the medium is computed beyond sides that extend it; those that are alike together."""
+    """The layers, and how far the medium is computed beyond sides that extend it; alike sides share a row."""
     lead = 3 - sim.lattice.dim
     layers = [
         (_side(axis - lead, side), _layer(sim, axis - lead, side, layer, waves))
@@ -82,7 +82,7 @@ def _side(axis: int, side: int) -> str:
 
 
 def _together(what: str, told: Iterable[tuple[str, str]]) -> Rows:
-    """What is told of sides, once of those of which it is the same."""
+    """Rows about sides, with one row for all sides that have the same text."""
     found: dict[str, list[str]] = {}
     for name, text in told:
         found.setdefault(text, []).append(name)
@@ -90,7 +90,7 @@ def _together(what: str, told: Iterable[tuple[str, str]]) -> Rows:
 
 
 def side_rows(sim: Examined) -> Rows:
-    """Sides of which nothing else is told, the condition along an outline, and exact ends."""
+    """Sides that have no rows elsewhere, the condition along an outline, and exact ends."""
     windowed = sim.lattice.window is not None
     found = [
         (f"side {_side(*key)}", options_shown(boundary))
@@ -105,12 +105,12 @@ def side_rows(sim: Examined) -> Rows:
 
 
 def _is_told(boundary: Side) -> bool:
-    """Whether lines of its own tell of a side."""
+    """Whether other rows describe a side."""
     return boundary.stretched or boundary.exact or boundary.extended
 
 
 def metal_rows(sim: Examined) -> Rows:
-    """The metal of a corrosion, and how fast its front goes."""
+    """The metal of a corrosion model, and the speed of its front."""
     dissolution = sim.model.dissolution
     if dissolution is None:
         return []
@@ -127,7 +127,7 @@ def metal_rows(sim: Examined) -> Rows:
 
 
 def size_rows(sim: Examined) -> Rows:
-    """Nodes that are computed, memory, and bonds that are absent."""
+    """Computed nodes, memory, and absent bonds."""
     engine = sim.engine
     extra = int(np.prod(engine.layout.box.nodes)) - int(np.prod(sim.lattice.shape))
     times = engine.nbytes / (np.prod(sim.field_shape) * engine.dtype.itemsize)
@@ -140,7 +140,7 @@ def size_rows(sim: Examined) -> Rows:
 
 
 def bond_rows(sim: Examined) -> Rows:
-    """What bonds do that follow a law of their own stretch."""
+    """The behaviour of bonds that follow a law of their own stretch."""
     law, bonds = sim.model.bond_law, sim.engine.bonds
     if law is None:
         return []

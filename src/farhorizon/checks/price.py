@@ -1,4 +1,4 @@
-"""What a run costs with layers and on the extended domain, measured on this machine before it begins."""
+"""Cost of a run with layers and on the extended domain, measured on this machine before the run."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from farhorizon.checks.examined import Examined
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
 
-_PROBED = 200_000  # nodes of a plain run that is timed, at most
-_LEAST_ERROR = 1e-12  # of an extended domain: what is asked of ends that are exact
+_PROBED = 200_000  # largest number of nodes of a plain run that is timed
+_LEAST_ERROR = 1e-12  # smallest error asked of an extended domain, in place of exact ends
 
 
 @dataclass(frozen=True)
 class Price:
-    """Of one way to compute the medium beyond the near field.
+    """Cost of one way to compute the medium beyond the near field.
 
     Attributes
     ----------
     nodes : float
-        That are computed, or of the thickest layer.
+        Number of computed nodes, or of nodes of the thickest layer.
     seconds : float
-        Of a step.
+        Time of a step.
     memory : float
-        Bytes.
+        Memory in bytes.
     """
 
     nodes: float
@@ -36,14 +36,14 @@ class Price:
     memory: float
 
     def over(self, other: Price) -> str:
-        """Time and memory, compared with another."""
+        """Time and memory relative to another price, in words."""
         time, memory = self.seconds / max(other.seconds, 1e-300), self.memory / max(other.memory, 1.0)
         words = f"{time:.2g} times" if time >= 1 else f"only {time:.2g} of"
         return f"{words} the time, {memory:.2g} times the memory"
 
 
 def price(sim: Examined, seconds: float | None = None) -> Price:
-    """Of a simulation as it is; a step takes so many seconds, if that is known."""
+    """The cost of a simulation as it is; `seconds` is the time of a step, measured if not given."""
     return Price(
         float(np.prod(sim.engine.layout.box.nodes)),
         sim.seconds_per_step() if seconds is None else seconds,
@@ -52,10 +52,10 @@ def price(sim: Examined, seconds: float | None = None) -> Price:
 
 
 def extended_price(sim: Examined, until: float, sides: Sequence[tuple[int, int]]) -> Price:
-    """Of the extended domain in place of some sides that absorb: of one without data, where it is large of a smaller
-    one in proportion.
+    """The cost of the extended domain in place of some absorbing sides, measured on a domain without data; if the
+    domain is large, on a smaller one and scaled in proportion.
 
-    Where the domain would not fit into memory the front of the waves alone tells its size.
+    If the domain would not fit into memory, its size follows from the front of the waves alone.
     """
     wanted = {key: max(sim.targets[key], _LEAST_ERROR) for key in sides}
     try:
@@ -70,7 +70,7 @@ def extended_price(sim: Examined, until: float, sides: Sequence[tuple[int, int]]
     count = [max(int(n / shrunk), 2 * m + 1) for n, m in zip(wide, sim.stencil.reach, strict=True)]
     box = Lattice(lattice.spacing, lattice.lower, lattice.lower + lattice.spacing * (np.array(count) - 1))
     plain = sim.remade(lattice=box, boundary=Fixed(sim.background))
-    every = np.array(plain.engine.layout.box.nodes[-lattice.dim :], float)  # with the margins, which do not grow
+    every = np.array(plain.engine.layout.box.nodes[-lattice.dim :], float)  # with margins, which do not grow
     held = float(np.prod((wide + every - count) / every))
     return Price(
         float(np.prod(wide)), plain.seconds_per_step() * float(np.prod(wide / count)), plain.engine.nbytes * held

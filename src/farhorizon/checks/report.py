@@ -1,4 +1,4 @@
-"""What `Simulation.check` finds out before a run."""
+"""The report of `Simulation.check`: what is known about a set-up before a run."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ from farhorizon.medium.stencil import BackwardWaves
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
 _FINE = tuple(np.linspace(0, 85, 35).tolist())  # angles of the picture
-LEAST = 5.0  # seconds that an examination may take whatever the run takes
-_SHARE, _MINIMUM = 0.4, 0.1  # of the time: until when wavelengths are predicted, and what the certificate has at least
-_HARDLY = 20.0  # times the run a signal lasts of which the run has hardly begun
-_STEEP = 60.0  # degrees: waves that come flatter are few, and layers are worst for them
-_EXACT = 1e-14  # less than this comes back: rounding
-_MUCH = 1e-3  # amplitude that a layer of given thickness may send back without a warning
-_MUCH_OF_SPONGE = 0.05  # and a sponge, which needs many wavelengths
-_WORTH = 1.0  # seconds saved that are worth a note
+LEAST = 5.0  # seconds that an examination may always take, however short the run
+_SHARE, _MINIMUM = 0.4, 0.1  # of the time: until when reflection is predicted, and least for the certificate
+_HARDLY = 20.0  # a signal that lasts longer than this many runs has hardly begun by the end
+_STEEP = 60.0  # degrees: waves at larger angles are few, and layers absorb them worst
+_EXACT = 1e-14  # reflection below this is rounding error
+_MUCH = 1e-3  # amplitude that a layer of given thickness may reflect without a warning
+_MUCH_OF_SPONGE = 0.05  # the same for a sponge, which needs many wavelengths
+_WORTH = 1.0  # savings in seconds that are worth a note
 _MORE = "farhorizon check CASE.toml --details, in Python print(report.details)"
 _SHORT = (
     "near field",
@@ -62,7 +62,7 @@ _SHORT = (
     "time in all",
     "outputs",
 )
-_LONG = 30 * 86400.0  # seconds of a run that is warned of
+_LONG = 30 * 86400.0  # runs of more seconds than this cause a warning
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,9 @@ class Reflections:
     sides : str
         Names of the sides that are alike.
     side : LayerSide or Strip
-        What computes it: the equations of a layer, or the map of any side.
+        What computes the reflection: the equations of a layer, or the map of any side.
     tables : dict of float to ndarray, shape (pairs, angles)
-        Amplitudes for each wavelength, the typical one first.
+        Reflected amplitudes by wavelength, the typical one first.
     """
 
     sides: str
@@ -85,12 +85,12 @@ class Reflections:
 
     @property
     def angles(self) -> tuple[float, ...]:
-        """Angles of the table; on a line there is one."""
+        """Angles of incidence in the tables; only normal incidence in 1D."""
         return ANGLES if self.side.medium.stencil.dim > 1 else ANGLES[:1]
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
-        """Types of the wave that comes and of one that leaves; of a scalar field one pair without names."""
+        """Types of the incoming and the reflected wave; for a scalar field, one pair without names."""
         return tuple((one, other) for one in self.side.types for other in self.side.types)
 
     @property
@@ -100,12 +100,12 @@ class Reflections:
 
     @property
     def drawn(self) -> tuple[float, ...]:
-        """Wavelengths of the picture: of vectors, which have a curve for each pair, the typical one alone."""
+        """Wavelengths of the picture: for vectors, which have a curve for each pair, only the typical one."""
         return tuple(self.tables) if len(self.pairs) == 1 else tuple(self.tables)[:1]
 
     @one_blas_thread()
     def amplitudes(self, wavelength: float, angles: tuple[float, ...]) -> np.ndarray:
-        """Amplitude of the reflected wave, shape (pairs, angles); nan where there is no such wave."""
+        """Amplitudes of the reflected waves, shape (pairs, angles); nan where there is no such wave."""
         types = self.side.types
         found = np.full((len(types), len(types), len(angles)), np.nan)
         for incoming, (i, angle) in itertools.product(range(len(types)), enumerate(angles)):
@@ -118,7 +118,7 @@ class Reflections:
         return found.reshape(-1, len(angles))
 
     def rows(self) -> Iterator[tuple[tuple[str, str], float, np.ndarray]]:
-        """Pair, wavelength and amplitudes over the angles; without pairs that never occur, such as SH to P in a plane
+        """Pair, wavelength and amplitudes over the angles, without pairs that never occur, such as SH to P in a plane
         of symmetry.
         """
         for number, pair in enumerate(self.pairs):
@@ -180,7 +180,7 @@ class ReportFacts(TypedDict):
 
 @dataclass
 class Report:
-    """Facts about a set-up; `str` gives them as a page.
+    """Facts about a set-up; `str` formats them as a page.
 
     Attributes
     ----------
@@ -188,20 +188,20 @@ class Report:
         Name and value.
     warnings : list of str
     notes : list of str
-        Not wrong, but to be known.
+        What is allowed, but worth knowing.
     certificate : Certificate
         Whether the complete update is stable.
     reflections : list of Reflections
-        Of each kind of absorbing side.
+        One for each kind of absorbing side.
     numbers : dict of str to float
-        Those of the rows that a program may want: "dt", "step_limit", "seconds", "steps", "memory"; of the extended
-        domain over this run "extended_nodes", "extended_cost", "extended_memory", or of layers over this run on an
-        extended domain "layer_nodes", "layer_cost", "layer_memory"; of layers that chose themselves for these data
-        "returned"; of `farhorizon check` "seconds_in_all".
+        Values of the rows for use by programs: "dt", "step_limit", "seconds", "steps", "memory"; for the extended
+        domain relative to this run "extended_nodes", "extended_cost", "extended_memory", or for layers relative to this
+        run on an extended domain "layer_nodes", "layer_cost", "layer_memory"; for layers chosen for these data
+        "returned"; from `farhorizon check` "seconds_in_all".
     omitted : list of str
-        What the tables lack.
+        What is missing from the tables.
     until : float
-        End of the run; infinite if it is not known.
+        End of the run; infinite if unknown.
     """
 
     rows: list[tuple[str, str]] = field(default_factory=list)
@@ -221,7 +221,7 @@ class Report:
         budget: float | None = None,
         more: Sequence[tuple[str, str]] = (),
     ) -> Report:
-        """Examine a simulation, see `Simulation.check`; more rows are added."""
+        """Examine a simulation, see `Simulation.check`; the rows `more` are appended."""
         report = cls(until=np.inf if until is None else until)
         waves = content(sim, until)
         report._describe(sim, waves)
@@ -234,7 +234,7 @@ class Report:
         if until is not None:
             report._cut_short(sim, until)
             report._estimate(sim, until)
-        begin = time.monotonic()  # the time loop is compiled: its first time costs no verdict
+        begin = time.monotonic()  # from here on, so that preparing the time loop costs no verdict
         whole = min(BUDGET, max(LEAST, report.numbers.get("seconds", BUDGET)))
         if wavelengths := _wavelengths(sim, waves, until):
             report._predict(sim, wavelengths, begin + _SHARE * whole if budget is None else np.inf)
@@ -280,8 +280,8 @@ class Report:
         return f"{verdict}: {', '.join(parts)}"
 
     def _largest_returned(self) -> tuple[float, float] | None:
-        """Largest amplitude that absorbing sides send back of plane waves that are not grazing: of all but the
-        shortest, where there are others, and of all; None without any.
+        """Largest amplitudes that absorbing sides reflect of plane waves that are not grazing: for all but the shortest
+        wave, where there are others, and for all waves; None if there are no such waves.
         """
         plain = [found for found in self.reflections if not found.diffusive]
         shortest = min((length for found in plain if len(found.tables) > 1 for length in found.tables), default=0.0)
@@ -297,7 +297,7 @@ class Report:
         return None if not amplitudes[1].size else (amplitudes[0].max(initial=0.0), amplitudes[1].max())
 
     def _predict(self, sim: Examined, wavelengths: tuple[float, ...], end: float) -> None:
-        """Reflection by each kind of absorbing side, the typical wave first; what there is no time for is noted."""
+        """Predict the reflection by each kind of absorbing side, the typical wave first; note what was omitted."""
         for names, side in _sides(sim):
             found = Reflections(names, side)
             for wavelength in wavelengths:
@@ -309,12 +309,12 @@ class Report:
                     found.tables[wavelength] = found.amplitudes(wavelength, found.angles)
             self.reflections.append(found)
             boundary = sim.sides[AXES.index(names[0]), 1 if names[1] == "+" else -1]
-            # of what chose itself for the data of the run more is known than plane waves tell
+            # for layers chosen for the data of the run, more is known than plane waves show
             if not found.diffusive and "returned" not in self.numbers:
                 self._doubt(found, boundary, boundary.wanted(sim.model.target))
 
     def _doubt(self, found: Reflections, boundary: Side, wanted: float) -> None:
-        """Warn of a layer that sends back much of what it is best at: typical waves that come along the normal."""
+        """Warn of a side that reflects much of what it absorbs best: typical waves at normal incidence."""
         wavelength, table = next(iter(found.tables.items()))
         amplitude = float(np.nanmax(np.append(table[:, 0], 0.0)))
         most = _MUCH_OF_SPONGE if boundary.damped else _MUCH if boundary.nodes is not None else 10 * wanted
@@ -330,14 +330,14 @@ class Report:
         self.rows.append((name, value))
 
     def _describe(self, sim: Examined, waves: Band | None) -> None:
-        """Sizes, step, layers and memory."""
+        """Add sizes, time step, layers and memory."""
         self.rows += [*lattice_rows(sim), *wave_rows(sim, waves)]
         self._resolve(sim)
         self.rows += [*layer_rows(sim, waves), *side_rows(sim), *metal_rows(sim), *size_rows(sim), *bond_rows(sim)]
         self.numbers |= {"dt": sim.dt, "step_limit": sim.step_limit, "memory": float(sim.engine.nbytes)}
 
     def _resolve(self, sim: Examined) -> None:
-        """Say how many nodes the shortest wave has that signals send through the slowest medium, and warn of few."""
+        """Say how many nodes the shortest wave of the signals has in the slowest medium, and warn of too few."""
         if sim.model.order == 1 or not sim.signals:
             return
         key, signal = max(sim.signals, key=lambda named: named[1].highest_frequency)
@@ -357,7 +357,7 @@ class Report:
             )
 
     def _cut_short(self, sim: Examined, until: float) -> None:
-        """Say which signals go on after the run; of one that hardly begins the unit of time may be another one."""
+        """Say which signals continue after the end of the run; if one hardly begins, its unit of time may be wrong."""
         for key, signal in sim.signals:
             if signal.end > until:
                 found = self.warnings if signal.end > _HARDLY * until else self.notes
@@ -367,7 +367,7 @@ class Report:
                 )
 
     def _estimate(self, sim: Examined, until: float) -> None:
-        """Time of the run, and of one on a domain so large that nothing returns."""
+        """Estimate the time of the run, and of one on a domain so large that nothing returns."""
         steps = int(np.ceil(until / sim.dt))
         mine = price(sim, self.estimate(sim, steps, until) / steps)
         if any(b.extended for b in sim.sides.values()):
@@ -390,7 +390,7 @@ class Report:
         self._recommend(mine, "extended", far, steps, layers)
 
     def _compare_with_layer(self, sim: Examined, mine: Price, until: float, steps: int) -> None:
-        """Time and memory of layers in place of the extended domain."""
+        """Compare time and memory with those of layers in place of the extended domain."""
         try:
             twin = layered(sim, until)
         except InputError as error:
@@ -407,7 +407,7 @@ class Report:
         self._recommend(mine, "lattice-pml", other, steps)
 
     def _recommend(self, mine: Price, theirs: str, other: Price, steps: int, when: str = "") -> None:
-        """Say which sides that keep the target are the cheapest, and when others are."""
+        """Say which sides that keep the target are cheapest, and note savings that are worth it."""
         share, saved = other.seconds / mine.seconds, (mine.seconds - other.seconds) * steps
         if share >= 1:
             self._say("cheapest sides", f"as given; {theirs} would take {share:.2g} times as long")
@@ -417,7 +417,7 @@ class Report:
             self.notes.append(f'type = "{theirs}" would save {seconds(saved)} of steps')
 
     def estimate(self, run: Timed, steps: int, until: float) -> float:
-        """Say how long a run takes, in seconds, and warn where nobody can mean that."""
+        """Say how long a run takes, return it in seconds, and warn if it is longer than anyone can intend."""
         duration = run.seconds_per_step() * steps
         self._say("time", f"about {seconds(duration)} for {steps} steps to t = {until:g}")
         self.numbers |= {"steps": float(steps), "seconds": duration}
@@ -465,7 +465,7 @@ class Report:
         }
 
     def draw(self, folder: Path, name: str, spacing: float) -> list[Path]:
-        """Pictures into a folder: NAME-growing-mode.png where a mode grows, NAME-reflection.png where sides absorb
+        """Draw pictures into a folder: NAME-growing-mode.png where a mode grows, NAME-reflection.png where sides absorb
         waves.
         """
         from farhorizon.pictures.curves import reflection_picture
@@ -513,12 +513,12 @@ class Report:
 
     @property
     def details(self) -> str:
-        """The whole page, with all facts and tables."""
+        """The complete page, with all facts and tables."""
         notes = [f"note: {text}" for text in (*self.notes, *self.omitted)]
         return "\n".join([*self._head(), *_columns(self.rows), *self._reflection_lines(), *notes])
 
     def _head(self) -> list[str]:
-        """The verdict, and what to do."""
+        """The headline, and the warnings or that there is nothing to do."""
         return [self.headline, *([f"warning: {text}" for text in self.warnings] or ["to do: nothing, run it"])]
 
     def _repr_html_(self) -> str:
@@ -532,7 +532,7 @@ class Report:
 
 
 def _columns(rows: Sequence[tuple[str, str]]) -> list[str]:
-    """Names and values below each other."""
+    """Lines of names and values, in aligned columns."""
     width = max(len(name) for name, _ in rows)
     return [f"{name:<{width}}  {value}" for name, value in rows]
 
@@ -550,11 +550,10 @@ def _reflection_facts(
 
 
 def content(sim: Examined, until: float | None = None) -> Band | None:
-    """Wavelengths in initial data and in what sources add, as far as these split into space and time; None if there is
-    nothing.
+    """Wavelengths in initial data and sources, as far as these separate into space and time; None if there are none.
 
-    The frequencies of sources count, too, where they are those of a signal or the end of the run is known. Nodes whose
-    values are prescribed send out waves by their course; what it begins with is no wave as short as a node.
+    The frequencies of a source restrict them where it is a signal or the end of the run is known. Nodes with prescribed
+    values emit waves according to their time function; its initial value does not count as a wave as short as a node.
     """
     waves = sim.model.order == 2
     rate = np.sqrt(sim.model.coefficient * max(sim.strongest, 1e-300)) / sim.lattice.spacing
@@ -588,18 +587,18 @@ def content(sim: Examined, until: float | None = None) -> Band | None:
 def _gain(
     factor: Callable[..., Any], until: float | None, rate: float, lowest: float
 ) -> Callable[[np.ndarray], np.ndarray] | None:
-    """What a factor of time picks out of a source's waves, as far as its spectrum or the end of the run is known."""
+    """Factor by which a time function weights its source's waves, if its spectrum or the end of the run is known."""
     if isinstance(factor, Signal):
         return gain_of_spectrum(factor.spectrum, until or factor.end, rate, lowest)
     return None if until is None else gain_of_time(factor, until, rate, lowest)
 
 
 def _wavelengths(sim: Examined, waves: Band | None, until: float | None) -> tuple[float, ...]:
-    """Wavelengths for which reflection is predicted, the typical one first; of diffusion waves, whose period is
-    ``length^2 / (4 pi diffusivity)``.
+    """Wavelengths for which reflection is predicted, the typical one first; for diffusion those of given periods, where
+    the period is ``length^2 / (4 pi diffusivity)``.
 
-    What diffuses is as slow as the run is long. So these have the period of the run, ten times that in which the near
-    field empties if it is not known, the latter, and a tenth of it.
+    Diffusion is as slow as the run is long, so the periods are that of the run (ten times that in which the near field
+    empties, if it is not known), the time in which the near field empties, and a tenth of it.
     """
     if sim.model.order == 2:
         return () if waves is None else tuple(dict.fromkeys((waves.typical, waves.shortest, waves.longest)))
@@ -610,7 +609,7 @@ def _wavelengths(sim: Examined, waves: Band | None, until: float | None) -> tupl
 
 
 def _sides(sim: Examined) -> list[tuple[str, LayerSide | Strip]]:
-    """Absorbing sides of each kind, and one of them by itself."""
+    """One absorbing side of each kind, with the names of all sides of that kind."""
     found: list[tuple[list[str], Any, LayerSide | Strip]] = []
     for (axis, side), boundary in sim.sides.items():
         if boundary.stretched or (boundary.damped and sim.model.order == 2):
@@ -650,7 +649,7 @@ def _layer_side(sim: Examined, axis: int, side: int, layer: Layer) -> LayerSide:
 
 
 def _remedy(sim: Examined, backward: BackwardWaves) -> str:
-    """What to do about growth in a layer."""
+    """Advice about growth in a layer."""
     if sim.closure is not None:
         few = (
             " Single nodes at the poles of a window grow; a radius of no whole number of spacings avoids them."
@@ -674,7 +673,7 @@ def _remedy(sim: Examined, backward: BackwardWaves) -> str:
 
 
 def _named_pair(pair: tuple[str, str]) -> list[str]:
-    """What comes and what leaves; nothing for scalar fields."""
+    """The incoming and the reflected type in words; empty for scalar fields."""
     return [f"{pair[0]} to {pair[1]}"] if pair[0] else []
 
 

@@ -1,5 +1,5 @@
-"""Copies of a set-up on which its stability and its reflection are examined: bare, small, and one pair of sides by
-itself.
+"""Copies of a set-up on which its stability and reflection are examined: without sources, small, or one pair of sides
+by itself.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Ball, Disc
 from farhorizon.machine import one_blas_thread
 
-_TIMED = 8  # responses from which the time of all is told
-_SPREADS = 8  # part of R^2/D in which diffusion has spread over a good part of the box
-NARROW = 8  # nodes of the near field between two layers that are looked at, where the stencil reaches less far
+_TIMED = 8  # responses from which the time for all is extrapolated
+_SPREADS = 8  # diffusion has spread over much of the box after R^2/D divided by this
+NARROW = 8  # nodes of the near field between two layers that are examined, or more where the stencil reaches farther
 
 
 def pinned(sim: Examined) -> dict[tuple[int, int], Side]:
-    """The sides, with the layers of this very set-up whatever they are chosen from, which remember in full."""
+    """The sides with the layers of this set-up given explicitly and with full-precision memory; fixed sides hold 0."""
     lead = 3 - sim.lattice.dim
     found = dict(sim.sides)
     for (axis, side), layer in sim.engine.layers.items():
@@ -43,9 +43,7 @@ def pinned(sim: Examined) -> dict[tuple[int, int], Side]:
 
 
 def like_sides(sim: Examined, one: tuple[int, int], other: tuple[int, int]) -> bool:
-    """Whether two sides, each (axis, side), have like boundaries: layers of the same stretch and damping, or equal
-    conditions.
-    """
+    """Whether two sides, each (axis, side), are alike: layers of the same stretch and damping, or equal conditions."""
     lead = 3 - sim.lattice.dim
     first, second = (sim.engine.layers.get((lead + axis, side)) for axis, side in (one, other))
     if first is None or second is None:
@@ -54,11 +52,10 @@ def like_sides(sim: Examined, one: tuple[int, int], other: tuple[int, int]) -> b
 
 
 def one_corner(sim: Examined) -> dict[tuple[int, int], Side]:
-    """The sides; where layers or periodic sides are all around, those that mirror the layer on the other side held
-    fixed.
+    """The sides; where all of them are layers or periodic, the lower one of two alike layers on an axis is held fixed.
 
-    All corners are then like the one that is left, and all edges and faces. Between reflecting faces a layer and its
-    mirror image can feed one mode.
+    All corners, edges and faces are then like those that are left. Where there are reflecting faces both layers are
+    kept, because a layer and its mirror image can feed the same mode between such faces.
     """
     found = pinned(sim)
     if all(b.stretched or b.periodic for b in found.values()):
@@ -72,10 +69,10 @@ def one_corner(sim: Examined) -> dict[tuple[int, int], Side]:
 def plain_twin(
     sim: Examined, lattice: Lattice | None = None, sides: Mapping[tuple[int, int], Side] | None = None
 ) -> Examined:
-    """The same set-up in double precision with nothing in it, or a smaller copy of it without cracks, conditions and
-    changes of the material.
+    """The same set-up in double precision without sources, loads and specimens, or a smaller copy of it without cracks,
+    conditions and changes of the material.
     """
-    # conditions that run into layers hold the surroundings' value, so the background stays
+    # conditions that run into layers hold the background value, so the background is kept
     level = Fixed(sim.background)
     named = {AXES[a] + "-+"[s > 0]: level if b.held is not None else b for (a, s), b in (sides or pinned(sim)).items()}
     changes: dict[str, Any] = {
@@ -95,8 +92,8 @@ def plain_twin(
 
 
 def small_lattice(sim: Examined) -> Lattice:
-    """A box of as few nodes as corners and faces need; with conditions along an outline a box or a round window twice
-    as wide as they read.
+    """Smallest box that corners and faces need; with a condition along an outline, a box or a round window twice as
+    wide as the depth the condition reads.
     """
     lattice, spacing = sim.lattice, sim.lattice.spacing
     depth = 0.0 if sim.closure is None else sim.closure.fringe.depth
@@ -110,22 +107,22 @@ def small_lattice(sim: Examined) -> Lattice:
 
 
 def crossing_rounds(sim: Examined) -> int:
-    """Rounds of steps (`State.every`) in which a wave crosses the core and its layers, or in which what diffuses
-    spreads over a good part of them.
+    """Rounds of steps (`State.every`) in which a wave crosses the core and its layers, or diffusion spreads over much
+    of them.
     """
     nodes = max(
         n + sum(layer.columns for (a, _), layer in sim.engine.layers.items() if a == axis)
         for axis, n in enumerate(sim.engine.core.nodes)
     )
-    factor = max(sim.strongest, 1e-300) / sim.model.strongest  # of a coefficient; bonds between phases are no medium
+    factor = max(sim.strongest, 1e-300) / sim.model.strongest  # of a coefficient; bonds between phases are not a medium
     duration = sim.model.crossing(nodes * sim.lattice.spacing, factor)
     pace = sim.engine.tables.filter.every * sim.dt
     return max(1, int(np.ceil(duration / (1 if sim.model.order == 2 else _SPREADS) / pace)))
 
 
 class Strip:
-    """The sides of one axis with the medium between them, without end along the other axes: a matrix for each
-    tangential wavenumber.
+    """The sides of one axis and the medium between them, unbounded along the other axes: a matrix for each tangential
+    wavenumber.
 
     Parameters
     ----------
@@ -134,25 +131,25 @@ class Strip:
     width : int
         Nodes of the near field between the sides.
     sides : tuple of Side, optional
-        Other ones for the low and the high end.
+        Sides to use at the low and the high end instead of those of `sim`.
     budget : float
-        Seconds that the responses of the engine, from which all matrices are made, may take.
+        Seconds allowed for the responses of the engine, from which all matrices are assembled.
 
     Raises
     ------
     TimeoutError
-        They would take longer.
+        The responses would take longer.
 
     Attributes
     ----------
     size : int
         Numbers in the state of one row along the normal.
     near : ndarray of int, shape (levels * components, nodes)
-        Those of the near field.
+        Entries of the row's state that belong to the near field.
     coarse : int
         Tangential wavenumbers along each axis in `sample`.
     longest : float
-        The smallest of them: 0 where the other sides let a wave be uniform along these.
+        The smallest of these wavenumbers: 0 where the other sides admit waves that are uniform along them.
     pace : float
         Time step in crossings of the near field.
     """
@@ -169,7 +166,7 @@ class Strip:
         boundary: dict[str, Side] = {"x-": ends[0], "x+": ends[1]} | {AXES[a]: Periodic() for a in range(1, dim)}
         self._filters = {}
         self._every = sim.engine.tables.filter.every
-        if dim > 1:  # the filters of the layers reach farther than the rows that the responses below need
+        if dim > 1:  # the layers' filters reach farther than the rows needed for the responses below
             known = {side: b.profile for side, b in zip((-1, 1), ends, strict=True)}
             self._filters = {side: layer for side, layer in known.items() if isinstance(layer, Layer)}
             ends = ends[0].undamped(), ends[1].undamped()
@@ -193,24 +190,24 @@ class Strip:
             rows.layers,
         )
         self.size = len(self.place)
-        # with the components along the sides a quarter of a period apart the map of a stencil that mirrors is real: a
-        # few times as fast
+        # with the components along the sides a quarter of a period apart, the map of a mirror-symmetric stencil is
+        # real, which is a few times as fast
         self._turns = np.where(self._signs > 0, 1j, 1.0) if self.sim.stencil.components > 1 else np.ones(self.size)
         self.coarse = 11 if dim == 2 else 6
         endless = all(b.periodic or not b.bonded for (a, _), b in sim.sides.items() if a != axis)
         self.longest = 0.0 if endless else 0.01
-        # by the unit that is answered to: what is written then lies side by side
+        # first index: the entry set to 1, so that each write is contiguous
         responses = np.empty((self.size, *self.place.shape))
         begin = time.monotonic()
         for number in range(self.size):
-            if number == 1:  # the first makes the program ready
+            if number == 1:  # the first response includes start-up time
                 begin = time.monotonic()
             elif number > _TIMED and (time.monotonic() - begin) * self.size / number > budget:
                 raise TimeoutError
             unit = np.zeros(self.state.size)
             unit[self.place[number, 0]] = 1
             responses[number] = self.state.after(unit)[self.place]
-        linked = responses.any(axis=-1)  # a step reaches few rows
+        linked = responses.any(axis=-1)  # a step links few entries
         self._links, self._responses = np.nonzero(linked), responses[linked].reshape(-1, *shape[1:])
         images = self._images
         if images is not None:
@@ -222,13 +219,11 @@ class Strip:
                 self._images = None
 
     def matrix(self, *angles: float) -> np.ndarray:
-        """The map of one step for waves of given tangential wavenumbers times spacing, each with its share of what
-        filters take.
-        """
+        """The map of one step, filters included, for waves of given tangential wavenumbers times spacing."""
         return self._filtered(self._summed(*angles), np.array(angles))
 
     def _summed(self, *angles: float) -> np.ndarray:
-        """The responses of all rows, added up with the phases of a wave along the sides."""
+        """The responses of all rows, summed with the phases of a wave along the sides."""
         total: np.ndarray = self._responses
         for angle in angles[::-1]:
             row = np.arange(total.shape[-1])
@@ -239,7 +234,7 @@ class Strip:
         return matrix
 
     def _filtered(self, matrix: np.ndarray, angles: np.ndarray, every: int = 1) -> np.ndarray:
-        """The map of so many steps followed by the filters of the layers, for levels u(n), u(n - 1)."""
+        """The map of `every` steps followed by the filters of the layers, for levels u(n), u(n - 1)."""
         matrix = matrix.copy()
         for side, layer in self._filters.items():
             if layer.filtered:
@@ -255,7 +250,9 @@ class Strip:
         return matrix
 
     def growth(self, *angles: float) -> Growth:
-        """The fastest mode at given tangential wavenumbers; between like sides modes are even or odd."""
+        """The fastest-growing mode at given tangential wavenumbers; between alike sides, even and odd modes are
+        computed separately.
+        """
         turns, pace = self._turns, self._every * self.pace
         matrix = np.linalg.matrix_power(self._summed(*angles) * turns / turns[:, None], self._every)
         matrix = self._filtered(matrix, np.array(angles), self._every)
@@ -278,8 +275,8 @@ class Strip:
         return fastest(found)
 
     def sample(self) -> Iterator[tuple[float, ...]]:
-        """Tangential wavenumbers times spacing: a grid up to pi, and very long waves; of those that are mirror images
-        one.
+        """Tangential wavenumbers times spacing: a grid up to pi, and very long waves; only one of those that are mirror
+        images of each other.
         """
         line = [self.longest, *np.linspace(0, np.pi, self.coarse + 1)[1:].tolist()]
         if self.sim.lattice.dim < 3:
@@ -295,18 +292,20 @@ class Strip:
 
     @property
     def medium(self) -> LatticeMedium:
-        """The medium in front of the sides; the integrator has one stage."""
+        """The medium in front of the sides; requires an integrator with one stage."""
         model = self.sim.model
         recursion = Recursion.of(model.integrator, self.dt, model.damping)
         return LatticeMedium(self.sim.stencil, model.coefficient, self.sim.lattice.spacing, recursion, self.dt)
 
     @property
     def types(self) -> tuple[str, ...]:
-        """Types of waves: one without a name of a scalar field, P and S, in 3D SV and SH, of vectors."""
+        """Types of waves, as given by `types_of`: a single one without a name for a scalar field; for vectors P and S,
+        in 3D P, SV and SH.
+        """
         return types_of(self.sim.stencil.components, self.sim.stencil.dim)
 
     def reflection(self, wavelength: float, angle: float, azimuth: float = 0.0) -> complex:
-        """Amplitude of the wave that the high side sends back for a plane wave of amplitude 1, of a scalar field; see
+        """Amplitude of the wave that the high side returns for a plane wave of amplitude 1, for a scalar field; see
         `reflections`.
         """
         return self.reflections(wavelength, angle, azimuth)[""]
@@ -315,29 +314,29 @@ class Strip:
     def reflections(
         self, wavelength: float, angle: float, azimuth: float = 0.0, incoming: str | None = None
     ) -> dict[str, complex]:
-        """Amplitudes by type of the waves that the high side sends back for a plane wave of amplitude 1; second order
-        in time.
+        """Amplitudes, by type, of the waves that the high side returns for a plane wave of amplitude 1; for second
+        order in time.
 
         Parameters
         ----------
         wavelength : float
-            Of the incoming wave.
+            Wavelength of the incoming wave.
         angle : float
-            Of its wave vector against the normal, in degrees.
+            Angle between its wave vector and the normal, in degrees.
         azimuth : float
-            In 3D, of its tangential part against the first axis along the side, in degrees.
+            In 3D, angle between the tangential part of its wave vector and the first axis along the side, in degrees.
         incoming : str, optional
-            Its type, one of `types`; the first of them unless given.
+            Its type, one of `types`; the first of them if not given.
 
         Returns
         -------
         dict of str to complex
-            Of displacements; without the types that do not travel under this angle.
+            Displacement amplitudes, without the types that do not propagate at this angle.
 
         Raises
         ------
         InputError
-            No such wave comes to the side: it is shorter than the lattice carries; or an integrator with several
+            No such wave reaches the side because it is shorter than the lattice carries; or the integrator has several
             stages.
         """
         sim = self.sim
@@ -350,7 +349,7 @@ class Strip:
         return by_type(wave.modes, amplitudes, wave.along, float(np.radians(azimuth)))
 
     def profile(self, mode: np.ndarray) -> np.ndarray:
-        """A mode on the nodes along the normal, of vectors the component that is largest."""
+        """A mode on the nodes along the normal; for vectors, its largest component."""
         if not mode.size:
             return mode
         whole = np.zeros(self.state.size, complex)

@@ -1,8 +1,7 @@
-"""The command line: new, keys, run, check, compare, sweep, plot, merge, reproduce, validate,
-demo, schema, info.
+"""The command line: new, keys, run, check, compare, sweep, plot, merge, reproduce, validate, demo, schema, info.
 
-A command is a function of the parsed options in a module of its name, which imports what it needs when it is called;
-`parser` says what each may be given. Here is how a process begins and how it ends.
+Each command is a function of the parsed options in a module named after it, which imports what it needs when it is
+called; `parser` defines the options. This module handles how the process begins and ends.
 """
 
 from __future__ import annotations
@@ -22,25 +21,26 @@ from farhorizon.machine import without_collection
 
 
 def process() -> NoReturn:
-    """The `farhorizon` command as a process: Ctrl-C ends it at once and in one line, and a run between two steps.
+    """The `farhorizon` command as a process: Ctrl-C ends it at once with a one-line message, and ends a run between two
+    steps.
 
     Python loses a KeyboardInterrupt that is raised in callbacks (of the compiler, of destructors, at its own exit).
-    Leaving is safe at any time, since files are complete or have a journal whenever a process dies.
+    Leaving is safe at any time, because at any moment files are either complete or have a journal.
     """
-    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as for jobs in the background of a script
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # background jobs of a script ignore it
         signal.signal(signal.SIGINT, _leave)
     sys.exit(main())
 
 
 def _leave(number: int, frame: Any) -> None:
-    with suppress(Exception):  # it may come while something is printed
+    with suppress(Exception):  # the signal may arrive during a print
         sys.stdout.flush()
     os.write(2, b"farhorizon: interrupted\n")
     os._exit(INTERRUPTED)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command line, by default that of the process; returns the exit code."""
+    """Run a command line, by default that of the process, and return the exit code."""
     with said_by_first():
         return _main(arguments)
 
@@ -55,12 +55,12 @@ def _main(arguments: Sequence[str] | None) -> int:
             import farhorizon.case.case  # noqa: F401
 
         check_json(getattr(options, "json", None))
-        # but for what goes to `options.output` and `options.errors`: the result and errors
+        # silences all but the results and errors, which go to `options.output` and `options.errors`
         with silence() if getattr(options, "quiet", False) else nullcontext(), said_plainly():
             code = int(options.command(options) or GOOD)
-        sys.stdout.flush()  # here a full disk can still be told
+        sys.stdout.flush()  # a full disk can still be reported here
         return code
-    except KeyboardInterrupt as error:  # first: it comes while the names of other errors are imported, too
+    except KeyboardInterrupt as error:  # first, because it may arrive while other errors are imported
         end_all(options, error, _interrupted)
         return _interrupted()
     except Exception as error:
@@ -74,7 +74,7 @@ def _interrupted() -> int:
 
 
 def _tell(error: Exception) -> int:
-    """Explain in one line an error that is no fault of the program, and return the exit code; raises others again."""
+    """Report an error that is not the program's fault in one line and return the exit code; re-raise any other."""
     from farhorizon.errors import FarhorizonError, InputError
 
     code = (
@@ -84,7 +84,7 @@ def _tell(error: Exception) -> int:
     )
     if isinstance(error, OSError):
         _let_go_of_stdout()
-        if isinstance(error, BrokenPipeError):  # the reader of our output, such as head, has gone
+        if isinstance(error, BrokenPipeError):  # the reader of our output, such as head, has exited
             return FAILED
         print(
             f"farhorizon: {error.strerror or error}" + (f": {error.filename}" if error.filename else ""),
@@ -103,7 +103,7 @@ def _tell(error: Exception) -> int:
 
 
 def _let_go_of_stdout() -> None:
-    """If nobody takes what is printed, throw it away, so that nothing is written at the exit."""
+    """If nobody reads the output, redirect it to the null device, so that nothing is written at exit."""
     try:
         sys.stdout.flush()
     except OSError:

@@ -17,12 +17,12 @@ def check_command(options: argparse.Namespace) -> int:
     from farhorizon.pictures.style import counted_in
     from farhorizon.simulation.regions import regions_of
 
-    begin = time.perf_counter() - compile_seconds()  # of what was checked in this process before
+    begin = time.perf_counter() - compile_seconds()  # compiled earlier in this process
     if options.out:
         check_folder(options.out)
     case = case_of(options)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ValidityWarning)  # the report has them
+        warnings.simplefilter("ignore", ValidityWarning)  # the report contains them
         sim = case.run()
     with case.naming():
         sim.prepare(case.end)

@@ -1,4 +1,4 @@
-"""What several commands need: exit codes, files and folders that they are given, the case, warnings in one line."""
+"""Shared by several commands: exit codes, files and folders, the case, one-line warnings."""
 
 from __future__ import annotations
 
@@ -19,15 +19,13 @@ GOOD, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
 def write_json(path: str | None, figures: Mapping[str, Any]) -> None:
-    """Write the figures of a command to the file of --json, if one is given; `farhorizon.cli.outputs` has what they
-    are.
-    """
+    """Write the figures of a command to the file of --json, if given; `farhorizon.cli.outputs` describes them."""
     if path:
         Path(path).write_text(json.dumps(_finite(figures), indent=1, allow_nan=False) + "\n")
 
 
 def _finite(figures: Any) -> Any:
-    """The same with null for what overflowed: JSON knows no infinity."""
+    """The same figures with null for values that overflowed, because JSON has no infinity."""
     if isinstance(figures, Mapping):
         return {name: _finite(value) for name, value in figures.items()}
     if isinstance(figures, list):
@@ -49,7 +47,7 @@ def check_json(name: str | None) -> None:
 
 
 def check_folder(name: str) -> None:
-    """Refuse a folder that cannot be made, without making it."""
+    """Refuse a folder that cannot be created, without creating it."""
     from farhorizon.errors import InputError
 
     there = next(p for p in (Path(name).resolve(), *Path(name).resolve().parents) if p.exists())
@@ -63,7 +61,7 @@ def check_folder(name: str) -> None:
 
 
 def made_folder(name: str) -> Path:
-    """A folder, made if it is not there."""
+    """A folder, created if it does not exist."""
     from farhorizon.errors import InputError
 
     folder = Path(name)
@@ -75,7 +73,7 @@ def made_folder(name: str) -> Path:
 
 
 def case_of(options: argparse.Namespace, together: bool = False) -> Any:
-    """The case file with the changes of the command line, for one process unless several compute it `together`."""
+    """The case file with the changes of the command line; only on one process, unless several compute it `together`."""
     from farhorizon.case.case import Case
     from farhorizon.case.changes import parsed
 
@@ -85,13 +83,13 @@ def case_of(options: argparse.Namespace, together: bool = False) -> Any:
 
 
 def thread_change(options: argparse.Namespace) -> dict[str, Any]:
-    """The change of a case that --threads is."""
+    """The change of a case that --threads requests."""
     return {} if options.threads is None else {"run.threads": options.threads}
 
 
 @contextmanager
 def said_plainly() -> Iterator[None]:
-    """Within it doubts about the validity of a run are lines on stderr."""
+    """Context in which validity warnings are printed as single lines on stderr."""
     from farhorizon.errors import ValidityWarning
 
     usual = warnings.showwarning

@@ -1,4 +1,4 @@
-"""`farhorizon compare`, and `farhorizon demo`, which compares a case that comes with the program."""
+"""`farhorizon compare`, and `farhorizon demo`, which compares a case that is shipped with the program."""
 
 from __future__ import annotations
 

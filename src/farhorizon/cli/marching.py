@@ -1,4 +1,4 @@
-"""A run and its files: results that grow, checkpoints from which it goes on, signals that end it."""
+"""A run and its files: results that grow, checkpoints from which it resumes, signals that end it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FREE = {"run", "output"}  # tables of a case that may change in an interrupted 
 
 
 class RunFiles(NamedTuple):
-    """Where what is kept of a run stands."""
+    """Paths of the files of a run."""
 
     folder: Path
     name: str
@@ -49,7 +49,7 @@ class RunFiles(NamedTuple):
 def march(
     options: argparse.Namespace, case: Any, sim: Any, files: RunFiles, until: float, last: int
 ) -> tuple[RunResults, int]:
-    """Begin or take up the files of a run and advance it to its last step, or until a signal comes; returns its
+    """Begin or resume the files of a run and advance it to its last step, or until a signal arrives; returns its
     results and the exit code.
     """
     with _stopping(sim) as came:
@@ -74,7 +74,7 @@ def march(
 
 
 def _advance(options: argparse.Namespace, case: Any, sim: Any, until: float, record: _Record, came: list[int]) -> int:
-    """Run to the end and keep what is there then, or when a signal came; returns the exit code."""
+    """Run to the end and keep the state reached then, or when a signal arrived; returns the exit code."""
     from farhorizon.errors import FarhorizonError
 
     try:
@@ -83,7 +83,7 @@ def _advance(options: argparse.Namespace, case: Any, sim: Any, until: float, rec
     except KeyboardInterrupt as stopped:
         if not sim.team.knows(stopped):
             raise
-        if len(came) == 1 or sim.team:  # it ended between two steps
+        if len(came) == 1 or sim.team:  # ended between two steps
             record.keep()
         print(f"\ninterrupted at t = {sim.time:g}; continue with: {again(options)}", file=options.errors)
         return int(sim.team.largest(128 + came[0] if came else INTERRUPTED))
@@ -101,25 +101,25 @@ def _advance(options: argparse.Namespace, case: Any, sim: Any, until: float, rec
 
 
 def _to_rest(options: argparse.Namespace, case: Any) -> bool:
-    """Whether the run goes on until it is static, and not to a time."""
+    """Whether the run ends at a static state rather than at a given time."""
     return options.until is None and isinstance(case.parts.run.until, str)
 
 
 def _taken_up(case: Any, sim: Any, files: RunFiles) -> RunResults:
-    """The results of an interrupted run as they were at its checkpoint, from which the simulation goes on."""
+    """The results of an interrupted run as they were at its checkpoint; the simulation is set to the checkpoint."""
     from farhorizon.simulation.output import RunResults
 
     with sim.team.agreed():
         _check_unchanged(case, files.result)
     kept = sim.load(files.checkpoint)
-    sim.probes.take()  # the start, which the file has
+    sim.probes.take()  # drop the record of the start, which is in the file
     outputs, rows, records = (int(kept[name]) for name in ("outputs", "rows", "records"))
     return RunResults.resume(sim, files.result, outputs, rows, records, kept.get("recorded"))
 
 
 def _check_unchanged(case: Any, path: Path) -> None:
-    """Refuse to go on with another case than the one that results are of, in whose name they would be told; how long
-    it runs, and what is written, may change.
+    """Refuse to resume with a case that differs from the one in the results; the run's length and its output may
+    change.
     """
     from farhorizon.errors import FileFormatError
     from farhorizon.files.results import open_results
@@ -138,14 +138,14 @@ def _check_unchanged(case: Any, path: Path) -> None:
 
 
 def _begun(options: argparse.Namespace, case: Any, sim: Any, files: RunFiles) -> RunResults:
-    """Empty results, in place of what was there."""
+    """Empty results, replacing existing ones."""
     from farhorizon.files.results_writer import check_replaceable
     from farhorizon.simulation.checkpoint_files import remove_checkpoint
     from farhorizon.simulation.output import RunResults
 
     def make_room() -> None:
         check_replaceable(files.result)
-        remove_checkpoint(files.checkpoint)  # it belongs to the results that go
+        remove_checkpoint(files.checkpoint)  # it belongs to the results that are replaced
 
     sim.team.by_first(make_room)
     return RunResults.begin(
@@ -162,27 +162,27 @@ def _begun(options: argparse.Namespace, case: Any, sim: Any, files: RunFiles) ->
 
 
 class _Record:
-    """What a run leaves behind on its way: outputs, and now and then a checkpoint."""
+    """What a run writes on its way: outputs, and checkpoints at intervals."""
 
     def __init__(self, output: RunResults, sim: Any, checkpoint: Path) -> None:
         self._output, self._sim, self.checkpoint = output, sim, checkpoint
         self._kept = time.monotonic()
 
     def observe(self, _: Any) -> None:
-        """After each output step."""
+        """Called after each output step."""
         self.append()
         if self._sim.team.first(time.monotonic() - self._kept > CHECKPOINT_SECONDS):
             self.keep()
 
     def append(self) -> None:
-        """Append what was recorded, and the fields as they are now."""
+        """Append recorded values and the present fields."""
         self._output.move_records()
         self._output.append()
 
     def keep(self) -> None:
-        """Write the checkpoint from which the run may go on."""
+        """Write a checkpoint from which the run can be resumed."""
         self._output.move_records()
-        writer = self._output.writer  # of several processes that of the first, which writes what is the same for all
+        writer = self._output.writer  # on several processes, only the first has one; it writes what is the same for all
         names = () if writer is None else ("outputs", "rows", "records", "recorded")
         counts = {name: getattr(writer, name) for name in names}
         self._sim.save(self.checkpoint, **counts)
@@ -191,7 +191,7 @@ class _Record:
 
 @contextmanager
 def _stopping(sim: Any) -> Iterator[list[int]]:
-    """Let Ctrl-C and SIGTERM, which batch systems send, end a run between two steps; yields the signals that came. A
+    """Let Ctrl-C and SIGTERM, which batch systems send, end a run between two steps; yields the signals received. A
     second one acts at once.
     """
     came: list[int] = []
@@ -211,7 +211,7 @@ def _stopping(sim: Any) -> Iterator[list[int]]:
 
 
 def again(options: argparse.Namespace, until: bool = True) -> str:
-    """The command that goes on with a run, with every option that it was given, or all but its end."""
+    """The command that continues a run, with all options that it was given, except its end if not `until`."""
     together = ["mpiexec", "-n", str(options.team.size)] if options.team else []
     words = [*together, "farhorizon", "run", options.case, "--resume"]
     for name, value, default in (

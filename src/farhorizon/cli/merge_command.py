@@ -1,4 +1,4 @@
-"""`farhorizon merge`: the results of several processes as one file."""
+"""`farhorizon merge`: merge the results of several processes into one file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What commands write with --json, and its JSON Schema."""
+"""Output of commands with --json, and its JSON Schema."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class _WithNull(GenerateJsonSchema):
 
 @lru_cache(maxsize=len(OUTPUTS))
 def output_schema(command: str) -> dict[str, Any]:
-    """JSON Schema of what a command writes with --json."""
+    """JSON Schema of the output of a command with --json."""
     config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
     whole: Any = create_model("Output", __config__=config, figures=(OUTPUTS[command], ...))
     made = whole.model_json_schema(schema_generator=_WithNull)

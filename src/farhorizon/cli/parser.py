@@ -1,4 +1,4 @@
-"""The commands and what each may be given."""
+"""The commands and their options."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
 
 
 class _Version(argparse.Action):
-    """Prints the version; it is looked up only then."""
+    """Prints the version, which is imported only then."""
 
     def __call__(self, parser: argparse.ArgumentParser, *given: Any) -> NoReturn:
         from farhorizon import __version__
@@ -33,7 +33,7 @@ class _Version(argparse.Action):
 
 
 class _Command(argparse.ArgumentParser):
-    """Refuses options that it does not have itself: argparse leaves that to the program, whose usage tells nothing."""
+    """Rejects unknown options itself: argparse leaves them to the main parser, whose usage message does not help."""
 
     def parse_known_args(self, *given: Any) -> tuple[argparse.Namespace, list[str]]:  # type: ignore[override]
         known, others = super().parse_known_args(*given)
@@ -66,7 +66,7 @@ def command_parser() -> argparse.ArgumentParser:
 
 
 def _offer_completion(parser: argparse.ArgumentParser) -> None:
-    """Answer the shell that asks what a command line may go on with, where argcomplete is installed."""
+    """Answer completion requests of the shell, if argcomplete is installed."""
     if "_ARGCOMPLETE" in os.environ:
         with suppress(ImportError):
             import argcomplete
@@ -180,7 +180,7 @@ def _plot(sub: argparse.ArgumentParser) -> None:
         metavar="z=0.5",
         help="in 3D the planes to draw, one picture each (default: the three through the middle in one picture)",
     )
-    sub._negative_number_matcher = _NEGATIVE  # that of argparse takes -1e-5 for an option
+    sub._negative_number_matcher = _NEGATIVE  # argparse's own matcher takes -1e-5 for an option
     sub.add_argument("--range", type=float, nargs=2, metavar=("LOW", "HIGH"), help="range of the colours")
     sub.add_argument("--db", action="store_true", help="draw magnitudes in decibels relative to the largest")
     sub.add_argument(
@@ -253,7 +253,7 @@ def _computing(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--quiet", action="store_true", help="print only errors and the result")
 
 
-#: What a command does, functions that add what it may be given, and what the help says.
+#: Function of each command, functions that add its options, and its help text.
 _COMMANDS: dict[str, tuple[Callable[..., int], tuple[Callable[[argparse.ArgumentParser], None], ...], str]] = {
     "new": (new_command, (_new,), "write a commented case to start from; without a kind, list all kinds"),
     "keys": (

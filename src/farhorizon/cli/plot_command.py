@@ -8,7 +8,7 @@ from pathlib import Path
 
 from farhorizon.cli.common import GOOD
 
-_NAMED = 6  # times that a file's name has room for
+_NAMED = 6  # most times listed in a file name
 
 
 def plot_command(options: argparse.Namespace) -> int:
@@ -23,7 +23,7 @@ def plot_command(options: argparse.Namespace) -> int:
     results = open_results(path)
     try:
         case: Case | None = Case(results.case, path)
-    except InputError:  # written from Python, or by a program with other keys
+    except InputError:  # written from Python, or by a version with other keys
         case = None
     view = View(
         times=options.times,
@@ -45,7 +45,7 @@ def plot_command(options: argparse.Namespace) -> int:
 
 
 def _suffix(options: argparse.Namespace) -> str:
-    """What tells the names of these pictures from those of the run, which they are not to overwrite."""
+    """Suffix that distinguishes the names of these pictures from those of the run, which must not be overwritten."""
     named = [f"{time:g}" for time in options.times or ()]
     times = ",".join(named) if len(named) <= _NAMED else f"{named[0]}..{named[-1]},{len(named)}"
     limits = ",".join(f"{limit:g}" for limit in options.range or ())
@@ -53,7 +53,7 @@ def _suffix(options: argparse.Namespace) -> str:
 
 
 def _plane(text: str) -> tuple[str, float]:
-    """Axis and place of a slice such as z=0.5."""
+    """Axis and position of a slice such as z=0.5."""
     import math
 
     from farhorizon.errors import InputError

@@ -1,4 +1,4 @@
-"""What the command line does where several processes were started together, by mpiexec or srun."""
+"""Behaviour of the command line when several processes were started together, by mpiexec or srun."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from farhorizon.simulation.team import Team
 
-#: What those that start processes tell each of them: how many there are, and its number.
+#: Environment variables in which launchers tell each process how many there are, and its number.
 _COUNTS = "PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "MPI_LOCALNRANKS", "PMIX_SIZE", "SLURM_STEP_NUM_TASKS"
 _NUMBERS = "PMI_RANK", "OMPI_COMM_WORLD_RANK", "PMIX_RANK", "SLURM_PROCID"
 
 
 def started() -> int:
-    """Processes that were started together."""
+    """Number of processes that were started together."""
     return max((_told(name) for name in _COUNTS), default=1)
 
 
@@ -31,18 +31,18 @@ def _told(name: str) -> int:
 
 @contextmanager
 def silence() -> Iterator[None]:
-    """Within it nobody hears what is printed."""
+    """Context in which everything printed is discarded."""
     with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
         yield
 
 
 def said_by_first() -> Any:
-    """Within it the first process alone is heard."""
+    """Context in which only the first process prints."""
     return silence() if started() > 1 and any(map(_told, _NUMBERS)) else nullcontext()
 
 
 def refuse_processes() -> None:
-    """Refuse to be one of several processes: each would compute the whole, into the same files.
+    """Refuse to be one of several processes: each would compute the complete case, into the same files.
 
     Raises
     ------
@@ -60,12 +60,12 @@ def refuse_processes() -> None:
 
 
 def communicator() -> Any:
-    """That of all processes that were started together; None for one alone.
+    """Communicator of all processes that were started together; None if there is only one.
 
     Raises
     ------
     InputError
-        mpi4py is missing, or does not know the others.
+        mpi4py is missing, or does not see the other processes.
     """
     from farhorizon.errors import InputError
 
@@ -74,7 +74,7 @@ def communicator() -> Any:
         return None
     try:
         from mpi4py import MPI
-    except (ImportError, RuntimeError) as error:  # it finds no library of MPI
+    except (ImportError, RuntimeError) as error:  # RuntimeError: it finds no MPI library
         raise InputError(
             f"mpi4py is missing, without which each process would compute the whole case ({error})",
             value=f"{count} processes",
@@ -93,12 +93,12 @@ def communicator() -> Any:
 
 
 def end_all(options: argparse.Namespace | None, error: BaseException, tell: Callable[[], int]) -> None:
-    """Where this process of several has failed alone, say so, and end them all: they would wait for it for ever."""
+    """If this process failed alone among several, report it and end them all: they would wait for it for ever."""
     team: Team | None = getattr(options, "team", None)
     if team is None or team.knows(error):
         return
     if team.number:
-        time.sleep(1.0)  # what all have met at a time the first one says
+        time.sleep(1.0)  # an error that all met at once is reported by the first
     code = 1
     with redirect_stderr(sys.__stderr__):
         try:

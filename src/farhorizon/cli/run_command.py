@@ -1,4 +1,4 @@
-"""`farhorizon run`: what is asked before, and told after."""
+"""`farhorizon run`: checks before the run, and reports after it."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from farhorizon.simulation.team import Team
 
 
-_DRAWN = 64  # bytes a node that drawing may take, of what several processes have computed
+_DRAWN = 64  # bytes per node that drawing may take, for results of several processes
 
 
 def run_command(options: argparse.Namespace) -> int:
-    """Run a case, on all processes that were started together: the first one alone prints, draws and looks at what is
-    there.
+    """Run a case, on all processes that were started together; only the first one prints, draws and checks existing
+    files.
     """
     import numpy as np
 
@@ -36,7 +36,7 @@ def run_command(options: argparse.Namespace) -> int:
     with team.agreed():
         case = case_of(options, together=True)
         _check_alike(case, team)
-        until = case.end if options.until is None else options.until  # of a run to its static state the latest
+        until = case.end if options.until is None else options.until  # for a run to its static state, the latest end
         if not (np.isfinite(until) and until > 0):
             raise InputError("the end of the run must be positive", value=until, limit="> 0", key="--until")
         files = RunFiles(Path(options.out), case.name)
@@ -69,7 +69,7 @@ def run_command(options: argparse.Namespace) -> int:
 
 
 def _check_alike(case: Any, team: Team) -> None:
-    """Refuse case files that are not the same on all processes."""
+    """Refuse case files that differ between processes."""
     from farhorizon.errors import InputError
 
     texts = team.gather(case.text)
@@ -84,7 +84,7 @@ def _check_alike(case: Any, team: Team) -> None:
 
 
 def _look(options: argparse.Namespace, files: RunFiles) -> None:
-    """Refuse what is there and what is not."""
+    """Refuse a missing checkpoint, results that would be lost, and a folder that cannot be created."""
     from farhorizon.errors import InputError
 
     if options.resume and not files.checkpoint.exists():
@@ -99,7 +99,7 @@ def _look(options: argparse.Namespace, files: RunFiles) -> None:
 
 @contextmanager
 def _lock(options: argparse.Namespace, files: RunFiles) -> Iterator[None]:
-    """Within it the files of the run are its own."""
+    """Context in which the run has exclusive use of its files."""
     from farhorizon.files.storage import locked, remove_leftovers
 
     made_folder(options.out)
@@ -111,7 +111,7 @@ def _lock(options: argparse.Namespace, files: RunFiles) -> Iterator[None]:
 
 
 def _refuse_finished(result: Path, options: argparse.Namespace) -> None:
-    """Refuse to overwrite the results of a run that came to its end."""
+    """Refuse to overwrite the results of a finished run."""
     from farhorizon.errors import FileFormatError, InputError
     from farhorizon.files.results import open_results
 
@@ -120,7 +120,7 @@ def _refuse_finished(result: Path, options: argparse.Namespace) -> None:
     try:
         finished = open_results(result).finished
     except FileFormatError:
-        return  # no results of ours: `ResultsWriter.create` refuses it
+        return  # not a results file of ours: `ResultsWriter.create` refuses it
     if finished:
         onward = ", --resume --until T continues from them" * result.with_suffix(".ckpt").exists()
         remedy = f"--force overwrites them{onward}, --out DIR puts the new ones elsewhere"
@@ -128,7 +128,7 @@ def _refuse_finished(result: Path, options: argparse.Namespace) -> None:
 
 
 def _sum_up(case: Any, sim: Any, steps: int, seconds: float, broken: int | None) -> None:
-    """Say what was done: how far, how fast, what broke."""
+    """Print a summary: time reached, steps, duration and broken bonds."""
     said = f"{case.name}: t = {sim.time:g} reached, {steps} steps and their files in {seconds:.3g} s"
     if broken is not None:
         said += f"; {broken} bonds have broken"
@@ -146,7 +146,7 @@ def _tell(
     taken: float,
     energy: float,
 ) -> None:
-    """Draw the results, write the page about them and the figures, and say where they are."""
+    """Draw the results, write the page about them and the figures, and print their paths."""
     from farhorizon.case.run_page import write_report
     from farhorizon.files.results import open_results
     from farhorizon.machine import available_memory

@@ -1,4 +1,4 @@
-"""`farhorizon sweep`: one case with many values of some keys."""
+"""`farhorizon sweep`: run a case for many values of some keys."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def sweep_command(options: argparse.Namespace) -> int:
 
 
 def _values(text: str) -> tuple[str, list[Any]]:
-    """Key and values of ``key=value,value``: the values are TOML, and what is no TOML are texts."""
+    """Key and values of ``key=value,value``: the values are TOML, or strings if they are not valid TOML."""
     from farhorizon.errors import InputError
 
     key, _, several = (part.strip() for part in text.partition("="))

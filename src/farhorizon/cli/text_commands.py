@@ -1,4 +1,4 @@
-"""Commands that print a text: new, keys, schema, info."""
+"""Commands that print text: new, keys, schema, info."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What lies on disk, and knows no physics: results, checkpoints, the cache; written so that nothing is lost."""
+"""Files independent of the physics: results, checkpoints, the cache; written so that nothing is lost."""

@@ -1,5 +1,5 @@
-"""The folder of what is made once and found again: compiled programs, kernels, certificates. A damaged file in it
-counts as none.
+"""The cache folder for things computed once and reused: compiled programs, kernels, certificates. A damaged file in it
+counts as missing.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ import numpy as np
 
 from farhorizon.files.storage import replacing
 
-_STALE = 86400.0  # seconds after which a temporary file belongs to a process that was stopped
+_STALE = 86400.0  # seconds after which a temporary file is taken to be left by a stopped process
 
 
 def cache_folder() -> Path:
-    """Folder of generated programs: ``FARHORIZON_CACHE`` or the user's cache folder, else a temporary one of the user's
-    own.
+    """The cache folder: ``FARHORIZON_CACHE`` or one in the user's cache folder; if it cannot be used, a private
+    temporary one.
     """
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     given = os.environ.get("FARHORIZON_CACHE")
@@ -42,24 +42,24 @@ def cache_folder() -> Path:
 
 
 def _private(folder: Path) -> bool:
-    """Whether a folder is the user's, and nobody else's: what lies in it will be run."""
+    """Whether a folder belongs to the user and nobody else can use it, because code in it will be executed."""
     found = folder.lstat()
     return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and stat.S_IMODE(found.st_mode) == 0o700
 
 
 def sealed(data: bytes) -> bytes:
-    """Data with their check sum behind them."""
+    """Data followed by their checksum."""
     return data + hashlib.sha256(data).digest()
 
 
 def unsealed(data: bytes) -> bytes | None:
-    """Data without their check sum; None if it is not theirs."""
+    """Data without the checksum at their end; None if it does not match."""
     size = len(data) - hashlib.sha256().digest_size
     return data[:size] if size >= 0 and hashlib.sha256(data[:size]).digest() == data[size:] else None
 
 
 def keep(path: Path, **arrays: Any) -> None:
-    """Keep arrays in a file of the cache; where they cannot be written they are made again another time."""
+    """Save arrays to a file of the cache; if they cannot be written they will be computed again next time."""
     file = io.BytesIO()
     np.savez(file, **arrays)
     with suppress(OSError):
@@ -67,7 +67,7 @@ def keep(path: Path, **arrays: Any) -> None:
 
 
 def kept(path: Path) -> dict[str, np.ndarray] | None:
-    """Arrays of a file of the cache; None if it is not there or damaged."""
+    """Arrays in a file of the cache; None if it is missing or damaged."""
     try:
         data = unsealed(path.read_bytes())
     except OSError:
@@ -79,8 +79,8 @@ def kept(path: Path) -> dict[str, np.ndarray] | None:
 
 
 def write(path: Path, data: bytes) -> None:
-    """Write a file of the cache under a temporary name and rename it; temporary files that stopped processes left there
-    go.
+    """Write a file of the cache under a temporary name and rename it; remove temporary files left there by stopped
+    processes.
     """
     with replacing(path) as temporary:
         temporary.write_bytes(data)

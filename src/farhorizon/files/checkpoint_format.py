@@ -1,4 +1,4 @@
-"""The file of a checkpoint: arrays and JSON that come back bit by bit, or not at all.
+"""The checkpoint file: arrays and JSON that are read back bit by bit, or not at all.
 
 It is an HDF5 file with an index (JSON, with the SHA-256 of every array), the arrays, and a flag that is written last.
 """
@@ -29,15 +29,15 @@ def _digest(data: bytes | np.ndarray) -> str:
 def write_checkpoint(path: str | Path, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
     """Write a checkpoint: under a temporary name in the same directory, forced to disk, then renamed.
 
-    Until the new checkpoint is whole, an older one at `path` stays as it is.
+    Until the new checkpoint is complete, an older one at `path` stays as it is.
 
     Parameters
     ----------
     path : str or Path
     arrays : mapping of str to ndarray
-        Arrays of numbers, of any shape; they come back bit by bit.
+        Arrays of numbers, of any shape; they are read back bit by bit.
     meta : mapping
-        What JSON can hold.
+        Values that JSON can represent.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def write_checkpoint(path: str | Path, arrays: Mapping[str, np.ndarray], meta: M
 
 
 def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Read a checkpoint and check every byte of what it holds.
+    """Read a checkpoint and verify every byte of its content.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, 
     InputError
         There is no such file.
     FileFormatError
-        The file is truncated, damaged, incomplete, of a newer version or not a farhorizon checkpoint.
+        The file is truncated, damaged, incomplete, of another version or not a farhorizon checkpoint.
     """
     path = kinds.path(path, "path")
     remedy = "use an earlier checkpoint, or start the run anew"

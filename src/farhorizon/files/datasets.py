@@ -1,4 +1,4 @@
-"""Fields and records as Datasets of xarray, where it is installed."""
+"""Fields and records as xarray Datasets, if xarray is installed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def xarray_module() -> Any:
-    """xarray; InputError where it is not installed."""
+    """The module xarray; InputError if it is not installed."""
     try:
         import xarray
     except ImportError as error:
@@ -25,7 +25,7 @@ def xarray_module() -> Any:
 def dataset(
     fields: Mapping[str, np.ndarray], axes: Sequence[np.ndarray], moment: Mapping[str, float]
 ) -> xarray.Dataset:
-    """Fields at one moment, of vectors the components first, as an xarray Dataset.
+    """Fields at one time as an xarray Dataset; vectors have their components first.
 
     Raises
     ------
@@ -43,17 +43,17 @@ def dataset(
 def put_units(
     whole: xarray.Dataset, units: Mapping[str, str], measured: Mapping[str, str], spectra: Mapping[str, str]
 ) -> None:
-    """Say in which units the variables of a Dataset are, as far as these are known.
+    """Set the units of the variables of a Dataset, as far as they are known.
 
     Parameters
     ----------
     whole : xarray.Dataset
     units : mapping of str to str
-        By what is measured in them.
+        Units by the quantity that they measure.
     measured : mapping of str to str
         What variables measure, where it is not their own name.
     spectra : mapping of str to str
-        Of which quantities some variables are integrals over time.
+        Variables that are integrals over time, and the quantities that they integrate.
     """
     for name in whole.variables.keys() & (measured.keys() | units.keys()):
         if unit := units.get(measured.get(str(name), str(name))):

@@ -1,6 +1,6 @@
-"""HDF5 files of ours: a change is whole or not there, and all that is read has a check sum and stands in the file.
+"""Our HDF5 files: changes are atomic, and everything that is read has a checksum and is stored in the file itself.
 
-They are opened by way of `farhorizon.files.storage`. Texts have a fixed length, and arrays that grow do so by rows.
+They are opened by way of `farhorizon.files.storage`. Strings have a fixed length, and growing arrays grow by rows.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from farhorizon.errors import FarhorizonError, FileFormatError, InputError
 from farhorizon.files.parts import is_own
 from farhorizon.files.storage import Draft, changing, read
 
-CHUNK_ROWS = 512  # of a dataset that grows by short rows
-_DEPTH = 5  # of groups in each other, in any file of ours
+CHUNK_ROWS = 512  # rows per chunk of a dataset that grows by short rows
+_DEPTH = 5  # largest depth of nested groups in our files
 
 
 def hdf5_file(path: Path | Draft, mode: str) -> Any:
-    """Open an HDF5 file; what is written into it has the format of HDF5 1.10, which has check sums.
+    """Open an HDF5 file; it is written in the format of HDF5 1.10, which has checksums.
 
-    File locks are off, so that someone who looks at a file with another program cannot stop the run that writes it.
+    File locks are off, so that viewing the file in another program cannot stop the run that writes it.
     """
     return h5py.File(path, mode, locking=False, libver=("v110", "v110"))
 
@@ -49,7 +49,7 @@ def opened(path: Path, mode: str, what: str) -> Iterator[Any]:
     except PermissionError as error:
         raise InputError(f"{path}: permission denied", remedy="change the permissions or use another path") from error
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:
-        # Python's own system errors (disk full, ...) carry an errno and say nothing about the file's format.
+        # Errors of the operating system (disk full, ...) have an errno and say nothing about the format of the file.
         if isinstance(error, OSError) and error.errno is not None and mode != "r":
             raise
         raise FileFormatError(
@@ -58,7 +58,7 @@ def opened(path: Path, mode: str, what: str) -> Iterator[Any]:
 
 
 def refuse_other_files(group: Any, path: Path, depth: int = 0) -> None:
-    """FileFormatError if something that a file seems to hold stands elsewhere: ours have no links, and another file's
+    """Raise FileFormatError if content of a file is stored elsewhere: our files have no links, and another file's
     content may be secret.
     """
     for name in group:
@@ -78,7 +78,7 @@ def _lies_elsewhere(item: Any, path: Path) -> bool:
 
 
 def read_indices(group: Any) -> None:
-    """Read where the chunks of all datasets lie; OSError if the check sum of an index fails."""
+    """Read the chunk locations of all datasets; OSError if the checksum of an index is wrong."""
     for item in group.values():
         if isinstance(item, h5py.Group):
             read_indices(item)
@@ -87,7 +87,7 @@ def read_indices(group: Any) -> None:
 
 
 def read_rows(file: Any, path: Path, name: str, rows: Any = ()) -> np.ndarray:
-    """Rows of a dataset; FileFormatError names the one that fails its check sum."""
+    """Rows of a dataset; FileFormatError names the one whose checksum is wrong."""
     try:
         return np.asarray(file[name][rows])
     except OSError as error:
@@ -96,7 +96,7 @@ def read_rows(file: Any, path: Path, name: str, rows: Any = ()) -> np.ndarray:
 
 
 def directory_of(path: Path) -> Path:
-    """Directory that a new file shall stand in; InputError if there is none."""
+    """The directory of a new file; InputError if it does not exist, or if the path is itself a directory."""
     if path.is_dir():
         raise InputError(f"{path} is a directory", remedy="give the path of a file")
     if not path.parent.is_dir():
@@ -105,7 +105,7 @@ def directory_of(path: Path) -> Path:
 
 
 def check_version(path: str | Path, version: int, known: int, older: str) -> None:
-    """FileFormatError of a version other than the known one, with what to do about an older one."""
+    """Raise FileFormatError for a version other than the known one, with `older` as the remedy for an older one."""
     if version != known:
         raise FileFormatError(
             f"{path} has {'an older' if version < known else 'a newer'} format",
@@ -116,25 +116,25 @@ def check_version(path: str | Path, version: int, known: int, older: str) -> Non
 
 
 def words_in(group: Any, name: str) -> tuple[str, ...]:
-    """Texts in a dataset; none if it is not there."""
+    """Strings in a dataset; empty if it does not exist."""
     return tuple(text.decode() for text in np.ravel(group[name][()])) if name in group else ()
 
 
 def put_words(group: Any, name: str, words: Sequence[str]) -> None:
-    """Keep texts; they have a fixed length, since those of variable length have no check sum."""
+    """Store strings; they have a fixed length, because strings of variable length have no checksum."""
     encoded = [word.encode() for word in words]
     dtype = h5py.string_dtype("utf-8", max(1, *map(len, encoded)))
     put_fixed(group, name, np.array(encoded, dtype))
 
 
 def word_in(attributes: Any, name: str) -> str:
-    """A text among attributes; empty if it is not there."""
+    """A string attribute; empty if it does not exist."""
     text = attributes.get(name, b"")
     return text.decode(errors="replace") if isinstance(text, bytes) else str(text)
 
 
 def put_word(attributes: Any, name: str, word: str) -> None:
-    """Keep a text of fixed length among attributes: damage where HDF5 keeps those of variable length makes it hang or
+    """Store a string attribute of fixed length: damage where HDF5 stores strings of variable length makes it hang or
     crash.
     """
     encoded = word.encode()
@@ -142,7 +142,7 @@ def put_word(attributes: Any, name: str, word: str) -> None:
 
 
 def put_fixed(group: Any, name: str, values: np.ndarray) -> None:
-    """Keep an array that does not grow."""
+    """Store an array that does not grow."""
     checked = {"chunks": values.shape, "fletcher32": True} if values.size else {}
     group.create_dataset(name, data=values, dtype=values.dtype, **checked)
 
@@ -155,7 +155,7 @@ def grow(
     chunk: tuple[int, ...] | None = None,
     packed: Mapping[str, Any] | None = None,
 ) -> Any:
-    """Make an empty dataset that grows by rows of a shape, without one by numbers.
+    """Create an empty dataset that grows by rows of a given shape, or by numbers.
 
     Parameters
     ----------
@@ -163,10 +163,11 @@ def grow(
     name : str
     dtype : dtype
     row : tuple of int
+        Shape of a row; empty for numbers.
     chunk : tuple of int, optional
-        Rows, and parts of a row, that have a check sum together; 512 whole rows unless given.
+        Shape of a chunk, which has one checksum; 512 complete rows if not given.
     packed : mapping, optional
-        How HDF5 packs them.
+        Compression options of HDF5.
     """
     chunks = (CHUNK_ROWS, *row) if chunk is None else chunk
     return group.create_dataset(
@@ -175,20 +176,20 @@ def grow(
 
 
 def put_rows(dataset: Any, start: int, values: Any) -> None:
-    """Write `values` from row `start` on; rows that stood there or beyond are replaced."""
+    """Write `values` from row `start` on; existing rows from there on are replaced."""
     stop = start + len(values)
     dataset.resize(stop, axis=0)
     dataset[start:stop] = values
 
 
 def copy_attributes(source: Any, target: Any) -> None:
-    """Copy all that is said of something, in the types that it has there."""
+    """Copy all attributes with their types."""
     for name, value in source.attrs.items():
         target.attrs.create(name, value, dtype=source.attrs.get_id(name).dtype)
 
 
 def copy_all_but(source: Any, target: Any, left_out: set[str]) -> None:
-    """Copy what is in a group, with all that HDF5 notes of it, but for some places."""
+    """Copy the content of a group with all attributes, except what is at some paths."""
     copy_attributes(source, target)
     for name, item in source.items():
         if item.name in left_out:

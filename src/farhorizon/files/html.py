@@ -1,4 +1,4 @@
-"""HTML that needs nothing but itself: tables for notebooks, and whole pages."""
+"""Self-contained HTML: tables for notebooks, and complete pages."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ def table(rows: Iterable[tuple[str, object]], title: str = "") -> str:
 
 
 def listed(lines: Iterable[str], kind: str = "") -> str:
-    """Lines as a list, escaped; nothing without any."""
+    """Lines as a list, escaped; empty if there are none."""
     items = "".join(f"<li>{escape(line)}</li>" for line in lines)
     return f'<ul class="{escape(kind)}">{items}</ul>' if items else ""
 
 
 def preformatted(text: str) -> str:
-    """Text as it is, escaped."""
+    """Preformatted text, escaped."""
     return f"<pre>{escape(text)}</pre>"
 
 
 def picture(path: Path) -> str:
-    """A PNG file as part of the page."""
+    """A PNG file, embedded."""
     data = base64.b64encode(path.read_bytes()).decode("ascii")
     return f'<img alt="{escape(path.stem)}" src="data:image/png;base64,{data}">'
 
 
 def film(data: bytes, kind: str) -> str:
-    """A film, GIF or MP4, as part of the page."""
+    """A film, GIF or MP4, embedded."""
     source = base64.b64encode(data).decode("ascii")
     if kind == "mp4":
         return f'<video controls autoplay loop muted src="data:video/mp4;base64,{source}"></video>'
@@ -47,7 +47,7 @@ def film(data: bytes, kind: str) -> str:
 
 
 def page(title: str, sections: Iterable[tuple[str, str]]) -> str:
-    """A whole page of sections (heading, HTML); those without content are left out."""
+    """A complete page of sections (heading, HTML); sections without content are omitted."""
     body = "".join(f"<h2>{escape(heading)}</h2>{content}" for heading, content in sections if content)
     return (
         f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'

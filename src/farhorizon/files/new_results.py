@@ -1,4 +1,4 @@
-"""Empty results files: what they shall hold, checked, and the groups and datasets that outputs are appended to."""
+"""Creation of results files: checked content, and the groups and datasets to which outputs are appended."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from farhorizon.files.results_layout import (
 
 
 class Planned(NamedTuple):
-    """What a new results file shall hold.
+    """Content of a new results file.
 
     Attributes
     ----------
@@ -36,15 +36,15 @@ class Planned(NamedTuple):
         Coordinates of the first node.
     spacing : float
     fields : dict of str to int
-        Components of each.
+        Number of components of each field.
     dtype : dtype
-        Of the fields.
+        Type of the stored fields.
     probes : ndarray, shape (n, dim)
-        Their positions.
+        Positions of the probes.
     probe_components : int
-        Of the values at the probes.
+        Number of components of the values at the probes.
     boxes : sequence of Box
-        Of the parts that the fields stand in; none where these stand in the file itself.
+        Boxes of the parts that store the fields; empty if the file itself stores them.
     """
 
     shape: tuple[int, ...]
@@ -67,12 +67,12 @@ def planned(
     components: int | Mapping[str, int],
     boxes: Sequence[Box],
 ) -> Planned:
-    """What a new file shall hold, of arguments of `ResultsWriter.create`.
+    """Content of a new file, from checked arguments of `ResultsWriter.create`.
 
     Raises
     ------
     InputError
-        One of them is wrong.
+        An argument is wrong.
     """
     real = _checked_precision(dtype)
     nodes, origin = tuple(int(n) for n in shape), tuple(float(v) for v in lower)
@@ -123,7 +123,7 @@ def _checked_probes(probes: np.ndarray | None, dim: int) -> np.ndarray:
 
 
 def make_vtk(file: Any, plan: Planned, compress: bool) -> None:
-    """Make what VTK reads: the lattice, and fields without an output."""
+    """Create what VTK reads: the lattice, and fields without outputs."""
     vtk = file.create_group("VTKHDF")
     padded, origin = (*plan.shape, 1, 1)[:3], (*plan.lower, 0.0, 0.0)[:3]
     vtk.attrs["Version"] = np.array([2, 0])
@@ -151,7 +151,7 @@ def make_vtk(file: Any, plan: Planned, compress: bool) -> None:
 def make_own(
     file: Any, plan: Planned, case: str, words: Mapping[str, str], tables: Mapping[str, Mapping[str, str] | None]
 ) -> Any:
-    """Make the group of what VTK does not know, and say there what is known before any output.
+    """Create the group for everything that VTK does not know, with what is known before the first output.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def make_own(
     case : str
         Text of the case file.
     words, tables : mapping
-        Texts by name, and tables of texts, which are kept as JSON.
+        Strings by name, and tables of strings, which are stored as JSON.
     """
     group = file.create_group("farhorizon")
     told = {name: json.dumps(dict(table or {})) for name, table in tables.items()}
@@ -188,7 +188,7 @@ def make_own(
 
 
 def put_outlines(group: Any, outlines: Lines) -> None:
-    """Keep lines to be shown."""
+    """Store lines to be shown."""
     points, counts, names = flattened(outlines)
     shown = group.create_group("outlines")
     put_fixed(shown, "points", points)
@@ -198,7 +198,7 @@ def put_outlines(group: Any, outlines: Lines) -> None:
 
 
 def put_regions(vtk: Any, group: Any, regions: Regions, shape: tuple[int, ...]) -> None:
-    """Keep the regions as the point data of every output: a single row, at which all outputs point."""
+    """Store the regions as point data of every output: as a single row, to which all outputs refer."""
     stored = vtk_shape(shape, 1)
     values = np.asarray(regions.numbers, np.int32).T.reshape(1, *stored)
     options = {"chunks": chunk_of(stored, 4), "fletcher32": True, "compression": "gzip", "shuffle": True}
@@ -208,7 +208,7 @@ def put_regions(vtk: Any, group: Any, regions: Regions, shape: tuple[int, ...]) 
 
 
 def make_columns(group: Any, plan: Planned, accounts: Sequence[str]) -> None:
-    """Make the columns that grow by outputs, by rows of the history and by records of the probes."""
+    """Create the datasets that grow with outputs, rows of the history and records of the probes."""
     for name in ("steps", "history_rows", "record_rows"):
         grow(group, name, "i8")
     history = group.create_group("history")

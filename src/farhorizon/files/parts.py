@@ -1,8 +1,8 @@
-"""A results file in parts: one file for the whole, which shows the fields of others, each of a box of the lattice.
+"""Results files in parts: one file for the whole, which shows the fields in others, each for a box of the lattice.
 
-``NAME.h5`` has all but the fields. These stand in ``NAME.h5.parts/0000.h5`` and so on, results files of the boxes; in
-``NAME.h5`` they are virtual datasets, by which other programs read them as one. We read the parts themselves, so that
-their check sums and journals count.
+``NAME.h5`` contains everything but the fields. These are stored in ``NAME.h5.parts/0000.h5`` and so on, which are
+results files of the boxes; in ``NAME.h5`` they are virtual datasets, which other programs read as a single one. We read
+the parts themselves, so that their checksums are verified and their journals are taken into account.
 """
 
 from __future__ import annotations
@@ -15,43 +15,43 @@ from typing import Any
 import h5py
 import numpy as np
 
-Box = Sequence[tuple[int, int]]  # along each axis the first node and the last + 1
+Box = Sequence[tuple[int, int]]  # first node and last node + 1 along each axis
 
 
 def folder_of(path: Path) -> Path:
-    """The folder of the parts of a results file."""
+    """Folder of the parts of a results file."""
     return path.with_name(f"{path.name}.parts")
 
 
 def part_path(path: Path, number: int) -> Path:
-    """The file of a part."""
+    """File of a part."""
     return folder_of(path) / f"{number:04d}.h5"
 
 
 def parts_of(path: Path) -> list[Path]:
-    """The parts that lie beside a results file, whatever run wrote them."""
+    """Parts in the folder of a results file, whichever run wrote them."""
     return sorted(one for one in folder_of(path).glob("*.h5") if re.fullmatch(r"\d{4,}", one.stem))
 
 
 def is_own(item: Any, path: Path) -> bool:
-    """Whether all that a virtual dataset shows lies in our parts, under its own name."""
+    """Whether everything that a virtual dataset shows is in our parts, under its own name."""
     own = re.compile(re.escape(folder_of(path).name) + r"/\d{4,}\.h5")
     return all(own.fullmatch(one.file_name) and one.dset_name == item.name for one in item.virtual_sources())
 
 
 def lay_out(data: Any, name: str, path: Path, boxes: np.ndarray, outputs: int, vector: bool) -> None:
-    """Let a field of a group of fields show so many outputs of its parts, nan where one is missing.
+    """Make a field show the given number of outputs of its parts, nan where one is missing.
 
     Parameters
     ----------
     data : h5py.Group
     name : str
-        A dataset in it, whose shape is that of outputs of the whole, the axes in VTK's order.
+        A dataset in it, whose shape is that of the outputs of the complete lattice, with axes in VTK's order.
     path : Path
     boxes : ndarray of int, shape (parts, dim, 2)
     outputs : int
     vector : bool
-        Whether components are the last axis.
+        Whether the last axis is that of components.
     """
     shape, dtype, place = data[name].shape[1:], data[name].dtype, data[name].name
     del data[name]
@@ -60,11 +60,11 @@ def lay_out(data: Any, name: str, path: Path, boxes: np.ndarray, outputs: int, v
         return
     layout = h5py.VirtualLayout((outputs, *shape), dtype)
     width = shape[-1:] if vector else ()
-    stored = len(shape) - len(width)  # axes: those of a single node may be left out
+    stored = len(shape) - len(width)  # number of axes: those with a single node may be omitted
     for number, box in enumerate(boxes):
         along = [slice(int(first), int(last)) for first, last in box[:stored][::-1]]
         sizes = [one.stop - one.start for one in along]
-        # one more row than is shown: what is taken of a part is a selection, however many rows it comes to have
+        # one more row than is shown, so that a selection is taken, however many rows the part will have
         source = h5py.VirtualSource(
             part_path(path, number).relative_to(path.parent).as_posix(), place, (outputs + 1, *sizes, *width), dtype
         )

@@ -1,5 +1,5 @@
-"""Lines beside the fields of a results file: in the file itself, and in VTK's XML format for ParaView [1]_, since an
-image in the format VTKHDF has no place for lines.
+"""Lines beside the fields of a results file: in the file itself, and in VTK's XML format for ParaView [1]_, because an
+image in the format VTKHDF cannot contain lines.
 
 References
 ----------
@@ -20,14 +20,14 @@ Lines = Mapping[str, Sequence[np.ndarray]]
 
 
 def flattened(lines: Lines) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """All points one after the other, shape (n, dim); the number of points of each line; the name of each."""
+    """All points, shape (n, dim); the number of points of each line; the name of each line."""
     named = [(name, np.asarray(line, float)) for name, some in lines.items() for line in some]
     points = np.concatenate([line for _, line in named]) if named else np.zeros((0, 1))
     return points, np.array([len(line) for _, line in named], dtype=np.int64), [name for name, _ in named]
 
 
 def gathered(points: np.ndarray, counts: np.ndarray, names: Sequence[str]) -> dict[str, list[np.ndarray]]:
-    """The lines by name again."""
+    """Inverse of `flattened`: the lines by name."""
     found: dict[str, list[np.ndarray]] = {}
     for name, line in zip(names, np.split(points, np.cumsum(counts)[:-1]), strict=True) if names else ():
         found.setdefault(name, []).append(line)
@@ -35,7 +35,7 @@ def gathered(points: np.ndarray, counts: np.ndarray, names: Sequence[str]) -> di
 
 
 def write_vtp(path: Path, lines: Lines) -> Path:
-    """Write lines as VTK's PolyData, single points as vertices, with a number for each name: 0 for the first one.
+    """Write lines as VTK PolyData, single points as vertices, with a number for each name, from 0 on.
 
     Parameters
     ----------

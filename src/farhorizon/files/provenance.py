@@ -1,4 +1,4 @@
-"""What a file or a page was computed with."""
+"""The software and the machine that produced a file or a page."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from farhorizon import __version__
 
 
 def versions() -> list[tuple[str, str]]:
-    """What the program runs on."""
+    """Versions of the program and of what it runs on."""
     import h5py
     import numba
     import numpy
@@ -22,5 +22,5 @@ def versions() -> list[tuple[str, str]]:
 
 
 def computed_with() -> list[tuple[str, str]]:
-    """What a run is computed with, beside its number of threads."""
+    """Versions and machine of a run; the number of threads is recorded elsewhere."""
     return [*versions(), ("machine", f"{platform.system()} {platform.machine()}")]

@@ -1,4 +1,4 @@
-"""What receivers and spectra have recorded, apart from the run: as arrays, tables, and in users' formats."""
+"""Data that recorders have recorded, independent of the run: as arrays, as tables, and in other programs' formats."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import obspy
 
 _AXES = "xyz"
-_WORST = 1e-6  # of a step: times further from even ones are not even
+_WORST = 1e-6  # largest deviation of equidistant times, relative to a step
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,20 +27,21 @@ class Recorded:
     ----------
     name : str
     points : ndarray, shape (n, dim)
-        Where it was recorded.
+        Positions at which data were recorded.
     times : ndarray, shape (rows,)
     data : dict of str to ndarray
-        By quantity, of shape (rows, n, ...).
+        Values over time by quantity, of shape (rows, n, ...).
     frequencies : ndarray, shape (F,)
-        Of spectra, in cycles per unit of time.
+        Frequencies of the spectra, in cycles per unit of time.
     spectra : dict of str to ndarray
-        By quantity, of shape (F, n, ...): complex sums, or energies, intensities and cross sections, which are real.
+        Spectra by quantity, of shape (F, n, ...): complex sums, or energies, intensities and cross sections, which are
+        real.
     directions : bool
         Whether the points are unit vectors, the directions of a pattern.
     medium : float
-        Of the shell of a box, recorded for another run: coefficient over squared spacing there; 0 for all else.
+        For the shell of a box, recorded for another run: coefficient divided by squared spacing there; otherwise 0.
     labels : tuple of str
-        What the points stand for where they are no places at which something is read: "tip 1", "plane x = 2.5".
+        What the points represent if they are not positions at which values are read: "tip 1", "plane x = 2.5".
 
     Examples
     --------
@@ -67,11 +68,11 @@ class Recorded:
 
     @property
     def dim(self) -> int:
-        """Coordinates of a point."""
+        """Number of coordinates of a point."""
         return int(self.points.shape[1])
 
     def columns(self, quantity: str) -> dict[str, np.ndarray]:
-        """The components of a quantity by name ("u_x", "stress_xy"), each of shape (rows, n); of spectra (F, n).
+        """The components of a quantity by name ("u_x", "stress_xy"), each of shape (rows, n), or (F, n) for spectra.
 
         Raises
         ------
@@ -86,7 +87,7 @@ class Recorded:
         }
 
     def to_npz(self, path: str | Path) -> None:
-        """Write all arrays into one file of NumPy: points, times, each quantity; of spectra the frequencies, too."""
+        """Write all arrays to one NPZ file: points, times, each quantity; for spectra also the frequencies."""
         arrays: dict[str, Any] = {"points": self.points, "times": self.times, **self.data}
         if self.spectra:
             arrays |= {"frequencies": self.frequencies, **self.spectra}
@@ -94,19 +95,19 @@ class Recorded:
             np.savez(file, **arrays)
 
     def to_csv(self, path: str | Path, quantity: str | None = None) -> None:
-        """Write a quantity as a table: after lines with its name and the places of the receivers a row a time, the time
-        first.
+        """Write a quantity as a table: two header lines with its name, a line of column titles with the positions of
+        the receivers, then one row per time, which starts with the time.
 
         Parameters
         ----------
         path : str or Path
         quantity : str, optional
-            The first one unless given.
+            The first one if not given.
 
         Raises
         ------
         InputError
-            It was not recorded; no such folder.
+            The quantity was not recorded, or there is no such folder.
         """
         columns = self.columns(self._chosen(quantity))
         places = [" ".join(f"{x:.10g}" for x in point) for point in self.points]
@@ -123,26 +124,27 @@ class Recorded:
         Parameters
         ----------
         quantity : str, optional
-            The first one unless given.
+            The first one if not given.
         start : UTCDateTime or float
-            The moment of time 0, as `obspy.UTCDateTime` takes it.
+            The date of time 0, in any form that `obspy.UTCDateTime` accepts.
 
         Returns
         -------
         obspy.Stream
-            A trace a receiver and component: stations R00000, R00001, ...; channels are the last letters of the
-            components in capitals, or Z of a scalar. ``trace.stats.coordinates`` has the place.
+            One trace per receiver and component. Stations are R00000, R00001, ...; channels are the last letters of the
+            components in capitals, or Z for a scalar. ``trace.stats.coordinates`` has the position.
 
         Raises
         ------
         InputError
-            ObsPy is not installed; the quantity was not recorded; fewer than two rows, or times that are not even.
+            ObsPy is not installed; the quantity was not recorded; there are fewer than two rows, or the times are not
+            equidistant.
 
         Notes
         -----
-        Formats have limits of their own: times there are in seconds, and SEG-Y counts them in whole microseconds and
-        takes single precision (``trace.data = trace.data.astype("float32")``). Scale the time in
-        ``trace.stats.delta`` where the run's unit is another one.
+        The formats have limits of their own: times are in seconds, and SEG-Y counts them in whole microseconds and
+        stores single precision (``trace.data = trace.data.astype("float32")``). If the run has another unit of time,
+        scale ``trace.stats.delta``.
         """
         try:
             import obspy
@@ -184,7 +186,7 @@ class Recorded:
         )
 
     def _interval(self) -> float:
-        """Time from one row to the next."""
+        """Time between two rows."""
         if len(self.times) < 2:
             raise InputError(
                 "a trace has two rows or more",
@@ -219,7 +221,7 @@ def _writable(path: str | Path) -> Path:
 
 
 def measured_in(records: Mapping[str, Recorded]) -> dict[str, str]:
-    """What variables and coordinates of `dataset_parts` measure: a length, a time, a frequency or what was recorded."""
+    """What variables and coordinates of `dataset_parts` measure: length, time, frequency or the recorded quantity."""
     found: dict[str, str] = {}
     for name, one in records.items():
         places = {} if one.directions else {f"{name}_{letter}": "length" for letter in _AXES[: one.dim]}
@@ -229,7 +231,7 @@ def measured_in(records: Mapping[str, Recorded]) -> dict[str, str]:
 
 
 def spectra_of(records: Mapping[str, Recorded]) -> dict[str, str]:
-    """Variables of `dataset_parts` that are spectra at places, and what of."""
+    """Variables of `dataset_parts` that are spectra at positions, with their quantities."""
     return {
         f"{name}_{quantity}_spectrum": quantity
         for name, one in records.items()
@@ -239,7 +241,7 @@ def spectra_of(records: Mapping[str, Recorded]) -> dict[str, str]:
 
 
 def dataset_parts(records: Mapping[str, Recorded]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Variables and coordinates of an xarray Dataset: those of NAME begin with it."""
+    """Variables and coordinates of an xarray Dataset; the names of those of recorder NAME begin with NAME."""
     data: dict[str, Any] = {}
     coords: dict[str, Any] = {}
     for name, one in records.items():

@@ -1,6 +1,6 @@
-"""Results files that are read: field by field, as one from their parts, as a Dataset of xarray.
+"""Reading of results files: field by field, assembled from their parts, as a Dataset of xarray.
 
-Their format is told in `farhorizon.files.results_layout`.
+Their layout is described in `farhorizon.files.results_layout`.
 """
 
 from __future__ import annotations
@@ -76,14 +76,14 @@ class Results:
         Lines to be shown: "cracks" as they were given, in 3D their rims; the edges of the "near field" and, if anything
         is computed beyond it, of the "layers".
     region_names : tuple of str
-        Materials of each of the `regions`; empty if one medium fills the lattice.
+        Materials of the `regions`, by number; empty if one medium fills the lattice.
 
     Raises
     ------
     InputError
         The file does not exist.
     FileFormatError
-        The file is truncated, damaged or not a farhorizon results file.  Any access may raise this error, which names
+        The file is truncated, damaged or not a farhorizon results file. Any access may raise this error, which names
         the dataset whose checksum is wrong.
     """
 
@@ -203,8 +203,8 @@ class Results:
 
     @property
     def regions(self) -> np.ndarray:
-        """The number of the region of each node, of the lattice's shape, explained by `region_names`: 0 has the most
-        nodes; -1 where there is no node.
+        """The number of the region of each node, of the lattice's shape, with names in `region_names`: 0 has the most
+        nodes, and -1 is where there is no node.
         """
         if not self.region_names:
             return np.zeros(self.shape, np.int32)
@@ -234,7 +234,7 @@ class Results:
 
         Returns
         -------
-        ndarray, shape (nx[, ny[, nz]]), of vectors (components, nx, ...)
+        ndarray, shape (nx[, ny[, nz]]), or (components, nx, ...) for vectors
 
         Raises
         ------
@@ -253,8 +253,8 @@ class Results:
         return self._values(name, slice(index % outputs, index % outputs + 1))[0]
 
     def _values(self, name: str, rows: slice, within: Box | None = None) -> np.ndarray:
-        """Outputs of a field, in a box if one is given, (outputs[, components], nx[, ny[, nz]]), from the parts where
-        there are any.
+        """Outputs of a field, in a box if one is given, shape (outputs[, components], nx[, ny[, nz]]), assembled from
+        the parts if there are any.
         """
         asked = np.array([(0, n) for n in self.shape] if within is None else within)
         if not len(self._boxes):
@@ -282,7 +282,7 @@ class Results:
         Raises
         ------
         FileFormatError
-            It is missing, or that of another run.
+            The part is missing or belongs to another run.
         """
         if number in self._parts:
             return self._parts[number]
@@ -311,8 +311,7 @@ class Results:
             )
 
     def _lattice_first(self, name: str, stored: np.ndarray) -> np.ndarray:
-        """Outputs in our order of axes, of vectors without what only VTK has: (outputs[, components], nx[, ny[,
-        nz]])."""
+        """Outputs in our order of axes, without VTK's padding of vectors: (outputs[, components], nx[, ny[, nz]])."""
         components = self.components[name]
         width = () if components == 1 else (3,)
         values = stored.reshape(len(stored), *self.shape[::-1], *width)
@@ -338,7 +337,7 @@ class Results:
         Raises
         ------
         InputError
-            It is this file, another program's, or there is no such directory.
+            The path is that of this file or of another program's file, or there is no such directory.
         FileFormatError
             A part is missing or damaged.
         """
@@ -356,7 +355,7 @@ class Results:
         return path
 
     def cut(self, path: Path, box: Box, outputs: int) -> None:
-        """Write a part of the first outputs: a results file of a box, of their fields alone.
+        """Write the fields in a box, at the first outputs, to a results file that contains nothing else.
 
         Raises
         ------
@@ -383,10 +382,9 @@ class Results:
             writer.append(int(step), float(time), {n: self._values(n, rows, box)[0] for n in self.field_names})
 
     def take_parts(self, boxes: Sequence[Box], folder: Path) -> None:
-        """Put parts of other boxes, which `cut` has written into a folder, in the place of those that there are, or of
-        the fields in this file.
+        """Replace the parts, or the fields in this file, by parts of other boxes, which `cut` has written to a folder.
 
-        What is stopped in the middle of it leaves either parts in their folders.
+        If this is interrupted, either set of parts is still in a folder of its own.
         """
         with opened(self.path, "r", "results file") as file, created(self.path) as draft, hdf5_file(draft, "w") as made:
             copy_all_but(file, made, {"/VTKHDF/PointData", "/farhorizon/parts"})
@@ -402,9 +400,9 @@ class Results:
             shutil.rmtree(old)
 
     def _copy_field(self, source: Any, data: Any, outputs: int) -> None:
-        """Copy the outputs of a field into a group, chunk by chunk."""
+        """Copy the outputs of a field to a group, chunk by chunk."""
         name = source.name.rpartition("/")[2]
-        dim = source.ndim - 1 - (self.components[name] > 1)  # those that are stored
+        dim = source.ndim - 1 - (self.components[name] > 1)  # number of stored axes
         with ExitStack() as stack:
             parts = [
                 (box[:dim][::-1], stack.enter_context(opened(self._part(i, box).path, "r", "results file")))
@@ -436,7 +434,7 @@ class Results:
         Parameters
         ----------
         path : str or Path
-            A name that ends in .vtp; ``kind`` numbers what lines show, in the order of `outlines`.
+            A name that ends in .vtp; the cell data ``kind`` number the entries of `outlines`, in their order.
 
         Raises
         ------
@@ -455,7 +453,7 @@ class Results:
         xarray.Dataset
             Fields with the dimensions time, [component, ]x[, y[, z]]; ``energy`` (history_time), ``probe_values``
             (probe_time, probe), ``balance`` (history_time, account) if one was recorded; case, program and lattice as
-            attributes; of each recorder NAME ``NAME_QUANTITY`` (NAME_time, NAME_point, ...), its spectra
+            attributes; for each recorder NAME the variables ``NAME_QUANTITY`` (NAME_time, NAME_point, ...), its spectra
             ``NAME_QUANTITY_spectrum`` (NAME_frequency, NAME_point, ...), and the coordinates NAME_x, ....
 
         Raises
@@ -466,7 +464,7 @@ class Results:
             The file is damaged.
         """
         xarray = xarray_module()
-        # One look at the counts: a running simulation may append between two accesses.
+        # The counts are read once, because a running simulation may append between two accesses.
         times, history_times, probe_times = self.times, self.history_times, self.probe_times
         data = self._variables(times.size, history_times.size, probe_times.size)
         coords = self._coordinates(times, history_times, probe_times)
@@ -479,7 +477,7 @@ class Results:
         return whole
 
     def _variables(self, outputs: int, rows: int, records: int) -> dict[str, Any]:
-        """Variables of a Dataset, of what every results file has, up to some counts."""
+        """Variables of a Dataset that every results file has, up to the given counts."""
         names, probed = _AXES[: self.dim], self.probe_values[:records]
         data: dict[str, Any] = {}
         for name, count in self.components.items():
@@ -520,7 +518,7 @@ class Results:
         }
 
     def _measured(self) -> dict[str, str]:
-        """What variables and coordinates of a Dataset measure, as far as it is not their own name."""
+        """What variables and coordinates of a Dataset measure, where it is not their own name."""
         lengths = [f"{before}{name}" for before in ("", "probe_") for name in _AXES[: self.dim]]
         measured = {**dict.fromkeys(lengths, "length"), "probe_values": "u"}
         measured |= dict.fromkeys(("time", "probe_time", "history_time"), "time")
@@ -555,6 +553,6 @@ def open_results(path: str | Path) -> Results:
 
 
 def _read_spectrum(file: Any, path: Path, name: str) -> np.ndarray:
-    """A spectrum: complex, and so are all those of files that do not say, or real."""
+    """A spectrum, real if the file says so, otherwise complex."""
     values = read_rows(file, path, name)
     return values if file[name].attrs.get("real", False) else np.asarray(values[0] + 1j * values[1])

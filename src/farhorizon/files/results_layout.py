@@ -1,14 +1,14 @@
-"""What stands where in a results file, for those who write it and those who read it.
+"""Layout of a results file, for the code that writes it and the code that reads it.
 
-A results file is a VTKHDF ``ImageData`` file [1]_ with a temporal ``Steps`` group, so that ParaView opens it as it is:
-``/VTKHDF`` holds the fields as point data, one chunked record an output, in VTK's order (x fastest), on a lattice
-padded to three dimensions. ``/farhorizon`` holds what VTK does not know: case text, program, lattice, step numbers, the
-history of energy and balance, and, with times of their own, the records of the probes. Its attribute ``outputs``, and
-``rows`` of the history and of the records, say how many are valid, ``finished`` whether the run came to its end.  Every
-dataset has a check sum a chunk (Fletcher 32), and so has, in HDF5's format 1.10, all that HDF5 notes about it.
+A results file is a VTKHDF ``ImageData`` file [1]_ with a temporal ``Steps`` group, so that ParaView opens it directly:
+``/VTKHDF`` contains the fields as point data, one chunked record per output, in VTK's order (x fastest), on a lattice
+padded to three dimensions. ``/farhorizon`` contains what VTK does not know: case text, program, lattice, step numbers,
+the history of energy and balance, and, with times of their own, the records of the probes. Its attribute ``outputs``,
+and the attributes ``rows`` of the history and of the records, say how many are valid; ``finished`` says whether the run
+reached its end. Every dataset has a checksum (Fletcher 32) per chunk, and so has all metadata in HDF5's format 1.10.
 
-It is written by `farhorizon.files.storage`: a process that is killed, or a disk that is full, leaves the file as it
-was before. Several processes write a file in parts, see `farhorizon.files.parts`.
+It is written through `farhorizon.files.storage`: if a process is killed, or a disk is full, the file stays as it was
+before. Several processes write a file in parts, see `farhorizon.files.parts`.
 
 References
 ----------
@@ -39,7 +39,7 @@ from farhorizon.files.region_numbers import FIELD
 
 FORMAT = "farhorizon results"
 RESULTS_VERSION = 2
-# Names that the Dataset of `Results.to_xarray` and the pictures of `farhorizon.pictures` use for something else.
+# Names that the Dataset of `Results.to_xarray` and the pictures of `farhorizon.pictures` use for other things.
 RESERVED = frozenset(
     {
         "time",
@@ -64,8 +64,8 @@ _CHUNK_BYTES = 2**26
 
 
 def check_format(file: Any, path: Path) -> Any:
-    """Return the group ``/farhorizon`` of a results file; FileFormatError if the file is another program's or a later
-    version's.
+    """Return the group ``/farhorizon`` of a results file; FileFormatError if the file is another program's or of
+    another version.
     """
     refuse_other_files(file, path)
     if "farhorizon" not in file or word_in(file["farhorizon"].attrs, "format") != FORMAT or "VTKHDF" not in file:
@@ -78,7 +78,9 @@ def check_format(file: Any, path: Path) -> Any:
 
 
 class Caution(NamedTuple):
-    """From a time on the result of a run is doubtful: in two or three words, and in a sentence."""
+    """The result of a run is doubtful from a time on; `brief` gives the reason in two or three words, `text` in a
+    sentence.
+    """
 
     time: float
     brief: str
@@ -86,7 +88,7 @@ class Caution(NamedTuple):
 
 
 class Counts(NamedTuple):
-    """Valid outputs, history rows and records of the probes."""
+    """Numbers of valid outputs, history rows and probe records."""
 
     outputs: int
     rows: int
@@ -94,10 +96,11 @@ class Counts(NamedTuple):
 
 
 def counts_of(file: Any, path: Path) -> Counts:
-    """Return the numbers of valid outputs, history rows and records: of what is counted as much as all datasets hold.
+    """Return the numbers of valid outputs, history rows and records: the counted ones, as far as all datasets hold
+    them.
 
-    The last output, and its history rows and records, may be missing from some of them, for other programs that write
-    such files are killed too.
+    Some datasets may lack the last output, or its history rows and records, because other programs that write such
+    files are killed, too.
     """
     group, vtk = file["farhorizon"], file["VTKHDF"]
 
@@ -113,7 +116,7 @@ def counts_of(file: Any, path: Path) -> Counts:
         return min(counted, len(shortest))
 
     outputs = int(group.attrs["outputs"])
-    fields = () if "parts" in group else fields_in(file)  # of parts each knows its own
+    fields = () if "parts" in group else fields_in(file)  # each part has its own
     per_output = vtk["Steps/Values"], group["steps"], group["history_rows"], group["record_rows"], *fields
     outputs = held(outputs, max(outputs - 1, 0), per_output)
     rows, records = (
@@ -126,10 +129,10 @@ def counts_of(file: Any, path: Path) -> Counts:
 
 
 def set_outputs(file: Any, path: Path, outputs: int) -> None:
-    """Make the first `outputs` outputs the valid ones, in a file in parts those that are shown.
+    """Make the first `outputs` outputs the valid ones; in a file in parts, also those that are shown.
 
-    A single output is listed twice among VTK's steps: vtkHDFReader takes a file of one step for a file without time,
-    and fails.
+    A single output is listed twice among VTK's steps, because vtkHDFReader takes a file with one step for a file
+    without time, and fails.
     """
     steps, listed = file["VTKHDF/Steps"], 2 if outputs == 1 else outputs
     for dataset in (steps["Values"], *steps["PointDataOffsets"].values()):
@@ -144,23 +147,23 @@ def set_outputs(file: Any, path: Path, outputs: int) -> None:
 
 
 def fields_in(file: Any) -> list[Any]:
-    """The datasets of the fields, which grow by a row an output; those of regions do not."""
+    """The datasets of the fields, which grow by a row per output; that of the regions does not."""
     return [dataset for name, dataset in file["VTKHDF/PointData"].items() if name != FIELD]
 
 
 def boxes_in(group: Any, path: Path) -> np.ndarray:
-    """The boxes of the parts of a results file, shape (parts, dim, 2); of none where it has no parts."""
+    """Boxes of the parts of a results file, shape (parts, dim, 2); empty if it has no parts."""
     return read_rows(group, path, "parts") if "parts" in group else np.zeros((0, 0, 2), np.int64)
 
 
 def put_boxes(group: Any, boxes: Sequence[Box]) -> None:
-    """Keep the boxes of the parts."""
+    """Store the boxes of the parts."""
     put_fixed(group, "parts", np.array(boxes, np.int64))
 
 
 def vtk_shape(shape: tuple[int, ...], components: int) -> tuple[int, ...]:
-    """Shape of one stored output: z, y, x, without the slow axes that have a single node, for vtkHDFReader expects them
-    left out; vectors last.
+    """Shape of one stored output: z, y, x, without slow axes that have a single node, which vtkHDFReader expects to be
+    omitted; vectors have their components last.
     """
     while len(shape) > 1 and shape[-1] == 1:
         shape = shape[:-1]
@@ -168,7 +171,7 @@ def vtk_shape(shape: tuple[int, ...], components: int) -> tuple[int, ...]:
 
 
 def chunk_of(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
-    """Chunk of one output, halved along its slowest axes until it holds no more than 64 MiB."""
+    """Chunk for one output, halved along its slowest axes until it has at most 64 MiB."""
     chunk = [1, *shape]
     while int(np.prod(chunk)) * itemsize > _CHUNK_BYTES:
         axis = next(a for a in range(1, len(chunk)) if chunk[a] > 1)
@@ -177,7 +180,7 @@ def chunk_of(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
 
 
 def components_in(group: Any) -> dict[str, int]:
-    """Components of each field of a results file; 1 in files that do not say."""
+    """Number of components of each field of a results file; 1 if the file does not say."""
     names = words_in(group, "fields")
     return dict(
         zip(names, (int(n) for n in np.broadcast_to(group.attrs.get("components", 1), len(names))), strict=True)
@@ -185,19 +188,19 @@ def components_in(group: Any) -> dict[str, int]:
 
 
 def probe_components_in(group: Any) -> int:
-    """Components of the values at the probes; those of the first field in files that do not say."""
+    """Number of components of the values at the probes; that of the first field if the file does not say."""
     return int(group.attrs.get("probe_components", next(iter(components_in(group).values()))))
 
 
 def make_field(data: Any, name: str, stored: tuple[int, ...], dtype: np.dtype, compress: bool) -> Any:
-    """Make an empty dataset of a field whose outputs have this shape."""
+    """Create an empty dataset for a field whose outputs have the shape `stored`."""
     packed = {"compression": "gzip", "compression_opts": 4, "shuffle": True} if compress else {}
     return grow(data, name, dtype, stored, chunk_of(stored, dtype.itemsize), packed)
 
 
 def make_room(path: Path, parts: int) -> None:
-    """Make the folder for so many parts of a new results file, and remove parts of the one whose place it takes; none
-    is left without any.
+    """Create the folder for the parts of a new results file, and remove surplus parts of the one that it replaces;
+    without parts, the folder is removed if it is empty.
     """
     if parts:
         folder_of(path).mkdir(exist_ok=True)
@@ -209,7 +212,7 @@ def make_room(path: Path, parts: int) -> None:
 
 
 def copied_data(source: Any, file: Any) -> Any:
-    """The point data of another file without its fields."""
+    """Copy the group of point data of another file without its fields."""
     made = file.create_group(source.name)
     copy_attributes(source, made)
     if FIELD in source:

@@ -1,4 +1,4 @@
-"""Results files that are written: created or taken up, and appended to."""
+"""Writing of results files: created or resumed, and appended to."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ from farhorizon.files.storage import created
 
 
 def check_replaceable(path: Path) -> None:
-    """Refuse to put new results where something else is than results of ours, or nothing.
+    """Refuse a path for new results if anything other than a results file of ours exists there.
 
     Raises
     ------
     InputError
-        Another file, or one that may not be written, also among its parts; no such folder.
+        There is another file, or one that may not be written, also among the parts; or there is no such folder.
     """
     directory_of(path)
     for one in parts_of(path):
@@ -72,7 +72,7 @@ def check_replaceable(path: Path) -> None:
 class ResultsWriter:
     """Appends outputs to a results file; the file is closed between the calls.
 
-    Use `create` or `resume`.  Every call opens the file, appends and closes it; a killed process leaves a file with or
+    Use `create` or `resume`. Every call opens the file, appends and closes it; a killed process leaves a file with or
     without what was appended.
 
     Parameters
@@ -84,18 +84,18 @@ class ResultsWriter:
     ----------
     path : Path
     outputs, rows, records : int
-        Valid outputs, history rows and records of the probes so far; a checkpoint has them, and `resume` takes them.
+        Numbers of valid outputs, history rows and probe records so far; checkpoints store them for `resume`.
     fields : tuple of str
     shape : tuple of int
         Lattice shape (nx[, ny[, nz]]).
     components : dict of str to int
-        Of each field.
+        Number of components of each field.
     recorded : dict of str to int
-        Valid rows of each recorder.
+        Number of valid rows of each recorder.
     whole : bool
-        Whether the fields stand in the file itself, and not in parts.
+        Whether the fields are in the file itself, not in parts.
     last_step : int or None
-        Step number of the last output; None without any.
+        Step number of the last output; None if there is none.
 
     Raises
     ------
@@ -140,8 +140,8 @@ class ResultsWriter:
         regions: Regions | None = None,
         boxes: Sequence[Box] = (),
     ) -> ResultsWriter:
-        """Create an empty results file; an older results file of that name is replaced, with its parts, any other file
-        is refused.
+        """Create an empty results file; an older results file of that name is replaced together with its parts, any
+        other file is refused.
 
         Parameters
         ----------
@@ -153,33 +153,33 @@ class ResultsWriter:
         lower : sequence of float, length dim
             Coordinates of the first node.
         fields : tuple of str
-            Names of the fields; `append` wants them all.
+            Names of the fields; `append` requires all of them.
         dtype : dtype
-            float32 or float64, of the stored fields.
+            Type of the stored fields, float32 or float64.
         probes : ndarray, shape (n, dim), optional
             Positions of the probes.
         accounts : sequence of str
-            Names of the entries of a balance, which each `append` is to give.
+            Names of the entries of a balance, which each balance passed to `append` must have.
         case : str
             Text of the case file.
         program : str
             Name and version of the program.
         components : int or mapping of str to int
-            1, or dim for vector fields. VTK's vectors have three, the missing ones are stored as zeros. Probes show
-            the field u if it is named, written or not, else the first one.
+            1, or dim for vector fields. VTK's vectors have three components; missing ones are stored as zeros. Probes
+            show the field u if it is among the keys, whether written or not, otherwise the first field.
         units : mapping of str to str, optional
             Units of "length", "time" and fields, as far as they are known.
         provenance : mapping of str to str, optional
-            What the file comes from: command, machine, versions.
+            What produced the file: command, machine, versions.
         compress : bool
-            Pack the fields, without loss.
+            Compress the fields, without loss.
         outlines : mapping of str to sequence of ndarray, each of shape (n, dim), optional
             Polylines by what they show: "cracks", "near field", "layers".
         regions : Regions, optional
-            Of what the nodes are made; nothing where one medium fills the lattice.
+            Materials of the nodes; None if one medium fills the lattice.
         boxes : sequence of Box
-            Of a file in parts, whose files (`farhorizon.files.parts.part_path`) others create and append to; a folder
-            for them is made.
+            Boxes of the parts, whose files (`farhorizon.files.parts.part_path`) are created and appended to separately;
+            a folder for them is created.
 
         Returns
         -------
@@ -188,7 +188,7 @@ class ResultsWriter:
         Raises
         ------
         InputError
-            An argument is wrong, `path` holds another file, or one that may not be written.
+            An argument is wrong, or `path` is another file or one that may not be written.
         """
         path = Path(path)
         check_replaceable(path)
@@ -213,19 +213,18 @@ class ResultsWriter:
         records: int | None = None,
         recorded: Mapping[str, int] | None = None,
     ) -> ResultsWriter:
-        """Take up a results file after its first `outputs` outputs; later ones, their history and their records, are
-        cut off.
+        """Resume a results file after its first `outputs` outputs; later outputs, history rows and records are cut off.
 
         Parameters
         ----------
         path : str or Path
         outputs : int
-            Outputs to keep, as the checkpoint recorded them.
+            Number of outputs to keep, as stored in the checkpoint.
         rows, records : int, optional
-            History rows and records of the probes to keep; as many as there were when the last kept output was
-            appended, unless given.
+            Numbers of history rows and probe records to keep; by default those that existed when the last kept output
+            was appended.
         recorded : mapping of str to int, optional
-            Rows of each recorder to keep; those up to the last kept output unless given.
+            Number of rows of each recorder to keep; by default those up to the last kept output.
 
         Returns
         -------
@@ -236,7 +235,7 @@ class ResultsWriter:
         InputError
             A count is negative.
         FileFormatError
-            The file is truncated, damaged, not ours, or holds fewer outputs or rows than asked for.
+            The file is truncated, damaged, not ours, or has fewer outputs or rows than requested.
         """
         path = Path(path)
         if min(outputs, rows or 0, records or 0) < 0:
@@ -245,7 +244,7 @@ class ResultsWriter:
                 value=(outputs, rows, records),
                 limit=0,
             )
-        # HDF5 crashes where it meets damage of an index that it changes
+        # HDF5 crashes if an index that it modifies is damaged
         with opened(path, "r", "results file") as file:
             read_indices(check_format(file, path).parent)
         with opened(path, "r+", "results file") as file:
@@ -272,20 +271,20 @@ class ResultsWriter:
         Parameters
         ----------
         step : int
-            Step number, larger than that of the output before.
+            Step number, larger than that of the previous output.
         time : float
         fields : mapping of str to ndarray, each of the lattice shape, of vectors with the components first
-            Every field that the file was created with, none of a file in parts; nan (outside a window) stays nan.
+            Every field that the file was created with, or none if it is in parts; nan (outside a window) stays nan.
         energy : float, optional
         balance : mapping of str to float, optional
-            Every entry that the file was created with; others are left out.
+            Every entry that the file was created with; others are ignored.
         cautions : sequence of Caution
-            All so far.
+            All cautions so far.
 
         Raises
         ------
         InputError
-            A field is missing, unknown or of the wrong shape, or the step number does not grow.
+            A field is missing, unknown or of the wrong shape, or the step number is not larger.
         FileFormatError
             The file has been damaged since the last call.
         """
@@ -311,7 +310,7 @@ class ResultsWriter:
         self.outputs, self.rows, self.last_step = n + 1, rows, int(step)
 
     def _check(self, step: int, fields: Mapping[str, np.ndarray]) -> None:
-        """Refuse an output that is not whole, or not later than the last one."""
+        """Refuse an output that is incomplete, or not later than the last one."""
         held = self.fields if self.whole else ()
         if set(fields) != set(held):
             raise InputError(
@@ -335,7 +334,7 @@ class ResultsWriter:
             )
 
     def _put_fields(self, vtk: Any, fields: Mapping[str, np.ndarray]) -> None:
-        """Put the fields of the next output into VTK's order, and say where they stand."""
+        """Write the fields of the next output in VTK's order, and their offsets."""
         for name in self.fields if self.whole else ():
             dataset = vtk["PointData"][name]
             values = np.asarray(fields[name]).T.astype(dataset.dtype, order="C", copy=False)
@@ -346,17 +345,17 @@ class ResultsWriter:
             put_rows(offsets, self.outputs, [0 if name == FIELD else self.outputs])
 
     def finish(self) -> None:
-        """Note that the run came to its end; `resume` takes that back."""
+        """Record that the run has reached its end; `resume` revokes this."""
         with opened(self.path, "r+", "results file") as file:
             file["farhorizon"].attrs["finished"] = True
 
     def hold(self, records: Recorded) -> None:
-        """Make room for the records of a recorder, of which this has the first ones or none.
+        """Create empty datasets for the records of a recorder, with the quantities and shapes of `records`.
 
         Raises
         ------
         InputError
-            There is one of this name, or the names of xarray would collide.
+            The name is in use, or would collide with a name in xarray.
         """
         if records.name in self.recorded or records.name in (*RESERVED, *self.fields):
             raise InputError(
@@ -383,12 +382,12 @@ class ResultsWriter:
         self.recorded[records.name] = 0
 
     def conclude(self, records: Recorded) -> None:
-        """Keep what follows from all that was recorded, in place of what followed from an earlier end of the run.
+        """Store what follows from all records, replacing what followed from an earlier end of the run.
 
         Raises
         ------
         InputError
-            As `hold`.
+            As for `hold`.
         """
         if self.recorded.pop(records.name, None) is not None:
             with opened(self.path, "r+", "results file") as file:
@@ -397,7 +396,7 @@ class ResultsWriter:
         self.append_recorded(records)
 
     def append_recorded(self, records: Recorded) -> None:
-        """Append the rows that this has, and put its spectra in place of those before.
+        """Append the rows of `records`, and replace the stored spectra by those of `records`.
 
         Raises
         ------
@@ -416,7 +415,7 @@ class ResultsWriter:
         self.recorded[records.name] = first + len(records.times)
 
     def append_probes(self, times: np.ndarray, values: np.ndarray) -> None:
-        """Append records of the probes, whose times are their own.
+        """Append records of the probes, which have times of their own.
 
         Parameters
         ----------
@@ -448,7 +447,7 @@ class ResultsWriter:
 
 
 def _kept(file: Any, path: Path, outputs: int, rows: int | None, records: int | None) -> Counts:
-    """What stays of a file that is taken up: as many rows and records as are asked for, or as its last output had."""
+    """What is kept of a file that is resumed: as many rows and records as requested, or as at its last kept output."""
     group, held = file["farhorizon"], counts_of(file, path)
     _check_held(path, "outputs", held.outputs, outputs)
     kept_rows, kept_records = (
@@ -471,7 +470,7 @@ def _check_held(path: Path, what: str, held: int, wanted: int) -> None:
 
 
 def _cut(file: Any, kept: Counts) -> None:
-    """Cut off the rows beyond those that are kept; the run has not come to its end any more."""
+    """Cut off the rows beyond those that are kept; the run is no longer marked as finished."""
     group = file["farhorizon"]
     group["history"].attrs.modify("rows", kept.rows)
     group["records"].attrs.modify("rows", kept.records)
@@ -486,7 +485,7 @@ def _cut(file: Any, kept: Counts) -> None:
 
 
 def _cut_recorded(file: Any, path: Path, outputs: int, wanted: Mapping[str, int]) -> None:
-    """Cut off what recorders have recorded after an output, or beyond the rows that are wanted."""
+    """Cut off what recorders recorded after the last kept output, or beyond the requested rows."""
     end = float(file["VTKHDF/Steps/Values"][outputs - 1]) if outputs else -np.inf
     for name, group in file["farhorizon"].get("recorded", {}).items():
         held = int(group.attrs["rows"])

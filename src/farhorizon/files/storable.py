@@ -1,4 +1,4 @@
-"""Classes whose objects files keep as plain data, by the name of the class and the arguments of its constructor."""
+"""Classes whose objects are stored in files as plain data: the class name and the arguments of the constructor."""
 
 from __future__ import annotations
 

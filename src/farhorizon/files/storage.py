@@ -1,18 +1,16 @@
-"""Files that are as they were or as they shall be, wherever a writing process is stopped, and locks on names.
+"""Atomic changes of files, which stay intact wherever a writing process is stopped, and locks on names.
 
 HDF5 writes the pieces of one change (data, sizes, indices) one after the other and in an order of its own, so that a
-process that dies between two
-of them, or a disk that is full, leaves a file that nothing can read. It also cannot let go of a file that it failed
-to write, and ends in a crash.
-So HDF5 does not write our files itself: it is given an object that looks like a file (`Draft`).
+process that dies between two of them, or a disk that is full, leaves a file that nothing can read. It also cannot close
+a file that it failed to write, and crashes in the end. Therefore HDF5 does not write our files itself: it is given an
+object that looks like a file (`Draft`).
 
-- A new file grows under a temporary name beside its own and is renamed when it is whole.
-- Of a change to an existing file, what lies beyond the old end is written at once, for nothing refers to it yet. What
-  replaces old content is
-  kept, written to a journal beside the file when it is complete, and from there into the file; then the journal is
-  removed. A journal that is found
-  belongs to a change that was interrupted, and is finished by the next one; readers see through it.
-- The first error of the operating system, or an interrupt, is kept, what follows is thrown away without a word to
+- A new file grows under a temporary name beside its own and is renamed when it is complete.
+- In a change to an existing file, data beyond the old end are written at once, because nothing refers to them yet. Data
+  that replace old content are kept in memory, written to a journal beside the file when they are complete, and from
+  there into the file; then the journal is removed. A journal that is found belongs to an interrupted change: the next
+  change completes it first, and readers see the file as if it were complete.
+- The first error of the operating system, or an interrupt, is kept; everything after it is discarded without informing
   HDF5, and then the error is raised.
 """
 
@@ -36,31 +34,31 @@ from farhorizon.errors import InputError
 _MARK = b"farhorizon journal 1\n"
 _PIECE = struct.Struct("<QQ")  # sizes of the file before and after the change; offset and length of each piece
 
-_PAUSE = 0.2  # seconds between two looks at a lock that somebody holds
+_PAUSE = 0.2  # seconds between two attempts to acquire a lock
 
 Change = tuple[int, bytes]
 
 
 class Draft(io.RawIOBase):
-    """A file with changes that are not in it yet; what HDF5 writes to, see `h5py.File`.
+    """A file with pending changes, as a file object to which HDF5 writes, see `h5py.File`.
 
     Parameters
     ----------
     path : Path
     writable : bool
     changes : sequence of (offset, bytes)
-        Of an interrupted change that a reader is to see.
+        Pieces of an interrupted change, which a reader is to see.
     size : int, optional
-        Of the file with these changes.
+        Size of the file with these changes.
 
     Attributes
     ----------
     changes : list of (offset, bytes)
-        What replaces content of the file, in the order in which it was written.
+        Pieces that replace content of the file, in the order in which they were written.
     old_size, size : int
-        Of the file, and of the draft.
+        Sizes of the file and of the draft.
     error : BaseException or None
-        The first one that a read or write met; nothing has been written since.
+        The first error in a read or write; nothing has been written since.
     """
 
     def __init__(
@@ -75,25 +73,25 @@ class Draft(io.RawIOBase):
         self._place = 0
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._file.close()
         super().close()
 
     def readable(self) -> bool:
-        """It is."""
+        """Always true."""
         return True
 
     def seekable(self) -> bool:
-        """It is."""
+        """Always true."""
         return True
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Where to read or write next."""
+        """Set the position of the next read or write."""
         self._place = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._place, os.SEEK_END: self.size}[whence]
         return self._place
 
     def tell(self) -> int:
-        """Where the next read or write begins."""
+        """Position of the next read or write."""
         return self._place
 
     def readinto(self, buffer: Any) -> int:
@@ -119,7 +117,7 @@ class Draft(io.RawIOBase):
                 target[first - start : last - start] = data[first - offset : last - offset]
 
     def write(self, data: Any) -> int:
-        """Write what lies beyond the old end, keep the rest."""
+        """Write what lies beyond the old end of the file at once; keep the rest as changes."""
         source = memoryview(data).cast("B")
         if self.error is None:
             with self._keeping_errors():
@@ -139,7 +137,7 @@ class Draft(io.RawIOBase):
 
     @contextmanager
     def _keeping_errors(self) -> Iterator[None]:
-        """Keep the first error, an interrupt too: HDF5 must not see it."""
+        """Keep the first error, also an interrupt, because HDF5 must not see it."""
         try:
             yield
         except BaseException as error:
@@ -148,16 +146,16 @@ class Draft(io.RawIOBase):
             self.error = self.error or error
 
     def truncate(self, size: int | None = None) -> int:
-        """The size that the file shall have; up to here unless given."""
+        """Set the size of the file, by default to the present position."""
         self.size = self._place if size is None else size
         return self.size
 
     def flush(self) -> None:
-        """Nothing waits here that the operating system could have."""
+        """Do nothing, because no data are buffered here."""
 
 
 def _write_all(descriptor: int, data: memoryview, offset: int) -> None:
-    """Write all of it; the operating system may take less at a time."""
+    """Write all data; the operating system may accept only a part at a time."""
     os.lseek(descriptor, offset, os.SEEK_SET)
     while len(data):
         data = data[os.write(descriptor, data) :]
@@ -173,12 +171,12 @@ def _temporary_of(path: Path) -> Path:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary name beside `path`; what stands there at the end takes the place of `path`, and forced to disk.
+    """Yield a temporary name beside `path`; at the end, the file of that name is forced to disk and replaces `path`.
 
     Raises
     ------
     OSError
-        The disk is full, permission is missing: `path` is what it was.
+        The disk is full or permission is missing; `path` is unchanged.
     """
     temporary = _temporary_of(path)
     try:
@@ -193,12 +191,12 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def created(path: Path) -> Iterator[Draft]:
-    """A draft of a new file, which takes the place of `path` at the end.
+    """Yield a draft of a new file, which replaces `path` at the end.
 
     Raises
     ------
     OSError
-        The disk is full, permission is missing: `path` is what it was.
+        The disk is full or permission is missing; `path` is unchanged.
     """
     if _journal_of(path).exists():
         with changing(path):  # a journal must not outlive the file that it belongs to
@@ -212,12 +210,12 @@ def created(path: Path) -> Iterator[Draft]:
 
 @contextmanager
 def changing(path: Path) -> Iterator[Draft]:
-    """A draft of changes to an existing file, which are in it at the end: all of them, or after an error none.
+    """Yield a draft of changes to an existing file; at the end all of them are in the file, or after an error none.
 
     Raises
     ------
     OSError
-        The disk is full, permission is missing: the content of the file is what it was.
+        The disk is full or permission is missing; the content of the file is unchanged.
     """
     found = _read_journal(path)
     if found is not None:
@@ -238,9 +236,7 @@ def changing(path: Path) -> Iterator[Draft]:
 
 @contextmanager
 def read(path: Path) -> Iterator[Draft | None]:
-    """A file with the rest of an interrupted change; None where there is no such change, and the file can be read as it
-    is.
-    """
+    """Yield a file as completed by its journal; None if there is no journal and the file can be read as it is."""
     found = _read_journal(path)
     if found is None:
         yield None
@@ -251,7 +247,7 @@ def read(path: Path) -> Iterator[Draft | None]:
 
 @contextmanager
 def _held(draft: Draft) -> Iterator[Draft]:
-    """Close the draft; its own error explains whatever else went wrong."""
+    """Close the draft at the end; its own error takes precedence, because it explains any other."""
     try:
         yield draft
     except Exception:
@@ -288,8 +284,7 @@ def _apply(path: Path, changes: list[Change], size: int) -> None:
 
 
 def _read_journal(path: Path) -> tuple[list[Change], int] | None:
-    """Changes and size of the file after them; None without a journal, or with one that is damaged or of another
-    file."""
+    """Changes and final size of the file; None without a journal, or if it is damaged or of another file."""
     try:
         raw = _journal_of(path).read_bytes()
         size = os.path.getsize(path)
@@ -312,7 +307,7 @@ def _read_journal(path: Path) -> tuple[list[Change], int] | None:
 
 
 def force_to_disk(path: Path) -> None:
-    """Force a file, or the names in a directory, to disk."""
+    """Force a file, or the entries of a directory, to disk."""
     descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
     try:
         os.fsync(descriptor)
@@ -321,8 +316,8 @@ def force_to_disk(path: Path) -> None:
 
 
 def remove_leftovers(path: Path) -> None:
-    """Remove temporary files that stopped processes left beside a file; the caller holds its lock, so that none is in
-    use.
+    """Remove temporary files that stopped processes left beside a file; the caller must hold its lock, so that none is
+    in use.
     """
     left = re.compile(re.escape(f".{path.name}.") + r"[\d-]+\.tmp")
     for other in path.parent.iterdir():
@@ -332,17 +327,17 @@ def remove_leftovers(path: Path) -> None:
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Hold a lock on a name while the block runs; it ends with the process, however that ends.
+    """Hold a lock on a name while the block runs; it is released when the process ends, in whatever way.
 
     Parameters
     ----------
     path : Path
-        A file that is made, locked and removed; nobody else is to use it.
+        A file that is created, locked and removed; it must not be used for anything else.
 
     Raises
     ------
     InputError
-        Another process holds it.
+        Another process holds the lock.
     """
     while True:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
@@ -353,7 +348,7 @@ def locked(path: Path) -> Iterator[None]:
         except BaseException:
             os.close(descriptor)
             raise
-        os.close(descriptor)  # its holder removed the name after we had opened it: it locks nothing any more
+        os.close(descriptor)  # its holder removed the name after we had opened it, so it no longer locks anything
     try:
         yield
     finally:
@@ -364,7 +359,7 @@ def locked(path: Path) -> Iterator[None]:
 
 @contextmanager
 def awaited(path: Path) -> Iterator[None]:
-    """Hold a lock on a name, as `locked`, as soon as nobody else does."""
+    """Hold a lock on a name, as `locked`, waiting until nobody else holds it."""
     with ExitStack() as held:
         while True:
             with suppress(InputError):
@@ -375,7 +370,7 @@ def awaited(path: Path) -> Iterator[None]:
 
 
 def _lock(descriptor: int, path: Path) -> None:
-    """Lock a file, where the operating system and the file system can."""
+    """Lock a file, where the operating system and the file system support it."""
     try:
         if os.name == "nt":
             import msvcrt

@@ -1,4 +1,4 @@
-"""Surfaces of triangles from files: STL, OBJ and PLY."""
+"""Triangulated surfaces from files: STL, OBJ and PLY."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ _PLY_TYPES = {
 
 
 def read_triangles(path: Path) -> np.ndarray:
-    """The triangles of a surface; faces with more corners are cut into fans of them.
+    """The triangles of a surface; faces with more corners are divided into fans of triangles.
 
     Parameters
     ----------
     path : Path
-        STL (text or binary), OBJ or PLY (text or binary), told by the ending of the name.
+        STL (text or binary), OBJ or PLY (text or binary), as the file name extension says.
 
     Returns
     -------
     ndarray, shape (n, 3, 3)
-        Corners of each.
+        Corners of each triangle.
 
     Raises
     ------
     InputError
-        An unknown ending, or a file that cannot be read.
+        An unknown extension, or a file that cannot be read.
     FileFormatError
-        A damaged file, or one with what is not understood.
+        A file that is damaged or has content that is not understood.
     """
     readers = {".stl": _stl, ".obj": _obj, ".ply": _ply}
     if path.suffix.lower() not in readers:
@@ -74,7 +74,7 @@ def _stl(content: bytes) -> np.ndarray:
 def _obj(content: bytes) -> np.ndarray:
     words = [line.split() for line in content.decode().splitlines()]
     points = np.array([line[1:4] for line in words if line[:1] == ["v"]], float)
-    # corner/texture/normal, counted from one, or from the end where negative
+    # corner/texture/normal, counted from one, or from the end if negative
     faces = [[int(corner.split("/")[0]) for corner in line[1:]] for line in words if line[:1] == ["f"]]
     return _fans(points, [[i - 1 if i > 0 else len(points) + i for i in face] for face in faces])
 

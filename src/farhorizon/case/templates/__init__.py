@@ -8,10 +8,10 @@ KINDS = ("wave", "elastic", "fracture", "diffusion", "heat", "corrosion", "exact
 
 
 def template(kind: str) -> str:
-    """The text of one of `KINDS`."""
+    """Text of the commented case of a kind, one of `KINDS`."""
     return files(__name__).joinpath(f"{kind}.toml").read_text(encoding="utf-8")
 
 
 def brief(kind: str) -> str:
-    """What it is about: the first line of its comment."""
+    """What the case of a kind is about: the first line of its comments."""
     return template(kind).partition("\n")[0].removeprefix("# ")
