@@ -100,10 +100,16 @@ FILES = {
 }
 
 
+@pytest.mark.parametrize("line_end", [b"\n", b"\r\n"])
 @pytest.mark.parametrize("name", FILES)
-def test_files_hold_what_was_written(tmp_path, name):
+def test_files_hold_what_was_written(tmp_path, name, line_end):
     corners, faces = cube()
-    (tmp_path / name).write_bytes(FILES[name](corners, faces))
+    head, end, body = FILES[name](corners, faces).partition(b"end_header\n")  # line ends of text only
+    if name in ("text.stl", "cube.obj", "text.ply"):
+        body = body.replace(b"\n", line_end)
+    if name != "binary.STL":
+        head, end = head.replace(b"\n", line_end), end.replace(b"\n", line_end)
+    (tmp_path / name).write_bytes(head + end + body)
     mesh = fh.Mesh(tmp_path / name)
     want = {frozenset(map(tuple, corners[face])) for face in faces}
     assert {frozenset(map(tuple, triangle)) for triangle in mesh.triangles} == want
@@ -116,6 +122,13 @@ def test_damaged_files_are_refused(tmp_path, name):
         (tmp_path / name).write_bytes(damaged)
         with pytest.raises(fh.InputError, match=r"damaged|no triangles|not closed"):
             fh.Mesh(tmp_path / name)
+
+
+@pytest.mark.parametrize("without", [b"format ascii 1.0\n", b"ply\n", b"element face 6\n", b"end_header\n"])
+def test_a_header_that_lacks_a_line_is_refused(tmp_path, without):
+    (tmp_path / "part.ply").write_bytes(FILES["text.ply"](*cube()).replace(without, b""))
+    with pytest.raises(fh.FileFormatError, match="damaged"):
+        fh.Mesh(tmp_path / "part.ply")
 
 
 def test_refusals(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Sequence
 from itertools import pairwise
@@ -80,11 +81,11 @@ def _obj(content: bytes) -> np.ndarray:
 
 
 def _ply(content: bytes) -> np.ndarray:
-    head, _, body = content.partition(b"end_header\n")
+    head, body = re.split(rb"end_header\r?\n", content, maxsplit=1)
     lines = [line.split() for line in head.decode("ascii").splitlines()]
     if lines[0] != ["ply"]:
         raise ValueError
-    kind = next(line[1] for line in lines if line[0] == "format")
+    (kind,) = (line[1] for line in lines if line[0] == "format")
     counts = {line[1]: int(line[2]) for line in lines if line[0] == "element"}
     if list(counts)[:2] != ["vertex", "face"]:
         raise ValueError
