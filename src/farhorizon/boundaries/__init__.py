@@ -1,4 +1,4 @@
-"""What lies beyond each side of the near field, one file each."""
+"""Conditions on the sides of the near field, one file each."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ __all__ = [
 
 
 def sides(boundary: Any | Mapping[str, Any], dim: int) -> dict[tuple[int, int], Any]:
-    """One boundary for each (axis, side), side = -1 or +1.
+    """Return one boundary for each (axis, side), side = -1 or +1.
 
     Parameters
     ----------
@@ -97,7 +97,9 @@ def sides(boundary: Any | Mapping[str, Any], dim: int) -> dict[tuple[int, int], 
 
 
 def _check_derivatives(found: Mapping[tuple[int, int], Any]) -> None:
-    """Layers that stretch shifts and layers that stretch derivatives do not share a corner."""
+    """Refuse layers that stretch shifts and layers that stretch derivatives in the same set-up: they cannot share a
+    corner.
+    """
     for one in found.values():
         others = [b for b in found.values() if b.stretched]
         if one.derivatives and others:
@@ -110,7 +112,7 @@ def _check_derivatives(found: Mapping[tuple[int, int], Any]) -> None:
 
 
 def _check_closing(found: Mapping[tuple[int, int], Any]) -> None:
-    """Conditions along an outline stand beside fixed, free and periodic sides, which the halo can go by."""
+    """Refuse conditions along an outline beside layers: the halo can adapt only to fixed, free and periodic sides."""
     closing = [b for b in found.values() if b.closing]
     others = {type(b).__name__ for b in found.values() if b.endless and not b.closing}
     if closing and others:

@@ -48,17 +48,19 @@ class Auto(Side):
         kinds.settle(self, target=self.as_domain(None).target, until=self.as_domain(None).until)
 
     def wanted(self, default: float) -> float:
-        """The target if one is given, otherwise that of the model."""
+        """Return the target if one is given, otherwise that of the model."""
         return default if self.target is None else self.target
 
     def as_layer(self, until: float | None, default: float) -> LatticePML:
-        """A layer for a run of the given length or that specified for the side, whichever is longer, that meets the
-        target or that of the model.
+        """Return a layer for a run of the given length or that specified for the side, whichever is longer, that meets
+        the target or that of the model.
         """
         return LatticePML(target=self.wanted(default), until=self._longer(until))
 
     def as_domain(self, until: float | None) -> Extended:
-        """An extended domain for a run of the given length or that specified for the side, whichever is longer."""
+        """Return an extended domain for a run of the given length or that specified for the side, whichever is
+        longer.
+        """
         return Extended(self.target, until=self._longer(until))
 
     def _longer(self, until: float | None) -> float | None:

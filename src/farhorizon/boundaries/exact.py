@@ -1,8 +1,8 @@
-"""The exact boundary in one dimension: the half-infinite chain beyond an end, fully discrete in time.
+"""Exact boundary in one dimension: the half-infinite chain beyond an end, fully discrete in time.
 
-The chain takes the same steps as the near field, so that nothing is left over: see `farhorizon.analysis.exact.chain`.
-What it does to the K nodes next to it (K the reach of the stencil) depends on their whole past; a sum of exponentials
-makes the cost of a step the same at all times.
+The chain takes the same steps as the near field, so that no error remains, see `farhorizon.analysis.exact.chain`. Its
+force on the K nodes next to it (K being the reach of the stencil) depends on their entire past; a sum of exponentials
+keeps the cost of a step constant.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from farhorizon.files.cache import cache_folder, keep, kept
 from farhorizon.machine import available_memory
 
 BLOCK = 64  # steps of a convolution between two returns to Python
-_AIM = 0.25  # a sum is sought to this share of its tolerance: the field adds up the errors of the force
-_SHORTEST = 1024  # steps that a kernel is made for, at least
-_SLOW = 1e6  # steps times reach squared from which on making a kernel takes seconds, and is announced
+_AIM = 0.25  # a sum is computed to this fraction of its tolerance: the field accumulates the errors of the force
+_SHORTEST = 1024  # smallest number of steps for which a kernel is made
+_SLOW = 1e6  # number of steps times reach squared from which making a kernel takes seconds and is announced
 
 
 @dataclass(frozen=True)
@@ -81,21 +81,22 @@ class Exact(Side):
         )
 
     def wanted(self, default: float) -> float:
-        """Fraction of the largest value that may be neglected beyond the end."""
+        """Return the fraction of the largest value that may be neglected beyond the end."""
         return 1e-15 if self.compress is None else self.compress
 
 
 def _steps_of_kernel(steps: int) -> int:
-    """Steps that a kernel for `steps` steps is made for: powers of the root of two, so that it serves other runs,
-    too."""
+    """Number of steps for which to make a kernel that must cover `steps`: powers of the square root of two, so that it
+    can serve other runs.
+    """
     return max(_SHORTEST, int(np.ceil(2 ** (np.ceil(2 * np.log2(max(steps, 1))) / 2))))
 
 
-@lru_cache(maxsize=1)  # for the other end, and where no sum meets the tolerance; `ExactEnds.cover` lets go of it
+@lru_cache(maxsize=1)  # for the other end, and where no sum meets the tolerance; cleared by `ExactEnds.cover`
 def _make_kernel(weights: tuple[float, ...], recursion: Recursion, steps: int) -> np.ndarray:
-    """Force kernel of the chain, shape (steps + 1, K, K)."""
+    """Compute the force kernel of the chain, shape (steps + 1, K, K)."""
     a = np.array(weights)
-    need = 6 * 8.0 * (steps + 1) * a.size**2  # F, M, and what transforms and convolutions hold beside them
+    need = 6 * 8.0 * (steps + 1) * a.size**2  # F, M, and memory for transforms and convolutions
     if need > available_memory():
         raise InputError(
             "the kernel of so many steps does not fit into memory",
@@ -118,7 +119,7 @@ def _cache_file(weights: np.ndarray, recursion: Recursion, steps: int, tolerance
 
 @lru_cache(maxsize=16)
 def _compressed(weights: tuple[float, ...], recursion: Recursion, steps: int, tolerance: float) -> ExponentialSum:
-    """The kernel as a sum of exponentials, from the cache folder if it was made before."""
+    """Return the kernel as a sum of exponentials, from the cache folder if it is there."""
     a = np.array(weights)
     path = _cache_file(a, recursion, steps, tolerance)
     found = kept(path)
@@ -132,14 +133,15 @@ def _compressed(weights: tuple[float, ...], recursion: Recursion, steps: int, to
 
 
 class ExactEnds:
-    """The exact ends of one run: their sums and kernels, made when the run needs them and again when it outlives them.
+    """Exact ends of one run: their sums and kernels, which are made when the run needs them, and again if it outlives
+    them.
 
     Parameters
     ----------
     engine : Engine
-        Its ends are set.
+        Engine whose ends are set.
     names : sequence of str
-        "x-" or "x+".
+        "x-" or "x+" for each end.
     boundaries : sequence of Exact
     weights : sequence of ndarray, shape (K,)
         Bonds beyond each end.
@@ -176,19 +178,19 @@ class ExactEnds:
 
     @property
     def convolved(self) -> bool:
-        """Whether the past is kept whole at every end."""
+        """Whether the entire past is stored at every end."""
         return all(
             b.compress is None or (self.steps > 0 and s is None)
             for b, s in zip(self.boundaries, self.sums, strict=True)
         )
 
     def cover(self, last: int) -> None:
-        """Make the ends good for `last` steps; a run under way goes on from its drivers' history.
+        """Extend the ends to `last` steps; a run under way continues from the history of its drivers.
 
         Raises
         ------
         InputError
-            A kernel that does not fit into memory.
+            If a kernel does not fit into memory.
         """
         if last <= self.steps:
             return
@@ -198,7 +200,7 @@ class ExactEnds:
         _make_kernel.cache_clear()
 
     def _sum_of(self, end: int, steps: int) -> ExponentialSum | None:
-        """The sum of an end, or None if it is to be convolved: because it is wanted, or because no sum meets the
+        """Return the sum of an end, or None if its past is to be convolved: as requested, or because no sum meets the
         tolerance.
         """
         tolerance = self.boundaries[end].compress
@@ -208,8 +210,8 @@ class ExactEnds:
         return found if found.error <= tolerance else None
 
     def _take(self, sums: list[ExponentialSum | None], steps: int, history: np.ndarray | None = None) -> None:
-        """Go on with these sums, and with convolutions where there is none, from a history (ends, n, K), the engine's
-        own unless given.
+        """Continue with these sums, and with convolutions where there is none, from a history (ends, n, K), by default
+        the engine's own.
         """
         engine = self.engine
         history, forces = engine.ends.history[:, : self.step] if history is None else history, engine.ends.forces
@@ -236,7 +238,7 @@ class ExactEnds:
                 )
 
     def _convolution(self, end: int, kernel: np.ndarray) -> BlockConvolution:
-        """A convolution that has seen the history but for the current block, which the engine holds."""
+        """Return a convolution that has processed the history except for the current block, which the engine holds."""
         made = BlockConvolution(kernel, BLOCK)
         for start in range(0, self.step - BLOCK + 1, BLOCK):
             made.samples[:] = self.engine.ends.history[end, start : start + BLOCK]
@@ -246,7 +248,7 @@ class ExactEnds:
         return made
 
     def allow(self, wanted: int) -> int:
-        """Prepare the next steps; returns how many of the `wanted` ones may be run at once."""
+        """Prepare the next steps; return how many of the `wanted` ones may be run at once."""
         self.cover(self.step + wanted)
         if not self.engine.ends.heads.shape[1]:
             return wanted
@@ -260,7 +262,7 @@ class ExactEnds:
         return min(wanted, BLOCK - place)
 
     def describe(self, end: int, dt: float) -> str:
-        """What serves an end, for the report."""
+        """Describe the representation of an end, for the report."""
         tolerance, found = self.boundaries[end].compress, self.sums[end]
         until = f"to step {self.steps} (t = {self.steps * dt:.4g}), then recomputed"
         if not self.steps:
@@ -270,7 +272,7 @@ class ExactEnds:
         return f"past convolved, exact to rounding, {until}"
 
     def notes(self) -> list[str]:
-        """Where no sum meets the tolerance."""
+        """Return notes about ends where no sum meets the tolerance."""
         missed = [
             (name, b.compress)
             for name, b, s in zip(self.names, self.boundaries, self.sums, strict=True)
@@ -299,8 +301,8 @@ class ExactEnds:
         return out
 
     def fill(self, level: np.ndarray, older: np.ndarray) -> None:
-        """Values of the chains' first nodes, from their forces, in the halos of the present level and of the one
-        before.
+        """Compute the values of the chains' first nodes from their forces, in the halos of the present level and of the
+        one before.
         """
         reach = self.nodes.shape[1]
         for values, forces in ((level, self.forces()), (older, self.engine.ends.forces[:, :reach])):
@@ -311,7 +313,7 @@ class ExactEnds:
     # --- state -------------------------------------------------------------------------------------------------
 
     def save(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Arrays and numbers of a checkpoint."""
+        """Return the arrays and numbers of a checkpoint."""
         arrays = {
             "exact_history": self.engine.ends.history[:, : self.step],
             "exact_states": self.engine.ends.states,
@@ -324,7 +326,7 @@ class ExactEnds:
         return arrays, meta
 
     def load(self, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
-        """The state that `save` gave."""
+        """Restore the state returned by `save`."""
         steps = int(meta["steps"])
         sums: list[ExponentialSum | None] = []
         for end, error in enumerate(meta["errors"]):

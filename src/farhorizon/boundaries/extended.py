@@ -1,5 +1,5 @@
-"""The extended domain: more of the same medium, with a fixed end so far out that nothing comes back before the end of
-the run.
+"""Extended domain: more of the same medium, with a fixed end so far away that nothing returns before the end of the
+run.
 """
 
 from __future__ import annotations
@@ -67,9 +67,9 @@ class Extended(Side):
         return self.nodes is None
 
     def width(self, reach: int, spacing: float) -> int:
-        """The number of nodes, if it is given."""
+        """Return the number of nodes, if it is given."""
         return self.nodes or 0
 
     def wanted(self, default: float) -> float:
-        """The target if one is given, otherwise that of the model."""
+        """Return the target if one is given, otherwise that of the model."""
         return default if self.target is None else self.target

@@ -1,9 +1,9 @@
-"""The conventional first-order condition, u_t + c u_n + d u = 0, on the outermost nodes.
+"""Conventional first-order condition, u_t + c u_n + d u = 0, on the outermost nodes.
 
 Appendix A of Hermann, Shojaei, Seleson, Cyron and Silling (2023), eq A13, as the boundary term of linear finite
-elements with lumped masses: the elements of an outermost node lie inside only, which doubles the bonds inwards, and its
-damping and stiffness gain d + c/spacing and 2 c d/spacing for each side that it lies on. Both are positive, so the
-condition never grows.
+elements with lumped masses: an outermost node has elements on the inside only, which doubles its bonds inwards, and its
+damping and stiffness increase by d + c/spacing and 2 c d/spacing for each side that it lies on. Both are positive, so
+the condition never causes growth.
 """
 
 from __future__ import annotations
@@ -35,22 +35,23 @@ class FirstOrder(Closing):
     passive: ClassVar[bool] = True
 
     def wanted(self, default: float) -> float:
-        """Fraction of the largest value that may be neglected beyond the side: much less than the error of the
-        condition itself.
+        """Return the fraction of the largest value that may be neglected beyond the side: much less than the error of
+        the condition itself.
         """
         return 1e-6
 
     def depth(self, medium: Medium, spacing: float, extent: float) -> float:
-        """Distance to which nodes are read inwards."""
+        """Return the distance to which nodes are read inwards."""
         return spacing * float(np.sqrt(medium.offsets.shape[1]))
 
     def update(self, fringe: OutlineNodes, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
-        """Rows for the halo nodes (locations in the fringe) over the new level and those before, shape (H, 3 S).
+        """Return the rows for the halo nodes (positions in the fringe) over the new level and earlier ones, shape (H, 3
+        S).
 
         Raises
         ------
         InputError
-            Diffusion, a stencil that reaches further than one node, a curved outline.
+            For diffusion, a stencil that reaches further than one node, or a curved outline.
         """
         if medium.order != 2:
             raise InputError(
@@ -88,7 +89,7 @@ class FirstOrder(Closing):
         for offset, weight in zip(offsets, medium.weights, strict=True):
             folded = np.where(faces * offset > 0, -offset, offset)
             there, bond = fringe.at(fringe.index[halo] + folded), fringe.bonded(fringe.index[halo] + folded)
-            known = there >= 0  # others are held at zero
+            known = there >= 0  # other nodes are held at zero
             rows += [own[known], own[bond]]
             columns += [size + there[known], size + halo[bond]]
             data += [weight * scale[known], -weight * scale[bond]]

@@ -1,8 +1,8 @@
 """Higdon's conditions: a product of one-way wave operators along a grid axis.
 
-R. L. Higdon (1986), Math. Comp. 47: ``prod_j (cos a_j d_t + c d_n + eps) u = 0`` lets plane waves at the angles a_j
-pass. The box scheme over one spacing and one step gives each halo node from nodes further in at the new step and
-before.
+R. L. Higdon (1986), Math. Comp. 47: ``prod_j (cos a_j d_t + c d_n + eps) u = 0`` transmits plane waves at the angles
+a_j. The box scheme over one spacing and one step yields each halo node from nodes further in, at the new step and at
+earlier ones.
 """
 
 from __future__ import annotations
@@ -67,18 +67,18 @@ class Higdon(Closing):
             )
 
     def wanted(self, default: float) -> float:
-        """Fraction of the largest value that may be neglected beyond the outline: much less than the error of the
-        condition itself.
+        """Return the fraction of the largest value that may be neglected beyond the outline: much less than the error
+        of the condition itself.
         """
         return 1e-6
 
     def depth(self, medium: Medium, spacing: float, extent: float) -> float:
-        """Distance to which nodes are read inwards."""
+        """Return the distance to which nodes are read inwards."""
         return len(self.angles) * spacing
 
     def stencil(self, speed: float, spacing: float, dt: float, shift: float) -> np.ndarray:
-        """Weights of earlier steps (rows) and of nodes further inwards (columns), shape (J + 1, J + 1); that of the
-        node itself at the new step is 0.
+        """Return the weights of earlier steps (rows) and of nodes further inwards (columns), shape (J + 1, J + 1); that
+        of the node itself at the new step is 0.
         """
         factors = []
         for angle in self.angles:
@@ -98,12 +98,13 @@ class Higdon(Closing):
         return weights
 
     def update(self, fringe: OutlineNodes, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
-        """Rows for the halo nodes (locations in the fringe) over the new level and those before, shape (H, (J + 2) S).
+        """Return the rows for the halo nodes (positions in the fringe) over the new level and earlier ones, shape (H,
+        (J + 2) S).
 
         Raises
         ------
         InputError
-            Diffusion; an outline whose normal changes within the range of the nodes that are read.
+            For diffusion, or an outline whose normal changes within the range of the nodes that are read.
         """
         if medium.order != 2:
             raise InputError(

@@ -29,23 +29,25 @@ from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.medium.stencil import Stencil
 
-# largest sigma beside backward waves, over twice the largest frequency of the stencil: measured, reach 6 is stable at
-# it
+# largest sigma in layers with backward waves, over twice the largest frequency of the stencil; measured: with it a
+# reach of 6 is stable
 _CREST = 1.26
-# logarithm of what a mode may gain in a layer that damps strong backward waves: measured, reach 10 and 12 grow at 7
+# largest logarithm of the gain of a mode in a layer that damps strong backward waves; measured: reach 10 and 12 grow at
+# 7
 _GAIN = 6.2
-_GAIN_ALONE = 7.5  # in a layer without or with weak damping: measured, reach 8 to 12 grow from 8.3 on
-# of layers of vectors: logarithm of a mode's gain times the growth of backward waves over sigma; measured, 0.18 grows
+_GAIN_ALONE = 7.5  # the same in a layer without damping or with weak damping; measured: reach 8 to 12 grow from 8.3 on
+# for layers of vector fields: logarithm of a mode's gain times the growth of backward waves over sigma; measured: 0.18
+# grows
 _FEEDBACK = 0.15
-_FEEDBACK_SHIFTED = 0.3  # where alpha rises towards the outer end: measured, 0.38 grows at 0.95 of the step limit
-_SHIFTS = (0.3, 0.5, 0.8, 1.2, 1.8, 2.5, 3.5, 5.0)  # of alpha, see `Profile`
-_STEEPEST = 60  # power of a ramp: all in the last column
-_LEAST = 1.95  # sum of sigma over the edges: a long wave comes back with 2 percent
+_FEEDBACK_SHIFTED = 0.3  # the same if alpha rises towards the outer end; measured: 0.38 grows at 0.95 of the step limit
+_SHIFTS = (0.3, 0.5, 0.8, 1.2, 1.8, 2.5, 3.5, 5.0)  # shifts of alpha that are tried, see `Profile`
+_STEEPEST = 60  # largest power of a ramp: almost all of sigma is then in the last column
+_LEAST = 1.95  # smallest sum of sigma over the edges, with which 2 percent of a long wave return
 
 BY_TARGET = "target=...: the layer follows from the desired error, the data and the length of the run"
-_MOST_NODES = 1000  # of a layer: what predicts its echo is dense algebra of that size
+_MOST_NODES = 1000  # in a layer: its echo is predicted by dense algebra of that size
 
-# nodes where nothing is known: for diffusion, for waves, beside strong backward waves
+# default numbers of nodes: for diffusion, for waves, and with strong backward waves
 _DIFFUSIVE, _THIN, _STRONG = 12, 12, 16
 
 
@@ -142,21 +144,22 @@ class LatticePML(Side):
 
     @property
     def whole(self) -> bool:
-        """Whether its profile is a complete `Layer`."""
+        """Whether the profile is a complete `Layer`."""
         return isinstance(self.profile, Layer)
 
     def wanted(self, default: float) -> float:
-        """The target if one is given, otherwise that of the model."""
+        """Return the target if one is given, otherwise that of the model."""
         return default if self.target is None else self.target
 
     def undamped(self) -> LatticePML:
-        """The same layer without its filter of short waves, if the profile is a complete `Layer`."""
+        """Return the same layer without its filter of short waves, if the profile is a complete `Layer`."""
         if not isinstance(self.profile, Layer) or not self.profile.filtered:
             return self
         return replace(self, profile=replace(self.profile, damping=np.zeros(0)))
 
     def make_layer(self, order: int, stencil: Stencil, coefficient: float, spacing: float, half_width: float) -> Layer:
-        """The layer of one side for a given number of nodes, or with a default number for unknown data and run length.
+        """Return the layer of one side for a given number of nodes, or with a default number for unknown data and run
+        length.
 
         Parameters
         ----------
@@ -203,27 +206,28 @@ class LatticePML(Side):
 
 
 def _wave_nodes(reach: int, damped: HighPass | None) -> int:
-    """Thickness for waves of which nothing is known: 12 nodes keep 1e-8 in short runs in 2D; where strong backward
-    waves are damped 16 keep 1e-6.
+    """Number of nodes for waves if neither data nor run length are known: 12 keep the error at 1e-8 in short runs in
+    2D; where strong backward waves are damped, 16 keep it at 1e-6.
     """
     least, wide = (_THIN, 3) if weak(damped) else (_STRONG, 4)
     return max(least, wide * reach if reach > 3 else 0)
 
 
 def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Profile:
-    """Member of the family for waves of all angles.
+    """Member of the family of profiles for waves of all angles.
 
     In two and three dimensions the waves that come back are those along the side, near cut-off: sigma/s turns their
-    decay by a right angle into none, sigma/(s + alpha) turns it by less. An alpha that rises towards the outer end
-    alone leaves the long waves to the columns before it. A strong entrance makes stencils grow, the wider the more:
-    beyond a reach of 3 nodes they have a higher power of the ramp. Where short waves are damped as strongly as backward
-    waves may take, sigma follows the smooth ramp of the damping; wide kernels take a weaker and shorter one.
+    decay by a right angle, so that none remains, and sigma/(s + alpha) turns it by less. An alpha that rises only
+    towards the outer end leaves the long waves to the columns before it. A strong entrance makes stencils grow, wide
+    ones more than others: beyond a reach of 3 nodes a higher power of the ramp is used. Where short waves are damped as
+    strongly as backward waves require, sigma follows the smooth ramp of the damping; wide kernels have a weaker and
+    shorter one.
     """
     reach, dim = stencil.reach[0], stencil.dim
     if damped is not None and damped.whole:
         return Profile(0.3, 1.0, 4, smooth=True) if damped.still else Profile(0.6, 1.0, 5, smooth=True)
     if not weak(damped):
-        # shear waves are slower and feel more; between thin layers long waves along them would grow without alpha
+        # shear waves are slower and affected more; between thin layers long waves along them would grow without alpha
         if stencil.components > 1:
             thick = Profile(0.6, 1.0, 5, smooth=reach < 5)
             return _drained(
@@ -233,31 +237,31 @@ def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Prof
             )
         if reach < 5:
             return _bounded(Profile(1.0, 1.0, 5, smooth=True), nodes, stencil)
-        if dim > 1:  # nearly as strong as `_bounded` lets them be
+        if dim > 1:  # nearly as strong as `_bounded` allows
             return _bounded(Profile(0.8 if reach < 6 else 0.7, 1.0, 4), nodes, stencil)
-        # elsewhere the smooth ramp is too steep, and grows
+        # otherwise the smooth ramp is too steep, and waves grow
         return _bounded(Profile(0.7, 1.0, 5, smooth=reach < 7 and nodes < 40), nodes, stencil)
     if reach > 3:
         profile = Profile(0.5 if reach > 7 and stencil.components > 1 else 1.0, 1.0, 2 if reach < 6 else 3)
-        # the gain is known of scalars
+        # the gain is known for scalar fields only
         return profile if stencil.components > 1 else _shortened(profile, nodes, stencil, _GAIN_ALONE)
     if dim == 1:
         return Profile(1.5, 1.0, 1)
     thin = 12 / nodes
     strength = 1.0 if dim == 3 and reach > 1 else 2.6 * thin**0.85 if reach < 3 else 1.9 * thin**0.6
-    # edges of three layers hold slow waves that alpha alone drives out
+    # where three layers meet there are slow waves that only alpha drives out
     return Profile(strength, 1.0, 1, 0.7 if dim == 2 else 1.5)
 
 
 def _bounded(profile: Profile, nodes: int, stencil: Stencil) -> Profile:
-    """The profile, or a gentler one where what is known of waves to first order in sigma over their frequency would not
-    hold.
+    """Return the profile, or a gentler one if its sigma is too large, relative to the frequencies of the waves, for the
+    theory of first order to hold.
 
-    A wide kernel's waves are slow: its largest frequency is about that of a wave as long as the horizon. Where waves
-    run backward, sigma stays below a multiple of that frequency, and then twice the rate of first order damps them. And
-    the ramp is so short that no mode that dies out in the medium gains more on its way through the layer than what
-    comes back from the outer end loses again. What would absorb next to nothing is no layer: then the profile stays,
-    and its certificate tells.
+    The waves of a wide kernel are slow: its largest frequency is about that of a wave as long as the horizon. If there
+    are backward waves, sigma stays below a multiple of that frequency, and twice the rate of first order then damps
+    them. Moreover, the ramp is so short that no mode that decays in the medium gains more on its way through the layer
+    than what returns from the outer end loses again. A profile that would absorb next to nothing is not used: then the
+    given one is kept, and its stability is left to the certificate.
     """
     most, gentle = _CREST * float(np.sqrt(stencil.symbol_maximum)), profile
     if profile.strength > most and stencil.backward_waves():
@@ -267,13 +271,13 @@ def _bounded(profile: Profile, nodes: int, stencil: Stencil) -> Profile:
 
 
 def _drained(profile: Profile, nodes: int, stencil: Stencil) -> Profile:
-    """The profile of a layer of vectors, or one whose alpha rises towards the outer end until modes no longer keep
-    themselves alive in the layer.
+    """Return the profile for a vector field, or one whose alpha rises towards the outer end until modes no longer
+    sustain themselves in the layer.
 
-    What dies out in the medium gains in the layer and meets backward waves at the end of it; the more these grow, the
-    less of that gain is stable. The product of both ordered all materials and thicknesses that were run from noise
-    (exponents 0 and 1, reach 3 to 8, 16 to 32 nodes). A larger alpha takes the gain and costs absorption, so it is the
-    least of a few. Stencils with a reach below 4 stay below the bound by themselves.
+    Modes that decay in the medium gain in the layer and meet backward waves at its end; the faster these grow, the less
+    of that gain is stable. The product of both ordered all materials and thicknesses that were run from noise
+    (exponents 0 and 1, reach 3 to 8, 16 to 32 nodes). A larger alpha reduces the gain at the cost of absorption, so the
+    smallest of a few is chosen. Stencils with a reach below 4 are below the bound without it.
     """
     growth = stencil.backward_waves().growth
 
@@ -287,14 +291,16 @@ def _drained(profile: Profile, nodes: int, stencil: Stencil) -> Profile:
 
 
 def _shortened(profile: Profile, nodes: int, stencil: Stencil, most: float) -> Profile:
-    """The profile, or one of a higher power of the ramp, with which no mode gains more than exp(most)."""
+    """Return the profile, or one with a higher power of the ramp, such that no mode gains more than exp(most)."""
     while largest_gain(stencil, *profile.edges(nodes, 1.0, 1.0)) > most and profile.power < _STEEPEST:
         profile = replace(profile, power=profile.power + 1, smooth=False)
     return profile
 
 
 def _diffusion_layer(nodes: int, spacing: float, half_width: float) -> Layer:
-    """Stretch kappa = 1/tau at Zolotarev points tau between the slowest and the steepest decay of the far field."""
+    """Return the layer with the stretch kappa = 1/tau at Zolotarev points tau between the slowest and the steepest
+    decay of the far field.
+    """
     low = 0.3 * spacing / half_width
     high = min(1.0, 0.02 * nodes**2 * spacing / half_width)
     low = min(low, 0.5 * high)

@@ -1,4 +1,4 @@
-"""The side behind which another process computes on."""
+"""Side beyond which another process computes."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from farhorizon.boundaries.side import Side
 
 
 class Neighbour(Side, offered=False):
-    """Another process has what lies beyond the side: it fills the halo there (`farhorizon.engine.exchange`).
+    """Side beyond which the nodes belong to another process, which fills the halo there (`farhorizon.engine.exchange`).
 
-    Nobody chooses it: it stands where a run is cut into parts.
+    Users do not choose it: it is placed where a run is divided into parts.
     """
 
     passive = shared = True

@@ -1,10 +1,11 @@
-"""The published perfectly matched layer for state-based peridynamics (Wildman and Gazonas 2012).
+"""Published perfectly matched layer for state-based peridynamics (Wildman and Gazonas 2012).
 
-In the layer a derivative along its normal is divided by the stretch ``1 + phi/s`` (eq. 2-22), phi growing outwards. The
-derivatives are those of correspondence elasticity: the deformation gradient and the divergence of the stress (eqs 2-24
-and 2-26). A factor on a whole derivative is exact for one phi, but neighbours with another phi reflect: what comes back
-falls with the smoothness of the ramp, not with the thickness alone. Each stretched derivative has one memory; the
-split fields and two-level update of eqs 2-30 and 2-31, which is forward Euler, are in `farhorizon.papers.wildman2012`.
+In the layer a derivative along its normal is divided by the stretch ``1 + phi/s`` (eq. 2-22), where phi grows outwards.
+The derivatives are those of correspondence elasticity: the deformation gradient and the divergence of the stress (eqs
+2-24 and 2-26). A factor on a whole derivative is exact for a uniform phi, but neighbours with a different phi reflect:
+the reflection decreases with the smoothness of the ramp, not with the thickness alone. Each stretched derivative has
+one memory variable; the split fields and two-level update of eqs 2-30 and 2-31, which is forward Euler, are in
+`farhorizon.papers.wildman2012`.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from farhorizon import kinds
 from farhorizon.boundaries.side import Side
 
 RAMPS = {"quadratic": 2, "cubic": 3}
-_FOOT = 1e-6  # of the Gaussian ramp, relative to its top: "the minimum value in the Gaussian region is 10^-6"
+_FOOT = 1e-6  # foot of the Gaussian ramp relative to its maximum: "the minimum value in the Gaussian region is 10^-6"
 
 
 @dataclass(frozen=True)
@@ -87,15 +88,15 @@ class NonlocalPML(Side):
         )
 
     def wanted(self, default: float) -> float:
-        """Fraction of the largest value that may be neglected beyond the layer."""
+        """Return the fraction of the largest value that may be neglected beyond the layer."""
         return default
 
     def width(self, reach: int, spacing: float) -> int:
-        """Number of its nodes."""
+        """Return the number of nodes of the layer."""
         return self.nodes
 
     def shape(self, depth: np.ndarray) -> np.ndarray:
-        """phi relative to its largest value at depths from 0 (entrance) to 1 (outer end)."""
+        """Return phi relative to its largest value at depths from 0 (entrance) to 1 (outer end)."""
         depth = np.asarray(depth, float)
         if self.ramp in RAMPS:
             return depth ** RAMPS[self.ramp]
@@ -103,12 +104,12 @@ class NonlocalPML(Side):
         return np.exp(np.log(_FOOT) * np.maximum(0.0, 1 - depth / rise) ** 2)
 
     def stretches(self, spacing: float, speed: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """phi along the normal and along the side at the nodes of the layer, and alpha."""
+        """Return phi along the normal and along the side at the nodes of the layer, and alpha."""
         phi = self.stretch(spacing, speed)
         return phi, self.cross * phi, self.shift
 
     def stretch(self, spacing: float, speed: float) -> np.ndarray:
-        """phi (1/time) at the layer's nodes from the near field outwards, shape (nodes,).
+        """Return phi (1/time) at the layer's nodes from the near field outwards, shape (nodes,).
 
         Parameters
         ----------

@@ -1,8 +1,9 @@
-"""Conditions that close a near field along its outline: the fringe of nodes that they read and fill, and their sparse
-update on the engine.
+"""Conditions that close a near field along its outline: the fringe of nodes that they read and set, and their sparse
+update in the engine.
 
-The near field is a window on the medium, or a box. Its halo, the nodes beyond the outline that the operator reads, gets
-its values after each step from nodes of the fringe at this step and before. Copies of those are the conditions' memory.
+The near field is a window on the medium, or a box. Its halo, the nodes beyond the outline that the operator reads, is
+set after each step from nodes of the fringe at this step and at earlier ones. Copies of these values are the memory of
+the conditions.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ from farhorizon.engine.fringe import fringe_table
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Ball, Box, Disc, Shape
 
-SERIES = 40  # terms of the continuum's series: it converges everywhere, and does not cancel for modes that decay
-_SMOOTHING = 3.0  # nodes over which the outline of a general shape is smoothed before its normals are taken
+SERIES = 40  # terms of the series of the continuum: it converges everywhere, and does not cancel for decaying modes
+_SMOOTHING = 3.0  # nodes over which the outline of a general shape is smoothed before its normals are computed
 
 
 @dataclass(frozen=True)
 class Medium:
-    """What lies beyond the nodes: a homogeneous medium and the steps that it takes.
+    """Homogeneous medium beyond the nodes, and its time integration.
 
     Attributes
     ----------
@@ -41,10 +42,10 @@ class Medium:
     damping : float
         d in ``2 d u_t``.
     offsets, weights : ndarray, shapes (J, dim) and (J,)
-        Bonds as vectors and their weights in units of the operator, where the dispersion is that of a stencil.
+        Bonds as vectors and their weights in units of the operator, if the dispersion relation is that of a stencil.
     horizon : float
     series : tuple of float
-        Terms of the kernel's dispersion in (k horizon)^2, see `Kernel.series`.
+        Coefficients of the kernel's dispersion relation in powers of (k horizon)^2, see `Kernel.series`.
     """
 
     order: int
@@ -58,18 +59,18 @@ class Medium:
 
     @cached_property
     def _long(self) -> float:
-        """Coefficient of long waves on the lattice, if there is one: that of a kernel that is not calibrated differs
-        from the model's.
+        """Coefficient of long waves on the lattice, if there is one: for a kernel that is not calibrated it differs
+        from that of the model.
         """
         return float(self.weights @ self.offsets[:, 0] ** 2) / 2 if len(self.weights) else self.coefficient
 
     def symbol(self, k: np.ndarray, dispersion: str) -> np.ndarray:
-        """S at wavevectors (M, dim) by one of the dispersion relations of `PlaneWave`.
+        """Return the symbol S at wavevectors (M, dim) by one of the dispersion relations of `PlaneWave`.
 
         Raises
         ------
         InputError
-            A dispersion relation that the medium does not have.
+            If the medium does not have this dispersion relation.
         """
         if dispersion == "discrete":
             if not len(self.weights):
@@ -93,35 +94,37 @@ class Medium:
 
 
 class Closing(Side, ABC):
-    """A condition that closes an outline: it determines the values of the halo from nodes of the near field."""
+    """Condition that closes an outline: it determines the values of the halo from nodes of the near field."""
 
     endless: ClassVar[bool] = True
     closing: ClassVar[bool] = True
     vectors: ClassVar[bool] = False
-    reactive: ClassVar[bool] = False  # its waves are those of the bonds alone
-    #: Thickness of the halo that it fills; as far as the stencil reads unless given.
+    reactive: ClassVar[bool] = False  # it assumes waves of the bonds alone
+    #: Thickness of the halo that it sets; the reach of the stencil unless given.
     layer: float | None = None
 
     @abstractmethod
     def wanted(self, default: float) -> float:
-        """Fraction of the largest value that may be neglected beyond the outline."""
+        """Return the fraction of the largest value that may be neglected beyond the outline."""
 
     def width(self, reach: int, spacing: float) -> int:
-        """Thickness of the halo in nodes."""
+        """Return the thickness of the halo in nodes."""
         return reach if self.layer is None else int(self.layer / spacing + 1e-9)
 
     @abstractmethod
     def depth(self, medium: Medium, spacing: float, extent: float) -> float:
-        """Distance to which nodes are read inwards, for a near field of half the extent `extent`."""
+        """Return the distance to which nodes are read inwards, for a near field with half the extent `extent`."""
 
     @abstractmethod
     def update(self, fringe: OutlineNodes, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
-        """Rows for the halo nodes (locations in the fringe) over the new level and those before, shape (H, L S)."""
+        """Return the rows for the halo nodes (positions in the fringe) over the new level and earlier ones, shape (H, L
+        S).
+        """
 
 
 @dataclass
 class Outline:
-    """A near field among the nodes of a grid, and what lies around it.
+    """Near field among the nodes of a grid, and its surroundings.
 
     Attributes
     ----------
@@ -129,17 +132,17 @@ class Outline:
         Coordinates of the grid's first node.
     spacing : float
     near : ndarray of bool
-        The near field, over the grid.
+        Nodes of the grid that belong to the near field.
     window : Shape or None
-        What it was cut out with; None: a box.
+        Shape of the near field; None for a box.
     sides : dict of (axis, side) to Closing
-        Sides of the box that conditions close; all for a window.
+        Sides of the box that conditions close; all sides for a window.
     periodic : set of int
-        Axes that close on themselves.
+        Periodic axes.
     free : set of (axis, side)
         Sides of the grid across which there are no bonds.
     offsets : ndarray, shape (J, dim)
-        Of the stencil, in nodes.
+        Offsets of the stencil, in nodes.
     """
 
     origin: np.ndarray
@@ -152,7 +155,7 @@ class Outline:
     offsets: np.ndarray
 
     def halo(self) -> np.ndarray:
-        """Nodes beyond the outline whose values conditions give, over the grid: those that the stencil reads, or a
+        """Nodes of the grid beyond the outline whose values the conditions set: those that the stencil reads, or a
         layer of given thickness.
         """
         layer = next((b.layer for b in self.sides.values() if b.layer is not None), None)
@@ -168,7 +171,7 @@ class Outline:
         return np.asarray(~self.near & (distance[inner] <= layer / self.spacing * (1 + 1e-9)))
 
     def _shifted(self, mask: np.ndarray, offset: np.ndarray) -> np.ndarray:
-        """The mask moved by an offset; periodic axes wrap."""
+        """Return the mask shifted by an offset; periodic axes wrap."""
         out = mask
         for axis, step in enumerate(offset.tolist()):
             out = np.roll(out, step, axis)
@@ -178,13 +181,13 @@ class Outline:
         return out
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """First and last node of the near field along each axis."""
+        """Return the first and the last node of the near field along each axis."""
         found = np.argwhere(self.near)
         return found.min(0), found.max(0)
 
     def normals(self, index: np.ndarray) -> np.ndarray:
-        """Outward unit normals at nodes (N, dim) beyond the outline: of a disc or ball radial, of a box away from its
-        nearest point.
+        """Return outward unit normals at nodes (N, dim) beyond the outline: radial for a disc or ball, for a box away
+        from its nearest point.
         """
         if isinstance(self.window, Disc | Ball):
             away = self.origin + self.spacing * index - self.window.centre
@@ -204,21 +207,21 @@ class Outline:
         return self.window is None or isinstance(self.window, Box)
 
     def faces(self, index: np.ndarray) -> np.ndarray:
-        """Steps of nodes (N, dim) beyond the box along each axis."""
+        """Return the number of nodes by which nodes (N, dim) lie beyond the box along each axis."""
         low, high = self.bounds()
         return index - np.clip(index, low, high)
 
 
 class OutlineNodes:
-    """Nodes that conditions read or fill.
+    """Nodes that conditions read or set.
 
     Parameters
     ----------
     outline : Outline
     halo : ndarray of bool
-        Over the grid.
+        Nodes of the grid that belong to the halo.
     depth : float
-        How far into the near field the conditions read.
+        Distance to which conditions read into the near field.
 
     Attributes
     ----------
@@ -227,13 +230,13 @@ class OutlineNodes:
     points : ndarray, shape (S, dim)
         Their coordinates.
     filled : ndarray of int
-        Places of the halo nodes in the fringe.
+        Positions of the halo nodes in the fringe.
     normals : ndarray, shape (S, dim)
-        Outward, at the halo nodes; others zero.
+        Outward unit normals at the halo nodes; zero at others.
     axes : ndarray of int, shape (S, dim)
-        The grid axis nearest to the normal.
+        Signed unit vector along the grid axis nearest to the normal.
     faces : ndarray of int, shape (S, dim), or None
-        Outward directions of the box's sides on or beyond which halo nodes lie; None for other outlines.
+        Outward directions of those sides of the box beyond which a halo node lies; None for other outlines.
     extent : float
         Half the extent of the near field.
     spacing, depth : float
@@ -264,21 +267,22 @@ class OutlineNodes:
         self.extent = max(float((high - low).max()) / 2, 1.0) * outline.spacing
 
     def at(self, index: np.ndarray) -> np.ndarray:
-        """Places of nodes (N, dim) of the grid in the fringe, -1 for others; periodic axes wrap."""
+        """Return the positions in the fringe of nodes (N, dim) of the grid, -1 for others; periodic axes wrap."""
         shape = np.array(self._places.shape)
         wrapped = np.where([a in self.outline.periodic for a in range(len(shape))], index % shape, index)
         inside = ((wrapped >= 0) & (wrapped < shape)).all(1)
         return np.where(inside, self._places[tuple(np.clip(wrapped, 0, shape - 1).T)], -1)
 
     def bonded(self, index: np.ndarray) -> np.ndarray:
-        """True for nodes (N, dim) to which bonds exist: all but those beyond free sides."""
+        """Whether bonds lead to nodes (N, dim): true except beyond free sides."""
         shape = self._places.shape
         absent = [(index[:, a] < 0) if side < 0 else (index[:, a] >= shape[a]) for a, side in self.outline.free]
         return ~np.any(absent, axis=0) if absent else np.ones(len(index), bool)
 
     def with_images(self, distance: float) -> tuple[np.ndarray, np.ndarray]:
-        """All points, then their images within a distance beyond periodic sides, and the place in the fringe of
-        each."""
+        """Return all points, followed by their images within a distance beyond periodic sides, and the position in the
+        fringe of each.
+        """
         points, places = self.points, np.arange(len(self.points))
         for axis in sorted(self.outline.periodic):
             n = self._places.shape[axis]
@@ -293,7 +297,9 @@ class OutlineNodes:
         return points, places
 
     def owners(self) -> dict[tuple[int, int], np.ndarray]:
-        """Halo nodes that each side fills, as places: the side beyond which they lie furthest."""
+        """Return the halo nodes that each side sets, as positions in the fringe: a node belongs to the side beyond
+        which it lies furthest.
+        """
         sides = list(self.outline.sides)
         if self.outline.window is not None or len({repr(b) for b in self.outline.sides.values()}) == 1:
             return {sides[0]: self.filled}
@@ -304,7 +310,7 @@ class OutlineNodes:
 
 
 class Closure:
-    """The conditions along one outline, on an engine.
+    """Conditions along one outline, in an engine.
 
     Parameters
     ----------
@@ -314,15 +320,15 @@ class Closure:
     Attributes
     ----------
     halo, outside : ndarray of bool
-        Over the grid: filled nodes, and those beyond, which do not exist.
+        Nodes of the grid that are set, and those beyond, which do not exist.
     fringe : OutlineNodes
     update : csr_array, shape (H, L S)
-        New values of the halo from the fringe at the new step and at L - 1 before.
+        Matrix that yields the new values of the halo from the fringe at the new step and at L - 1 earlier ones.
 
     Raises
     ------
     InputError
-        A condition that does not serve the medium or the outline.
+        If a condition cannot be used with the medium or the outline.
     """
 
     def __init__(self, outline: Outline, medium: Medium) -> None:
@@ -346,7 +352,7 @@ class Closure:
         self.rows, self.update = rows[self._order], found[self._order]
 
     def attach(self, engine: Engine, indices: np.ndarray) -> None:
-        """Give the engine the sparse update; `indices` are the places of the grid's nodes in a level."""
+        """Pass the sparse update to the engine; `indices` are the places of the grid's nodes in a level."""
         self.engine, self.nodes = engine, indices[tuple(self.fringe.index.T)]
         self.unmoved = np.concatenate([indices[self.halo], indices[self.outside]])
         found = self.update.indptr, self.update.indices, self.update.data
@@ -354,18 +360,18 @@ class Closure:
         engine.replace(fringe=sums)
 
     def start(self) -> None:
-        """The memory holds the state one step ago; before that all was at rest."""
+        """Initialise the memory with the state one step ago, before which all was at rest."""
         history = self.engine.fringe_history
         history[...] = 0
         if self.levels > 2:
             history[0] = self.engine.older[self.nodes]
 
     def mark(self) -> float:
-        """A number that differs for other conditions."""
+        """Return a number that differs between conditions."""
         return float(np.abs(self.update.data).sum())
 
     def describe(self) -> str:
-        """What closes the outline, for the report."""
+        """Describe what closes the outline, for the report."""
         entries = np.diff(self.update.indptr)
         return (
             f"{len(self.rows)} halo nodes from {entries.min()} to {entries.max()} values each, {self.levels} levels of "
@@ -378,21 +384,21 @@ def _widened(part: sparse.csr_array, columns: int) -> sparse.csr_array:
 
 
 def ordered_fronts(update: sparse.csr_array, rows: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Order in which rows can be computed, and the bounds of the fronts in it: a front reads new values of earlier ones
-    only.
+    """Return an order in which rows can be computed, and the bounds of the fronts in it: a front reads new values of
+    earlier fronts only.
 
     Parameters
     ----------
     update : csr_array, shape (R, L * size)
         Its first `size` columns are new values.
     rows : ndarray of int, shape (R,)
-        The column that each row computes.
+        Column that each row computes.
     size : int
 
     Raises
     ------
     InputError
-        Rows that wait for each other.
+        If rows depend on each other.
     """
     number = np.full(size, -1)
     number[rows] = np.arange(len(rows))

@@ -1,4 +1,4 @@
-"""Boundaries without a layer: a fixed value, absent bonds, a copy of the other side."""
+"""Sides without a layer: a fixed value, absent bonds, or periodic continuation."""
 
 from __future__ import annotations
 

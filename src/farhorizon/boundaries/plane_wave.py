@@ -1,9 +1,9 @@
-"""The Dirichlet-type condition from plane waves: halo values fitted to modes that leave, from a cloud of near nodes at
+"""Dirichlet-type condition from plane waves: halo values are fitted to outgoing modes, from a cloud of nearby nodes at
 the last steps.
 
 Shojaei, Hermann, Seleson and Cyron (2020) for diffusion, Hermann, Shojaei, Seleson, Cyron and Silling (2023) for waves.
-`update_matrix` needs nodes, normals and the medium only, so that it closes any cloud of points, a finite-element mesh
-as well as a lattice.
+`update_matrix` needs only nodes, normals and the medium, so that it can close any cloud of points, a finite-element
+mesh as well as a lattice.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ _CHOICES = {
     "time": ("discrete", "continuous"),
     "normals": ("lattice", "free"),
 }
-_MOST = 1000  # modes along one direction, directions, nodes of a cloud's grid: far beyond use, and soon computed
+_MOST = 1000  # most modes along a direction, directions, and nodes of a cloud's grid: far beyond use, and soon computed
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """A `PlaneWave` with every option known; angles in radians, `wavenumbers` all of them."""
+    """Complete options of a `PlaneWave`; angles in radians, `wavenumbers` is the array of all of them."""
 
     operator: bool
     dispersion: str
@@ -152,13 +152,15 @@ class PlaneWave(Closing):
         kinds.settle(self, **{name: take(getattr(self, name), f"boundary.{name}") for name, take in given.items()})
 
     def wanted(self, default: float) -> float:
-        """Fraction of the largest value that may be neglected beyond the outline: much less than the error of the
-        condition itself.
+        """Return the fraction of the largest value that may be neglected beyond the outline: much less than the error
+        of the condition itself.
         """
         return 1e-6
 
     def recipe(self, medium: Medium, spacing: float, extent: float) -> Recipe:
-        """All options, with defaults for those left out, for a medium on nodes `spacing` apart over 2 `extent`."""
+        """Return all options, with defaults for those left out, for a medium on nodes `spacing` apart over 2
+        `extent`.
+        """
         waves, lattice = medium.order == 2, len(medium.weights) > 0
         operator = (self.fit or ("operator" if waves else "collocation")) == "operator"
         reach = float(np.abs(medium.offsets).max(initial=0.0))
@@ -187,18 +189,18 @@ class PlaneWave(Closing):
         )
 
     def step_limit(self, order: int, coefficient: float, spacing: float, dim: int) -> float:
-        """Largest step at which fitted values are safe for diffusion: they act like a stencil over one spacing,
-        whatever the reach of that of the model.
+        """Return the largest step at which fitted values are safe for diffusion: they act like a stencil over one
+        spacing, whatever the reach of the model's stencil.
         """
         return np.inf if order == 2 else 0.75 * spacing**2 / (2 * dim * coefficient)
 
     def depth(self, medium: Medium, spacing: float, extent: float) -> float:
-        """Radius of the clouds."""
+        """Return the radius of the clouds."""
         return self.recipe(medium, spacing, extent).radius
 
     def update(self, fringe: OutlineNodes, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
-        """Rows for the halo nodes (locations in the fringe) over the new level and those before, shape (H, 3 S) for
-        waves, (H, 2 S) for diffusion.
+        """Return the rows for the halo nodes (positions in the fringe) over the new level and earlier ones, shape (H, 3
+        S) for waves, (H, 2 S) for diffusion.
         """
         points, places = fringe.with_images(self.depth(medium, fringe.spacing, fringe.extent))
         found = update_matrix(
@@ -229,24 +231,25 @@ def update_matrix(
     extent: float | None = None,
     enclosing: bool = True,
 ) -> sparse.csr_array:
-    """Next values of absorbing nodes from those of all nodes at the present step and, for waves, at the one before.
+    """Return the matrix that yields the next values of absorbing nodes from those of all nodes at the present step and,
+    for waves, at the one before.
 
     Parameters
     ----------
     points : ndarray, shape (N, dim)
-        Nodes of a lattice, of a mesh, or any others.
+        Nodes of a lattice or a mesh, or any other points.
     absorbing : ndarray of int, shape (A,)
         Nodes whose values are fitted.
     normals : ndarray, shape (A, dim)
-        Outwards, of any length.
+        Outward normals, of any length.
     medium : Medium
     condition : PlaneWave, optional
     spacing : float, optional
-        Distance of nodes; the median of that to the nearest one unless given.
+        Distance between nodes; the median distance to the nearest node unless given.
     extent : float, optional
         Half the extent of the nodes.
     enclosing : bool
-        Refuse absorbing nodes that do not enclose the others.
+        Whether to refuse absorbing nodes that do not enclose the others.
 
     Returns
     -------
@@ -256,8 +259,8 @@ def update_matrix(
     Raises
     ------
     InputError
-        Points and normals that do not fit together, a cloud without neighbours, absorbing nodes that do not enclose the
-        others, modes that overflow.
+        If points and normals do not match, a cloud has no neighbours, absorbing nodes do not enclose the others, or
+        modes overflow.
     """
     points, absorbing, normals = np.asarray(points, float), np.asarray(absorbing, int), np.asarray(normals, float)
     _check_points(points, absorbing, normals)
@@ -278,7 +281,7 @@ def update_matrix(
     rows, columns, weights = [], [], []
     for number, (centre, normal, found) in enumerate(zip(absorbing, units, near, strict=True)):
         members = np.array(found)
-        # + 0: no negative zeros, clouds are known by their bytes
+        # + 0: no negative zeros, because equal clouds are recognised by their bytes
         steps = np.round((points[members] - points[centre]) / spacing, 6) + 0.0
         chosen = cloud(spacing * steps, normal, spacing, recipe)
         if chosen.size < 2:
@@ -302,15 +305,15 @@ def update_matrix(
 
 
 def cloud(places: np.ndarray, normal: np.ndarray, spacing: float, recipe: Recipe) -> np.ndarray:
-    """Numbers of the places in a cloud about the origin: within radius and cone (closed), thinned to those nearest to a
-    coarser grid.
+    """Return the indices of the points in a cloud about the origin: within radius and cone (closed), thinned to those
+    nearest to a coarser grid.
 
-    Hermann et al. 2023, eq 54 and figure 7. The paper's cone is open, which leaves out the diagonals; they matter.
+    Hermann et al. 2023, eq 54 and figure 7. The paper's cone is open and thus excludes the diagonals, which matter.
 
     Parameters
     ----------
     places : ndarray, shape (J, dim)
-        Candidates, the origin among them.
+        Candidates, which include the origin.
     normal : ndarray, shape (dim,)
     spacing : float
     recipe : Recipe
@@ -332,8 +335,9 @@ def cloud(places: np.ndarray, normal: np.ndarray, spacing: float, recipe: Recipe
 
 
 def wavevectors(recipe: Recipe, dim: int, order: int) -> np.ndarray:
-    """Wavevectors where the outward normal is the first axis, real for waves, imaginary for diffusion; shape (M,
-    dim)."""
+    """Return wavevectors for an outward normal along the first axis, real for waves, imaginary for diffusion; shape (M,
+    dim).
+    """
     k = (recipe.wavenumbers[:, None, None] * modes.outward(dim, recipe.angle, recipe.angles, recipe.balanced)).reshape(
         -1, dim
     )
@@ -341,7 +345,7 @@ def wavevectors(recipe: Recipe, dim: int, order: int) -> np.ndarray:
 
 
 def _fitted(recipe: Recipe, medium: Medium, spacing: float, k: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Weights of a cloud's nodes for wavevectors k, shape (order, J)."""
+    """Return the weights of a cloud's nodes for wavevectors k, shape (order, J)."""
     symbol = medium.symbol(k, recipe.dispersion)
     factor = modes.factors(symbol, medium.dt, medium.order, medium.damping, recipe.discrete)
     shape = modes.phases(k, places)
@@ -355,7 +359,7 @@ def _fitted(recipe: Recipe, medium: Medium, spacing: float, k: np.ndarray, place
 
 
 def _snapped(normals: np.ndarray) -> np.ndarray:
-    """The nearest of the directions between a lattice node and its 3^dim - 1 neighbours."""
+    """Return the nearest of the directions between a lattice node and its 3^dim - 1 neighbours."""
     dim = normals.shape[1]
     ways = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
     ways = ways[np.abs(ways).sum(1) > 0]
@@ -383,7 +387,7 @@ def _check_points(points: np.ndarray, absorbing: np.ndarray, normals: np.ndarray
 
 
 def _check_enclosing(points: np.ndarray, absorbing: np.ndarray) -> None:
-    """Refuse absorbing nodes in whose convex hull not all points lie."""
+    """Refuse absorbing nodes whose convex hull does not contain all points."""
     others = np.delete(points, absorbing, axis=0)
     if not len(others):
         raise InputError("all nodes are absorbing", value=len(points), key="absorbing", remedy="leave a near field")
@@ -409,7 +413,7 @@ def _check_enclosing(points: np.ndarray, absorbing: np.ndarray) -> None:
 
 
 def largest_update(matrix: Any) -> float:
-    """Largest sum of the magnitudes of a row of weights; with forward Euler at most 1 here and in the near field no
-    value ever grows.
+    """Return the largest sum of the magnitudes of a row of weights; with forward Euler, no value ever grows if it is at
+    most 1 here and in the near field.
     """
     return float(np.abs(matrix).sum(axis=1).max())

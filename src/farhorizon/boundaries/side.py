@@ -1,4 +1,4 @@
-"""What every boundary tells of itself, so that nobody asks of which class it is."""
+"""Properties that every boundary declares, so that no code needs to ask for its class."""
 
 from __future__ import annotations
 
@@ -152,48 +152,52 @@ class Side:
         return False
 
     def wanted(self, default: float) -> float:
-        """Fraction of the largest value that may be neglected beyond the side; `default` is that of the model."""
+        """Return the fraction of the largest value that may be neglected beyond the side; `default` is that of the
+        model.
+        """
         raise NotImplementedError
 
     def width(self, reach: int, spacing: float) -> int:
-        """Number of nodes of the medium itself that are computed beyond the side, for a stencil of a given reach."""
+        """Return the number of nodes of the medium itself that are computed beyond the side, for a stencil of a given
+        reach.
+        """
         return 0
 
     def make_layer(self, order: int, stencil: Stencil, coefficient: float, spacing: float, half_width: float) -> Layer:
-        """The layer of the side for unknown data and run length; see `LatticePML.make_layer`."""
+        """Return the layer of the side for unknown data and run length; see `LatticePML.make_layer`."""
         raise NotImplementedError
 
     def damping(self, order: int, coefficient: float, spacing: float) -> np.ndarray:
-        """Damping at the side's nodes from the near field outwards, shape (nodes,)."""
+        """Return the damping at the side's nodes from the near field outwards, shape (nodes,)."""
         raise NotImplementedError
 
     def stretches(self, spacing: float, speed: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """Rates at which derivatives along the normal, and along the side, are stretched at the side's nodes from the
-        near field outwards (1/time), shape (nodes,), and their shift, for a given speed of longitudinal waves.
+        """Return the rates at which derivatives along the normal, and along the side, are stretched at the side's nodes
+        from the near field outwards (1/time), shape (nodes,), and their shift, for a given speed of longitudinal waves.
         """
         raise NotImplementedError
 
     def as_layer(self, until: float | None, default: float) -> Side:
-        """An absorbing side for a run of the given length, if it is known, that meets the target or that of the model,
-        `default`.
+        """Return an absorbing side for a run of the given length, if it is known, that meets the target or that of the
+        model, `default`.
         """
         raise NotImplementedError
 
     def as_domain(self, until: float | None) -> Side:
-        """An extended domain for a run of the given length, if it is known."""
+        """Return an extended domain for a run of the given length, if it is known."""
         raise NotImplementedError
 
     def undamped(self) -> Side:
-        """The same side without its filter of short waves."""
+        """Return the same side without its filter of short waves."""
         return self
 
     def step_limit(self, order: int, coefficient: float, spacing: float, dim: int) -> float:
-        """Largest time step that the side itself allows, which limits the default step."""
+        """Return the largest time step that the side itself allows, which limits the default step."""
         return np.inf
 
 
 def checked_target(target: object, least: float) -> float | None:
-    """An error that is wanted of a side, if there is one; InputError for what none keeps or nobody needs."""
+    """Return the desired error of a side, if one is given; raise InputError for values that are out of range."""
     if target is None:
         return None
     remedy = "an error over the largest value of the data, such as 1e-5"
@@ -201,5 +205,5 @@ def checked_target(target: object, least: float) -> float | None:
 
 
 def names(serves: Callable[[type[Side]], bool]) -> str:
-    """Names of the sides that serve, for messages."""
+    """Return the names of the sides for which `serves` holds, for messages."""
     return ", ".join(sorted(name for name, kind in Side.known.items() if not isabstract(kind) and serves(kind)))

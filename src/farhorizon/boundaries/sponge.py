@@ -1,4 +1,4 @@
-"""A sponge: more of the same medium with damping that grows outwards, and a fixed end."""
+"""Sponge: more of the same medium with damping that grows outwards, and a fixed end."""
 
 from __future__ import annotations
 
@@ -47,15 +47,15 @@ class Sponge(Side):
         )
 
     def wanted(self, default: float) -> float:
-        """Fraction of the largest value that may be neglected beyond the side."""
+        """Return the fraction of the largest value that may be neglected beyond the side."""
         return default
 
     def width(self, reach: int, spacing: float) -> int:
-        """Number of its nodes."""
+        """Return the number of nodes of the sponge."""
         return self.nodes
 
     def damping(self, order: int, coefficient: float, spacing: float) -> np.ndarray:
-        """Damping at the sponge's nodes from the near field outwards, shape (nodes,)."""
+        """Return the damping at the sponge's nodes from the near field outwards, shape (nodes,)."""
         width = self.nodes * spacing
         default = 6 * np.sqrt(coefficient) / width if order == 2 else 10 * coefficient / width**2
         strength = default if self.strength is None else self.strength

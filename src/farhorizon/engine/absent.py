@@ -1,6 +1,6 @@
-"""Bonds that are absent, and places without a node: their tables, and what is missing because of them.
+"""Absent bonds and places without a node: their tables, and the corrections that they require.
 
-See `farhorizon.engine.surface` for nodes at the edge of a body.
+See `farhorizon.engine.surface` for nodes at the surface of a body.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from farhorizon.engine.tables import Cuts
 
 
 class AbsentBonds:
-    """What an engine's medium lacks.
+    """Bonds and nodes that the medium of an engine lacks.
 
     Parameters
     ----------
@@ -30,16 +30,16 @@ class AbsentBonds:
     Attributes
     ----------
     count : int
-        Bonds that are absent, counted from each end that is a node of a level.
+        Number of absent bonds, counted from each end that is a node.
     exists : ndarray of bool, shape (places,)
-        Where nodes are.
+        Places where nodes exist.
     outside : ndarray of int
-        Places in a level, of the first component, of nodes that do not exist but have bonds to some that do: they
-        must be held at zero.
+        Places in a level, of the first component, where no node exists but from which bonds lead to existing nodes:
+        they must be held at zero.
     """
 
     def __init__(self, engine: Field, bonds: BondZone) -> None:
-        self.engine: Field = weakref.proxy(engine)  # which holds this: a circle would keep its levels
+        self.engine: Field = weakref.proxy(engine)  # the engine refers to this: a cycle would keep its levels alive
         self.bonds = bonds
         none = np.zeros(0, np.int64)
         self.set(none, none, np.zeros((0, *engine.weights.shape[1:])))
@@ -47,17 +47,17 @@ class AbsentBonds:
     def set(
         self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, exists: np.ndarray | None = None
     ) -> None:
-        """Bonds that are absent.
+        """Set the bonds that are absent.
 
         Parameters
         ----------
         nodes, neighbours : ndarray of int, shape (bonds,)
-            Node in a level and its neighbour's place (of the first component); one row a direction.
+            Place of a node and of its neighbour (of the first component); one entry per direction.
         weights : ndarray, shape (bonds,) or (bonds, d, d)
-            What is taken away, without coefficients.
+            Weights that are subtracted, without coefficients.
         exists : ndarray of bool, shape (places,), optional
-            Where nodes are, everywhere unless given. No bond leads from or to a place without a node, where all levels
-            must hold zero: they do beyond the core and the layers, and the nodes `outside` must be kept so.
+            Where nodes exist, by default everywhere. No bond leads from or to a place without a node, where all levels
+            must hold zero: beyond the core and the layers they do, and the nodes `outside` must be kept at zero.
         """
         engine = self.engine
         self.exists = np.ones(engine.layout.size, bool) if exists is None else exists
@@ -93,7 +93,7 @@ class AbsentBonds:
         )
 
     def _clear_drag(self, nodes: np.ndarray, neighbours: np.ndarray, bare_nodes: np.ndarray, bare: np.ndarray) -> None:
-        """Drag does not act along bonds that are absent; where bonds may break their bits are these, too."""
+        """Keep drag from acting along absent bonds; if bonds may break, drag uses their bits."""
         drag = self.engine.tables.drag
         if not drag.rate.size or self.bonds:
             return
@@ -104,7 +104,9 @@ class AbsentBonds:
             np.bitwise_and.at(drag.alive, (which >> 6, ends), gone)
 
     def _cut_filter(self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray) -> None:
-        """The filter of short waves does not reach across what is absent, most of the bond at least."""
+        """Keep the filter of short waves from reaching across absent bonds, and bonds that have lost at least half
+        their weight.
+        """
         engine = self.engine
         filtered = engine.tables.filter
         if not filtered.runs.size:
@@ -124,15 +126,15 @@ class AbsentBonds:
         engine.replace(filter=cut_filter(filtered, ends))
 
     def _open_surface(self) -> tuple[np.ndarray, np.ndarray]:
-        """Tables of the nodes with bonds to places without a node (see `engine.surface`), and the nodes `outside`;
-        returns these nodes, and of which bonds one end alone is there.
+        """Set the tables of the nodes with bonds to places without a node (see `engine.surface`), and `outside`; return
+        the nodes with bonds of which only one end exists, and which bonds these are.
         """
         engine, exists, box = self.engine, self.exists, self.engine.layout.box
         at: tuple[np.ndarray, ...] = (np.zeros(0, np.int64),) * 3
         bare = np.zeros((len(engine.offsets), 0), bool)
         if not exists.all():
             engine.levels.reshape(len(engine.levels), engine.components, -1)[..., ~exists] = 0
-            # nothing passes the layers' filter from or to there
+            # the filter of the layers must not act from or to there
             engine.replace(filter=without(engine.tables.filter, lambda damped: ~exists[damped]))
             at, bare = bare_bonds(box, engine.offsets, exists)
         flat = np.asarray(box.origin + sum(i * s for i, s in zip(at, box.stride, strict=True)))
@@ -151,7 +153,7 @@ class AbsentBonds:
     def _weights_of(self, nodes: np.ndarray, chosen: np.ndarray) -> np.ndarray:
         """Sum of the weights of the `chosen` bonds, shape (K, S), of nodes; shape (S,) or (S, d, d).
 
-        With coefficients, but for those of phases, which change.
+        Coefficients are included, except for those of phases, which change.
         """
         engine = self.engine
         material = engine.tables.material
@@ -164,7 +166,7 @@ class AbsentBonds:
         return total
 
     def lost(self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray | float) -> np.ndarray:
-        """What is absent of the `weights` of bonds of the core (places), whatever the coefficients."""
+        """Absent part of the `weights` of bonds of the core (given by places), without coefficients."""
         cut_nodes, cut_neighbours, cut_weights = self.engine.tables.cuts
         size = self.engine.layout.size
         keys = cut_nodes * size + cut_neighbours

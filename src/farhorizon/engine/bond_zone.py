@@ -1,4 +1,4 @@
-"""Bonds of a field that follow a law of their own stretch and may break: their tables, and what can be said of them.
+"""Bonds of a field that have a law of their own stretch and may break: their tables, and quantities computed from them.
 
 See `farhorizon.engine.bonds` for the kernels.
 """
@@ -35,7 +35,7 @@ _SET_BITS = np.array([number.bit_count() for number in range(256)], np.uint8)
 
 
 class BondZone:
-    """The zone of an engine where bonds follow a law of their own; there is none until it is `set`.
+    """Zone of an engine where bonds have a law of their own stretch; empty until it is `set`.
 
     Parameters
     ----------
@@ -48,20 +48,20 @@ class BondZone:
     """
 
     def __init__(self, engine: Field) -> None:
-        self.engine: Field = weakref.proxy(engine)  # which holds this: a circle would keep its levels
+        self.engine: Field = weakref.proxy(engine)  # the engine refers to this: a cycle would keep its levels alive
         self.softening: str | None = None
         self._unbroken: np.ndarray | None = None
 
     def expect_cuts(self) -> None:
-        """Know from now on which bonds are there but for those that break: more are going to be cut, some of which may
-        have broken before.
+        """Start to keep the bits of all bonds that are not cut: more bonds are going to be cut, some of which may have
+        broken before.
         """
         if self._unbroken is None and not self.table.forces:
             self._unbroken = self.table.alive.copy()
 
     @property
     def table(self) -> Bonds:
-        """What the compiled loop knows of the bonds."""
+        """Tables of the bonds for the compiled loop."""
         return self.engine.tables.bonds
 
     def set(
@@ -78,34 +78,35 @@ class BondZone:
         final: np.ndarray | None = None,
         hardness: np.ndarray | None = None,
     ) -> None:
-        """Lay the zone out: bonds follow a law of their own stretch and may break where both ends lie in it.
+        """Set the zone: bonds with both ends in it have a law of their own stretch and may break.
 
         Parameters
         ----------
         stiffness : ndarray, shape (K,)
-            Force on a unit of mass over elongation, of each offset, without coefficients; beside states that of bonds
-            that close.
+            Force per unit elongation, of each offset, on a unit of mass, without coefficients; in state-based media
+            that of closing bonds.
         spacing : float
-            Of the nodes, in the unit of the field.
+            Distance between nodes, in the unit of the field.
         zone : Zone
-            Of the core.
+            In nodes of the core.
         nonlinear : bool
         limit : float
             Largest ``|xi + eta|^2 / |xi|^2 - 1`` of a bond (linearised: ``2 xi . eta / |xi|^2``) that does not break;
             may be infinite.
         strength : ndarray, shape of the core, optional
-            The same of the bonds of each node over that of the weakest, which `limit` then is; a bond breaks as the
-            weaker of its ends does.
+            Limit of the bonds of each node relative to that of the weakest node, which is then `limit`; the weaker end
+            of a bond counts.
         contact : bool
             Whether bonds that are cut or broken carry compression.
         warm : bool
-            Whether heat strains the nodes, see `engine.warmth`.
+            Whether nodes have thermal strains, see `engine.warmth`.
         softening : {"linear", "exponential"}, optional
-            How the force of bonds beyond the limit goes to zero (`bond_sweeps`); they break at once unless given.
+            How the force of bonds beyond the limit falls to zero (`bond_sweeps`); by default they break at once.
         final : ndarray, shape of the core
-            If it does, the stretch of the bonds of each node at which nothing is left, none below the limit.
+            For softening bonds, the stretch at which the bonds of each node have lost all stiffness; not below the
+            limit.
         hardness : ndarray, shape of the core, optional
-            Beside states the stiffness of bonds of each node that close, over that of the medium.
+            In state-based media, stiffness of closing bonds of each node relative to that of the medium.
         """
         engine, self.softening = self.engine, softening
         block, components, high = engine.layout.box, engine.components, ROWS[engine.components]
@@ -145,7 +146,7 @@ class BondZone:
         self.find_kinds()
 
     def _energies(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-        """`Bonds.released` and `Bonds.bounds`."""
+        """Return `Bonds.released` and `Bonds.bounds`."""
         engine, passes = self.engine, self.engine.passes
         if passes is None or passes.sums.released is None:
             return np.zeros((0, 3)), np.zeros(2)
@@ -169,21 +170,22 @@ class BondZone:
 
     @property
     def nonlinear(self) -> bool:
-        """Whether the law of the bonds is."""
+        """Whether the law of the bonds is nonlinear."""
         return self.table.nonlinear
 
     def __bool__(self) -> bool:
-        """Whether there is one."""
+        """Whether there is a zone."""
         return len(self.table.places) > 0
 
     @property
     def forces(self) -> bool:
-        """Whether there is one whose bonds bring forces by their law."""
+        """Whether there is a zone whose bonds exert forces by their law."""
         return bool(self) and self.table.forces
 
     def clear(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
-        """Clear the bits of bonds of the core; says which of them have their node in the zone, where bits alone
-        count."""
+        """Clear the bits of bonds of the core; return which of them have their node in the zone, where bits alone
+        decide whether a bond is present.
+        """
         block, places = self.engine.layout.box, self.table.places
         number = np.full(self.table.alive.shape[1], -1)
         number[block.node_indices().ravel()] = np.arange(int(np.prod(block.nodes)))
@@ -204,27 +206,26 @@ class BondZone:
         return swept
 
     def clear_bits(self, nodes: np.ndarray, gone: np.ndarray) -> None:
-        """Clear the bits of the bonds of nodes of the core that are `gone`, shape (K, nodes), for they have no other
-        end.
-        """
+        """Clear the bits of the bonds `gone`, shape (K, nodes), of nodes of the core whose other ends do not exist."""
         for bits in (self.table.alive, self.table.closing):
             for bond, which in enumerate(gone if bits.size else ()):
                 bits[bond >> 6, nodes[which]] &= ~(np.uint64(1) << np.uint64(bond & 63))
         self._remember()
 
     def _remember(self) -> None:
-        """The bits are those for which the lost energy is known."""
+        """Store the present bits as those for which the lost energy has been accounted."""
         if not self.table.forces:
             self.table.before[...] = self.table.alive
 
     def contains(self, at: np.ndarray) -> np.ndarray:
-        """Which nodes of the core, shape (N, 3), are in the zone of bonds with their own law: bits alone count
-        there."""
+        """Which nodes of the core, shape (N, 3), are in the zone, where bits alone decide whether a bond is present."""
         zone = self.table.zone
         return np.asarray(((at >= zone[FIRST:END]) & (at < zone[END:])).all(1))
 
     def find_kinds(self) -> None:
-        """Find the plain tiles of the zone: all bonds are there, and none leaves the box where bonds follow the law."""
+        """Find the plain tiles of the zone: all bonds are present, and none leaves the box where bonds follow the
+        law.
+        """
         block, kinds, zone = self.engine.layout.box, self.table.kinds, self.table.zone
         full = all_bits(len(self.table.places))[:, None, None, None]
         damaged = (self.table.alive[:, block.node_indices()] != full).any(0)
@@ -240,7 +241,7 @@ class BondZone:
         kinds[...] = np.where(self._tiles_with(damaged), DAMAGED, PLAIN)
 
     def _tiles_with(self, nodes: np.ndarray) -> np.ndarray:
-        """The tiles that have one of some nodes, which are given on the box."""
+        """Which tiles contain at least one of some nodes, which are given on the box."""
         kinds, zone, high = self.table.kinds, self.table.zone, ROWS[self.engine.components]
         nodes = nodes[:, :, zone[FIRST + 2] : zone[END + 2]]
         missing = [
@@ -250,8 +251,8 @@ class BondZone:
         return np.asarray(tiles.any((2, 4)))
 
     def break_since(self, alive: np.ndarray) -> None:
-        """Go on with the bits as they were put here: since they were `alive`, bonds have broken whose energy is
-        known.
+        """Continue with the bits that have been written into the tables: bonds have broken since they were `alive`, and
+        their energy is accounted.
         """
         self.find_kinds()
         if not self.table.forces:
@@ -260,12 +261,12 @@ class BondZone:
             self._remember()
 
     def _find_changed(self, unbroken: np.ndarray) -> None:
-        """Find the tiles where bonds have broken, from the bits of those that are there but for these."""
+        """Find the tiles where bonds have broken, by comparison with the bits of bonds that are not cut."""
         gone = (self.table.alive != unbroken)[:, self.engine.layout.box.node_indices()].any(0)
         self.table.changed[...] = np.where(self._tiles_with(gone), CHANGED, UNCHANGED)
 
     def _look_at_closing(self) -> None:
-        """Say which tiles of nodes with states have absent bonds that may close."""
+        """Mark the tiles of a state-based medium that have absent bonds which may close."""
         table = self.table
         if table.closing.size and not table.forces:
             places = self.engine.layout.box.node_indices()
@@ -278,9 +279,7 @@ class BondZone:
 
     @property
     def left(self) -> np.ndarray:
-        """Bonds that are left of each node of the core; those that soften count as much as they keep of their
-        stiffness.
-        """
+        """Number of remaining bonds of each node of the core; softening bonds count by their remaining stiffness."""
         nodes = self.engine.core.node_indices()
         bits = np.ascontiguousarray(self.table.alive[:, nodes])
         if self.table.shares.size:
@@ -292,8 +291,8 @@ class BondZone:
 
     @property
     def state(self) -> dict[str, np.ndarray]:
-        """What is kept of the bonds: bits, shares, kinds of tiles, and what has been added up of broken bonds and of
-        work; they share memory.
+        """Arrays of a checkpoint: bits, shares, kinds of tiles, and what broken bonds and work have added up to; they
+        share memory.
         """
         table = self.table
         bonds = {"bonds": table.alive, "kinds": table.kinds, "broken": table.broken} if self else {}
@@ -306,20 +305,22 @@ class BondZone:
 
     @property
     def broken(self) -> tuple[float, float]:
-        """Energy that bonds had when they broke, or lost by softening, for a unit of mass a node, and the number of
-        those that broke; a bond to a node of another process counts half.
+        """Energy lost by breaking and softening of bonds, per unit mass of a node, and the number of broken bonds;
+        bonds to nodes of another process count half.
         """
         energy, count = self.table.broken.sum((0, 1))
         return float(energy) / self.engine.stages.numbers[0][2], float(count)
 
     def count_cut(self, energy: float) -> None:
-        """Add the energy, for a unit of mass a node, of bonds that were cut."""
+        """Add the energy, per unit mass of a node, of bonds that were cut."""
         self.table.broken[0, 0, 0] += energy * self.engine.stages.numbers[0][2]
 
     def traces(self, level: np.ndarray, apart: bool = False) -> np.ndarray:
-        """What a strain of each place that heat brings is multiplied with in the energy of a level, for a unit of mass
-        a node: the sum of the normal stresses over the density. Zero outside the zone, unless heat goes on in the
-        layers: then if `apart` these remember nothing of the level, whose halo is filled.
+        """Factor of the thermal strain of each place in the energy of a level, per unit mass of a node: the sum of the
+        normal stresses over the density.
+
+        Zero outside the zone, unless heat passes through the layers; then, if `apart`, their memory is left unchanged.
+        The halo of the level is filled.
         """
         engine = self.engine
         found, block, material = np.zeros(engine.layout.size), engine.tables.sweep.block, engine.tables.material
@@ -344,11 +345,12 @@ class BondZone:
     def energy(
         self, first: tuple[int, ...], end: tuple[int, ...], nodes: np.ndarray, whole: np.ndarray, cold: bool = False
     ) -> float:
-        """Energy of the bonds of some nodes from the elongations now and a step ago, for a unit of mass a node; beside
-        states that of bonds that close.
+        """Energy of the bonds of some nodes from the present elongations and those of the previous step, per unit mass
+        of a node; in state-based media that of closing bonds.
 
-        `nodes`, of the box from `first` to `end` of the core, says which; bonds to nodes beyond the box count half,
-        across sides that are `whole`, shape (3, 2), fully. If `cold`, elongations are whole, without what heat strains.
+        `nodes` selects nodes of the box from `first` to `end` of the core; bonds to nodes beyond the box count half, or
+        fully across sides that are `whole`, shape (3, 2). If `cold`, thermal strains are not subtracted from the
+        elongations.
         """
         self.engine.complete(self.engine.current)
         low = np.array(self.engine.layout.low)
@@ -372,9 +374,9 @@ class BondZone:
         return float(total) / self.engine.stages.numbers[0][2]
 
     def largest_strain(self) -> float:
-        """Largest ``|xi + eta|^2 / |xi|^2 - 1`` (linearised: ``2 xi . eta / |xi|^2``) of the bonds that may break;
-        where strengths vary, over how much stronger the bond is than the weakest. Of bonds that break by energy an even
-        strain with which as much would be lost.
+        """Largest ``|xi + eta|^2 / |xi|^2 - 1`` (linearised: ``2 xi . eta / |xi|^2``) of the bonds that may break,
+        divided by their relative strengths if these vary. For bonds that break by energy, a uniform strain at which as
+        much would be lost.
         """
         engine, tables = self.engine, self.engine.tables
         engine.complete(engine.current)
@@ -385,7 +387,7 @@ class BondZone:
         return self.limit * float(np.sqrt(largest_energy(engine.current, *sums)))
 
     def present(self, nodes: tuple[slice, ...]) -> np.ndarray:
-        """Bits of the bonds that are there and carry something, of the nodes in a part of the core; shape (words,
+        """Bits of the bonds that are present and carry something, for the nodes in a part of the core; shape (words,
         *part).
         """
         places = self.engine.core.node_indices()[nodes]
@@ -397,9 +399,9 @@ class BondZone:
 
     @property
     def critical_stretches(self) -> tuple[float, float]:
-        """The least and the largest stretch at which bonds break, or begin to soften."""
+        """Smallest and largest stretch at which bonds break or begin to soften."""
         strength = self.table.strength
-        if strength.size > 1:  # no node lies where it is zero, beyond free sides
+        if strength.size > 1:  # it is zero beyond free sides, where no nodes are
             strength = strength[self.engine.core.node_indices()]
         least, largest = (self.limit * float(factor) for factor in (strength.min(), strength.max()))
         if not self.nonlinear:
@@ -408,5 +410,5 @@ class BondZone:
 
     @property
     def limit(self) -> float:
-        """Largest e of a bond that does not break, of the weakest ones; see `set`."""
+        """Largest e at which the weakest bonds do not break; see `set`."""
         return float(self.table.limit[0])

@@ -1,16 +1,16 @@
-"""Bonds that follow a law of their own stretch and break, in a zone of the core, a box of nodes.
+"""Bonds that have a law of their own stretch and may break, in a zone of the core, which is a box of nodes.
 
-A bond whose ends both lie in the zone follows the law and may break; the others are those of the linear stencil. Nodes
-of the zone are swept tile by tile, `LANES` nodes of up to `ROWS` rows. Each bond of each node of the core has a bit,
-set while the bond is there. A *plain* tile has all its bonds, none of which leaves the zone, and is swept without bits
-until one of them is about to break; from then on, as others from the start, it is swept with them. A bond's two ends
-find out by themselves, and in the same step, that it breaks, so no thread writes what another reads. Nodes outside the
-zone are swept by the plain stencil, their absent bonds taken back one by one as everywhere.
+A bond whose ends both lie in the zone follows the law and may break; all others are bonds of the linear stencil. Nodes
+of the zone are swept in tiles of `LANES` nodes of up to `ROWS` rows. Each bond of each node of the core has a bit, set
+while the bond is present. A *plain* tile has all its bonds, none of which leaves the zone; it is swept without reading
+bits until one of its bonds is about to break, and with bits from then on, as all other tiles are from the start. The
+two ends of a bond detect independently, in the same step, that it breaks, so no thread writes what another reads. Nodes
+outside the zone are swept by the plain stencil, and their absent bonds are corrected one by one as everywhere else.
 
-When a bond breaks it had the energy ``1/2 c d(n) d(n-1)``, d its elongation: with velocities half a step late that is
-what the linear scheme loses, to rounding. So the level before the present one must outlive the sweep. Of bonds that
-soften before they break each end remembers the share of their stiffness that is left, and a share that is lost takes as
-much of that energy with it.
+A bond that breaks had the energy ``1/2 c d(n) d(n-1)``, d being its elongation: with velocities half a step late this
+is what the linear scheme loses, to rounding. The level before the present one must therefore outlive the sweep. If
+bonds soften before they break, each end stores the remaining fraction of the bond's stiffness, and a lost fraction
+takes the same fraction of that energy with it.
 """
 
 from __future__ import annotations
@@ -27,83 +27,80 @@ from farhorizon.engine.tables import Material
 from farhorizon.engine.threads import barrier
 
 PLAIN, DAMAGED = 0, 1
-#: Of a tile of nodes with states: whether bonds have broken, or have just done so, or none has, but some that are cut
-#: may close.
+#: State of a tile in a state-based medium: no bond broken; some broken; some just broken; none broken, but cut ones may
+#: close.
 UNCHANGED, CHANGED, JUST_CHANGED, CLOSES = 0, 1, 2, 3
-#: Entries of the table of the zone, each for the three axes: where bonds follow the law (first node, extent), and its
-#: nodes (first, end).
+#: Entries of the table of the zone, three numbers each: where bonds follow the law (first node, extent), and the nodes
+#: of the zone (first, end).
 LAW_FIRST, LAW_EXTENT, FIRST, END = 0, 3, 6, 9
-#: Rules of `bond_factor`; the last one is that of solid and liquid nodes.
+#: Rules of `bond_factor`; the last one is for solid and liquid nodes.
 RULES = ("both", "arithmetic", "harmonic", "phases")
 PHASES = RULES.index("phases")
-#: Rows, and most nodes of a row, of the pieces of the zone that the stencil sweeps where nothing can break: whole
-#: tiles, the same for all threads.
+#: Rows, and largest number of nodes per row, of the pieces of the zone that the stencil sweeps where nothing can break:
+#: whole tiles, and the same for any number of threads.
 PIECE_ROWS, PIECE_NODES = 16, 8 * LANES
-#: Sources whose work is added up by one thread at a time, in their order.
+#: Number of sources whose work one thread adds up at a time, in their order.
 CHUNK = 1024
 
 _ROWS_2, _ROWS_3 = ROWS[2], ROWS[3]
 
 
 class Bonds(NamedTuple):
-    """What the compiled loop knows of the bonds.
+    """Tables of the bonds for the compiled loop.
 
     Attributes
     ----------
     functions : ndarray of int, shape (3,)
-        Addresses of the sweeps of plain tiles and of a damaged one, and of the bound of their stretch.
+        Addresses of the sweeps of plain tiles and of a damaged tile, and of the bound of the stretch in plain ones.
     table : ndarray, shape (K, components + 2)
-        ``xi``, ``1 / |xi|^2`` and c, in units of the update, of each bond; beside states c is that of bonds that
-        close.
+        ``xi``, ``1 / |xi|^2`` and c, in units of the update, of each bond; in state-based media c is that of closing
+        bonds.
     places : ndarray of int, shape (K, 4)
         Distance to the neighbour in a level, and its offset.
     alive : ndarray of uint64, shape (words, places of the core)
-        Bits.
+        Bits of the bonds that are present.
     kinds : ndarray, shape (planes, rows of tiles, tiles)
         `PLAIN` or `DAMAGED`.
     zone : ndarray of int, shape (12,)
         See `Zone.table`.
     limit : ndarray, shape (2,)
-        Of the strain e, and of what `bond_sweeps.steepness` returns: below it no bond breaks.
+        Limit of the strain e, and of the result of `bond_sweeps.steepness`; below the latter no bond breaks.
     nonlinear : bool
     broken : ndarray, shape (planes, rows of tiles, 2)
-        Energy, in units of c, and number of the bonds that have broken.
+        Energy, in units of c, and number of broken bonds.
     forces : bool
-        Whether the bonds bring forces by the law; else they break only, see `engine.damage`, for which is the rest.
+        Whether bonds exert forces by the law; otherwise they only break, see `engine.damage`, for which the rest is.
     changed : ndarray, shape of `kinds`
-        Whether bonds have broken in a tile, or may close.
+        `UNCHANGED`, `CHANGED`, `JUST_CHANGED` or `CLOSES`.
     before : ndarray of uint64, shape of `alive`, or empty
-        Bits for which the lost energy is known.
+        Bits of the bonds for which the lost energy has been accounted.
     full : ndarray of uint64, shape (words,)
-        Bits of a node with all its bonds.
+        Bits of a node that has all its bonds.
     strength : ndarray
-        Of each place of a level the limit of the strain e of its bonds over `limit`, which is the least one: a bond
-        breaks as the weaker of its ends does. Of one number where all are alike.
+        Limit of the strain e of the bonds at each place, relative to `limit`, which is the smallest; the weaker end of
+        a bond counts. One value if all are equal.
     closing : ndarray of uint64, shape of `alive`, or empty
-        Bits of the bonds that carry compression, cut or broken or not.
+        Bits of the bonds that carry compression even if they are cut or broken.
     hardness : ndarray
-        Beside states, of each place of a level the stiffness of bonds that close over that of the medium. Of one number
-        where all are alike.
+        In state-based media, relative stiffness of closing bonds at each place. One value if all are equal.
     warmth : ndarray
-        Of each place of a level the strain that heat brings: a bond is strained by the mean of its ends. Of one number
-        where there is none; see `engine.warmth`.
+        Thermal strain at each place; a bond has the mean of its ends. One value if there is none; see `engine.warmth`.
     shares : ndarray, shape (K, places of the core), or empty
-        Of bonds that soften the part of the stiffness that is left, 1 until they are stretched beyond the limit. Those
-        that are cut keep it.
+        Remaining fraction of the stiffness of softening bonds, 1 until stretched beyond the limit; kept by cut bonds.
     final : ndarray
-        Of each place of a level the stretch at which nothing is left of its bonds that soften (`bond_sweeps`): of a
-        bond the smaller one of its ends counts. Empty where none softens.
+        Stretch, at each place, at which softening bonds have lost all stiffness (`bond_sweeps`); the smaller of both
+        ends counts. Empty if none softens.
     released : ndarray, shape (K, 3), or empty
-        Of bonds that break by the energy which is lost with them what that is at a critical stretch of 1, for a unit of
-        each modulus of one end, in units of the update; see `engine.release`. Empty where they break by their stretch.
+        Energy lost with each bond at a critical stretch of 1, per unit of each modulus of one end, in units of the
+        update; see `engine.release`. Empty if bonds break by their stretch.
     bounds : ndarray, shape (2,)
-        What the norm of differences along the axes times that of what the law has made of the states, and the square
-        of that norm count for, at most, of the energy at a critical stretch of 1.
+        Coefficients of an upper bound of the energy, over that at a critical stretch of 1: of the norm of differences
+        along the axes times that of the results of the law, and of the square of the former.
     firmness : ndarray
-        Of each place of a level what its state counts for in that energy, see `shape_tensors.firmness`: no more where a
-        node that lacked bonds at first bears its stress with the others. Of one number where no node does.
+        Weight of the state at each place in that energy, see `shape_tensors.firmness`; smaller where a node lacked
+        bonds at first, so that fewer bear its stress. One value if no node does.
     room : ndarray, shape (threads, n, nodes)
-        For threads that look at the energies of bonds to work in.
+        Work space of the threads that compute energies of bonds.
     """
 
     functions: np.ndarray
@@ -132,7 +129,7 @@ class Bonds(NamedTuple):
 
 
 def no_bonds(dtype: np.dtype) -> Bonds:
-    """None: the stencil serves everywhere."""
+    """Return empty tables: the stencil serves everywhere."""
     places, bits, kinds = np.zeros((0, PLACES), np.int64), np.zeros((0, 0), np.uint64), np.zeros((0, 0, 0), np.uint8)
     return Bonds(
         np.zeros(3, np.int64),
@@ -162,21 +159,21 @@ def no_bonds(dtype: np.dtype) -> Bonds:
 
 
 def all_bits(count: int) -> np.ndarray:
-    """Words in which the first `count` bits are set."""
+    """Return words in which the first `count` bits are set."""
     return np.array([(1 << min(64, count - first)) - 1 for first in range(0, count, 64)], np.uint64)
 
 
 @dataclass(frozen=True)
 class Zone:
-    """Where bonds follow the law and break.
+    """Box of nodes in which bonds follow the law and may break.
 
     Attributes
     ----------
     first, end : tuple of int
-        The box of nodes along the three axes, in nodes of the core.
+        First node along the three axes and the node after the last, as nodes of the core.
     open : set of (int, int)
-        Sides (axis, -1 or 1) of the box through which bonds follow the law, too: periodic ones, whose halo holds
-        copies, and those beyond which another process has the zone.
+        Sides (axis, -1 or 1) of the box across which bonds also follow the law: periodic ones, whose halo holds copies,
+        and those beyond which the zone continues in another process.
     """
 
     first: tuple[int, int, int]
@@ -184,12 +181,12 @@ class Zone:
     open: Set[tuple[int, int]] = frozenset()
 
     def moved(self, by: tuple[int, ...]) -> Zone:
-        """The same box, counted from other nodes."""
+        """Return the same box with `by` added to its node numbers."""
         first, end = (tuple(int(n) + d for n, d in zip(at, by, strict=True)) for at in (self.first, self.end))
         return Zone((first[0], first[1], first[2]), (end[0], end[1], end[2]), self.open)
 
     def table(self, reach: tuple[int, ...]) -> np.ndarray:
-        """One row of four times three numbers."""
+        """Return the entries `LAW_FIRST`, `LAW_EXTENT`, `FIRST` and `END` in a row, three numbers each."""
         first, end = np.array(self.first), np.array(self.end)
         below, above = (np.array([m if (a, side) in self.open else 0 for a, m in enumerate(reach)]) for side in (-1, 1))
         return np.concatenate([first - below, end - first + below + above, first, end]).astype(np.int64)
@@ -199,7 +196,7 @@ class Zone:
 def bond_factor(rule, mine, other):
     """Coefficient of a bond from those of its ends: 0 both (min), 1 arithmetic, 2 harmonic, 3 phases.
 
-    Phases: 1 between two liquid nodes, the solid's between it and a liquid one, 0 between two solid ones (see
+    Phases: 1 between two liquid nodes, the solid node's between a solid and a liquid one, 0 between two solid ones (see
     `engine.phases`).
     """
     if rule == PHASES:
@@ -223,7 +220,7 @@ def factors_of(material: Material, nodes: np.ndarray, neighbours: np.ndarray) ->
 
 
 def combined(rule: str, mine: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Factors of bonds from the coefficients of their ends, by one of the rules but that of phases."""
+    """Factors of bonds from the coefficients of their ends, by any rule except that of phases."""
     if rule == "both":
         return np.asarray(np.minimum(mine, other))
     total = mine + other
@@ -232,7 +229,7 @@ def combined(rule: str, mine: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 @njit(error_model="numpy", inline="always")
 def spring_factor(material, node, distance):
-    """Factor on the spring of a bond."""
+    """Factor of the spring of a bond."""
     coefficient = material.coefficient
     if coefficient.size == 1:
         return coefficient[0]
@@ -241,7 +238,7 @@ def spring_factor(material, node, distance):
 
 @njit(error_model="numpy", inline="always")
 def bond_gap(rule, mine, other, here, there, ceiling):
-    """Difference of the values at the ends of a bond; between two phases none counts for more than the ceiling."""
+    """Difference of the values at the ends of a bond; between two phases no value counts for more than the ceiling."""
     if rule == PHASES and mine * other < 0:
         return min(there, ceiling) - min(here, ceiling)
     return there - here
@@ -249,7 +246,7 @@ def bond_gap(rule, mine, other, here, there, ceiling):
 
 @njit(error_model="numpy", inline="always")
 def follows_law(zone, i0, i1, i2):
-    """Whether bonds between this node of the core, or of its halo, and the zone follow the law."""
+    """Whether bonds between the zone and this node of the core, or of its halo, follow the law."""
     return (
         0 <= i0 - zone[LAW_FIRST] < zone[LAW_EXTENT]
         and 0 <= i1 - zone[LAW_FIRST + 1] < zone[LAW_EXTENT + 1]
@@ -259,7 +256,7 @@ def follows_law(zone, i0, i1, i2):
 
 @njit(error_model="numpy", inline="always")
 def strain_of(level, node, distance, xi, components, nonlinear):
-    """``|xi + eta|^2 / |xi|^2 - 1`` of one bond, linearised unless `nonlinear`."""
+    """Strain ``|xi + eta|^2 / |xi|^2 - 1`` of one bond, linearised unless `nonlinear`."""
     apart = level.size // components
     total, length = 0.0, 0.0
     for c in range(components):
@@ -271,19 +268,19 @@ def strain_of(level, node, distance, xi, components, nonlinear):
 
 @njit(error_model="numpy", inline="always")
 def elongation(e, nonlinear):
-    """Stretch of a bond: ``|xi + eta| / |xi| - 1``, linearised e/2."""
+    """Stretch of a bond, ``|xi + eta| / |xi| - 1``, from its strain e; linearised e/2."""
     return e / (1 + np.sqrt(1 + e)) if nonlinear else e / 2
 
 
 @njit(error_model="numpy", inline="always")
 def strain_of_heat(warmth, node, other):
-    """What heat makes of the strain e of a bond: twice the mean of its ends."""
+    """Thermal part of the strain e of a bond: twice the mean of the thermal strains of its ends."""
     return np.float64(warmth[node]) + np.float64(warmth[other]) if warmth.size > 1 else 0.0
 
 
 @njit(error_model="numpy", inline="always")
 def bond_energy(u, old, node, bond, components, nonlinear, material, bonds):
-    """``c d d' / 2`` of one bond from its elongations now and a step ago."""
+    """Energy ``c d d' / 2`` of one bond from its present elongation and that of the previous step."""
     xi, distance, coefficient = bonds.table[bond], bonds.places[bond, 0], material.coefficient
     length = 0.0
     for c in range(components):
@@ -299,8 +296,8 @@ def bond_energy(u, old, node, bond, components, nonlinear, material, bonds):
 
 @njit(error_model="numpy", cache=True, entry=False)
 def add_broken(stage, material, bonds, kept, node, step, count, n, broken):
-    """Add half the energy, if they bring forces, and half the number, of the bonds that have broken now: those of a
-    tile whose bits are `kept` but no longer alive.
+    """Add half the energy (if bonds exert forces) and half the number of the bonds that have just broken in a tile:
+    those whose bits are set in `kept`, but no longer in `alive`.
     """
     for row in range(count):
         for i in range(n):
@@ -321,9 +318,10 @@ def add_broken(stage, material, bonds, kept, node, step, count, n, broken):
 
 @njit(error_model="numpy", cache=True, entry=False)
 def next_piece(stage, sweep, material, bonds, i0, first, last, begin):
-    """Where a piece of the rows `first` to `last` of a plane ends that begins at a node, and whether it is whole: it
-    has all its bonds, and none may break, so that the stencil serves, too (for a material that varies it takes longer
-    than the bonds one by one)."""
+    """Find the end of the piece of the rows `first` to `last` of a plane that begins at a node, and whether the stencil
+    may sweep it: it has all its bonds and none can break (in a varying material that would take longer than single
+    bonds).
+    """
     block, reach, src = sweep.block, sweep.reach, stage.src
     high, start, end = _ROWS_3 if stage.components == 3 else _ROWS_2, bonds.zone[FIRST + 2], bonds.zone[END + 2]
     if bonds.nonlinear or material.coefficient.size > 1 or bonds.warmth.size > 1:
@@ -357,7 +355,7 @@ def next_piece(stage, sweep, material, bonds, i0, first, last, begin):
 
 @njit(error_model="numpy", cache=True, entry=False)
 def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
-    """Nodes `begin` to `end` of the rows `first` to `last` of a plane of the zone; they end where tiles end."""
+    """Sweep the nodes `begin` to `end`, an end of tiles, in the rows `first` to `last` of a plane of the zone."""
     src, block, alive, kinds, zone = stage.src, sweep.block, bonds.alive, bonds.kinds, bonds.zone
     size, apart, high = src.itemsize, src.size // stage.components, _ROWS_3 if stage.components == 3 else _ROWS_2
     kept = np.empty((alive.shape[0], high, LANES), np.uint64)
@@ -402,7 +400,7 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
             else:
                 if found:
                     bonds.changed[i0, tile_row, number] = JUST_CHANGED
-                    if not bonds.shares.size:  # what softens is added up as it does
+                    if not bonds.shares.size:  # softening bonds add up their losses themselves
                         broken = bonds.broken[i0, tile_row]
                         add_broken(stage, material, bonds, kept, node, block[5], count, n, broken)
                 number += 1
@@ -410,20 +408,20 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
 
 @njit(error_model="numpy", cache=True, entry=False)
 def add_work(thread, stage, work, inputs, times):
-    """Add the work of sources over one step, ``f . (u(n+1) - u(n-1)) / 2``."""
+    """Add the work of the sources over one step, ``f . (u(n+1) - u(n-1)) / 2``."""
     nodes, fields = inputs.source_nodes, inputs.source_fields
     for chunk in range(thread.number, (nodes.size + CHUNK - 1) // CHUNK, thread.threads):
         for j in range(fields.shape[0]):
             for i in range(chunk * CHUNK, min(nodes.size, (chunk + 1) * CHUNK)):
                 change = np.float64(stage.out[nodes[i]]) - np.float64(stage.base[nodes[i]])
                 work[chunk] += 0.5 * times[j] * fields[j, i] * change
-    barrier(thread)  # the next sweep writes over the older level
+    barrier(thread)  # the next sweep overwrites the older level
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def hold_nodes(thread, stage, work, mobility, inputs, values):
-    """Give nodes the values that they have after a step. Where work is added up so is that of what holds them, which is
-    the force that makes the difference to where they would have gone.
+    """Set prescribed nodes to their values after a step. If work is accumulated, add that of the constraint force,
+    which follows from the difference to where the nodes would have moved freely.
     """
     held, places = inputs.held, stage.out.size // stage.components
     for chunk in range(thread.number, (held.size + CHUNK - 1) // CHUNK, thread.threads):
@@ -441,7 +439,7 @@ def hold_nodes(thread, stage, work, mobility, inputs, values):
 
 @njit(error_model="numpy", cache=True, entry=False)
 def strains(found, level, node, distance, xi, components, nonlinear):
-    """`strain_of` one bond of neighbouring nodes, in vectors."""
+    """Compute `strain_of` one bond for neighbouring nodes, in vectors; return the squared length of the bond."""
     apart = level.size // components
     length = 0.0
     found[:] = 0
@@ -463,7 +461,7 @@ def strains(found, level, node, distance, xi, components, nonlinear):
 
 @njit(error_model="numpy", inline="always")
 def curved_part(zone, i0, i1, offset, first, end):
-    """Which of the nodes `first` to `end` of a row have a bond that follows the law: from where to where."""
+    """Range of the nodes `first` to `end` of a row whose bond with this offset follows the law."""
     if not (
         follows_law(zone, i0, i1, zone[LAW_FIRST + 2])
         and follows_law(zone, i0 + offset[1], i1 + offset[2], zone[LAW_FIRST + 2])
@@ -476,8 +474,8 @@ def curved_part(zone, i0, i1, offset, first, end):
 
 @njit(error_model="numpy", cache=True)
 def strain_energy(u, old, block, first, end, nodes, whole, components, material, bonds, heated):
-    """Energy of all bonds of the nodes `first` to `end` of the core, in units of c; bonds to other nodes count half,
-    across sides `whole` fully. If `heated`, heat strains those without a law of their own, too.
+    """Energy of all bonds of the nodes `first` to `end` of the core, in units of c; bonds to other nodes count half, or
+    fully across sides that are `whole`. If `heated`, bonds without a law have thermal strains, too.
     """
     table, places, alive, zone = bonds.table, bonds.places, bonds.alive, bonds.zone
     coefficient, rule = material.coefficient, material.rule
@@ -526,7 +524,7 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, material,
                             lasts = bonds.closing[bond >> 6, node + begin + i] & mask != 0
                             left = gain if lasts and one[i] < 0 and two[i] < 0 else left
                         sums[i] += left
-                if (whole[2, 0] or whole[2, 1]) and not outside:  # bonds that leave along the row
+                if (whole[2, 0] or whole[2, 1]) and not outside:  # bonds that leave the box along the row
                     for i2 in range(first[2], end[2]):
                         leaves = (i2 + offset[3] < first[2] and whole[2, 0]) or (
                             i2 + offset[3] >= end[2] and whole[2, 1]
@@ -546,13 +544,13 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, material,
 
 @njit(error_model="numpy", inline="always")
 def weaker(strength, node, other):
-    """Limit of a bond over the least one, from the strengths of its ends."""
+    """Limit of a bond relative to the smallest one, from the strengths of its ends."""
     return min(strength[node], strength[other]) if strength.size > 1 else strength[0]
 
 
 @njit(error_model="numpy", cache=True)
 def largest_strain(u, block, components, bonds):
-    """Largest e of a bond that may break; where strengths vary, over how much stronger it is than the weakest."""
+    """Largest e of a bond that may break, divided by its relative strength if strengths vary."""
     table, places, alive, zone, nonlinear = bonds.table, bonds.places, bonds.alive, bonds.zone, bonds.nonlinear
     found = np.empty(max(zone[END + 2] - zone[FIRST + 2], 0))
     largest = -1.0
@@ -575,8 +573,9 @@ def largest_strain(u, block, components, bonds):
 
 @njit(error_model="numpy", cache=True)
 def steepest(level, nodes, bits, distances, xi, nonlinear, strength):
-    """Which of the nodes has the bond that is nearest to its limit, and its e as in `largest_strain`; -1 without
-    bonds."""
+    """Index of the node with the bond nearest to its limit, and the e of that bond as in `largest_strain`; -1 without
+    bonds.
+    """
     components, apart = xi.shape[1], level.size // xi.shape[1]
     worst, largest = -1, -1.0
     for i in range(nodes.size):

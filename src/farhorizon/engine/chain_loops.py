@@ -1,4 +1,4 @@
-"""Compiled loop of a chain at whose end one node is driven, for the exact one-dimensional boundary.
+"""Compiled loop of a chain with one driven node at its end, for the exact one-dimensional boundary.
 
 Its scheme is the recursion ``d <- keep d + scale (A u - reaction u), u <- u + d`` in increments
 (`farhorizon.analysis.exact.chain.Recursion`), with the bonds A in differences, so that rounding does not drift.
@@ -10,17 +10,17 @@ import numpy as np
 
 from farhorizon.engine.rows.compiled import njit
 
-_CHUNK = 512  # nodes whose increments stay in the nearest cache while the bonds are summed
+_CHUNK = 512  # number of nodes whose increments stay in the first-level cache while the bonds are summed
 
 
 @njit(cache=True, error_model="numpy")
 def _chain_increment(
     u: np.ndarray, d: np.ndarray, scaled: np.ndarray, keep: float, own: float, first: int, last: int
 ) -> None:
-    """``d <- keep d - own u + sum over k of scaled[k - 1] (u[i - k] - 2 u[i] + u[i + k])`` for nodes first .. last - 1,
-    four bonds a sweep.
+    """Compute ``d <- keep d - own u + sum over k of scaled[k - 1] (u[i - k] - 2 u[i] + u[i + k])`` for the nodes first
+    .. last - 1, four bonds per sweep.
     """
-    # Views, whose indices start at 0, so that the compiler need not care for negative ones and can vectorise.
+    # Views, whose indices start at 0, so that the compiler need not handle negative ones and can vectorise.
     reach, count = scaled.size, last - first
     here, out = u[first:last], d[first:last]
     for i in range(count):
@@ -42,7 +42,8 @@ def _chain_increment(
 
 @njit(cache=True, error_model="numpy")
 def chain_responses(weights: np.ndarray, keep: float, scale: float, reaction: float, window: np.ndarray) -> np.ndarray:
-    """Ghost values of a chain at rest, of which one driver has the value 1 at step 0 only: column m for driver m + 1.
+    """Compute the ghost values of a chain at rest of which one driver has the value 1 at step 0 only: column m for
+    driver m + 1.
 
     ``window[n]`` nodes of the chain are advanced to step n. Returns shape (steps + 1, K, K).
     """

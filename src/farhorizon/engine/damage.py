@@ -1,13 +1,13 @@
-"""Bonds that break between nodes whose forces follow from states, in the compiled loop.
+"""Bonds that break in state-based media, in the compiled loop.
 
-Bonds break by their stretch, as those with a law of their own do, or by the energy that is lost with them
-(`farhorizon.engine.release`), and in the same zone (`farhorizon.engine.bonds`); they bring no force by themselves. In
-tiles where some have broken the sums of both passes are made anew for each node that lacks bonds, over those that are
-there, and so is its shape tensor, unless it is kept. An absent bond that closes pushes its two ends apart, whatever
-their states are; in tiles where bonds are cut, but none has broken, that is all there is to do.
+Bonds break by their stretch, as bonds with a law of their own do, or by the energy that is lost with them
+(`farhorizon.engine.release`), in the same zone (`farhorizon.engine.bonds`); they exert no force of their own. In tiles
+where some have broken, the sums of both passes are recomputed over the present bonds for each node that lacks bonds,
+and so is its shape tensor, unless it is kept. An absent bond that closes pushes its two ends apart, whatever their
+states; in tiles where bonds are cut, but none has broken, nothing else is done.
 
-What a node had more of energy before a bond broke is lost: with displacements a step apart it is what the scheme loses,
-to rounding.
+The energy of a node falls when a bond breaks. Computed from the displacements of two successive steps, the difference
+is what the scheme loses, to rounding.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.shape_tensors import FACE, SINGULAR
 from farhorizon.engine.threads import barrier
 
-#: What is made anew of nodes that lack bonds.
+#: What is recomputed for nodes that lack bonds.
 STATES, FORCES, STATES_AGAIN = range(3)
-_STATE, _SHAPE, _INVERSE, _LAST, _NUMBERS = 0, 9, 18, 27, 36  # of the numbers that a thread works with
+_STATE, _SHAPE, _INVERSE, _LAST, _NUMBERS = 0, 9, 18, 27, 36  # offsets in a thread's work space
 
 _ROWS_2, _ROWS_3 = ROWS[2], ROWS[3]
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def break_bonds(thread, stage, sweep, material, bonds):
-    """Clear the bits of bonds beyond their limit; what the kernels write beside is overwritten by the next sweep."""
+    """Clear the bits of bonds beyond their limit; the next sweep overwrites what the kernels write otherwise."""
     zone = bonds.zone
     planes, rows = (
         zone[END] - zone[FIRST],
@@ -66,13 +66,13 @@ def break_bonds(thread, stage, sweep, material, bonds):
 
 @njit(error_model="numpy", inline="always")
 def _there(bits, node, bond):
-    """Whether a bond is, by its bits."""
+    """Whether the bit of a bond is set."""
     return (bits[bond >> 6, node] >> np.uint64(bond & 63)) & np.uint64(1) != 0
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def sum_state(level, node, bits, gather, numbers):
-    """State and shape tensor of a node, over the bonds that are there."""
+    """Compute the state and the shape tensor of a node from its present bonds."""
     law, general, distances = gather.sweep.law, gather.sweep.general[0], gather.sweep.offsets
     columns, rows, apart = gather.columns, gather.rows, level.size // gather.columns
     shapes, whole = law.shapes, law.shapes.shape[1]
@@ -98,7 +98,7 @@ def sum_state(level, node, bits, gather, numbers):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def invert_shape(numbers, dim):
-    """Inverse of the shape tensor, zero where it is hardly one."""
+    """Invert the shape tensor; the result is zero if it is nearly singular."""
     k, inverse = numbers[_SHAPE:_INVERSE], numbers[_INVERSE:_LAST]
     inverse[:] = 0
     if dim == 2:
@@ -118,7 +118,7 @@ def invert_shape(numbers, dim):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def kept_law(law, node, numbers, rows):
-    """What a node makes of its state whose shape tensor stays as it was at first, in the place of the state."""
+    """Replace the state of a node by the result of the law with its initial shape tensor."""
     state, made, odd = numbers[_STATE:_SHAPE], numbers[_SHAPE:_INVERSE], first_special(law.nodes, node)
     special = odd < law.nodes.size and law.nodes[odd] == node
     matrix = law.matrices[law.numbers[odd]] if special else law.intact
@@ -137,21 +137,21 @@ def kept_law(law, node, numbers, rows):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def borne_by_node(law, node, inverse, dim):
-    """What a node bears of its stress as its bonds break, see `farhorizon.engine.shape_tensors.stress_left`."""
+    """Share of its stress that a node bears as its bonds break, see `farhorizon.engine.shape_tensors.stress_left`."""
     odd, first, whole = first_special(law.nodes, node), law.firmness[0], law.intact.dtype.type(1)
     if odd < law.nodes.size and law.nodes[odd] == node:
         first = law.firmness[law.numbers[odd]]
     trace = inverse[0] + inverse[dim + 1]
     if dim == 3:
         trace += inverse[8]
-    # infinite of a node without a gradient, which has no stress, and of nodes that bear all of it
+    # infinite for nodes without a gradient, which have no stress, and for nodes that bear all of it
     left = dim / (trace * FACE * first)
     return left * left if left < 1 else whole
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def law_of_node(law, node, numbers, rows):
-    """What a node makes of its state, in the place of the state."""
+    """Replace the state of a node by the result of the law."""
     if law.kept:
         kept_law(law, node, numbers, rows)
         return
@@ -185,7 +185,9 @@ def law_of_node(law, node, numbers, rows):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def node_energy(stage, node, bits, springs, material, gather, scatter, numbers):
-    """Twice the energy of a node with some bonds, from the displacements now and a step ago, in units of the update."""
+    """Twice the energy of a node with some bonds, from the present displacements and those of the previous step, in
+    units of the update.
+    """
     u, old, columns = stage.src, stage.base, gather.columns
     sum_state(u, node, bits, gather, numbers)
     law_of_node(gather.sweep.law, node, numbers, gather.rows)
@@ -220,7 +222,7 @@ def node_energy(stage, node, bits, springs, material, gather, scatter, numbers):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def weigh_broken(stage, bonds, springs, material, gather, scatter, node, numbers, broken):
-    """Add the energy that a node loses as bonds break, and the bits from which it is known; then forget these."""
+    """Add the energy that a node loses as bonds break, and mark these bonds as accounted."""
     gone = False
     for word in range(bonds.alive.shape[0]):
         gone |= bonds.before[word, node] != bonds.alive[word, node]
@@ -233,7 +235,7 @@ def weigh_broken(stage, bonds, springs, material, gather, scatter, node, numbers
 
 @njit(error_model="numpy", cache=True, counted=False)
 def push_apart(stage, node, at, bonds, rule):
-    """Add to the new displacement of a node what its absent bonds do to it that are shorter than in the beginning."""
+    """Add to the new displacement of a node the effect of its absent bonds that are shorter than initially."""
     u, components, hardness = stage.src, stage.components, bonds.hardness
     apart = u.size // components
     for k in range(bonds.places.shape[0]):
@@ -249,7 +251,7 @@ def push_apart(stage, node, at, bonds, rule):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def node_force(stage, node, bonds, springs, material, gather, scatter):
-    """The new displacement of a node by the bonds that are there."""
+    """Compute the new displacement of a node from its present bonds."""
     u, states, columns = stage.src, gather.sweep.law.values, gather.columns
     apart, rows, distances = u.size // columns, scatter.columns, gather.sweep.offsets
     weights, pulls = scatter.sweep.general[stage.part], springs.general[stage.part]
@@ -271,8 +273,8 @@ def node_force(stage, node, bonds, springs, material, gather, scatter):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def redo_damaged(thread, stage, springs, material, gather, scatter, bonds, what):
-    """`STATES`, or then `FORCES`, of the nodes that lack bonds in tiles where some have broken or may close, or
-    `STATES_AGAIN` of those where some have just done so.
+    """Recompute nodes that lack bonds, in tiles where some have broken or may close: first `STATES`, later `FORCES`;
+    `STATES_AGAIN` only in tiles where some have just broken.
     """
     zone, block, changed, alive = bonds.zone, springs.block, bonds.changed, bonds.alive
     law, numbers = gather.sweep.law, gather.sweep.law.room[thread.number, 0]
@@ -280,7 +282,7 @@ def redo_damaged(thread, stage, springs, material, gather, scatter, bonds, what)
     high = _ROWS_3 if gather.columns == 3 else _ROWS_2
     size = law.values.size // gather.rows
     rows = changed.shape[1]
-    # whole rows of tiles, whose losses are added up in one place
+    # whole rows of tiles, because the losses of a row are added up in one place
     for number in range(thread.number, changed.shape[0] * rows, thread.threads):
         i0, row = number // rows, number % rows
         for tile in range(changed.shape[2]):

@@ -1,10 +1,10 @@
 """Tuned dampers: part of the mass of a layer's nodes hangs on damped springs.
 
 A wave whose group velocity points against its phase velocity grows in a layer. All such waves of a medium lie in a band
-of frequencies near the largest one, far above those of waves that a lattice resolves. So each node of the layer carries
-a mass on a spring that is tuned to this band: it takes energy there, at every point by itself, and leaves slower waves
-alone, however sharply the layer makes them fall. (Den Hartog's dynamic vibration absorber, Mechanical Vibrations, 1956,
-chapter 3.)
+of frequencies near the largest one, far above those of waves that the lattice resolves. So each node of the layer
+carries a mass on a spring that is tuned to this band: it removes energy there, at every node separately, and leaves
+slower waves alone, however steeply they decay in the layer. (Den Hartog's dynamic vibration absorber, Mechanical
+Vibrations, 1956, chapter 3.)
 
 With a the change that the forces make in a node's increment, the hanging mass and the node follow
 
@@ -14,8 +14,8 @@ so that the forces act through the factor ``1 + strength g`` at a frequency whos
 
     g = (1 - 1/z)^2 / (1 - (1 + keep - pull)/z + keep/z^2).
 
-Its imaginary part is positive at every frequency and every step: the dampers take energy and never give any. Waves much
-slower than the springs find the mass that was there before, to second order in their frequency. The fastest find less,
+Its imaginary part is positive at every frequency and every time step: dampers remove energy and never add any. Waves
+much slower than the springs see the unchanged mass, to second order in their frequency. The fastest see a smaller one,
 which shortens the largest stable step.
 """
 
@@ -31,7 +31,7 @@ from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.vectors import fetch, move_masses
 from farhorizon.engine.threads import barrier, share
 
-# largest shares of the frequency that a step carries at most, and of the width, where a step is too long for them
+# limits where a step is too long: of the frequency, relative to the largest one of the scheme, and of the width
 _NEAR, _MOST = 0.98, 0.9
 _AHEAD = 8  # runs between use and prefetch
 
@@ -42,16 +42,19 @@ class Dampers(NamedTuple):
     Attributes
     ----------
     runs : ndarray of int, shape (R, 5)
-        Of neighbouring nodes along the last axis: place in a level, place of the first strength, place of the first
-        state, nodes, and which springs they have.
+        Runs of neighbouring nodes along the last axis: place in a level, place of the first strength, place of the
+        first state, number of nodes, and number of their springs.
     springs : ndarray, shape (S, 2)
         `keep` and `pull`.
     strengths : ndarray
-        Lines of them along the last axis, each that occurs once; they go on for `SLACK` values, as the states do.
+        Lines of strengths along the last axis, each different one once; they go on for `SLACK` values, as the states
+        do.
     states : ndarray, shape (3 * components * apart,)
-        Last increments of the nodes, then p, then q; of each the components one after the other. Of the memory's type,
-        halves where layers remember these: dampers take a small part of a force, and miss as much of that.
+        Last increments of the nodes, then p, then q, each component by component. They are of the memory's type, and so
+        halves where layers remember halves: dampers contribute a small part of a force, and the error is that much
+        smaller.
     apart : int
+        Distance from one component to the next in `states`.
     """
 
     runs: np.ndarray
@@ -62,23 +65,23 @@ class Dampers(NamedTuple):
 
 
 def springs_of(tuned: np.ndarray, dt: float) -> tuple[float, float]:
-    """`keep` and `pull` of springs of an angular frequency, which take energy in a band of some width around it."""
+    """`keep` and `pull` of springs of an angular frequency that remove energy in a band of some width around it."""
     frequency, width = tuned.tolist()
     place = min(frequency * dt / 2, _NEAR)
-    # a step's frequencies crowd at the largest one: the band becomes as wide as it is on the lattice
+    # frequencies crowd at the largest one that a step carries: the band is made as wide as it is on the lattice
     share = min(width * dt / (2 * np.sqrt(1 - place**2)), _MOST)
     keep = (1 - share) / (1 + share)
     return keep, 2 * (1 + keep) * place**2
 
 
 def strengths_of(rates: np.ndarray, keep: float, pull: float, dt: float) -> np.ndarray:
-    """Strengths with which waves of the springs' frequency lose their velocity at some rates."""
-    square = pull / (2 * (1 + keep))  # of the sine of half the phase that they turn by in a step
+    """Strengths with which waves of the springs' frequency lose their velocity at given rates."""
+    square = pull / (2 * (1 + keep))  # of the sine of half their phase advance in a step
     return np.asarray(rates * dt * (1 - keep) * (1 - square) / (4 * square))
 
 
 def response(factor: np.ndarray, keep: float, pull: float) -> np.ndarray:
-    """The number g of waves with some factors over a step."""
+    """The response g of waves with given factors over a step."""
     back = 1 / np.asarray(factor)
     return np.asarray((1 - back) ** 2 / (1 - (1 + keep - pull) * back + keep * back**2))
 
@@ -95,11 +98,12 @@ class DamperTables:
     Attributes
     ----------
     slabs : dict of (axis, side) to ndarray of int
-        Places of the states of each layer that has dampers, by its nodes in the box, corners included; where layers
-        meet those of the first axis are in use, and the others share one place, the last.
+        Places of the states of each layer that has dampers, by its nodes in the box, corners included. Where layers
+        meet, the states of the first axis are in use, and all others share one place, the last.
     used : dict of (axis, side) to ndarray of bool
+        Which of these states are in use.
     size : int
-        Numbers that are kept of one component.
+        Number of places of states per component.
     start : int
         Where they begin in the engine's memory.
     """
@@ -138,7 +142,7 @@ class DamperTables:
         self._runs = np.concatenate(runs)
 
     def tables(self, memory: np.ndarray, real: np.dtype) -> Dampers:
-        """Those of the compiled loop, whose states are the memory of an engine from `start` on."""
+        """Dampers for the compiled loop, whose states are the memory of an engine from `start` on."""
         states = memory[self.start :][: 3 * self.layout.components * self.size]
         strengths = np.append(self._strengths, np.zeros(SLACK)).astype(real)
         return Dampers(self._runs, self._springs.astype(real), strengths, states, self.size)
@@ -151,8 +155,8 @@ class DamperTables:
             yield f"{axis}{'-+'[side > 0]}", self.start + every, tuple(a for a in range(3) if a != axis)
 
     def cells(self) -> list[tuple[tuple[int, int], np.ndarray]]:
-        """Places of the states in use, of each layer by component, number (those of the nodes outwards, three times),
-        and line.
+        """Places of the states in use, for each layer by component, number (those of its nodes from the near field
+        outwards, three times), and line.
         """
         found = []
         for (axis, side), places in self.slabs.items():
@@ -165,12 +169,12 @@ class DamperTables:
 
 
 def _columns(nodes: int, side: int, columns: int) -> slice:
-    """The nodes of a layer along its normal."""
+    """Nodes of a layer along its normal."""
     return slice(columns) if side < 0 else slice(nodes - columns, None)
 
 
 def _runs(nodes: np.ndarray, entries: np.ndarray, places: np.ndarray, number: int) -> np.ndarray:
-    """Runs in which all three go up by one, as `Dampers.runs`."""
+    """Runs in which nodes, entries and places all increase by one, as `Dampers.runs`."""
     rows = np.array([nodes, entries, places])
     first = np.flatnonzero((np.diff(rows, prepend=rows[:, :1] - 2) != 1).any(0))
     counts = np.diff(first, append=rows.shape[1])
@@ -179,7 +183,7 @@ def _runs(nodes: np.ndarray, entries: np.ndarray, places: np.ndarray, number: in
 
 @njit(error_model="numpy", cache=True, counted=False)
 def move_dampers(thread, stage, dampers):
-    """The hanging masses move, and pull their nodes; one thread's share."""
+    """Move the hanging masses and let them pull their nodes; one thread's share."""
     runs, springs, size = dampers.runs, dampers.springs, stage.out.itemsize
     apart, each = stage.src.size // stage.components, dampers.apart
     later = stage.components * each * dampers.states.itemsize
@@ -189,7 +193,7 @@ def move_dampers(thread, stage, dampers):
     own = share(thread, runs.shape[0])
     for i in range(own[0], own[1]):
         node, strength, state, count, number = runs[i, 0], runs[i, 1], runs[i, 2], runs[i, 3], runs[i, 4]
-        # beside the last axis runs are short, and too far apart for the hardware to notice
+        # in layers along the last axis runs are short, and too far apart for the hardware prefetcher
         ahead = runs[min(i + _AHEAD, runs.shape[0] - 1), 0] * size
         fetch(out + ahead)
         fetch(src + ahead)

@@ -12,24 +12,25 @@ from farhorizon.engine.threads import barrier, share
 
 
 class Drag(NamedTuple):
-    """The drag of nodes, and what it takes; see `engine.dragged_layers`.
+    """Drag on nodes, and the energy that it takes; see `engine.dragged_layers`.
 
     Attributes
     ----------
     rate : ndarray, shape (1,), or empty
-        By which part of what is between them an increment moves towards the mean of those of its neighbours in a step.
+        Fraction of the difference to the mean increment of its neighbours by which the increment of a node changes in a
+        step.
     distances : ndarray of int, shape (K,)
     alive, full : ndarray of uint64, shapes (words, places) and (words,)
-        Bits of the bonds that are there, and of all bonds.
+        Bits of the bonds that are present, and of all bonds.
     first, end : ndarray of int, shape (3,)
-        Box of the nodes whose loss is added up.
+        Box of the nodes whose loss is accumulated.
     lost : ndarray, shape (planes, rows)
-        What these have lost, over the mass of a node of the medium.
+        Energy that these have lost, over the mass of a node of the medium.
     room : ndarray, shape (threads, d, nodes of a row)
     moved : ndarray, shape (d * places,)
-        The increments of a step.
+        Increments of a step.
     beyond : ndarray, of the same shape
-        What layers add to their sums over neighbours, which is taken once a step.
+        Contributions of the layers to the sums over neighbours, which are used once per step.
     """
 
     rate: np.ndarray
@@ -45,7 +46,7 @@ class Drag(NamedTuple):
 
 
 def no_drag(real: np.dtype) -> Drag:
-    """None."""
+    """Return empty tables."""
     none, bits, nothing = np.zeros(0, np.int64), np.zeros(0, np.uint64), np.zeros(0, real)
     room = np.zeros((0, 0)), np.zeros((0, 0, 0), real)
     return Drag(nothing, none, bits.reshape(0, 0), bits, none, none, *room, nothing, nothing)
@@ -53,13 +54,13 @@ def no_drag(real: np.dtype) -> Drag:
 
 @njit(error_model="numpy", cache=True, counted=False)
 def _there(bits, node, bond):
-    """Whether a bond is, by its bits."""
+    """Whether the bit of a bond is set."""
     return (bits[bond >> 6, node] >> np.uint64(bond & 63)) & np.uint64(1) != 0
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def take_increments(thread, stage, drag):
-    """What each place has moved by in the last step."""
+    """Store the increment of each place in the last step."""
     first, end = share(thread, drag.moved.size)
     for i in range(first, end):
         drag.moved[i] = stage.src[i] - stage.base[i]
@@ -68,7 +69,7 @@ def take_increments(thread, stage, drag):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def _means(components, drag, place, pull):
-    """Of each node of a row the mean increment of its neighbours, less its own; shape (d, nodes)."""
+    """Compute for each node of a row the mean increment of its neighbours minus its own; shape (d, nodes)."""
     moved, beyond, apart = drag.moved, drag.beyond, drag.moved.size // components
     for c in range(components):
         first = c * apart + place
@@ -102,7 +103,7 @@ def _means(components, drag, place, pull):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def drag_along(thread, stage, block, mobility, drag):
-    """Add what drag does in a step, once all else is done, and add up what it takes."""
+    """Add the effect of drag to a step, after everything else, and accumulate the loss."""
     apart, rate, pull = stage.src.size // stage.components, drag.rate[0], drag.room[thread.number]
     own = share(thread, block[1] * block[2])
     for row in range(own[0], own[1]):

@@ -1,8 +1,8 @@
-"""Drag in the layers of a solid: what neighbours do is that of the medium which a layer continues, as in the forces,
-else waves would meet another medium there.
+"""Drag in the layers of a solid: as for the forces, the neighbours there are those of the medium that a layer
+continues; otherwise waves would meet a different medium.
 
-One further pass, from the increments of a step to their sums over neighbours, of which the plain ones are made by
-`engine.drag`; here is what the layers add.
+This is one further pass, from the increments of a step to their sums over neighbours. `engine.drag` computes the sums
+with plain shifts, and this module provides what the layers add.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ class DraggedLayers:
     ----------
     engine : Field
     recursion : mapping of (axis, side) to (r, e, f)
-        Of each layer.
+        Recursion coefficients of each layer.
 
     Attributes
     ----------
     layer_tables : LayerTables
     weights : ndarray, shape (K, d, d)
-        All neighbours count alike.
+        Equal weights of all neighbours.
     moved, beyond : ndarray, shape (d * places,)
-        The increments of a step, and what the layers add to their sums.
+        Increments of a step, and what the layers add to their sums.
     """
 
     def __init__(self, engine: Field, recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]]) -> None:
@@ -48,11 +48,11 @@ class DraggedLayers:
         self.moved, self.beyond = aligned_zeros(engine.components * engine.layout.size, engine.dtype, 2)
 
     def table(self, springs: Sweep) -> Pass:
-        """That of the pass, on the box that the springs are swept over."""
+        """Return the pass, on the box over which the springs are swept."""
         none, dtype, tables = np.zeros(0, np.int64), springs.general.dtype, self.layer_tables
         cuts, surface = Cuts(none, none, np.zeros(0, dtype)), no_surface(dtype)
         return Pass(springs, tables.layers, cuts, surface, tables.columns, tables.rows)
 
     def without(self, nodes: np.ndarray, neighbours: np.ndarray) -> Layers:
-        """The layers without some bonds, given by the places of their ends in a level."""
+        """Return the layers without some bonds, given by the places of their ends in a level."""
         return cut_layers(self.layer_tables, nodes, neighbours, self.weights[np.zeros(len(nodes), np.int64)])

@@ -1,8 +1,9 @@
-"""The exact ends of a bar in the compiled loop: what the half-infinite chains beyond do to the nodes next to them, the
+"""Exact ends of a bar in the compiled loop: forces of the half-infinite chains beyond on the nodes next to them, the
 drivers.
 
-An end is a sum of exponentials (states of which each step costs the same) or a convolution in blocks (the past of
-earlier blocks is known, the block's own samples act here). See `farhorizon.analysis.exact.chain` for the kernels.
+An end is a sum of exponentials (states that cost the same in each step) or a convolution in blocks (the contribution of
+earlier blocks is known in advance, and that of the block's own samples is computed here). See
+`farhorizon.analysis.exact.chain` for the kernels.
 """
 
 from __future__ import annotations
@@ -16,17 +17,17 @@ from farhorizon.engine.rows.compiled import njit
 
 Poles = tuple[np.ndarray, np.ndarray, np.ndarray]
 
-_MODES = 8  # modes of an end are filled up to whole vectors
-_ANY_ORDER = {"reassoc", "contract", "nsz"}  # sums may be taken in vectors; inlined, for two copies differ
+_MODES = 8  # modes of an end are padded to whole vectors
+_ANY_ORDER = {"reassoc", "contract", "nsz"}  # sums may be vectorised; inlined, because two copies would differ
 
 
 class Ends(NamedTuple):
-    """The chains beyond the ends of a bar. K4 is K rounded up to whole fours; what is beyond K there is zero.
+    """Chains beyond the ends of a bar. K4 is K rounded up to a multiple of four; entries beyond K are zero.
 
     Attributes
     ----------
     clock : ndarray of int, shape (1,)
-        Number of the step; counted on.
+        Number of the step; advanced by each step.
     first : float
         Weight of the sample at step 0.
     nodes : ndarray of int, shape (ends, K)
@@ -34,17 +35,17 @@ class Ends(NamedTuple):
     poles : ndarray, shape (ends, 2, P)
         Real and imaginary parts.
     inputs, outputs : ndarray, shape (ends, K4, 2 P)
-        Real parts, then imaginary ones, of c_p, and of b_p with the sign of the latter turned, so that the force is a
-        product with the states.
+        Real parts, then imaginary ones, of c_p, and of b_p with the sign of the imaginary parts reversed, so that the
+        force is a product with the states.
     states : ndarray, shape (ends, 2 P)
     sample : ndarray, shape (K4,)
         Work space.
     forces : ndarray, shape (ends, K4)
         Accelerations of the drivers.
     heads, past : ndarray, shapes (ends, B, K, K), (ends, B, K)
-        Of convolutions in blocks of B steps; B = 0 without.
+        Kernels, and contributions of earlier blocks, of convolutions in blocks of B steps; B = 0 without convolutions.
     history : ndarray, shape (ends, steps, K)
-        The drivers' values, at step 0 times `first`.
+        Values of the drivers; those at step 0 are multiplied by `first`.
     """
 
     clock: np.ndarray
@@ -62,7 +63,7 @@ class Ends(NamedTuple):
 
 
 def ends_table(nodes: np.ndarray, first: float, sums: Sequence[Poles | None] = (), block: int = 0) -> Ends:
-    """The ends, their states zero.
+    """Return the tables of the ends, with zero states.
 
     Parameters
     ----------
@@ -109,7 +110,7 @@ def ends_table(nodes: np.ndarray, first: float, sums: Sequence[Poles | None] = (
 
 @njit(error_model="numpy", fastmath=_ANY_ORDER, forceinline=True, cache=True, entry=False)
 def force_of_states(end, outputs, states, forces):
-    """Force of one end, four drivers at a time."""
+    """Compute the force of one end, four drivers at a time."""
     for i in range(0, forces.shape[1], 4):
         f0, f1, f2, f3 = 0.0, 0.0, 0.0, 0.0
         for p in range(states.shape[1]):
@@ -123,7 +124,7 @@ def force_of_states(end, outputs, states, forces):
 
 @njit(error_model="numpy", fastmath=_ANY_ORDER, forceinline=True, cache=True, entry=False)
 def advance_states(end, poles, inputs, sample, states):
-    """``y <- z (y + c . u)`` for one end, four drivers at a time."""
+    """Advance the states of one end, ``y <- z (y + c . u)``, four drivers at a time."""
     for m in range(0, sample.size, 4):
         u0, u1, u2, u3 = sample[m], sample[m + 1], sample[m + 2], sample[m + 3]
         for p in range(states.shape[1]):
@@ -139,7 +140,7 @@ def advance_states(end, poles, inputs, sample, states):
 
 @njit(error_model="numpy", cache=True, entry=False)
 def convolve(step, heads, past, history, force):
-    """Add the share of earlier blocks, and that of this block's own samples."""
+    """Add the contribution of earlier blocks, and that of this block's own samples."""
     reach, place = past.shape[1], step % heads.shape[0]
     for i in range(reach):
         force[i] += past[place, i]
@@ -154,7 +155,7 @@ def convolve(step, heads, past, history, force):
 
 @njit(error_model="numpy", cache=True, entry=False)
 def exact_ends(stage, ends):
-    """Add to one step, from the state of its stage, the forces of all chains beyond."""
+    """Add to a step, from the state of its stage, the forces of all chains beyond the ends."""
     step = ends.clock[0]
     ends.clock[0] = step + 1
     share = ends.first if step == 0 else 1.0

@@ -1,4 +1,4 @@
-"""The compiled loops, and the one place that knows Numba: plain arrays in, plain arrays out."""
+"""The engine: the compiled time loop behind an interface of plain arrays."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ __all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
 
 Kept = TypeVar("Kept", Layers, Stretches)
 _NO_ENDS = np.zeros((0, 0), np.int64)
-# of the field, and a quarter of the layers' memory: fewer are through before a second thread is there
+# Values of the field plus a quarter of the layers' memory; with fewer, one thread is done before a second has started.
 _PARALLEL_NUMBERS = 40_000
 
 
@@ -60,24 +60,26 @@ Loop = Callable[[int, int, np.ndarray, Tables, Inputs], None]
 
 @dataclass(frozen=True)
 class Layer(Storable):
-    """What a layer is made of, from the near field outwards.
+    """Coefficients of an absorbing layer, from the near field outwards.
 
     Attributes
     ----------
     kappa, sigma, alpha : ndarray, shape (columns + 1,)
         Stretch ``kappa + sigma / (s + alpha)`` on the edges p = 0..columns between its columns.
     damping : ndarray, shape (columns,), or empty
-        Rate at which its nodes lose the short waves that pass `taps`.
+        Rate at which each column loses the short waves that pass `taps`.
     taps : ndarray
         High-pass filter along one axis, see `engine.filter`.
     whole : bool
-        Whether short waves are damped themselves, not their velocity alone.
+        Whether short waves themselves are damped, and not only their increments.
     every : int
-        Steps after which short waves lose what is due in all of them; 0: left to the run.
+        Number of steps between applications of the filter, each of which damps by as much as is due for all of them; 0
+        leaves the choice to the run.
     short : bool
-        Whether six digits are enough for what the layers of a run remember, if they are for all of them.
+        Whether six digits are enough for this layer's memory; they are used only if they are enough for all layers.
     tuned : ndarray, shape (2,), or empty
-        Angular frequency of dampers, and the width of their band: these take `damping` there, see `engine.dampers`.
+        Angular frequency of tuned dampers and the width of their band. If given, `damping` is the rate of these dampers
+        instead of that of the filter, see `engine.dampers`.
     """
 
     kappa: np.ndarray
@@ -91,21 +93,21 @@ class Layer(Storable):
     tuned: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        for name in ("kappa", "sigma", "alpha", "damping", "taps", "tuned"):  # a checkpoint has short arrays as lists
+        for name in ("kappa", "sigma", "alpha", "damping", "taps", "tuned"):  # short arrays are lists in a checkpoint
             object.__setattr__(self, name, np.asarray(getattr(self, name), float))
 
     @property
     def filtered(self) -> bool:
-        """Whether a filter damps short waves."""
+        """Whether the layer damps short waves by a filter."""
         return bool(self.damping.size and not self.tuned.size)
 
     @property
     def columns(self) -> int:
-        """Nodes of the layer along its normal."""
+        """Number of nodes of the layer along its normal."""
         return len(self.kappa) - 1
 
     def recursion(self, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Coefficients r, e, f of the trapezoidal rule: ``far = near + r d - N``, ``N <- e N + f d``."""
+        """Coefficients r, e and f of the trapezoidal rule: ``far = near + r d - N``, ``N <- e N + f d``."""
         a, b = self.sigma * dt / 2, self.alpha * dt / 2
         new, old = (1 + b) * (1 + self.kappa) + a, (1 - b) * (1 + self.kappa) - a
         r = ((1 + b) * (self.kappa - 1) + a) / new
@@ -113,7 +115,7 @@ class Layer(Storable):
 
 
 def available_threads() -> int:
-    """Threads that the machine and Numba (NUMBA_NUM_THREADS) offer to this process, and `at_most` allows."""
+    """Number of threads that the machine, Numba (NUMBA_NUM_THREADS) and `at_most` allow this process."""
     import numba
 
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -125,12 +127,12 @@ _allowed: list[int] = []
 
 @contextmanager
 def at_most(threads: int | None) -> Iterator[None]:
-    """Within it the whole process has no more threads than these; None allows all.
+    """Limit the number of threads of the whole process while the context is active; None sets no limit.
 
     Raises
     ------
     InputError
-        Less than one thread, or more than there are.
+        If `threads` is less than one, or exceeds the number available.
     """
     allowed = [] if threads is None else [kinds.integer(threads, "threads", least=1, most=available_threads())]
     _allowed.extend(allowed)
@@ -142,15 +144,15 @@ def at_most(threads: int | None) -> Iterator[None]:
 
 
 class Engine:
-    """Time levels of one field, a scalar or a vector, and the compiled loop that advances them.
+    """Time levels of a scalar or vector field, and the compiled loop that advances them.
 
     Parameters
     ----------
     core : tuple of int
-        Nodes of the core, three axes (leading axes have one node in 1D and 2D).
+        Nodes of the core along three axes (leading axes have one node in 1D and 2D).
     offsets, weights : ndarray, shapes (K, 3) and (K,), or (K, d, d)
-        Stencil in units of the operator (1/time or 1/time^2). Matrices act on fields of d components (2 or 3), those
-        along the last d axes.
+        Stencil in units of the operator (1/time or 1/time^2). Matrices act on fields of d components (2 or 3), which
+        belong to the last d axes.
     stages : Stages
         Integrator (see `farhorizon.medium.integrators`).
     dt : float
@@ -159,43 +161,43 @@ class Engine:
     real : {"float64", "float32"}
     threads : int
     coefficient : ndarray, shape `core`, optional
-        Factor on bonds, combined by `rule`.
+        Factors of the bonds, combined from both ends by `rule`.
     reaction : float or ndarray, shape (d, d)
-        In units of the operator: what it takes of each node's own value, whatever the coefficient.
+        Coefficient of each node's own value, which the operator subtracts whatever the coefficient, in its units.
     signs : Signs, optional
-        Whether each component changes its sign in mirrors across the three axes; those of a vector unless given.
+        Whether each component changes its sign under mirroring of each of the three axes; by default those of a vector.
     sums : StateSums, optional
-        Two passes beside the stencil, on its offsets; coefficients are those of the stencil's own bonds.
+        Two passes in addition to the stencil, on its offsets; coefficients are those of the stencil's own bonds.
     heat : ndarray, shape (K, d), optional
-        Forces of the stencil's own bonds for a unit of strain that heat brings, in units of the operator, where it goes
-        on in the layers.
+        Forces of the stencil's own bonds per unit of thermal strain, in units of the operator; given if heat passes
+        through the layers.
     dragged : bool
-        Whether velocities will move towards the mean of their neighbours.
+        Whether drag towards the mean velocity of the neighbours is going to be set (`settings.set_drag`).
 
     Attributes
     ----------
     tables : Tables
-        What the loop works off; the methods `set_..` put others in their place.
+        Tables of the compiled loop; the functions of `engine.settings` and the methods ``set_...`` replace them.
     passes : Passes or None
     warm_layers : WarmLayers or None
     dragged_layers : DraggedLayers or None
     layers_of_passes : list of LayerTables or None
-        Those of each pass, by its number; None where there is no such pass.
+        Layer tables of each pass, by the number of the pass; None for passes that do not exist.
     all_layers : list of LayerTables
-        Those that are there.
+        Layer tables of the passes that exist.
     memory : ndarray
-        What the layers remember, of the type `kept`: that of the field, or the first halves of its numbers.
+        Memory of the layers, of the type `kept`: that of the field, or the first halves of its values.
     bonds : BondZone
-        Those that follow a law of their own.
+        Bonds that have a law of their own.
     absent : AbsentBonds
     loop : callable or None
-        What works off the table of operations in place of the compiled loop: see `tests/interpreter.py`.
+        Executes the table of operations in place of the compiled loop, see `tests/interpreter.py`.
     seen : ndarray, shape (steps, n)
-        The values at the places of `watch` after each step of an `advance`, until the next one.
+        Values at the places of `watch` after each step of an `advance`; valid until the next one.
     heard : ndarray, shape (steps, R)
-        The sums of `listen` after each of those steps.
+        Sums of `listen` after each of those steps.
     watch_stride : int
-        Of both only the rows of steps that are multiples of it are filled.
+        Only the rows of both whose step is a multiple of it are filled.
     """
 
     def __init__(
@@ -223,7 +225,7 @@ class Engine:
         self.offsets, self.weights = np.asarray(offsets, np.int64), np.asarray(weights, float)
         self.components = 1 if self.weights.ndim == 1 else self.weights.shape[1]
         self.layers = dict(layers)
-        plain = sums is None or sums.phi is None  # stretched derivatives are remembered beside, in full
+        plain = sums is None or sums.phi is None  # memory of stretched derivatives is separate, unrounded
         halves = self.dtype.itemsize == 8 and plain and layers and all(layer.short for layer in layers.values())
         self.kept = np.dtype("int32") if halves else self.dtype
         columns = {name: layer.columns for name, layer in self.layers.items()}
@@ -234,7 +236,7 @@ class Engine:
         recursion = {name: layer.recursion(dt) for name, layer in self.layers.items()}
         matrices = self.weights.reshape(len(self.weights), self.components, self.components)
         self.signs = signs = signs_of(self.components) if signs is None else signs
-        springs = recursion if self.weights.any() else {}  # of two passes there may be none
+        springs = recursion if self.weights.any() else {}  # an operator of two passes may have no springs
         of_values = self.dtype, self.kept, self.remember, coefficient is None
         self.layer_tables = LayerTables(self.layout, self.offsets, matrices, signs, signs, springs, *of_values)
         self.passes = None if sums is None else Passes(self, sums, recursion)
@@ -272,13 +274,11 @@ class Engine:
         self.loop: Loop | None = None
 
     def in_a_line(self, side: int) -> int:
-        """Numbers that layers at a side of the last axis have beside each of its lines: what processes exchange of
-        them.
-        """
+        """Number of values that the layers at one side of the last axis have beside each of its lines, for exchange."""
         return sum(tables.in_a_line(side) for tables in self.all_layers)
 
     def _one_memory(self) -> np.ndarray:
-        """What the layers of all passes remember, one after the other."""
+        """Allocate the memory of the layers of all passes as one array, and return it."""
         every = self.all_layers
         starts = np.cumsum([0, *(aligned(tables.layers.memory.size) for tables in every)])
         stretched = 0 if self.passes is None else self.passes.stretches.memory.size
@@ -297,10 +297,10 @@ class Engine:
     def spread(
         self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None, jointly: bool = False
     ) -> np.ndarray:
-        """Nodal values of the core on every place of a level: constant along each normal from the core's edge on.
+        """Extend nodal values of the core to all places of a level, constant along each normal beyond the core's edge.
 
-        `beyond` gives the value beyond a side (axis, side) where it is not that of the edge. If `jointly`, all
-        processes that fill halos call it, and each gives the others what lies beyond their sides.
+        `beyond` gives the value beyond a side (axis, side) where it differs from that at the edge. If `jointly`, all
+        processes that exchange halos call this together, and each gives the others the values beyond their sides.
         """
         layout, padded = self.layout, np.asarray(core, float)
         for axis, m in enumerate(layout.reach):
@@ -319,8 +319,8 @@ class Engine:
         return values
 
     def join(self, values: np.ndarray, beyond: Mapping[tuple[int, int], float]) -> None:
-        """Let other processes fill the halo of nodal values; all of them call it. Beyond the sides that nobody fills
-        the values go on as in `spread`, in the halos of the others, too.
+        """Fill the halo of nodal values from other processes, all of which must call this. Beyond sides that no process
+        fills the values continue as in `spread`, also in the halos of the other processes.
         """
         if self.exchange is None:
             return
@@ -341,50 +341,46 @@ class Engine:
                 along[halo] = beyond.get((axis, side), along[edge])
 
     def replace(self, **tables: Any) -> None:
-        """Put others in the place of some tables."""
+        """Replace some of the tables."""
         self.tables = self.tables._replace(**tables)
 
     # --- parts that may be set after construction --------------------------------------------------------------
 
     @property
     def mobility(self) -> np.ndarray:
-        """What forces do to each place of a level over what they do to a node of the medium; one number without
-        densities.
-        """
+        """Acceleration by a given force relative to a node of the medium, by place; one value without densities."""
         mobility = self.tables.mobility
         return np.tile(mobility, self.components) if mobility.size else np.ones(1, self.dtype)
 
     @property
     def dragged(self) -> float:
-        """What drag has taken, for a unit of mass a node."""
+        """Energy that drag has dissipated, per unit mass of a node."""
         return float(self.tables.drag.lost.sum()) / self.dt**2
 
     @property
     def dissolved(self) -> np.ndarray:
-        """Step at which each node of the core became liquid, `NEVER` for solid ones, where there are phases; shares
-        memory.
-        """
+        """Step at which each node of the core became liquid, `NEVER` for solid ones, in a model with phases; a view."""
         return self.core.view(self.tables.phases.dissolved)
 
     def hold(self, nodes: np.ndarray) -> None:
-        """Nodes with prescribed values: those of the columns of `held_values` in `advance`."""
+        """Set the nodes with prescribed values, which are those of the columns of `held_values` in `advance`."""
         self.held = nodes.astype(np.int64)
 
     def set_ends(self, ends: Ends) -> None:
-        """Exact ends of a bar (`ends.ends_table`)."""
+        """Set the exact ends of a bar (`ends.ends_table`)."""
         self.replace(ends=ends)
 
     @property
     def ends(self) -> Ends:
-        """The exact ends."""
+        """Tables of the exact ends."""
         return self.tables.ends
 
     def set_history(self, history: np.ndarray) -> None:
-        """Values of the exact ends' drivers so far, shape (ends, steps, K)."""
+        """Set the values of the exact ends' drivers so far, shape (ends, steps, K)."""
         self.replace(ends=self.tables.ends._replace(history=history))
 
     def _lengthen_history(self, steps: int) -> None:
-        """Room for the values of the exact ends' drivers in some steps more."""
+        """Make room for the values of the exact ends' drivers in a number of further steps."""
         ends = self.tables.ends
         count, length, reach = ends.history.shape
         if count and length < ends.clock[0] + steps:
@@ -394,23 +390,23 @@ class Engine:
 
     @property
     def fringe_history(self) -> np.ndarray:
-        """Values of the fringe's nodes one step ago, two and so on, shape (levels - 1, S); shares memory."""
+        """Values of the fringe's nodes one step ago, two steps ago and so on, shape (levels - 1, S); a view."""
         return self.tables.fringe.history.T
 
     @property
     def flows(self) -> np.ndarray:
-        """Sums of what has flowed, and the rounding of them, shape (2, count)."""
+        """Accumulated flows and their rounding errors, shape (2, count)."""
         return self.tables.flows.totals
 
     def watch(self, places: np.ndarray) -> None:
-        """Keep the values at places of a level, shape (n,), after every step from now on, in `seen`."""
-        first = np.flatnonzero(np.diff(places, prepend=-2) != 1)  # where no neighbour of the one before follows
+        """Record the values at places of a level, shape (n,), in `seen` after every step from now on."""
+        first = np.flatnonzero(np.diff(places, prepend=-2) != 1)  # places that do not directly follow the one before
         runs = places[first] % self.layout.size, places[first], first, np.diff(first, append=len(places))
         self._watched = np.stack(runs, axis=-1)[np.argsort(runs[0], kind="stable")]
 
     def set_dependent_values(self, values: np.ndarray) -> None:
-        """Set the prescribed nodes of the current level; `values` has what is added to the combinations, one a
-        prescribed node.
+        """Set the dependent nodes of the current level; `values` holds, for each of them, what is added to its
+        combination.
         """
         level, one = self.current, self.dtype.type(1)
         stage = Stage(level, level, level, 0, one, one, one, one, False, self.components, self.components)
@@ -419,69 +415,68 @@ class Engine:
 
     @property
     def varied(self) -> bool:
-        """Whether bonds have factors of their own."""
+        """Whether bonds have individual factors."""
         return self.tables.material.coefficient.size > 1
 
     # --- the work ----------------------------------------------------------------------------------------------
 
     def record_work(self) -> None:
-        """From now on add up the work of the sources; the older level must outlive a step."""
+        """Accumulate the work of the sources from now on; the older level must outlive a step."""
         self.replace(work=np.zeros(-(-self.components * int(np.prod(self.core.nodes)) // CHUNK)))
 
     def count_work(self, work: float) -> None:
-        """Add some work, for a unit of mass a node."""
+        """Add to the accumulated work, per unit mass of a node."""
         self.tables.work[0] += work
 
     @property
     def work(self) -> float:
-        """Work of the sources, for a unit of mass a node."""
+        """Work of the sources, per unit mass of a node."""
         return float(self.tables.work.sum())
 
     @property
     def current(self) -> np.ndarray:
-        """The flat level that holds the state."""
+        """Flat level that holds the present state."""
         return self.levels[self.tables.rotation[self.phase, 0, 0]]
 
     @property
     def older(self) -> np.ndarray:
-        """The level with the state one step ago, halos included (second-order integrators)."""
+        """Level with the state one step ago, halos included (second-order integrators)."""
         rotation = self.tables.rotation[self.phase, 0]
         return self.levels[rotation[2 if self.stages.increments else 1]]
 
     def all_components(self, nodes: np.ndarray) -> np.ndarray:
-        """Indices in a level of all components of nodes that are given by those of the first, component by
-        component."""
+        """Indices in a level of all components of nodes, component by component, from those of the first component."""
         return (nodes.ravel() + self.layout.size * np.arange(self.components)[:, None]).ravel()
 
     def complete(self, level: np.ndarray) -> None:
-        """Fill the halo of a level across periodic axes, and where other processes do."""
+        """Fill the halo of a level across periodic axes and from other processes."""
         if self.exchange is not None:
             self.exchange.fill(level, self.components)
             return
         load_program().copy(level, self.tables.copies, self.components)
 
     def begin(self, level: np.ndarray) -> None:
-        """What stretched derivatives remember begins, at zero, in the state `level`."""
+        """Initialise the memory of stretched derivatives so that it is zero in the state `level`."""
         if self.tables.stretches.runs.size:
             self.operate(level, beginning_operations(self.tables))
 
     def apply(self, level: np.ndarray) -> np.ndarray:
-        """The operator L on a level, as a level (its nodes only are meaningful); fills the halo of `level`."""
+        """Apply the operator L to a level, and return a level (valid at its nodes only); fills the halo of `level`."""
         return self.operate(level, operator_operations(self.tables), apart=True)
 
     def apply_core(self, level: np.ndarray) -> np.ndarray:
-        """The operator L on a level with whatever its halo holds, with plain shifts everywhere, without heat and, of
-        nodes with states, without bonds that close.
+        """Apply the operator L to a level with plain shifts everywhere, using its halo as it is, without thermal
+        strains and, in state-based media, without contact of absent bonds.
         """
         return self.core_operator()(level)
 
     def core_operator(self) -> Callable[[np.ndarray], np.ndarray]:
-        """`apply_core` for one level after the other: what is made for it takes longer than a small sweep."""
+        """Return `apply_core` as a callable for repeated use: preparing its tables takes longer than a small sweep."""
         return _Prepared(self, sweep_operations(self.tables), cold=True, gaping=True)
 
     def forces_of_heat(self) -> tuple[np.ndarray, np.ndarray]:
-        """What heat does to nodes with states that are where they were, as a level, and four times the energy of each
-        place for a unit of mass a node.
+        """Thermal forces on undisplaced nodes in a state-based medium, as a level, and four times the energy of each
+        place, per unit mass of a node.
         """
         assert self.passes is not None
         forces = self.operate(np.zeros_like(self.current), sweep_operations(self.tables), gaping=True)
@@ -496,11 +491,11 @@ class Engine:
         again: bool = False,
         gaping: bool = False,
     ) -> np.ndarray:
-        """What some operations make of a level, without the rest of a stage, as a level: of bonds none breaks.
+        """Apply some operations to a level outside the time loop, and return the result as a level; no bond breaks.
 
-        If `apart`, the layers remember nothing of it; if `cold`, heat strains nothing; if `gaping`, absent bonds of
-        nodes with states do not close. What is made for it is kept if the same operations are asked for `again` and
-        again.
+        If `apart`, the memory of the layers is left unchanged; if `cold`, there are no thermal strains; if `gaping`,
+        absent bonds of a state-based medium carry no compression. The prepared tables are kept if the same operations
+        are going to be applied `again`.
         """
         asked = (apart, cold, gaping, *operations)
         kept = self._asked.get(asked) if again else None
@@ -511,12 +506,12 @@ class Engine:
         return kept(level)
 
     def _no_inputs(self, steps: int) -> Inputs:
-        """Nothing from outside for some steps; prescribed values are zero."""
+        """Return inputs without sources for a number of steps; prescribed values are zero."""
         found = self._repeats.nothing(steps, self.tables, self.held, self._watched, self.watch_stride)
         return found._replace(before=self.steps_done)
 
     def sweep_in_pieces(self, rows: int) -> None:
-        """From now on sweep whole multiples of some rows at a time."""
+        """Sweep whole multiples of a number of rows at a time from now on."""
         sweep = self.tables.sweep
         self.replace(sweep=sweep._replace(depth=-(-sweep.depth // rows) * rows))
         self.replace(media=media_of(self))
@@ -531,12 +526,13 @@ class Engine:
         dependent_fields: np.ndarray | None = None,
         dependent_times: np.ndarray | None = None,
     ) -> None:
-        """Run steps without returning to Python; sources, held and dependent values as `Inputs` has them.
+        """Run steps without returning to Python; sources, held and dependent values are those of `Inputs`.
 
         Raises
         ------
         IndexError
-            A table does not match the steps: the compiled loop, which looks at no bounds, is not entered.
+            If the shape of a table does not match the steps: the compiled loop, which checks no bounds, is then not
+            run.
         """
         self._lengthen_history(steps)
         nothing = self._no_inputs(steps)
@@ -557,12 +553,14 @@ class Engine:
         self.steps_done += steps
 
     def advance_alone(self, steps: int) -> None:
-        """Run steps with nothing from outside: no sources, and prescribed values that are zero."""
+        """Run steps without sources; prescribed values are zero."""
         inputs = self._no_inputs(steps)
         self.advance(steps, inputs.source_nodes, inputs.source_fields, inputs.source_times)
 
     def remembered(self) -> Iterator[tuple[str, np.ndarray, tuple[int, ...]]]:
-        """Places of the memory by name, and the axes of the box that their last axes are; see `LayerTables.lines`."""
+        """Yield the parts of the memory: name, places, and the axes of the box that the last axes of the places belong
+        to; see `LayerTables.lines`.
+        """
         for number, tables in enumerate(self.all_layers if self.remember else ()):
             for name, places, axes in tables.lines():
                 yield f"memory/{number}/{name}", tables.start + places, axes
@@ -571,8 +569,8 @@ class Engine:
 
     @property
     def layer_memory(self) -> list[tuple[int, tuple[int, int], np.ndarray, Signs]]:
-        """Places of the memory that forces of displacements ever use: pass, (axis, side) of a layer, an array by
-        component, number, and line, and the components' signs; see `LayerTables.cells`.
+        """Places of the memory that the forces of the displacements use: for each pass and layer its number, (axis,
+        side), an array by component, number, and line, and the signs of the components; see `LayerTables.cells`.
         """
         warm = () if self.warm_layers is None else self.warm_layers.layer_tables
         of_the_solid = [tables for tables in self.all_layers if tables not in warm]
@@ -596,13 +594,13 @@ class Engine:
 
 
 class _Prepared:
-    """Operations that are ready for any level, as `Engine.operate` has them, as long as the engine's tables stay."""
+    """Prepared operations of `Engine.operate`, applicable to any level as long as the engine's tables stay the same."""
 
     def __init__(
         self, engine: Engine, operations: list[Operation], apart: bool = False, cold: bool = False, gaping: bool = False
     ) -> None:
         self.engine, self.of, self.apart = engine, engine.tables, apart
-        scale = engine.stages.numbers[0][2]  # the last stage may be without operator
+        scale = engine.stages.numbers[0][2]  # the last stage may not apply the operator
         numbers = np.array([numbers_of(engine, float(engine.stages.increments), 0.0, scale, 0.0)], engine.dtype)
         tables = once(engine.tables, operations, numbers)
         if cold:
@@ -615,7 +613,7 @@ class _Prepared:
         self.loop = CompiledLoop(engine._own_loop)
 
     def __call__(self, level: np.ndarray) -> np.ndarray:
-        """What they make of a level, as a level; fills its halo."""
+        """Apply the operations to a level, whose halo is filled, and return the result as a level."""
         engine, levels = self.engine, self.levels
         if self.apart:
             self.memory[:] = engine.memory
@@ -628,7 +626,7 @@ class _Prepared:
         return np.asarray(levels[1 if engine.stages.increments else 2] / self.tables.numbers[0, 3])
 
     def _with_own_memory(self, tables: Tables) -> Tables:
-        """Tables whose layers have another memory than the engine's."""
+        """Return tables whose layers use a memory separate from the engine's."""
         engine, memory = self.engine, self.memory
         springs, *beside = engine.layers_of_passes
         assert springs is not None
@@ -643,5 +641,5 @@ class _Prepared:
 
 
 def _remembering(layers: Kept, memory: np.ndarray, start: int) -> Kept:
-    """The same layers with another memory: the part of it that begins at `start`."""
+    """Return the same layers with the part of another memory that begins at `start`."""
     return layers._replace(memory=memory[start : start + layers.memory.size])

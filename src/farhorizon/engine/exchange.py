@@ -1,9 +1,9 @@
-"""Halos that other processes fill, and the tables of messages by which they do.
+"""Halos that other processes fill, and the tables of the messages that do so.
 
-A neighbouring process is one more periodic side: the halo repeats what lies on the other side of an axis, only that
-this lies in the memory of another process. Axis by axis values are packed, sent and unpacked; later axes
-(`layout.HALOS`) send the halos of earlier ones along, so that those at edges and corners come of themselves. While the
-messages along an axis are on their way, rows are swept that need none of them (`free_of_halos`).
+A neighbouring process acts like a periodic side: the halo repeats what lies on the other side of an axis, which is in
+the memory of another process. Values are packed, sent and unpacked axis by axis; later axes (`layout.HALOS`) include
+the halos of earlier ones, so that edges and corners need no messages of their own. While the messages along an axis are
+under way, rows that need none of them are swept (`free_of_halos`).
 """
 
 from __future__ import annotations
@@ -21,24 +21,25 @@ from farhorizon.engine.rows.exchanges import HEAD, RECEIVES, REQUEST, ROW, STATU
 Places = np.ndarray  # of a halo, and of what it repeats; shape (2, n)
 Side = tuple[int, int]
 
-#: Kinds of messages: of levels and states, and of the slots of each pass; of the filter's box the last one.
+#: Kinds of messages: levels and states; slots of each pass, from here on; the box of the filter, which is the last
+#: kind.
 LEVEL, SLOTS, FILTER = 0, 1, -1
 
 
 @dataclass(frozen=True)
 class Link:
-    """How a process reaches others: numbers that compiled code is given.
+    """Handles by which compiled code reaches other processes.
 
     Attributes
     ----------
     functions : tuple of int
-        Addresses of MPI_Isend, MPI_Irecv, MPI_Waitall and MPI_Testall; 0 where there is nobody but the process itself.
+        Addresses of MPI_Isend, MPI_Irecv, MPI_Waitall and MPI_Testall; 0 for a single process.
     communicator, kind : int
-        Handles: of the communicator, and of the type of a byte.
+        Handles of the communicator and of the byte type.
     wide : bool
-        Whether handles are pointers, not numbers of four bytes.
+        Whether handles are pointers instead of integers of four bytes.
     own : int
-        Number of this process.
+        Rank of this process.
     """
 
     functions: tuple[int, int, int, int]
@@ -50,14 +51,14 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Messages:
-    """What is sent and received, axis by axis.
+    """Values that are sent and received, axis by axis.
 
     Attributes
     ----------
     link : Link
     rows : list of (int, int, ndarray, ndarray, int)
-        Of each message, to whom and from whom (below 0 for nobody), places that are sent and places that are filled,
-        and what tells it from others: twice the axis, and one more on the high side.
+        For each message the destination and the source (negative for none), the places that are sent and those that are
+        filled, and a tag: twice the axis, plus one on the high side.
     """
 
     link: Link
@@ -65,13 +66,13 @@ class Messages:
 
     @classmethod
     def between(cls, link: Link, neighbours: Mapping[Side, int], across: Mapping[Side, Places]) -> Messages:
-        """Those that fill the halos on all sides.
+        """Return the messages that fill the halos on all sides.
 
         Parameters
         ----------
         link : Link
         neighbours : mapping of (axis, side) to int
-            Numbers of processes, below 0 for nobody; of axes without any, none.
+            Ranks of processes, negative for none; axes without any are left out.
         across : mapping of (axis, side) to ndarray of int, shape (2, n)
             Places of the halo on a side, and those that it would repeat if the axis were periodic.
         """
@@ -83,34 +84,34 @@ class Messages:
         return cls(link, [row for row in rows if len(row[2])])
 
     def along(self, axis: int) -> Messages:
-        """Those along one axis, which do not wait for each other."""
+        """Return the messages along one axis, which do not depend on each other."""
         return Messages(self.link, [row for row in self.rows if row[-1] // 2 == axis])
 
     @property
     def volume(self) -> int:
-        """Values of one component that go to other processes."""
+        """Number of values per component that are sent to other processes."""
         return sum(len(sent) for to, _, sent, *_ in self.rows if to >= 0 and to != self.link.own)
 
 
 class Table:
-    """The table of messages as compiled code reads it, see `engine.rows.exchanges`, and the memory that it refers to.
+    """Table of messages for compiled code, see `engine.rows.exchanges`, and the memory that it refers to.
 
     Parameters
     ----------
     messages : Messages
     size : int
-        Bytes of a value.
+        Bytes per value.
     components : int
-        The most that are sent of a value.
+        Largest number of components of a value that is sent.
     kind : int
-        Messages of several kinds may be on their way at once.
+        Kind of these messages; messages of several kinds may be under way at the same time.
     """
 
     def __init__(self, messages: Messages, size: int, components: int, kind: int) -> None:
         link, runs, rows = messages.link, list[np.ndarray](), []
         lengths = [components * len(sent) * size for _, _, sent, *_ in messages.rows]
         self._buffers = [np.zeros((2, length), np.uint8) for length in lengths]
-        most = 2 * len(messages.rows)  # of each message one to send and one to receive
+        most = 2 * len(messages.rows)  # one to send and one to receive per message
         self._requests, self._statuses = np.zeros(most * REQUEST, np.uint8), np.zeros(most * STATUS, np.uint8)
         start = HEAD + ROW * len(messages.rows)
         for (to, source, sent, filled, tag), buffers in zip(messages.rows, self._buffers, strict=True):
@@ -127,7 +128,7 @@ class Table:
 
     @property
     def address(self) -> int:
-        """Where compiled code finds it."""
+        """Address of the table for compiled code."""
         return int(self.words.ctypes.data)
 
 
@@ -138,8 +139,8 @@ def _runs(places: np.ndarray) -> np.ndarray:
 
 
 def free_of_halos(layout: Layout, neighbours: Mapping[Side, int]) -> np.ndarray:
-    """Which rows take nothing that other processes fill along the first two axes: first and end, shape (2, 2), of none
-    where there are none. To cut rows would take more vectors than the messages along the last axis take time.
+    """Rows that do not depend on what other processes fill along the first two axes: first and end, shape (2, 2); zero
+    if there are none. Rows are not cut: this would cost more vectors than the messages along the last axis take time.
     """
     found = np.array([(0, 0), layout.box.nodes[:2]], np.int64)
     for (axis, side), other in neighbours.items():
@@ -149,22 +150,22 @@ def free_of_halos(layout: Layout, neighbours: Mapping[Side, int]) -> np.ndarray:
 
 
 class Exchange:
-    """The exchange of an engine.
+    """Exchange of halos of an engine with other processes.
 
     Parameters
     ----------
     kinds : sequence of Messages
-        Of levels, of the slots of each pass, and of the box of the filter.
+        Messages of levels, of the slots of each pass, and of the box of the filter.
     components : int
-        The most of any field that is exchanged.
+        Largest number of components of the fields that are exchanged.
     dtype : dtype
 
     Attributes
     ----------
     messages : list of Messages
     numbers : ndarray of int, shape (kinds, 3, 5)
-        Of each kind and axis the addresses of what begins messages, ends them and lets them move on, and of their
-        table, and whether there is anything in it.
+        For each kind and axis the addresses of the functions that start messages, complete them and let them make
+        progress, the address of their table, and whether it has any messages.
     """
 
     def __init__(self, kinds: Sequence[Messages], components: int, dtype: np.dtype) -> None:
@@ -184,8 +185,8 @@ class Exchange:
         )
 
     def fill(self, level: np.ndarray, components: int, times: int = 1, kind: int = LEVEL) -> None:
-        """Let other processes fill the halo of a level, or what else is exchanged, as the compiled loop does; all of
-        them call it.
+        """Fill the halo of a level, or another kind of array, from other processes as the compiled loop does; all of
+        them call this together.
         """
         compiled = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * 4)
         calls = [

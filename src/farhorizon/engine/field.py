@@ -1,4 +1,4 @@
-"""What the parts of an engine know of it."""
+"""Interface of an engine to its parts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from farhorizon.engine.rows.matrices import Signs
 
 
 class Field(Protocol):
-    """Levels, tables and geometry; see `farhorizon.engine.engine.Engine`, whose constructor has its parameters."""
+    """Levels, tables and geometry; see `farhorizon.engine.engine.Engine`, whose constructor documents the
+    parameters.
+    """
 
     layout: Layout
     core: Block

@@ -1,21 +1,21 @@
-"""Damping of short waves in the layers: a step takes from the increments there what a high-pass filter passes.
+"""Damping of short waves in the layers: a step subtracts from the increments there what a high-pass filter passes.
 
 With the increment d of a step and the layers' nodal strengths D, zero outside, ``d <- d - D F D d``, where F is the sum
-over the axes of one symmetric filter along each of them. F is positive semi-definite and D F D at most 1, so this takes
-energy and never gives any, at every time step. Waves that hardly move, as those of a material with zero-energy modes,
-keep their displacement that way. There both levels of the field are filtered (`whole`), which makes a wave that passes
-decay by itself: s becomes ``s + rate``.
+over the axes of one symmetric filter along each. F is positive semi-definite and D F D at most 1, so that this removes
+energy and never adds any, at every time step. Waves that hardly move, such as those of a material with zero-energy
+modes, keep their displacement that way. There both levels of the field are filtered (`whole`), so that a wave that
+passes the filter decays by itself: s becomes ``s + rate``.
 
 Where little is damped it is enough to do so in every second step, by as much as in both.
 
 A line along an axis ends where its next bond is cut, or leads to a place without a node: a crack or a rim that runs
-into a layer is no short wave. There the line meets its own mirror image, as beyond a free side, which makes of the
-filter the same polynomial of the second difference on a line that ends (`cut_filter`).
+into a layer is no short wave. There the line meets its own mirror image, as beyond a free side, so that the filter
+becomes the same polynomial of the second difference on a line that ends (`cut_filter`).
 
-The increments of the layers' nodes, and of no others, are put into a *box*, one component after the other. It has a
-place for every node of the near field and of the layers, in their natural order, with margins as wide as the filter
-reaches: one number each, however many components the field has. In it the layers are a frame, and the places of the
-near field stay zero; they are read where the filter reaches them from a layer.
+The increments of the layers' nodes, and only those, are put into a *box*, one component after the other. It has a place
+for every node of the near field and of the layers, in their natural order, with margins as wide as the filter reaches:
+one number each, however many components the field has. In it the layers form a frame, and the places of the near field
+stay zero; they are read where the filter reaches them from a layer.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from farhorizon.engine.threads import barrier, share
 
 _PIECE = 256  # nodes of a run that one thread takes at a time
 _AHEAD = 8  # pieces between use and prefetch
-# weights beyond which a filter in space works in blocks, and bytes that each of these meets
+# number of taps beyond which a filter in 3D works in blocks, and bytes that each block meets
 _LONG, _CACHED = 7, 1 << 19
-_CUT, _HELD = 1, 2  # ends of lines
+_CUT, _HELD = 1, 2  # how lines end
 
 
 class Filter(NamedTuple):
@@ -48,31 +48,31 @@ class Filter(NamedTuple):
     steps : ndarray of int
         Distances in the box between neighbours along the axes.
     box : ndarray
-        A place for every node in their natural order, with margins; of what is not damped zero. It goes on for `SLACK`
-        values.
+        A place for every node in their natural order, with margins; zero where nothing is damped. It goes on for
+        `SLACK` values.
     strengths : ndarray
-        Lines of them along the last axis, each that occurs once; they go on for `SLACK` values.
+        Lines of strengths along the last axis, each different one once; they go on for `SLACK` values.
     runs : ndarray of int, shape (P, 4 + axes)
-        Pieces of neighbouring nodes: place in the box, place in a level, place of the first strength, nodes; and how
-        far along each axis of the filter there may be damped nodes, for beyond them it meets zeros only.
+        Pieces of neighbouring nodes: place in the box, place in a level, place of the first strength, number of nodes;
+        and how far away along each axis of the filter there may be damped nodes, as it meets only zeros beyond them.
     copies : ndarray of int, shape (3, C)
-        Places of the box that repeat what lies across periodic axes or before walls, those, and the sign.
+        Places of the box that repeat what lies across periodic axes or before walls, the places repeated, and the sign.
     cut_nodes : ndarray of int, shape (M,)
         Places in a level of nodes on lines that are cut within the filter's length.
     cut_ends : ndarray of int, shape (M + 1,)
-        Of each of these the entries of the next two, one node after the other.
+        Where the entries of each of these nodes begin in the next two arrays, and where the last ones end.
     cut_places : ndarray of int, shape (E,)
         Places of the box.
     cut_weights : ndarray, shape (E,)
-        What of them is taken in addition to what the filter passes, times the strength of the node.
+        Weights, with the node's strength, by which their values are subtracted in addition to what the filter passes.
     whole : bool
-        Whether the waves themselves are filtered, not their increments alone.
+        Whether the waves themselves are filtered, not only their increments.
     every : int
-        After how many steps, by as much as in all of them.
+        Number of steps from one use of the filter to the next, which damps by as much as one in each.
     blocked : bool
         Whether the pieces are not in the order of their nodes, but in blocks whose lines stay in the cache.
     exchange : ndarray of int, shape (3, 5)
-        By what other processes fill margins of the box, as a kind of `Tables.exchange`.
+        Messages by which other processes fill margins of the box, as a kind of `Tables.exchange`.
     """
 
     taps: np.ndarray
@@ -100,15 +100,15 @@ def filter_tables(
     whole: bool = False,
     every: int = 1,
 ) -> Filter:
-    """What `damp_short_waves` reads; empty runs where nothing is damped.
+    """Tables that `damp_short_waves` reads; without runs where nothing is damped.
 
     Parameters
     ----------
     layout : Layout
     rates : mapping of (axis, side) to ndarray, shape (columns,)
-        Damping rate of what passes the filter, from the near field outwards; where layers meet the rates add.
+        Damping rate of what passes the filter, from the near field outwards; where layers meet the rates are added.
     taps : ndarray, shape (R + 1,)
-        Filter along one axis: its weight of the node itself, of both neighbours, and so on.
+        Filter along one axis: its weight of the node itself, of the neighbours on both sides, and so on.
     dt : float
     real : dtype
     whole : bool
@@ -153,8 +153,8 @@ def filter_tables(
 
 
 def _extents(layout: Layout, taps: np.ndarray) -> tuple[list[int], list[int], np.ndarray]:
-    """Margins of the box before its nodes, its extents with those behind, and the distances of neighbours, along the
-    axes; lines begin on cache lines.
+    """Along the axes: margins of the box before its nodes, its extents including the margins behind them, and the
+    distances of neighbours; lines begin on cache lines.
     """
     pads = [len(taps) - 1 if reach else 0 for reach in layout.reach]
     extent = [n + 2 * pad for n, pad in zip(layout.box.nodes, pads, strict=True)]
@@ -165,7 +165,7 @@ def _extents(layout: Layout, taps: np.ndarray) -> tuple[list[int], list[int], np
 
 
 def _limits(layout: Layout, along: Sequence[np.ndarray], reach: int) -> np.ndarray:
-    """How many nodes off, at most `reach`, there may be damped ones, along each axis, shape (axes, *nodes)."""
+    """How many nodes away, at most `reach`, there may be damped ones along each axis, shape (axes, *nodes)."""
     nodes, found = layout.box.nodes, []
     for axis in (a for a in range(3) if layout.reach[a]):
         limit, (core, low, high) = np.full(nodes[axis], reach), (layout.core[axis], layout.low[axis], layout.high[axis])
@@ -192,8 +192,8 @@ def _along(layout: Layout, rates: Mapping[tuple[int, int], np.ndarray]) -> list[
 def margin_across(
     layout: Layout, rates: Mapping[tuple[int, int], np.ndarray], taps: np.ndarray, axis: int, side: int
 ) -> np.ndarray:
-    """Places of the box's margin on a side, and those that it repeats if the axis is periodic, where layers along other
-    axes damp; shape (2, n).
+    """Places of the box's margin on a side, where layers along other axes damp, and those that it repeats if the axis
+    is periodic; shape (2, n).
     """
     pads, _, step = _extents(layout, taps)
     along = [rate * (a != axis) for a, rate in enumerate(_along(layout, rates))]
@@ -210,7 +210,7 @@ def margin_across(
 
 
 def line_damping(rates: np.ndarray, taps: np.ndarray, dt: float, across: np.ndarray) -> np.ndarray:
-    """What a step takes of the increments along a layer's normal, ``D F D`` for a wave along the layer.
+    """``D F D`` along a layer's normal, which a step subtracts from the increments, for a wave along the layer.
 
     Parameters
     ----------
@@ -235,8 +235,8 @@ def line_damping(rates: np.ndarray, taps: np.ndarray, dt: float, across: np.ndar
 
 
 def _runs(rows: np.ndarray, limits: np.ndarray) -> np.ndarray:
-    """Pieces in which all rows, the place in the box first, go up by one, as `Filter.runs`; of nodes in their order,
-    shapes (3, nodes) and (axes, nodes).
+    """Pieces in which all rows, the place in the box first, increase by one, as `Filter.runs`, for nodes in their
+    order; shapes (3, nodes) and (axes, nodes).
     """
     parted = np.flatnonzero((np.diff(rows, prepend=rows[:, :1] - 2) != 1).any(0))
     ends = np.append(parted, rows.shape[1])[1:]
@@ -248,8 +248,8 @@ def _runs(rows: np.ndarray, limits: np.ndarray) -> np.ndarray:
 
 
 def _in_blocks(runs: np.ndarray, step: np.ndarray, taps: int, size: int) -> np.ndarray:
-    """Pieces block by block of lines, and in each plane after plane: the planes that a long filter meets in space do
-    not stay in the cache, a block's lines in them do.
+    """Pieces in blocks of lines, within each block plane by plane: the planes that a long filter meets in 3D do not
+    stay in the cache, but the lines of a block do.
     """
     lines = max(1, _CACHED // (2 * taps * int(step[1]) * size))
     plane, line = runs[:, 0] // step[0], runs[:, 0] % step[0] // step[1]
@@ -257,7 +257,7 @@ def _in_blocks(runs: np.ndarray, step: np.ndarray, taps: int, size: int) -> np.n
 
 
 def without(tables: Filter, spared: Callable[[np.ndarray], np.ndarray]) -> Filter:
-    """The same filter, which leaves some nodes alone; `spared` tells by the nodes' places in a level."""
+    """The same filter without the nodes for which `spared`, a function of their places in a level, is true."""
     run, within = np.repeat(tables.runs, tables.runs[:, 3], axis=0), _numbers_in(tables.runs[:, 3])
     kept = ~spared(run[:, 1] + within)
     runs = _runs(run[kept, :3].T + within[kept], run[kept, 4:].T)
@@ -268,14 +268,14 @@ def without(tables: Filter, spared: Callable[[np.ndarray], np.ndarray]) -> Filte
 
 
 def _numbers_in(counts: np.ndarray) -> np.ndarray:
-    """0, 1, ... in each of so many pieces one after the other."""
+    """0, 1, ... within each of successive pieces of given lengths."""
     return np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def _wrapped(
     places: np.ndarray, layout: Layout, step: np.ndarray, pads: list[int], extent: list[int], reach: int
 ) -> np.ndarray:
-    """Margins of the box that repeat what lies on the other side of a periodic axis: as `Filter.copies`."""
+    """Margins of the box that repeat what lies across periodic axes, as `Filter.copies`."""
     found = [np.zeros((3, 0), np.int64)]
     for axis in layout.periodic:
         count, margin = layout.core[axis], pads[axis]
@@ -289,16 +289,16 @@ def _wrapped(
 
 
 def filter_with_images(tables: Filter, layout: Layout, images: Mapping[tuple[int, int], int]) -> Filter:
-    """The same filter, which beyond some sides finds images of what is before them: a wave along a side that is free,
-    or that holds it, ends there and is no short wave.
+    """The same filter, which beyond some sides meets mirror images of what lies before them: a wave along a side that
+    is free, or that is held, ends there and is no short wave.
 
     Parameters
     ----------
     tables : Filter
     layout : Layout
     images : mapping of (axis, side) to int
-        1 beyond a free side, whose mirror is half a node beyond the last one; -1 beyond one that holds the nodes
-        beyond it at zero, the first of which is the mirror.
+        1 beyond a free side, whose mirror is half a node beyond the last one; -1 beyond one that holds the nodes beyond
+        it at zero, the first of which is the mirror.
     """
     pads, extent, step = _extents(layout, tables.taps)
     places = np.repeat(tables.runs[:, 0], tables.runs[:, 3]) + _numbers_in(tables.runs[:, 3])
@@ -314,7 +314,7 @@ def filter_with_images(tables: Filter, layout: Layout, images: Mapping[tuple[int
 
 
 def cut_links(tables: Filter, layout: Layout, ends: np.ndarray, exists: np.ndarray) -> Iterator[np.ndarray]:
-    """Where lines of the filter's box end: of each of its axes, after which places.
+    """Where lines of the filter's box end: for each of its axes, after which places.
 
     Parameters
     ----------
@@ -338,7 +338,7 @@ def cut_links(tables: Filter, layout: Layout, ends: np.ndarray, exists: np.ndarr
         first = np.where(np.arange(3) == axis, -1, 0)[:, None]
         at = at[:, ((at >= first) & (at < np.array(box.nodes)[:, None])).all(0)]
         if not exists.all():
-            # beyond the outer ends of layers there is nothing, which is no cut
+            # the outer end of a layer, beyond which there are no nodes, is no cut
             along = [np.arange(n) for n in box.nodes]
             along[axis] = np.arange(-int(layout.low[axis] == 0), box.nodes[axis] + int(layout.high[axis] == 0))
             parts = [one * stride for one, stride in zip(along, strides, strict=True)]
@@ -354,8 +354,8 @@ def cut_links(tables: Filter, layout: Layout, ends: np.ndarray, exists: np.ndarr
 
 
 def cut_filter(tables: Filter, ends: Sequence[np.ndarray]) -> Filter:
-    """The same filter, for which lines end where they are cut; `ends` says of each axis after which places of the box,
-    margins included, see `cut_links`.
+    """The same filter, for lines that end where they are cut. `ends` says for each axis after which places of the box,
+    margins included, they do; see `cut_links`.
     """
     far, (sources, signs) = len(tables.taps) - 1, _repeated(tables)
     run, within = np.repeat(tables.runs, tables.runs[:, 3], axis=0), _numbers_in(tables.runs[:, 3])
@@ -365,7 +365,7 @@ def cut_filter(tables: Filter, ends: Sequence[np.ndarray]) -> Filter:
     for link, step in zip(ends, tables.steps, strict=True):
         if not (link == _CUT).any():
             continue
-        # nodes before the next end, on both sides, `far` where there is none so near, and what it is
+        # nodes before the next end on each side, `far` where there is none as near
         ahead, behind = (
             np.argmax(np.stack([link[places + k * step] > 0 for k in distances] + [places >= 0]), axis=0)
             for distances in (range(far), range(-1, -1 - far, -1))
@@ -394,8 +394,8 @@ def cut_filter(tables: Filter, ends: Sequence[np.ndarray]) -> Filter:
 def _reflected(
     place: int, free: tuple[np.ndarray, np.ndarray], held: tuple[np.ndarray, np.ndarray], far: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of lines with so many nodes ahead and behind, and ends that are held or free, how far from a node that lies which
-    stands for a place, and with which sign; sign 0 where nothing does.
+    """For lines with given numbers of nodes ahead and behind, and ends that are held or free: the distance from a node
+    to the one that stands for a place, and its sign, 0 where none does.
     """
     at, sign = np.full(len(free[0]), place), np.ones(len(free[0]), np.int64)
     for _ in range(2 * far):  # a line may be as short as one node
@@ -407,7 +407,7 @@ def _reflected(
 
 
 def _repeated(tables: Filter) -> tuple[np.ndarray, np.ndarray]:
-    """Of each place of the box the one whose value it holds, and with which sign."""
+    """For each place of the box, the place whose value it repeats, and the sign."""
     sources, signs = np.arange(tables.box.size), np.ones(tables.box.size, np.int64)
     to, source, sign = tables.copies
     sources[to], signs[to] = source, sign
@@ -415,19 +415,19 @@ def _repeated(tables: Filter) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _image(place: int, n: int, low: int, high: int) -> tuple[int, int]:
-    """Which of n nodes on a line stands for a place beyond its ends, and with which sign; sign 0 where nothing does."""
+    """Which of n nodes on a line stands for a place beyond its ends, and with which sign; sign 0 where none does."""
     sign = 1
     while sign and not 0 <= place < n:
         side, wall, last = (-1, low, 0) if place < 0 else (1, high, n - 1)
         source = 2 * last + side * (1 if wall > 0 else 2) - place
-        sign *= wall if source != place else 0  # on a mirror that holds there is nothing
+        sign *= wall if source != place else 0  # the value on a mirror that holds is zero
         place = source
     return place, sign
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def met_by_others(thread, runs, own, far):
-    """Of a thread's pieces the end of the first and the beginning of the last that the filter meets from those of other
+    """End of the first and beginning of the last of a thread's pieces that the filter meets from those of other
     threads.
     """
     lead, tail = own
@@ -445,7 +445,7 @@ def weigh_pieces(runs, first, last, arrays, subtracted):
     box, level, before, strengths, size = arrays
     for piece in range(first, last):
         place, node, strength, count = runs[piece, 0], runs[piece, 1], runs[piece, 2], runs[piece, 3]
-        # pieces lie too far apart for the hardware to notice
+        # pieces lie too far apart for the hardware prefetcher
         ahead = runs[min(piece + _AHEAD, runs.shape[0] - 1), 1] * size
         fetch(level + ahead)
         fetch(before + ahead)
@@ -456,7 +456,7 @@ def weigh_pieces(runs, first, last, arrays, subtracted):
 @njit(error_model="numpy", cache=True, counted=False)
 def damp_short_waves(thread, stage, tables):
     """Filter the increments of a step, ``out - src`` or `base`, or both levels; one thread's share."""
-    # Each kind of row stands here once: it is long machine code, and what a function calls is compiled once more in it.
+    # Each kind of row is called here once: it is long machine code, compiled again in every function that calls it.
     taps, steps, box, runs, copies = tables.taps, tables.steps, tables.box, tables.runs, tables.copies
     like = stage.out[0]
     size, apart = stage.out.itemsize, stage.src.nbytes // stage.components
@@ -466,8 +466,8 @@ def damp_short_waves(thread, stage, tables):
     passes = 2 if tables.whole else 1
     subtracted = stage.out.dtype.type(0 if tables.whole else 1)
     own = share(thread, runs.shape[0])
-    # Pieces are weighed as they are needed, so that what they bring into the cache is there when they are filtered:
-    # at first those that other threads meet, or all where the box has copies or is filtered in blocks.
+    # Pieces are weighed when they are needed, so that their values are still in the cache when they are filtered; those
+    # that other threads meet come first, or all where the box has copies or is filtered in blocks.
     far = steps[0] * (taps.size - 1) + _PIECE
     lead, tail = met_by_others(thread, runs, own, far)
     if (
@@ -496,7 +496,7 @@ def damp_short_waves(thread, stage, tables):
                     for function in (messages[SENDS], messages[RECEIVES]):
                         call_exchange(function, messages[TABLE], np.int64(places), np.int64(1), np.int64(box.nbytes))
                 barrier(thread)
-        # Increments are in the level and by themselves.
+        # What is taken leaves the level and, where they are stored, the increments.
         older, weighed = base + shift - level if stage.increments and not tables.whole else 0, lead
         for piece in range(own[0], own[1], TOGETHER):
             number, first = min(TOGETHER, own[1] - piece), weighed

@@ -1,9 +1,9 @@
-"""The fringe along an outline in the compiled loop: halo nodes whose values are sums over near nodes at this and at
-earlier steps.
+"""Fringe along an outline in the compiled loop: halo nodes whose values are sums over values of nearby nodes in this
+step and in earlier ones.
 
-The fringe's earlier values lie node by node, the present one first. Nodes that are neighbours along the fastest axis
-are neighbours there, too, so a sum over a cloud of nodes at two or three steps is one over a few *windows*, stretches
-of `WINDOW` values from any place on. Sums over equally many windows are taken in bundles.
+The fringe stores its earlier values node by node, the present one first. Neighbours along the fastest axis are also
+neighbours there, so a sum over a cloud of nodes at two or three steps becomes a sum over a few *windows*, runs of
+`WINDOW` values that may begin anywhere. Sums over the same number of windows are computed in bundles.
 """
 
 from __future__ import annotations
@@ -20,18 +20,19 @@ from farhorizon.engine.threads import barrier, share
 
 
 class Fringe(NamedTuple):
-    """Halo nodes along an outline, and what they are sums of.
+    """Halo nodes along an outline, and the sums that yield their values.
 
     Attributes
     ----------
     nodes : ndarray of unsigned int, shape (S,)
-        Nodes of the fringe in a level: all that any sum reads, and those with sums.
+        Places in a level of the nodes of the fringe: all that any sum reads, and those whose values are sums.
     history : ndarray, shape (S, L)
-        Their values one step ago (first), two and so on; moved on by one step, after which the present ones come first.
+        Values one step ago (first), two steps ago and so on; a step shifts them by one and puts the present values
+        first.
     outside : ndarray of int, shape (N, 2)
-        First and last + 1 of neighbouring nodes beyond the halo, which stay at zero.
+        First and last + 1 of runs of nodes beyond the halo, which stay at zero.
     fronts, owners, starts, places, kinds, table, new_starts, new_nodes, new_weights : ndarray
-        The sums, see `split_sums`. Those of one front read new values of earlier fronts only.
+        Sums, see `split_sums`. Those of a front read only those new values that belong to earlier fronts.
     """
 
     nodes: np.ndarray
@@ -58,13 +59,13 @@ def fringe_table(
     weights: np.ndarray,
     outside: np.ndarray,
 ) -> Fringe:
-    """Halo nodes along an outline that are sums over a fringe of `nodes`, as `split_sums` has it, and places `outside`
-    that stay at zero.
+    """Return the tables of halo nodes along an outline that are sums over a fringe of `nodes`, see `split_sums`, and of
+    places `outside` that stay at zero.
 
-    `rows` are the places of the halo nodes in a level. The history is zero; a step forgets its last row.
+    `rows` are the positions in the fringe of the nodes with sums. The history is zero; a step drops its last row.
     """
     count = nodes.size * (levels - 1)
-    # the last windows reach beyond it
+    # the last windows extend beyond it
     history = aligned_zeros(count + WINDOW, np.dtype(float))[:count].reshape(nodes.size, levels - 1)
     edges = np.flatnonzero(np.diff(np.sort(outside), prepend=-2, append=-2) != 1)
     runs = (
@@ -77,7 +78,7 @@ def fringe_table(
 
 
 def no_fringe() -> Fringe:
-    """None: nothing closes along an outline."""
+    """Return tables without an outline."""
     none, one = np.zeros(0, np.int64), np.zeros(1, np.int64)
     return fringe_table(none, 1, one, none, one, none, np.zeros(0), none)
 
@@ -91,20 +92,20 @@ def split_sums(
     nodes: np.ndarray,
     levels: int,
 ) -> tuple[np.ndarray, ...]:
-    """Sums over values at several steps in the form that the compiled loop wants: bundles of sums over windows, and new
-    values apart.
+    """Convert sums over values at several steps to the form that the compiled loop needs: bundles of sums over windows,
+    and new values separately.
 
     Parameters
     ----------
     fronts : ndarray of int, shape (F + 1,)
         Rows of each front.
     rows : ndarray of int, shape (R,)
-        Place in the fringe of the node that a sum is for.
+        Position in the fringe of the node to which a sum belongs.
     starts, columns, weights : ndarray
-        Compressed rows; column ``level * S + place`` is the value of a place of the fringe `level` steps before the new
-        one.
+        Compressed rows; column ``level * S + place`` is the value at a position in the fringe `level` steps before the
+        new one.
     nodes : ndarray of int, shape (S,)
-        Nodes of the fringe in a level.
+        Places in a level of the nodes of the fringe.
     levels : int
 
     Returns
@@ -112,15 +113,15 @@ def split_sums(
     fronts : ndarray of int, shape (F + 1,)
         Bundles of each front.
     owners : ndarray of unsigned int, shape (B, BUNDLE)
-        Node in a level that each sum of a bundle is for; the last one is repeated where sums are missing.
+        Place in a level of the node to which each sum of a bundle belongs; the last one is repeated to fill the bundle.
     starts, places : ndarray of unsigned int
-        Compressed bundles: where the windows lie in the memory, in bytes, those of the sums side by side.
+        Compressed bundles: positions of the windows in the history, in bytes, side by side for the sums of a bundle.
     kinds : ndarray of unsigned int, shape (B, BUNDLE)
-        First of a sum's windows in `table`: sums that are alike share them, which keeps them in the cache.
+        First window of a sum in `table`: equal sums share them, which keeps them in the cache.
     table : ndarray, shape (T, WINDOW)
         Weights.
     new_starts, new_nodes : ndarray of unsigned int
-        Compressed sums, one after the other: nodes whose value at the new step counts.
+        Compressed sums, one after the other: nodes whose value at the new step enters.
     new_weights : ndarray
     """
     owner = np.repeat(np.arange(len(rows)), np.diff(starts))
@@ -149,7 +150,7 @@ def split_sums(
 def _windows(
     owner: np.ndarray, columns: np.ndarray, weights: np.ndarray, rows: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Compressed rows of windows that hold all columns: where the rows start, the first column of each window, and the
+    """Cover the columns of compressed rows by windows: where the rows start, the first column of each window, and its
     weights, shape (W, WINDOW).
     """
     order = np.lexsort((columns, owner))
@@ -165,7 +166,7 @@ def _windows(
 
 
 def _shared_rows(starts: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First value of each compressed row in a list where equal rows stand once, and that list."""
+    """Index of the first value of each compressed row in a list that contains equal rows once, and that list."""
     places: dict[bytes, int] = {}
     pieces: list[np.ndarray] = [values[:0]]
     kinds, end = np.zeros(len(starts) - 1, np.int64), 0
@@ -181,7 +182,9 @@ def _shared_rows(starts: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _bundled(fronts: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of one front and of as many windows in bundles, shape (B, BUNDLE), and the bundles of each front."""
+    """Bundles of rows that belong to one front and have the same number of windows, shape (B, BUNDLE), and the bundles
+    of each front.
+    """
     bundles, ends = [np.zeros((0, BUNDLE), int)], [0]
     for first, last in itertools.pairwise(fronts):
         for count in np.unique(counts[first:last]):
@@ -196,7 +199,7 @@ def _starts(counts: np.ndarray) -> np.ndarray:
 
 
 def _gathered(starts: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Entries of compressed rows, those of rows that stand side by side (B, n) side by side, shape (entries, n)."""
+    """Indices of the entries of compressed rows, for n rows side by side given as (B, n); shape (entries, n)."""
     counts = np.diff(starts)[rows[:, 0]]
     within = np.arange(counts.sum()) - np.repeat(_starts(counts)[:-1], counts)
     return np.asarray(np.repeat(starts[rows], counts, axis=0) + within[:, None])
@@ -204,11 +207,11 @@ def _gathered(starts: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 @njit(error_model="numpy", cache=True, entry=False)
 def close_fringe(thread, stage, fringe):
-    """Give the halo nodes of a step's new level their values; one thread's share."""
+    """Set the values of the halo nodes in the new level of a step; one thread's share."""
     nodes, history, src, base, out = fringe.nodes, fringe.history, stage.src, stage.base, stage.out
     first, last = share(thread, nodes.size)
     present, read = history[first:last, 0], nodes[first:last]
-    # all at once: the last value of a place makes room for the present one of the next
+    # all at once: the last value of a node makes room for the present one of the next node
     if last > first and history.shape[1] > 1:
         move_up(present.ctypes.data, (last - first) * history.shape[1] - 1)
     for i in range(last - first):

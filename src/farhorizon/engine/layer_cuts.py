@@ -1,4 +1,4 @@
-"""Layers without some bonds: what their sums have too much there."""
+"""Layers without some bonds: what is to be subtracted from their sums there."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from farhorizon.engine.nested import (
 
 
 def cut_layers(tables: LayerTables, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray) -> Layers:
-    """The layers without some bonds, given by places in a level and weights (n,) or (n, rows, columns).
+    """Layers without some bonds, given by places in a level and weights (n,) or (n, rows, columns).
 
-    A layer's columns, and those of the core next to it, lack the same bonds; those of its first column count.
+    All columns of a layer, and those of the core next to it, lack the same bonds; those of its first column count.
     """
     box = tables.layout.box
     here = box.coordinates(nodes)
@@ -76,7 +76,7 @@ def cut_layers(tables: LayerTables, nodes: np.ndarray, neighbours: np.ndarray, w
 def _face_cuts(
     tables: LayerTables, face: np.ndarray, here: np.ndarray, offset: np.ndarray, matrix: np.ndarray
 ) -> list[tuple[Any, ...]]:
-    """Of one bond: its key, and the entries of `Layers.cuts` and `cut_weights`."""
+    """For one bond, the key and the entries of `Layers.cuts` and `cut_weights`."""
     axis, tiles = int(face[AXIS]), tables.tiles
     own = int(offset[axis] * face[STEP] < 0)
     if own >= face[SETS]:
@@ -97,7 +97,7 @@ def _face_cuts(
 def _edge_cuts(
     tables: LayerTables, number: int, faces: list[np.ndarray], here: np.ndarray, offset: np.ndarray, matrix: np.ndarray
 ) -> list[tuple[Any, ...]]:
-    """Of one bond: its key, and the entries of `Layers.edge_cuts` and `edge_cut_weights`."""
+    """For one bond, the key and the entries of `Layers.edge_cuts` and `edge_cut_weights`."""
     own, inward = (int(o * face[STEP] < 0) for o, face in zip(offset, faces, strict=False))
     if own >= faces[0][SETS] or inward >= faces[1][SETS]:
         return []  # its mirror image serves
@@ -117,7 +117,7 @@ def _edge_cuts(
 def _band_cuts(
     tables: LayerTables, number: int, node: int, here: np.ndarray, offset: np.ndarray, matrix: np.ndarray
 ) -> list[tuple[Any, ...]]:
-    """Of one bond: the entries of `Layers.band_cuts` and `band_cut_weights`."""
+    """For one bond, the entries of `Layers.band_cuts` and `band_cut_weights`."""
     band, box, slots = tables.bands[number], tables.layout.box, tables.slots
     first = node - here[2] + (0 if band[STEP] < 0 else box.nodes[2] - band[COLUMNS] - band[REACH])
     there = node + offset[0] * box.stride[0] + offset[1] * box.stride[1]

@@ -1,11 +1,11 @@
 """The operations of the time loop on layers, see `engine.nested`.
 
-Like those of `engine.program` they are compiled when a run first has them; so is what they call by its address
-(`tables.Sums`), which not all runs need: edges, bonds with coefficients, bonds that are absent.
+Like those of `engine.program` they are compiled when a run first needs them; so are the functions that they call by
+address (`tables.Sums`), which not all runs need: for edges, bonds with coefficients, and absent bonds.
 
-Where a function is called for every column there are addresses only: Numba counts the references to arrays that it
-passes on, which takes longer than the work. A thread's work space has rows of `LINES` values: parts of a face, parts of
-an edge, what is found, what an edge adds.
+Functions that are called for every column work with addresses only: Numba counts the references to arrays that it
+passes on, which takes longer than the work. A thread's work space has rows of `LINES` values: parts of a face, results
+of shifts, what edges add, parts of an edge, and factors of bonds.
 """
 
 import numpy as np
@@ -67,7 +67,7 @@ from farhorizon.engine.rows.vectors import TURNED, add_lines, call_parts, clear,
 from farhorizon.engine.tables import ABSENT, EDGE, FACE
 from farhorizon.engine.threads import barrier, share
 
-_TOGETHER = 128  # lines of a plane that go through one after the other
+_TOGETHER = 128  # lines of a plane that are processed together
 _GOLDEN = -7046029254386353131  # 2^64 over the golden ratio, as a signed number
 
 
@@ -79,29 +79,29 @@ def address(array):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def fetch_lines(start, size):
-    """Fetch so many bytes, which are wanted soon, and which the hardware would notice too late."""
+    """Prefetch so many bytes, which are needed soon and which the hardware prefetcher would notice too late."""
     for place in range(start, start + size, 64):
         fetch(place)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def dither(step):
-    """What is added in a step to the second half of numbers before it is dropped: multiples of the golden ratio, which
-    are spread most evenly over any number of steps.
+    """Number that is added in a step to the second halves of numbers before these are dropped: multiples of the golden
+    ratio, which are spread most evenly over any number of steps.
     """
     return (step * _GOLDEN >> 32) & ((1 << 32) - 1)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def stretch_of(layers, profile):
-    """Addresses of the tables of the edges of a layer."""
+    """Addresses of the tables r, e and f of a layer."""
     return address(layers.r[profile]), address(layers.e[profile]), address(layers.f[profile])
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def weigh(layers, function, number, source, slot, band, to, step, vectors, least):
-    """The sums `number` from k = `least` on, for a tile; source: of its first node in the level, and of the factors of
-    bonds; slot: where it lies in a band. All are addresses.
+    """Compute the sums `number` from k = `least` on, for a tile. `source` holds the addresses of its first node in the
+    level and of the factors of bonds, `slot` that of its place in a band.
     """
     many = layers.ends.shape[1] * 8
     ends, weights = address(layers.ends) + 3 * number * many, address(layers.weights)
@@ -114,8 +114,8 @@ def weigh(layers, function, number, source, slot, band, to, step, vectors, least
 
 @njit(error_model="numpy", cache=True, counted=False)
 def weigh_bonds(sums, worker, span, node, count):
-    """The factors of the bonds of some nodes across an axis, which are those of all columns of a layer: coefficients do
-    not vary along its normal. The address of the first.
+    """Compute the factors of the bonds of some nodes across an axis; return the address of the first. All columns of a
+    layer have the same factors, as coefficients do not vary along its normal.
     """
     layers, material, work = sums.layers, sums.liquid, sums.work_space[worker]
     coefficient, rule, first = material.coefficient, material.rule, layers.sizes[10] * LINES
@@ -128,7 +128,7 @@ def weigh_bonds(sums, worker, span, node, count):
 
 
 def continue_band(thread, stage, sums, tables, inputs, step, number):
-    """Fill the slots of a band, the number, from a level whose halo is complete: continue the field of all its lines,
+    """Fill the slots of a band, the number, from a level whose halo is complete: continue the field on all its lines,
     side by side, and advance the memory.
     """
     layers, work = sums.layers, sums.work_space[thread.number]
@@ -139,8 +139,8 @@ def continue_band(thread, stage, sums, tables, inputs, step, number):
     each = (sizes[1] + group - 1) // group
     groups, vectors, row, sign = sizes[0] * each, group * size // 64, LINES * size, 1 if ahead > 0 else -1
     start = address(work)
-    # Columns in their order in memory: those of the field from `first`, of the slots from the same one or the next of
-    # them on.
+    # Columns are in their order in memory: those of the field from `first` on, those of the slots from the same one or
+    # the next on.
     first, zero = (band[ORIGIN] - m, start + m * row) if ahead > 0 else (band[ORIGIN] - columns, start + columns * row)
     middle = (m - 1 if ahead > 0 else columns) * m * row
     found, far = start + sizes[5] * row, (sets - 1) * (sizes[5] // 2) * row
@@ -155,7 +155,7 @@ def continue_band(thread, stage, sums, tables, inputs, step, number):
         count = min(group, sizes[1] - y)
         at = address(src) + (c * apart + first + x * band[PLANE] + y * band[ROW]) * size
         memo = address(memory) + layers.cell * (band[BAND_MEMORY] + item * group * cells)
-        for i in range(group, 2 * group):  # the next lines: they lie too far apart for the hardware to notice
+        for i in range(group, 2 * group):  # the next lines lie too far apart for the hardware prefetcher
             for column in range(0, columns + m + 1, 64 // size):
                 fetch(at + (i * band[ROW] + column) * size)
         for i in range(0, count, TURNED):
@@ -194,7 +194,7 @@ def continue_band(thread, stage, sums, tables, inputs, step, number):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def slot_steps(layers, number, size):
-    """Of a band's slots, in bytes: the distances of fields and of components, and how far those lie that serve
+    """Distances in a band's slots, in bytes: between fields, between components, and to the fields that serve
     neighbours ahead and behind.
     """
     if number < 0:
@@ -206,10 +206,10 @@ def slot_steps(layers, number, size):
 
 
 def add_bands(thread, stage, sums, tables, inputs, step, number):
-    """Add what the layers along the last axis contribute to all nodes in their bands, to ``out``, and to ``base`` where
-    that holds increments; their slots are filled.
+    """Add what the layers along the last axis, whose slots are filled, contribute to all nodes in their bands: to
+    ``out``, and to ``base`` where that holds increments.
 
-    Threads write the same nodes along different axes, so they meet after each.
+    Threads write to the same nodes along different axes, so they meet after each axis.
     """
     layers, work = sums.layers, sums.work_space[thread.number]
     src, base, out, slots = stage.src, stage.base, stage.out, layers.slots
@@ -224,8 +224,8 @@ def add_bands(thread, stage, sums, tables, inputs, step, number):
             continue
         band = layers.bands[side]
         width = band[WIDTH]
-        # Narrow bands, whose lines are neighbours, go through several lines at a time: the same ones with any number of
-        # threads, as sums depend on it.
+        # Narrow bands, whose lines are neighbours, are summed several lines at a time: the same ones with any number of
+        # threads, as rounding depends on it.
         several = LINES // width if width <= LINES and not varied else 1
         each = (sizes[1] + several - 1) // several
         own = share(thread, sizes[0] * each)
@@ -239,7 +239,7 @@ def add_bands(thread, stage, sums, tables, inputs, step, number):
                 fetch(news + (node + i * band[ROW]) * size)
                 fetch(news + (node + i * band[ROW] + count - 1) * size)
             for c in range(stage.rows):
-                source, there = (to, factors), extra + slot * size  # the terms in the level are none
+                source, there = (to, factors), extra + slot * size  # there are no terms in the level
                 weigh(layers, band[PARTS], sizes[4] + c, source, there, side, to, 0, vectors, 1)
                 for i in range(together):
                     place = (node + c * apart + i * band[ROW]) * size
@@ -251,7 +251,7 @@ def add_bands(thread, stage, sums, tables, inputs, step, number):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def place_in_band(layers, t, x, y):
-    """Where the first node of a line lies that is in the tile t of a band, in the level and among the slots."""
+    """Place of the first node of a line in tile t of a band, in the level and among the slots."""
     tile, sizes = layers.tiles[t], layers.sizes
     band = layers.bands[tile[TILE_BAND]]
     node = sizes[8] + x * band[PLANE] + y * band[ROW] + tile[TILE_FIRST]
@@ -259,8 +259,8 @@ def place_in_band(layers, t, x, y):
 
 
 def add_mirrored_bands(thread, stage, sums, tables, inputs, step, number):
-    """The same of a stencil that goes over into itself in mirrors, piece by piece of a plane; what a node gets does not
-    depend on where these end.
+    """Do the same for a mirror-symmetric stencil, piece by piece of a plane. What a node gets does not depend on where
+    the pieces end.
     """
     layers, work, size = sums.layers, sums.work_space[thread.number], stage.src.itemsize
     apart, planes, lines = stage.src.size // stage.components * size, layers.sizes[0], layers.sizes[1]
@@ -292,8 +292,8 @@ def add_mirrored_bands(thread, stage, sums, tables, inputs, step, number):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def take_bond(sums, src, work, to, weight, at, near, far, there):
-    """Take an absent bond from a number of the work space; at: its node, and its place in the slots, -1 where there are
-    none; near, far and there: distances to the neighbour, to its slot, if it has one, and to its coefficient.
+    """Subtract an absent bond from a number of the work space. `at` holds its node and its place in the slots, or -1;
+    `near`, `far` and `there` are the distances to the neighbour, to its slot, if any, and to its coefficient.
     """
     node, slot = at
     material = sums.liquid
@@ -307,8 +307,8 @@ def take_bond(sums, src, work, to, weight, at, near, far, there):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def take_edge_cuts(sums, src, work, cuts, which, node, slot, band, parts):
-    """Take the absent bonds of an edge from the parts on one column of the second axis' layer, the kind of which is the
-    set and k - 1 of the first, whether inwards, and the column.
+    """Subtract the absent bonds of an edge from the parts on one column of the second axis' layer. `which` holds the
+    set and k - 1 of the first axis, whether inwards, and the column.
     """
     layers = sums.layers
     for i in range(layers.edge_cut_ranges[cuts], layers.edge_cut_ranges[cuts + 1]):
@@ -321,8 +321,8 @@ def take_edge_cuts(sums, src, work, cuts, which, node, slot, band, parts):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def edge_parts(face, other):
-    """How many rows of work space the parts of an edge take: of a component, of a set, and of one direction along the
-    second axis. There they go by its column, from -reach on, and by k - 1.
+    """Numbers of rows of work space for the parts of an edge: of a component, of a set, and of one direction along the
+    second axis. The latter are ordered by its column, from -reach on, then by k - 1.
     """
     one = (other[COLUMNS] + other[REACH] + 1) * other[REACH]
     return face[SETS] * other[SETS] * one, other[SETS] * one, one
@@ -330,9 +330,9 @@ def edge_parts(face, other):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def sum_crossings(stage, sums, place, a, steps, node, slot, band, vectors):
-    """All parts of distance `a` + 1 along the first axis on a column of an edge at once, of a stencil that goes over
-    into itself in mirrors. All are addresses; place: of the first component's that lie upwards along both axes; steps:
-    distances from it to those downwards along each axis, of the next component and of the next k.
+    """Compute all parts of distance `a` + 1 along the first axis on a column of an edge at once, for a mirror-symmetric
+    stencil. All places are addresses. `place` is that of the first component's part that lies upwards along both axes;
+    `steps` are the distances from it to those downwards along each axis, of the next component and of the next k.
     """
     layers, size = sums.layers, stage.src.itemsize
     weights, apart = address(layers.mirrored_weights), stage.src.size // stage.components * size
@@ -347,7 +347,7 @@ def sum_crossings(stage, sums, place, a, steps, node, slot, band, vectors):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def sum_edge(stage, sums, worker, number, t, a, p, factors):
-    """The parts of distance `a` + 1 along the first axis on its column `p`, on all columns of the second."""
+    """Compute the parts of distance `a` + 1 along the first axis on its column `p`, on all columns of the second."""
     layers, work, varied = sums.layers, sums.work_space[worker], sums.liquid.coefficient.size > 1
     edge, tile, sizes, rows = layers.edges[number], layers.tiles[t], layers.sizes, stage.rows
     face, other = layers.faces[edge[EDGE_FACE]], layers.faces[edge[EDGE_OTHER]]
@@ -393,11 +393,10 @@ def sum_edge(stage, sums, worker, number, t, a, p, factors):
 
 
 def stretch_edge(stage, sums, worker, number, t, dithered):
-    """What the second axis' layer adds to the parts of the first one's, for the rows of an edge and one tile; into the
-    last rows of the work space.
+    """Compute what the second axis' layer adds to the parts of the first one's, for the rows of an edge and one tile.
 
-    Row ((set * reach + k - 1) * columns + column of the first axis) * columns + column of the second, both counted from
-    -reach.
+    This goes into the row ((set * reach + k - 1) * columns + column of the first axis) * columns + column of the second
+    of the work space for it, both counted from -reach.
     """
     layers, work, varied = sums.layers, sums.work_space[worker], sums.liquid.coefficient.size > 1
     edge, tile, sizes = layers.edges[number], layers.tiles[t], layers.sizes
@@ -433,8 +432,8 @@ def stretch_edge(stage, sums, worker, number, t, dithered):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def add_edge(stage, sums, worker, number, row, part, p, here):
-    """Add to the parts of a row of a face, of one component and set (the `part`) on one column, what the layer of the
-    other axis adds to them, as `stretch_edge` has left it; here: the first of their rows of work space.
+    """Add what the other axis' layer contributes, as `stretch_edge` has left it, to the parts of a row of a face, of
+    one component and set (`part`) and on one column; `here` is the first of their rows of work space.
     """
     layers, work, sizes, item = sums.layers, sums.work_space[worker], sums.layers.sizes, sums.layers.items[number]
     face, edge, vectors = layers.faces[item[0]], layers.edges[item[4]], layers.tiles[item[3], TILE_VECTORS]
@@ -451,7 +450,7 @@ def add_edge(stage, sums, worker, number, row, part, p, here):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def sum_row(stage, sums, worker, number, row, coming):
-    """The parts of a row of a face on all columns; coming: address of the memory of the next row, which is fetched."""
+    """Compute the parts of a row of a face on all columns; prefetch the next row's memory, which begins at `coming`."""
     layers, work, varied, rows = sums.layers, sums.work_space[worker], sums.liquid.coefficient.size > 1, stage.rows
     item, sizes, size = layers.items[number], layers.sizes, stage.src.itemsize
     face, tile = layers.faces[item[0]], layers.tiles[item[3]]
@@ -461,7 +460,7 @@ def sum_row(stage, sums, worker, number, row, coming):
     field, extra, olds, news = address(stage.src), address(layers.slots), address(stage.base), address(stage.out)
     apart, cells = stage.src.size // stage.components, (2 * columns + 1) * m
     of_row = layers.cell * sizes[6] * cells * face[ROWS]
-    each = -(-cells * layers.cell * (vectors * 64 // size) // (columns + m + 1) // 64) * 64  # bytes with a column
+    each = -(-cells * layers.cell * (vectors * 64 // size) // (columns + m + 1) // 64) * 64  # bytes per column
     width = layers.bands[max(band, 0), WIDTH]
     line = layers.bands[max(band, 0), BASE] + face[SLOT] * width + tile[TILE_COLUMN]
     function, band_function = layers.mirrored[face[AXIS], 0, 0], layers.mirrored[face[AXIS], 1, 0] if band >= 0 else 0
@@ -490,7 +489,7 @@ def sum_row(stage, sums, worker, number, row, coming):
             strides = (across, across, apart * size, 0)
             call_mirrored(function, sides, (field + node * size, 0), strides, weights, vectors)
             if band_function != 0:
-                for k in range(stage.components * m * sets):  # of the next row; there are many, far apart
+                for k in range(stage.components * m * sets):  # the next row's: many, far apart
                     fetch_lines(here + k * step + (m + 1) * slots_across, width * size)
                 strides = (slots_across, slots_across, shift, step)
                 call_mirrored(band_function, sides, (here + ahead, here + behind), strides, band_weights, vectors)
@@ -520,8 +519,8 @@ def sum_row(stage, sums, worker, number, row, coming):
 
 
 def stretch_face(stage, sums, worker, number, dithered):
-    """Add what a face's layer contributes to some rows of one tile, on its columns and on those of the core next to it;
-    advances its memory.
+    """Add what a face's layer contributes to some rows of one tile, on its columns and on those of the core next to it,
+    and advance its memory.
     """
     layers, work, scale = sums.layers, sums.work_space[worker], stage.scale * sums.layers.unit
     item, sizes, size, rows = layers.items[number], layers.sizes, stage.src.itemsize, stage.rows
@@ -552,7 +551,7 @@ def stretch_face(stage, sums, worker, number, dithered):
 
 
 def take_cuts(stage, sums, worker, cuts, own, p, node, slot, band, parts):
-    """Take the absent bonds of a row of a face from the parts on one column."""
+    """Subtract the absent bonds of a row of a face from the parts on one column."""
     layers, src, work = sums.layers, stage.src, sums.work_space[worker]
     for i in range(layers.cut_ranges[cuts], layers.cut_ranges[cuts + 1]):
         place, which, k, near, far, there = layers.cuts[i]
@@ -563,7 +562,7 @@ def take_cuts(stage, sums, worker, cuts, own, p, node, slot, band, parts):
 
 
 def take_band_cuts(thread, stage, sums, tables, inputs, step, number):
-    """Take the absent bonds of the lines of bands from what these have added: the work of one thread."""
+    """Subtract what the lines of bands have added for absent bonds; one thread does this."""
     if thread.number == 0:
         layers, material = sums.layers, sums.liquid
         coefficient, slots, scale = material.coefficient, layers.slots, stage.scale * layers.unit
@@ -580,7 +579,7 @@ def take_band_cuts(thread, stage, sums, tables, inputs, step, number):
 
 
 def copy_slots(thread, stage, sums, tables, inputs, step, number):
-    """Slots of bands that repeat others, once all are filled; the sweep that follows ends with a barrier."""
+    """Copy the slots of bands that repeat others, once all are filled; the sweep that follows ends with a barrier."""
     barrier(thread)
     if thread.number == 0:
         layers = sums.layers

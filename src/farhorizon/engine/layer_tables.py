@@ -1,4 +1,4 @@
-"""Makes the tables of the layers of a box: where faces, edges and bands lie, and the pieces of work."""
+"""Builds the tables of the layers of a box: where faces, edges and bands lie, and the pieces of work."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ from farhorizon.engine.rows.vectors import TURNED
 
 
 class LayerTables:
-    """Makes the tables of the layers of a box.
+    """Builds the tables of the layers of a box.
 
     Parameters
     ----------
     layout : Layout
     offsets, weights : ndarray, shapes (K, 3) and (K, rows, columns)
-        The stencil, from a field of so many components to one.
+        The stencil, from a field of `columns` components to one of `rows` components.
     inside, outside : tuple of (int, int, int)
         Signs of their components in mirrors, see `rows.matrices`.
     recursion : mapping of (axis, side) to (r, e, f)
-        Of each layer, each of shape (columns + 1,).
+        The recursion of each layer, three arrays of shape (columns + 1,).
     dtype, kept : dtype
         Of the field, and of what the layers remember.
     remember, alike : bool
@@ -67,9 +67,9 @@ class LayerTables:
         With all bonds; see `layer_cuts`.
     slots : Slots
     scratch : int
-        Numbers of the work space of each thread.
+        Numbers in the work space of each thread.
     start : int
-        Of the memory, in that of the engine.
+        Where the layers' memory begins in that of the engine.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class LayerTables:
         remember: bool,
         alike: bool = True,
     ) -> None:
-        # so that parts and their memory are as large as the field, in all units
+        # so that parts and their memory are of the field's magnitude, in all units
         self.unit = float(np.abs(weights).sum()) or 1.0
         self.layout, self.offsets, self.weights, self.remember = layout, offsets, weights / self.unit, remember
         self.alike = alike
@@ -94,13 +94,13 @@ class LayerTables:
         self.columns, self.rows = len(inside), len(outside)
         self._profiles = {name: i for i, name in enumerate(recursion)}
         self.even = [self._mirrors(axis) for axis in range(3)]
-        self.sets = [1 if even else 2 for even in self.even]  # parts outwards and inwards are the same, or not
+        self.sets = [1 if even else 2 for even in self.even]  # whether parts outwards and inwards are equal
         room = self._place()
         self.layers = self._layers(recursion, room)
 
     def _place(self) -> int:
-        """Makes bands, tiles, faces, edges and the sums over them, each of which takes its part of the memory; the
-        numbers that the slots take.
+        """Place bands, tiles, faces, edges and the sums over them, each of which takes its part of the memory; return
+        the size of the slots.
         """
         self.memory = self.start = 0
         self.bands = np.zeros((2, LINE + 1), np.int64)
@@ -116,7 +116,7 @@ class LayerTables:
         return room
 
     def _layers(self, recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]], room: int) -> Layers:
-        """The tables of layers with all bonds."""
+        """Tables of the layers with all bonds."""
         none, real, terms = np.zeros(0, np.int64), self.dtype, self.terms
         r, e, f = self._recursions(recursion)
         neighbours = [list(terms.neighbours.get(across, ())) for across in ACROSS]
@@ -154,7 +154,7 @@ class LayerTables:
         )
 
     def _recursions(self, recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]]) -> np.ndarray:
-        """The numbers r, e and f of the layers, without memory the last two zero; shape (3, layers, columns + 1)."""
+        """Numbers r, e and f of the layers, the last two zero without memory; shape (3, layers, columns + 1)."""
         longest = max((len(r) for r, _, _ in recursion.values()), default=1)
         tables = np.zeros((3, max(len(recursion), 1), longest), self.dtype)
         for i, of_layer in enumerate(recursion.values()):
@@ -165,19 +165,19 @@ class LayerTables:
         return tables
 
     def _mirrors(self, axis: int) -> bool:
-        """Whether the stencil looks alike along an axis and against it."""
+        """Whether the stencil is symmetric under reversal of an axis."""
         table = {tuple(o): w for o, w in zip(self.offsets.tolist(), self.weights, strict=True)}
         turned = ((tuple(-i if a == axis else i for a, i in enumerate(o)), w) for o, w in table.items())
         return all(o in table and np.array_equal(table[o], w) for o, w in turned)
 
     def _shifts(self, reach: int, nested: bool) -> tuple[int, int, int]:
-        """Stretched shifts of a reach, and the sums they take."""
+        """Addresses of the stretched shifts of a reach, outwards and inwards, and of the sums that they take."""
         return load_shifts(reach, nested, not self.alike, self.dtype.name, self.kept.name)
 
     # --- where everything lies ---------------------------------------------------------------------------------
 
     def _make_bands(self) -> int:
-        """Fills the table of bands; the numbers that the slots take."""
+        """Fill the table of bands; return the size of the slots."""
         layout, m, table, size = self.layout, self.layout.reach[2], self.bands, SLACK
         groups = layout.box.nodes[0] * -(-layout.box.nodes[1] // self._group_lanes())
         for number, side in enumerate((-1, 1)):
@@ -206,7 +206,7 @@ class LayerTables:
         return size + SLACK
 
     def _group_lanes(self) -> int:
-        """Lines along the last axis that go through side by side: those with which the fewest lanes are empty."""
+        """Number of lines along the last axis to process side by side, such that the fewest lanes are empty."""
         n = self.layout.box.nodes[1]
         return min((size for size in range(LINES, 0, -self.lanes)), key=lambda size: -(-n // size) * size)
 
@@ -214,8 +214,8 @@ class LayerTables:
         layout, rows, place = self.layout, [], 0
         low, high = (int(self.bands[i, COLUMNS] and self.bands[i, COLUMNS] + layout.reach[2]) for i in (0, 1))
         n = layout.box.nodes[2]
-        # The first one takes all that slots are there for, which are zero beyond the band: the next begin at whole
-        # vectors, so that what they read lies in one line of the cache.
+        # The tiles of the low band take all nodes that slots are stored for, which are zero beyond the band: the next
+        # tiles then begin at whole vectors, so that what they read lies in one cache line.
         low = max(low, min(int(self.bands[0, WIDTH]), n - high))
         for first, last, band in ((0, low, 0), (low, n - high, -1), (n - high, n, 1)):
             count = -(-(last - first) // LINES)
@@ -276,7 +276,7 @@ class LayerTables:
                 sums, first_kind, cells = self.terms.count, len(kinds), 0
                 for own, a in itertools.product(range(self.sets[0]), range(1, m[0] + 1)):
                     far = int(np.abs(self.offsets[np.abs(self.offsets[:, 0]) == a, 1]).max(initial=0))
-                    start = -a if own == self.sets[0] - 1 else 0  # parts outwards are wanted from column 0 on
+                    start = -a if own == self.sets[0] - 1 else 0  # parts outwards are needed from column 0 on
                     kinds.append((far, start, cells, *(self._shifts(far, True) if far else (0, 0, 0))))
                     cells += (int(face[COLUMNS]) + 1 - start) * (2 * int(other[COLUMNS]) + 1) * far
                 kinds_of = itertools.product(
@@ -311,7 +311,7 @@ class LayerTables:
         return items, np.array([0, len(found[1]), len(items)], np.int64)
 
     def in_a_line(self, side: int) -> int:
-        """Numbers of the slots beside a line along the last axis, of the layer at a side of it."""
+        """Number of slots beside a line along the last axis, of the layer on a side."""
         fields = self.columns * self.sets[2] * self.layout.reach[2]
         return sum(fields * int(band[WIDTH]) for band in self.bands if band[COLUMNS] and band[STEP] == side)
 
@@ -344,7 +344,7 @@ class LayerTables:
         return np.concatenate([np.zeros((2, 0), np.int64), *found], axis=1)
 
     def _sizes(self) -> np.ndarray:
-        """What `Layers.sizes` holds; sets the work space of a thread."""
+        """Make `Layers.sizes`, and set the size of a thread's work space."""
         n0, n1, _ = self.layout.box.nodes
         rows = [int(f[COLUMNS] + f[REACH] + 1) * int(f[REACH]) for f in self.faces]
         rows += [int(b[WIDTH] + TURNED) * int(b[REACH]) for b in self.bands]
@@ -378,7 +378,7 @@ class LayerTables:
         )
 
     def _mirrored(self) -> tuple[np.ndarray, np.ndarray]:
-        """What `Layers.mirrored` and `mirrored_weights` hold."""
+        """Make `Layers.mirrored` and `mirrored_weights`."""
         m, size = self.layout.reach, self.rows * self.columns
         functions, rows = np.zeros((3 + m[0], 2, 2), np.int64), [np.zeros(0)]
         if not self.alike or m[2] > self.lanes:
@@ -417,9 +417,9 @@ class LayerTables:
     # --- the memory --------------------------------------------------------------------------------------------
 
     def cells(self, driven: np.ndarray) -> list[tuple[tuple[int, int], np.ndarray, Signs]]:
-        """Places of the memory that is ever used: of each layer, and then of each edge, its axis and side, places by
-        component, number of the application, and line, and the components' signs; `driven`, shape (layers, columns +
-        1), says of which edges between columns.
+        """Places of the memory that is ever used, for each layer and then for each edge: its axis and side; the places,
+        by component, number of the application, and line; and the signs of the components. `driven`, shape (layers,
+        columns + 1), says which edges between columns use theirs.
         """
         found = []
         for number, band in enumerate(self.bands):
@@ -471,8 +471,8 @@ class LayerTables:
         return found
 
     def lines(self) -> Iterator[tuple[str, np.ndarray, tuple[int, ...]]]:
-        """Places of the memory of each layer and of each edge by name, by component, number of the application, and
-        nodes along some axes of the box, those of its lines; and these axes.
+        """Places of the memory of each layer and of each edge: its name; the places, by component, number of the
+        application, and coordinates of the line along some axes of the box; and these axes.
         """
 
         def name(layer: np.ndarray) -> str:
@@ -487,7 +487,7 @@ class LayerTables:
 
     @staticmethod
     def _used(layer: np.ndarray, driven: np.ndarray, most: int | None = None) -> np.ndarray:
-        """Numbers of the cells of one line whose edges are driven: those outwards from the outer end inwards, then
+        """Numbers of the cells of one line whose edges are driven: those outwards, from the outer end inwards, then
         those inwards.
         """
         columns, most = int(layer[COLUMNS]), int(layer[REACH]) if most is None else most

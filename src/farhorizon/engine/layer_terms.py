@@ -1,4 +1,4 @@
-"""What the layers sum: the terms of a stencil in groups, of values in a level and of the slots of bands."""
+"""What the layers sum: the terms of a stencil in groups, of values in a level and of values in the slots of bands."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from farhorizon.engine.nested import COLUMNS, LINES, STEP, WIDTH
 
 @dataclass(frozen=True)
 class Slots:
-    """Where the slots of bands lie: for each component and distance along the last axis a line beside every line of
-    nodes, those of the halo included.
+    """Where the slots of bands lie: for each component and each distance along the last axis one line beside every line
+    of nodes, those of the halo included.
 
     Attributes
     ----------
     layout : Layout
     sets : int
-        1 if what lies ahead and behind is added up, 2 if both have slots.
+        1 if the values for neighbours ahead and behind are added up, 2 if both have slots.
     bands : ndarray of int, shape (2, n)
         See `nested.Layers`.
     """
@@ -36,18 +36,18 @@ class Slots:
 
     @property
     def first(self) -> int:
-        """The line of the first node."""
+        """Number of the line of the first node."""
         return self.layout.reach[0] * self.grid[0] + self.layout.reach[1]
 
     @property
     def lines(self) -> int:
-        """Lines of one component and distance."""
+        """Number of lines for one component and distance."""
         return (self.layout.box.nodes[0] + 2 * self.layout.reach[0]) * self.grid[0]
 
     def place(self, number: int, component: int, offset: Sequence[int]) -> int | None:
-        """Where those of a band serve an offset, counted from the line of a node; None where they do not.
+        """Place of the slots of a band that serve an offset, counted from the line of a node; None if none do.
 
-        Those of mirror images are added up and come once.
+        Those of mirror images are added up and appear once.
         """
         ahead, reach = int(offset[2]), self.layout.reach[2]
         if not self.bands[number, COLUMNS] or ahead == 0 or (self.sets == 1 and ahead < 0):
@@ -65,7 +65,7 @@ class Terms:
     Attributes
     ----------
     layout : Layout
-    offsets, weights : ndarray, shapes (K, 3) and (K, d, d)
+    offsets, weights : ndarray, shapes (K, 3) and (K, rows, columns)
         The stencil.
     itemsize : int
         Bytes of a number of the field.
@@ -73,7 +73,7 @@ class Terms:
     ends, places, factors, values : list
         Rows of the tables `ends`, `places`, `factors` and `weights` of `nested.Layers`.
     neighbours : dict
-        By the axes across which sums go, the distances to neighbours along them and their numbers.
+        For the axes along which sums run, the distances to neighbours along them and the numbers of these.
     """
 
     layout: Layout
@@ -89,14 +89,14 @@ class Terms:
 
     @property
     def count(self) -> int:
-        """How many sums there are."""
+        """Number of sums so far."""
         return len(self.ends) // 3
 
     def add(self, row: int, fixed: Sequence[Mapping[int, int]], across: Sequence[int]) -> None:
-        """Sums for one component of the result, each with given offsets along some axes, of terms at offsets along the
-        others.
+        """Add sums for one component of the result, each with given offsets along some axes, over terms at all offsets
+        along the axes `across`.
 
-        Without given offsets, those of bands alone.
+        Without given offsets, only those over the slots of bands.
         """
         stride, numbers = self.layout.box.stride, self.neighbours.setdefault(tuple(across), {})
         for band in (None, 0, 1):
@@ -120,7 +120,7 @@ class Terms:
             self._append(terms, len(fixed), numbers)
 
     def _append(self, terms: dict[tuple[int, int], np.ndarray], sums: int, numbers: dict[int, int]) -> None:
-        """Groups of terms: those that the last sum has, of the others those that the last but one has, and so on."""
+        """Append terms in groups: those that the last sum has, then those that the last but one has, and so on."""
         first = len(self.places)
         used = {key: int(np.flatnonzero(w)[-1]) + 1 for key, w in terms.items()}
         for key in sorted(terms, key=lambda key: (-used[key], key)):

@@ -1,7 +1,7 @@
-"""The compiled time loop: it works off tables of operations, and calls each by its address.
+"""The compiled time loop: it works through tables of operations, and calls each by its address.
 
-What it takes is numbers and addresses, so that it is compiled once, whatever the run. An operation is compiled for the
-types of the tables that it reads when a run first has it.
+Its arguments are numbers and addresses only, so that it is compiled once, whatever the run. An operation is compiled
+when a run first needs it, for the types of the tables that it reads.
 """
 
 from __future__ import annotations
@@ -42,22 +42,22 @@ from farhorizon.engine.rows.structs import Struct
 from farhorizon.engine.tables import ABSENT, EDGE, FACE, GENERAL, Inputs, Stage, Sums, one_medium
 from farhorizon.engine.threads import ALONE, side_by_side
 
-_FLOWS = 6  # of the stages the one whose sums go into a level of their own, beside those of the passes
-# of all operations on states these change the field
+_FLOWS = 6  # the stage whose sums go into a level of their own, after those of the passes
+# operations on states that take the stage and the sums of the field
 _OF_THE_FIELD = (BREAK, RELEASE, DAMAGED, STRETCH_STATES, STRETCH_FORCES)
-# what has the coefficients of bonds
+# passes whose bonds have coefficients
 _OF_BONDS = (SPRINGS, PUSHES, TRACES)
-_COUNTED = ("general_rows", "general_matrix_rows")  # they make arrays
+_COUNTED = ("general_rows", "general_matrix_rows")  # they create arrays
 
 Function = Callable[..., Any]
 
 _FUNCTIONS: dict[tuple[str, tuple[types.Type, ...]], Any] = {}
-_COMPILING = threading.RLock()  # simulations may be run side by side
+_COMPILING = threading.RLock()  # simulations may run in parallel
 
 
 @njit(nogil=True, cache=True, counted=False, entry=True)
 def run(thread: int, steps: int, phase: int, calls: np.ndarray, tables: int, inputs: int) -> None:
-    """One thread's share of `steps` steps from the rotation `phase`.
+    """Do one thread's share of `steps` steps, beginning with the rotation `phase`.
 
     After them the level ``tables.rotation[(phase + steps) % rotations, 0, 0]`` holds the state.
 
@@ -79,8 +79,8 @@ def run(thread: int, steps: int, phase: int, calls: np.ndarray, tables: int, inp
 
 
 class CompiledLoop:
-    """Works off tables of operations in machine code. It keeps what it has made of the last ones, for most calls have
-    the same.
+    """Works through tables of operations in machine code. It keeps what it has made of the last tables, because most
+    calls have the same ones.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class CompiledLoop:
         self._tables: Struct | None = None if beside is None else beside._tables
         self._inputs: Struct | None = None if beside is None else beside._inputs
         self._calls = np.zeros((1, 0, 4), np.int64)
-        self._kept: list[Struct] = []  # what the calls have the addresses of
+        self._kept: list[Struct] = []  # structs whose addresses the calls contain
 
     def __reduce__(self) -> tuple[type[CompiledLoop], tuple[()]]:
         return CompiledLoop, ()  # a copy has arrays of its own
@@ -101,7 +101,7 @@ class CompiledLoop:
     def __call__(
         self, steps: int, phase: int, levels: np.ndarray, tables: Tables, inputs: Inputs, threads: int
     ) -> None:
-        """Work off `steps` steps of the tables on some threads."""
+        """Do `steps` steps of the tables on some threads."""
         last = self._tables
         table = last if last is not None and last.table is tables else Struct(tables, last)
         outside = Struct(inputs, self._inputs)
@@ -112,7 +112,7 @@ class CompiledLoop:
         side_by_side(lambda thread: run(thread.address, steps, phase, *given), threads)
 
     def _serves(self, levels: np.ndarray, tables: Struct, inputs: Struct) -> bool:
-        """Whether the calls are those of the last time."""
+        """Whether the calls made last time are still valid."""
         if levels is not self._levels or self._tables is None or self._inputs is None:
             return False
         before, now = self._tables.table, tables.table
@@ -124,13 +124,13 @@ class CompiledLoop:
 
 
 def _alike(tables: Tables, before: Tables) -> bool:
-    """Whether tables are the same ones, their operations the same numbers."""
+    """Whether tables are the same objects, except that operations need only be equal."""
     compared: Iterable[tuple[str, Any, Any]] = zip(Tables._fields, tables, before, strict=True)
     return all(np.array_equal(a, b) if name in ("operations", "starts") else a is b for name, a, b in compared)
 
 
 def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Struct], np.ndarray]:
-    """The calls of a step in each rotation of the levels, and the structs that they have the addresses of."""
+    """The calls of a step in each rotation of the levels, and the structs whose addresses they contain."""
     table: Tables = tables.table
     program, size = load_program(), types.int64
     lists = [table.operations[a:b].tolist() for a, b in zip(table.starts[:-1], table.starts[1:], strict=True)]
@@ -174,9 +174,7 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
 def _does(
     tables: Tables, inputs: Inputs, operation: int, number: int, which: int
 ) -> list[tuple[Function, int, int, int]]:
-    """What does an operation, one function after the other: the function, the stage and the sums that it takes, by
-    their pass, and a number.
-    """
+    """Functions that do an operation, in order: each with the passes whose stage and sums it takes, and a number."""
     layers, on_layers = pass_of(tables, which).layers, load_layer_program()
     if operation == LINES:
         bands = [band for band in range(2) if layers.bands[band, COLUMNS]]
@@ -206,7 +204,7 @@ def _does(
 
 
 def _on_axis(layers: Layers, axis: int) -> list[Function]:
-    """What adds the sums of the layers along an axis."""
+    """Functions that add the sums of the layers along an axis."""
     program = load_layer_program()
     if axis < 2:
         return [program.stretch_faces]
@@ -218,8 +216,8 @@ def _on_axis(layers: Layers, axis: int) -> list[Function]:
 def _on_parts(
     program: ModuleType, tables: Tables, inputs: Inputs, which: int, split: bool
 ) -> tuple[list[Function], list[Function]]:
-    """What is done with each part of the box as a pass sweeps it, and while messages are on their way: if it is `split`
-    what needs no halo has been swept then.
+    """Functions that are called for each part of the box as a pass sweeps it, and those that are called while messages
+    are under way. If the pass is `split`, what needs no halo has been swept by the latter.
     """
     one, bonds = pass_of(tables, which), tables.bonds
     if tables.phases.runs.size:
@@ -240,7 +238,7 @@ def _on_parts(
 
 
 def _set_called(program: ModuleType, stage: Struct, sums: Struct) -> None:
-    """The addresses of what operations call."""
+    """Set the addresses of the functions that operations call."""
     table: Sums = sums.table
     layers, on_layers = table.layers, load_layer_program()
     single = table.columns == table.rows == 1
@@ -256,12 +254,12 @@ def _set_called(program: ModuleType, stage: Struct, sums: Struct) -> None:
 
 
 def _keeps(tables: Tables, inputs: Inputs) -> tuple[bool, bool]:
-    """Whether anything is watched, and heard."""
+    """Whether anything is watched, and whether anything is heard."""
     return bool(inputs.watched.size), bool(tables.listening.rows.size)
 
 
 def _sums(tables: Tables, which: int, parts: int, ahead: int) -> Struct:
-    """What the operations of a pass take, with room for addresses."""
+    """Sums that the operations of a pass take, with room for addresses."""
     everywhere = tables.material
     alike = everywhere._replace(coefficient=everywhere.coefficient[:1])
     material = everywhere if which in _OF_BONDS else alike
@@ -273,9 +271,9 @@ def _sums(tables: Tables, which: int, parts: int, ahead: int) -> Struct:
 
 
 def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool) -> list[Struct]:
-    """A stage of the field, and those of the passes: of sums that make states, that make forces of them, that make
-    forces and traces where heat goes on in layers, of increments over neighbours, and that go into a level of their
-    own.
+    """A stage of the field and those of the passes, in this order: sums that make states, sums that make forces of
+    states, forces and traces where heat passes through layers, increments summed over neighbours, and sums that go into
+    a level of their own.
     """
     src, base, out = levels
     a, a_difference, b, scale, _ = tables.numbers[part]

@@ -1,9 +1,9 @@
-"""Where a medium that varies is uniform as far as bonds reach: there the rows of its stencil are swept as those of a
-uniform one, by weights of its own.
+"""Regions where a varying medium is uniform within reach: their rows are swept like those of a uniform medium, with
+weights of their own.
 
-Layers of ground, inclusions, a plate of two metals: most nodes see one medium alone, and their bonds need not be summed
-one by one. Which nodes these are does not depend on how the box is cut into parts, so that all processes and threads
-compute the same sums.
+With strata, inclusions or a bimetal plate most nodes see a single medium, and their bonds need not be summed one by
+one. Which nodes these are does not depend on how the box is divided, so that all processes and threads compute the same
+sums.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from farhorizon.engine.tables import Media, one_medium
 
 Piece = tuple[int, int, int, int, int]
 
-#: Nodes between those whose bonds differ that are worth a sum of their own: for fewer the sums over them are made in
-#: vain.
+#: Smallest gap, in nodes, between runs whose bonds differ at which these are summed separately; shorter gaps are summed
+#: with them, and the results discarded.
 _APART = 24
 
 
 def media_of(engine: Field) -> Media:
-    """The media of an engine whose nodes have coefficients, in their halo, too."""
+    """Return the media of an engine whose nodes have coefficients, also in their halo."""
     material, layout = engine.tables.material, engine.layout
     if material.coefficient.size == 1 or material.rule == PHASES or np.ndim(engine.reaction):
         return one_medium(engine.dtype)
@@ -40,7 +40,7 @@ def media_of(engine: Field) -> Media:
     mixed = np.zeros(layout.size, np.int8)
     mixed[layout.box.node_indices()[numbers == -1]] = 1
     pieces, ranges, depth = [], [0], engine.tables.sweep.depth
-    for first in range(0, layout.box.nodes[1], depth):  # the parts of the box in their order
+    for first in range(0, layout.box.nodes[1], depth):  # parts of the box in order
         for plane in numbers[:, first : first + depth]:
             pieces += [(first + a, first + b, *rest) for a, b, *rest in _pieces(plane)]
             ranges.append(len(pieces))
@@ -57,8 +57,8 @@ def media_of(engine: Field) -> Media:
 
 
 def _uniform(coefficient: np.ndarray, reach: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients that all nodes within reach of a node have, and their number for each node, -1 where they differ;
-    from those of a box and its halo.
+    """Find the coefficients that all nodes within reach of a node share, and their number for each node, -1 where they
+    differ; for a box with its halo.
     """
     least = most = coefficient
     for axis, m in enumerate(reach):
@@ -71,7 +71,7 @@ def _uniform(coefficient: np.ndarray, reach: Sequence[int]) -> tuple[np.ndarray,
 
 
 def _pieces(media: np.ndarray) -> Iterator[Piece]:
-    """Those of some rows of nodes: all rows together where they are alike, else row by row."""
+    """Yield the pieces of some rows of nodes: of all rows together where they are equal, else row by row."""
     alike = np.where((media == media[0]).all(0), media[0], -2)
     for start, stop, medium in _runs(alike):
         if medium >= 0:
@@ -84,14 +84,16 @@ def _pieces(media: np.ndarray) -> Iterator[Piece]:
 
 
 def _runs(row: np.ndarray) -> Iterator[tuple[int, int, int]]:
-    """First, last + 1 and value of each run of equal numbers."""
+    """Yield first, last + 1 and value of each run of equal numbers."""
     edges = np.flatnonzero(np.diff(row)) + 1
     for start, stop in zip([0, *edges.tolist()], [*edges.tolist(), len(row)], strict=True):
         yield start, stop, int(row[start])
 
 
 def _joined(row: np.ndarray) -> list[tuple[int, int]]:
-    """Where bonds differ in a row: first and last + 1 of runs, joined over short ones between them."""
+    """Runs of nodes in a row whose bonds differ, as first and last + 1; runs with a short gap between them are
+    joined.
+    """
     found: list[tuple[int, int]] = []
     for start, stop, medium in _runs(row):
         if medium == -1:

@@ -1,25 +1,25 @@
-"""The layers: what stretched shifts add to the sums that a sweep has made with plain ones.
+"""The layers: what stretched shifts add to the sums that a sweep has made with plain shifts.
 
-A stencil is a sum of products of shifts. Where an axis has layers its shift by one node outwards is ``v = V q``,
+A stencil is a sum of products of shifts. Along an axis with layers the shift by one node outwards is ``v = V q``,
 
     v(p) = q(p+1) + c(p),   c(p) = r (q(p) - v(p+1)) - N(p),   N <- e N + f (q(p) - v(p+1)),
 
-on the edge between the columns p and p+1 of a layer, where column 0 is the last one of the core; inwards likewise. On
+on the edge between the columns p and p+1 of a layer, where column 0 is the last one of the core; likewise inwards. On
 all other edges c is zero. So the stencil is swept over all nodes, those of the layers included, with plain shifts, and
 the layers add sums over c, as follows.
 
 - Along the first two axes in nested (Horner) form: ``sum_k V^k B_k = V (B_1 + V (B_2 + ...))`` takes one c, with one N,
-  for each k, direction and edge, whatever the B_k, the parts of the stencil that reach k columns outwards, or inwards.
-  Those are wanted on the columns of the layer and on the last reach + 1 of the core. Where faces of both axes meet, in
-  an edge, the B_k of the first axis contain what the layers of the second add to them.
+  for each k, direction and edge, whatever the B_k are. These are the parts of the stencil that reach k columns outwards
+  or inwards, and they are needed on the columns of the layer and on the last reach + 1 of the core. Where faces of both
+  axes meet, in an edge, the B_k of the first axis contain what the layers along the second add to them.
 - Along the last axis, whose nodes are neighbours in memory, the fields ``V^k u`` are continued instead, line by line:
-  ``slots`` holds what they have more than plain shifts, on a *band*: the columns of the layer and as many of the core
-  as the stencil reaches. All sums across that axis read them as further lines.
+  ``slots`` hold how they differ from plain shifts on a *band*: the columns of the layer and as many of the core as the
+  stencil reaches. All sums across that axis read them as further lines.
 
-Lines along the last axis are cut into *tiles* of up to `LINES` nodes, whose values go through side by side. Bands are
-tiles of their own.
+Lines along the last axis are cut into *tiles* of up to `LINES` nodes, whose values are processed side by side. Bands
+are tiles of their own.
 
-Here are the tables; `engine.layer_program` has what works on them.
+This module holds the tables; `engine.layer_program` has the functions that work on them.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-#: Values that go through side by side.
+#: Values that are processed side by side.
 LINES = 32
-#: Axes across which sums go, in the order of `Layers.spans`: those of the faces of the first two axes, of edges, of
-#: bands.
+#: Axes along which the sums run, in the order of `Layers.spans`: for faces of the first axis and of the second, for
+#: edges and for bands.
 ACROSS = (1, 2), (0, 2), (2,), (0, 1)
 OF_EDGES, OF_BANDS = 2, 3
 
-#: Distance to the slot of a neighbour that has none; those of others may be negative.
+#: Distance to the slot of a neighbour that has none; distances to slots may be negative.
 NO_SLOT = -(2**62)
 
 # Columns of tables.
@@ -55,25 +55,25 @@ class Layers(NamedTuple):
     faces : ndarray of int, shape (F, 18)
         Layers along the first two axes: see `engine.layer_tables`.
     bands : ndarray of int, shape (2, 16)
-        Those along the last axis, the low and the high one; no columns where there is none.
+        Layers along the last axis, the low and the high one; no columns where there is none.
     edges : ndarray of int, shape (E, 8)
         Where two faces meet.
     kinds : ndarray of int, shape (n, 6)
-        Of an edge, for each set and k of the first face: how far those parts reach along the second, the first column
-        where they are wanted, the cells of memory before them, and the functions that they take.
+        For each set and k of an edge's first face: how far those parts reach along the second axis, the first column
+        where they are needed, the cells of memory before theirs, and the functions that process them.
     tiles : ndarray of int, shape (T, 6)
     items : ndarray of int, shape (n, 5)
         Pieces of work: face, first row, last row + 1, tile, edge or -1.
     item_ranges : ndarray of int, shape (3,)
         Items of the second axis, then of the first.
     ends : ndarray of int, shape (3 S, reach + 1)
-        Sums: three rows each, for terms in the level, in the low and in the high band, of the ends of their groups of
+        Three rows for each sum, for terms in the level, in the low and in the high band: the ends of their groups of
         terms, see `vectors.weighted_parts`.
     places, factors : ndarray of int
-        Of each term, the distance in bytes from a node to what it is taken of; and, where coefficients vary, from the
-        first factors of bonds to its own, for which a thread's work space has a row for each of `neighbours`.
+        For each term, the distance in bytes from a node to what it is taken of; and, where coefficients vary, that from
+        the first factors of bonds to its own, for which a thread's work space has a row for each of `neighbours`.
     neighbours : ndarray of int
-        Distances to coefficients: of sums across the second axis and the last, the first and the last, the last alone,
+        Distances to coefficients: for sums across the second axis and the last, the first and the last, the last alone,
         the first two.
     spans : ndarray of int, shape (5,)
         The first of each of these.
@@ -91,26 +91,27 @@ class Layers(NamedTuple):
     edge_cut_ranges : ndarray of int
         Cuts of each edge, component and tile.
     band_cuts : ndarray of int, shape (n, 5)
-        Of bands: band, first node, its place in the slots, and the two coefficients.
+        Absent bonds of bands: band, first node, its place in the slots, and the two coefficients.
     band_cut_weights : ndarray
     copies : ndarray of int, shape (2, n)
-        Of the slots, where an axis is periodic.
+        Places of the slots that repeat others, and those others, where an axis is periodic.
     r, e, f : ndarray, shape (layers, columns + 1)
     mirrored : ndarray of int, shape (3 + reach, 2, 2)
-        Of stencils that go over into themselves in mirrors, for each axis, then for each distance along the first one
-        where faces meet, for terms in the level and in the bands: the function that sums all parts at once, or 0, and
-        the first of its weights.
+        For mirror-symmetric stencils, for each axis, then for each distance along the first one where faces meet, and
+        for terms in the level and in the bands: the function that sums all parts at once, or 0, and the first of its
+        weights.
     mirrored_weights : ndarray
     sizes : ndarray of int, shape (12,)
-        Lines along the first two axes, of a band with their halo, and to the first one; the first sum of the bands;
-        rows of work space of the parts of a face; lanes of all tiles and of a group of lines; the place of the first
-        node; rows of work space of an edge; the row at which factors of bonds begin, and that of parts of an edge.
+        Lines along the first two axes, those of a band with their halo, and those before its first node; the first sum
+        of the bands; rows of work space for the parts of a face; lanes of all tiles and of a group of lines; the place
+        of the first node; rows of work space for an edge; the rows at which factors of bonds and the parts of an edge
+        begin.
     cell : int
         Bytes of each number that layers remember; 0 where they have no memory.
     unit : float
-        Sum of the weights' sizes, over which all weights here are taken.
+        Sum of the magnitudes of the weights, by which all weights here are divided.
     slots, memory : ndarray
-        Values of the bands, and what the layers remember: see `engine.layer_tables`.
+        Values of the bands, and the memory of the layers: see `engine.layer_tables`.
     """
 
     faces: np.ndarray
@@ -148,5 +149,5 @@ class Layers(NamedTuple):
 
 
 def has_layers(layers: Layers, axis: int) -> bool:
-    """Whether there are any along an axis."""
+    """Whether there are any layers along an axis."""
     return bool(layers.bands[:, COLUMNS].any() if axis == 2 else np.diff(layers.item_ranges)[1 - axis])

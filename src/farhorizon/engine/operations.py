@@ -1,7 +1,7 @@
-"""The operations of which a step consists, and the tables that they read.
+"""Operations of which a step consists, and the tables that they read.
 
-A step is one or more stages. Each stage is a list of operations, which the compiled loop works off in their order; an
-operation has a number beside it where it needs one. The plain numpy program of the tests works off the same lists.
+A step is one or more stages. Each stage is a list of operations, which the compiled loop executes in order; where
+needed an operation is given a number. The plain numpy program of the tests executes the same lists.
 """
 
 from __future__ import annotations
@@ -39,51 +39,50 @@ from farhorizon.engine.tables import (
 )
 from farhorizon.engine.warmth import Warmth, no_heat
 
-COPY = 0  # the halo repeats what lies across periodic axes
+COPY = 0  # the halo copies what lies across periodic axes
 DAMP_OLD = 1  # an absorbing zone damps the increment of the last step
 LINES = 2  # layers continue the field along lines of the last axis
 SWEEP = 3  # out = a*src + b*base + scale*L(src), with plain shifts
-CUT = 4  # absent bonds are taken back
-STRETCH = 5  # the layers along an axis add what stretched shifts add
+CUT = 4  # contributions of absent bonds are subtracted
+STRETCH = 5  # the layers along an axis add the difference between stretched and plain shifts
 ENDS = 6  # exact ends
 FEED = 7  # sources
 DAMP_NEW = 8  # an absorbing zone damps the increment of this step
 FILTER = 9  # layers damp short waves
-HOLD = 10  # nodes with given values
-WORK = 11  # the work of sources is added up
-FLOW_LAYERS = 12  # what layers bring is added to the flows
-FLOW = 13  # what flows along bonds is added to the flows
-DEPEND = 14  # nodes whose values depend on those of others
-FRINGE = 15  # the halo along an outline
+HOLD = 10  # nodes with prescribed values are set
+WORK = 11  # the work of sources is accumulated
+FLOW_LAYERS = 12  # contributions of the layers are added to the flows
+FLOW = 13  # flows along bonds are accumulated
+DEPEND = 14  # nodes whose values depend on those of others are set
+FRINGE = 15  # the halo along an outline is set
 DISSOLVE = 16  # solid nodes become liquid
-KEEP = 17  # values of watched nodes and sums over blocks of nodes are kept
-LAW = 18  # what nodes make of their states
+KEEP = 17  # values of watched nodes and sums over blocks of nodes are recorded
+LAW = 18  # the law of the nodes is applied to their states
 BREAK = 19  # bonds beyond their limit break
-DAMAGED = 20  # sums of nodes that have lost bonds are made anew; beside it which, see `engine.damage`
-INERTIA = 21  # what the forces have done to heavy nodes is less
-SEND = 22  # messages to other processes begin; three times their kind and their axis
-STRETCH_STATES = 23  # layers stretch the derivatives that nodes have for states; with 1 beside it their memory begins
-STRETCH_FORCES = 24  # and those of what the law has made of the states
+DAMAGED = 20  # sums of nodes that have lost bonds are recomputed; the number says which, see `engine.damage`
+INERTIA = 21  # the change due to the forces is scaled by the mobility of the nodes
+SEND = 22  # messages to other processes are started; the number is three times their kind plus their axis
+STRETCH_STATES = 23  # layers stretch the derivatives in the states; with number 1 their memory begins
+STRETCH_FORCES = 24  # and those of the results of the law
 DRAG = 25  # velocities move towards the mean of their neighbours
-HEAT = 26  # springs beside states lose what heat strains them
-WARM = 27  # the strains of heat become those of the next step
-MELT = 28  # nodes of the halo become liquid as other processes have made them
-AHEAD = 29  # SWEEP of rows that need no halo, while messages are on their way: twice the number of a share of them,
-# and how many others there are
-RECEIVE = 30  # messages end, by which other processes fill the halo; as SEND
-RELEASE = 31  # bonds break with which enough energy is lost
-HEAT_BEYOND = 32  # bonds without a law of their own, and springs beside states, lose what heat strains them, everywhere
-DAMPERS = 33  # masses that hang on nodes of layers
-MOVED = 34  # the increments of the last step, by which drag goes
+HEAT = 26  # thermal strains are subtracted from those of the springs of state-based media
+WARM = 27  # thermal strains advance to the next step
+MELT = 28  # nodes of the halo become liquid as in the processes that own them
+AHEAD = 29  # SWEEP of rows that need no halo, while messages are under way: the number is twice that of a part of
+# these rows, plus the number of other parts
+RECEIVE = 30  # messages that fill the halo are completed; numbered as SEND
+RELEASE = 31  # bonds break whose energy exceeds their limit
+HEAT_BEYOND = 32  # as HEAT, but on all nodes, and also for bonds without a law of their own
+DAMPERS = 33  # masses of tuned dampers move
+MOVED = 34  # increments of the last step are stored for drag
 
-# Passes of the operator: the springs, sums over bonds that make states, sums over states that make forces; where heat
-# goes on in the layers, sums of strains that push nodes, and the traces of stresses; of increments over neighbours, by
-# which drag goes, what the layers add.
+# Passes of the operator: springs; sums over bonds that yield states; sums over states that yield forces; if heat passes
+# through the layers, thermal forces and traces of the stresses; for drag, what layers add to sums over neighbours.
 SPRINGS, GATHER, SCATTER, PUSHES, TRACES, NEIGHBOURS = range(6)
 
 
 class Pass(NamedTuple):
-    """Sums over bonds, from a field of some components to another one.
+    """Sums over bonds, from one field to another.
 
     Attributes
     ----------
@@ -92,7 +91,7 @@ class Pass(NamedTuple):
     cuts : Cuts
     surface : Surface
     columns, rows : int
-        Components of what is read and of what is written.
+        Numbers of components that are read and written.
     """
 
     sweep: Sweep
@@ -107,13 +106,13 @@ Operation = tuple[int, int, int]
 
 
 class Tables(NamedTuple):
-    """All that the loop reads and keeps beside the levels and what comes from outside.
+    """Everything that the loop reads and keeps, except for the levels and the inputs.
 
     Attributes
     ----------
     operations : ndarray of int, shape (n, 3)
-        Those of all stages, one after the other: the operation, a number, and the pass of the operator that it belongs
-        to.
+        Operations of all stages, one after the other: the operation, a number, and the pass of the operator to which it
+        belongs.
     starts : ndarray of int, shape (stages + 1,)
         First operation of each stage.
     rotation : ndarray of int, shape (rotations, stages, 3)
@@ -123,16 +122,16 @@ class Tables(NamedTuple):
     increments : bool
     components : int
     copies : ndarray of int, shape (3, n)
-        Runs of places of the halo that repeat others, see `Layout.copies`.
+        Runs of places of the halo that copy others, see `Layout.copies`.
     exchange : ndarray of int, shape (kinds, 3, 5)
-        What other processes fill, by the kind of messages and their axis; see `engine.exchange`.
+        Messages by which other processes fill halos, by kind and axis; see `engine.exchange`.
     free : ndarray of int, shape (2, 2)
-        The rows that need none of it but what comes along the last axis: first and end along the others.
+        Rows that need no halo from other processes except along the last axis: first and end along the other axes.
     work_space : ndarray, shape (threads, n)
     work : ndarray, shape (n,)
-        Where the work of sources is added up, or empty.
+        Accumulated work of the sources, or empty.
     mobility : ndarray, shape (places,)
-        Of each node what forces do to it over what they do to a node of the medium, or empty.
+        Acceleration of each place by a given force, relative to a node of the medium, or empty.
     """
 
     operations: np.ndarray
@@ -174,7 +173,7 @@ class Tables(NamedTuple):
 
 
 def operations_of(tables: Tables, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
-    """What there is to do in a step: the `operations` and `starts` of tables that lack them."""
+    """Return the operations of a step: `operations` and `starts` for tables that lack them."""
     lists = [_stage(tables, inputs, stage) for stage in range(len(tables.numbers))]
     kept = inputs.watched.size + tables.listening.rows.size
     lists[-1] += _chosen((DISSOLVE, tables.phases.runs.size), (KEEP, kept), (WARM, tables.heat.rate.size))
@@ -183,7 +182,7 @@ def operations_of(tables: Tables, inputs: Inputs) -> tuple[np.ndarray, np.ndarra
 
 
 def table_of(operations: Iterable[Operation]) -> np.ndarray:
-    """Operations as `Tables.operations`."""
+    """Return operations in the form of `Tables.operations`."""
     return np.array(list(operations), np.int64).reshape(-1, 3)
 
 
@@ -209,8 +208,8 @@ def _stage(tables: Tables, inputs: Inputs, stage: int) -> list[Operation]:
 
 
 def operator_operations(tables: Tables, melting: bool = False, breaking: bool = True) -> list[Operation]:
-    """The operator: its halo filled, layers included; if `melting`, the phases of the halo are those of this step; if
-    `breaking`, bonds of nodes with states break.
+    """Operations of the operator, including its halo and layers; if `melting`, the phases of the halo are updated for
+    this step; if `breaking`, bonds of state-based media may break.
     """
     breaks, by_energy = not tables.bonds.forces, len(tables.bonds.released) > 0
     may_break = breaking and breaks and np.isfinite(tables.bonds.limit[0])
@@ -235,12 +234,12 @@ def operator_operations(tables: Tables, melting: bool = False, breaking: bool = 
 
 
 def trace_operations(tables: Tables) -> list[Operation]:
-    """What the layers add to the traces of the stresses, of a level whose halo is filled."""
+    """Operations by which layers add to the traces of the stresses, for a level whose halo is filled."""
     return _in_layers(tables, TRACES, [])
 
 
 def _drag_operations(tables: Tables) -> list[Operation]:
-    """What moves velocities towards the mean of their neighbours."""
+    """Operations that move velocities towards the mean of their neighbours."""
     if not tables.drag.rate.size:
         return []
     layers = tables.neighbours.layers
@@ -251,13 +250,13 @@ def _drag_operations(tables: Tables) -> list[Operation]:
 
 
 def _in_layers(tables: Tables, number: int, plain: list[Operation]) -> list[Operation]:
-    """Sums of a pass whose halo is filled, with what makes the plain ones."""
+    """Operations of a pass whose halo is filled; `plain` ones compute the sums with plain shifts."""
     axes = [axis for axis in (2, 1, 0) if has_layers(pass_of(tables, number).layers, axis)]
     return _chosen((LINES, 2 in axes), number=number) + plain + [(STRETCH, axis, number) for axis in axes]
 
 
 def pass_of(tables: Tables, number: int) -> Pass:
-    """The sums of a pass."""
+    """Return the sums of a pass."""
     if number == SPRINGS:
         n = tables.components
         return Pass(tables.sweep, tables.layers, tables.cuts, tables.surface, n, n)
@@ -268,19 +267,19 @@ def pass_of(tables: Tables, number: int) -> Pass:
 def _sums(
     tables: Tables, number: int, halo: bool = False, ahead: bool = False, before: Sequence[Operation] = ()
 ) -> list[Operation]:
-    """Those of one pass.
+    """Operations of one pass.
 
     Parameters
     ----------
     tables : Tables
     number : int
-        Of the pass.
+        Number of the pass.
     halo : bool
-        Whether the halo of what it reads is to be filled.
+        Whether to fill the halo of the field that it reads.
     ahead : bool
-        Whether rows that need none of it may be swept meanwhile.
+        Whether rows that need no halo may be swept in the meantime.
     before : sequence of operations
-        Between the halo and the sweep.
+        Operations between filling the halo and the sweep.
     """
     _, layers, cuts, *_ = pass_of(tables, number)
     axes = [axis for axis in (2, 1, 0) if has_layers(layers, axis)]
@@ -294,9 +293,9 @@ def _sums(
 def _exchanged(
     tables: Tables, number: int, kinds: Sequence[int], lines: list[Operation], ahead: bool
 ) -> list[Operation]:
-    """What other processes fill, axis by axis, as later ones send the halos of earlier ones on. The layers continue
-    the field along lines of the last axis, which need no halo, before what they make of them is sent. If `ahead`, rows
-    that need none are swept meanwhile.
+    """Operations by which other processes fill halos, axis by axis, since later axes pass on the halos of earlier ones.
+    The layers continue the field along lines of the last axis, which needs no halo, before their results are sent. If
+    `ahead`, rows that need no halo are swept in the meantime.
     """
     every = {axis: [3 * kind + axis for kind in kinds if is_used(tables, kind, axis)] for axis in HALOS}
     axes = [axis for axis, messages in every.items() if messages]
@@ -319,13 +318,15 @@ def is_used(tables: Tables, kind: int, axis: int) -> bool:
 
 
 def beginning_operations(tables: Tables) -> list[Operation]:
-    """The operator as the memory of stretched derivatives begins, which adds nothing to them."""
+    """Operations of the operator that initialise the memory of stretched derivatives, which then adds nothing to
+    them.
+    """
     begins = (STRETCH_STATES, STRETCH_FORCES)
     return [(one[0], 1 if one[0] in begins else one[1], one[2]) for one in operator_operations(tables, breaking=False)]
 
 
 def sweep_operations(tables: Tables) -> list[Operation]:
-    """The operator with plain shifts, whatever the halo holds."""
+    """Operations of the operator with plain shifts, using the halo of the level as it is."""
     return [
         one
         for one in operator_operations(tables, breaking=False)
@@ -334,7 +335,9 @@ def sweep_operations(tables: Tables) -> list[Operation]:
 
 
 def state_operations(tables: Tables, halo: bool = False) -> list[Operation]:
-    """What makes the states of nodes, with plain shifts, and the halo of what the law has made of them if asked for."""
+    """Operations that compute the states of nodes with plain shifts, and, if asked for, fill the halo of the law's
+    results.
+    """
     return [
         one
         for one in sweep_operations(tables)
@@ -343,7 +346,7 @@ def state_operations(tables: Tables, halo: bool = False) -> list[Operation]:
 
 
 def layered_states(tables: Tables) -> list[Operation]:
-    """What makes the states of nodes, layers included, of a level whose halo is filled."""
+    """Operations that compute the states of nodes, layers included, for a level whose halo is filled."""
     return [one for one in operator_operations(tables, breaking=False) if one[2] == GATHER]
 
 
@@ -352,7 +355,7 @@ def _fills_level(operation: int, number: int) -> bool:
 
 
 def once(tables: Tables, operations: list[Operation], numbers: np.ndarray) -> Tables:
-    """The same tables for one stage of some operations, with its numbers, in which no bond breaks."""
+    """Return the same tables for one stage of some operations, with its numbers, in which no bond breaks."""
     return tables._replace(
         operations=table_of(operations),
         starts=np.array([0, len(operations)]),
@@ -363,7 +366,7 @@ def once(tables: Tables, operations: list[Operation], numbers: np.ndarray) -> Ta
 
 
 def without_heat(tables: Tables) -> Tables:
-    """The same tables where heat strains nothing: the operator is linear with them."""
+    """Return the same tables without thermal strains, so that the operator is linear."""
     if not tables.heat.warmth.size:
         return tables
     law = tables.gather.sweep.law
@@ -373,31 +376,31 @@ def without_heat(tables: Tables) -> Tables:
 
 
 def without_contact(tables: Tables) -> Tables:
-    """The same tables of nodes with states where bonds that close carry nothing."""
+    """Return the same tables of a state-based medium whose absent bonds carry no compression."""
     if tables.bonds.forces:
         return tables
     return tables._replace(bonds=tables.bonds._replace(closing=tables.bonds.closing[:0]))
 
 
 def _later(gather: Pass) -> bool:
-    """Whether some states are whole only after all sums have been made."""
+    """Whether some states are complete only after all sums have been computed."""
     law, nodes = gather.sweep.law, gather.sweep.block[1:4]
     return bool((law.first > 0).any() or (law.end < nodes).any())
 
 
 def _chosen(*wanted: tuple[int, int], number: int = SPRINGS) -> list[Operation]:
-    """Of (operation, whether there is anything to do), the operations."""
+    """Operations of those pairs (operation, whether there is anything to do) that have something to do."""
     return [(operation, 0, number) for operation, there in wanted if there]
 
 
 def check_room(tables: Tables, inputs: Inputs, steps: int) -> None:
-    """Every table that the loop, which looks at no bounds, indexes by step and stage is large enough; exact ends count
-    their clock once a stage.
+    """Check that the tables that the loop indexes by step and stage without checking bounds are large enough; the clock
+    of exact ends counts once per stage.
 
     Raises
     ------
     IndexError
-        One is not.
+        If one of them is too small.
     """
     stages, ends = len(tables.numbers), tables.ends
     clock = int(ends.clock[0]) + steps * stages if len(ends.history) else 0

@@ -1,4 +1,4 @@
-"""Dense algebra side by side, on the threads that the time loop has later."""
+"""Dense linear algebra in parallel, on the threads that the time loop uses later."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ _Result = TypeVar("_Result")
 
 
 def in_parallel(function: Callable[[_Part], _Result], parts: Sequence[_Part]) -> list[_Result]:
-    """Results of a function for each of several parts, on all threads that the process may have: NumPy leaves the
-    interpreter to others while it computes. Parts of a size that does not depend on threads have results that do not.
+    """Apply a function to each of several parts on all threads that the process may use, and return the results: NumPy
+    releases the interpreter lock while it computes. If the size of the parts does not depend on the number of threads,
+    neither do the results.
     """
     threads = min(available_threads(), len(parts))
     if threads <= 1:

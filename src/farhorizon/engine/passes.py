@@ -1,12 +1,12 @@
-"""Operators of two passes: sums over bonds make a state at each node, and sums over the states make the forces.
+"""Operators of two passes: sums over bonds yield the states of the nodes, and sums over the states yield the forces.
 
-Each pass is a stencil of matrices from one field to another, swept, cut and continued into layers as the stencil of an
-engine is, of which the springs beside the states are the first pass. Stretched shifts follow one another, so that two
-passes with layers of their own absorb what their convolution absorbs, and that beside free faces and along cracks, too,
-where no stencil is their convolution. Between them stands a law that acts node by node.
+Each pass is a stencil of matrices from one field to another. It is swept, cut and continued into layers like the
+stencil of an engine, which in turn is the pass of the springs. Since stretched shifts can be applied one after the
+other, two passes with layers of their own absorb what their convolution absorbs, and do so also beside free faces and
+along cracks, where no stencil is their convolution. Between them a law acts node by node.
 
-A node some of whose bonds are absent may have a law of its own (its shape tensor is that of the bonds that are there),
-and its own state counts: ``sum_k D_k (p_k + p_i)`` over the bonds that are there.
+A node that lacks bonds may have its own matrix in the law (its shape tensor is that of the bonds that are present), and
+its own state counts: ``sum_k D_k (p_k + p_i)`` over the bonds that are present.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from farhorizon.engine.surface_laws import law_rows
 from farhorizon.engine.tables import Cuts, Sweep
 from farhorizon.errors import InputError
 
-_STRAIGHT = 1e-9  # part of a shape tensor beside its diagonal that is rounding
+_STRAIGHT = 1e-9  # off-diagonal entries of a shape tensor that are rounding
 
 
 @dataclass(frozen=True)
@@ -52,15 +52,15 @@ class StateSums:
     signs : tuple of (int, int, int)
         See `farhorizon.medium.force_states`.
     kept : bool
-        Whether bonds that are cut or break leave the shape tensors of their nodes as they are.
+        Whether bonds that are cut or break leave the shape tensors of their nodes unchanged.
     released : ndarray, shape (K, 3), or None
-        Of bonds that break by the energy which is lost with them, in units of the operator.
+        For bonds that break by the energy lost with them: that energy, in units of the operator.
     unweakened : bool
-        Whether nodes bear all of their stress on the last of their bonds, see `engine.shape_tensors.stress_left`.
+        Whether nodes bear all of their stress down to the last of their bonds, see `engine.shape_tensors.stress_left`.
     phi : ndarray, shape (d, *core), optional
-        Rates at which derivatives along each axis are stretched, see `farhorizon.engine.stretches`.
+        Rates of the stretch of the derivatives along each axis, see `farhorizon.engine.stretches`.
     alpha : ndarray, shape of the core, optional
-        Their shift.
+        Shift alpha of that stretch.
     """
 
     gradient: np.ndarray
@@ -82,16 +82,16 @@ class Passes:
     Parameters
     ----------
     engine : Field
-        With its layout.
+        Engine that already has its layout.
     sums : StateSums
     recursion : mapping
-        Of the layers, see `LayerTables`.
+        Recursion coefficients of the layers, see `LayerTables`.
     """
 
     def __init__(
         self, engine: Field, sums: StateSums, recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]]
     ) -> None:
-        self.engine: Field = weakref.proxy(engine)  # which holds this: a circle would keep its levels
+        self.engine: Field = weakref.proxy(engine)  # the engine refers to this: a cycle would keep its levels alive
         self.layout, self.offsets, self.dtype, self.sums = engine.layout, engine.offsets, engine.dtype, sums
         vector = signs_of(engine.components)
         self.weights = sums.gradient, sums.divergence
@@ -101,11 +101,11 @@ class Passes:
             for weights, signs in zip(self.weights, self.signs, strict=True)
         )
         self.stretches = self._stretches()
-        self.start = 0  # of what is remembered of stretched derivatives, in the engine's memory
+        self.start = 0  # start of the memory of stretched derivatives in the engine's memory
         self.scales = [np.ones(len(engine.stages.numbers)), np.array([n[2] for n in engine.stages.numbers])]
 
     def _stretches(self) -> Stretches:
-        """Those of nodes with all their bonds."""
+        """Return the stretches of nodes with all their bonds."""
         phi, alpha, dim = self.sums.phi, self.sums.alpha, self.engine.components
         if phi is None or alpha is None:
             return no_stretches(self.dtype)
@@ -119,11 +119,11 @@ class Passes:
         )
 
     def stretch_tables(self) -> Stretches:
-        """The same with room for the threads to work in."""
+        """Return the stretches together with work space for the threads."""
         return self.stretches._replace(room=np.zeros((self.engine.threads, CHUNK), self.dtype))
 
     def tables(self, springs: Sweep) -> tuple[Pass, Pass]:
-        """Those of an operator with all bonds; parts of the box are those of the sweep of its springs."""
+        """Return the tables of both passes with all bonds; the box is divided as for the sweep of the springs."""
         none, found = np.zeros(0, np.int64), []
         for number, (weights, signs) in enumerate(zip(self.weights, self.signs, strict=True)):
             rows, columns = weights.shape[1:]
@@ -146,7 +146,7 @@ class Passes:
     def _compiled(
         self, weights: np.ndarray, signs: tuple[Signs, Signs], blocks: int, form: str
     ) -> tuple[int, np.ndarray]:
-        """Compiled rows of one of so many equal blocks of the weights, and theirs."""
+        """Address of the compiled rows of one of a number of equal blocks of the weights, and their weights."""
         rows, columns = (count // blocks for count in weights.shape[1:])
         inside, outside = signs[0][:columns], signs[1][:rows]
         return compiled_sums(self.offsets, weights[:, :rows, :columns], inside, outside, form, self.dtype.name)
@@ -154,22 +154,23 @@ class Passes:
     def leave_out(
         self, nodes: np.ndarray, neighbours: np.ndarray, bare_nodes: np.ndarray, bare: np.ndarray, exists: np.ndarray
     ) -> None:
-        """From now on some bonds are absent.
+        """Set the bonds that are absent from now on.
 
         Parameters
         ----------
         nodes, neighbours : ndarray of int, shape (n,)
-            Ends of bonds that are cut, one row a direction, in the order of the nodes.
+            Ends of bonds that are cut, one entry per direction, in the order of the nodes.
         bare_nodes : ndarray of int, shape (S,)
-            Nodes of which some bonds have one end only.
+            Nodes with bonds of which only one end exists.
         bare : ndarray of bool, shape (K, S)
-            Which bonds these are.
+            For each of these nodes, which bonds these are.
         exists : ndarray of bool, shape (places,)
 
         Raises
         ------
         InputError
-            Where derivatives are stretched, one along an axis would see bonds along another.
+            If the shape tensor of a node with stretched derivatives is not diagonal, so that the derivative along one
+            axis would involve bonds along another.
         """
         missing = _MissingBonds.of(self, nodes, neighbours, bare_nodes, bare, exists)
         shapes, left = self._shapes_beside(missing)
@@ -182,13 +183,13 @@ class Passes:
             self._cut_stretches(missing, shapes)
 
     def _shapes_beside(self, missing: _MissingBonds) -> tuple[np.ndarray, np.ndarray]:
-        """Shape tensors of nodes that lack bonds: those that the law goes by, and those of the bonds that are left."""
+        """Shape tensors of nodes that lack bonds: those that the law uses, and those of the remaining bonds."""
         whole = np.eye(self.sums.shapes.shape[1])
         bare, cut = missing.sums(self.sums.shapes)
         return whole - bare - (0 if self.sums.kept else cut), whole - bare - cut
 
     def _cut_passes(self, missing: _MissingBonds) -> tuple[Pass, Pass]:
-        """Both passes without these bonds."""
+        """Return both passes without these bonds."""
         engine, there, found = self.engine.tables, missing.there, []
         both = zip((engine.gather, engine.scatter), self.weights, self.layer_tables, strict=True)
         for number, (given, weights, tables) in enumerate(both):
@@ -204,7 +205,7 @@ class Passes:
         return found[0], found[1]
 
     def _law_beside(self, law: PointLaw, missing: _MissingBonds, shapes: np.ndarray, left: np.ndarray) -> PointLaw:
-        """The law with matrices of nodes that lack bonds, one for all that have the same tensors and moduli."""
+        """Return the law with matrices of nodes that lack bonds, one for all nodes with the same tensors and moduli."""
         dim, odd, there = shapes.shape[1], missing.odd, missing.there
         tensors = [one[there].round(14).reshape(-1, dim * dim) for one in (shapes, left)]
         kinds, numbers = np.unique(np.hstack([*tensors, self.moduli_at(odd[there])]), axis=0, return_inverse=True)
@@ -227,14 +228,14 @@ class Passes:
         )
 
     def _spread_firmness(self, law: PointLaw) -> None:
-        """Tell bonds that break by their energy how firm their ends are."""
+        """Set the firmness of the ends of bonds that break by their energy."""
         firm = np.ones(self.layout.size)
         firm[law.nodes] = law.firmness[law.numbers]
         firm = self.engine.spread(firm[self.layout.near.node_indices()], jointly=True)
         self.engine.replace(bonds=self.engine.tables.bonds._replace(firmness=firm))
 
     def _cut_stretches(self, missing: _MissingBonds, shapes: np.ndarray) -> None:
-        """Leave the bonds out of stretched derivatives."""
+        """Remove the missing bonds from the stretched derivatives."""
         stretches, odd, dim = self.engine.tables.stretches, missing.odd, shapes.shape[1]
         vectors = np.zeros((len(odd) + 1, dim))
         vectors[:-1] = sum(missing.sums(self.sums.divergence[:, 0, :dim]))
@@ -245,7 +246,7 @@ class Passes:
         self.engine.replace(stretches=without_bonds(stretches, vectors[at].T, *cut))
 
     def _units(self, shapes: np.ndarray) -> np.ndarray:
-        """What a unit of strain in all directions is in the states of nodes with some shape tensors, shape (S, n)."""
+        """State of a unit strain in all directions, for nodes with given shape tensors; shape (S, n)."""
         count, dim = len(self.sums.signs), shapes.shape[1]
         return shapes.reshape(-1, dim * dim) if count > 1 else np.trace(shapes, axis1=1, axis2=2)[:, None]
 
@@ -259,7 +260,7 @@ class Passes:
         return first, np.maximum(first, layout.box.nodes - np.where(layered[1], np.array(layout.high) + m, 0))
 
     def _unstretched(self) -> tuple[np.ndarray, np.ndarray]:
-        """The same beside stretched derivatives, where there are no other layers."""
+        """Return `_whole` for stretched derivatives, which exclude other layers."""
         first, end = np.zeros(3, np.int64), np.array(self.layout.box.nodes)
         free = ~np.any(np.asarray(self.sums.phi) > 0, axis=0)
         for axis in range(3):
@@ -268,7 +269,7 @@ class Passes:
         return first, end
 
     def _law(self) -> PointLaw:
-        """That of nodes with all bonds."""
+        """Return the law of nodes with all their bonds."""
         none, count = np.zeros(0, np.int64), len(self.sums.signs)
         whole, moduli = np.eye(self.sums.shapes.shape[1])[None], self.sums.moduli
         bases = np.concatenate([self.sums.law(whole, unit[None]) for unit in np.eye(3)])
@@ -278,7 +279,7 @@ class Passes:
         intact = np.einsum("c,cab->ab", middle, bases).astype(self.dtype)
         some = tuple(tuple(np.flatnonzero(row).tolist()) for row in np.any(bases, axis=0))
         every, nothing = (tuple(range(count)),) * count, np.zeros((1, count, count), self.dtype)
-        laws = ((some, False), (every, False), (every, True))  # by `WHOLE`, `ALIKE`, `EACH`
+        laws = ((some, False), (every, False), (every, True))  # indexed by `WHOLE`, `ALIKE`, `EACH`
         return PointLaw(
             aligned_zeros(count * self.layout.size, self.dtype),
             np.array([load_map(entries, count, each, False, real) for entries, each in laws]),
@@ -303,8 +304,8 @@ class Passes:
         )
 
     def energy_of_heat(self) -> np.ndarray:
-        """Energy of each place for a unit of mass a node, where nodes that heat strains are held where they were; the
-        states are those of such nodes.
+        """Energy of each place, per unit mass of a node, if nodes with thermal strains are held at zero displacement;
+        the current states must be those of such nodes.
         """
         engine, law, bonds = self.engine, self.engine.tables.gather.sweep.law, self.engine.tables.bonds
         found, dim = np.zeros(self.layout.size), self.sums.shapes.shape[1]
@@ -323,14 +324,17 @@ class Passes:
 
     @property
     def _unit(self) -> float:
-        """The unit of the operator: the divergence is so many times the transposed gradient."""
+        """Unit of the operator: ratio of the divergence to the transposed gradient."""
         gradient, divergence = self.sums.gradient[:, 0, 0], self.sums.divergence[:, 0, 0]
         return float(divergence @ gradient / (gradient @ gradient))
 
     def states_of(self, level: np.ndarray, cold: bool = True, halo: bool = False, layered: bool = False) -> np.ndarray:
-        """What the law makes of the states of a level, if `cold` without heat, as a level of so many components; the
-        next step writes over it. Fills the halo of `level`, and its own if asked for; if `layered` that of `level` is
-        filled, and layers add to the states, which remember nothing of it.
+        """Results of the law for the states of a level, as a level with that many components, which the next step
+        overwrites.
+
+        If `cold`, thermal strains are left out. The halo of `level` is filled, and that of the states if `halo` is set.
+        If `layered`, the halo of `level` must be filled already, and the layers, whose memory stays unchanged, add to
+        the states.
         """
         tables = self.engine.tables
         operations = layered_states(tables) if layered else state_operations(tables, halo)
@@ -338,13 +342,13 @@ class Passes:
         return tables.gather.sweep.law.values
 
     def units_of_bonds(self) -> np.ndarray:
-        """What each bond adds to the state of a unit of strain in all directions, shape (K, n), times what a state
-        counts for in the energy.
+        """Contribution of each bond to the state of a unit strain in all directions, shape (K, n), times the factor of
+        a state in the energy.
         """
         return self._unit * float(self.engine.tables.gather.sweep.law.spacing) * self._units(self.sums.shapes)
 
     def moduli_at(self, nodes: np.ndarray) -> np.ndarray:
-        """Moduli that the law of some nodes goes by, shape (S, 3)."""
+        """Moduli of some nodes in the law, shape (S, 3)."""
         law = self.engine.tables.gather.sweep.law
         return law.local[:, nodes].T if law.local.size else np.tile(law.moduli, (len(nodes), 1))
 
@@ -356,15 +360,15 @@ class _MissingBonds:
     Attributes
     ----------
     nodes, neighbours, bonds : ndarray of int, shape (n,)
-        Ends of bonds that are cut, one row a direction, and their numbers in the stencil.
+        Ends of bonds that are cut, one entry per direction, and their numbers in the stencil.
     odd : ndarray of int, shape (N,)
-        Nodes that lack some, ascending.
+        Nodes that lack bonds, ascending.
     at : ndarray of int, shape (n,)
-        Which of them the first ends of cut bonds are.
+        Indices in `odd` of the first ends of cut bonds.
     beside : ndarray of int, shape (S,)
-        Which of them have bonds with one end only.
+        Indices in `odd` of the nodes with bonds of which only one end exists.
     bare : ndarray of bool, shape (K, S)
-        Which bonds these are.
+        For each of the latter, which bonds these are.
     exists : ndarray of bool, shape (places,)
     """
 
@@ -387,7 +391,7 @@ class _MissingBonds:
         bare: np.ndarray,
         exists: np.ndarray,
     ) -> _MissingBonds:
-        """Of arguments of `Passes.leave_out`."""
+        """Construct from the arguments of `Passes.leave_out`."""
         distances = passes.offsets @ np.array(passes.layout.box.stride)
         order = np.argsort(distances)
         bonds = order[np.searchsorted(distances[order], neighbours - nodes)]
@@ -397,11 +401,13 @@ class _MissingBonds:
 
     @property
     def there(self) -> np.ndarray:
-        """Which of the nodes exist."""
+        """Which of the nodes `odd` exist."""
         return np.asarray(self.exists[self.odd])
 
     def sums(self, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Sums of the weights of the bonds of each node that have no other end, and of those that are cut."""
+        """Sums of the weights, over the bonds of each node whose other end does not exist, and over those that are
+        cut.
+        """
         bare, cut = (np.zeros((len(self.odd), *weights.shape[1:])) for _ in range(2))
         bare[self.beside] = np.einsum("ks,k...->s...", self.bare, weights)
         np.add.at(cut, self.at, weights[self.bonds])
@@ -409,7 +415,7 @@ class _MissingBonds:
 
 
 def _check_straight(shapes: np.ndarray) -> None:
-    """The shape tensors of nodes whose derivatives are stretched must be diagonal."""
+    """Raise an error unless the shape tensors of nodes with stretched derivatives are diagonal."""
     if np.abs(shapes * (1 - np.eye(shapes.shape[1]))).max(initial=0) > _STRAIGHT:
         raise InputError(
             "missing bonds in a layer must be those of a plane along its normal",
@@ -419,7 +425,7 @@ def _check_straight(shapes: np.ndarray) -> None:
 
 
 def no_law(engine: Field) -> PointLaw:
-    """That of sums which are all that is wanted."""
+    """Return the empty law of sums that need none."""
     none, nothing = np.zeros(0, np.int64), np.zeros((1, 1), engine.dtype)
     room = np.zeros((1, 1, CHUNK), engine.dtype)
     empty, local = np.zeros(0, engine.dtype), np.zeros((3, 0), engine.dtype)

@@ -1,12 +1,12 @@
-"""Solid and liquid: tiles that are all liquid, all solid or mixed, and the solid nodes that become liquid.
+"""Solid and liquid phases: tiles that are all liquid, all solid or mixed, and solid nodes that become liquid.
 
 The coefficient of a node is its phase: 1 in the liquid, minus the factor of interface bonds in the solid
-(`bonds.bond_factor`, rule "phases"). A *tile* is a stretch of `TILE` nodes of up to `TILE_ROWS` neighbouring rows,
-small, so that few nodes share one with a front. It knows how many solid nodes lie in it or within one reach of it:
-none, and the stencil's plain rows serve; all, and nothing changes there; else bonds are looked at one by one. A node
-that becomes liquid is taken off these counts. So is one of the halo that other processes fill: they send its value, and
-it becomes liquid here by the same rule as there. What a step goes through are *runs*, neighbouring tiles of one kind in
-a row of tiles; they are found anew in the rows whose counts have changed.
+(`bonds.bond_factor`, rule "phases"). A *tile* is a run of `TILE` nodes in each of up to `TILE_ROWS` neighbouring rows;
+tiles are small, so that few nodes share one with a front. A tile counts the solid nodes in it and within one reach of
+it. If there are none, the plain rows of the stencil serve; if all are solid, nothing changes there; otherwise bonds are
+processed one by one. A node that becomes liquid is subtracted from these counts, and so is a node of the halo that
+other processes fill: they send its value, and it becomes liquid here by the same rule as there. A step processes
+*runs*, neighbouring tiles of one kind in a row of tiles; they are found again in rows whose counts have changed.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ NEVER = np.iinfo(np.int64).max
 
 
 class Phases(NamedTuple):
-    """What the compiled loop knows of the two phases.
+    """Tables of the two phases for the compiled loop.
 
     Attributes
     ----------
     runs : ndarray of int32, shape (rows of tiles, tiles, 2)
-        Of each run of a row, its kind and the tile after its last.
+        For each run of a row, its kind and the tile after its last.
     solids, volumes : ndarray of int, shape (rows of tiles, tiles)
-        Solid nodes, and all nodes, of each tile and within one reach of it.
+        Number of solid nodes, and of all nodes, in each tile and within one reach of it.
     changed : ndarray of bool, shape (rows of tiles,)
         Rows whose counts have changed since their runs were found.
     dissolved : ndarray of int
         Step at which each place became liquid.
     total : ndarray of int, shape (2,)
-        How many nodes have become liquid, now and when the runs were found last.
+        Number of nodes that have become liquid, at present and when the runs were last found.
     saturation : float
-        Below it a solid node dissolves.
+        Value below which a solid node dissolves.
     period : ndarray of int, shape (3,)
-        Nodes after which an axis repeats itself, 0 for those that do not, and where other processes fill halos.
+        Period of each axis in nodes; 0 for axes that are not periodic, and if other processes fill halos.
     halo : ndarray of int, shape (n, 4)
         Solid nodes of the halo that other processes fill: places, and coordinates in the box.
     """
@@ -67,7 +67,7 @@ def phases_table(
     period: np.ndarray,
     halo: np.ndarray,
 ) -> Phases:
-    """What the loop knows, from the counts of tiles; the arrays are kept."""
+    """Return the tables for given counts of the tiles; the arrays are not copied."""
     runs, changed = np.zeros((*solids.shape, 2), np.int32), np.ones(len(solids), bool)
     counts = runs, solids, volumes, changed, dissolved, np.zeros(2, np.int64)
     phases = Phases(*counts, float(saturation), period.astype(np.int64), halo.astype(np.int64))
@@ -77,22 +77,22 @@ def phases_table(
 
 
 def one_phase() -> Phases:
-    """None: there is but one."""
+    """Return empty tables: there is only one phase."""
     none = np.zeros((0, 0), np.int64)
     return phases_table(none, none, np.zeros(0, np.int64), 0.0, np.zeros(3), np.zeros((0, 4)))
 
 
 def count_solid(solid: np.ndarray, reach: tuple[int, ...], sizes: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Solid nodes in each tile and within one reach of it, and all nodes there.
+    """Count the solid nodes in each tile and within one reach of it, and all nodes there.
 
     Parameters
     ----------
     solid : ndarray of bool
-        The core with its halo, three axes.
+        Nodes of the core and of its halo, three axes.
     reach : tuple of int
         Width of the halo along each axis.
     sizes : tuple of int
-        Nodes of a tile along each axis, one along the first.
+        Number of nodes of a tile along each axis, one along the first.
 
     Returns
     -------
@@ -114,7 +114,7 @@ def count_solid(solid: np.ndarray, reach: tuple[int, ...], sizes: tuple[int, ...
 
 @njit(error_model="numpy", inline="always")
 def phase_of(solid, volume):
-    """Kind of a tile that has so many solid nodes among those in it and around it."""
+    """Kind of a tile from the numbers of solid nodes and of all nodes in it and around it."""
     return LIQUID if solid == 0 else SOLID if solid == volume else MIXED
 
 
@@ -136,7 +136,7 @@ def find_runs(thread, phases):
 
 @njit(error_model="numpy", cache=True, entry=False)
 def uncount(at, nodes, reach, phases):
-    """Take the node at the three coordinates `at`, and its periodic images, off the counts of all tiles around it."""
+    """Subtract the node at the coordinates `at`, and its periodic images, from the counts of all tiles around it."""
     period, tiles = phases.period, phases.solids.shape[1]
     word = np.int64(phases.solids.ctypes.data)
     for i0 in range(at[0] - period[0], at[0] + period[0] + 1, max(period[0], 1)):
@@ -162,7 +162,7 @@ def uncount(at, nodes, reach, phases):
 def dissolve(thread, u, coefficient, sweep, phases, step):
     """Solid nodes of mixed tiles whose value is below the saturation become liquid at this step.
 
-    Threads share the rows of tiles; the runs stay as they are meanwhile.
+    Threads share the rows of tiles; the runs are not changed meanwhile.
     """
     block, runs = sweep.block, phases.runs
     nodes = (block[1], block[2], block[3])
@@ -190,7 +190,7 @@ def dissolve(thread, u, coefficient, sweep, phases, step):
 
 @njit(error_model="numpy", cache=True, entry=False)
 def melt(u, coefficient, sweep, phases):
-    """Solid nodes of the halo whose value is below the saturation become liquid, as they have where they belong."""
+    """Solid nodes of the halo whose value is below the saturation become liquid, as in the process that owns them."""
     block, halo, limit = sweep.block, phases.halo, u.dtype.type(phases.saturation)
     for i in range(halo.shape[0]):
         place = halo[i, 0]

@@ -1,6 +1,6 @@
-"""The state of an engine by the nodes of its box: values of levels, and what layers remember beside each line.
+"""State of an engine by the nodes of its box: values of levels, and the memory of the layers beside each line.
 
-Nothing of it depends on how memory is laid out, so that the state of a box is put together from those of other boxes.
+It does not depend on the layout in memory, so that the state of one box can be assembled from those of others.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from farhorizon.engine.engine import Engine
 
-Box = Sequence[tuple[int, int]]  # along the three axes the first node and the last + 1
+Box = Sequence[tuple[int, int]]  # first node and last + 1 along the three axes
 
 
 class Piece(NamedTuple):
@@ -21,11 +21,11 @@ class Piece(NamedTuple):
     Attributes
     ----------
     held : ndarray
-        The level or the memory that they stand in.
+        Level or memory that contains them.
     places : ndarray of int
-        Of each in it; the last axes are some of the box's.
+        Index of each value in it; the last axes are some of those of the box.
     axes : tuple of int
-        Which.
+        Axes of the box that these are.
     """
 
     held: np.ndarray
@@ -34,7 +34,7 @@ class Piece(NamedTuple):
 
 
 def pieces_of(engine: Engine) -> dict[str, Piece]:
-    """All of a state by name: that of a level, or of a pass and a layer."""
+    """Return all pieces of a state by name: of each level, and of each pass and layer."""
     every = np.stack([engine.layout.box.node_indices() + c * engine.layout.size for c in range(engine.components)])
     found = {f"level/{k}": Piece(level, every, (0, 1, 2)) for k, level in enumerate(engine.levels)}
     for name, places, axes in engine.remembered():
@@ -49,13 +49,13 @@ def pieces_of(engine: Engine) -> dict[str, Piece]:
 
 
 def values_of(engine: Engine) -> dict[str, np.ndarray]:
-    """Copies of the values of all pieces by name."""
+    """Return copies of the values of all pieces by name."""
     return {name: piece.held[piece.places] for name, piece in pieces_of(engine).items()}
 
 
 def sums_of(engine: Engine) -> dict[str, float]:
-    """What has been added up on the way by name: energy and number of the bonds that broke, the work of sources, what
-    drag has taken, what has flowed into each account; in units of the update.
+    """Return accumulated quantities by name: energy and number of broken bonds, work of the sources, losses by drag,
+    and the flow into each account; in units of the update.
     """
     return {
         f"{name}/{i}": float(one.sum()) for name, sums in parts_of_sums(engine).items() for i, one in enumerate(sums)
@@ -63,7 +63,7 @@ def sums_of(engine: Engine) -> dict[str, float]:
 
 
 def take_sums(engine: Engine, given: Mapping[str, float]) -> None:
-    """Go on adding up from what `sums_of` has told."""
+    """Continue to accumulate from the result of `sums_of`."""
     for name, sums in parts_of_sums(engine).items():
         for i, one in enumerate(sums):
             one[...] = 0
@@ -71,8 +71,8 @@ def take_sums(engine: Engine, given: Mapping[str, float]) -> None:
 
 
 def parts_of_sums(engine: Engine) -> dict[str, np.ndarray]:
-    """What is added up to `sums_of`, by places or threads, by name: the first axis is that of the sums; they share
-    memory.
+    """Return the arrays, by places or threads, whose sums `sums_of` returns, by name; the first axis is that of the
+    sums. They share memory.
     """
     tables = engine.tables
     every = {
@@ -85,7 +85,7 @@ def parts_of_sums(engine: Engine) -> dict[str, np.ndarray]:
 
 
 def common(one: Box, other: Box, axes: Sequence[int]) -> tuple[tuple[slice, ...], tuple[slice, ...]] | None:
-    """What two boxes have in common along some axes, counted in each of them; None for nothing."""
+    """Return the intersection of two boxes along some axes, counted in each of them; None if it is empty."""
     pairs = [(max(one[a][0], other[a][0]), min(one[a][1], other[a][1]), a) for a in axes]
     if any(first >= last for first, last, _ in pairs):
         return None
@@ -94,13 +94,13 @@ def common(one: Box, other: Box, axes: Sequence[int]) -> tuple[tuple[slice, ...]
 
 
 class Assembly:
-    """Puts the state of an engine together from those of boxes that cover its own.
+    """Assembles the state of an engine from those of boxes that cover its own.
 
     Parameters
     ----------
     engine : Engine
     box : Box
-        Where its own lies.
+        Position of its own box.
     """
 
     def __init__(self, engine: Engine, box: Box) -> None:
@@ -111,7 +111,7 @@ class Assembly:
         }
 
     def add(self, box: Box, arrays: Mapping[str, np.ndarray]) -> bool:
-        """Take what a box has of it; returns whether its layers are like these."""
+        """Take over what a box has in common with this one; return whether its layers have the same form."""
         for name, piece in self._pieces.items():
             shared = common(self._box, box, piece.axes)
             if name not in arrays or shared is None:
@@ -127,7 +127,7 @@ class Assembly:
         return True
 
     def put(self) -> bool:
-        """Give it to the engine, if nothing lacks; returns whether."""
+        """Write the state to the engine if it is complete; return whether it is."""
         if any(one.any() for one in self._lacks.values()):
             return False
         bonds = self._engine.bonds

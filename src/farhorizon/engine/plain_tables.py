@@ -1,4 +1,4 @@
-"""The tables of the compiled loop for a medium without anything that may be set later."""
+"""Tables of the compiled loop for a medium without any of the settings that may follow."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from farhorizon.engine.surface import no_surface
 from farhorizon.engine.tables import Cuts, Damping, Dependents, Listening, Material, Sweep, no_flows, one_medium
 from farhorizon.engine.warmth import no_heat
 
-_SECOND_CACHE = 600_000  # bytes of the second cache that a part of the box may take
+_SECOND_CACHE = 600_000  # bytes of the second-level cache that a part of the box may occupy
 
 
 def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
-    """Those of a medium without anything that may be set later."""
+    """Return the tables for a medium without any of the settings that may follow."""
     none, nothing, one = np.zeros(0, np.int64), np.zeros(0, engine.dtype), engine.dtype.type(1)
     no_sums = np.zeros((0, 4), np.int64), np.zeros((0, 6), np.int64)
     numbers = [numbers_of(engine, *stage) for stage in engine.stages.numbers]
@@ -75,17 +75,17 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
 
 
 def _scratch(engine: Field) -> int:
-    """Numbers of the work space of a thread."""
+    """Number of values in the work space of a thread."""
     return max(tables.scratch for tables in engine.all_layers)
 
 
 def _sweep(engine: Field, heterogeneous: bool) -> Sweep:
-    own = np.asarray(engine.reaction) if np.ndim(engine.reaction) else np.zeros((0, 0))  # numbers stand in `numbers_of`
+    own = np.asarray(engine.reaction) if np.ndim(engine.reaction) else np.zeros((0, 0))  # scalars are in `numbers_of`
     blocks, block = block_of(engine)
     given = engine.dtype.name, engine.stages.increments, engine.signs, own
     function, row = (0, np.zeros(1)) if heterogeneous else compiled_rows(engine.offsets, block, *given)
     scale = np.array([n[2] for n in engine.stages.numbers])
-    there = engine.weights.any(axis=tuple(range(1, engine.weights.ndim)))  # of two passes there may be no springs
+    there = engine.weights.any(axis=tuple(range(1, engine.weights.ndim)))  # two passes may have no springs
     offsets, weights = engine.offsets[there], engine.weights[there]
     return Sweep(
         engine.layout.table(engine.components // blocks, engine.components // blocks),
@@ -101,7 +101,9 @@ def _sweep(engine: Field, heterogeneous: bool) -> Sweep:
 
 
 def block_of(engine: Field) -> tuple[int, np.ndarray]:
-    """How many equal stencils the weights are, one for each component of the field, and one of them; else one, all."""
+    """Number of equal stencils in the weights, one per component of the field, and one of these; otherwise 1 and all
+    weights.
+    """
     count = engine.components
     if count > 1 and not np.ndim(engine.reaction) and equal_blocks(engine.weights, count):
         return count, engine.weights[:, 0, 0]
@@ -109,8 +111,8 @@ def block_of(engine: Field) -> tuple[int, np.ndarray]:
 
 
 def numbers_of(engine: Field, a: float, b: float, scale: float, source_scale: float) -> tuple[float, ...]:
-    """The numbers of a stage as the sweeps take them: how much of a node's own value beside the rows' weights and
-    beside differences, and the rest. Rows of increments are differences, and leave out the value that stays.
+    """Numbers of a stage for the sweeps: factor of a node's own value for the rows' weights, the same for sums over
+    differences, and the others. Rows of increments are differences, and leave out the value itself, which stays.
     """
     increments = engine.stages.increments
     own = a - float(increments) - (0.0 if np.ndim(engine.reaction) else scale * float(engine.reaction))
@@ -120,8 +122,8 @@ def numbers_of(engine: Field, a: float, b: float, scale: float, source_scale: fl
 
 
 def _depth(engine: Field) -> int:
-    """Rows to sweep at a time: few enough that each thread gets some and that, in 3D, the planes they read stay in
-    the second cache.
+    """Number of rows to sweep at a time: few enough that each thread gets some and that, in 3D, the planes that they
+    read stay in the second-level cache.
     """
     box, reach = engine.layout.box, engine.layout.reach
     rows, planes = box.nodes[1], 2 * reach[0] + 1
@@ -134,7 +136,7 @@ def _depth(engine: Field) -> int:
 
 
 def _filter(engine: Field) -> Filter:
-    """What damps short waves in the layers; all layers share the longest filter, and what it is applied to."""
+    """Return the filter of short waves; all layers share the longest one, and what it is applied to."""
     rates, taps = damping_of(engine)
     whole = any(layer.whole for layer in engine.layers.values())
     every = max((layer.every for layer in engine.layers.values() if layer.filtered), default=0) or 1

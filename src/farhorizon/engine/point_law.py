@@ -1,4 +1,4 @@
-"""What a node makes of its state: the law between the two passes of an operator, in the compiled loop.
+"""Law that nodes apply to their states between the two passes of an operator, in the compiled loop.
 
 See `farhorizon.engine.passes`.
 """
@@ -12,8 +12,8 @@ import numpy as np
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.linear_maps import call_map
 
-CHUNK = 256  # neighbours whose states go through the law together
-WHOLE, ALIKE, EACH = range(3)  # neighbours with all their bonds, others with one matrix, and each with its own
+CHUNK = 256  # number of neighbouring nodes whose states are processed together
+WHOLE, ALIKE, EACH = range(3)  # neighbours with all their bonds, others with one matrix, and others with one each
 
 
 class LawRows(NamedTuple):
@@ -22,14 +22,14 @@ class LawRows(NamedTuple):
     Attributes
     ----------
     ranges : ndarray of int, shape (R, 2)
-        First stretch of neighbours of each row, and the one after its last; rows that are alike share theirs.
+        First stretch of neighbours of each row, and last + 1; equal rows share theirs.
     stretches : ndarray of int, shape (T, 6)
-        Along the row the first node and that after the last; `ALIKE` or `EACH`; of `weights` the first of their
-        matrices, and how far on the next entry of a matrix is; of `kinds` the first.
+        First node along the row, and last + 1; `ALIKE` or `EACH`; index in `weights` of the first of their matrices,
+        and distance between entries of a matrix; index in `kinds` of the first node.
     kinds : ndarray of int
-        Numbers of the matrices of the nodes of all stretches.
+        Indices of the matrices of the nodes of all stretches.
     weights : ndarray
-        The matrices themselves, and those of stretches `EACH`, entry by entry.
+        The matrices themselves, then those of stretches `EACH`, entry by entry.
     """
 
     ranges: np.ndarray
@@ -39,50 +39,50 @@ class LawRows(NamedTuple):
 
 
 class PointLaw(NamedTuple):
-    """What a node makes of its state.
+    """Law that nodes apply to their states.
 
     Attributes
     ----------
     values : ndarray
-        States, laid out as a level of so many components; empty where the operator has no passes.
+        States, laid out as a level of that many components; empty if the operator has no passes.
     functions : ndarray of int, shape (3,)
         Addresses of the compiled law of neighbours: `WHOLE`, `ALIKE`, `EACH`.
     intact : ndarray, shape (n, n)
-        Matrix of all nodes but these:
+        Matrix of all nodes except the following ones.
     nodes : ndarray of int, shape (S,)
-        Places, in their order.
+        Places of nodes that lack bonds, ascending.
     numbers : ndarray of int, shape (S,)
-        Of each which of the matrices it has.
+        Index of the matrix of each of them.
     matrices : ndarray, shape (m, n, n)
     rows : LawRows
         The same nodes, row by row.
     firmness : ndarray, shape (m,)
-        Of the shape tensors that the matrices are for, see `farhorizon.engine.shape_tensors.firmness`; the first, of
-        places without a node, is 1, that of all other nodes. Zeros where nodes bear all of their stress on the last of
-        their bonds.
+        Firmness of the shape tensors to which the matrices belong, see `farhorizon.engine.shape_tensors.firmness`; the
+        first, that of places without a node, is 1, and so is that of all other nodes. Zeros if nodes bear all of their
+        stress down to the last of their bonds.
     moduli : ndarray, shape (3,)
-        Lame's constant, the shear modulus and what stabilises, from which the matrices are.
+        Lame's constant, the shear modulus and the stabilisation, from which the matrices are computed.
     local : ndarray, shape (3, places)
-        The same of each node where they vary, or empty.
+        The same moduli of each node if they vary, or empty.
     bases : ndarray, shape (3, n, n)
-        Matrix of all other nodes for a unit of each.
+        Matrix of all other nodes per unit of each modulus.
     shapes : ndarray, shape (K, d * d)
-        What each bond adds to the shape tensor.
+        Contribution of each bond to the shape tensor.
     kept : bool
-        Whether bonds that break leave it as it is.
+        Whether bonds that break leave the shape tensor unchanged.
     first, end : ndarray of int, shape (3,)
-        Box of nodes whose states are whole once they are swept: no layer adds to them, and no bond is cut.
+        Box of nodes whose states are complete once they are swept: no layer adds to them, and no bond is cut.
     room : ndarray, shape (threads, n, CHUNK)
-        To work in.
+        Work space.
     warmth : ndarray, shape (places,), or empty
-        The strain that heat brings, which no force answers to; see `engine.warmth`.
+        Thermal strain, to which no force responds; see `engine.warmth`.
     spacing : float
-        Of the nodes: what a unit of strain is in displacements.
+        Distance between nodes, by which a unit strain is converted into displacements.
     unit, units : ndarray, shapes (n,), (m, n)
-        What a unit of strain in all directions is in the state of a node with all its bonds, and of those `matrices`
-        are for.
+        State of a unit strain in all directions, for a node with all its bonds, and for those to which `matrices`
+        belong.
     arms : ndarray, shape (K, d)
-        The bonds, in units of length.
+        Bond vectors, in units of length.
     """
 
     values: np.ndarray
@@ -110,7 +110,7 @@ class PointLaw(NamedTuple):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def first_special(nodes, place):
-    """Number of the first of ordered nodes that is not before a place."""
+    """Index of the first of ascending nodes that is not before a place."""
     low, high = 0, nodes.size
     while low < high:
         middle = (low + high) // 2
@@ -123,7 +123,7 @@ def first_special(nodes, place):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def apply_local(law, start, n, room):
-    """The law of neighbours with all bonds, each with moduli of its own; in place."""
+    """Apply the law to neighbours with all their bonds, each with its own moduli; in place."""
     values, local, bases, count = law.values, law.local, law.bases, law.intact.shape[0]
     size = values.size // count
     for row in range(count):
@@ -143,7 +143,9 @@ def apply_local(law, start, n, room):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def leave_out_heat(law, start, n, number):
-    """Take from the states of neighbours that are alike what heat strains them; the number of their matrix, or -1."""
+    """Subtract thermal strains from the states of neighbours of one kind; `number` is the index of their matrix, or
+    -1.
+    """
     values, count = law.values, law.unit.size
     size = values.size // count
     for row in range(count):
@@ -155,7 +157,7 @@ def leave_out_heat(law, start, n, number):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def apply_whole(thread, law, first, last):
-    """The law of neighbours with all their bonds, from the place `first` on, before `last`; in place."""
+    """Apply the law to neighbours with all their bonds, from the place `first` on, before `last`; in place."""
     values, intact, size = law.values, law.intact, law.values.itemsize
     if law.warmth.size and first < last:
         leave_out_heat(law, first, last - first, -1)
@@ -169,7 +171,9 @@ def apply_whole(thread, law, first, last):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def apply_law(thread, law, row, origin, first, last):
-    """The law of nodes of a row, from `first` on, before `last`; `origin` is the place of its first node. In place."""
+    """Apply the law to nodes of a row, from `first` on, before `last`; `origin` is the place of its first node. In
+    place.
+    """
     values, rows, size = law.values, law.rows, law.values.itemsize
     apart, start = values.size // law.intact.shape[0] * size, first
     for stretch in range(rows.ranges[row, 0], rows.ranges[row, 1]):
@@ -190,7 +194,9 @@ def apply_law(thread, law, row, origin, first, last):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def apply_to_rows(thread, law, block, i0, first, last, whole):
-    """The law of rows of a plane: of the nodes whose states are whole once they are swept, or of the others."""
+    """Apply the law to rows of a plane: if `whole`, to nodes whose states are complete once they are swept, else to the
+    others.
+    """
     inside = law.first[0] <= i0 < law.end[0]
     for i1 in range(first, last):
         origin, row = block[0] + i0 * block[4] + i1 * block[5], i0 * block[2] + i1

@@ -1,14 +1,14 @@
 """The operations of the compiled time loop.
 
-A step is one or more *stages*; a stage sweeps the box of all nodes (``out = a*in + b*base + weights * neighbours``),
-adds what the layers contribute (see `engine.nested`), and does whatever else `engine.operations` lists. Levels are flat
-arrays laid out by `engine.layout`. Of a field of several components each level holds as many copies of the layout, one
-after the other.
+A step consists of one or more *stages*. A stage sweeps the box of all nodes (``out = a*in + b*base + weights *
+neighbours``), adds what the layers contribute (see `engine.nested`), and does whatever else `engine.operations` lists.
+Levels are flat arrays laid out by `engine.layout`. For a field of several components each level holds as many copies of
+the layout, one after the other.
 
-The loop (`engine.loop`) calls each operation by its address, so that an operation is compiled when a run first has it,
-and the loop once for all. All take the same: which thread this is, the `Stage` and the `Sums` that they work with, all
-tables, what comes from outside, the number of the step among those of this call, and one more number, which means what
-the operation says. `engine.rows.build` writes this text out with the machine code of what is used.
+The loop (`engine.loop`) calls each operation by its address, so that an operation is compiled when a run first needs
+it, and the loop only once. All operations take the same arguments: the thread, the `Stage` and the `Sums` that they
+work with, all tables, the inputs from outside, the number of the step within this call, and one more number, whose
+meaning depends on the operation. `engine.rows.build` writes this module out with the machine code of what is used.
 
 Several threads go through the same operations, each with its share of every part, and meet at barriers.
 """
@@ -84,18 +84,18 @@ from farhorizon.engine.tables import GENERAL
 from farhorizon.engine.threads import barrier, claim, share
 from farhorizon.engine.warmth import push_beyond, push_springs, warm_up
 
-CHUNK, VECTOR = 64, 8  # nodes of a row that are summed at a time, and of a vector
-SHIFTS = 12  # column of a block's row where the distances of the components begin
+CHUNK, VECTOR = 64, 8  # nodes of a row that are summed at a time, and nodes per vector
+SHIFTS = 12  # column of `Sweep.block` at which the distances between components begin
 
-# A plain number among the arguments would be a type of its own, for each of which Numba compiles a function anew.
+# A literal argument would have a type of its own, for each of which Numba compiles a function again.
 ZERO, ONE = np.int64(0), np.int64(1)
 
-#: What does each operation: compiled by `engine.loop`.
+#: The function that does each operation, by its number; `engine.loop` compiles it.
 OPERATIONS: dict[int, Callable[..., Any]] = {}
 
 
 def operation(number: int) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """The function does an operation."""
+    """Register the function that does an operation."""
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
         OPERATIONS[number] = function
@@ -106,14 +106,14 @@ def operation(number: int) -> Callable[[Callable[..., Any]], Callable[..., Any]]
 
 @njit(error_model="numpy", cache=True, counted=False)
 def whole_vectors(count):
-    """Numbers of a row that are summed for so many nodes: what is left of a loop over vectors takes as long as many of
-    them, and there is room beyond the end of a row.
+    """Number of values of a row to sum for `count` nodes: whole vectors, because the remainder of a loop over vectors
+    takes as long as many of them, and there is room beyond the end of a row.
     """
     return min(CHUNK, (count + VECTOR - 1) // VECTOR * VECTOR)
 
 
 def general_rows(stage, sums, start, to, count):
-    """One row of any stencil with run-time offsets, called by its address; the sum runs over differences."""
+    """Sweep one row with any stencil, by offsets known only at run time and over differences; called by its address."""
     sweep, material = sums.sweep, sums.material
     src, base, out, offsets, weights = stage.src, stage.base, stage.out, sweep.offsets, sweep.general[stage.part]
     a, b, coefficient, mixed = stage.a_difference, stage.b, material.coefficient, sums.media.mixed
@@ -146,7 +146,7 @@ def general_rows(stage, sums, start, to, count):
 
 
 def general_matrix_rows(stage, sums, start, to, count):
-    """One row of a stencil of matrices, given row by row, for a field of several components; called by its address."""
+    """Sweep one row of a field of several components with matrices, stored row by row; called by its address."""
     sweep, material = sums.sweep, sums.material
     src, base, out, offsets, weights = stage.src, stage.base, stage.out, sweep.offsets, sweep.general[stage.part]
     a, b, coefficient, components, rows = (
@@ -196,7 +196,7 @@ def general_matrix_rows(stage, sums, start, to, count):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def count_parts(sweep):
-    """Parts of the box: bundles of neighbouring rows."""
+    """Number of parts of the box, which are bundles of neighbouring rows."""
     return sweep.block[1] * ((sweep.block[2] + sweep.depth - 1) // sweep.depth)
 
 
@@ -209,7 +209,7 @@ def rows_of(sweep, number):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def sweep_rows(stage, sums, i0, i1, end, first, last):
-    """Nodes `first` to `last` of the rows i1 to `end` of a plane, which belong to one part of the box."""
+    """Sweep the nodes `first` to `last` of the rows i1 to `end` of a plane, which belong to one part of the box."""
     sweep, media = sums.sweep, sums.media
     if sweep.function != 0:
         weights = sweep.weights.ctypes.data + stage.part * sweep.weights.shape[1] * stage.src.itemsize
@@ -233,7 +233,7 @@ def sweep_rows(stage, sums, i0, i1, end, first, last):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def sweep_compiled(stage, sweep, function, weights, a, i0, i1, end, first, last):
-    """The same by compiled rows, with the address of their weights and the factor of a node's own value."""
+    """Do the same by compiled rows, given the address of their weights and the factor of a node's own value."""
     src, block = stage.src, sweep.block
     start, to = block[0] + i0 * block[4] + i1 * block[5] + first, block[9] + i0 * block[10] + i1 * block[11] + first
     size = src.itemsize
@@ -255,7 +255,7 @@ def sweep_compiled(stage, sweep, function, weights, a, i0, i1, end, first, last)
 
 @njit(error_model="numpy", cache=True, counted=False)
 def sweep_general(stage, sums, i0, i1, end, first, last):
-    """The same, bond by bond."""
+    """Do the same bond by bond."""
     block = sums.sweep.block
     start, to = block[0] + i0 * block[4] + i1 * block[5] + first, block[9] + i0 * block[10] + i1 * block[11] + first
     for row in range(end - i1):
@@ -264,23 +264,23 @@ def sweep_general(stage, sums, i0, i1, end, first, last):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def rows_within(i0, first, last, low, high):
-    """Which of some rows of a plane lie in a box, given by its first row and its end: first and end, both `last` for
-    none.
+    """Those of the rows `first` to `last` of plane i0 that lie in the box from `low` to `high`: first and end, both
+    `last` if there are none.
     """
     i1, end = max(first, low[1]), min(last, high[1])
     return (i1, end) if i1 < end and low[0] <= i0 < high[0] else (last, last)
 
 
 def stencil_part(thread, stage, sums, tables, inputs, step, number):
-    """The rows of one part of the box: bundles one after the other along the slowest axis share most of what they
-    read.
+    """Sweep the rows of one part of the box; bundles that follow one another along the slowest axis share most of what
+    they read.
     """
     i0, first, last = rows_of(sums.sweep, number)
     sweep_rows(stage, sums, i0, first, last, ZERO, sums.sweep.block[3])
 
 
 def stencil_ahead(thread, stage, sums, tables, inputs, step, number):
-    """Those that need no halo."""
+    """Sweep the rows of one part of the box that need no halo."""
     i0, first, last = rows_of(sums.sweep, number)
     i1, end = rows_within(i0, first, last, sums.free[0], sums.free[1])
     if i1 < end:
@@ -288,7 +288,7 @@ def stencil_ahead(thread, stage, sums, tables, inputs, step, number):
 
 
 def stencil_rest(thread, stage, sums, tables, inputs, step, number):
-    """And those that need one."""
+    """Sweep the rows of one part of the box that need the halo."""
     i0, first, last = rows_of(sums.sweep, number)
     i1, end = rows_within(i0, first, last, sums.free[0], sums.free[1])
     if first < i1:
@@ -299,32 +299,32 @@ def stencil_rest(thread, stage, sums, tables, inputs, step, number):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def is_free(sums, number):
-    """Whether no row of a part of the box needs a halo, so that all of it is swept ahead."""
+    """Whether no row of a part of the box needs the halo, so that all of it is swept ahead."""
     i0, first, last = rows_of(sums.sweep, number)
     i1, end = rows_within(i0, first, last, sums.free[0], sums.free[1])
     return i1 == first and end == last
 
 
 def bonds_part(thread, stage, sums, tables, inputs, step, number):
-    """A part of the box with a zone of bonds that follow a law of their own."""
+    """Sweep a part of the box that contains a zone of bonds with a law of their own."""
     sweep_bonds(stage, sums, tables.bonds, number)
 
 
 def bonds_ahead(thread, stage, sums, tables, inputs, step, number):
-    """The same, if it needs no halo."""
+    """Do the same if it needs no halo."""
     if is_free(sums, number):
         sweep_bonds(stage, sums, tables.bonds, number)
 
 
 def bonds_rest(thread, stage, sums, tables, inputs, step, number):
-    """The same, if it needs one."""
+    """Do the same if it needs the halo."""
     if not is_free(sums, number):
         sweep_bonds(stage, sums, tables.bonds, number)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def sweep_bonds(stage, sums, bonds, number):
-    """A part of the box, in the zone tile by tile, around it, and where nothing can break, by the stencil."""
+    """Sweep a part of the box: in the zone tile by tile; around it, and where nothing can break, by the stencil."""
     sweep, material, zone = sums.sweep, sums.material, bonds.zone
     i0, first, last = rows_of(sweep, number)
     nodes = sweep.block[3]
@@ -350,28 +350,28 @@ def sweep_bonds(stage, sums, bonds, number):
 
 
 def phases_part(thread, stage, sums, tables, inputs, step, number):
-    """A part of the box in two phases."""
+    """Sweep a part of the box in which there are two phases."""
     sweep_runs(stage, sums, tables.phases.runs, number)
 
 
 def phases_ahead(thread, stage, sums, tables, inputs, step, number):
-    """The same, if it needs no halo."""
+    """Do the same if it needs no halo."""
     if is_free(sums, number):
         sweep_runs(stage, sums, tables.phases.runs, number)
 
 
 def phases_rest(thread, stage, sums, tables, inputs, step, number):
-    """The same, if it needs one."""
+    """Do the same if it needs the halo."""
     if not is_free(sums, number):
         sweep_runs(stage, sums, tables.phases.runs, number)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def sweep_runs(stage, sums, runs, number):
-    """A part of the box, runs of liquid tiles by the compiled rows, of mixed ones bond by bond, of solid ones not at
+    """Sweep a part of the box: runs of liquid tiles by the compiled rows, mixed ones bond by bond, solid ones not at
     all.
 
-    Between runs there are addresses only: Numba counts the references to an array that it passes on, which takes longer
+    Runs are handled by addresses alone: Numba counts the references to an array that it passes on, which takes longer
     than a tile.
     """
     sweep, material, src = sums.sweep, sums.material, stage.src
@@ -423,9 +423,9 @@ def sweep_runs(stage, sums, runs, number):
 
 
 def release_part(thread, stage, sums, tables, inputs, step, number):
-    """Take back the bonds to places without a node, of the nodes of one part of the box.
+    """Restore what the sweep has subtracted for bonds to places without a node, in one part of the box.
 
-    There all is zero, so the sweep has taken the bonds' weights times the node's own value (see `engine.surface`).
+    All values are zero there, so it has subtracted the weights times the node's own value (see `engine.surface`).
     """
     sweep, material, surface, scale = sums.sweep, sums.material, sums.surface, stage.scale
     src, base, out, block = stage.src, stage.base, stage.out, sweep.block
@@ -455,7 +455,7 @@ def release_part(thread, stage, sums, tables, inputs, step, number):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def first_from(rows, r, last, key):
-    """The first row from r on, of those before `last`, whose first number is not below a key; they are sorted."""
+    """First row from r on, before `last`, whose first number is not below `key`; rows are sorted by it."""
     while r < last:
         middle = (r + last) // 2
         if rows[middle, 0] < key:
@@ -467,8 +467,8 @@ def first_from(rows, r, last, key):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def watch(level, runs, low, high, seen):
-    """Values of nodes whose keys are from `low` to `high`, run by run: to read a number for each node would take longer
-    than to copy the nodes.
+    """Copy the values of nodes whose keys are from `low` to `high`, run by run: reading an index for each node would
+    take longer than copying the values.
     """
     source, to, size = level.ctypes.data, seen.ctypes.data, level.itemsize
     r = first_from(runs, ZERO, runs.shape[0], low)
@@ -479,8 +479,8 @@ def watch(level, runs, low, high, seen):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def sum_blocks(level, listening, low, high, way, heard):
-    """Sums over blocks of nodes whose middles are from `low` to `high`; with 1 or -1 for `way` those whose last or
-    first rows are: where rows are swept upwards or downwards all the others have just been in the cache.
+    """Sum over blocks of nodes whose middles are from `low` to `high`; if `way` is 1 or -1, over those whose last or
+    first rows are: where rows are swept upwards or downwards, all their others have just been in the cache.
     """
     sets, rows, weights, stride = listening.sets, listening.rows, listening.weights, listening.stride
     source, factors, size = level.ctypes.data, weights.ctypes.data, level.itemsize
@@ -504,7 +504,7 @@ def sum_blocks(level, listening, low, high, way, heard):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def keys_of(sweep, number):
-    """Keys of the nodes of one part of the box: of the first, and of the one behind the last."""
+    """Keys of the first node of a part of the box and of the one after its last."""
     block = sweep.block
     i0, first, last = rows_of(sweep, number)
     plane = block[0] + i0 * block[4]
@@ -518,34 +518,34 @@ def is_kept(inputs, step):
 
 
 def watch_part(thread, stage, sums, tables, inputs, step, number):
-    """What is watched of the field after the step before this one, which is read here and in the cache now."""
+    """Record the watched values after the previous step: the sweep has just read them, so they are in the cache."""
     if step > 0 and stage.part == 0 and is_kept(inputs, step - 1):
         low, high = keys_of(sums.sweep, number)
         watch(stage.src, inputs.watched, low, high, inputs.seen[step - 1])
 
 
 def hear_part(thread, stage, sums, tables, inputs, step, number):
-    """What is heard of the same."""
+    """Record the sums over blocks of nodes after the previous step."""
     if step > 0 and stage.part == 0 and is_kept(inputs, step - 1):
         low, high = keys_of(sums.sweep, number)
-        way = ZERO if sums.sweep.block[1] > 1 else ONE - 2 * stage.backward  # in space planes come before rows
+        way = ZERO if sums.sweep.block[1] > 1 else ONE - 2 * stage.backward  # in 3D the sweep visits planes before rows
         sum_blocks(stage.src, tables.listening, low, high, way, inputs.heard[step - 1])
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def state_law(thread, sweep, number, whole):
-    """What the nodes of a part of the box make of their states: those that are whole by now, or the others."""
+    """Apply the law to a part's nodes whose states are complete after the sweep (`whole`), or to its others."""
     i0, first, last = rows_of(sweep, number)
     apply_to_rows(thread, sweep.law, sweep.block, i0, first, last, whole)
 
 
 def law_part(thread, stage, sums, tables, inputs, step, number):
-    """The law of the nodes whose states are whole once they are swept."""
+    """Apply the law of the nodes whose states are complete once they are swept."""
     state_law(thread, sums.sweep, number, True)
 
 
 def move_part(thread, stage, sums, tables, inputs, step, number):
-    """With each part of the box that is swept ahead the messages move on, by the thread that has begun them."""
+    """Let the messages progress with each part of the box that is swept ahead, by the thread that has begun them."""
     if thread.number == 0:
         for kind in range(tables.exchange.shape[0]):
             for axis in range(3):
@@ -556,23 +556,23 @@ def move_part(thread, stage, sums, tables, inputs, step, number):
 
 @operation(SWEEP)
 def sweep_box(thread, stage, sums, tables, inputs, step, number):
-    """All parts of the box, each with all that is to be done with it (`Sums.each`)."""
+    """Go through all parts of the box and do with each all that there is to do (`Sums.each`)."""
     go_through(thread, stage, sums, tables, inputs, step, sums.each, ZERO, ONE)
 
 
 @operation(AHEAD)
 def sweep_ahead(thread, stage, sums, tables, inputs, step, number):
-    """A share of the parts, as far as they need no halo (`Sums.ahead`)."""
+    """Go through a share of the parts, as far as they need no halo (`Sums.ahead`)."""
     go_through(thread, stage, sums, tables, inputs, step, sums.ahead, number // 2, number % 2 + 1)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def go_through(thread, stage, sums, tables, inputs, step, each, turn, shares):
-    """What is done with each part of the box, of all parts or of a share of them; in every other stage the last first:
-    it meets what the last stage left in the cache.
+    """Call the functions `each` for every part of the box, or for a share of the parts. Every other stage begins with
+    the last part, which the previous stage left in the cache.
 
-    Each thread has parts of its own, the same in all steps, for the threads' caches may lie far apart. It claims some
-    as it goes, and when it is through some of the others', so that one whose processor is busy otherwise does less.
+    Each thread has its own parts, the same in all steps, because the threads' caches may lie far apart. It claims them
+    bit by bit, and then some of the others', so that a thread whose processor is otherwise busy does less.
     """
     count = count_parts(sums.sweep)
     for shift in range(thread.threads):
@@ -595,13 +595,13 @@ def go_through(thread, stage, sums, tables, inputs, step, each, turn, shares):
 
 @njit(error_model="numpy", cache=True, counted=False, entry=True)
 def copy(array, copies, components):
-    """Periodic copies."""
+    """Make the periodic copies."""
     copy_runs(array, copies, components, 0, copies.shape[1])
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def copy_runs(array, copies, components, first, last):
-    """Some of the periodic copies, see `Layout.copies`."""
+    """Make the periodic copies `first` to `last`, see `Layout.copies`."""
     apart, size = array.nbytes // components, array.itemsize
     for c in range(components):
         start = np.int64(array.ctypes.data) + c * apart
@@ -611,7 +611,7 @@ def copy_runs(array, copies, components, first, last):
 
 @operation(COPY)
 def copy_across(thread, stage, sums, tables, inputs, step, number):
-    """The halo repeats what lies across periodic axes."""
+    """Fill the halo that repeats what lies across periodic axes."""
     own = share(thread, tables.copies.shape[1])
     copy_runs(stage.src, tables.copies, stage.components, own[0], own[1])
     barrier(thread)
@@ -619,9 +619,7 @@ def copy_across(thread, stage, sums, tables, inputs, step, number):
 
 @operation(SEND)
 def send_messages(thread, stage, sums, tables, inputs, step, number):
-    """Messages begin, of one kind along one axis; what follows before they end leaves what they are packed from as it
-    is.
-    """
+    """Begin the messages of one kind along one axis; until they end nothing changes what they are packed from."""
     if number // 3 != LEVEL:
         barrier(thread)  # all have filled their slots
     if thread.number == 0:
@@ -630,7 +628,7 @@ def send_messages(thread, stage, sums, tables, inputs, step, number):
 
 @operation(RECEIVE)
 def receive_messages(thread, stage, sums, tables, inputs, step, number):
-    """Messages end: other processes have filled the halo of a level, or that of the layers' slots."""
+    """End messages: other processes have filled the halo of a level, or that of the layers' slots."""
     if thread.number == 0:
         exchange_by(RECEIVES, stage, sums, tables, number)
     barrier(thread)
@@ -638,7 +636,7 @@ def receive_messages(thread, stage, sums, tables, inputs, step, number):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def exchange_by(column, stage, sums, tables, number):
-    """Call a part of an exchange, by its column in the table of messages."""
+    """Call a function of an exchange, given by its column in the table of messages."""
     messages = tables.exchange[number // 3, number % 3]
     array, components = (stage.src, stage.components) if number // 3 == LEVEL else (sums.layers.slots, ONE)
     start, apart = np.int64(array.ctypes.data), array.nbytes // components
@@ -647,7 +645,7 @@ def exchange_by(column, stage, sums, tables, number):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def run_start(nodes, i):
-    """The first place from i on where another node begins."""
+    """First place from i on at which the entries of another node begin."""
     while 0 < i < nodes.size and nodes[i] == nodes[i - 1]:
         i += 1
     return i
@@ -655,7 +653,7 @@ def run_start(nodes, i):
 
 @operation(CUT)
 def cut(thread, stage, sums, tables, inputs, step, number):
-    """Take back the absent bonds; all those of a node belong to one thread."""
+    """Subtract the absent bonds; all those of one node belong to one thread."""
     material, cuts = sums.material, sums.cuts
     src, base, out, components, rule = stage.src, stage.base, stage.out, stage.components, material.rule
     nodes, neighbours, weights, coefficient = cuts.nodes, cuts.neighbours, cuts.weights, material.coefficient
@@ -679,7 +677,7 @@ def cut(thread, stage, sums, tables, inputs, step, number):
 
 @operation(DAMP_OLD)
 def damp_old(thread, stage, sums, tables, inputs, step, number):
-    """What an absorbing zone does to the increment of the last step."""
+    """Damp the increment of the last step in absorbing zones."""
     src, base, damping = stage.src, stage.base, tables.damping
     for i in range(thread.number, damping.nodes.size, thread.threads):
         node = damping.nodes[i]
@@ -692,7 +690,7 @@ def damp_old(thread, stage, sums, tables, inputs, step, number):
 
 @operation(DAMP_NEW)
 def damp_new(thread, stage, sums, tables, inputs, step, number):
-    """What an absorbing zone does to the increment of this step."""
+    """Damp the increment of this step in absorbing zones, and let values leak there."""
     src, out, damping = stage.src, stage.out, tables.damping
     for i in range(thread.number, damping.nodes.size, thread.threads):
         node = damping.nodes[i]
@@ -705,8 +703,8 @@ def damp_new(thread, stage, sums, tables, inputs, step, number):
 
 @operation(INERTIA)
 def weigh_down(thread, stage, sums, tables, inputs, step, number):
-    """Of what forces have done in this step to each node, leave what they do to one of its mass; the older level is as
-    it was before the step.
+    """Scale what forces have done to each node in this step by its mobility, to account for its mass; `base` still
+    holds the level before `src`.
     """
     block, mobility = sums.sweep.block, tables.mobility
     apart, keep = stage.out.size // stage.components, -stage.b
@@ -725,7 +723,7 @@ def weigh_down(thread, stage, sums, tables, inputs, step, number):
 
 @operation(FEED)
 def feed(thread, stage, sums, tables, inputs, step, number):
-    """Add what sources give."""
+    """Add the sources."""
     nodes, fields, scale = inputs.source_nodes, inputs.source_fields, tables.numbers[stage.part, 4]
     for j in range(fields.shape[0]):
         amplitude = scale * inputs.source_times[step, stage.part, j]
@@ -740,14 +738,14 @@ def feed(thread, stage, sums, tables, inputs, step, number):
 
 @operation(HOLD)
 def hold(thread, stage, sums, tables, inputs, step, number):
-    """Give nodes the values that they have after a step; what holds them does work."""
+    """Set nodes to the values that they are given after each step, and add up the work of what holds them."""
     hold_nodes(thread, stage, tables.work, tables.mobility, inputs, inputs.held_values[step])
     barrier(thread)
 
 
 @njit(error_model="numpy", cache=True, counted=False, entry=True)
 def depend(stage, dependents, fields, times):
-    """Nodes whose values depend on those of others, in order: a combination of them, plus fields times amplitudes."""
+    """Set nodes, in order, to linear combinations of the values of others, plus fields times amplitudes."""
     nodes, starts, out = dependents.nodes, dependents.starts, stage.out
     for i in range(nodes.size):
         total = out[nodes[i]] * 0
@@ -762,7 +760,7 @@ def depend(stage, dependents, fields, times):
 
 @operation(DEPEND)
 def depend_on_others(thread, stage, sums, tables, inputs, step, number):
-    """The work of one thread: each may depend on the one before."""
+    """Set the dependent nodes. One thread does this, because each node may depend on the one before."""
     if thread.number == 0:
         depend(stage, tables.dependents, inputs.dependent_fields, inputs.dependent_times[step, stage.part])
     barrier(thread)
@@ -770,7 +768,7 @@ def depend_on_others(thread, stage, sums, tables, inputs, step, number):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def add_to(totals, account, gain):
-    """Add to totals[0, account]; totals[1] holds the rounding of the sums (Neumaier)."""
+    """Add to totals[0, account]; totals[1] holds the rounding errors of the sums (Neumaier)."""
     total = totals[0, account] + gain
     totals[1, account] += (
         (totals[0, account] - total) + gain
@@ -782,7 +780,7 @@ def add_to(totals, account, gain):
 
 @operation(FLOW)
 def add_flow(thread, stage, sums, tables, inputs, step, number):
-    """Add what flows along bonds into their nodes, account by account; a neighbour below 0 is at zero."""
+    """Add what flows along bonds into their nodes, account by account."""
     if thread.number == 0:
         add_flow_along_bonds(stage, sums.material, tables.flows)
     barrier(thread)
@@ -790,7 +788,7 @@ def add_flow(thread, stage, sums, tables, inputs, step, number):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def add_flow_along_bonds(stage, material, flows):
-    """The work of one thread."""
+    """Do this in one thread; a neighbour whose index is below 0 has the value zero."""
     nodes, neighbours, weights = flows.nodes, flows.neighbours, flows.weights
     src, rule, coefficient, effect = stage.src, material.rule, material.coefficient, flows.effects[stage.part]
     for i in range(flows.accounts.size):
@@ -807,14 +805,14 @@ def add_flow_along_bonds(stage, material, flows):
 
 
 def clear_inflow(thread, stage, sums, tables, inputs, step, number):
-    """The level for what layers bring begins at zero."""
+    """Set the level that takes what the layers contribute to zero."""
     if thread.number == 0:
         tables.flows.inflow[:] = 0
     barrier(thread)
 
 
 def add_inflow(thread, stage, sums, tables, inputs, step, number):
-    """Add what the layers along an axis, the number, have brought to the nodes of the near field next to them."""
+    """Add to the flows what the layers along an axis, the number, have brought to the nodes beside them."""
     if thread.number == 0:
         flows = tables.flows
         sides, effect = flows.sides, flows.effects[stage.part]
@@ -827,8 +825,8 @@ def add_inflow(thread, stage, sums, tables, inputs, step, number):
 
 @operation(ENDS)
 def close_ends(thread, stage, sums, tables, inputs, step, number):
-    """Add the forces of all chains beyond, and to the flows what they bring to their drivers, whose accounts are below
-    0 where there are none.
+    """Add the forces of the chains beyond all exact ends, and to the flows what these bring to their drivers; an
+    account below 0 means that there is none.
     """
     if thread.number == 0:
         ends, flows = tables.ends, tables.flows
@@ -843,44 +841,44 @@ def close_ends(thread, stage, sums, tables, inputs, step, number):
 
 @operation(FILTER)
 def filter_layers(thread, stage, sums, tables, inputs, step, number):
-    """Layers damp short waves."""
+    """Damp short waves in the layers."""
     if (inputs.before + step + 1) % tables.filter.every == 0:
         damp_short_waves(thread, stage, tables.filter)
 
 
 @operation(DAMPERS)
 def move_hanging_masses(thread, stage, sums, tables, inputs, step, number):
-    """Masses that hang on nodes of layers move."""
+    """Move the masses of the tuned dampers, which hang on nodes of the layers."""
     move_dampers(thread, stage, tables.dampers)
 
 
 @operation(MOVED)
 def keep_increments(thread, stage, sums, tables, inputs, step, number):
-    """What each place has moved by in the last step."""
+    """Keep the increments of the last step, from which drag follows."""
     take_increments(thread, stage, tables.drag)
 
 
 @operation(DRAG)
 def drag_nodes(thread, stage, sums, tables, inputs, step, number):
-    """Velocities move towards the mean of their neighbours."""
+    """Move velocities towards the mean of their neighbours."""
     drag_along(thread, stage, sums.sweep.block, tables.mobility, tables.drag)
 
 
 @operation(WORK)
 def sum_work(thread, stage, sums, tables, inputs, step, number):
-    """The work of the sources is added up."""
+    """Add up the work of the sources."""
     add_work(thread, stage, tables.work, inputs, inputs.source_times[step, stage.part])
 
 
 @operation(FRINGE)
 def close_outline(thread, stage, sums, tables, inputs, step, number):
-    """The halo along an outline."""
+    """Fill the halo along an outline."""
     close_fringe(thread, stage, tables.fringe)
 
 
 @operation(DISSOLVE)
 def dissolve_nodes(thread, stage, sums, tables, inputs, step, number):
-    """Solid nodes become liquid; where some have, the runs of tiles are found anew."""
+    """Turn solid nodes liquid; where some have changed, find the runs of tiles anew."""
     phases, coefficient = tables.phases, sums.material.coefficient
     dissolve(thread, stage.out, coefficient, sums.sweep, phases, inputs.before + step + 1)
     barrier(thread)
@@ -895,7 +893,7 @@ def dissolve_nodes(thread, stage, sums, tables, inputs, step, number):
 
 @operation(MELT)
 def melt_halo(thread, stage, sums, tables, inputs, step, number):
-    """The same of the halo, as other processes have just filled it."""
+    """Do the same in the halo, as other processes have just filled it."""
     phases = tables.phases
     if thread.number == 0:
         melt(stage.src, sums.material.coefficient, sums.sweep, phases)
@@ -910,7 +908,7 @@ def melt_halo(thread, stage, sums, tables, inputs, step, number):
 
 @operation(KEEP)  # with `hear_last`
 def watch_last(thread, stage, sums, tables, inputs, step, number):
-    """What is watched of the last step of a call; of the others it is kept as the next step reads the field."""
+    """Record the watched values after the last step of a call; after others the next step does so."""
     if step == inputs.seen.shape[0] - 1 and is_kept(inputs, step):
         own = share(thread, count_parts(sums.sweep))
         for part in range(own[0], own[1]):
@@ -919,7 +917,7 @@ def watch_last(thread, stage, sums, tables, inputs, step, number):
 
 
 def hear_last(thread, stage, sums, tables, inputs, step, number):
-    """What is heard of it."""
+    """Record the sums over blocks of nodes after the last step of a call."""
     if step == inputs.seen.shape[0] - 1 and is_kept(inputs, step):
         own = share(thread, count_parts(sums.sweep))
         for part in range(own[0], own[1]):
@@ -929,7 +927,7 @@ def hear_last(thread, stage, sums, tables, inputs, step, number):
 
 @operation(LAW)
 def apply_law_after(thread, stage, sums, tables, inputs, step, number):
-    """The law of the nodes whose states are whole once all sums have been made."""
+    """Apply the law of the nodes whose states are complete only once all sums have been made."""
     own = share(thread, count_parts(sums.sweep))
     for part in range(own[0], own[1]):
         state_law(thread, sums.sweep, part, False)
@@ -938,47 +936,47 @@ def apply_law_after(thread, stage, sums, tables, inputs, step, number):
 
 @operation(BREAK)
 def break_beyond(thread, stage, sums, tables, inputs, step, number):
-    """Bonds beyond their limit break."""
+    """Break bonds that are stretched beyond their limit."""
     break_bonds(thread, stage, sums.sweep, sums.liquid, tables.bonds)
 
 
 @operation(RELEASE)
 def break_with_energy(thread, stage, sums, tables, inputs, step, number):
-    """Bonds break with which enough energy is lost."""
+    """Break bonds with which enough energy is lost."""
     break_by_energy(thread, stage, sums.sweep, sums.liquid, tables.gather, tables.scatter, tables.bonds)
 
 
 @operation(DAMAGED)
 def redo_nodes(thread, stage, sums, tables, inputs, step, number):
-    """States or forces of nodes that have lost bonds are made anew; the number is one of `engine.damage`."""
+    """Recompute states or forces of nodes that have lost bonds; the number says which, see `engine.damage`."""
     redo_damaged(thread, stage, sums.sweep, sums.liquid, tables.gather, tables.scatter, tables.bonds, number)
 
 
 @operation(STRETCH_STATES)
 def stretch_all_states(thread, stage, sums, tables, inputs, step, number):
-    """Layers stretch the derivatives that nodes have for states; with 1 for the number their memory begins."""
+    """Stretch the derivatives that nodes have for states, in the layers; if the number is 1 their memory begins."""
     stretch_states(thread, tables.gather.sweep.law, tables.stretches, number != 0)
 
 
 @operation(STRETCH_FORCES)
 def stretch_all_forces(thread, stage, sums, tables, inputs, step, number):
-    """Layers stretch the derivatives of what the law has made of the states."""
+    """Stretch the derivatives of what the law has made of the states, in the layers; with 1 their memory begins."""
     stretch_forces(thread, stage, tables.gather.sweep.law, tables.stretches, number != 0)
 
 
 @operation(HEAT)
 def heat_springs(thread, stage, sums, tables, inputs, step, number):
-    """Springs beside states lose what heat strains them."""
+    """Subtract the effect of thermal strains from the forces of springs beside states."""
     push_springs(thread, stage, sums.sweep.block, sums.liquid, tables.bonds, tables.heat)
 
 
 @operation(HEAT_BEYOND)
 def heat_beyond(thread, stage, sums, tables, inputs, step, number):
-    """Bonds without a law of their own lose what heat strains them."""
+    """Do the same for bonds without a law of their own, and for springs beside states."""
     push_beyond(thread, stage, sums.sweep.block, sums.liquid, tables.bonds, tables.heat)
 
 
 @operation(WARM)
 def warm_nodes(thread, stage, sums, tables, inputs, step, number):
-    """The strains of heat become those of the next step."""
+    """Advance the thermal strains to those of the next step."""
     warm_up(thread, tables.heat)

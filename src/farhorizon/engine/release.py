@@ -1,16 +1,16 @@
-"""Bonds between nodes with states that break by the energy which is lost with them, in the compiled loop.
+"""Bonds of state-based media that break by the energy lost with them, in the compiled loop.
 
-With n what a bond adds to the state of each of its ends, p what the law M makes of their states, B its spring and eta
-the difference of the displacements, the two ends lose
+Let n be what a bond adds to the state of each of its ends, p the results of the law M for their states, B the spring of
+the bond and eta the difference of the displacements. With the bond its two ends lose
 
     n . (p_i + p_j) - n . (M_i + M_j) n / 2 + eta . B eta / 2
 
-with it, as long as their shape tensors stay as they are; M is the law of a node with all its bonds. A bond that is
-longer than in the beginning breaks where that is more than in an intact body that is strained critically along it
-(`farhorizon.medium.force_states.energy_of_bonds`). Both of its ends find the same number, to the last bit.
+as long as their shape tensors stay the same; M is the law of a node with all its bonds. A bond that is longer than
+initially breaks if this exceeds the loss in an intact body that is critically strained along the bond
+(`farhorizon.medium.force_states.energy_of_bonds`). Both ends compute the same number, to the last bit.
 
-Patches of nodes are passed over if no bond in them can have so much: differences of displacements are bounded by those
-of neighbouring nodes along each axis, and what the law has made of the states by its largest numbers.
+Patches of nodes are skipped if no bond in them can reach this energy: differences of displacements are bounded by those
+of neighbouring nodes along each axis, and the results of the law by their largest entries.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.threads import barrier
 
-# Patches, and the smaller ones in which those are looked at that are not passed over: whole tiles, so that what lies
-# around them counts for less.
+# Patches, and the smaller ones into which those are divided that are not skipped; both consist of whole tiles, and are
+# large enough that the nodes around them matter less.
 PATCH_PLANES, PATCH_ROWS, PATCH_NODES = 8, 16, 8 * LANES
 NEAR_ROWS, NEAR_NODES = 8, 4 * LANES
 _ELONGATION, _ENERGY, _LIMIT, _LAME, _SHEAR, _PULL, _ETA, _TRACE, _MINE, _OTHERS = 0, 1, 2, 3, 4, 5, 6, 9, 10, 11
-LINES = 12  # of numbers of the nodes of a row
+LINES = 12  # lines of work space, of one number for each node of a row
 
 _ROWS_2, _ROWS_3 = ROWS[2], ROWS[3]
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def around(zone, reach, first, end):
-    """Where bonds lead from the nodes of a patch, as far as they follow the law: first places, and numbers of them."""
+    """Box of nodes that bonds from a patch lead to, as far as they follow the law: first indices, and extents."""
     low_0 = max(first[0] - reach[0], zone[LAW_FIRST])
     low_1 = max(first[1] - reach[1], zone[LAW_FIRST + 1])
     low_2 = max(first[2] - reach[2], zone[LAW_FIRST + 2])
@@ -60,7 +60,9 @@ def around(zone, reach, first, end):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def largest_entry(level, start, step, step_0, step_1, n_0, n_1, n_2, line):
-    """Largest magnitude of numbers in a box of a level, or, given a step, of differences to those ahead."""
+    """Largest magnitude of the values in a box of a level, or, given a nonzero step, of the differences to the values
+    that far ahead.
+    """
     for i in range(n_2):
         line[i] = 0.0
     for plane in range(n_0):
@@ -81,8 +83,9 @@ def largest_entry(level, start, step, step_0, step_1, n_0, n_1, n_2, line):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def squared_norm(level, dim, block, low, counts, differences, room):
-    """A bound of the squared norms of all matrices of a box: the largest sum of a row times that of a column of the
-    matrix with the largest magnitudes. Their columns are `differences` of a vector along the axes, or components.
+    """Upper bound of the squared norms of all matrices in a box: the product of the largest row sum and the largest
+    column sum of the matrix of largest magnitudes. Their columns are `differences` of a vector along the axes, or
+    components.
     """
     node = block[0] + low[0] * block[4] + low[1] * block[5] + low[2]
     apart = level.size // (dim if differences else dim * dim)
@@ -107,7 +110,9 @@ def squared_norm(level, dim, block, low, counts, differences, room):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def fill_lines(law, bonds, node, other, n, lines, alike):
-    """Sums of the moduli of both ends of bonds, and what their states count for, if they are `alike` for all or not."""
+    """Fill the lines for the sums of the moduli of both ends of bonds, and for the weights of their states: those that
+    are the same for all bonds if `alike`, the others if not.
+    """
     local, firm = law.local.size > 0, bonds.firmness.size > 1
     for modulus in range(3):
         if not local and alike:
@@ -127,8 +132,8 @@ def fill_lines(law, bonds, node, other, n, lines, alike):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def weigh_row(u, part, springs, material, gather, scatter, bonds, bond, node, n, lines):
-    """What would be lost with one bond of each of some nodes of a row, at how much it may be, and how much longer the
-    bonds have become, in units of the update; the lines hold what is alike for all bonds.
+    """Compute, for one bond of each of some nodes of a row, the energy that would be lost with it, its limit, and its
+    elongation, in units of the update; lines that are the same for all bonds must have been filled.
     """
     law, columns, rows = gather.sweep.law, gather.columns, gather.rows
     apart, size, other = u.size // columns, law.values.size // rows, node + bonds.places[bond, 0]
@@ -187,7 +192,7 @@ def may_break(stage, springs, gather, bonds, first, end, room):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def break_row(stage, springs, material, gather, scatter, bonds, i0, i1, begin, end, lines):
-    """Break the bonds of some nodes of a row that have the energy."""
+    """Break the bonds of some nodes of a row whose energy exceeds the limit."""
     zone, block, places, start = bonds.zone, springs.block, bonds.places, bonds.zone[FIRST + 2]
     row = i1 // (_ROWS_3 if gather.columns == 3 else _ROWS_2)
     fill_lines(gather.sweep.law, bonds, 0, 0, end - begin, lines, True)
@@ -208,7 +213,9 @@ def break_row(stage, springs, material, gather, scatter, bonds, i0, i1, begin, e
 
 @njit(error_model="numpy", cache=True, counted=False)
 def break_patch(stage, springs, material, gather, scatter, bonds, first, end, room):
-    """The same of a patch, of which the rows are looked at in smaller ones."""
+    """Break the bonds of a patch whose energy exceeds the limit, searching only those smaller patches that may have
+    some.
+    """
     for i0 in range(first[0], end[0]):
         for i1 in range(first[1], end[1], NEAR_ROWS):
             for begin in range(first[2], end[2], NEAR_NODES):
@@ -220,7 +227,7 @@ def break_patch(stage, springs, material, gather, scatter, bonds, first, end, ro
 
 @njit(error_model="numpy", cache=True, counted=False)
 def break_by_energy(thread, stage, springs, material, gather, scatter, bonds):
-    """Clear the bits of bonds that have the energy; threads have whole rows of patches."""
+    """Clear the bits of bonds whose energy exceeds the limit; each thread takes whole rows of patches."""
     zone, room = bonds.zone, bonds.room[thread.number]
     planes = (zone[END] - zone[FIRST] + PATCH_PLANES - 1) // PATCH_PLANES
     rows = (zone[END + 1] + PATCH_ROWS - 1) // PATCH_ROWS - zone[FIRST + 1] // PATCH_ROWS
@@ -240,7 +247,7 @@ def break_by_energy(thread, stage, springs, material, gather, scatter, bonds):
 
 @njit(error_model="numpy", cache=True)
 def largest_energy(u, springs, material, gather, scatter, bonds):
-    """Largest energy that is lost with a bond which may break, over that at which it does; zero if there is none."""
+    """Largest energy lost with a bond that may break, relative to its limit; zero if there is no such bond."""
     zone, block, places, lines, largest = bonds.zone, springs.block, bonds.places, bonds.room[0], 0.0
     fill_lines(gather.sweep.law, bonds, 0, 0, PATCH_NODES, lines, True)
     for i0 in range(zone[FIRST], zone[END]):

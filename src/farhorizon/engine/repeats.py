@@ -1,5 +1,5 @@
-"""What calls of the loop have in common with the ones before: certificates make ten thousands of them, each of a step
-with nothing from outside.
+"""Reuse of inputs and tables between calls of the loop: certificates call it tens of thousands of times, for one step
+without any inputs each.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from farhorizon.engine.tables import Inputs
 
 
 class Repeats:
-    """Keeps inputs and tables for the next call, which most often takes the very same ones."""
+    """Keeps inputs and tables for the next call, which usually needs the same ones."""
 
     def __init__(self) -> None:
         self._room: dict[str, np.ndarray] = {}
@@ -21,14 +21,14 @@ class Repeats:
         self._planned: tuple[Tables, Inputs, Tables] | None = None
 
     def nothing(self, steps: int, tables: Tables, held: np.ndarray, watched: np.ndarray, stride: int) -> Inputs:
-        """Nothing from outside for some steps; prescribed values are zero.
+        """Return inputs without sources for a number of steps; prescribed values are zero.
 
         Parameters
         ----------
         steps : int
         tables : Tables
         held, watched : ndarray of int
-            As `Inputs` has them.
+            As in `Inputs`.
         stride : int
         """
         given = steps, stride, held, watched, tables.dependents, tables.listening
@@ -54,14 +54,14 @@ class Repeats:
         return self._nothing[1]
 
     def _rows(self, name: str, steps: int, width: int) -> np.ndarray:
-        """Room for so many rows, the same again and again: to be given new memory takes longer than to fill it."""
+        """Return an array of rows, reusing the same memory: allocating it takes longer than filling it."""
         kept = self._room.get(name)
         if kept is None or kept.size < steps * width:
             kept = self._room[name] = np.zeros(steps * width)
         return kept[: steps * width].reshape(steps, width)
 
     def planned(self, tables: Tables, inputs: Inputs) -> Tables:
-        """The tables with what there is to do, the very same for the same inputs."""
+        """Return the tables with their operations, the identical object for the same inputs."""
         if self._planned is None or self._planned[0] is not tables or not _same(self._planned[1][1:], inputs[1:]):
             operations, starts = operations_of(tables, inputs)
             self._planned = tables, inputs, tables._replace(operations=operations, starts=starts)
@@ -69,5 +69,5 @@ class Repeats:
 
 
 def _same(given: tuple[Any, ...], before: tuple[Any, ...]) -> bool:
-    """Whether two tuples hold the very same arrays and equal numbers."""
+    """Whether two tuples contain the identical arrays and equal numbers."""
     return all(a is b or (isinstance(a, int) and a == b) for a, b in zip(given, before, strict=True))

@@ -1,4 +1,4 @@
-"""What may be set once an engine is there: each function puts tables in the place of those of a plain medium."""
+"""Settings of an existing engine: each function replaces tables of a plain medium."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ _NO_ENDS = np.zeros((0, 0), np.int64)
 
 
 def connect(engine: Engine, link: Link, neighbours: Mapping[tuple[int, int], int]) -> None:
-    """From now on other processes fill the halos, periodic ones among them.
+    """Let other processes fill the halos from now on, periodic ones included.
 
     Parameters
     ----------
     link : Link
     neighbours : mapping of (axis, side) to int
-        Numbers of the processes beyond each side, below 0 for nobody; of axes that nobody shares, none.
+        Ranks of the processes beyond each side, negative for none; axes that are not shared are left out.
     """
     passes = [] if engine.passes is None else [engine.tables.gather, engine.tables.scatter]
     kinds = [Messages.between(link, neighbours, {one: engine.layout.across(*one) for one in neighbours})]
@@ -57,14 +57,14 @@ def connect(engine: Engine, link: Link, neighbours: Mapping[tuple[int, int], int
 
 
 def _alone(layers: Layers) -> Layers:
-    """Layers whose slots others fill."""
+    """Return layers whose slots are filled by other processes."""
     return layers._replace(copies=layers.copies[:, :0])
 
 
 def set_damping(engine: Engine, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:
-    """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate.
+    """Set the nodal factors of an absorbing zone: for the old increment, for the new increment, and a loss rate.
 
-    Nodes whose new increment is taken whole stay where they are.
+    Nodes that lose all of their new increment stay where they are.
     """
     if nodes.size:
         engine.replace(filter=without(engine.tables.filter, lambda damped: np.isin(damped, nodes[after == 0])))
@@ -73,13 +73,13 @@ def set_damping(engine: Engine, nodes: np.ndarray, before: np.ndarray, after: np
 
 
 def set_heat(engine: Engine, spacing: float) -> None:
-    """From now on heat strains the nodes, by what `give_heat` says: see `BondZone.set`, which must have been told.
+    """Let nodes have thermal strains from now on, whose values `give_heat` sets; requires `BondZone.set` with `warm`.
 
     Parameters
     ----------
     engine : Engine
     spacing : float
-        Of the nodes, in the unit of the field.
+        Distance between nodes, in the unit of the field.
     """
     tables, warmth = engine.tables, engine.tables.bonds.warmth
     arms = spacing * engine.offsets[:, 3 - engine.components :].astype(float)
@@ -99,8 +99,8 @@ def set_heat(engine: Engine, spacing: float) -> None:
 
 
 def give_heat(engine: Engine, strain: np.ndarray, rate: np.ndarray, steps: int = 0) -> None:
-    """Say what heat strains the nodes of the core, some steps ago, and what is added to that in each step; all
-    processes that fill halos do.
+    """Set the thermal strains of the nodes of the core as of some steps ago, and their change per step; all processes
+    that exchange halos call this together.
     """
     heat = engine.tables.heat
     heat.warmth[:] = engine.spread(strain, jointly=True) * engine.absent.exists
@@ -110,8 +110,8 @@ def give_heat(engine: Engine, strain: np.ndarray, rate: np.ndarray, steps: int =
 
 
 def give_heat_beyond(engine: Engine, places: np.ndarray, strains: np.ndarray) -> None:
-    """Say what heat strains nodes in the layers, and in front of them, by their places in a level, after `give_heat`:
-    it stays until the next time. Beyond the outer ends of the layers there is none.
+    """Set the thermal strains of nodes in the layers and in front of them, by their places in a level, after
+    `give_heat`; they stay until the next call. Beyond the outer ends of the layers they are zero.
     """
     warmth, nodes = engine.tables.heat.warmth, engine.layout.box.node_indices()
     warmth[places] = strains * engine.absent.exists[places]
@@ -122,16 +122,17 @@ def give_heat_beyond(engine: Engine, places: np.ndarray, strains: np.ndarray) ->
 
 
 def set_density(engine: Engine, density: np.ndarray) -> None:
-    """Mass of each node of the core over that of a node of the medium: what forces do to it is less by so much. It
-    goes on beyond the core as at its edge. The older level must outlive a step.
+    """Set the mass of each node of the core relative to a node of the medium, by which its acceleration is divided. It
+    continues beyond the core as at its edge. The older level must outlive a step.
     """
     engine.replace(mobility=engine.spread(1 / np.asarray(density, float), jointly=True))
 
 
 def set_drag(engine: Engine, rate: float, first: np.ndarray, end: np.ndarray) -> None:
-    """Drag towards the mean velocity of the neighbours, at a rate, of equations of second order whose older level
-    outlives a step, and whose engine is made for it; what it takes of the nodes of the core from `first` to `end` is
-    added up. Bonds that are absent are told later.
+    """Set drag towards the mean velocity of the neighbours, with a given rate, for equations of second order.
+
+    The older level must outlive a step, and the engine must have been created for drag. The energy that drag takes from
+    the nodes of the core from `first` to `end` is accumulated. Absent bonds are set later.
     """
     assert engine.dragged_layers is not None
     box, low = engine.layout.box, np.array(engine.layout.low)
@@ -159,16 +160,18 @@ def set_drag(engine: Engine, rate: float, first: np.ndarray, end: np.ndarray) ->
 def set_phases(
     engine: Engine, dissolved: np.ndarray, interface: float, saturation: float, limited: bool = False
 ) -> None:
-    """Two phases: bonds between solid nodes carry nothing, those between phases `interface` times their weight, and
-    a solid node becomes liquid once its value is below `saturation`. All beyond the core is liquid, beyond a
-    periodic side what it repeats, and where other processes fill the halo what they have: all of them call it.
+    """Set two phases: bonds between solid nodes carry nothing, bonds between the phases `interface` times their weight,
+    and a solid node becomes liquid once its value is below `saturation`.
+
+    Everything beyond the core is liquid, except for periodic sides and halos that other processes fill, which all of
+    them do together by calling this.
 
     Parameters
     ----------
     dissolved : ndarray of int, shape of the core
-        Steps (of `steps_done`) at which the nodes became liquid, `NEVER` for the solid ones.
+        Steps (of `steps_done`) at which the nodes became liquid, `NEVER` for solid ones.
     limited : bool
-        Whether between the phases no value counts for more than the saturation.
+        Whether no value above the saturation counts for more than it between the phases.
     """
     solid = dissolved == NEVER
     beyond = {(axis, side): 1.0 for axis in range(3) for side in (-1, 1) if axis not in engine.layout.periodic}
@@ -192,8 +195,9 @@ def set_phases(
 def set_dependents(
     engine: Engine, nodes: np.ndarray, starts: np.ndarray, sources: np.ndarray, weights: np.ndarray
 ) -> None:
-    """Nodes with prescribed values: node i is the sum of weights[k] times node sources[k], k from starts[i] to
-    starts[i + 1], plus what `advance` is told. They are set in this order after each stage."""
+    """Set nodes with prescribed values: node i is the sum of weights[k] times node sources[k], k from starts[i] to
+    starts[i + 1], plus a value passed to `advance`. They are set in this order after each stage.
+    """
     nodes, starts, sources = (a.astype(np.int64) for a in (nodes, starts, sources))
     engine.replace(dependents=Dependents(nodes, starts, sources, weights.astype(engine.dtype)))
 
@@ -209,12 +213,12 @@ def record_flows(
     ends: np.ndarray = _NO_ENDS,
     sides: Mapping[tuple[int, int], tuple[int, np.ndarray]] | None = None,
 ) -> None:
-    """Bonds whose flow into their node is summed over time, in `count` accounts, and what each stage's flow adds
-    to a step's.
+    """Integrate over time the flow along bonds into their nodes, in `count` accounts; `effects` are the factors of the
+    flow of each stage in that of a step.
 
-    Places in a level, weights without coefficients; a neighbour below 0 is at zero. `ends`, shape (ends, K): the
-    accounts of the drivers of exact ends, -1 for none. `sides`: the account of a layer (axis, side), and the nodes
-    next to it into which what it adds to these flows is counted. First-order equations only.
+    Nodes are places in a level, weights are without coefficients, and a negative neighbour has the value zero. `ends`,
+    shape (ends, K): accounts of the drivers of exact ends, -1 for none. `sides`: account of a layer (axis, side), and
+    the nodes next to it whose inflow from the layer is counted. First-order equations only.
     """
     near, rows = [np.zeros(0, np.int64)], []
     for (axis, _), (number, at) in (sides or {}).items():
@@ -238,13 +242,13 @@ def record_flows(
 
 
 def listen(engine: Engine, blocks: Sequence[tuple[np.ndarray, Sequence[np.ndarray]]]) -> None:
-    """Keep sums over blocks of nodes after every step from now on, in `heard`.
+    """Record sums over blocks of nodes in `heard` after every step from now on.
 
     Parameters
     ----------
     blocks : sequence of (places, weights)
-        Places of the blocks' first nodes in a level, shape (n,), and their weights along each of the three axes,
-        three arrays of shape (n, width).
+        Places of the first nodes of blocks in a level, shape (n,), and their weights along the three axes, three arrays
+        of shape (n, width).
     """
     lanes = 64 // engine.dtype.itemsize
     stride, column = engine.tables.listening.stride, 0
@@ -271,8 +275,8 @@ def listen(engine: Engine, blocks: Sequence[tuple[np.ndarray, Sequence[np.ndarra
 
 
 def _distinct(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The different ones of some rows, in the order in which they come first, and which each row is: the loop reads
-    them one after the other.
+    """Distinct rows in the order of their first occurrence, and the index of each row among them; the loop reads them
+    one after the other.
     """
     _, first, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)

@@ -1,4 +1,4 @@
-"""The complete state of an engine as one vector: what a checkpoint holds, less scratch, halos and padding."""
+"""Complete state of an engine as one vector: the contents of a checkpoint without work space, halos and padding."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from farhorizon.engine.engine import Engine
 
 
 class State:
-    """Reads and writes the state of an engine, with everything that comes from outside (sources, prescribed values, a
-    fixed halo) at zero.
+    """Reads and writes the state of an engine, with all inputs (sources, prescribed values, a fixed halo) equal to
+    zero.
 
     Parameters
     ----------
     engine : Engine
-        Exact ends must be sums of exponentials: a convolved past is no finite state.
+        Its exact ends must be sums of exponentials: the past of a convolution is not a finite state.
 
     Attributes
     ----------
     size : int
-        Numbers in a state: all nodes that exist, of the time levels that a step reads, the memory of the layers, the
-        modes of exact ends, and the earlier values that conditions along an outline read.
+        Number of entries of a state: all existing nodes of the time levels that a step reads, the memory of the layers,
+        the modes of exact ends, and the earlier values that conditions along an outline read.
     every : int
-        Steps from one filter of short waves in the layers to the next: the map of so many is the same again.
+        Number of steps between filters of short waves in the layers; only the map of that many steps is always the
+        same.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -39,7 +40,7 @@ class State:
             [np.zeros(0, np.int64), *(cells.ravel() for _, _, cells, _ in engine.layer_memory)]
         )
         gain = engine.tables.stretches.gain
-        if engine.passes is not None:  # what is remembered of components and axes that are stretched
+        if engine.passes is not None:  # memory of the components and axes that are stretched
             kept = np.flatnonzero(np.tile(gain != 0, (2 * len(gain), 1)))
             self._memory = np.concatenate([self._memory, engine.passes.start + kept])
         poles = engine.ends.poles
@@ -47,30 +48,30 @@ class State:
         self.size = len(self.read())
 
     def _levels(self, phase: int) -> list[int]:
-        """Levels that a step reads before it writes them: that of the field, and for second order its past or its
-        increment.
+        """Levels that a step reads before it writes them: that of the field, and for second order also the previous
+        level or the increment.
         """
         source, base, _ = self.engine.stages.rotation[phase][0]
         return [source] if base == source or self.engine.stages.numbers[0][1] == 0 else [source, base]
 
     def write(self, values: np.ndarray) -> None:
-        """Put the engine into a state."""
+        """Set the engine to a state."""
         engine, count, levels = self.engine, len(self._nodes), self._levels(0)
         engine.levels[...], engine.memory[...], engine.ends.states[...], engine.fringe_history[...] = 0, 0, 0, 0
         engine.phase, engine.steps_done = 0, 0
-        engine.ends.clock[0] = 1  # a later step than the first, whose sample counts half at exact ends
+        engine.ends.clock[0] = 1  # not the first step, whose sample counts half at exact ends
         for i, level in enumerate(levels):
             engine.levels[level, self._nodes] = values[i * count : (i + 1) * count]
-            engine.complete(engine.levels[level])  # a step fills the halo of the present level alone
+            engine.complete(engine.levels[level])  # a step fills only the halo of the present level
         end = len(levels) * count
         engine.memory[self._memory] = values[end : end + len(self._memory)]
         start, end = end + len(self._memory), end + len(self._memory) + len(self._modes[0])
         engine.ends.states[self._modes] = values[start:end]
-        # a step forgets the last row
+        # a step drops the last row
         engine.fringe_history[:-1] = values[end:].reshape(engine.fringe_history[:-1].shape)
 
     def read(self) -> np.ndarray:
-        """The state that the engine is in."""
+        """Return the present state of the engine."""
         engine = self.engine
         levels = [engine.levels[level, self._nodes] for level in self._levels(engine.phase)]
         return np.concatenate(
@@ -78,8 +79,8 @@ class State:
         )
 
     def after(self, values: np.ndarray, steps: int = 1) -> np.ndarray:
-        """The state that follows a number of steps later, shape (size,), on one at the beginning of a round (`every`);
-        a complex one is advanced by its parts.
+        """State after a number of steps, shape (size,), from a state at the beginning of a round of `every` steps; real
+        and imaginary parts of a complex state are advanced separately.
         """
         if np.iscomplexobj(values):
             return self.after(values.real, steps) + 1j * self.after(values.imag, steps)
@@ -88,20 +89,20 @@ class State:
         return self.read()
 
     def after_rounds(self, values: np.ndarray, rounds: int = 1) -> np.ndarray:
-        """The same, for whole rounds of `every` steps."""
+        """State after a number of whole rounds of `every` steps."""
         return self.after(values, rounds * self.every)
 
     def field(self, values: np.ndarray) -> np.ndarray:
-        """The field of a state on the core, shape of the core, after the components if there are several; complex for
-        complex states.
+        """Field of a state on the core, with the shape of the core, after the components if there are several; complex
+        if the state is.
         """
         level = np.zeros(self.engine.levels.shape[1], values.dtype)
         level[self._nodes] = values[: len(self._nodes)]
         return self.engine.core.view(level).copy()
 
     def portrait(self, values: np.ndarray) -> np.ndarray:
-        """What a picture shows of the field of a state: of vectors the component that is largest somewhere, shape of
-        the core.
+        """Field of a state for a picture, with the shape of the core: for vectors the component with the largest
+        value.
         """
         found = self.field(values)
         return (
@@ -109,10 +110,10 @@ class State:
         )
 
     def rows(self) -> Rows:
-        """Places of the state by (entry of one row along the normal, row), for an engine whose layers all lie on its
+        """Entries of the state by (entry of a row along the normal, row), for an engine whose layers all lie on its
         first axis.
 
-        The rows are its translations along the other axes, the last axis fastest.
+        The rows are translations along the other axes, the last axis fastest.
         """
         axis = next(a for a in range(3) if self.engine.layout.reach[a])
         layout, components = self.engine.layout, self.engine.components
@@ -130,9 +131,9 @@ class State:
                     len(columns), -1
                 )
             )
-            names += [(level, c, *column) for column in columns]  # a layer's nodes are counted outwards
+            names += [(level, c, *column) for column in columns]  # nodes of a layer are counted outwards
             start += count
-        # the first component is that along the normal
+        # the first component is the one along the normal
         turned = {(level, 0): -1 for level in range(len(self._levels(0))) if components > 1}
         for which, (normal, side), cells, alike in self.engine.layer_memory:
             for c, found in enumerate(cells):
@@ -156,18 +157,18 @@ class State:
 
 @dataclass(frozen=True)
 class Rows:
-    """The state of rows along the normal of the layers.
+    """State arranged by rows along the normal of the layers.
 
     Attributes
     ----------
     place : ndarray of int, shape (entries, rows)
-        Where the entries of each row stand in the state.
+        Position in the state of the entries of each row.
     images : ndarray of int, shape (entries,), or None
-        Each entry's mirror image in the middle between the sides; None where the sides differ.
+        Mirror image of each entry with respect to the middle between the sides; None if the sides differ.
     signs : ndarray of int, shape (entries,)
-        What an entry is multiplied with in that mirror: -1 for the component along the normal, else 1.
+        Factor of an entry under this mirroring: -1 for the component along the normal, else 1.
     near : ndarray of int, shape (levels * components, nodes)
-        Entries of the core's nodes.
+        Entries of the nodes of the core.
     layers : mapping of int to ndarray of int, shape (levels, components, columns)
         Entries of the nodes of the low (-1) and the high layer (1), outwards.
     """
@@ -180,7 +181,7 @@ class Rows:
 
 
 def digest(engine: Engine) -> str:
-    """Hash of all that decides the map of a step: engines of one digest have one map."""
+    """Hash of everything that determines the map of a step: engines with equal digests have the same map."""
     rule = engine.tables.material.rule
     mark = hashlib.sha256(
         repr(
@@ -236,7 +237,7 @@ def digest(engine: Engine) -> str:
 
 @contextmanager
 def as_before(engine: Engine) -> Iterator[None]:
-    """Whatever runs inside leaves no trace."""
+    """Restore the state of an engine when the context ends."""
     tables = engine.tables
     ends, phases = tables.ends, tables.phases
     arrays = [

@@ -1,9 +1,9 @@
-"""Layers that stretch derivatives, of operators of two passes, in the compiled loop.
+"""Layers that stretch derivatives, for operators of two passes, in the compiled loop.
 
-The number ``a dim + b`` of a node's state belongs to the derivative of the component a along the axis b. In a layer
-that derivative, and what the derivative along b of what the law makes of the states adds to the force, are divided by
-``1 + phi_b / (s + alpha)``: each remembers one number, with the trapezoidal rule (Wildman and Gazonas 2012, eqs 2-22 to
-2-26, as memory variables).
+Entry ``a dim + b`` of a node's state belongs to the derivative of the component a along the axis b. In a layer that
+derivative is divided by ``1 + phi_b / (s + alpha)``, and so is the contribution to the force of the derivative along b
+of the law's results. Each of them has one number of memory, advanced by the trapezoidal rule (Wildman and Gazonas 2012,
+eqs 2-22 to 2-26, as memory variables).
 """
 
 from __future__ import annotations
@@ -26,18 +26,19 @@ class Stretches(NamedTuple):
     Attributes
     ----------
     runs : ndarray of int, shape (R, 5 + dim)
-        Place of the first node, number of nodes, slot of the first one, first and last + 1 row of `lost`, and of each
-        axis whether anything is stretched along it.
+        Place of the first node, number of nodes, slot of the first node, first and last + 1 row of `lost`, and for each
+        axis whether any derivative along it is stretched.
     keep, gain : ndarray, shape (dim, L)
-        ``m <- keep m + gain (new + old)`` is added to a derivative along each axis.
+        Coefficients of the memory of a derivative along each axis, ``m <- keep m + gain (new + old)``, which is added
+        to it.
     memory : ndarray, shape (2 dim^2 L,)
-        ``keep m + gain old`` of the derivatives, and of what the parts of the force do in a step.
+        ``keep m + gain old`` of the derivatives, and of the contributions to the force in a step.
     own : ndarray, shape (dim, L)
-        Sum of `vectors` over the bonds that are there.
+        Sum of `vectors` over the present bonds.
     lost : ndarray of int, shape (n, 3)
-        Bonds that are cut: number of the node in its run, place of the neighbour, number of the bond.
+        Cut bonds: index of the node in its run, place of the neighbour, number of the bond.
     vectors : ndarray, shape (K, dim)
-        What the state of a neighbour counts for in the force, by the axis of the derivative.
+        Weights of a neighbour's state in the force, by the axis of the derivative.
     distances : ndarray of int, shape (K,)
     room : ndarray, shape (threads, CHUNK)
     """
@@ -61,7 +62,7 @@ class Stretches(NamedTuple):
 
 
 def no_stretches(real: np.dtype) -> Stretches:
-    """None."""
+    """Return tables without any stretched derivatives."""
     nothing, some = np.zeros((0, 0), real), np.zeros(0, real)
     none = np.zeros(0, np.int64)
     return Stretches(
@@ -72,15 +73,15 @@ def no_stretches(real: np.dtype) -> Stretches:
 def stretches_of(
     box: Block, phi: np.ndarray, alpha: np.ndarray, dt: float, vectors: np.ndarray, distances: np.ndarray
 ) -> Stretches:
-    """The nodes with a stretch along some axis, of a medium with all its bonds.
+    """Return the tables of nodes with a stretch along some axis, in a medium with all its bonds.
 
     Parameters
     ----------
     box : Block
     phi : ndarray, shape (dim, *box)
-        Stretch along each of the last axes (1/time).
+        Rate of the stretch along each of the last axes (1/time).
     alpha : ndarray, shape of the box
-        Its shift.
+        Shift of the stretch (1/time).
     dt : float
     vectors, distances : ndarray
         See `Stretches`.
@@ -116,15 +117,15 @@ def stretches_of(
 def without_bonds(
     whole: Stretches, missing: np.ndarray, nodes: np.ndarray, neighbours: np.ndarray, bonds: np.ndarray
 ) -> Stretches:
-    """The same nodes where some bonds are absent.
+    """Return the tables of the same nodes where some bonds are absent.
 
     Parameters
     ----------
     whole : Stretches
     missing : ndarray, shape (dim, L)
-        Sum of `vectors` over the bonds that are absent, slot by slot.
+        Sum of `vectors` over the absent bonds, slot by slot.
     nodes, neighbours, bonds : ndarray of int, shape (n,)
-        Of those that are cut the node, the other end, and the number.
+        Node, other end and number of the bonds that are cut.
     """
     places, runs = whole.places, whole.runs.copy()
     order = np.argsort(places)
@@ -144,7 +145,9 @@ def without_bonds(
 
 @njit(error_model="numpy", cache=True, counted=False)
 def remember(value, past, keep, gain, begins, out):
-    """Add to `out` what is remembered of values, and remember these; a memory that begins adds nothing to them."""
+    """Add the memory of some values to `out`, and update it; if it `begins`, it is initialised so that nothing is
+    added.
+    """
     for i in range(value.size):
         new = gain[i] * value[i]
         added = value[i] * 0 if begins else past[i] + new
@@ -177,7 +180,7 @@ def stretch_states(thread, law, stretches, begins):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def stretch_forces(thread, stage, law, stretches, begins):
-    """Add to the forces of the nodes what stretching the derivative along each axis adds to its part of them."""
+    """Add to the forces of the nodes what the stretch along each axis changes in its contribution."""
     values, runs, dim = law.values, stretches.runs, stretches.keep.shape[0]
     vectors, distances, lost = stretches.vectors, stretches.distances, stretches.lost
     size, slots, apart = values.size // (dim * dim), stretches.keep.shape[1], stage.out.size // dim

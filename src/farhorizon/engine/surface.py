@@ -1,7 +1,7 @@
-"""Nodes at the edge of a body: which of their bonds lead to places where there is no node.
+"""Nodes at the surface of a body: which of their bonds lead to places without a node.
 
-A place without a node holds zero. What a sweep takes along such a bond is its weight times the node's own value, so
-that one number a node (of vectors a matrix), the sum of those weights, takes all of them back.
+A place without a node holds zero. The contribution of such a bond to a sweep is its weight times the node's own value
+(subtracted), so that one number per node (for vectors one matrix), the sum of those weights, corrects all of them.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from farhorizon.engine.tables import Surface
 
 
 def bare_bonds(block: Block, offsets: np.ndarray, exists: np.ndarray) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
-    """Bonds of the nodes of a block of which one end alone is there.
+    """Find the bonds of the nodes of a block of which only one end exists.
 
     Parameters
     ----------
     block : Block
     offsets : ndarray of int, shape (K, 3)
     exists : ndarray of bool, shape (places,)
-        Where nodes are.
+        Where nodes exist.
 
     Returns
     -------
@@ -40,13 +40,13 @@ def bare_bonds(block: Block, offsets: np.ndarray, exists: np.ndarray) -> tuple[t
 
 
 def no_surface(dtype: np.dtype) -> Surface:
-    """Tables of a block all of whose bonds are there."""
+    """Return the tables of a block that has all its bonds."""
     return Surface(np.zeros((0, 2), np.int64), np.zeros((0, 3), np.int64), np.zeros(0, dtype), 0)
 
 
 def surface_of(block: Block, nodes: np.ndarray, weights: np.ndarray) -> Surface:
-    """Tables of the weights on the nodes' own values, for places of the block and weights of shape (S,), or (S, rows,
-    columns).
+    """Return the tables of weights on the nodes' own values, for places of the block and weights of shape (S,), or (S,
+    rows, columns).
     """
     if not len(nodes):
         return no_surface(weights.dtype)
@@ -56,7 +56,7 @@ def surface_of(block: Block, nodes: np.ndarray, weights: np.ndarray) -> Surface:
 
 
 def in_rows(block: Block, nodes: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """`shared_rows` of some numbers of each of these places."""
+    """Return `shared_rows` for some numbers of each of these places."""
     first, second, third = block.coordinates(nodes).T
     order = np.lexsort((third, second, first))
     counts = np.bincount(first * block.nodes[1] + second, minlength=block.nodes[0] * block.nodes[1])
@@ -65,7 +65,7 @@ def in_rows(block: Block, nodes: np.ndarray, weights: np.ndarray) -> tuple[np.nd
 
 
 def _reached(block: Block, there: np.ndarray) -> np.ndarray:
-    """Nodes of a block in whose box of one reach a place is `there`."""
+    """Which nodes of a block have a place that is `there` in the box within reach of them."""
     found = block.all(there)
     for axis, m in enumerate(block.reach):
         found = np.asarray(np.lib.stride_tricks.sliding_window_view(found, 2 * m + 1, axis).any(-1))
@@ -75,25 +75,26 @@ def _reached(block: Block, there: np.ndarray) -> np.ndarray:
 def shared_rows(
     starts: np.ndarray, places: np.ndarray, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weights on nodes of rows as stretches of neighbours; rows that are alike share theirs, which stay in the cache.
+    """Arrange weights on nodes of rows in stretches of neighbours; equal rows share theirs, so that these stay in the
+    cache.
 
     Parameters
     ----------
     starts : ndarray of int, shape (R + 1,)
         First entry of each row.
     places : ndarray of int, shape (N,)
-        Of the nodes along their row.
+        Positions of the nodes along their row.
     weights : ndarray, shape (N, n)
 
     Returns
     -------
     ranges : ndarray of int, shape (R, 2)
-        First stretch of each row, and the one after its last.
+        First stretch of each row, and last + 1.
     stretches : ndarray of int, shape (T, 3)
-        Place of the first node, that after the last, and the first of its entries of `weights`.
+        First node, last + 1, and the index of its first entry of `weights`.
     weights : ndarray
-        Of each stretch the first number of all its nodes, then the second; with as many entries more as a vector may
-        read beyond the last.
+        For each stretch the first number of all its nodes, then the second, and so on; padded by as many entries as a
+        vector may read beyond the last.
     """
     known: dict[bytes, int] = {}
     kept: list[np.ndarray] = []
@@ -110,7 +111,7 @@ def shared_rows(
     lengths, numbers = np.diff(begins, append=end), weights.shape[1]
     stretches = np.stack([places[begins], places[begins] + lengths, numbers * begins], axis=1)
     ranges = np.searchsorted(owner[begins], np.stack([rows, rows + 1], axis=1))
-    # where the numbers of each entry are to be: behind those of earlier stretches, one after another of its own
+    # positions of the numbers of each entry: after those of earlier stretches, one number of a stretch after another
     own = np.repeat(np.arange(len(begins)), lengths)
     at = (numbers - 1) * begins[own] + np.arange(end)
     found = np.zeros(numbers * end + SLACK, weights.dtype)

@@ -1,4 +1,4 @@
-"""Tables of the laws of nodes that lack bonds, row by row, for `farhorizon.engine.point_law`."""
+"""Tables of the law for nodes that lack bonds, row by row, for `farhorizon.engine.point_law`."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from farhorizon.engine.layout import SLACK, Block
 from farhorizon.engine.point_law import ALIKE, EACH, LawRows
 from farhorizon.engine.surface import in_rows
 
-_LONG = 8  # neighbours with one matrix: fewer take one vector, in which each may have its own
+_LONG = 8  # number of neighbours with one matrix; fewer take one vector, in which each may have its own
 
 
 def law_rows(block: Block, nodes: np.ndarray, numbers: np.ndarray, matrices: np.ndarray) -> LawRows:
-    """Tables of places of a block, given the numbers of their matrices."""
+    """Return the tables for places of a block, given the indices of their matrices."""
     ranges, stretches, kinds = in_rows(block, nodes, numbers)
     used, weights = matrices.size, [matrices.ravel()]
     found, firsts = [], [0]
@@ -35,7 +35,7 @@ def law_rows(block: Block, nodes: np.ndarray, numbers: np.ndarray, matrices: np.
 
 
 def _runs(kinds: np.ndarray) -> Iterator[tuple[int, int]]:
-    """First and end of runs that are alike and long, and of what lies between them."""
+    """Yield first and last + 1 of long runs of equal numbers, and of what lies between them."""
     begun = first = 0
     for end in np.append(np.flatnonzero(np.diff(kinds)) + 1, len(kinds)).tolist():
         if end - first >= _LONG:

@@ -1,4 +1,4 @@
-"""What all kernels of the compiled loop are given: named tuples of plain arrays."""
+"""Arguments of the kernels of the compiled loop: named tuples of plain arrays."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ class Stage(NamedTuple):
     Attributes
     ----------
     src, base, out : ndarray
-        Levels, laid out by `farhorizon.engine.layout`. Of a field of several components each holds as many copies of
-        the layout, one after the other.
+        Levels, laid out by `farhorizon.engine.layout`. For a field of several components each holds one copy of the
+        layout per component, one after the other.
     part : int
         Number of the stage in its step.
     a, a_difference, b, scale : float
-        `a` is the factor of a node's own value in the compiled rows, whose weights leave the node itself out, and
-        `a_difference` that in sums over differences; of increments both are what the increment takes of the value.
+        `a` is the factor of a node's own value in the compiled rows, whose weights leave out the node itself, and
+        `a_difference` its factor in sums over differences; with increments both are what the increment takes of the
+        value.
     increments : bool
-        Whether `base` holds the increment ``out - src``, which the stage renews.
+        Whether `base` holds the increment ``out - src``, which the stage updates.
     components, rows : int
-        Of `src`, and of `base` and `out`.
+        Numbers of components of `src`, and of `base` and `out`.
     backward : bool
         Whether the last part of the box is swept first.
     """
@@ -45,27 +46,28 @@ class Stage(NamedTuple):
 
 
 class Sweep(NamedTuple):
-    """The stencil, and the box of all nodes that it is swept over.
+    """The stencil, and the box of nodes that it is applied to.
 
     Attributes
     ----------
     block : ndarray of int
         See `layout.BOX_FIELDS`.
     function : int
-        Address of the compiled rows; 0 for a stencil without.
+        Address of the compiled rows; 0 if the stencil has none.
     blocks : int
-        How often they are called: what is read and written falls into so many equal parts, one after the other.
+        Number of calls of these rows: fields that are read and written are divided into as many equal parts, one after
+        the other.
     depth : int
         Rows that are swept at a time.
     weights : ndarray, shape (stages, n)
-        Of the compiled rows.
+        Weights of the compiled rows.
     offsets : ndarray of int, shape (K,)
         Distances to the neighbours in a level.
     general : ndarray, shape (stages, K * components**2), or (stages, (K + 1) * components**2)
-        Weights of the neighbours, and what a reaction that is a matrix adds of the nodes' own values.
+        Weights of the neighbours; those of a reaction matrix on the nodes' own values follow.
     reach : ndarray of int, shape (3,)
     law : PointLaw
-        What nodes make of the sums; without values where these are all.
+        Law that nodes apply to the sums; without values if the sums are the result.
     """
 
     block: np.ndarray
@@ -80,16 +82,16 @@ class Sweep(NamedTuple):
 
 
 class Material(NamedTuple):
-    """Coefficients of the nodes, from which bonds have their factors.
+    """Coefficients of the nodes, from which the factors of bonds follow.
 
     Attributes
     ----------
     coefficient : ndarray
-        On every place of a level; of one number where all bonds are alike.
+        Values at all places of a level; one value if all bonds are equal.
     rule : int
         See `bonds.bond_factor`.
     interface, ceiling : float
-        Of two phases: the factor of bonds between them, and the value above which none counts there.
+        For two phases: the factor of bonds between them, and the value above which no node's value counts there.
     """
 
     coefficient: np.ndarray
@@ -99,23 +101,23 @@ class Material(NamedTuple):
 
 
 class Media(NamedTuple):
-    """Where a medium that varies is uniform as far as bonds reach, see `engine.media`.
+    """Where a varying medium is uniform within reach, see `engine.media`.
 
     Attributes
     ----------
     function : int
-        Address of the compiled rows; 0 where the medium does not vary, or is nowhere uniform.
+        Address of the compiled rows; 0 if the medium does not vary or is uniform nowhere.
     pieces : ndarray of int, shape (P, 5)
-        First row and row after the last, first node and node after the last in these rows, and the number of the medium
-        there; -1 where bonds differ, in which there may be nodes of other pieces.
+        First row and row after the last, first node and node after the last in these rows, and the number of their
+        medium; -1 where bonds differ, a range that may include nodes of other pieces.
     ranges : ndarray of int, shape (parts + 1,)
         First piece of each part of the box (see `program.rows_of`).
     mixed : ndarray of int8
-        On every place of a level, 1 where bonds differ; without media one number, 1.
+        For each place of a level, 1 where bonds differ; without media a single 1.
     weights : ndarray, shape (media, stages, n)
-        Of the compiled rows.
+        Weights of the compiled rows.
     own : ndarray, shape (media, stages)
-        What is to be added to a node's own factor, `Stage.a`.
+        Additions to a node's own factor, `Stage.a`.
     """
 
     function: int
@@ -127,13 +129,13 @@ class Media(NamedTuple):
 
 
 def one_medium(real: np.dtype) -> Media:
-    """None beside that of the stencil."""
+    """Return tables without media other than that of the stencil."""
     nothing, none = np.zeros((0, 0, 0), real), np.zeros((0, 5), np.int64)
     return Media(0, none, np.zeros(1, np.int64), np.ones(1, np.int8), nothing, np.zeros((0, 0), real))
 
 
 class Cuts(NamedTuple):
-    """Bonds that are absent: places of their nodes and neighbours, sorted, and the weights that are taken away."""
+    """Absent bonds: places of their nodes and neighbours, sorted, and the weights that are subtracted."""
 
     nodes: np.ndarray
     neighbours: np.ndarray
@@ -141,18 +143,19 @@ class Cuts(NamedTuple):
 
 
 class Surface(NamedTuple):
-    """What nodes at the edge of a body lack, see `farhorizon.engine.surface.shared_rows`.
+    """Weights that nodes at the surface of a body lack, see `farhorizon.engine.surface.shared_rows`.
 
     Attributes
     ----------
     ranges : ndarray of int, shape (rows, 2)
-        Stretches of each row of the box: first, last + 1.
+        First stretch of each row of the box, and last + 1.
     stretches : ndarray of int, shape (n, 3)
-        First node in its row, last + 1, and of `weights` the first of its own.
+        First node in its row, last + 1, and the index of its first entry of `weights`.
     weights : ndarray
-        Those of each stretch, entry by entry of their matrices.
+        Matrices of each stretch, entry by entry.
     function : int
-        Address of what adds them, see `farhorizon.engine.rows.linear_maps.linear_map`; 0 where there is nothing to add.
+        Address of the function that adds them, see `farhorizon.engine.rows.linear_maps.linear_map`; 0 if there are
+        none.
     """
 
     ranges: np.ndarray
@@ -161,27 +164,28 @@ class Surface(NamedTuple):
     function: int
 
 
-GENERAL, FACE, EDGE, ABSENT = range(4)  # of what is called by operations
+GENERAL, FACE, EDGE, ABSENT = range(4)  # indices of `Sums.called`
 
 
 class Sums(NamedTuple):
-    """Sums over bonds as the operations of the loop take them: those of a pass (`operations.Pass`), and what they need.
+    """Sums over bonds for the operations of the loop: those of a pass (`operations.Pass`), and what their computation
+    needs.
 
     Attributes
     ----------
     material, liquid : Material
-        Of all nodes, and of those in and beside layers, where all is liquid.
+        Coefficients of all nodes, and of those in and beside layers, where all is liquid.
     media : Media
-        Where these are alike.
+        Where these are uniform.
     work_space : ndarray, shape (threads, n)
     called : ndarray of int, shape (4,)
-        Addresses of what operations call with a stage, these sums and numbers: rows of a stencil that has no compiled
-        ones, and of layers an item of a face, an edge, and absent bonds.
+        Addresses of functions that operations call with a stage, these sums and numbers: rows of a stencil without
+        compiled ones, and for layers an item of a face, an edge, and absent bonds.
     each, ahead : ndarray of int
-        Addresses of what is done with each part of the box, one after the other: as it is swept, and while messages are
-        on their way.
+        Addresses of functions that are called one after the other with each part of the box: as it is swept, and while
+        messages are under way.
     free : ndarray of int, shape (2, 2)
-        The rows that have been swept meanwhile: first and end along the first two axes.
+        Rows that are swept while messages are under way: first and end along the first two axes.
     """
 
     sweep: Sweep
@@ -201,7 +205,7 @@ class Sums(NamedTuple):
 
 
 class Damping(NamedTuple):
-    """Nodes of an absorbing zone: factors of the old and of the new increment, and a rate of loss."""
+    """Nodes of an absorbing zone: factors of the old and of the new increment, and a loss rate."""
 
     nodes: np.ndarray
     before: np.ndarray
@@ -211,7 +215,7 @@ class Damping(NamedTuple):
 
 class Dependents(NamedTuple):
     """Nodes whose values depend on those of others: node i is the sum of weights[k] times node sources[k], k from
-    starts[i] to starts[i + 1], plus what comes from outside. They are set in this order.
+    starts[i] to starts[i + 1], plus a value from outside. They are set in this order.
     """
 
     nodes: np.ndarray
@@ -221,25 +225,25 @@ class Dependents(NamedTuple):
 
 
 class Flows(NamedTuple):
-    """What flows into the near field, summed over time in some accounts.
+    """Flows into the near field, integrated over time in a number of accounts.
 
     Attributes
     ----------
     accounts, nodes, neighbours : ndarray of int, shape (n,)
-        Of each bond: the account, its node, and the neighbour, below 0 where that is at zero.
+        Of each bond: the account, its node, and the neighbour, which is negative if its value is zero.
     weights : ndarray, shape (n,)
     effects : ndarray, shape (stages,)
-        What the flow of each stage adds to a step's.
+        Factor of the flow of each stage in that of a step.
     ends : ndarray of int, shape (ends, K)
-        Accounts of the drivers of exact ends, below 0 for none.
+        Accounts of the drivers of exact ends, negative for none.
     sides : ndarray of int, shape (n, 4)
-        Of layers: axis, account, and the first and last + 1 of `beside`.
+        Of each layer: axis, account, and first and last + 1 of `beside`.
     beside : ndarray of int
         Nodes next to layers.
     inflow : ndarray
-        A level to work in, empty without layers.
+        Level for intermediate results, empty without layers.
     totals : ndarray, shape (2, accounts)
-        The sums, and the rounding of them (Neumaier).
+        Sums, and their rounding errors (Neumaier).
     """
 
     accounts: np.ndarray
@@ -255,7 +259,7 @@ class Flows(NamedTuple):
 
 
 def no_flows(stages: int, real: np.dtype) -> Flows:
-    """None: nothing is added up."""
+    """Return tables without accounts."""
     none = np.zeros(0, np.int64)
     return Flows(
         *(none, none, none, np.zeros(0), np.zeros(stages)),
@@ -268,12 +272,12 @@ def no_flows(stages: int, real: np.dtype) -> Flows:
 
 
 class Inputs(NamedTuple):
-    """What comes from outside in some steps, and what is watched.
+    """Inputs of a number of steps, and what is recorded.
 
     Attributes
     ----------
     before : int
-        Steps that were done before.
+        Number of steps done before.
     source_nodes : ndarray of int, shape (S,)
     source_fields : ndarray, shape (J, S)
     source_times : ndarray, shape (steps, stages, J)
@@ -282,15 +286,15 @@ class Inputs(NamedTuple):
         Nodes with the values ``held_values[step]`` after each step.
     held_values : ndarray, shape (steps, H)
     dependent_fields, dependent_times : ndarray, shapes (M, n), (steps, stages, M)
-        What is added to the values of `Dependents`.
+        Fields added to the values of `Dependents`, and their amplitudes.
     watched : ndarray of int, shape (W, 4)
-        Runs of neighbouring nodes whose values are copied to ``seen[step]`` after each step, sorted: the first one's
-        place in its component, its place in the level, its column, and their number.
+        Runs of neighbouring nodes whose values are copied to ``seen[step]`` after each step, sorted: place of the first
+        in its component, its place in the level, its column, and their number.
     seen : ndarray, shape (steps, columns)
     heard : ndarray, shape (steps, R)
-        The sums of `Listening` after each step.
+        Sums of `Listening` after each step.
     stride : int
-        Steps whose number, counted from the run's first on, is no multiple of it leave both as they are.
+        Both are written only in steps whose number, counted from the first step of the run, is a multiple of it.
     """
 
     before: int
@@ -308,21 +312,22 @@ class Inputs(NamedTuple):
 
 
 class Listening(NamedTuple):
-    """Sums over blocks of nodes that are kept after each step: values between nodes, and derivatives.
+    """Sums over blocks of nodes that are recorded after each step: values between nodes, and derivatives.
 
     Attributes
     ----------
     sets : ndarray of int, shape (S, 4)
-        Number of the sums over blocks of one size, and nodes along the axes of these blocks, of the third a whole
-        number of vectors of 64 bytes.
+        Number of sums over blocks of one size, and the size of these blocks along the axes; along the third it is a
+        whole number of vectors of 64 bytes.
     rows : ndarray of int, shape (R, 6)
-        Of each sum, set by set and sorted: a place in the middle of the block, in its component; place of the block's
-        first node in the level; numbers of its first weights along the axes; and its column.
+        Of each sum, set by set and sorted: place in the middle of the block, in its component; place of the block's
+        first node in the level; indices of its first weights along the axes; and its column.
     weights : ndarray
-        Along one axis each: the weight of a node is the product of three. Those that fill the last vector are zero.
-        Blocks with equal weights along an axis share them, for to read them takes as long as to read the nodes.
+        Weights along each axis: the weight of a node is the product of three. Those that fill up the last vector are
+        zero. Blocks with equal weights along an axis share them, because reading weights takes as long as reading
+        nodes.
     stride : ndarray of int, shape (3,)
-        Distances of neighbours in a level.
+        Distances between neighbours in a level.
     """
 
     sets: np.ndarray

@@ -1,7 +1,7 @@
-"""Threads that go through the time loop side by side, and the points where they meet.
+"""Threads that run through the time loop side by side, and barriers at which they meet.
 
-A step has several parts; to start threads for each would cost more than a part does. So they are started once for many
-steps, and wait for each other at barriers: a short while busily, then asleep.
+A step has several parts, and starting threads for each of them would take longer than the part itself. Threads are
+therefore started once for many steps and wait for each other at barriers, spinning for a short while before they sleep.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from numba.extending import intrinsic
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.structs import Struct
 
-_LINE = 16  # elements from one shared word to the next: each has cache lines of its own
-_ARRIVED, _ROUND, _CLAIMED = range(0, 3 * _LINE, _LINE)  # the last one for thread 0, those of the others follow
+_LINE = 16  # elements between shared words, so that each has its own cache lines
+_ARRIVED, _ROUND, _CLAIMED = range(0, 3 * _LINE, _LINE)  # the last is for thread 0; those of others follow
 
-# some ten microseconds; then the thread sleeps, which on a busy machine brings the others on sooner than yielding
+# some ten microseconds; then the thread sleeps, which on a busy machine lets the others proceed sooner than yielding
 _SPINS = 2000
 _I64 = ir.IntType(64)
 
@@ -36,20 +36,20 @@ _sleep = (
 
 
 class Thread(NamedTuple):
-    """One of the threads that go through the loop: its number, how many there are, and the words that they share."""
+    """Thread that runs through the loop: its number, the number of threads, and the words that they share."""
 
     number: int
     threads: int
     shared: np.ndarray
 
 
-#: The only one.
+#: The only thread of a serial run.
 ALONE = Struct(Thread(0, 1, np.zeros(1, np.int64)))
 
 
 @intrinsic
 def add(typingctx, address, value):
-    """Add to a word, return what it was."""
+    """Add to a word atomically, and return its previous value."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         return builder.atomic_rmw("add", builder.inttoptr(args[0], _I64.as_pointer()), args[1], "seq_cst")
@@ -59,7 +59,7 @@ def add(typingctx, address, value):
 
 @intrinsic
 def _read(typingctx, address):
-    """A word as other threads left it."""
+    """Read a word as other threads left it."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         if platform.machine() in ("x86_64", "AMD64"):
@@ -74,7 +74,7 @@ def _read(typingctx, address):
 
 @njit(cache=True, entry=False)
 def barrier(thread):
-    """Wait until all threads are here, and take back all claims."""
+    """Wait until all threads have arrived, and reset all claims."""
     if thread.threads == 1:
         return
     word = np.int64(thread.shared.ctypes.data)
@@ -93,13 +93,13 @@ def barrier(thread):
 
 @njit(cache=True, entry=False)
 def claim(thread, owner):
-    """Number of the next piece of a thread's share that nobody has claimed since the last barrier."""
+    """Return the number of the next piece of a thread's share that no thread has claimed since the last barrier."""
     return add(np.int64(thread.shared.ctypes.data) + 8 * (_CLAIMED + owner * _LINE), 1)
 
 
 @njit(cache=True, entry=False)
 def share(thread, count):
-    """First and last + 1 of the pieces, among so many, that are a thread's."""
+    """Return first and last + 1 of a thread's pieces, out of `count`."""
     return thread.number * count // thread.threads, (thread.number + 1) * count // thread.threads
 
 

@@ -1,10 +1,11 @@
-"""Heat that goes on in the layers of a solid: the temperature pushes nodes, and is fed by what is deformed, through the
-same stretched shifts by which the displacements go on.
+"""Heat that passes through the layers of a solid: the temperature exerts forces, and deformation feeds it, through the
+same stretched shifts as those of the displacements.
 
-Two further passes, of a number a node: from the strains of heat to forces, and from displacements to the traces of the
-stresses. In the zone of bonds with a law of their own their plain sums are made there (`engine.bonds`); here are those
-of all others, `engine.warmth` makes them, and what the layers add. Where nodes have states, heat strains these node by
-node, and goes through the layers with what the law makes of them; the passes are those of the springs beside them.
+There are two further passes with one number per node: from thermal strains to forces, and from displacements to the
+traces of the stresses. For bonds with a law of their own their plain sums are computed in the zone (`engine.bonds`);
+those of all others are computed by `engine.warmth`, and this module provides what the layers add. Where nodes have
+states, thermal strains act node by node and pass through the layers with the results of the law; the two passes are
+then those of the springs.
 """
 
 from __future__ import annotations
@@ -31,20 +32,21 @@ class WarmLayers:
     ----------
     engine : Field
     vectors : ndarray, shape (K, d)
-        Forces of the bonds, or of springs beside states, for a unit of strain, in units of the operator.
+        Forces of the bonds, or of the springs of state-based media, per unit strain, in units of the operator.
     recursion : mapping of (axis, side) to (r, e, f)
-        Of each layer.
+        Recursion coefficients of each layer.
     alike : bool
-        Whether no bonds have coefficients.
+        Whether bonds have no coefficients.
 
     Attributes
     ----------
     layer_tables : tuple of LayerTables
     weights : tuple of ndarray, shapes (K, d, 1) and (K, 1, d)
-        A bond is strained by the mean of its ends; a node has half of the trace of each of its bonds.
+        Weights of both passes: a bond has the mean thermal strain of its ends, and a node half the trace of each of its
+        bonds.
     vectors : ndarray, shape (K, d)
     traces : ndarray, shape (places,)
-        Where the second pass puts its sums.
+        Output of the second pass.
     """
 
     def __init__(
@@ -57,7 +59,7 @@ class WarmLayers:
         self.vectors, self._distances = vectors, engine.offsets @ np.array(engine.layout.box.stride)
         self.weights = -vectors[:, :, None] / 2, vectors[:, None, :] / 2
         scalar, vector = signs_of(1), signs_of(engine.components)
-        recursion = recursion if vectors.any() else {}  # beside states there may be no springs
+        recursion = recursion if vectors.any() else {}  # state-based media may have no springs
         self.layer_tables = tuple(
             LayerTables(
                 engine.layout,
@@ -75,7 +77,7 @@ class WarmLayers:
         self.traces = aligned_zeros(engine.layout.size, engine.dtype)
 
     def tables(self, springs: Sweep) -> tuple[Pass, Pass]:
-        """Those of both passes, on the box that the springs are swept over."""
+        """Return both passes, on the box over which the springs are swept."""
         none, dtype = np.zeros(0, np.int64), springs.general.dtype
         cuts, surface = Cuts(none, none, np.zeros(0, dtype)), no_surface(dtype)
         pushes, traces = (
@@ -84,7 +86,7 @@ class WarmLayers:
         return pushes, traces
 
     def without(self, nodes: np.ndarray, neighbours: np.ndarray) -> tuple[Layers, Layers]:
-        """The layers of both passes without some bonds, given by the places of their ends in a level."""
+        """Return the layers of both passes without some bonds, given by the places of their ends in a level."""
         order = np.argsort(self._distances)
         bonds = order[np.searchsorted(self._distances[order], neighbours - nodes)]
         pushes, traces = (

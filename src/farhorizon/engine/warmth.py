@@ -1,8 +1,9 @@
-"""Strains that heat brings, in the compiled loop: what a node would be strained by, in all directions, if it were free.
+"""Thermal strains in the compiled loop: what a node would be strained by, in all directions, if it were free.
 
-No force answers to them. A bond is strained by the mean of its ends, as its law takes it (`engine.rows.bond_sweeps`); a
-state by those of its node, and the law of the node is that of the rest (`engine.point_law`); springs beside states by
-the mean of their ends again, which is done here. From one time at which they are given to the next they change evenly.
+No force responds to them. A bond has the mean of the thermal strains of its ends, which its law subtracts
+(`engine.rows.bond_sweeps`); a state that of its node, and the law of the node acts on the remainder
+(`engine.point_law`); the springs of state-based media have the mean of their ends again, which is subtracted here.
+Between two times at which they are given thermal strains change linearly.
 """
 
 from __future__ import annotations
@@ -17,21 +18,21 @@ from farhorizon.engine.threads import barrier, share
 
 
 class Warmth(NamedTuple):
-    """Strains that heat brings to the nodes.
+    """Thermal strains of the nodes.
 
     Attributes
     ----------
     warmth : ndarray, shape (places,), or empty
-        The strains at the present time.
+        Strains at the present time.
     rate : ndarray, shape (places,), or empty
-        What is added to them in a step.
+        Change of the strains per step.
     vectors : ndarray, shape (K, d), or empty
-        Forces of the springs beside states for a unit of strain, in units of the operator.
+        Forces of the springs of state-based media per unit strain, in units of the operator.
     beyond : ndarray, shape (K, d), or empty
-        The same, and those of all bonds without states, where heat goes on in the layers: see `engine.warm_layers`.
-        `vectors` is empty then.
+        If heat passes through the layers, the same for springs of state-based media and for all bonds of others, see
+        `engine.warm_layers`; `vectors` is empty then.
     traces : ndarray, shape (places,), or empty
-        What the layers add to the traces of the stresses.
+        Contributions of the layers to the traces of the stresses.
     """
 
     warmth: np.ndarray
@@ -42,14 +43,14 @@ class Warmth(NamedTuple):
 
 
 def no_heat(real: np.dtype) -> Warmth:
-    """None."""
+    """Return empty tables."""
     nothing = np.zeros(0, real)
     return Warmth(nothing, nothing, np.zeros((0, 0), real), np.zeros((0, 0), real), nothing)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def warm_up(thread, heat):
-    """The strains of the next step."""
+    """Advance the strains to the next step."""
     own = share(thread, heat.rate.size)
     for i in range(own[0], own[1]):
         heat.warmth[i] += heat.rate[i]
@@ -58,9 +59,9 @@ def warm_up(thread, heat):
 
 @njit(error_model="numpy", cache=True)
 def add_traces(found, level, components, block, material, bonds, vectors):
-    """Add to `found`, one number a place, half the sum over the bonds that are there of their stretch along `vectors`:
-    what a strain that heat brings to the node takes of the energy. It is the adjoint of what pushes the nodes: the sum
-    over all nodes of strain times trace is that of displacement times push.
+    """Add to `found`, for each place, half the sum over the present bonds of their relative displacement along
+    `vectors`: the factor of the node's thermal strain in the energy. This is the adjoint of the thermal forces: the sum
+    of strain times trace over all nodes equals that of displacement times force.
     """
     zone, coefficient, apart = bonds.zone, material.coefficient, level.size // components
     width = zone[END + 2] - zone[FIRST + 2]
@@ -90,8 +91,8 @@ def add_traces(found, level, components, block, material, bonds, vectors):
 
 @njit(error_model="numpy", cache=True)
 def add_traces_of_states(found, values, block, bonds, units):
-    """Add to `found` what the law has made of the states of nodes, along what each bond that is there adds to the state
-    of a unit of strain in all directions: `units`, of each bond.
+    """Add to `found` the product of the law's results with the sum of `units` over the present bonds, where `units` is
+    the contribution of each bond to the state of a unit strain in all directions.
     """
     zone, size = bonds.zone, values.size // units.shape[1]
     width = zone[END + 2] - zone[FIRST + 2]
@@ -111,9 +112,9 @@ def add_traces_of_states(found, values, block, bonds, units):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def push_springs(thread, stage, block, material, bonds, heat):
-    """Take from the forces of springs what they would be strained by if they were free, over the bonds that are there.
+    """Subtract the forces of thermal strains from those of the present springs.
 
-    Nodes outside the zone of the bonds are as cold as the medium far away.
+    Nodes outside the zone of the bonds have no thermal strain, like the medium far away.
     """
     zone, warmth, vectors, coefficient = bonds.zone, heat.warmth, heat.vectors, material.coefficient
     planes, rows, width = zone[END] - zone[FIRST], zone[END + 1] - zone[FIRST + 1], zone[END + 2] - zone[FIRST + 2]
@@ -139,8 +140,8 @@ def push_springs(thread, stage, block, material, bonds, heat):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def push_beyond(thread, stage, block, material, bonds, heat):
-    """Take from the forces of the bonds that are there, but do not follow a law of their own, and of springs beside
-    states, what they would be strained by if they were free, on all nodes of the box.
+    """Subtract the forces of thermal strains, on all nodes of the box, from those of the present bonds without a law of
+    their own, or of the springs of state-based media.
     """
     vectors, coefficient, warmth = heat.beyond, material.coefficient, heat.warmth
     apart, own = stage.out.size // stage.rows, share(thread, block[1] * block[2])

@@ -66,7 +66,7 @@ class Beam(LatticeModel):
         return length**2 / float(np.sqrt(factor * self.stiffness))
 
     def stencil(self, spacing: float, dim: int) -> Stencil:
-        """The fourth difference divided by spacing^2; the other two powers are applied as in all models."""
+        """Return the fourth difference divided by spacing^2; the other two powers are applied as in all models."""
         if dim != 1:
             raise InputError(
                 "a beam has one dimension", value=f"{dim} dimensions", key="lattice", remedy="a lattice with one axis"

@@ -1,5 +1,5 @@
-"""Correspondence elasticity with what published programs have beside it: drag, and bonds that break by their stretch,
-with shape tensors that are recomputed or kept.
+"""Correspondence elasticity with features of published programs: drag, and bonds that break by their stretch, with
+shape tensors that are recomputed or kept.
 """
 
 from __future__ import annotations
@@ -117,11 +117,13 @@ class Correspondence(Elastic):
 
     @property
     def title(self) -> str:
-        """Correspondence."""
+        """Name of the model in messages."""
         return "Correspondence"
 
     def force_states(self, spacing: float, dim: int) -> ForceStates | None:
-        """Gradients and stresses, computed with the chosen shape tensors; bonds break at their critical stretch."""
+        """Return gradients and stresses, computed with the chosen shape tensors; bonds break at their critical
+        stretch.
+        """
         states = super().force_states(spacing, dim)
         kept, unweakened = (self.shape_tensor == name for name in ("kept", "published"))
         return None if states is None else replace(states, kept=kept, unweakened=unweakened, released=None)

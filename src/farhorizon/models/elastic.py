@@ -1,7 +1,7 @@
 """Elasticity on the lattice: bond-based, ordinary state-based, correspondence and finite elements, each as one stencil
 of matrices.
 
-The tables of its bonds are in `farhorizon.medium.solids`.
+The tables of the bonds are in `farhorizon.medium.solids`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from farhorizon.models.model import Constant, LatticeModel, Ordered, material_co
 MATERIALS = ("bond-based", "state-based", "correspondence", "finite-element")
 _BREAKABLE = MATERIALS[:3]
 _CAUCHY = {"strain": 0.25, "stress": 1 / 3, None: 0.25}  # Poisson's ratio of central forces
-#: For messages; docs/explanation/elasticity.md has it as a table.
+#: For messages; docs/explanation/elasticity.md contains it as a table.
 COMBINATIONS = (
     'with LatticePML or Sponge: free sides, bodies and cracks of material="bond-based" (Poisson\'s ratio 1/4, in plane '
     'stress 1/3), "state-based" and "correspondence" (any ratio); "finite-element" without them. '
@@ -142,7 +142,7 @@ class Elastic(LatticeModel):
         "fh.Wave(kernel, **fh.materials.water.constants)"
     }
     energy_factor: float | None = None  # see `farhorizon.simulation.running_cracks.energy_factor`
-    target = 1e-4  # a tenth of it costs as many nodes again: strong backward waves decide
+    target = 1e-4  # a tenth of it doubles the number of nodes, because of strong backward waves
 
     def __init__(
         self,
@@ -210,7 +210,7 @@ class Elastic(LatticeModel):
         return super().serves(side) and side.vectors
 
     def _check_law(self) -> None:
-        """What bonds that follow a law of their own stretch need."""
+        """Check the parameters of bonds that have a law of their own stretch."""
         if self.softening is None and len(self._strength) == 2:
             raise InputError(
                 "critical_stretch and fracture_energy are two names of one thing where bonds break at once",
@@ -249,13 +249,13 @@ class Elastic(LatticeModel):
 
     @property
     def _strength(self) -> dict[str, Any]:
-        """What it takes to break bonds, as it is given."""
+        """Parameters of the strength of bonds, in the form in which they were given."""
         given = {name: getattr(self, name) for name in ("critical_stretch", "fracture_energy")}
         return {name: value for name, value in given.items() if value is not None}
 
     @property
     def bondwise(self) -> bool:
-        """Whether each bond follows its own law of stretch: nonlinear, breaking, or both."""
+        """Whether bonds follow individual laws of stretch: nonlinear, breaking, closing or thermally strained."""
         return self.nonlinear or self.contact or self.warm or bool(self._strength)
 
     @property
@@ -356,11 +356,11 @@ class Elastic(LatticeModel):
             return stretch_that_spends(energy, self.energy_factor, self.young, self.kernel.horizon)
         stencil = self.stencil(spacing, dim)
         of_one = energy_of_fracture(spacing * stencil.offsets, self.bond_stiffness(stencil, spacing), 1.0)
-        with np.errstate(divide="ignore"):  # where there are no bonds none breaks
+        with np.errstate(divide="ignore"):  # bonds without stiffness never break
             return np.sqrt(self.fracture_energy * strength / (of_one * np.asarray(stiffness, float)))
 
     def _settle(self) -> None:
-        """Set all constants from those that are given."""
+        """Compute all constants from those that are given."""
         given = self._given_moduli
         if self.uneven:
             self.young, self.poisson, self.bulk, self.shear, self.lame = (
@@ -520,7 +520,7 @@ class Elastic(LatticeModel):
 
 
 def _check_kernel(kernel: Kernel | Stencil | None, material: str) -> None:
-    """Finite elements have no bonds, all other materials do; a stencil is in place of either."""
+    """Check that all materials except finite elements have a kernel, or a stencil instead."""
     if (kernel is None) != (material == "finite-element") and not isinstance(kernel, Stencil):
         raise InputError(
             f"a {material} material needs " + ("a kernel" if kernel is None else "no kernel"),
@@ -544,20 +544,20 @@ def _checked_stabilisation(strength: float, material: str) -> float:
 
 
 def _springs(kernel: Kernel | Stencil | None, offsets: np.ndarray, weights: np.ndarray, shear: float) -> Table:
-    """Bonds of a bond-based material, or those beside the dilatation of a state-based one."""
+    """Return the bonds of a bond-based material, or those in addition to the dilatation of a state-based one."""
     calibrate = isinstance(kernel, Kernel) and kernel.calibrate
     return central(offsets, isotropic(offsets, weights) if calibrate else weights, shear)
 
 
 def _moduli(model: Elastic, values: Mapping[str, Any]) -> Moduli:
-    """Of a solid with other values of the constants that are given for it."""
+    """Return the moduli of a solid with other values of the given constants."""
     fixed = _CAUCHY[model.plane] if model.bonds else None
     given = {name: values.get(name, value) for name, value in model._given_moduli.items()}
     return moduli_of(given, fixed, model.plane, model.material, COMBINATIONS)
 
 
 def _solid_beside(model: Elastic, values: Mapping[str, np.ndarray]) -> Variation:
-    """How moduli and density vary beside a uniform solid."""
+    """Return the variation of moduli and density relative to a uniform solid."""
     if not values:
         return Variation()
     solids = _moduli(model, values)

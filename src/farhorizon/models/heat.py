@@ -78,7 +78,9 @@ class Heat(LatticeModel):
         self.source_factor = 1 / self.heat_capacity
 
     def stencil(self, spacing: float, dim: int) -> Stencil:
-        """Dimensionless stencil on a lattice, with the self term included in the weights of the nearest neighbours."""
+        """Return the dimensionless stencil on a lattice, with the self term included in the weights of the nearest
+        neighbours.
+        """
         if not isinstance(self.operator, Kernel) or self.self_term == "none":
             return super().stencil(spacing, dim)
         kernel = self.operator
@@ -91,11 +93,10 @@ class Heat(LatticeModel):
 
 
 def self_weight(kernel: Kernel, spacing: float, dim: int, self_term: str = "centre") -> float:
-    """What the integral over a node's own cell adds to the weight of each nearest neighbour.
+    """Return what the integral over a node's own cell adds to the weight of each nearest neighbour.
 
-    In the cell ``T' - T`` is the second derivative times half the squared distance, so that the cell adds
-    ``c w(0) / 2 integral of x^2 r^-p`` to the second moment along each axis; a weight on the nearest neighbours adds
-    itself.
+    In the cell ``T' - T`` is the second derivative times half the squared distance, so that the cell adds ``c w(0) / 2
+    integral of x^2 r^-p`` to the second moment along each axis; a weight on the nearest neighbours adds itself.
 
     Parameters
     ----------
@@ -103,7 +104,7 @@ def self_weight(kernel: Kernel, spacing: float, dim: int, self_term: str = "cent
     spacing : float
     dim : {1, 2, 3}
     self_term : {"centre", "neighbour"}
-        Where the influence function is taken.
+        Where the influence function is evaluated.
 
     Returns
     -------
@@ -112,8 +113,8 @@ def self_weight(kernel: Kernel, spacing: float, dim: int, self_term: str = "cent
         Duangpanya 2010, eq 18).
     """
     influence = float(kernel.influence_at(np.array(0.0 if self_term == "centre" else spacing)))
-    # integral of r^(2 - p) over the unit cube: pyramids from the centre over its faces; each axis has a share of 1 /
-    # dim
+    # Integral of r^(2 - p) over the unit cube, divided into pyramids from the centre to its faces; each axis has a
+    # share of 1 / dim.
     points, gauss = np.polynomial.legendre.leggauss(24)
     grids = np.meshgrid(*[points] * (dim - 1), indexing="ij")
     share = np.ones(())

@@ -1,5 +1,6 @@
-"""What the models share: a stencil and the constant in front of it. (Only `Elastic` has a field of several
-components.)"""
+"""Common base of the models: a stencil and the constant in front of it. (Only `Elastic` has a field of several
+components.)
+"""
 
 from __future__ import annotations
 
@@ -22,15 +23,15 @@ from farhorizon.medium.scatter import Weibull
 from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
 
-#: Values by which nodes are put in order, and constants of theirs by name.
+#: Values by which nodes are ordered, and their constants by name.
 Ordered = tuple[np.ndarray, dict[str, np.ndarray]]
-#: Of a material: a number, or an expression, a function of the coordinates or values at the nodes.
+#: Constant of a material: a number, or an expression, a function of the coordinates or values at the nodes.
 Constant = float | str | Weibull | Callable[..., Any] | NDArray[np.float64]
-_TAKEN = ("type", "stencil", "stages", "of")  # keys of its table that are not the class's own
+_TAKEN = ("type", "stencil", "stages", "of")  # keys of a case file's table that are not parameters of the model
 
 
 class BondLaw(Protocol):
-    """Bonds that follow a law of their own stretch one by one."""
+    """Model whose bonds each have a law of their own stretch."""
 
     nonlinear: bool
     contact: bool
@@ -46,26 +47,26 @@ class BondLaw(Protocol):
 
     @property
     def caution(self) -> str | None:
-        """What cracks in it may do that none does in a continuum."""
+        """Warning about cracks that may behave unlike those in a continuum, or None."""
 
     def critical_stretch_on(self, spacing: float, dim: int, strength: Any = 1.0, stiffness: Any = 1.0) -> Any:
-        """The stretch at which bonds break, or begin to soften; infinite where none does. Where the medium varies, that
-        at the nodes, from the strengths and the factors on bonds over those of the model.
+        """Return the stretch at which bonds break or begin to soften; infinite if none does. Where the medium varies,
+        the values at the nodes, from strengths and factors of bonds relative to those of the model.
         """
 
     def bond_stiffness(self, stencil: Stencil, spacing: float) -> np.ndarray:
-        """Force density over elongation of each bond of the stencil."""
+        """Return the force density per elongation of each bond of the stencil."""
 
 
 class Dissolution(Protocol):
-    """A solid that becomes liquid where its concentration has fallen below the saturation."""
+    """Solid that becomes liquid where its concentration has fallen below the saturation."""
 
     saturation: float
     interface: float
     limited: bool
 
     def speed(self, spacing: float, dim: int, metal: float, far: float = 0.0) -> float:
-        """Speed of a plane front (length / time)."""
+        """Return the speed of a plane front (length / time)."""
 
 
 class LatticeModel:
@@ -146,8 +147,8 @@ class LatticeModel:
     others: ClassVar[Mapping[str, str]] = {}
     tag: ClassVar[str]
     known: ClassVar[dict[str, type[LatticeModel]]] = {}
-    _given: Stencil | None = None  # in place of what follows from the operator
-    _stronger: float = 1.0  # bonds over those of the operator
+    _given: Stencil | None = None  # replaces the stencil of the operator
+    _stronger: float = 1.0  # stiffness of bonds relative to those of the operator
 
     def __init__(self, operator: Kernel | Stencil) -> None:
         self.operator = kinds.instance(
@@ -392,12 +393,12 @@ INTEGRATORS: dict[str, Integrator] = {"euler": Euler(), "rk4": RungeKutta4(), "r
 
 
 def first_order(integrator: str | Integrator) -> Integrator:
-    """The integrator of a name, or one for equations of first order itself.
+    """Return the integrator with a given name, or a given integrator for equations of first order.
 
     Raises
     ------
     InputError
-        An unknown name, or an integrator for waves.
+        If the name is unknown, or the integrator is for waves.
     """
     if isinstance(integrator, Euler | RungeKutta4 | RungeKuttaChebyshev):
         return integrator
@@ -405,12 +406,13 @@ def first_order(integrator: str | Integrator) -> Integrator:
 
 
 def material_constant(value: Any, key: str, positive: bool = True) -> Any:
-    """A constant of a material: a number, positive or not, or what gives it at the nodes as it is.
+    """Return a constant of a material: a number, positive or not, or, unchanged, anything that gives its values at the
+    nodes.
 
     Raises
     ------
     InputError
-        A number that is not positive, or what is none of these.
+        If a number is not positive, or the value is none of these.
     """
     if callable(value) or isinstance(value, str) or (isinstance(value, np.ndarray) and value.ndim):
         return value
@@ -424,14 +426,14 @@ def material_constant(value: Any, key: str, positive: bool = True) -> Any:
 
 
 def _instead_of_none(key: str) -> str:
-    """What stands for a medium, or for a strength, that is not there."""
+    """Return a hint at how to describe a medium or a strength of zero."""
     if key.endswith(("critical_stretch", "fracture_energy")):
         return "a crack where bonds are cut from the start; leave it out, or give a large one, where none break"
     return "where there is no medium, leave it out of the lattice: body=..."
 
 
 def _named(init: Callable[..., None]) -> Callable[..., None]:
-    """The ``__init__`` of a model, which refuses arguments of other names in words."""
+    """Wrap the ``__init__`` of a model so that it refuses arguments of other names with a helpful message."""
     known = [name for name in inspect.signature(init).parameters if name != "self"]
 
     @functools.wraps(init)

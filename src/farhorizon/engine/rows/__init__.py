@@ -1,3 +1,3 @@
-"""Code for one row or one tile of nodes: vector instructions, the templates that are made of them, and their
+"""Code for one row or one tile of nodes: vector instructions, templates that are built from them, and their
 compilation.
 """

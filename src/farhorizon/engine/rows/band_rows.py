@@ -1,5 +1,5 @@
-"""Sums of slots in the bands of one stencil shape. This text is a template: `engine.rows.build` writes it out once per
-shape and number type.
+"""Sums over slots in the bands, for one stencil shape. This module is a template: `engine.rows.build` writes it out
+once per shape and number type.
 """
 
 from farhorizon.engine.rows.compiled import cfunc
@@ -17,5 +17,5 @@ _add = band_sums(SHAPE, PATTERN, INSIDE, OUTSIDE, DIFFER, REAL)
 
 @cfunc(BAND_SIGNATURE)
 def bands(to, source, strides, weights, extent):
-    """Some lines of a plane."""
+    """Add the sums of some lines of a plane."""
     _add(to, source, strides, weights, extent)

@@ -1,4 +1,4 @@
-"""Sweeps of tiles for one law of bonds. This text is a template: `engine.rows.build` writes it out once per law and
+"""Sweeps of tiles for one law of bonds. This module is a template: `engine.rows.build` writes it out once per law and
 number type.
 """
 
@@ -21,13 +21,13 @@ measure = steepness(COMPONENTS, REAL)
 
 @cfunc(bond_signature(REAL))
 def intact(at, shape, a, b, limit):
-    """A tile with all its bonds."""
+    """Sweep a tile with all its bonds."""
     return intact_tile(at, shape, a, b, limit)
 
 
 @cfunc(bond_signature(REAL))
 def damaged(at, shape, a, b, limit):
-    """A tile that lacks bonds, or has bonds that leave the zone."""
+    """Sweep a tile that lacks bonds, or has bonds that leave the zone."""
     return damaged_tile(at, shape, a, b, limit)
 
 

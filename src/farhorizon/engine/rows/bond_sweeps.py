@@ -1,18 +1,18 @@
 """Explicit SIMD for bonds that follow a law of their own stretch, one by one, and that break.
 
 The force of a bond ``xi`` whose ends have moved apart by ``eta`` is ``c e h(e) (xi + eta)`` with ``e = |xi + eta|^2 /
-|xi|^2 - 1``, computed from ``eta`` without cancellation, and ``h(e) = 1 / (1 + e + sqrt(1 + e))``: the prototype
+xi|^2 - 1``, computed from ``eta`` without cancellation, and ``h(e) = 1 / (1 + e + sqrt(1 + e))``: the prototype
 microelastic law ``c (|y| - |xi|) y / |y|``. Linearised it is ``c e/2 xi`` with ``e = 2 xi . eta / |xi|^2``. A bond
-breaks where e exceeds a limit, which may be that of the weaker of its ends. What decides on that is rounded alike at
-both ends of a bond, for all factors turn their sign there, and the order of the sums is fixed: so each end finds it out
-by itself. Those that are absent may carry compression, where e is below zero. Where the material varies c has a factor
-that follows from the coefficients of both ends, whichever comes first. Where heat strains the nodes, e is less by the
-sum of what both ends would be strained if they were free: twice their mean.
+breaks where e exceeds a limit, which may be that of the weaker of its ends. The quantity that decides this is rounded
+alike at both ends of a bond, because all factors change their sign there and the order of summation is fixed, so that
+each end finds the same by itself. Absent bonds may carry compression, where e is below zero. Where the material varies,
+c has a factor that follows from the coefficients of both ends, whichever comes first. Where heat strains the nodes, e
+is reduced by the sum of the strains that both ends would have if they were free, which is twice their mean.
 
-A bond that softens keeps a share of its stiffness, which each of its ends remembers: the least that its stretches have
-left since the start, so that it unloads along the secant. With the stretch s, e/2 or ``|xi + eta| / |xi| - 1``, and the
-limits s0 and s1 this is ``s0 (s1 - s) / (s (s1 - s0))`` where the force falls evenly, and ``s0/s exp(-2 (s - s0) /
-(s1 - s0))`` where it decays; both take the energy ``c |xi|^2 s0 s1 / 2``.
+A bond that softens keeps a share of its stiffness, which each of its ends remembers: the smallest that its stretches
+have left since the start, so that it unloads along the secant. With the stretch s, e/2 or ``|xi + eta| / |xi| - 1``,
+and the limits s0 and s1 this is ``s0 (s1 - s) / (s (s1 - s0))`` where the force falls linearly, and ``s0/s exp(-2 (s -
+s0) / (s1 - s0))`` where it decays; both dissipate the energy ``c |xi|^2 s0 s1 / 2``.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from numba.extending import intrinsic
 
 from farhorizon.engine.rows.vectors import I64, Vectors
 
-#: Nodes of a row that are swept together, one vector.
+#: Nodes of a row that are swept together: one vector.
 LANES = 8
-#: Rows that are swept together, by components of the field: as many sums as stay in registers.
+#: Rows that are swept together, by components of the field: as many as have sums that stay in registers.
 ROWS = {2: 4, 3: 2}
 #: Columns of a bond in the table of integers: its distance in elements, its offset along the three axes.
 PLACES = 4
 
-#: How the force of a bond that is stretched beyond its limit goes to zero.
+#: How the force of a bond that is stretched beyond its limit falls to zero.
 SOFTENINGS = ("linear", "exponential")
 
 _INTEGERS = ir.VectorType(ir.IntType(64), LANES)
@@ -45,13 +45,13 @@ class TileAddresses(NamedTuple):
     Attributes
     ----------
     src, base, out, coefficient, alive, strength, closing, warmth, shares, final : int
-        The first node in the levels, among the coefficients, among the bits of the bonds, among the strengths, among
-        the bits of bonds that carry compression in any case, among the strains that heat brings, among the shares that
-        bonds keep of their stiffness, and among the stretches that leave nothing.
+        The first node in the levels, and in the arrays of coefficients, of bits of the bonds that exist, of strengths,
+        of bits of bonds that carry compression in any case, of thermal strains, of the shares of their stiffness that
+        bonds keep, and of the stretches at which none is left.
     broken : int
-        Energy, in units of c, and number of the bonds that have broken, float64: those that soften add to them.
+        Energy, in units of c, and number of the bonds that have broken, float64; bonds that soften add to them.
     table, places : int
-        The tables of reals and of integers; that of reals has, bond by bond, xi, 1 / |xi|^2 and c, without
+        The tables of reals and of integers; that of reals holds, bond by bond, xi, 1 / |xi|^2 and c, without
         coefficients.
     zone : int
         The zone: its first node, then its extent along each axis, int64.
@@ -79,7 +79,7 @@ class TileShape(NamedTuple):
     Attributes
     ----------
     bonds : int
-        Their number.
+        Number of bonds of a node.
     words : int
         Distance between words of bits, and between the shares of one bond and the next.
     nodes, rows : int
@@ -87,7 +87,7 @@ class TileShape(NamedTuple):
     step, apart : int
         Distances of rows and of components.
     i0, i1, i2 : int
-        Place of the first node along the three axes.
+        Coordinates of the first node along the three axes.
     """
 
     bonds: int
@@ -108,15 +108,15 @@ _SHAPE = types.NamedUniTuple(types.int64, len(TileShape._fields), TileShape)
 #: nodes have strengths of their own, whether absent bonds carry compression, whether heat strains the nodes, and how
 #: bonds soften, one of `SOFTENINGS` or None.
 Law = tuple[int, bool, str, str | None, bool, bool, bool, str | None]
-#: Addresses, places, and the reals a, b and limit, as values of the code that is emitted.
+#: Addresses, places, and the reals a, b and limit, as values in the emitted code.
 TileArguments = tuple[TileAddresses, TileShape, Any, Any, Any]
 
 
 class _Tile:
-    """Up to `ROWS` rows of up to `LANES` nodes, the loop over their bonds and the update in time. Rows that are not
-    there repeat the last one.
+    """Up to `ROWS` rows of up to `LANES` nodes, the loop over their bonds, and the update in time. Rows that do not
+    exist repeat the last one.
 
-    It begins `first` nodes further on than the addresses in `args`.
+    The tile begins `first` nodes beyond the addresses in `args`.
     """
 
     def __init__(self, builder: ir.IRBuilder, args: TileArguments, law: Law, first: Any) -> None:
@@ -151,7 +151,7 @@ class _Tile:
         return ir.Constant(self.vectors.type, [value] * LANES)
 
     def below(self, first: Any, limit: Any) -> Any:
-        """In which lanes ``first + lane`` lies in 0..limit - 1."""
+        """Mask of the lanes in which ``first + lane`` lies in 0..limit - 1."""
         values = self.builder.add(ir.Constant(_INTEGERS, list(range(LANES))), self.vectors.splat(first))
         return self.builder.icmp_unsigned("<", values, self.vectors.splat(limit))
 
@@ -184,7 +184,7 @@ class _Tile:
         return [self.builder.fsub(t, h) for t, h in zip(there, self.own[row], strict=True)]
 
     def ends(self, level: Any, bond: Any, row: int) -> list[Any]:
-        """What the other end of a bond has in a level."""
+        """Values of a level at the other end of a bond."""
         distance = self.offset(bond, 0)
         starts = [self.place(level, self.rows[row], c) for c in range(self.components)]
         return [self.vectors.load(self.vectors.shifted(start, (1, distance))) for start in starts]
@@ -195,8 +195,7 @@ class _Tile:
         return [self.builder.fsub(t, h) for t, h in zip(self.ends(self.base, bond, row), own, strict=True)]
 
     def stretch(self, xi: list[Any], inverse: Any, eta: list[Any], curved: Any = None) -> tuple[Any, list[Any]]:
-        """``e`` and the direction of the force; `curved`: lanes in which the law is not linearised, all unless
-        given."""
+        """``e`` and the direction of the force; `curved`: lanes in which the law is not linearised, by default all."""
         builder = self.builder
         direction, sums = xi, [builder.fadd(x, x) for x in xi]
         if self.nonlinear:
@@ -210,11 +209,11 @@ class _Tile:
         return builder.fmul(total, inverse), direction
 
     def beyond(self, bond: Any, row: int, start: Any) -> Any:
-        """What the other end of a bond has of what nodes have from `start` on."""
+        """Value at the other end of a bond in an array of nodes that begins at `start`."""
         return self.vectors.load(self.vectors.shifted(self.place(start, self.rows[row], 0), (1, self.offset(bond, 0))))
 
     def mechanical(self, e: Any, bond: Any, row: int, curved: Any = None) -> Any:
-        """What is left of e less what heat strains both ends; `curved`: lanes in which the bond follows the law."""
+        """e less the thermal strains of both ends; `curved`: lanes in which the bond follows the law."""
         if not self.warm:
             return e
         both = self.builder.fadd(self.warmths[row], self.beyond(bond, row, self.warmth))
@@ -222,7 +221,7 @@ class _Tile:
         return cold if curved is None else self.builder.select(curved, cold, e)
 
     def bits(self, start: Any, bond: Any, row: int) -> tuple[Any, Any]:
-        """Where the words with the bits of a bond are, of those from `start` on, and these words."""
+        """Pointer to the words with the bits of a bond, among those from `start` on, and these words."""
         builder = self.builder
         word = builder.mul(builder.lshr(bond, I64(6)), self.words)
         place = builder.add(start, builder.mul(builder.add(builder.mul(self.rows[row], self.step), word), I64(8)))
@@ -231,15 +230,15 @@ class _Tile:
 
     @property
     def bound(self) -> Any:
-        """Where `measured` is above it a bond breaks."""
+        """Value of `measured` above which a bond breaks."""
         return self.constant(0.0) if self.strong else self.limit
 
     def measured(self, e: Any, bond: Any, row: int) -> Any:
-        """What tells whether a bond breaks: e, or how far it is beyond the limit of the weaker end."""
+        """The quantity that decides whether a bond breaks: e, or its excess over the limit of the weaker end."""
         return self.builder.fsub(e, self.limit_of(bond, row)) if self.strong else e
 
     def limit_of(self, bond: Any, row: int) -> Any:
-        """Largest e of a bond that stays as it is."""
+        """Largest e at which a bond stays as it is."""
         if not self.strong:
             return self.limit
         return self.builder.fmul(self.limit, self.least(self.strengths[row], self.beyond(bond, row, self.strength)))
@@ -248,7 +247,7 @@ class _Tile:
         return self.builder.select(self.builder.fcmp_ordered("<", one, other), one, other)
 
     def elongation(self, e: Any) -> Any:
-        """The stretch of bonds that follow the law."""
+        """Stretch of bonds that follow the law."""
         if not self.nonlinear:
             return self.builder.fmul(e, self.constant(0.5))
         one = self.constant(1.0)
@@ -256,7 +255,7 @@ class _Tile:
         return self.builder.fdiv(e, self.builder.fadd(one, root))
 
     def share(self, e: Any, bond: Any, row: int) -> Any:
-        """What a stretch beyond the limit leaves of the stiffness of a bond; nothing where both limits are one."""
+        """Share of a bond's stiffness that a stretch beyond the limit leaves; zero where both limits are equal."""
         builder = self.builder
         stretch, onset = self.elongation(e), self.elongation(self.limit_of(bond, row))
         here = self.vectors.load(self.place(self.final, self.rows[row], 0))
@@ -271,7 +270,7 @@ class _Tile:
         return builder.select(builder.fcmp_ordered(">", left, self.constant(0.0)), left, self.constant(0.0))
 
     def stiffness(self, uniform: Any, bond: Any, row: int) -> Any:
-        """c of one bond from that without coefficients, as `engine.bonds.bond_factor` has it."""
+        """c of one bond from its value without coefficients, see `engine.bonds.bond_factor`."""
         if self.rule is None:
             return uniform
         builder, here = self.builder, self.coefficients[row]
@@ -288,7 +287,7 @@ class _Tile:
         return builder.fmul(uniform, mean)
 
     def pull(self, e: Any, stiffness: Any, curved: Any = None) -> Any:
-        """The factor of the direction in the force."""
+        """Factor of the direction in the force."""
         builder, half = self.builder, self.constant(0.5)
         if not self.nonlinear:
             return builder.fmul(builder.fmul(stiffness, e), half)
@@ -300,8 +299,8 @@ class _Tile:
         """Sums of the forces over all bonds, row by row and component by component, and what is carried from bond to
         bond.
 
-        ``force(bond, row, xi, inverse, stiffness, carried)`` gives the factor of the direction, the direction, and what
-        is carried on.
+        ``force(bond, row, xi, inverse, stiffness, carried)`` returns the factor of the direction, the direction, and
+        what is carried on.
         """
         builder, vectors, components = self.builder, self.vectors, self.components
         rows = range(len(self.rows))
@@ -326,7 +325,7 @@ class _Tile:
         return grown, kept
 
     def update(self, sums: list[Any], n: Any) -> None:
-        """``out = a*src + b*base + sums``."""
+        """Write ``out = a*src + b*base + sums``."""
         vectors = self.vectors
         a_all, b_all = vectors.splat(self.a), vectors.splat(self.b)
         store = vectors.store_first(n)
@@ -337,8 +336,8 @@ class _Tile:
 
 
 def _intact(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
-    """Tiles one after the other that have all their bonds, within the zone: how many, up to the first of which a bond
-    is about to break.
+    """Sweep successive tiles that have all their bonds, within the zone; return their number, up to the first tile of
+    which a bond is about to break.
     """
     n = args[1].nodes
     swept = cgutils.alloca_once_value(builder, I64(0))
@@ -357,7 +356,7 @@ def _intact(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
 
 
 def _sweep_intact(tile: _Tile, n: Any) -> Any:
-    """One of them; nothing is written if a bond is about to break."""
+    """Sweep one of them; nothing is written if a bond is about to break."""
     builder = tile.builder
 
     def force(bond: Any, row: int, xi: list[Any], inverse: Any, stiffness: Any, top: Any) -> tuple[Any, list[Any], Any]:
@@ -380,11 +379,10 @@ def _sweep_intact(tile: _Tile, n: Any) -> Any:
 def _soften(
     tile: _Tile, bond: Any, row: int, material: tuple[list[Any], Any, Any], e: Any, curved: Any, over: Any
 ) -> tuple[Any, Any]:
-    """The share that is left of the stiffness of bonds of which some are `over` their limits, and which have nothing
-    left.
+    """Share that is left of the stiffness of bonds some of which are `over` their limits, and mask of those that end.
 
-    `material` is xi, ``1 / |xi|^2`` and c. What they lose of their energy, ``c d d' / 2`` of the elongations now and a
-    step ago, is added up, half of it at either end, and so is the number of those that end.
+    `material` is xi, ``1 / |xi|^2`` and c. The energy that they lose, ``c d d' / 2`` with the elongations d now and d'
+    a step ago, is added up, half of it at either end, and so is the number of bonds that end.
     """
     builder, vectors, real = tile.builder, tile.vectors, ir.DoubleType()
     xi, inverse, stiffness = material
@@ -417,7 +415,7 @@ def _soften(
 
 
 def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
-    """A tile that lacks bonds, or with bonds that leave the zone: 1 if some have broken now."""
+    """Sweep a tile that lacks bonds, or with bonds that leave the zone; return 1 if some have broken now."""
     tile = _Tile(builder, args, law, I64(0))
     vectors = tile.vectors
     none = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
@@ -480,8 +478,8 @@ def bond_sweep(
 ) -> Any:
     """Make the intrinsic that writes ``out = a*src + b*base + sum over the bonds`` on tiles.
 
-    On a damaged one it returns whether a bond breaks, on intact ones, of which there may be many in a row, how many of
-    them it has swept: up to the first of which a bond is about to break, where nothing is written.
+    On a damaged tile it returns whether a bond breaks; on intact ones, of which there may be many in a row, the number
+    that it has swept: up to the first of which a bond is about to break, where nothing is written.
 
     Parameters
     ----------
@@ -500,7 +498,7 @@ def bond_sweep(
     softening : str or None
         One of `SOFTENINGS`, None where bonds break at once.
     damaged : bool
-        Look at the bits of the bonds and at the ends of the zone, and clear the bits of what breaks.
+        Whether to check the bits of the bonds and the ends of the zone, and to clear the bits of what breaks.
 
     Returns
     -------
@@ -527,7 +525,7 @@ def steepness(components: int, real: str) -> Any:
     """Make the intrinsic that returns the sum of the squares of the largest differences between neighbours, of each
     component along each axis.
 
-    With a field linear between them its root bounds the stretch of every bond between the nodes that are looked at:
+    For a field that is linear between the nodes its root bounds the stretch of every bond between the nodes examined:
     that of ``xi`` is ``n . (D n)`` over the spacing for a matrix D whose entries are no larger than those differences.
 
     Parameters
@@ -538,8 +536,8 @@ def steepness(components: int, real: str) -> Any:
     Returns
     -------
     numba intrinsic
-        Takes the byte address of the first node, the numbers of planes, rows and nodes of a row, the distances of
-        planes, rows and components, in elements. Looks at whole vectors, and at one neighbour beyond.
+        Takes the byte address of the first node, the numbers of planes, rows and nodes of a row, and the distances of
+        planes, rows and components, in elements. Examines whole vectors, and one neighbour beyond.
     """
 
     @intrinsic
@@ -607,7 +605,7 @@ def bond_signature(real: str) -> Any:
 
 @intrinsic
 def call_bonds(typingctx, function, at, shape, a, b, limit):
-    """Call a compiled sweep of tiles by its address: the driver need not be compiled again for every law."""
+    """Call a compiled sweep of tiles by its address, so that the driver need not be compiled again for every law."""
     signature = types.int64(types.int64, _ADDRESSES, _SHAPE, a, a, a)
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:

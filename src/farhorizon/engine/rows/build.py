@@ -1,5 +1,5 @@
-"""Writes compiled programs to disk, the time loop and the rows of each stencil, and imports them, so that Numba's cache
-finds them again.
+"""Writes compiled programs (the time loop, and the rows of each stencil) to disk and imports them, so that Numba's
+cache finds them again.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from farhorizon.files.cache import cache_folder, write
 from farhorizon.machine import without_collection
 
 _ENGINE = Path(__file__).parents[1]
-#: Modules that templates use.
+#: Modules that the templates import.
 _COMPILED_IN = (
     "bonds",
     "damage",
@@ -49,16 +49,16 @@ _COMPILED_IN = (
     "rows/layer_sums",
     "rows/matrices",
 )
-_LOADING = threading.RLock()  # simulations may be made side by side
+_LOADING = threading.RLock()  # simulations may be set up in parallel
 
 
 def load_program() -> ModuleType:
-    """The operations of the time loop."""
+    """Module with the operations of the time loop."""
     return _load("program")
 
 
 def load_layer_program() -> ModuleType:
-    """Those on layers."""
+    """Module with its operations on layers."""
     return _load("layer_program")
 
 
@@ -72,8 +72,8 @@ def load_rows(
     outside: tuple[tuple[int, int, int], ...] = (),
     form: str = "step",
 ) -> int:
-    """Address of the compiled rows of a stencil shape (see `vectors.line_sweep`; with a pattern
-    `matrices.matrix_line_sweep`).
+    """Address of the compiled rows of a stencil shape (see `vectors.line_sweep`, and `matrices.matrix_line_sweep` for a
+    pattern).
     """
     lines = not increments and max(i for _, _, i in shape) <= (8 if real == "float64" else 16)
     return int(
@@ -93,8 +93,8 @@ def load_rows(
 
 
 def load_shifts(reach: int, nested: bool, varied: bool, real: str, kept: str) -> tuple[int, int, int]:
-    """Addresses of stretched shifts outwards and inwards, and of the sums they take (see `vectors.stretched_shifts` and
-    `weighted_parts`).
+    """Addresses of stretched shifts outwards and inwards, and of the sums that they take (see `shifts.stretched_shifts`
+    and `vectors.weighted_parts`).
     """
     made = _load("rows/shift_rows", REACH=reach, NESTED=nested, VARIED=varied, REAL=real, KEPT=kept)
     return int(made.outwards.address), int(made.inwards.address), int(made.parts.address)
@@ -111,9 +111,7 @@ def load_parts(
     differ: bool,
     real: str,
 ) -> int:
-    """Address of the sums across lines of a stencil that goes over into itself in mirrors (see
-    `layer_sums.mirrored_parts`).
-    """
+    """Address of the sums across lines of a mirror-symmetric stencil (see `layer_sums.mirrored_parts`)."""
     made = _load(
         "rows/part_rows",
         SHAPE=shape,
@@ -164,13 +162,13 @@ def load_bands(
     differ: bool,
     real: str,
 ) -> int:
-    """Address of the sums of slots in bands (see `layer_sums.band_sums`)."""
+    """Address of the sums over slots in bands (see `layer_sums.band_sums`)."""
     stencil = {"SHAPE": shape, "PATTERN": pattern, "INSIDE": inside, "OUTSIDE": outside}
     return int(_load("rows/band_rows", **stencil, DIFFER=differ, REAL=real).bands.address)
 
 
 def load_exchange() -> tuple[int, int, int]:
-    """Addresses of what begins and ends messages with other processes, and lets them move on (see
+    """Addresses of the functions that begin messages with other processes, end them, and let them progress (see
     `exchanges.send_values`, `receive_values` and `move_messages`).
     """
     made = _load("rows/exchange_rows")
@@ -178,7 +176,7 @@ def load_exchange() -> tuple[int, int, int]:
 
 
 def load_map(entries: tuple[tuple[int, ...], ...], columns: int, each: bool, added: bool, real: str) -> int:
-    """Address of the product of numbers of nodes with a matrix (see `linear_maps.linear_map`)."""
+    """Address of the product of the values of nodes with a matrix (see `linear_maps.linear_map`)."""
     made = _load("rows/map_rows", ENTRIES=entries, COLUMNS=columns, EACH=each, ADDED=added, REAL=real)
     return int(made.product.address)
 
@@ -193,7 +191,7 @@ def load_bonds(
     warm: bool = False,
     softening: str | None = None,
 ) -> tuple[int, int, int]:
-    """Addresses of the sweeps of plain tiles and of a damaged one for a law of bonds, and of the bound of their stretch
+    """Addresses of the sweeps of an intact and of a damaged tile for a law of bonds, and of the bound of their stretch
     (see `bond_sweeps`).
     """
     law = {"COMPONENTS": components, "NONLINEAR": nonlinear, "REAL": real, "RULE": rule}
@@ -202,7 +200,7 @@ def load_bonds(
 
 
 def _load(place: str, **settings: Any) -> ModuleType:
-    """Module of compiled functions: a template of the engine's folder with its upper-case names set to `settings`."""
+    """Module of compiled functions: a template in the engine's folder with its upper-case names set to `settings`."""
     name, text = _written_out(place, **settings)
     with _LOADING:
         return sys.modules[name] if name in sys.modules else _load_file(name, text)
@@ -212,8 +210,8 @@ def _load(place: str, **settings: Any) -> ModuleType:
 def _written_out(place: str, **settings: Any) -> tuple[str, str]:
     """Name and text of a module.
 
-    The name holds a hash of the templates, the generator and the settings: Numba's own cache does not see a change of
-    the generator.
+    The name holds a hash of the templates, the generator and the settings, because Numba's own cache does not notice a
+    change of the generator.
     """
     template = (_ENGINE / f"{place}.py").read_text()
     for key, value in settings.items():
@@ -237,7 +235,7 @@ def _load_file(name: str, template: str) -> ModuleType:
     try:
         with importing(name), without_collection():
             spec.loader.exec_module(module)
-    except BaseException:  # an interrupt, too: half a module is none
+    except BaseException:  # an interrupt, too: no half-loaded module may remain
         del sys.modules[name]
         raise
     return module

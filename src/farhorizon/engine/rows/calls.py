@@ -1,4 +1,4 @@
-"""Calls of compiled functions by their addresses, which are numbers among others."""
+"""Calls of compiled functions by their addresses, which are passed as numbers."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from numba.extending import intrinsic
 
 
 def call_of(kinds: Sequence[Any]) -> tuple[Any, Callable[..., Any]]:
-    """Signature and code of an intrinsic that takes the address of a compiled function without a result, and what it
-    passes on.
+    """Signature and code of an intrinsic that calls a compiled function without a result, by its address, with the
+    other arguments.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -25,7 +25,7 @@ def call_of(kinds: Sequence[Any]) -> tuple[Any, Callable[..., Any]]:
 
 
 def _call_operation(typingctx, function, thread, stage, sums, tables, inputs, step, number):
-    """Call an operation of `engine.program`, with structs or their addresses."""
+    """Call an operation of `engine.program` with structs or their addresses."""
     return call_of((thread, stage, sums, tables, inputs, types.int64, types.int64))
 
 
@@ -34,7 +34,7 @@ call_operation: Any = intrinsic(_call_operation)  # compiled code leaves the fir
 
 @intrinsic
 def call_with(typingctx, function, stage, sums, numbers):
-    """Call what takes a stage, sums (structs both) and some integers, a tuple."""
+    """Call a function that takes a stage, sums (both structs) and some integers, given as a tuple."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         given = [*args[1:3], *cgutils.unpack_tuple(builder, args[3])]

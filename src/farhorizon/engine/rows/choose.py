@@ -1,4 +1,4 @@
-"""Which stencils are swept with compiled rows, and the weights that these are given."""
+"""Chooses which stencils are swept by compiled rows, and the weights that these are given."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from farhorizon.engine.rows.build import load_rows
 from farhorizon.engine.rows.matrices import Signs, parity
 
 UNROLLED_LIMIT = 1200  # products in straight-line code beyond which compiling takes longer than a run
-_ROUNDING = 1e-14  # of the largest weight: mirror images that differ by less are alike
+_ROUNDING = 1e-14  # relative to the largest weight: mirror images that differ by less are equal
 
 Offset = tuple[int, int, int]
 
@@ -16,7 +16,7 @@ Offset = tuple[int, int, int]
 def compiled_rows(
     offsets: np.ndarray, weights: np.ndarray, real: str, increments: bool, signs: Signs, own: np.ndarray
 ) -> tuple[int, np.ndarray]:
-    """Compiled rows of a stencil, and the weights they take.
+    """Compiled rows of a stencil, and the weights that they take.
 
     Parameters
     ----------
@@ -24,9 +24,9 @@ def compiled_rows(
     real : {"float64", "float32"}
     increments : bool
     signs : Signs
-        Of the components of a field of several.
+        Of the components, for a field of several.
     own : ndarray, shape (d, d), or empty
-        What a reaction takes of a node's own value.
+        Matrix of a reaction, which is subtracted from the weight of a node's own value.
 
     Returns
     -------
@@ -37,7 +37,7 @@ def compiled_rows(
     if not weights.any():
         return 0, np.zeros(1)
     table = dict(zip(map(tuple, offsets.tolist()), weights, strict=True))
-    if weights.ndim > 1:  # the centre has what the others leave it
+    if weights.ndim > 1:  # the centre balances the others
         centre = -np.sum(weights, axis=0) - (own if own.size else 0)
         return _matrix_rows(table | {(0, 0, 0): centre}, signs, signs, "step", real, increments)
     shape, row = _scalar_row(table)
@@ -50,15 +50,15 @@ def compiled_rows(
 def compiled_sums(
     offsets: np.ndarray, weights: np.ndarray, inside: Signs, outside: Signs, form: str, real: str
 ) -> tuple[int, np.ndarray]:
-    """The same of sums from one field to another, weights of shape (K, rows, columns), whose components have these
-    signs; see `matrices.matrix_line_sweep`.
+    """The same for sums from one field to another, with weights of shape (K, rows, columns) and these signs of the
+    components; see `matrices.matrix_line_sweep`.
     """
     table = dict(zip(map(tuple, offsets.tolist()), weights, strict=True))
     return _matrix_rows(table, inside, outside, form, real, False)
 
 
 def equal_blocks(weights: np.ndarray, count: int) -> bool:
-    """Whether matrices, shape (K, rows, columns), fall into so many equal blocks on their diagonal."""
+    """Whether matrices, shape (K, rows, columns), consist of `count` equal blocks on their diagonal."""
     rows, columns = (n // count for n in weights.shape[1:])
     if rows * count != weights.shape[1] or columns * count != weights.shape[2]:
         return False
@@ -79,8 +79,8 @@ def _matrix_rows(
 
 
 def _scalar_row(table: dict[Offset, float]) -> tuple[tuple[Offset, ...], np.ndarray]:
-    """Offsets with the inner one >= 0, and their weights, of a stencil that looks alike both ways along the inner axis;
-    else none.
+    """Offsets with the inner one >= 0, and their weights, of a stencil that is symmetric along the inner axis; none for
+    others.
     """
     even = all(table.get((a, b, -c)) == w for (a, b, c), w in table.items())
     shape = tuple(sorted(o for o in table if o[2] >= 0)) if even else ()
@@ -88,8 +88,8 @@ def _scalar_row(table: dict[Offset, float]) -> tuple[tuple[Offset, ...], np.ndar
 
 
 def mirrored(table: dict[Offset, np.ndarray], inside: Signs, outside: Signs) -> tuple[tuple[Offset, ...], np.ndarray]:
-    """Offsets >= 0 and their matrices, shape (n, rows, columns), of a stencil of matrices that goes over into itself in
-    mirrors, by which the components of its fields have these signs; else none.
+    """Offsets >= 0 and their matrices, shape (n, rows, columns), of a stencil that is mirror-symmetric for fields whose
+    components have these signs; none for others.
     """
     largest = max(float(np.abs(w).max()) for w in table.values())
 
@@ -106,7 +106,7 @@ def mirrored(table: dict[Offset, np.ndarray], inside: Signs, outside: Signs) -> 
 
 
 def _weight_classes(weights: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
-    """Class of each weight, numbered by first appearance, and one weight a class."""
+    """Class of each weight, numbered by first appearance, and the weight of each class."""
     _, first, inverse = np.unique(weights, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
     return tuple(rank[inverse.ravel()].tolist()), weights[np.sort(first)]

@@ -1,5 +1,5 @@
-"""Numba's decorators with a cache that knows its damaged files: Numba itself keeps machine code without a check sum,
-and runs whatever it finds.
+"""Numba's decorators with a cache that detects damaged files: Numba itself keeps machine code without a checksum, and
+runs whatever it finds.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from farhorizon.machine import without_collection
 
 
 class _SealedFiles(IndexDataCacheFile):
-    """Index and machine code of one function; what is damaged, or of types that are no more, is not there, and so is
-    compiled again.
+    """Index and machine code of one function. What is damaged, or of types that no longer exist, counts as absent and
+    is compiled again.
     """
 
     def _dump(self, obj: Any) -> bytes:
-        return sealed(super()._dump(obj))  # pickle looks at nothing behind its end
+        return sealed(super()._dump(obj))  # pickle ignores what follows its end
 
     def _load_index(self) -> Any:
         if not _whole(self._index_path, pickle.dumps(self._version, protocol=-1)):
@@ -42,7 +42,7 @@ class _SealedFiles(IndexDataCacheFile):
 
 
 def _whole(path: str, head: bytes = b"") -> bool:
-    """Whether a file has this beginning, and behind it data with their check sum."""
+    """Whether a file begins with `head`, followed by data with their checksum."""
     try:
         data = Path(path).read_bytes()
     except OSError:
@@ -58,26 +58,26 @@ class _SealedCache(FunctionCache):
         )
 
     def has(self, made: Any) -> bool:
-        """Whether machine code of a function is there for its signature."""
+        """Whether there is machine code of a function for its signature."""
         codegen = made._targetdescr.target_context.codegen()
         return self._index_key(made._sig, codegen) in self._cache_file._load_index()
 
     @property
     def lock(self) -> Path:
-        """A file that is locked while the function is compiled."""
+        """File that is locked while the function is compiled."""
         return Path(f"{self._cache_file._index_path}.lock")
 
 
 def njit(
     *, cache: bool = False, counted: bool = True, entry: bool | None = None, **options: Any
 ) -> Callable[[Callable[..., Any]], Any]:
-    """`numba.njit`, with sealed files where it keeps what it compiles.
+    """`numba.njit`, with sealed files where what it compiles is cached.
 
     Without `counted` Numba does not count the references to arrays, which in short loops takes longer than the work.
-    Such a function makes no arrays; those it is given outlive it, as their owner waits for it.
+    Such a function must create no arrays; those passed to it outlive the call, as their owner waits for it.
 
-    Python calls an `entry` alone, by default what is counted. A way in takes apart all arrays of its arguments; to
-    compile it takes a quarter of the time of the whole.
+    Python can call only an `entry`, by default those functions that are counted. The wrapper for calls from Python
+    unpacks all arrays among the arguments, and compiling it takes a quarter of the total time.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
@@ -95,7 +95,7 @@ def njit(
 
 
 class _Inner(CPUDispatcher):
-    """A function without a way in from Python, which would run into nothing."""
+    """A function without a wrapper for calls from Python, which would otherwise crash."""
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         raise TypeError(f"{self.py_func.__name__} is called by compiled functions alone")
@@ -108,7 +108,7 @@ def cfunc(signature: Any, *, counted: bool = True) -> Callable[[Callable[..., An
         options = {"error_model": "numpy", "_nrt": counted}
         made: Any = CFunc(function, sigutils.normalize_signature(signature), locals={}, options=options)
         made._cache = _SealedCache(function)
-        # of processes that were started together one compiles it, the others find it then
+        # of several processes that start together one compiles it, and the others find the result
         with without_collection(), nullcontext() if made._cache.has(made) else awaited(made._cache.lock):
             made.compile()
         return made

@@ -1,5 +1,5 @@
-"""Sums of lines where faces meet, of one stencil shape. This text is a template: `engine.rows.build` writes it out once
-per shape, distance along the first axis and number type.
+"""Sums of lines where faces meet, for one stencil shape. This module is a template: `engine.rows.build` writes it out
+once per shape, distance along the first axis and number type.
 """
 
 from farhorizon.engine.rows.compiled import cfunc
@@ -20,5 +20,5 @@ _parts = crossing_parts(SHAPE, PATTERN, INSIDE, OUTSIDE, BOTH, REACH, APART, DIF
 
 @cfunc(CROSSING_SIGNATURE)
 def crossings(to, source, strides, weights, vectors):
-    """Parts of the nodes of a tile of an edge."""
+    """Compute the parts of the nodes of a tile of an edge."""
     _parts(to, source, strides, weights, vectors)

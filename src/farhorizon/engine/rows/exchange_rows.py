@@ -1,4 +1,4 @@
-"""The exchange of halos with other processes. This text is a template like those of stencils, though without settings:
+"""The exchange of halos with other processes. This module is a template like those of stencils, but without settings:
 `engine.rows.build` writes it out for runs on several processes.
 """
 
@@ -14,11 +14,11 @@ def send(table, array, components, apart):
 
 @cfunc(EXCHANGE_SIGNATURE)
 def receive(table, array, components, apart):
-    """End them, and fill halos by them."""
+    """End the messages of a table, and fill halos with them."""
     receive_values(table, array, components, apart)
 
 
 @cfunc(EXCHANGE_SIGNATURE)
 def move(table, array, components, apart):
-    """Let them move on."""
+    """Let the messages of a table progress."""
     move_messages(table, array, components, apart)

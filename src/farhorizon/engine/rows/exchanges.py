@@ -1,8 +1,8 @@
-"""What processes send each other: values of a field into messages, from one process to another, and out of them.
+"""What processes send each other: values of a field are packed into messages, sent, and unpacked.
 
-MPI is called from compiled code by its address, which is a number among others, so that Numba keeps the compiled code
-on disk. What differs between MPI's implementations are the handles of communicators and types: numbers of four bytes
-(MPICH) or pointers (Open MPI, the standard ABI of MPI 5).
+MPI is called from compiled code by its address, passed as a number, so that Numba keeps the compiled code on disk. What
+differs between implementations of MPI is the handles of communicators and types: numbers of four bytes (MPICH) or
+pointers (Open MPI, the standard ABI of MPI 5).
 """
 
 from __future__ import annotations
@@ -22,29 +22,29 @@ _I32, _I64, _POINTER = ir.IntType(32), ir.IntType(64), ir.IntType(8).as_pointer(
 _EXCHANGE = (types.int64,) * 4
 EXCHANGE_SIGNATURE = types.void(*_EXCHANGE)
 
-# Numbers of eight bytes, one after the other: a head, then a row for each message, then runs of neighbouring values,
-# each its place from the first value of a component on and its length, in bytes.
+# Numbers of eight bytes: a head, then a row for each message, then runs of neighbouring values, each given by its
+# distance from the first value of a component and its length, in bytes.
 HEAD = 12
 ISEND, IRECV, WAITALL, TESTALL, COMMUNICATOR, TYPE, WIDE, OWN, MESSAGES, REQUESTS, STATUSES, UNDER_WAY = range(HEAD)
 ROW = 10
 TO, FROM, SENT, SENT_END, FILLED, FILLED_END, BYTES, TAG, OUTGOING, INCOMING = range(ROW)
-REQUEST, STATUS = 8, 64  # bytes, as much as any implementation takes
+REQUEST, STATUS = 8, 64  # bytes, as many as any implementation needs
 
-#: Of the messages of one kind along an axis: addresses of what begins them, ends them and lets them move on, and of
-#: their table, and whether there are any.
+#: Of the messages of one kind along an axis: addresses of the functions that begin them, end them and let them
+#: progress, address of their table, and whether there are any.
 SENDS, RECEIVES, MOVES, TABLE, USED = range(5)
-NO_MESSAGES = np.zeros((3, 5), np.int64)  # of none of the axes
+NO_MESSAGES = np.zeros((3, 5), np.int64)  # along none of the axes
 
 
 @intrinsic
 def call_exchange(typingctx, function, table, array, components, apart):
-    """Call a compiled part of an exchange by its address."""
+    """Call a compiled function of an exchange by its address."""
     return call_of(_EXCHANGE)
 
 
 @intrinsic
 def _number(typingctx, table, place):
-    """A number of a table."""
+    """Read a number from a table."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         return builder.load(_place(builder, *args))
@@ -80,7 +80,7 @@ def _move(typingctx, to, source, count):
 
 
 def _begin(wide: bool) -> Callable[..., Any]:
-    """MPI_Isend or MPI_Irecv by its address, with handles that are pointers or numbers of four bytes."""
+    """Intrinsic for MPI_Isend or MPI_Irecv by its address, with handles that are pointers or numbers of four bytes."""
 
     @intrinsic
     def call(typingctx, function, buffer, count, kind, other, tag, communicator, request):
@@ -108,7 +108,7 @@ _begin_by_pointer, _begin_by_number = _begin(True), _begin(False)
 
 @intrinsic
 def _wait(typingctx, function, count, requests, statuses):
-    """MPI_Waitall by its address."""
+    """Call MPI_Waitall by its address."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         function, count, *places = args
@@ -122,7 +122,7 @@ def _wait(typingctx, function, count, requests, statuses):
 
 @intrinsic
 def _test(typingctx, function, count, requests, statuses):
-    """MPI_Testall by its address; what it finds is not asked for."""
+    """Call MPI_Testall by its address; its result is not used."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         function, count, requests, statuses = args
@@ -139,7 +139,7 @@ def _test(typingctx, function, count, requests, statuses):
 
 @njit(error_model="numpy", counted=False, entry=False)
 def begin_message(table, function, row, buffer, components, other, count):
-    """Begin to send or to receive the message of a row, as the request of this number; the number of the next one."""
+    """Begin to send or receive the message of a row, as request `count`; return the number of the next one."""
     wide = _number(table, WIDE)
     request = _number(table, REQUESTS) + count * (8 if wide != 0 else 4)
     length, tag = components * _number(table, row + BYTES), _number(table, row + TAG)
@@ -153,8 +153,8 @@ def begin_message(table, function, row, buffer, components, other, count):
 
 @njit(error_model="numpy", counted=False, entry=False)
 def send_values(table, array, components, apart):
-    """Begin the messages of a table: values are packed and on their way, and what comes is expected. Messages of a
-    table do not wait for each other.
+    """Begin the messages of a table: values are packed and sent, and receptions are posted. The messages of a table do
+    not wait for each other.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def send_values(table, array, components, apart):
 
 @njit(error_model="numpy", counted=False, entry=False)
 def receive_values(table, array, components, apart):
-    """End the messages that `send_values` has begun, and put what has come into the places of the field."""
+    """End the messages that `send_values` has begun, and put what has arrived in its places in the field."""
     own, count = _number(table, OWN), _number(table, UNDER_WAY)
     if count > 0:
         _wait(_number(table, WAITALL), count, _number(table, REQUESTS), _number(table, STATUSES))
@@ -208,7 +208,7 @@ def receive_values(table, array, components, apart):
 
 @njit(error_model="numpy", counted=False, entry=False)
 def move_messages(table, array, components, apart):
-    """Let MPI move messages that are under way: most implementations do so only while they are called."""
+    """Let MPI progress messages that are under way: most implementations do so only while they are called."""
     count = _number(table, UNDER_WAY)
     if count > 0:
         _test(_number(table, TESTALL), count, _number(table, REQUESTS), _number(table, STATUSES))

@@ -1,8 +1,8 @@
-"""Explicit SIMD for the layers: the sums across lines that stretched shifts are applied to, of stencils that go over
-into themselves in mirrors.
+"""Explicit SIMD for the layers: the sums across lines that stretched shifts are applied to, for mirror-symmetric
+stencils.
 
-As in `engine.rows.matrices`, values at mirror images are combined first, to sums that are even or odd along each axis,
-and each is multiplied once for every part that it belongs to.
+As in `engine.rows.matrices`, values at mirror images are first combined into sums that are even or odd along each axis,
+and each of these is multiplied once for every part that it belongs to.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from farhorizon.engine.rows.vectors import I64, Vectors, flat, int64s
 Sums = dict[tuple[int, ...], Any]  # by parity along the first two axes
 
 _AHEAD = 8  # lines between use and prefetch
-_IN_FLIGHT = 6  # sums that a vector is added up in, at least: each waits for itself
+_IN_FLIGHT = 6  # partial sums of a vector, at least, so that none waits for its own last addition
 _MIRRORED = int64s(4), int64s(2), int64s(4), types.int64, types.int64
 _CROSSING = int64s(5), int64s(2), int64s(2), types.int64, types.int64
 _BAND = int64s(4), int64s(2), int64s(4), int64s(2), int64s(2)
@@ -43,8 +43,9 @@ def mirrored_parts(
 ) -> Any:
     """Make the intrinsic ``parts(to, source, strides, weights, vectors)``.
 
-    It sums what lines across an axis bring to nodes that are neighbours along the last axis, for each component and
-    each distance k along that axis: what lies k nodes on in its direction, and what lies k nodes back.
+    For nodes that are neighbours along the last axis it sums, across lines, the parts of the stencil along another
+    axis: for each component and each distance k along that axis the part that reaches k nodes forward, and the one that
+    reaches k nodes back.
 
     Parameters
     ----------
@@ -57,20 +58,20 @@ def mirrored_parts(
     axis : int
         The first or the second.
     both : bool
-        Whether what lies on and what lies back differ.
+        Whether the parts forward and back differ.
     apart, differ : bool
         Whether neighbours along the last axis are read from lines of their own (as the slots are), and whether those
-        ahead and behind differ; where they do not, their sums are read.
+        ahead and behind differ; if they do not, their sums are read.
     real : {"float64", "float32"}
 
     Returns
     -------
     numba intrinsic
-        Takes groups. `to`: byte addresses of the first sum (k = 1, first component) of what lies on and of what lies
-        back, and the distances of the sums of one more k and component. `source`: that of the first node and 0, or of
+        Takes tuples. `to`: byte addresses of the first sum (k = 1, first component) forward and back, and the distances
+        to the sums of the next k and of the next component. `source`: the address of the first node and 0, or those of
         the nearest lines ahead and behind. `strides`: distances in bytes of neighbours along the first two axes, of
-        components, and of lines one node farther ahead. Then the weights, and how many vectors. From lines of their
-        own, sums are added to what is there.
+        components, and of lines one node farther ahead. Then the weights, and the number of vectors. If the lines are
+        apart, the sums are added to what is there.
     """
     columns, rows = len(inside), len(outside)
     lines: dict[tuple[int, int], list[tuple[int, int, int]]] = {}
@@ -158,8 +159,8 @@ def crossing_parts(
 ) -> Any:
     """Make the intrinsic ``parts(to, source, strides, weights, vectors)`` for the nodes where faces meet.
 
-    It sums what the line of a node along the last axis brings to those that lie a certain distance away along the first
-    axis and k nodes along the second: for each component, both directions along each of the two axes, and each k.
+    Along the line of a node on the last axis it sums the parts of the stencil that reach a certain distance along the
+    first axis and k nodes along the second: for each component, both directions along each of the two axes, and each k.
 
     Parameters
     ----------
@@ -168,17 +169,17 @@ def crossing_parts(
     pattern, inside, outside, apart, differ, real
         See `mirrored_parts`.
     both : (bool, bool)
-        Whether what lies on and what lies back differ, along the first and along the second axis.
+        Whether the parts forward and back differ, along the first and along the second axis.
     reach : int
         The largest k.
 
     Returns
     -------
     numba intrinsic
-        Takes groups. `to`: byte address of the first sum (k = 1, first component, on along both axes), and the
-        distances of the sums back along the first axis, back along the second, of one more component, of one more k.
-        `source` as in `mirrored_parts`. `strides`: distances in bytes of components, and of lines one node farther
-        ahead. Then the weights, and how many vectors. From lines of their own, sums are added to what is there.
+        Takes tuples. `to`: byte address of the first sum (k = 1, first component, forward along both axes), and the
+        distances to the sums back along the first axis, back along the second, of the next component, and of the next
+        k. `source` as in `mirrored_parts`. `strides`: distances in bytes of components, and of lines one node farther
+        ahead. Then the weights, and the number of vectors. If the lines are apart, the sums are added to what is there.
     """
     columns, rows = len(inside), len(outside)
     signs = [[parity(row, column) for column in inside] for row in outside]
@@ -229,9 +230,10 @@ def crossing_parts(
 def band_sums(offsets: Octant, pattern: Pattern, inside: Signs, outside: Signs, differ: bool, real: str) -> Any:
     """Make the intrinsic ``add(to, source, strides, weights, extent)`` for the layers along the last axis.
 
-    It adds to the nodes of a band what the slots of all lines around theirs bring. The lines of a plane come one after
-    the other along the second axis, and each is read once: what it brings to those up to a reach before and behind it
-    is added to their sums so far, which go along in registers until the last line that they take has been read.
+    It adds to the nodes of a band what the slots of all lines around theirs contribute. The lines of a plane follow one
+    another along the second axis, and each is read once: its contributions to the lines up to a reach before and behind
+    it are added to their sums so far, which stay in registers until the last line that contributes to them has been
+    read.
 
     Parameters
     ----------
@@ -240,19 +242,19 @@ def band_sums(offsets: Octant, pattern: Pattern, inside: Signs, outside: Signs, 
     pattern, inside, outside, real
         See `mirrored_parts`.
     differ : bool
-        Whether slots ahead and behind differ; where they do not, they hold the sums.
+        Whether slots ahead and behind differ; if they do not, they hold the sums.
 
     Returns
     -------
     numba intrinsic
-        Takes groups. `to`: byte addresses of the first node in the levels to add to (of the second 0: there is none),
-        and the distances of lines and of components there. `source`: addresses of its slots ahead and behind.
+        Takes tuples. `to`: byte addresses of the first node in the levels to add to (0 for the second if there is
+        none), and the distances of lines and of components there. `source`: addresses of its slots ahead and behind.
         `strides`: distances of their planes, lines and components, and of slots one node farther ahead. `weights`:
-        addresses of them and of the factor of the sums. `extent`: how many lines, and nodes of each.
+        addresses of the weights and of the factor of the sums. `extent`: numbers of lines, and of nodes in each.
     """
     columns, rows = len(inside), len(outside)
     depth, reach = (max(o[axis] for o in offsets) for axis in (0, 1))
-    window = 2 * reach + 1  # lines that a line brings something to
+    window = 2 * reach + 1  # lines that a line contributes to
     steps = sorted({o[2] for o in offsets})
     signs = [[parity(row, column) for column in inside] for row in outside]
 
@@ -270,7 +272,7 @@ def band_sums(offsets: Octant, pattern: Pattern, inside: Signs, outside: Signs, 
             )
 
         def brought(at: Any) -> dict[tuple[int, int, int], Any]:
-            """What a line brings, by component, parity along the second axis, and distance there."""
+            """Contributions of a line, by component, parity along the second axis, and distance there."""
             sums: dict[tuple[int, int, int], Any] = {}
             for column in range(columns):
                 read: dict[tuple[int, int], tuple[Any, Any]] = {}
@@ -295,7 +297,7 @@ def band_sums(offsets: Octant, pattern: Pattern, inside: Signs, outside: Signs, 
             return sums
 
         def take(number: Any, at: Any, so_far: list[Any]) -> list[Any]:
-            """The sums of the lines around one, from the first of the first component on, with what it brings."""
+            """Sums of the lines around one, first component first, with its contributions added."""
             sums, found = brought(builder.add(builder.mul(number, line), at)), list(so_far)
             for row, place in itertools.product(range(rows), range(-reach, reach + 1)):
                 even, odd = (sums.get((row, p, abs(place))) for p in (0, 1))
@@ -306,7 +308,7 @@ def band_sums(offsets: Octant, pattern: Pattern, inside: Signs, outside: Signs, 
             return found
 
         def fetch_ahead(number: Any, at: Any) -> None:
-            """Fetch what a line some lines later is the first to need, too far apart for the hardware to notice."""
+            """Prefetch what a line some lines later needs first: it is too far for the hardware prefetcher."""
             there = _moved(builder, builder.add(at, builder.mul(number, line_to)), (_AHEAD, line_to))
             ends = [builder.add(there, I64(byte)) for byte in (0, vectors.lanes * vectors.size - 1)]
             found = [_moved(builder, builder.add(to, end), (row, part_c)) for row in range(rows) for end in ends]
@@ -317,7 +319,7 @@ def band_sums(offsets: Octant, pattern: Pattern, inside: Signs, outside: Signs, 
                 vectors.prefetch(address)
 
         def passed(so_far: list[Any]) -> list[Any]:
-            """The sums as they are for the next line."""
+            """Sums as they are passed on to the next line."""
             kept = [so_far[row * window + 1 : (row + 1) * window] for row in range(rows)]
             return [value for of_row in kept for value in (*of_row, zero)]
 
@@ -349,7 +351,7 @@ def band_sums(offsets: Octant, pattern: Pattern, inside: Signs, outside: Signs, 
 
 
 class _Neighbours:
-    """Reads sums of values some nodes on and back along the last axis.
+    """Reads sums of values some nodes ahead and behind along the last axis.
 
     Parameters
     ----------
@@ -366,7 +368,7 @@ class _Neighbours:
         self.ahead, self.behind, self.shift, self.step = ahead, behind, shift, step
 
     def at(self, at: Any, column: int, i: int, read: Callable[[Any], Sums], kept: dict[str, Any]) -> tuple[Any, Any]:
-        """Sums i nodes on and back; where these are added up, and for i = 0, the first alone.
+        """Sums i nodes ahead and behind; None for the second if i = 0 or if the two have been added up.
 
         Parameters
         ----------
@@ -374,7 +376,7 @@ class _Neighbours:
             Distance of the vector in bytes.
         column, i : int
         read : callable
-            The sums at an address.
+            Returns the sums at an address.
         kept : dict
             What has been read of this column and line.
         """
@@ -399,7 +401,7 @@ class _Neighbours:
 
 
 def _moved(builder: ir.IRBuilder, address: Any, *moves: tuple[int, Any]) -> Any:
-    """An address so many times a distance on."""
+    """An address moved by given multiples of distances."""
     for count, distance in moves:
         if count:
             address = builder.add(address, builder.mul(I64(count), distance))
@@ -407,14 +409,14 @@ def _moved(builder: ir.IRBuilder, address: Any, *moves: tuple[int, Any]) -> Any:
 
 
 def _joined(builder: ir.IRBuilder, total: Any, term: Any, minus: bool) -> Any:
-    """A sum with one more term, of either sign; None is no sum."""
+    """Sum with one more term, of either sign; None stands for no sum."""
     if total is None:
         return builder.fneg(term) if minus else term
     return (builder.fsub if minus else builder.fadd)(total, term)
 
 
 def _sums(emit: Callable[[ir.IRBuilder, tuple[Any, ...]], None], kind: Any) -> Any:
-    """The intrinsic of a signature that emits what it is given."""
+    """The intrinsic of a signature whose code is given by `emit`."""
 
     @intrinsic
     def parts(typingctx, to, source, strides, weights, vectors):

@@ -1,4 +1,4 @@
-"""Explicit SIMD for what becomes of numbers of nodes that are neighbours: a matrix, the same for all or one of each."""
+"""Explicit SIMD for products of matrices, one for all or one for each, with the values of neighbouring nodes."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ MAP_SIGNATURE = types.void(*_MAP)
 
 
 def linear_map(entries: tuple[tuple[int, ...], ...], columns: int, each: bool, added: bool, real: str) -> Any:
-    """Make the intrinsic ``map(src, read, out, written, matrix, step, nodes, factor)``: ``out = matrix src`` at so many
-    nodes, or if `added` ``out += factor matrix src``; it may be done in place.
+    """Make the intrinsic ``map(src, read, out, written, matrix, step, nodes, factor)``: ``out = matrix src`` at a
+    number of nodes, or if `added` ``out += factor matrix src``; it works in place, too.
 
-    Of the rows of the matrix, which has so many columns, `entries` are the columns that may differ from zero, at least
-    one of each. If `each` node has its own matrix, an entry of all of them lies side by side, and up to one vector is
-    read beyond the last.
+    The matrix has `columns` columns; `entries` are, for each of its rows, those that may differ from zero, at least
+    one. If `each` node has its own matrix, one entry of all matrices lies side by side, and up to one vector is read
+    beyond the last.
 
-    It takes the byte addresses of the first numbers, distances in bytes from one number of a node to the next, the byte
-    address of the matrix, the distance in bytes from one of its entries to the next, and the nodes.
+    The intrinsic takes the byte addresses of the first numbers, the distances in bytes from one number of a node to the
+    next, the byte address of the matrix, the distance in bytes between its entries, and the number of nodes.
     """
 
     @intrinsic

@@ -1,5 +1,5 @@
-"""What becomes of the numbers of nodes that are neighbours in memory. This text is a template: `engine.rows.build`
-writes it out once per pattern of the matrices, use of them and number type.
+"""Products of the values of nodes that are neighbours in memory with matrices. This module is a template:
+`engine.rows.build` writes it out once per pattern of the matrices, use of the result and number type.
 """
 
 from farhorizon.engine.rows.compiled import cfunc
@@ -16,5 +16,5 @@ _product = linear_map(ENTRIES, COLUMNS, EACH, ADDED, REAL)
 
 @cfunc(MAP_SIGNATURE)
 def product(src, read, out, written, matrix, step, nodes, factor):
-    """What becomes of a run of nodes."""
+    """Apply the matrices to a run of nodes."""
     _product(src, read, out, written, matrix, step, nodes, factor)

@@ -1,10 +1,10 @@
 """Explicit SIMD for fields of several components: sweeps of stencils whose weights are matrices.
 
-A stencil of an isotropic or orthotropic medium goes over into itself in a mirror: where an axis is turned, the
-components of a vector along it change their sign, those of a tensor with one index along it as well, and so do the
-weights that couple a component that changes with one that stays. So the values at the mirror images of an offset (two,
-four or eight) are combined first, to sums that are even or odd along each axis, and every combination is multiplied
-once for each component that gets it.
+The stencil of an isotropic or orthotropic medium is mirror-symmetric: under reversal of an axis the components of a
+vector along it change their sign, as do those of a tensor with one index along it, and the weights that couple a
+component that changes with one that does not. So the values at the mirror images of an offset (two, four or eight) are
+first combined into sums that are even or odd along each axis, and every combination is multiplied once for each
+component that it contributes to.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ from farhorizon.engine.rows.vectors import (
     with_own,
 )
 
-# Lines that are read together: of more of them the first cache holds too few nodes, and each component of ``src`` is
-# swept by itself.
+# Lines that are read together at most: of more of them the first-level cache would hold too few nodes, so that each
+# component of ``src`` is swept separately.
 _LINES = 32
 
 #: (offset >= 0 along the outer axes and along the inner one); every one stands for its mirror images.
 Octant = tuple[tuple[int, int, int], ...]
 #: For each offset whether the weight of [row, column] differs from zero, row by row.
 Pattern = tuple[tuple[bool, ...], ...]
-#: For each component of a field whether it changes its sign (1) or not (0) where an axis is turned.
+#: For each component of a field whether it changes its sign (1) or not (0) under reversal of each axis.
 Signs = tuple[tuple[int, int, int], ...]
 
 
 def signs_of(components: int) -> Signs:
-    """Of a scalar, or of a vector along the last axes."""
+    """Signs of a scalar, or of a vector along the last axes."""
     if components == 1:
         return ((0, 0, 0),)
     return tuple(
@@ -50,7 +50,7 @@ def signs_of(components: int) -> Signs:
 
 
 def parity(row: tuple[int, ...], column: tuple[int, ...]) -> tuple[int, ...]:
-    """Along each axis whether the weight between components of these signs is even (0) or odd (1)."""
+    """Whether the weight between components of these signs is even (0) or odd (1) along each axis."""
     return tuple(int(a != b) for a, b in zip(row, column, strict=True))
 
 
@@ -70,7 +70,7 @@ def mirror_sums(
 
 
 class _Weights:
-    """Weights read where they are used: there are more of them than registers."""
+    """Weights that are read where they are used, because there are more of them than registers."""
 
     def __init__(self, vectors: Vectors, address: Any, pattern: Pattern, columns: int) -> None:
         self.vectors, self.address, self.pattern, self.columns = vectors, address, pattern, columns
@@ -85,8 +85,8 @@ class _Weights:
 
 
 def _shifted_fields(vectors: Vectors, shifts: Any, columns: int, rows: int) -> tuple[list[Any], list[Any]]:
-    """Distances, in elements, of the components in ``src`` and in ``base`` and ``out``, from the table that a sweep is
-    given.
+    """Distances of the components in ``src``, and of those in ``base`` and ``out``, in elements, from the table that a
+    sweep is given.
     """
     found = [
         vectors.builder.load(vectors.pointer(vectors.builder.add(shifts, I64(8 * i)), I64))
@@ -108,13 +108,13 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str, inside: Sign
     inside, outside : tuple of (int, int, int)
         Signs of the components of ``src``, and of ``base`` and ``out``.
     form : {"step", "sum", "add"}
-        What is written: ``a*src + b*base`` and the sums, for fields of the same components; the sums alone; or these
-        added to what ``out`` holds.
+        What is written: ``a*src + b*base`` plus the sums, for fields of the same components; only the sums; or the sums
+        added to the values of ``out``.
 
     Returns
     -------
     numba intrinsic
-        ``weights`` are matrices, one an offset; ``shifts`` is the address of distances in elements (int64): of the
+        ``weights`` are matrices, one per offset; ``shifts`` is the address of distances in elements (int64): of the
         components in ``src``, and of those in ``base`` and ``out``.
     """
     columns, rows = len(inside), len(outside)
@@ -133,7 +133,7 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str, inside: Sign
         zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
 
         def prepare(some: range, here: Any, old: Any, new: Any) -> VectorRow:
-            """What these columns bring."""
+            """What some columns contribute to a row."""
             sources = [vectors.shifted(here, (1, shift)) for shift in read_at]
             olds, news = ([vectors.shifted(start, (1, shift)) for shift in written_at] for start in (old, new))
             images = sorted({(side * o0, turn * o1) for o0, o1 in lines for side in (1, -1) for turn in (1, -1)})
@@ -141,7 +141,7 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str, inside: Sign
                 column: {image: vectors.shifted(sources[column], (image[0], s0), (image[1], s1)) for image in images}
                 for column in some
             }
-            begins = some.start == 0  # the first to come to what is written
+            begins = some.start == 0  # the first columns to write to the row
             reached = {
                 row for n in range(len(offsets)) for row in range(rows) for column in some if w.used(n, row, column)
             }
@@ -157,8 +157,8 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str, inside: Sign
                 return lambda image: vectors.load(builder.add(lines_at[image], at))
 
             def sums(at: Any) -> dict[Hashable, Any]:
-                """Even and odd sums along the row, then those that come from ahead (their sum) and from behind (their
-                difference).
+                """Even and odd sums along the row, combined into those that come from ahead (their sum) and from behind
+                (their difference).
                 """
                 total: dict[tuple[int, int, int], Any] = {}
                 for line, terms in lines.items():
@@ -214,7 +214,7 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str, inside: Sign
 
 
 def matrix_strided_sweep(offsets: Octant, pattern: Pattern, real: str, inside: Signs, outside: Signs, form: str) -> Any:
-    """The same for rows whose neighbours lie any distance s2 apart: every value is read by itself."""
+    """Do the same for rows whose neighbours lie any distance s2 apart: every value is read separately."""
     columns, rows = len(inside), len(outside)
 
     def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:

@@ -1,6 +1,4 @@
-"""Says on stderr what is compiled, when something really is, and how long it took: without a word a first run seems to
-hang.
-"""
+"""Reports on stderr what is compiled, if anything is, and how long it took: otherwise a first run seems to hang."""
 
 from __future__ import annotations
 
@@ -13,30 +11,30 @@ from typing import Any
 
 from numba.core import event
 
-#: What compiled functions are for, by the beginning of their module's name; those of other modules are not ours.
+#: Purpose of compiled functions, by the beginning of their module's name; those of other modules are not ours.
 _PURPOSES = {
     "program_": "the time loop",
     "stencil_rows_": "the sweep of a stencil",
     "bond_rows_": "the sweep of breaking bonds",
     "farhorizon.": "other kernels",
 }
-_SHORT = 0.2  # seconds that are not worth a line
+_SHORT = 0.2  # seconds below which no line is printed
 
 
 class _Notice(event.Listener):
-    """A line before the first compilation of a process, and one after each; nothing where Numba's cache has all.
+    """A line before the first compilation of a process, and one after each; nothing where Numba's cache has everything.
 
-    Numba tells of functions that it compiles, the innermost last, and of the passes that each takes. Passes alone stand
-    for functions that are compiled while their module is imported (`importing`).
+    Numba reports the functions that it compiles, the innermost last, and the passes that each requires. For functions
+    that are compiled while their module is imported (`importing`) it reports passes alone.
     """
 
     def __init__(self) -> None:
-        self._mine = threading.local()  # simulations may be made side by side
+        self._mine = threading.local()  # simulations may be set up in parallel
         self._begun = False
         self.spent = 0.0
 
     def on_start(self, found: Any) -> None:
-        """A function, or a pass of one, begins."""
+        """Take note that a function, or a pass of one, begins."""
         if found.kind == "numba:compile":
             self.enter(found.data["dispatcher"].py_func.__module__)
         if found.kind == "numba:run_pass" and getattr(self._mine, "names", None):
@@ -46,19 +44,19 @@ class _Notice(event.Listener):
                 _say("compiling for this machine, once: later runs find it on disk")
 
     def on_end(self, found: Any) -> None:
-        """A function, or a pass of one, ends."""
+        """Take note that a function, or a pass of one, ends."""
         if found.kind == "numba:compile":
             self.leave()
 
     def enter(self, name: str) -> None:
-        """Whatever this thread compiles from here on belongs to a module, unless it belongs to one already."""
+        """Attribute what this thread compiles from here on to a module, unless it is attributed to one already."""
         mine = self._mine
         if not getattr(mine, "names", None):
             mine.names, mine.begin, mine.busy = [], time.perf_counter(), False
         mine.names.append(name)
 
     def leave(self) -> None:
-        """The counterpart of `enter`."""
+        """Undo `enter`."""
         mine = self._mine
         name = mine.names.pop()
         seconds = time.perf_counter() - mine.begin
@@ -83,7 +81,7 @@ for _kind in ("numba:compile", "numba:run_pass"):
 
 @contextmanager
 def importing(name: str) -> Iterator[None]:
-    """A module of compiled functions is imported."""
+    """Attribute what is compiled meanwhile to a module that is imported."""
     _NOTICE.enter(name)
     try:
         yield
@@ -92,5 +90,5 @@ def importing(name: str) -> Iterator[None]:
 
 
 def compile_seconds() -> float:
-    """What this process has compiled so far took so long."""
+    """Seconds that this process has spent compiling so far."""
     return _NOTICE.spent

@@ -1,5 +1,5 @@
-"""Sums across lines of one stencil shape. This text is a template: `engine.rows.build` writes it out once per shape,
-axis and number type.
+"""Sums across lines, for one stencil shape. This module is a template: `engine.rows.build` writes it out once per
+shape, axis and number type.
 """
 
 from farhorizon.engine.rows.compiled import cfunc
@@ -20,5 +20,5 @@ _parts = mirrored_parts(SHAPE, PATTERN, INSIDE, OUTSIDE, AXIS, BOTH, APART, DIFF
 
 @cfunc(MIRRORED_SIGNATURE)
 def tile_parts(to, source, strides, weights, vectors):
-    """Parts of the nodes of a tile."""
+    """Compute the parts of the nodes of a tile."""
     _parts(to, source, strides, weights, vectors)

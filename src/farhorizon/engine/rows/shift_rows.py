@@ -1,4 +1,4 @@
-"""Stretched shifts of one reach. This text is a template: `engine.rows.build` writes it out once per reach, form and
+"""Stretched shifts of one reach. This module is a template: `engine.rows.build` writes it out once per reach, form and
 number types.
 """
 
@@ -19,17 +19,17 @@ _parts = weighted_parts(REACH if NESTED else 1, VARIED, REAL)
 
 @cfunc(SHIFTS_SIGNATURE)
 def outwards(parts, found, memory, edges, columns, vectors):
-    """From the outer end inwards."""
+    """Shift outwards: columns go from the outer end inwards."""
     _outwards(parts, found, memory, edges, columns, vectors)
 
 
 @cfunc(SHIFTS_SIGNATURE)
 def inwards(parts, found, memory, edges, columns, vectors):
-    """From the core outwards."""
+    """Shift inwards: columns go from the core outwards."""
     _inwards(parts, found, memory, edges, columns, vectors)
 
 
 @cfunc(PARTS_SIGNATURE)
 def parts(to, source, tables, vectors, least, more):
-    """The sums across the lines that are shifted; not nested, one alone."""
+    """Compute the sums across the lines that are shifted; only one if they are not nested."""
     _parts(to, source, tables, vectors, least, more)

@@ -1,4 +1,4 @@
-"""Explicit SIMD: stretched shifts, and what they remember."""
+"""Explicit SIMD: stretched shifts, and their memory."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from farhorizon.engine.rows.vectors import CONTRACT, I32, I64, Vectors, flat, in
 class Remembered:
     """Numbers that layers remember.
 
-    The half of a double is its first 32 bits, which have its whole range and six digits. What follows is not cut off
-    but rounded up or down as if by chance: a number between two others becomes the upper one in as many steps as it is
-    near to it. Rounded to the nearest, it would learn nothing of changes below its last digit, and under a load that
-    lasts the layers would stop following the field.
+    The half of a double is its first 32 bits, which have its whole range and six digits. The remainder is not truncated
+    but rounded up or down as if by chance: a number between two halves becomes the upper one in a share of the steps
+    that equals its relative position between them. If it were rounded to nearest, it would not register changes below
+    its last digit, and under a permanent load the layers would stop following the field.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class Remembered:
     kept : str
         "int32" for halves, else the type of the field.
     dithered : ir.Value
-        What is added to the other half before it is dropped.
+        What is added to the second half before it is dropped.
     """
 
     def __init__(self, vectors: Vectors, kept: str, dithered: ir.Value) -> None:
@@ -38,11 +38,11 @@ class Remembered:
             self.raised = vectors.splat(dithered)
 
     def bytes(self, at: ir.Value) -> ir.Value:
-        """Distance of what goes with numbers of the field so many bytes on."""
+        """Distance in the memory, in bytes, that corresponds to a distance in numbers of the field."""
         return self.vectors.builder.lshr(at, I64(1)) if self.half else at
 
     def load(self, address: ir.Value) -> ir.Value:
-        """A vector of the field's precision."""
+        """Load a vector in the field's precision."""
         builder, vectors = self.vectors.builder, self.vectors
         if not self.half:
             return vectors.load(address)
@@ -51,7 +51,7 @@ class Remembered:
         return builder.bitcast(builder.shl(builder.zext(found, self.long), self.places), vectors.type)
 
     def store(self, value: ir.Value, address: ir.Value) -> None:
-        """Keep a vector."""
+        """Store a vector."""
         builder, vectors = self.vectors.builder, self.vectors
         if not self.half:
             vectors.store(value, address)
@@ -61,18 +61,21 @@ class Remembered:
 
 
 def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str, kept: str) -> Any:
-    """Make the intrinsic that applies stretched shifts in one direction along lines that go through side by side; see
-    `engine.nested`.
+    """Make the intrinsic that applies stretched shifts in one direction along lines that are processed side by side;
+    see `engine.nested`.
 
-    ``shifts(parts, found, memory, edges, columns, vectors)``: for parts and what is found the byte address of column 0
-    and the distances between columns and between k; that of the memory, one cell an application, outwards from the
-    outer end, the bytes of a cell (0: there is none, e and f are zero), and what rounds halves in this step, see
-    `Remembered`; the addresses of the tables r, e and f of edges.
-    Outwards what is found is stored, from column 1 - reach on, inwards added, from column 1 on. Nested: a part for each
-    column and k, the sum found for each column; else one value for each column, what is found for each k.
+    ``shifts(parts, found, memory, edges, columns, vectors)`` takes, for `parts` and for `found`, the byte address of
+    column 0 and the distances between columns and between k; the address of the memory (one cell per application; for
+    shifts outwards from the outer end on), the bytes of a cell (0 if there is none; e and f are zero then), and the
+    number by which halves are rounded in this step, see `Remembered`; and the addresses of the tables r, e and f of the
+    edges.
+
+    Outwards, results are stored, from column 1 - reach on; inwards they are added, from column 1 on. Nested shifts take
+    a part for each column and k, and yield one sum per column; others take one value per column, and yield one for each
+    k.
     """
     steps = list(range(reach))
-    order = steps[::-1] if nested else steps  # the applications one after the other
+    order = steps[::-1] if nested else steps  # of the applications
     ahead = 1 if nested else -1  # the one before k is k + ahead
 
     def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
@@ -90,8 +93,8 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str, kept: 
             return address
 
         def apply(at: Any, column: Any, carried: list[Any], edge: Any, cells: Any) -> tuple[list[Any], list[Any]]:
-            """One column: what is carried on to the next (v, q and the sums of c for each k), and the sums; no edge:
-            plain shifts.
+            """Apply the shifts on one column; return what is carried on to the next (v, q and the sums of c for each
+            k), and the sums. Without an edge the shifts are plain.
             """
             v, q, t = carried[:reach], carried[reach : 2 * reach], carried[2 * reach :]
             v_new, q_new, t_new = list(v), list(q), list(t)
@@ -128,7 +131,7 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str, kept: 
             return carried
 
         def side_by_side(at: Any, many: int) -> None:
-            """All columns of some vectors; two at a time wait less for each other's additions."""
+            """Process all columns of some vectors; two at a time wait less for each other's additions."""
             places, size = [builder.add(at, I64(i * width)) for i in range(many)], 3 * reach
 
             def each(body: Callable[[Any, list[Any]], list[Any]]) -> Callable[[list[Any]], list[Any]]:

@@ -1,5 +1,5 @@
-"""Sweeps of grid rows for one stencil shape. This text is a template: `engine.rows.build` writes it out once per shape
-and number type.
+"""Sweeps of grid rows, for one stencil shape. This module is a template: `engine.rows.build` writes it out once per
+shape and number type.
 """
 
 from farhorizon.engine.rows.compiled import cfunc
@@ -23,7 +23,7 @@ line = (matrix_line_sweep(*_matrices) if PATTERN else line_sweep(SHAPE, CLASSES,
 
 @cfunc(sweep_signature(REAL))
 def rows(levels, weights, a, b, extent, strides, apart, shifts):
-    """Neighbouring rows of one block."""
+    """Sweep neighbouring rows of one block."""
     if LINES and strides[2] == 1:
         line(levels, weights, a, b, extent, strides, apart, shifts)
     else:

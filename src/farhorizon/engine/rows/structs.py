@@ -1,7 +1,7 @@
 """Named tuples that stay in memory: a compiled function is given their address, and reads a field where it needs it.
 
-Numba hands a named tuple over field by field, and an array as seven numbers or more. The loop's tables come to a
-thousand of them, in the call of each function that has a use for one, and LLVM spends most of its time on them.
+Numba passes a named tuple field by field, and an array as seven numbers or more. For the loop's tables that is about a
+thousand numbers in the call of each function that uses one, and LLVM spends most of its time on them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from numba.extending import models, register_model, unbox
 from numba.np import arrayobj
 
 _WORD = 8
-_LAYOUT = Path(__file__).read_text()  # machine code that reads them otherwise is of other types
+_LAYOUT = Path(__file__).read_text()  # so that types differ where machine code reads them differently
 _I64 = ir.IntType(64)
 
 
@@ -33,19 +33,19 @@ class Struct:
     ----------
     table : NamedTuple
     last : Struct, optional
-        One of the same class: what both have in common need not be looked at again.
+        One of the same class: what both have in common need not be examined again.
 
     Attributes
     ----------
     type : StructType
     parts : list
-        Of each field its type and its words: of an array the address, the shape and the strides.
+        Type and words of each field; the words of an array are its address, its shape and its strides.
     words : ndarray
-        Of all fields, one after the other.
+        Words of all fields, one after the other.
     """
 
     def __init__(self, table: Any, last: Struct | None = None) -> None:
-        self.table = table  # whose arrays are to live as long
+        self.table = table  # keeps its arrays alive
         self.parts: list[Struct | _Value]
         if last is None:
             self.parts = [_part(value) for value in table]
@@ -75,7 +75,7 @@ def _array_type(dtype: np.dtype, axes: int, dense: bool, writeable: bool) -> typ
 
 
 def _address(array: np.ndarray) -> int:
-    return int(array.__array_interface__["data"][0])  # `array.ctypes` takes longer
+    return int(array.__array_interface__["data"][0])  # faster than `array.ctypes`
 
 
 class _Value(NamedTuple):
@@ -123,7 +123,7 @@ def _struct_type(name: str, fields: tuple[str, ...], kinds: tuple[types.Type, ..
 
 
 def _length(kind: types.Type) -> int:
-    """Words of a field."""
+    """Number of words of a field."""
     if isinstance(kind, StructType):
         return kind.size
     return 1 + 2 * kind.ndim if isinstance(kind, types.Array) else 1

@@ -1,7 +1,7 @@
 """Explicit SIMD: Numba intrinsics that emit vector instructions.
 
 Numba's vectoriser loses most of the speed on loops of this kind, so the vector instructions are emitted here. Products
-carry the ``contract`` flag only: a fixed order of summation keeps results deterministic and the registers few.
+carry only the ``contract`` flag: a fixed order of summation makes results deterministic and needs few registers.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Shape = tuple[tuple[int, int, int], ...]
 CONTRACT = ("contract",)
 I64 = ir.IntType(64)
 I32 = ir.IntType(32)
-_FIRST_CACHE = 41_000  # bytes of the first cache that a tile may take
+_FIRST_CACHE = 41_000  # bytes of the first-level cache that a tile may take
 AHEAD = 2  # rows between use and prefetch: one lasts less than a fetch from memory
 
 
@@ -41,7 +41,7 @@ class Vectors:
         return cls(builder, ir.DoubleType(), 8) if real == "float64" else cls(builder, ir.FloatType(), 16)
 
     def splat(self, value: Any) -> Any:
-        """The same value in every lane."""
+        """Vector with the same value in every lane."""
         kind = ir.VectorType(value.type, self.lanes)
         first = self.builder.insert_element(ir.Constant(kind, ir.Undefined), value, I32(0))
         return self.builder.shuffle_vector(
@@ -49,7 +49,7 @@ class Vectors:
         )
 
     def splat_all(self, address: Any, count: int) -> list[Any]:
-        """Each of `count` values in every lane of a vector of its own."""
+        """Vectors of `count` values at an address, each with one of the values in every lane."""
         return [
             self.splat(self.builder.load(self.pointer(self.builder.add(address, I64(i * self.size)), self.scalar)))
             for i in range(count)
@@ -62,13 +62,13 @@ class Vectors:
         return address
 
     def concatenate(self, low: Any, high: Any, first: int) -> Any:
-        """The lanes from `first` on of two vectors one after the other."""
+        """The lanes from `first` on of two vectors placed one after the other."""
         return self.builder.shuffle_vector(
             low, high, ir.Constant(ir.VectorType(I32, self.lanes), list(range(first, first + self.lanes)))
         )
 
     def prefetch(self, address: Any) -> None:
-        """Fetch the cache line of an address, which need not exist."""
+        """Prefetch the cache line of an address, which need not exist."""
         kind = ir.IntType(8).as_pointer()
         fetch = cgutils.get_or_insert_function(
             self.builder.module, ir.FunctionType(ir.VoidType(), [kind, I32, I32, I32]), "llvm.prefetch.p0i8"
@@ -76,25 +76,25 @@ class Vectors:
         self.builder.call(fetch, [self.pointer(address, ir.IntType(8)), I32(0), I32(3), I32(1)])
 
     def sum(self, terms: Sequence[Any]) -> Any:
-        """The terms added up from the left."""
+        """Sum of the terms, added from left to right."""
         return functools.reduce(self.builder.fadd, terms)
 
     def pointer(self, address: Any, kind: ir.Type | None = None) -> Any:
-        """A typed pointer from an address."""
+        """Typed pointer from an address."""
         return self.builder.inttoptr(address, (kind or self.type).as_pointer())
 
     def load(self, address: Any) -> Any:
-        """A vector from an address aligned to one element."""
+        """Load a vector from an address aligned to one element."""
         value = self.builder.load(self.pointer(address))
         value.align = self.size
         return value
 
     def store(self, value: Any, address: Any) -> None:
-        """A vector to an address aligned to one element."""
+        """Store a vector at an address aligned to one element."""
         self.builder.store(value, self.pointer(address)).align = self.size
 
     def store_first(self, count: Any) -> Callable[[Any, Any], None]:
-        """A store of the first `count` lanes only."""
+        """Function that stores only the first `count` lanes."""
         numbers = ir.VectorType(I64, self.lanes)
         mask = self.builder.icmp_signed("<", ir.Constant(numbers, list(range(self.lanes))), self.splat(count))
         parts = [self.type, self.type.as_pointer(), I32, ir.VectorType(ir.IntType(1), self.lanes)]
@@ -105,8 +105,8 @@ class Vectors:
         return lambda value, address: self.builder.call(masked, [value, self.pointer(address), I32(self.size), mask])
 
     def in_chunks(self, count: Any, chunk: Callable[..., None], *others: Vectors) -> None:
-        """Call ``chunk(x, store)`` for every whole vector of `count` values and for the rest; with a store of each of
-        other types of as many lanes besides.
+        """Call ``chunk(x, store)`` for every whole vector of `count` values and for the remainder; for `others`, types
+        with as many lanes, their stores are passed as well.
         """
         rest, every = self.builder.srem(count, I64(self.lanes)), (self, *others)
         whole = self.builder.sub(count, rest)
@@ -118,8 +118,8 @@ class Vectors:
     def loop(
         self, first: Any, last: Any, step: int, start: Sequence[Any], body: Callable[[Any, list[Any]], list[Any]]
     ) -> tuple[Any, list[Any]]:
-        """``values = body(i, values)`` from the start on, for i = first, first + step, ... while `step` numbers are
-        left before `last`; the i after that, and the values.
+        """Repeat ``values = body(i, values)`` from `start` for i = first, first + step, ... while `step` numbers are
+        left before `last`; return the next i and the values.
         """
         builder = self.builder
         before, test, inside, after = (
@@ -141,18 +141,18 @@ class Vectors:
         return i, values
 
     def multiply_add(self, total: Any, factor: Any, term: Any) -> Any:
-        """``total + factor * term``; the product alone without a total."""
+        """``total + factor * term``; only the product if there is no total."""
         product = self.builder.fmul(factor, term, flags=CONTRACT)
         return product if total is None else self.builder.fadd(total, product, flags=CONTRACT)
 
 
 def int64s(count: int) -> Any:
-    """Numba type of a group of so many addresses or distances."""
+    """Numba type of a tuple of `count` addresses or distances."""
     return types.UniTuple(types.int64, count)
 
 
 def flat(builder: ir.IRBuilder, args: Sequence[Any]) -> tuple[Any, ...]:
-    """Values one by one, where some come in groups."""
+    """Values one by one, where some come in tuples."""
     grouped = [cgutils.unpack_tuple(builder, arg) if isinstance(arg.type, ir.ArrayType) else [arg] for arg in args]
     return tuple(value for group in grouped for value in group)
 
@@ -161,13 +161,14 @@ def line_sweep(shape: Shape, classes: tuple[int, ...], real: str) -> Any:
     """Make the intrinsic ``sweep(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts)`` for rows of
     neighbours in memory.
 
-    Writes ``out = a*src + b*base + sum_k w_k (src_{+k} + src_{-k})`` on `count` rows of `n` nodes. Sums over the outer
-    axes come first: ``T_i = sum_o w_(o,i) src_o``, lines of equal weights added before they are multiplied. What is
-    left is ``T_0`` and the ``T_i`` moved by +i and -i along the row: two neighbouring vectors, one shuffle each. So
-    every line is read once, aligned, and a vector costs few more instructions than it has different weights.
+    It writes ``out = a*src + b*base + sum_k w_k (src_{+k} + src_{-k})`` on `count` rows of `n` nodes. Sums over the
+    outer axes come first: ``T_i = sum_o w_(o,i) src_o``, where lines of equal weights are added before they are
+    multiplied. What remains is ``T_0`` and the ``T_i`` moved by +i and -i along the row: two neighbouring vectors, one
+    shuffle each. So every line is read once, aligned, and a vector costs few more instructions than it has different
+    weights.
 
-    Long rows are swept in tiles whose lines stay in the first cache from one row to the next. What the row after next
-    needs is fetched ahead: a tile is too short for the hardware to notice.
+    Long rows are swept in tiles whose lines stay in the first-level cache from one row to the next. What the row after
+    next needs is prefetched: a tile is too short for the hardware prefetcher.
 
     Parameters
     ----------
@@ -175,15 +176,15 @@ def line_sweep(shape: Shape, classes: tuple[int, ...], real: str) -> Any:
         Stencil offsets without the centre, inner offset >= 0 (an inner offset i > 0 stands for +i and -i), at most one
         vector.
     classes : tuple of int
-        Number of each offset's weight: offsets with one weight share a register.
+        Number of each offset's weight: offsets with the same weight share a register.
     real : {"float64", "float32"}
 
     Returns
     -------
     numba intrinsic
-        Takes byte addresses (int64) of the first node in each array and of the weights (one a class), the numbers a and
-        b, the nodes of a row, the rows, the distances between neighbours along the three axes of ``src`` (s2 is 1) and
-        between rows of ``src`` and of ``base`` and ``out``, in elements. Reads up to one vector before and beyond a
+        Takes byte addresses (int64) of the first node in each array and of the weights (one per class), the numbers a
+        and b, the nodes of a row, the rows, the distances between neighbours along the three axes of ``src`` (s2 is 1)
+        and between rows of ``src`` and of ``base`` and ``out``, in elements. Reads up to one vector before and beyond a
         row, writes none.
     """
     terms_of: dict[tuple[int, int], list[tuple[int, int]]] = {}
@@ -209,7 +210,7 @@ def line_sweep(shape: Shape, classes: tuple[int, ...], real: str) -> Any:
             ]
 
             def sums(at: Any) -> dict[int, Any]:
-                """T_i of one vector."""
+                """Sums T_i of one vector."""
                 total: dict[int, Any] = dict.fromkeys([0, *inner])
                 for terms, equal in alike.items():
                     together = vectors.sum([vectors.load(builder.add(lines[line], at)) for line in equal])
@@ -226,17 +227,17 @@ def line_sweep(shape: Shape, classes: tuple[int, ...], real: str) -> Any:
 
 @dataclass(frozen=True)
 class Output:
-    """One field of a row: addresses of its first node, and which sums of a vector it gets.
+    """One field of a row: the addresses of its first node, and the sums of a vector that it gets.
 
     Attributes
     ----------
     centre : hashable
-        Name of the sum that stays where it is.
+        Name of the sum that is not moved.
     moved : list of (i, ahead, behind)
         The sum `ahead` comes from i nodes further on along the row, the sum `behind` from i nodes back.
     before : sequence of address
-        In ``src`` and ``base``, to be added with their factors; none where the sums alone are written, ``out`` alone
-        where they are added to what it holds.
+        Addresses in ``src`` and ``base``, whose values are added with their factors; none where only the sums are
+        written, ``out`` alone where they are added to its values.
     new : address
         In ``out``.
     """
@@ -249,8 +250,8 @@ class Output:
 
 @dataclass(frozen=True)
 class VectorRow:
-    """A row of nodes: the sums of the vector at a distance from its first node, by name, None for an empty one; its
-    fields; what to fetch ahead.
+    """A row of nodes: the sums of the vector at a distance from its first node, by name (None for an empty sum); its
+    fields; and what to prefetch.
     """
 
     sums: Callable[[Any], Mapping[Any, Any]]
@@ -259,7 +260,7 @@ class VectorRow:
 
 
 def with_own(vectors: Vectors, total: Any, values: Sequence[Any], factors: tuple[Any, Any]) -> Any:
-    """A sum with ``a*src + b*base`` of a node, with what ``out`` holds, or alone, see `Output`."""
+    """A sum plus ``a*src + b*base`` of a node, plus the value of ``out``, or alone, see `Output`."""
     if len(values) == 2:
         (own, old), (a, b) = values, factors
         return vectors.multiply_add(vectors.multiply_add(total, b, old), a, own)
@@ -269,7 +270,7 @@ def with_own(vectors: Vectors, total: Any, values: Sequence[Any], factors: tuple
 def sweep_lines(
     vectors: Vectors, args: tuple[Any, ...], length_of_tile: int, prepare: Callable[[Any, Any, Any], VectorRow]
 ) -> None:
-    """The loops of a sweep of rows whose nodes are neighbours in memory, tile by tile.
+    """Emit the loops of a sweep of rows whose nodes are neighbours in memory, tile by tile.
 
     Parameters
     ----------
@@ -278,7 +279,7 @@ def sweep_lines(
         Arguments of the sweep (see `line_sweep`).
     length_of_tile : int
     prepare : callable
-        The `VectorRow` that begins at given addresses in ``src``, ``base`` and ``out``.
+        Makes the `VectorRow` that begins at given addresses in ``src``, ``base`` and ``out``.
     """
     builder = vectors.builder
     src, base, out, _, a, b, n, count, _, _, _, step, t, _ = args
@@ -293,7 +294,7 @@ def sweep_lines(
         names = list(dict.fromkeys(name for o in made.outputs for _, *both in o.moved for name in both))
 
         def from_before(output: Output, before: Mapping[Any, Any], now: Mapping[Any, Any]) -> Any:
-            """What the vector `now` gets from itself and the one before."""
+            """What the vector `now` gets from itself and from the one before."""
             parts = [now[output.centre]] if now[output.centre] is not None else []
             return vectors.sum(
                 parts + [vectors.concatenate(before[name], now[name], vectors.lanes - i) for i, _, name in output.moved]
@@ -302,7 +303,7 @@ def sweep_lines(
         def finish(
             x: Any, totals: Sequence[Any], now: Mapping[Any, Any], store: Callable[[Any, Any], None]
         ) -> tuple[Mapping[Any, Any], list[Any]]:
-            """Write one vector; the sums and the totals so far of the next."""
+            """Write one vector; return the sums of the next vector and the totals begun for it."""
             at = builder.mul(x, I64(size))
             for address in made.ahead:
                 vectors.prefetch(builder.add(address, at))
@@ -354,9 +355,9 @@ def sweep_lines(
 
 def strided_sweep(shape: Shape, classes: tuple[int, ...], real: str, increments: bool) -> Any:
     """Make the intrinsic of `line_sweep` for rows whose neighbours may lie any distance s2 apart; every neighbour is
-    read by itself.
+    read separately.
 
-    With ``increments`` the sum runs over differences, which do not cancel, and advances ``base`` in place:
+    With ``increments`` the sum runs over differences, which avoids cancellation, and ``base`` is advanced in place:
     ``base = a*src + b*base + sum_k w_k (src_{+k} + src_{-k} - 2 src)`` and ``out = src + base``.
     """
     members: dict[int, list[tuple[int, int, int]]] = {}
@@ -403,8 +404,8 @@ def strided_sweep(shape: Shape, classes: tuple[int, ...], real: str, increments:
 
 
 def tile_nodes(lines: int, size: int) -> int:
-    """Nodes of a row to sweep at a time, so that all lines read and written stay in the first cache; lines too many for
-    that go whole.
+    """Nodes of a row to sweep at a time so that all lines read and written stay in the first-level cache. Rows with too
+    many lines for that are swept whole.
     """
     fitting = _FIRST_CACHE // ((lines + 3) * size) // 64 * 64
     return fitting if fitting * size >= 2048 else 1 << 30
@@ -428,17 +429,17 @@ def sweep_signature(real: str) -> Any:
 
 
 def _sweep_types(number: Any) -> list[Any]:
-    """Of (src, base, out), the weights, a, b, (nodes, rows), three strides, the distances of rows, and the shifts."""
+    """Types of (src, base, out), weights, a, b, (nodes, rows), three strides, distances of rows, and shifts."""
     return [int64s(3), types.int64, number, number, int64s(2), int64s(3), int64s(2), types.int64]
 
 
 @intrinsic
 def call_sweep(typingctx, function, levels, weights, a, b, extent, strides, apart, shifts):
-    """Call a compiled sweep by its address: the driver need not be compiled again for every stencil."""
+    """Call a compiled sweep by its address, so that the driver need not be compiled again for every stencil."""
     return call_of(_sweep_types(a))
 
 
-#: Nodes of a row, and rows, that `sweep_phases` takes at a time: a vector a row, so that all sums of a tile stay in
+#: Nodes of a row, and rows, that `sweep_phases` takes at a time: one vector per row, so that all sums of a tile stay in
 #: registers.
 TILE, TILE_ROWS = 8, 4
 
@@ -450,12 +451,12 @@ def sweep_phases(typingctx, at, stencil, factors, extent, apart):
 
     Takes (src, coefficient, base, out), (distances, weights, bonds), (a, b, interface, ceiling), (n, count) and (step,
     t): byte addresses of the first node in each array, of the distances (int64) to the neighbours and of their weights;
-    numbers, `interface` the factor of bonds between the phases; counts; and how many elements apart rows lie, `step`
-    in src and coefficient, t in base and out; a coefficient above 0 marks the liquid. A liquid node gains ``w (u' -
-    u)`` from each liquid neighbour, and a node gains ``interface w (c' - c)`` from each neighbour of the other phase, c
-    the lesser of u and `ceiling`, so that nothing at all flows between solid nodes. Rows that are not there repeat the
-    last one: their sums cost less than a loop of another length. Reads up to 8 nodes beyond the end of a row, writes
-    none.
+    numbers, where `interface` is the factor of bonds between the phases; counts; and the distances between rows in
+    elements, `step` in src and coefficient, t in base and out. A coefficient above 0 marks the liquid. A liquid node
+    gains ``w (u' - u)`` from each liquid neighbour, and a node gains ``interface w (c' - c)`` from each neighbour of
+    the other phase, c the lesser of u and `ceiling`, so that nothing flows between solid nodes. Rows that do not exist
+    repeat the last one: their sums cost less than a loop of another length. Reads up to 8 nodes beyond the end of a
+    row, and writes none there.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -473,7 +474,7 @@ def sweep_phases(typingctx, at, stencil, factors, extent, apart):
             return builder.fcmp_ordered(">", vectors.load(address), zero)
 
         def held(value: Any) -> Any:
-            return builder.select(builder.fcmp_ordered(">", value, most), most, value)  # what is no number stays so
+            return builder.select(builder.fcmp_ordered(">", value, most), most, value)  # NaN stays NaN
 
         def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
             heres = [vectors.shifted(src, (1, x), (1, builder.mul(number, step))) for number in numbers]
@@ -506,7 +507,7 @@ def sweep_phases(typingctx, at, stencil, factors, extent, apart):
             builder.cbranch(builder.icmp_signed("<", following, bonds), body, after)
             builder.position_at_end(after)
             places = [vectors.shifted(I64(0), (1, x), (1, builder.mul(number, t))) for number in numbers]
-            # before any store: rows may be repeated, and base be out
+            # before any store: rows may be repeated, and base may be out
             olds = [vectors.load(builder.add(base, place)) for place in places]
             for row, place in enumerate(places):
                 total = vectors.multiply_add(grown[2 * row + 1], between, grown[2 * row])
@@ -524,17 +525,17 @@ def sweep_phases(typingctx, at, stencil, factors, extent, apart):
     return types.void(int64s(4), int64s(3), types.UniTuple(factors[0], 4), int64s(2), int64s(2)), codegen
 
 
-#: Neighbouring values that a window has, and sums that are taken side by side.
+#: Values in a window, and sums that are computed side by side.
 WINDOW, BUNDLE = 8, 4
 
 
 @intrinsic
 def window_sums(typingctx, sums, count, places, values, first, second, third, fourth):
-    """Four sums over as many windows of `values` with weights, side by side: one alone would wait for its own
+    """Compute four sums over as many windows of `values` with weights, side by side: one alone would wait for its own
     additions.
 
     Takes the number of windows and byte addresses: of the results, of ``places[k, sum]``, the distance in bytes
-    (uint32) of a window from `values`, and of the weights (float64) of each sum, `WINDOW` a window.
+    (uint32) of a window from `values`, and of the weights (float64) of each sum, `WINDOW` per window.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -552,7 +553,7 @@ def window_sums(typingctx, sums, count, places, values, first, second, third, fo
                 builder.store(vectors.multiply_add(builder.load(total), factor, value), total)
 
         def added(low: Any, high: Any, *places: Sequence[int]) -> Any:
-            """Sum of two choices from the lanes of two vectors one after the other."""
+            """Sum of two selections from the lanes of two vectors placed one after the other."""
             return builder.fadd(
                 *(builder.shuffle_vector(low, high, ir.Constant(ir.VectorType(I32, len(p)), list(p))) for p in places)
             )
@@ -577,8 +578,8 @@ def window_sums(typingctx, sums, count, places, values, first, second, third, fo
 def block_sum(typingctx, source, across, rows, apart, along, count, like):
     """``sum_i across_i sum_j along_j source[i * apart + j]`` over the rows of a block of values, of the type of `like`.
 
-    Byte addresses of the first values, numbers of rows and of values in a row, the latter a whole number of vectors of
-    64 bytes: weights beyond the block are zero.
+    Takes byte addresses of the first values, and the numbers of rows and of values in a row, the latter a whole number
+    of vectors of 64 bytes: weights beyond the block are zero.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -590,7 +591,7 @@ def block_sum(typingctx, source, across, rows, apart, along, count, like):
         step, pair = builder.mul(apart, I64(vectors.size)), I64(2 * vectors.lanes)
 
         def add_columns(x: Any, number: int) -> None:
-            """Vectors side by side: one alone would wait for its own additions."""
+            """Add columns of vectors side by side: one alone would wait for its own additions."""
             places = [builder.mul(builder.add(x, I64(i * vectors.lanes)), I64(vectors.size)) for i in range(number)]
             for column in columns[:number]:
                 builder.store(nothing, column)
@@ -624,8 +625,8 @@ def block_sum(typingctx, source, across, rows, apart, along, count, like):
 
 @intrinsic
 def copy_values(typingctx, source, to, count, like):
-    """Copy `count` neighbouring values of the type of `like` to numbers of 8 bytes; byte addresses. Up to a vector
-    behind the values is read, too.
+    """Copy `count` neighbouring values of the type of `like` to numbers of 8 bytes, by byte addresses. Up to a vector
+    beyond the values is read, too.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -646,7 +647,7 @@ def copy_values(typingctx, source, to, count, like):
 
 @intrinsic
 def move_up(typingctx, address, count):
-    """Move `count` neighbouring numbers of 8 bytes from a byte address on by one place."""
+    """Move `count` neighbouring numbers of 8 bytes, from a byte address on, up by one place."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         address, count = args
@@ -659,7 +660,7 @@ def move_up(typingctx, address, count):
 
 @intrinsic
 def clear(typingctx, address, count, like):
-    """Set `count` neighbouring values of the type of `like` to zero, from a byte address on; made for a few dozen."""
+    """Set `count` neighbouring values of the type of `like` to zero, from a byte address on; meant for a few dozen."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         address, count, _ = args
@@ -674,10 +675,10 @@ def clear(typingctx, address, count, like):
 
 @intrinsic
 def any_below(typingctx, coefficient, values, limit, n, count, step):
-    """Whether a node with a coefficient of at most 0 may have a value below `limit`, on `count` rows of `n` nodes that
-    lie `step` elements apart.
+    """Whether any node with a coefficient of at most 0 may have a value below `limit`, on `count` rows of `n` nodes
+    that lie `step` elements apart.
 
-    Takes byte addresses of the first node, and looks at whole vectors: up to 7 nodes beyond the end of a row count,
+    Takes byte addresses of the first node, and examines whole vectors: up to 7 nodes beyond the end of a row count,
     too.
     """
 
@@ -704,19 +705,18 @@ def any_below(typingctx, coefficient, values, limit, n, count, step):
     return types.boolean(types.int64, types.int64, limit, *[types.int64] * 3), codegen
 
 
-_IN_FLIGHT = 6  # sums that a vector is added up in, so that none waits for its own last addition
+_IN_FLIGHT = 6  # partial sums of a vector, so that none waits for its own last addition
 
 
 def weighted_parts(parts: int, varied: bool, real: str) -> Any:
-    """Make the intrinsic that sums lines with weights, to several sums at a time, for nodes that go through side by
-    side.
+    """Make the intrinsic that sums lines with weights, into several sums at a time, for nodes processed side by side.
 
-    ``sums(to, source, tables, vectors, least, more)``: byte addresses of the first sum and the distance between sums;
-    of the first node and of the first factors; and of tables. The terms come in groups: those of all sums, of all but
-    the last, and so on; the tables' ``ends`` (int64) holds their first and last numbers, ``places`` (int64) how far, in
-    bytes, what they take lies from the node, ``factors`` (int64) how far theirs lie from the first factors, which are
-    read if the bonds have coefficients (`varied`), ``weights`` a row of weights a term, ``weight_step`` bytes apart.
-    Groups of fewer than `least` sums are left out; where `more` is not 0 the sums are added to.
+    ``sums(to, source, tables, vectors, least, more)`` takes byte addresses: of the first sum, with the distance between
+    sums; of the first node and of the first factors; and of tables. The terms come in groups: those of all sums, of all
+    but the last, and so on. ``ends`` (int64) holds the groups' first and last numbers, ``places`` (int64) the distances
+    in bytes from the node to the terms' values, ``factors`` (int64) those from the first factors to the terms' own,
+    which are read if the bonds have coefficients (`varied`), ``weights`` a row of weights per term, ``weight_step``
+    bytes apart. Groups of fewer than `least` sums are left out; if `more` is not 0 the sums are added to.
     """
 
     def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
@@ -752,7 +752,7 @@ def weighted_parts(parts: int, varied: bool, real: str) -> Any:
             for group in range(parts):
                 used = parts - group
                 last = builder.select(builder.icmp_signed("<=", least, I64(used)), limits[group + 1], limits[group])
-                # as many for one vector as for several: rounding does not tell where a tile ends
+                # as many for one vector as for several, so that rounding does not depend on where a tile ends
                 mine, turns = totals[: used * many], max(1, _IN_FLIGHT // used)
                 term = limits[group]
                 if turns > 1:
@@ -804,16 +804,16 @@ def call_parts(typingctx, function, to, source, tables, vectors, least, more):
     return call_of(_PARTS)
 
 
-#: Lines and columns that `turn` exchanges at a time.
+#: Lines and columns that `turn` transposes at a time.
 TURNED = 8
 
 
 @intrinsic
 def turn(typingctx, source, step, last, to, to_step, to_last, like):
-    """Turn a square of values: value j of line i of `source` becomes value i of line j of `to`.
+    """Transpose a square of values: value j of line i of `source` becomes value i of line j of `to`.
 
-    Byte addresses and distances of lines, `TURNED` values each of the type of `like`; lines after `last`, or `to_last`,
-    are not there.
+    Takes byte addresses and distances of lines of `TURNED` values each, of the type of `like`; lines after `last`, or
+    `to_last`, do not exist.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -833,7 +833,7 @@ def turn(typingctx, source, step, last, to, to_step, to_last, like):
                 for pair in pairs
                 for picked in (low, high)
             ]
-        for i in reversed(range(TURNED)):  # a line that is not there goes where the last one goes afterwards
+        for i in reversed(range(TURNED)):  # a line that does not exist is overwritten by the last one
             vectors.store(lines[i], place(to, i, to_step, to_last))
         return context.get_dummy_value()
 
@@ -842,7 +842,7 @@ def turn(typingctx, source, step, last, to, to_step, to_last, like):
 
 @intrinsic
 def add_lines(typingctx, source, to, scale, count):
-    """``to += scale * source`` on `count` neighbouring values; byte addresses."""
+    """``to += scale * source`` on `count` neighbouring values, by byte addresses."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         source, to, scale, count = args
@@ -862,7 +862,7 @@ def add_lines(typingctx, source, to, scale, count):
 
 @intrinsic
 def fetch(typingctx, address):
-    """Fetch the cache line of an address, which need not exist."""
+    """Prefetch the cache line of an address, which need not exist."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         Vectors.of(builder, "float64").prefetch(args[0])
@@ -873,7 +873,7 @@ def fetch(typingctx, address):
 
 @intrinsic
 def weigh_change(typingctx, to, level, before, share, strengths, count):
-    """``to = strengths * (level - share * before)`` on `count` neighbouring values; byte addresses."""
+    """``to = strengths * (level - share * before)`` on `count` neighbouring values, by byte addresses."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         to, level, before, share, strengths, count = args
@@ -895,24 +895,24 @@ def weigh_change(typingctx, to, level, before, share, strengths, count):
 
 @intrinsic
 def move_masses(typingctx, states, levels, strengths, keep, pull, share, count, kept):
-    """The masses that hang on `count` neighbouring nodes move, and pull them; see `engine.dampers`.
+    """Move the masses that hang on `count` neighbouring nodes, and let them pull these; see `engine.dampers`.
 
     Parameters
     ----------
     states : tuple of int
-        Byte addresses of the nodes' last increments, and of p and q.
+        Byte addresses of the nodes' last increments, of p and of q.
     levels : tuple of int
-        Of what the increment is in, of what is subtracted from it, and of the levels to add to: another one, 0 for
-        none, and ``out``.
+        Byte addresses of the level that the increment is in, of the one that is subtracted from it, and of the levels
+        to add to: another one, 0 for none, and ``out``.
     strengths : int
     keep, pull : float
     share : float
-        Of the second level in the increment, 0 or 1.
+        Factor with which the second level is subtracted, 0 or 1.
     count : int
     kept : float or int
-        Of the states' type: that of the levels, or int32 for the first halves of their numbers, see
-        `rows.shifts.Remembered`. They are rounded to the nearest half, which what layers remember must not be: under
-        a load that lasts the layers would stop following the field, but dampers come to rest.
+        Value of the states' type: that of the levels, or int32 for the first halves of their numbers, see
+        `rows.shifts.Remembered`. Those are rounded to nearest, unlike the layers' memory: under a permanent load the
+        layers would stop following the field, but dampers come to rest.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -967,7 +967,7 @@ def move_masses(typingctx, states, levels, strengths, keep, pull, share, count, 
 
 @intrinsic
 def copy_run(typingctx, to, source, count, like):
-    """``to = source`` for `count` neighbouring values of the type of `like`; byte addresses."""
+    """``to = source`` for `count` neighbouring values of the type of `like`, by byte addresses."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         to, source, count, _ = args
@@ -983,29 +983,29 @@ def copy_run(typingctx, to, source, count, like):
     return types.void(types.int64, types.int64, types.int64, like), codegen
 
 
-#: Runs of nodes that `take_passed` works on side by side: sums of one alone wait for each other.
+#: Runs of nodes that `take_passed` processes side by side: sums of one alone would wait for each other.
 TOGETHER = 4
 
 
 @intrinsic
 def take_passed(typingctx, runs, number, arrays, steps, axes, taps, older, like):
-    """``level -= strengths * F box`` on up to `TOGETHER` runs of neighbouring nodes, F the sum of one symmetric filter
-    along each axis.
+    """``level -= strengths * F box`` on up to `TOGETHER` runs of neighbouring nodes, where F is the sum of one
+    symmetric filter along each axis.
 
     Parameters
     ----------
     runs, number : int
-        Address of the first run, see `engine.filter.Filter.runs`, and how many there are, at least 1.
+        Address of the first run, see `engine.filter.Filter.runs`, and the number of runs, at least 1.
     arrays : (int, int, int)
         Byte addresses of the box, the strengths and the level.
     steps, axes : int
         Address of the distances in the box between neighbours along the axes (int64, in elements), and their number.
     taps : int
-        Address of the filter's weights of a value itself and of the neighbours on both sides.
+        Address of the filter's weights, of a value itself and of the neighbours on both sides.
     older : int
-        Distance in bytes from the level to another one from which the same is taken; 0: there is none.
+        Distance in bytes from the level to another one from which the same is subtracted; 0 if there is none.
     like : float
-        Of the values' type.
+        Value of the arrays' type.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -1046,7 +1046,7 @@ def take_passed(typingctx, runs, number, arrays, steps, axes, taps, older, like)
             whole = builder.sub(shortest, builder.srem(shortest, lanes))
 
             def passed(at: Any) -> list[Any]:
-                """What the filter leaves of one vector of each run."""
+                """What the filter passes of one vector of each run."""
                 centres, found = [vectors.load(builder.add(here, at)) for here in heres], []
                 for axis, limit in enumerate(limits):
                     step = bytes_of(entry(steps, axis))
@@ -1069,7 +1069,7 @@ def take_passed(typingctx, runs, number, arrays, steps, axes, taps, older, like)
                 take(x, [vectors.store_first(builder.sub(count, x)) for count in counts])
 
         def summed(start: list[Any], heres: list[Any], step: Any, limit: Any) -> list[Any]:
-            """Sums along one axis, up to so many neighbours on both sides."""
+            """Sums along one axis, over up to `limit` neighbours on both sides."""
 
             def grown(k: Any, totals: list[Any]) -> list[Any]:
                 weight, far, found = tap(k), builder.mul(k, step), []
