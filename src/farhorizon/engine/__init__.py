@@ -1,1 +1,1 @@
-"""The compiled loops, and the one place that knows Numba: plain arrays in, plain arrays out."""
+"""Compiled time loops behind an interface of plain arrays."""

@@ -245,6 +245,12 @@ def bond_gap(rule, mine, other, here, there, ceiling):
 
 
 @njit(error_model="numpy", inline="always")
+def is_set(bits, node, bond):
+    """Whether the bit of a bond is set."""
+    return (bits[bond >> 6, node] >> np.uint64(bond & 63)) & np.uint64(1) != 0
+
+
+@njit(error_model="numpy", inline="always")
 def follows_law(zone, i0, i1, i2):
     """Whether bonds between the zone and this node of the core, or of its halo, follow the law."""
     return (

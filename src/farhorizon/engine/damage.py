@@ -12,8 +12,6 @@ is what the scheme loses, to rounding.
 
 from __future__ import annotations
 
-import numpy as np
-
 from farhorizon.engine.bonds import (
     CHANGED,
     CLOSES,
@@ -25,6 +23,7 @@ from farhorizon.engine.bonds import (
     bond_factor,
     elongation,
     follows_law,
+    is_set,
     next_piece,
     spring_factor,
     strain_of,
@@ -64,12 +63,6 @@ def break_bonds(thread, stage, sweep, material, bonds):
     barrier(thread)
 
 
-@njit(error_model="numpy", inline="always")
-def _there(bits, node, bond):
-    """Whether the bit of a bond is set."""
-    return (bits[bond >> 6, node] >> np.uint64(bond & 63)) & np.uint64(1) != 0
-
-
 @njit(error_model="numpy", cache=True, counted=False)
 def sum_state(level, node, bits, gather, numbers):
     """Compute the state and the shape tensor of a node from its present bonds."""
@@ -79,7 +72,7 @@ def sum_state(level, node, bits, gather, numbers):
     numbers[_STATE : _STATE + rows] = 0
     numbers[_SHAPE : _SHAPE + whole] = 0
     for k in range(distances.size):
-        if _there(bits, node, k):
+        if is_set(bits, node, k):
             for column in range(columns):
                 at = node + column * apart
                 eta = level[at + distances[k]] - level[at]
@@ -197,7 +190,7 @@ def node_energy(stage, node, bits, springs, material, gather, scatter, numbers):
     warm, own, mean = warmth.size > 0, u[0] * 0, u[0] * 0
     total = 0.0
     for k in range(distances.size):
-        if _there(bits, node, k):
+        if is_set(bits, node, k):
             if warm:
                 own, mean = warmth[node], (warmth[node] + warmth[node + distances[k]]) / 2
             for a in range(columns):
@@ -239,7 +232,7 @@ def push_apart(stage, node, at, bonds, rule):
     u, components, hardness = stage.src, stage.components, bonds.hardness
     apart = u.size // components
     for k in range(bonds.places.shape[0]):
-        if _there(bonds.closing, node, k) and not _there(bonds.alive, node, k):
+        if is_set(bonds.closing, node, k) and not is_set(bonds.alive, node, k):
             offset, xi = bonds.places[k], bonds.table[k]
             other = node + offset[0]
             e = strain_of(u, node, offset[0], xi, components, False) - strain_of_heat(bonds.warmth, node, other)
@@ -259,7 +252,7 @@ def node_force(stage, node, bonds, springs, material, gather, scatter):
         at = node + a * apart
         total = stage.a_difference * u[at] + stage.b * stage.base[at]
         for k in range(distances.size):
-            if _there(bonds.alive, node, k):
+            if is_set(bonds.alive, node, k):
                 for row in range(rows):
                     here = node + row * apart
                     total += weights[(k * columns + a) * rows + row] * (states[here] + states[here + distances[k]])

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.bonds import is_set
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.threads import barrier, share
 
@@ -53,12 +54,6 @@ def no_drag(real: np.dtype) -> Drag:
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def _there(bits, node, bond):
-    """Whether the bit of a bond is set."""
-    return (bits[bond >> 6, node] >> np.uint64(bond & 63)) & np.uint64(1) != 0
-
-
-@njit(error_model="numpy", cache=True, counted=False)
 def take_increments(thread, stage, drag):
     """Store the increment of each place in the last step."""
     first, end = share(thread, drag.moved.size)
@@ -93,7 +88,7 @@ def _means(components, drag, place, pull):
             at = c * apart + node
             total, number = beyond[at], 0
             for k in range(drag.distances.size):
-                if _there(drag.alive, node, k):
+                if is_set(drag.alive, node, k):
                     total += moved[at + drag.distances[k]]
                     number += 1
             pull[c, i] = total / number - moved[at] if number else moved[at] * 0

@@ -50,7 +50,6 @@ from farhorizon.files.storable import Storable
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
 
 Kept = TypeVar("Kept", Layers, Stretches)
-_NO_ENDS = np.zeros((0, 0), np.int64)
 # Values of the field plus a quarter of the layers' memory; with fewer, one thread is done before a second has started.
 _PARALLEL_NUMBERS = 40_000
 

@@ -35,7 +35,7 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
     gather, scatter = (springs, springs) if engine.passes is None else engine.passes.tables(sweep)
     pushes, traces = (springs, springs) if engine.warm_layers is None else engine.warm_layers.tables(sweep)
     return Tables(
-        operations=np.zeros((0, 2), np.int64),
+        operations=np.zeros((0, 3), np.int64),
         starts=np.zeros(len(numbers) + 1, np.int64),
         rotation=np.array(engine.stages.rotation, np.int64),
         numbers=np.array(numbers).astype(engine.dtype),
