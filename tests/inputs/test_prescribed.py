@@ -167,8 +167,9 @@ def test_bad_input():
         simulation(fh.Prescribed(fh.Box((0.05,), (0.1,)), 1.0))
     with pytest.raises(fh.InputError, match="lattice's shape"):
         simulation(fh.Prescribed(np.ones(3, bool), 1.0))
-    with pytest.raises(fh.InputError, match="one stage"):
-        simulation(fh.Prescribed([1.0], 1.0), model=fh.Diffusion(KERNEL, integrator="rk4"))
+    for integrator in ("rk4", "rkc"):
+        with pytest.raises(fh.InputError, match="one stage"):
+            simulation(fh.Prescribed([1.0], 1.0), model=fh.Diffusion(KERNEL, integrator=integrator))
     with pytest.raises(fh.InputError, match="not a constraint"):
         simulation(1.0)
     with pytest.raises(fh.InputError, match="not negative"):

@@ -1,4 +1,4 @@
-"""Constraints: what nodes inside the body are made to do."""
+"""Constraints: prescribed values and velocities of nodes inside the body."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.expressions import Expression, as_signal
-from farhorizon.medium.integrators import Integrator, RungeKutta4
+from farhorizon.medium.integrators import Integrator, RungeKutta4, RungeKuttaChebyshev
 
 
 @dataclass(frozen=True)
@@ -26,13 +26,13 @@ class Prescribed(Storable):
     where : array_like or Shape
         Points, each of which is replaced by the nearest node (shape (n, dim), or (n,) in 1D), a shape, or a mask of the
         lattice's shape.
-    value : float, callable, str or Expression, or a list of one a component, optional
+    value : float, callable, str or Expression, or a list of one per component, optional
         Value as a function of t. For displacements, a list with one entry per axis, with None for a free component.
     until : float, optional
         Time after which the nodes are released; never unless given.
-    rate : float, callable, str or Expression, or a list of one a component, optional
+    rate : float, callable, str or Expression, or a list of one per component, optional
         Velocity with which they are released (waves); unless given, the derivative of `value` at that time.
-    velocity : float, callable, str or Expression, or a list of one a component, optional
+    velocity : float, callable, str or Expression, or a list of one per component, optional
         Instead of `value`: the nodes move from their initial values with this velocity, a function of t.
 
     Raises
@@ -95,7 +95,7 @@ class Prescribed(Storable):
 
     @property
     def course(self) -> list[Any]:
-        """Values, or velocities, as functions of t by component; None for a free component."""
+        """Value, or velocity, of each component as a function of t; None for a free component."""
         given = self.velocity if self.value is None else self.value
         return given if isinstance(given, list) else [given]
 
@@ -114,7 +114,7 @@ class Prescribed(Storable):
         return found
 
     def _listed(self, lattice: Lattice) -> np.ndarray:
-        """Flat indices of the nodes that a mask or points tell."""
+        """Flat indices of the nodes given by a mask or by points."""
         given = (
             np.asarray(self.where)
             if isinstance(self.where, np.ndarray)
@@ -156,13 +156,13 @@ class Prescribed(Storable):
             rate = rate[component]
         if rate is not None:
             return _at(rate, t)
-        # Backward difference of fourth order: the value need not be defined later.
+        # Backward difference of fourth order: the value need not be defined at later times.
         h, value = min(dt, t / 4 if t > 0 else dt) / 16, self.course[component]
         return float(np.dot([25 / 12, -4, 3, -4 / 3, 1 / 4], [_at(value, t - k * h) for k in range(5)]) / h)
 
 
 def _by_component(given: Any, key: str) -> Any:
-    """A function of t, or a list of them and of None."""
+    """Return a function of t, or a list of such functions and of None."""
     if not isinstance(given, list | tuple):
         return _of_time(given, key)
     found = [_of_time(one, f"{key}[{i}]") for i, one in enumerate(given)]
@@ -172,7 +172,7 @@ def _by_component(given: Any, key: str) -> Any:
 
 
 def _of_time(given: Any, key: str) -> Any:
-    """A function of t; None stays what it is."""
+    """Return a function of t; None is returned as it is."""
     if given is None:
         return None
     if isinstance(given, Expression) and given.uses_space:
@@ -181,7 +181,7 @@ def _of_time(given: Any, key: str) -> Any:
 
 
 def _at(course: Callable[[float], Any], t: float) -> float:
-    """What a function of t is at a time; InputError if it is not finite."""
+    """Value of a function of t at a time; raises InputError if it is not finite."""
     found = float(kinds.array(course(t), "constraint.value", shape=(), finite=False))
     if not np.isfinite(found):
         raise InputError("a prescribed value is not finite", value=f"{found} at t = {t:g}", key="constraint.value")
@@ -197,13 +197,13 @@ class _Course:
     constraint : Prescribed
     component : int
     places : ndarray of int
-        In the field, components first.
+        Flat indices in the field, components first.
     last : float
-        Number of the last step that is prescribed.
+        Number of the last step in which it is prescribed.
     first : ndarray, shape (places,)
-        Their values at the start.
+        Values at the start.
     way : list of float
-        Of a velocity, how far the nodes have come after each step from the start on, as far as it has been asked for.
+        For a velocity, the displacement since the start after each step, as far as it has been computed.
     """
 
     constraint: Prescribed
@@ -214,16 +214,16 @@ class _Course:
     way: list[float]
 
     def value_over(self, background: float) -> Callable[[float], float]:
-        """Of a constraint with a value: it less the background, as a function of t."""
+        """The prescribed value less the background as a function of t, zero after the release."""
         course, end = self.constraint.course[self.component], self.constraint.until
         return lambda t: _at(course, t) - background if end is None or t <= end else 0.0
 
     def values(self, step: int, count: int, dt: float) -> np.ndarray:
-        """Values after each of `count` steps from one on, shape (count, places) or (count, 1)."""
+        """Values after each of the `count` steps that follow `step`, shape (count, places) or (count, 1)."""
         course, steps = self.constraint.course[self.component], range(step + 1, step + count + 1)
         if self.constraint.value is not None:
             return np.array([_at(course, dt * n) for n in steps], float)[:, None]
-        while len(self.way) <= step + count:  # in the order of the steps, wherever a run begins
+        while len(self.way) <= step + count:  # summed in the order of the steps, wherever a run begins
             t = dt * (len(self.way) - 1)
             mean = (_at(course, t) + 4 * _at(course, t + dt / 2) + _at(course, t + dt)) / 6
             self.way.append(self.way[-1] + dt * mean)
@@ -238,21 +238,21 @@ class PrescribedNodes:
     constraints : sequence of Prescribed
     lattice : Lattice
     components : int
-        Of the field.
-    integrator : Verlet, Euler or RungeKutta4
+        Number of components of the field.
+    integrator : Verlet or Euler
     dt : float
     background : float
 
     Attributes
     ----------
     nodes : list of ndarray of int
-        Those of each constraint in the lattice.
+        Nodes of each constraint in the lattice.
 
     Raises
     ------
     InputError
-        Runge-Kutta, two constraints on one node, as many entries as the field does not have components, or what
-        `Prescribed.nodes` refuses.
+        An integrator of several stages, two constraints on one node, a number of entries other than that of the field's
+        components, or what `Prescribed.nodes` refuses.
     """
 
     def __init__(
@@ -268,7 +268,7 @@ class PrescribedNodes:
             if not isinstance(constraint, Prescribed):
                 raise InputError("not a constraint", value=repr(constraint), limit="Prescribed", key="constraint")
             _check_components(constraint, components)
-        if constraints and isinstance(integrator, RungeKutta4):
+        if constraints and isinstance(integrator, RungeKutta4 | RungeKuttaChebyshev):
             raise InputError(
                 "a prescribed value needs a scheme of one stage",
                 value=integrator.name,
@@ -300,7 +300,7 @@ class PrescribedNodes:
         return started
 
     def now(self, t: float) -> list[np.ndarray]:
-        """What holds at a time: the value or velocity of each component that is held, and whether it is."""
+        """State at a time: for each prescribed component its value or velocity and 1, or zeros after its release."""
         return [
             np.array([_at(held.constraint.course[held.component], t), 1.0])
             if t <= (np.inf if held.constraint.until is None else held.constraint.until)
@@ -310,8 +310,8 @@ class PrescribedNodes:
 
     @property
     def driven(self) -> list[tuple[np.ndarray, Callable[[float], float]]]:
-        """Places in the field whose values are given, and these less the background as functions of t, zero after the
-        release.
+        """Places in the field with prescribed values, and these values less the background as functions of t, zero
+        after the release.
         """
         return [
             (held.places, held.value_over(self.background)) for held in self._held if held.constraint.velocity is None
@@ -319,16 +319,16 @@ class PrescribedNodes:
 
     @property
     def at_rest(self) -> np.ndarray:
-        """Places in the field that are held at the background for ever."""
+        """Places in the field that are permanently held at the background."""
         kept = (held.places for held in self._held if held.constraint.keeps(held.component, self.background))
         return np.concatenate([np.zeros(0, np.int64), *kept])
 
     def _active(self, step: int) -> list[_Course]:
-        """What holds after the step `step`, too."""
+        """Prescribed components that are still held after the step `step`."""
         return [held for held in self._held if step < held.last]
 
     def held(self, step: int) -> np.ndarray:
-        """Places in the field that are held beyond a step."""
+        """Places in the field that are still held after a step."""
         return np.concatenate([np.zeros(0, np.int64), *(held.places for held in self._active(step))])
 
     def table(self, step: int, count: int) -> np.ndarray:
@@ -341,7 +341,7 @@ class PrescribedNodes:
         return np.concatenate([np.zeros((count, 0)), *values], axis=1) - self.background
 
     def allow(self, step: int, wanted: int) -> int:
-        """How many of the `wanted` steps may be run before nodes are released."""
+        """How many of the `wanted` steps may be run before any nodes are released."""
         return int(min([wanted, *(held.last - step for held in self._active(step))]))
 
     def released(self, step: int) -> list[tuple[np.ndarray, float]]:
@@ -354,7 +354,7 @@ class PrescribedNodes:
 
 
 def _check_components(constraint: Prescribed, components: int) -> None:
-    """Refuse a constraint without one entry a component of the field."""
+    """Refuse a constraint that does not have one entry for each component of the field."""
     for name in ("value", "velocity", "rate"):
         given = getattr(constraint, name)
         if given is None:
