@@ -1,1 +1,1 @@
-"""Where: regions, cuts, the nodes of the lattice."""
+"""Regions of space, cuts, the lattice, and its decomposition for several processes."""

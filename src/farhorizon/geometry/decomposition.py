@@ -1,4 +1,4 @@
-"""How a lattice is shared out to processes: a box of it to each, in a grid of boxes."""
+"""Decomposition of a lattice into a grid of boxes, one for each process."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ Key = tuple[int, int]  # axis and side, -1 or +1
 
 @dataclass(frozen=True)
 class Decomposition:
-    """Boxes of a lattice.
+    """A grid of boxes that make up a lattice.
 
     Attributes
     ----------
     cuts : tuple of tuples of int
-        Along each axis the first node of each box, and the number of nodes.
+        For each axis the first node of each box, followed by the number of nodes.
     periodic : frozenset of int
         Axes along which the last box is a neighbour of the first one.
     """
@@ -30,21 +30,19 @@ class Decomposition:
 
     @property
     def topology(self) -> tuple[int, ...]:
-        """Boxes along each axis."""
+        """Number of boxes along each axis."""
         return tuple(len(ends) - 1 for ends in self.cuts)
 
     def place(self, number: int) -> tuple[int, ...]:
-        """Numbers along the axes of the box of a process: the last axis goes first."""
+        """Indices of the box of a process along the axes; the last axis varies fastest."""
         return tuple(int(i) for i in np.unravel_index(number, self.topology))
 
     def ranges(self, number: int) -> list[tuple[int, int]]:
-        """First node and last + 1 of a box along each axis."""
+        """First node and last node + 1 of a box along each axis."""
         return [(ends[i], ends[i + 1]) for ends, i in zip(self.cuts, self.place(number), strict=True)]
 
     def neighbours(self, number: int) -> dict[Key, int]:
-        """Numbers of the processes whose boxes are beside one, -1 where there is none; of the axes that are cut or
-        periodic.
-        """
+        """Numbers of the processes with adjacent boxes, along axes that are cut or periodic; -1 where there is none."""
         place, found = self.place(number), {}
         for axis, count in enumerate(self.topology):
             if count == 1 and axis not in self.periodic:
@@ -57,7 +55,7 @@ class Decomposition:
         return found
 
     def size(self, number: int, more: Mapping[Key, int]) -> list[int]:
-        """Nodes of a process along each axis, with those beyond the outer sides."""
+        """Nodes of a process along each axis, including those beyond the outer sides."""
         return [
             last - first + more.get((a, -1), 0) * (i == 0) + more.get((a, 1), 0) * (i == count - 1)
             for a, ((first, last), i, count) in enumerate(
@@ -66,13 +64,14 @@ class Decomposition:
         ]
 
     def exchanged(self, number: int, reach: Sequence[int], more: Mapping[Key, int], edges: bool = True) -> list[int]:
-        """Nodes whose values a process sends to others each time, along each axis, of which the last one goes first.
+        """Number of nodes whose values a process sends to others in each exchange, along each axis; the last axis is
+        exchanged first.
 
         Parameters
         ----------
         number : int
         reach : sequence of int
-            Of the stencil along each axis.
+            Reach of the stencil along each axis.
         more : mapping of (axis, side) to int
             Nodes beyond the outer sides.
         edges : bool
@@ -87,9 +86,7 @@ class Decomposition:
         return found
 
     def corners(self) -> Iterator[int]:
-        """Processes among which is the one that exchanges most: the first, the last and the middle ones along each
-        axis.
-        """
+        """Processes that include the one that exchanges most: the first, middle and last ones along each axis."""
         picks = [sorted({0, count // 2, count - 1}) for count in self.topology]
         for place in np.stack(np.meshgrid(*picks, indexing="ij"), -1).reshape(-1, len(picks)):
             yield int(np.ravel_multi_index(tuple(place), self.topology))
@@ -105,29 +102,28 @@ def decompose(
     least: int = 1,
     work: Sequence[np.ndarray] | None = None,
 ) -> Decomposition:
-    """Share a lattice out: of all grids of boxes the one whose boxes exchange least, cut along each axis into the same
-    work.
+    """Divide a lattice into the grid of boxes that exchange least, cut into equal work along each axis.
 
     Parameters
     ----------
     shape : sequence of int
     processes : int
     reach : sequence of int
-        Of the stencil along each axis.
+        Reach of the stencil along each axis.
     more : mapping of (axis, side) to float
-        Work beyond each side, in nodes of the lattice along the axis: that of layers.
+        Work beyond each side, such as that of layers, in nodes of the lattice along the axis.
     periodic : frozenset of int
     topology : sequence of int, optional
-        Boxes along each axis, in place of the best ones.
+        Boxes along each axis; the best ones unless given.
     least : int
-        Nodes that a box has along an axis that is cut, more than twice the reach in any case.
+        Minimum number of nodes of a box along an axis that is cut; it is more than twice the reach in any case.
     work : sequence of ndarray, optional
-        Of the nodes at each place along each axis, in units of `more`; 1 everywhere unless given.
+        Work of the nodes at each index along each axis, in units of `more`; 1 everywhere unless given.
 
     Raises
     ------
     InputError
-        More processes than the lattice can be cut into, another number of boxes than of processes.
+        More processes than the lattice can be cut into, a topology with another number of boxes than processes.
     """
     fewest = [max(least, 2 * m + 1) for m in reach]
     most = [max(1, n // few) for n, few in zip(shape, fewest, strict=True)]
@@ -158,13 +154,13 @@ def decompose(
 
     def cost(one: Decomposition) -> tuple[int, tuple[int, ...]]:
         most = max(sum(one.exchanged(number, reach, width, edges=False)) for number in one.corners())
-        return most, tuple(-count for count in one.topology)  # of two the one that cuts earlier axes
+        return most, tuple(-count for count in one.topology)  # of equals, the one that cuts earlier axes
 
     return min(made, key=cost)
 
 
 def _grids(count: int, axes: int) -> Iterator[tuple[int, ...]]:
-    """All ways to write a number as a product of so many numbers."""
+    """All ways to write a number as a product of as many factors as there are axes."""
     if axes == 1:
         yield (count,)
         return
@@ -180,7 +176,7 @@ def _cut(
     more: Mapping[Key, float],
     periodic: frozenset[int],
 ) -> Decomposition:
-    """Boxes of the same work, what lies beyond the outer ones counted, but never thinner than they may be."""
+    """Boxes of equal work, including what lies beyond the outer sides, but never thinner than allowed."""
     cuts = []
     for axis, (sums, count, least) in enumerate(zip(summed, topology, fewest, strict=True)):
         low, high, n = more.get((axis, -1), 0.0), more.get((axis, 1), 0.0), len(sums)

@@ -1,4 +1,4 @@
-"""Regions that meshes of volumes cover: triangles in the plane, tetrahedra in space, as Gmsh makes them."""
+"""Regions covered by volume meshes, such as those of Gmsh: triangles in the plane, tetrahedra in space."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import TOLERANCE, Array, Mask, Shape, constant
 
-_CORNERS = {"triangle": 3, "triangle6": 3, "tetra": 4, "tetra10": 4}  # those in the middle of edges come after them
+_CORNERS = {"triangle": 3, "triangle6": 3, "tetra": 4, "tetra10": 4}  # the nodes in the middle of edges follow them
 _DIMENSION = {"triangle": 2, "triangle6": 2, "tetra": 3, "tetra10": 3}
-_CHUNK = 4096  # elements that are looked at together
-_FLAT = 1e-9  # of the extent: heights of a mesh in the plane
+_CHUNK = 4096  # elements that are processed together
+_FLAT = 1e-9  # of the extent: largest range of heights of a mesh in the plane
 
 
 class Elements(Shape):
@@ -63,7 +63,7 @@ class Elements(Shape):
         else:
             corners = _corners(elements)
         self.dim = corners.shape[-1]
-        # as they are now, so that the same arguments make the same shape again
+        # scaled already, so that the same arguments give the same shape again
         self.elements, self.group, self.scale = constant("elements", factor * corners), None, 1.0
 
     def __repr__(self) -> str:
@@ -92,20 +92,20 @@ class Elements(Shape):
 
 
 def _within(elements: Array, which: np.ndarray, points: Array, slack: float) -> Mask:
-    """Whether points lie in elements, each in one of given number, or so near to its faces."""
+    """Whether points lie in given elements, one for each point, or within `slack` of their faces."""
     edges = elements[:, 1:] - elements[:, :1]
     volume = np.linalg.det(edges)
     solid = np.abs(volume) > 0
     inverse = np.linalg.inv(np.where(solid[:, None, None], edges, np.eye(edges.shape[-1])))
-    shares = np.einsum("ni,nij->nj", points - elements[which, 0], inverse[which])  # of the corners but the first
+    shares = np.einsum("ni,nij->nj", points - elements[which, 0], inverse[which])  # of all corners but the first
     slopes = np.concatenate([inverse, -inverse.sum(2, keepdims=True)], axis=2)
-    reach = slack * np.linalg.norm(slopes, axis=1)[which]  # how much shares change on the way of the slack
+    reach = slack * np.linalg.norm(slopes, axis=1)[which]  # change of the shares over a distance of slack
     shares = np.concatenate([shares, 1 - shares.sum(1, keepdims=True)], axis=1)
     return np.asarray((shares >= -reach).all(1) & solid[which])
 
 
 def _corners(given: Any) -> Array:
-    """Corners of the elements that are given in one way or another, shape (n, dim + 1, dim)."""
+    """Corners of the elements given in any of the accepted forms, shape (n, dim + 1, dim)."""
     if isinstance(given, tuple) and len(given) == 2:
         points = kinds.array(given[0], "elements", shape=(None, None))
         numbers = kinds.array(given[1], "elements", shape=(None, points.shape[1] + 1))
@@ -131,7 +131,7 @@ def _corners(given: Any) -> Array:
 
 
 def _read(path: Path, group: str | None) -> Array:
-    """Corners of the elements of a file, of one of its physical groups if it is named."""
+    """Corners of the elements of a file, or of one of its physical groups if it is named."""
     try:
         import meshio
     except ImportError as error:
@@ -142,7 +142,7 @@ def _read(path: Path, group: str | None) -> Array:
         raise InputError("there is no such file", value=path, key="elements", remedy="check the path")
     try:
         mesh = meshio.read(path)
-    except (Exception, SystemExit) as error:  # meshio raises what its readers meet, and leaves the program
+    except (Exception, SystemExit) as error:  # meshio's readers raise all kinds of errors, or exit
         remedy = "a mesh that Gmsh has saved in its format MSH 4.1"
         raise InputError(f"cannot read the mesh {path}: {error}", key="elements", remedy=remedy) from None
     groups = {name: int(entry[0]) for name, entry in mesh.field_data.items()}

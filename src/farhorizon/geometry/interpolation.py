@@ -1,15 +1,15 @@
-"""Values at points between the nodes of a lattice, and their derivatives, as sums over blocks of nodes.
+"""Interpolation of values and derivatives between the nodes of a lattice, as sums over blocks of nodes.
 
-Along each axis the weights are those of a kernel of the distance, divided by their sum, so that constants stay what
-they are:
+Along each axis the weights are those of a kernel of the distance, divided by their sum, so that constants are
+reproduced exactly:
 
 - "sinc": ``sin(pi d) / (pi d)`` under a Kaiser window of eight nodes to either side (Hicks 2002, Geophysics 67(1), eqs
-  11 to 13), whose shape parameter ``8 pi / 2`` is that for waves of four nodes and more: values are right to some
-  ``exp(-8 pi / 2)`` = 3.5e-6 an axis, derivatives to ten times as much;
-- "linear": ``1 - |d|`` on the two nodes beside the point, with an error of second order in the spacing.
+  11 to 13). Its shape parameter ``8 pi / 2`` is that for waves of four nodes and more: values are accurate to about
+  ``exp(-8 pi / 2)`` = 3.5e-6 per axis, derivatives to ten times as much;
+- "linear": ``1 - |d|`` on the two nodes next to the point, with an error of second order in the spacing.
 
-A point on a node has the weight 1 there and none elsewhere. The same weights spread a source that acts at a point over
-nodes: what is then received at one point from another is the same both ways.
+At a point on a node, that node has the weight 1 and all others 0. The same weights distribute a source that acts at a
+point over nodes, so that the transmission between two points is the same in both directions.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from farhorizon.errors import InputError, shown
 from farhorizon.geometry.lattice import Lattice
 
 HALF_WIDTH = 8  # nodes to either side of a point that the windowed sinc reads
-_SHAPE = HALF_WIDTH * np.pi / 2  # of the Kaiser window: half width times the distance of pi/2, the band, from pi
-_ON_NODE = 1e-9  # spacings within which a point is on a node, as whole numbers of spacings are elsewhere
+_SHAPE = HALF_WIDTH * np.pi / 2  # of the Kaiser window: half width times the distance from the band limit pi/2 to pi
+_ON_NODE = 1e-9  # spacings within which a point counts as on a node: the tolerance of bounds
 
 Kernel = Callable[[np.ndarray], np.ndarray]
 
 
 class Blocks(NamedTuple):
-    """One block of nodes a point, with weights that are products of those along the axes.
+    """A block of nodes for each point, with weights that are products of those along the axes.
 
     Attributes
     ----------
     first : ndarray of int, shape (n, dim)
-        Index of each block's first node.
-    weights : tuple of ndarray, one an axis, shape (n, width)
-        Width of the blocks along the axis: the same for all points.
+        Index of the first node of each block.
+    weights : tuple of ndarray, one per axis, shape (n, width)
+        Weights along the axis; the width of the blocks is the same for all points.
     shape : tuple of int
         Nodes of the lattice along each axis.
     """
@@ -60,14 +60,14 @@ class Blocks(NamedTuple):
         return nodes, weights
 
     def within(self, begin: Sequence[int], shape: Sequence[int]) -> tuple[Blocks, np.ndarray]:
-        """The part of each block that lies in a box of the lattice, and the numbers of those that have one.
+        """Parts of the blocks that lie in a box of the lattice, and the numbers of the blocks that have such a part.
 
         Parameters
         ----------
         begin : sequence of int
-            The box's first node along each axis.
+            First node of the box along each axis.
         shape : sequence of int
-            Its nodes along each axis.
+            Number of nodes of the box along each axis.
         """
         firsts, tables, there = [], [], np.ones(len(self.first), bool)
         for axis, (start, count) in enumerate(zip(begin, shape, strict=True)):
@@ -87,18 +87,18 @@ class Blocks(NamedTuple):
 def interpolation_blocks(
     lattice: Lattice, points: np.ndarray, method: str = "sinc", derivative: int | None = None, key: str = "points"
 ) -> Blocks:
-    """The blocks whose sums are a field's values at points, or its first derivatives there.
+    """Blocks whose sums are the values of a field at points, or its first derivatives there.
 
     Parameters
     ----------
     lattice : Lattice
     points : ndarray, shape (n, dim)
-        As `as_points` has them.
+        As returned by `as_points`.
     method : {"sinc", "linear"}
     derivative : int, optional
-        Axis to derive along. The windowed sinc is derived itself; "linear" interpolates central differences.
+        Axis of the derivative. The windowed sinc itself is differentiated; "linear" interpolates central differences.
     key : str
-        Of the points, named in messages.
+        Name of the points in messages.
 
     Returns
     -------
@@ -107,8 +107,8 @@ def interpolation_blocks(
     Raises
     ------
     InputError
-        An unknown method, a point outside the near field or in a hole, or one so close to an edge or a hole that nodes
-        which its sum needs are not there.
+        An unknown method, a point outside the near field or in a hole, or one so close to an edge or a hole that some
+        of the nodes in its sum do not exist.
 
     Examples
     --------
@@ -133,12 +133,12 @@ def interpolation_blocks(
 
 
 def as_points(points: Any, dim: int, key: str = "points") -> np.ndarray:
-    """Points as an array of shape (n, dim), in one dimension of numbers along the line, too.
+    """Return points as an array of shape (n, dim); in one dimension, numbers along the line are accepted, too.
 
     Raises
     ------
     InputError
-        No numbers, none at all, or points of another dimension.
+        Values that are not numbers, no point, or points of another dimension.
     """
     given = kinds.array(points, key)
     if given.ndim < 2 and dim == 1:
@@ -152,7 +152,7 @@ def as_points(points: Any, dim: int, key: str = "points") -> np.ndarray:
 
 
 def points_on_line(start: Any, end: Any, count: int) -> np.ndarray:
-    """Points at even distances from one end to the other, both included, shape (count, dim).
+    """Evenly spaced points from one end to the other, both included, shape (count, dim).
 
     Raises
     ------
@@ -173,7 +173,7 @@ def points_on_line(start: Any, end: Any, count: int) -> np.ndarray:
 
 
 def points_on_grid(lower: Any, upper: Any, counts: Any) -> np.ndarray:
-    """Points on a grid, both corners included, the last axis fastest, shape (n, dim).
+    """Points on a grid, both corners included, with the last axis varying fastest, shape (n, dim).
 
     Raises
     ------
@@ -195,7 +195,7 @@ def points_on_grid(lower: Any, upper: Any, counts: Any) -> np.ndarray:
 
 
 def _check_inside(lattice: Lattice, points: np.ndarray, place: np.ndarray, key: str) -> None:
-    """InputError for a point beyond the near field, at its place in nodes, or where no node is the nearest one."""
+    """Raise an InputError for a point outside the near field, or one whose nearest node does not exist."""
     outside = ((place < 0) | (place > np.array(lattice.shape) - 1)).any(axis=1)
     if lattice.mask is not None:
         nearest = np.clip(np.round(place), 0, np.array(lattice.shape) - 1).astype(int)
@@ -212,7 +212,7 @@ def _check_inside(lattice: Lattice, points: np.ndarray, place: np.ndarray, key: 
 
 
 def _check_whole(lattice: Lattice, points: np.ndarray, blocks: Blocks, method: str, key: str) -> None:
-    """InputError for a point whose sum takes nodes that are not there."""
+    """Raise an InputError for a point whose sum includes nodes that do not exist."""
     lacking = np.zeros(len(points), bool)
     for along in blocks.weights:
         lacking |= np.isnan(along).any(axis=1)
@@ -239,7 +239,7 @@ def _inside(distance: np.ndarray) -> np.ndarray:
 def _sinc(distance: np.ndarray) -> np.ndarray:
     inside = _inside(distance)
     window = np.where(inside > 0, i0(_SHAPE * inside) / i0(_SHAPE), 0.0)
-    whole = distance == np.round(distance)  # where the sine's rounding would leave a trace
+    whole = distance == np.round(distance)  # where rounding errors of the sine would remain
     return np.where(whole, distance == 0, np.sinc(distance) * window)
 
 
@@ -260,7 +260,7 @@ def _hat_of_differences(distance: np.ndarray) -> np.ndarray:
 
 
 class _Kernels(NamedTuple):
-    """What the weights along an axis are made of: a kernel and its half width, and the same for derivatives."""
+    """Kernel of the weights along an axis and its half width, and the same for derivatives."""
 
     value: Kernel
     half: int
@@ -276,7 +276,7 @@ INTERPOLATIONS = tuple(_KERNELS)
 
 
 def _along(place: np.ndarray, count: int, kernels: _Kernels, derived: bool) -> tuple[np.ndarray, np.ndarray]:
-    """First nodes and weights of blocks along an axis of so many nodes; nan where they lack a node."""
+    """First nodes and weights of blocks along an axis with `count` nodes; weights are nan where a node is missing."""
     half = kernels.slope_half if derived else kernels.half
     below = np.floor(place).astype(np.int64)
     between = place != below

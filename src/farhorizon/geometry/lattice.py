@@ -1,4 +1,4 @@
-"""The uniform lattice: spacing, bounds, nodes; a window on the medium, or a body that ends."""
+"""The uniform lattice: spacing, bounds and nodes, with a window on the medium or a body of finite extent."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from farhorizon.geometry.voxels import Voxels
 from farhorizon.machine import available_memory
 
 AXES = ("x", "y", "z")
-_LARGE = 2.0**28  # bytes that need no look at the memory, which takes longer than to fill a few nodes
-_AT_ONCE = 2**22  # nodes of a body or window that are looked at before anyone asks: of more each process takes its own
-_COUNTED = 2.0**53  # nodes: beyond it their numbers are not exact in double precision
+_LARGE = 2.0**28  # bytes up to which the memory is not queried, which takes longer than filling a few nodes
+_AT_ONCE = 2**22  # nodes up to which the mask is computed at once; beyond, each process computes its own part
+_COUNTED = 2.0**53  # nodes beyond which their numbers are not exact in double precision
 _SHAPES = (
     "Disc, Ball, Box, Polygon, Mesh, Voxels, of a body an array of bool of the lattice's shape, "
     "or a subclass of farhorizon.geometry.shapes.Shape with dim, bounds() and contains(points)"
@@ -135,7 +135,7 @@ class Lattice(Storable):
         return self._mask
 
     def _inside(self) -> np.ndarray:
-        """The nodes inside the window or body."""
+        """Mask of the nodes inside the window or body."""
         assert self._region is not None
         _check_size(np.array(self.shape), 3 * self.dim + 2)
         inside = kinds.function(self._region.contains, "lattice", "points")(np.stack(self.coordinates(), axis=-1))
@@ -211,8 +211,8 @@ class Lattice(Storable):
         return made
 
     def around(self, more: Sequence[int]) -> tuple[Lattice, tuple[slice, ...]]:
-        """The part of the whole lattice that has a number of nodes more along each axis, as far as they exist, and the
-        location of the nodes of this lattice in it.
+        """This part of the whole lattice, extended by a number of nodes on both sides of each axis as far as they
+        exist, and the location of the nodes of this lattice in it.
         """
         spans = zip(self.first, self.shape, more, self.whole.shape, strict=True)
         ends = [(max(first - m, 0), min(first + n + m, size)) for first, n, m, size in spans]
@@ -254,7 +254,7 @@ class Lattice(Storable):
         return list(np.meshgrid(*self.axes, indexing="ij"))
 
     def index(self, point: ArrayLike, key: str = "point") -> tuple[int, ...]:
-        """Index of the node nearest to a point, in one dimension to a number; raises InputError, which names the key,
+        """Index of the node nearest to a point (in one dimension, to a number); raises an InputError for the given key
         if the point lies outside the near field or the window.
         """
         given = kinds.array(point, key)
@@ -262,7 +262,7 @@ class Lattice(Storable):
         if at.shape != (self.dim,):
             count = "one coordinate" if self.dim == 1 else f"{self.dim} coordinates"
             raise InputError("a point needs one coordinate per axis", value=given, limit=count, key=key)
-        with np.errstate(over="ignore"):  # so far away is outside, too
+        with np.errstate(over="ignore"):  # points so far away are outside, too
             place = np.round((at - self.lower) / self.spacing)
         inside = bool(((place >= 0) & (place < self.shape)).all())
         node = tuple(int(i) for i in place) if inside else ()
@@ -300,14 +300,14 @@ class Lattice(Storable):
 
 
 def nodes_in(shape: Shape, lattice: Lattice, key: str) -> np.ndarray:
-    """Which nodes of a lattice lie in a shape, of its shape; InputError for a shape of another dimension."""
+    """Mask of the nodes in a shape, of the lattice's shape; raises an InputError for a shape of another dimension."""
     if shape.dim != lattice.dim:
         raise InputError("shape and lattice differ in dimension", value=shape.dim, limit=lattice.dim, key=key)
     return shape.contains(np.stack(lattice.coordinates(), axis=-1))
 
 
 def check_any(inside: bool) -> None:
-    """InputError for a window or body that holds no node."""
+    """Raise an InputError if no node lies in the window or body."""
     if not inside:
         raise InputError(
             "no node lies in the window or body", key="lattice", remedy="a smaller spacing or a larger shape"
@@ -315,13 +315,13 @@ def check_any(inside: bool) -> None:
 
 
 def _cells(mask: np.ndarray, spacing: float, lower: ArrayLike | None) -> Voxels:
-    """The nodes of a mask as a shape: a cell around each."""
+    """The nodes of a mask as a shape: one cell around each."""
     first = np.zeros(mask.ndim) if lower is None else np.atleast_1d(kinds.array(lower, "lattice.lower"))
     return Voxels(kinds.mask(mask, "lattice.body"), spacing, first - spacing / 2)
 
 
 def _check_size(count: np.ndarray, fields: float) -> None:
-    """InputError unless so many fields on so many nodes along each axis fit into memory."""
+    """Raise an InputError unless `fields` arrays with `count` nodes along each axis fit into memory."""
     need = 8.0 * fields * float(np.prod(np.maximum(count, 1.0)))
     if need > _LARGE and need > available_memory():
         size = " x ".join(shown(n) for n in count)

@@ -1,6 +1,6 @@
-"""Regions of the plane that are drawn: text in a font, the dark parts of an image.
+"""Drawn regions of the plane: text in a font, the dark parts of an image.
 
-matplotlib, which reads the fonts and the images, is imported when such a region is made.
+matplotlib, which reads the fonts and the images, is imported when such a region is created.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import TOLERANCE, Array, Mask, Shape, constant, polygon_side
 
-_FONT_SIZE = 1000.0  # in which curves become polygons: to a part in some thousands
+_FONT_SIZE = 1000.0  # at which curves become polygons, accurate to one part in some thousands
 
 
 class Text(Shape):
@@ -74,7 +74,7 @@ class Text(Shape):
                 remedy=f"leave out {missing}" if missing else "give a text",
             )
         capital = TextPath((0, 0), "H", size=_FONT_SIZE, prop=look).get_extents().height
-        plain = text.replace("$", r"\$")  # matplotlib takes what is between dollar signs for mathematics
+        plain = text.replace("$", r"\$")  # matplotlib takes text between dollar signs for mathematics
         loops = TextPath((0, 0), plain, size=_FONT_SIZE, prop=look).to_polygons(closed_only=True)
         drawn = [np.asarray(loop, float)[:-1] * (self.height / capital) for loop in loops]
         middle = (np.min([loop.min(0) for loop in drawn], axis=0) + np.max([loop.max(0) for loop in drawn], axis=0)) / 2
@@ -179,7 +179,7 @@ class ImageMask(Shape):
 
 
 def _brightness(path: Path) -> Array:
-    """Brightness of the pixels of an image on white, 0 to 1; InputError if the file cannot be read."""
+    """Brightness of the pixels of an image on white, 0 to 1; raises InputError if the file cannot be read."""
     from matplotlib.image import imread
 
     try:
@@ -189,6 +189,6 @@ def _brightness(path: Path) -> Array:
     values = values / 255.0 if values.dtype.kind == "u" else values.astype(float)
     if values.ndim == 2:
         return values
-    colours = values.shape[2] - (values.shape[2] + 1) % 2  # 1 or 3, a last one beside them is the opacity
+    colours = values.shape[2] - (values.shape[2] + 1) % 2  # 1 or 3; a further channel is the opacity
     grey = values[..., :colours] @ ([1.0] if colours == 1 else [0.299, 0.587, 0.114])  # ITU-R BT.601
     return np.asarray(grey if colours == values.shape[2] else 1 - values[..., -1] * (1 - grey))

@@ -1,4 +1,4 @@
-"""Bodies in space that are bounded by triangles."""
+"""Bodies in space bounded by a surface of triangles."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from farhorizon.errors import InputError
 from farhorizon.files.triangles import read_triangles
 from farhorizon.geometry.shapes import TOLERANCE, Array, Mask, Shape, constant
 
-_SAME = 1e-6  # of the size: corners that are as near are one, as STL has no numbers of corners
+_SAME = 1e-6  # of the size: corners closer than this are the same, since STL does not number them
 
 
 class Mesh(Shape):
@@ -64,7 +64,7 @@ class Mesh(Shape):
         _check_closed(corners, float((upper - lower).max()))
         if centre is not None:
             corners = corners + (constant("centre", centre, (3,)) - (lower + upper) / 2)
-        # as they are now, so that the same arguments make the same shape again
+        # scaled and moved already, so that the same arguments give the same shape again
         self.triangles, self.scale, self.centre = corners, 1.0, None
 
     def __repr__(self) -> str:
@@ -83,7 +83,7 @@ class Mesh(Shape):
         columns, of = np.unique(flat[near, :2], axis=0, return_inverse=True)
         height = flat[near, 2]
         found = np.zeros(len(height), bool)
-        # Rays that run through edges or corners meet two triangles or none: they are moved aside, to all sides, and a
+        # A ray through an edge or a corner may meet two triangles or none. So each ray is displaced to all sides, and a
         # point on the surface is inside for one of them.
         for aside in ((1, 0.618), (-1, 0.618), (0.618, -1), (-0.618, -1)):
             met = self._met(columns + slack * np.array(aside))
@@ -93,7 +93,7 @@ class Mesh(Shape):
         return inside.reshape(points.shape[:-1])
 
     def _met(self, columns: Array) -> np.ndarray:
-        """Where vertical lines meet the surface: numbers of lines, heights as imaginary parts, sorted."""
+        """Sorted points where vertical lines meet the surface: numbers of the lines + 1j * heights."""
         met = [np.zeros(0, complex)]
         low, high = self.triangles[..., :2].min(1), self.triangles[..., :2].max(1)
         first = np.searchsorted(columns[:, 0], low[:, 0], "left")
@@ -114,7 +114,7 @@ class Mesh(Shape):
 
 
 def _corners(given: Any) -> Array:
-    """Corners of the triangles that are given in one way or another, shape (n, 3, 3)."""
+    """Corners of the triangles given in any of the accepted forms, shape (n, 3, 3)."""
     if isinstance(given, str | Path):
         return read_triangles(Path(given))
     if isinstance(given, tuple) and len(given) == 2:
@@ -135,7 +135,7 @@ def _check_closed(corners: Array, size: float) -> None:
     """Refuse a surface in which an edge belongs to an odd number of triangles."""
     _, points = np.unique(np.round(corners.reshape(-1, 3) / (_SAME * size)), axis=0, return_inverse=True)
     faces = points.reshape(-1, 3)
-    faces = faces[(faces != np.roll(faces, 1, 1)).all(1)]  # without those of no area
+    faces = faces[(faces != np.roll(faces, 1, 1)).all(1)]  # without degenerate faces
     edges = np.sort(np.stack([faces, np.roll(faces, -1, 1)], -1).reshape(-1, 2), 1)
     _, counts = np.unique(edges, axis=0, return_counts=True)
     open_edges = int((counts % 2).sum())
@@ -150,6 +150,6 @@ def _check_closed(corners: Array, size: float) -> None:
 
 
 def _odd_above(met: np.ndarray, column: np.ndarray, height: Array) -> Mask:
-    """Whether the surface is met an odd number of times above points of some columns."""
+    """Whether the surface is met an odd number of times above points in the given columns."""
     last = np.searchsorted(met, column + complex(0, np.inf), "right")
     return (last - np.searchsorted(met, column + 1j * height, "right")) % 2 == 1

@@ -47,7 +47,7 @@ Mask = NDArray[np.bool_]
 
 
 def constant(name: str, value: ArrayLike, shape: tuple[int | None, ...] | None = None) -> Array:
-    """Finite coordinates that nobody changes afterwards."""
+    """Return finite coordinates as a read-only array."""
     array = np.array(kinds.array(value, name, shape=shape))
     if (np.abs(array) > kinds.LARGEST).any():
         raise InputError(
@@ -310,7 +310,7 @@ class Polygon(Shape):
 
 
 def polygon_side(points: Array, corners: Array, slack: float) -> tuple[Mask, Mask]:
-    """Which points a ray leaves through an odd number of a polygon's edges, and which lie within `slack` of an edge.
+    """Find the points from which a ray crosses an odd number of a polygon's edges, and those within `slack` of an edge.
 
     Parameters
     ----------
@@ -354,7 +354,7 @@ class _Pair(Shape):
 
 
 class Union(_Pair):
-    """What lies in either of two shapes: ``first | second``.
+    """The region that lies in either of two shapes: ``first | second``.
 
     Parameters
     ----------
@@ -371,7 +371,7 @@ class Union(_Pair):
 
 
 class Intersection(_Pair):
-    """What lies in both of two shapes: ``first & second``.
+    """The region that lies in both of two shapes: ``first & second``.
 
     Parameters
     ----------
@@ -394,7 +394,7 @@ class Intersection(_Pair):
 
 
 class Difference(_Pair):
-    """What lies in the first shape and not in the second: ``first - second``.
+    """The region that lies in the first shape and not in the second: ``first - second``.
 
     The surface of the second shape belongs to the second: a node on the edge of a hole is removed.
 
@@ -411,14 +411,14 @@ class Difference(_Pair):
         return self.first._contains(points) & ~self.second._contains(points)
 
 
-# Tells, for crossing points of bonds with the plane of a cut, which lie in its flat region: takes the points relative
-# to the origin of the
-# cut, how far each would move if the plane were shifted by one unit against its normal, and the tolerance of each bond.
+# Determines which of the points where bonds cross the plane of a cut lie in its flat region. Arguments: the points
+# relative to the origin of the cut, how far each would move if the plane were shifted by one unit against its normal,
+# and the tolerance of each bond.
 _Region = Callable[[Array, Array, Array], Mask]
 
 
 def _planar_cut(start: Array, end: Array, origin: Array, normal: Array, region: _Region) -> Mask:
-    """Tell which bonds a flat cut severs, in any dimension, by the rule in the head of this module.
+    """Determine which bonds a flat cut severs, in any dimension, by the rule at the head of this module.
 
     Every formula is symmetric in start and end to the last bit, so a bond and its reverse always agree.
     """
@@ -430,7 +430,7 @@ def _planar_cut(start: Array, end: Array, origin: Array, normal: Array, region: 
 
     above, below = height(start), height(end)
     cut: Mask = (above >= 0) != (below >= 0)
-    # Few bonds of a lattice cross: the rest is done for these alone.
+    # Few bonds of a lattice cross the plane: the region is examined for these alone.
     p, q, hp, hq = start[cut], end[cut], above[cut, None], below[cut, None]
     crossing = ((q - origin) * hp - (p - origin) * hq) / (hp - hq)
     shift = (q - p) / (hp - hq)
@@ -581,8 +581,7 @@ class Polyline(Cut):
         self._tangents = steps / self._lengths[:, None]
         self._normals = np.stack([-self._tangents[:, 1], self._tangents[:, 0]], axis=1)
         # How far the first and last point of each segment move along it per unit of shift to the right, to where the
-        # shifted segments meet.
-        # A free tip takes every bond that touches it.
+        # shifted segments meet. A free tip cuts every bond that touches it.
         before, after = np.roll(self._normals, 1, axis=0), np.roll(self._normals, -1, axis=0)
         self._first_moves = _mitre(self._normals, self._tangents, before, -np.inf)
         self._last_moves = _mitre(self._normals, self._tangents, after, np.inf)
@@ -623,7 +622,7 @@ def _mitre(normals: Array, tangents: Array, neighbours: Array, tip: float) -> Ar
 
 
 def segments_cross(a0: ArrayLike, a1: ArrayLike, b0: ArrayLike, b1: ArrayLike) -> Mask:
-    """Tell which bonds a straight crack in the plane cuts.
+    """Determine which bonds a straight crack in the plane cuts.
 
     A bond is cut if it meets the closed segment, to 1e-9 of the bond's length, with nodes on the crack's line counted
     as lying on its left; see the head of this module. Bonds along the crack are not cut, bonds that graze a tip are.

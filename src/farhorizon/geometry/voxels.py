@@ -95,7 +95,7 @@ class Voxels(Shape):
 
 
 def _taken(cells: np.ndarray, labels: Any) -> Mask:
-    """The cells with some labels, or all that are not zero."""
+    """Mask of the cells with the given labels, or of all that are not zero."""
     if labels is None:
         return cells != 0
     wanted = kinds.array([labels] if isinstance(labels, int | np.integer) else labels, "labels", shape=(None,))
@@ -108,7 +108,7 @@ def _taken(cells: np.ndarray, labels: Any) -> Mask:
 
 
 def _read(path: Path) -> np.ndarray:
-    """The array of a file, axes in the order of space."""
+    """The array in a file, with its axes in the order of space."""
     remedy = "an NPY file of bool or whole numbers, or a TIFF file of grey values or labels"
     try:
         if path.suffix.lower() == ".npy":

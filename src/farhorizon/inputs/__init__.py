@@ -1,1 +1,1 @@
-"""What a user puts into a medium: expressions, sources, loads, cracks, conditions, prescribed values."""
+"""User inputs: expressions, signals, sources, incident waves, loads, cracks, conditions and prescribed values."""

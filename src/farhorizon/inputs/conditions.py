@@ -1,15 +1,15 @@
 """Conditions on nodes of a body: prescribed temperature, prescribed flux, convection, insulation.
 
-A condition on a side ("x-", "y+", ..) concerns the outermost nodes of the body along that axis. It is imposed in one of
-these ways:
+A condition on a side ("x-", "y+", ..) applies to the outermost nodes of the body along that axis. It is imposed in one
+of these ways:
 
 - on one layer of nodes, or on as many as the stencil reaches (a volume layer): they take the value;
 - by a layer of nodes *beyond the wall*, which belong to the lattice but not to the body proper: as many nodes as the
-  stencil reaches take values that follow from those inside (mirror images, or the paper's eq. 22); the wall lies half a
-  spacing inside the last of them;
-- as a source in the outermost cells, which need no nodes of their own.
+  stencil reaches take values that follow from those inside (mirror images, or eq. 22 of Bobaru and Duangpanya 2010);
+  the wall lies half a spacing inside the last of them;
+- as a source in the outermost cells, which needs no nodes of its own.
 
-Which nodes follow from which is a table of numbers (`Conditions`); the engine applies it after every stage of a step.
+Which nodes follow from which is stated by tables (`Conditions`), which the engine applies after every stage of a step.
 """
 
 from __future__ import annotations
@@ -185,19 +185,19 @@ class Convection(Storable):
 
 
 Constraint = Temperature | Flux | Insulated | Convection
-#: Of a value of this process those of all, in their order.
+#: Returns the values of all processes, in their order, given that of this process.
 Gather = Callable[[Any], list[Any]]
-#: What varies in time: (values over some nodes, function of t), or (None, function of t that gives such values).
+#: A value that may vary in time: (values at some nodes, factor of t), or (None, function of t that gives such values).
 Drive = tuple[np.ndarray | None, Callable[..., Any]]
 
 
 def alone(value: Any) -> list[Any]:
-    """The values of all processes where there is one."""
+    """The values of all processes if there is only one."""
     return [value]
 
 
 def _driven(drives: Sequence[Drive], shape: tuple[int, ...]) -> np.ndarray:
-    """Where what varies in time, and the sum of what does not, is not zero."""
+    """Where the drives that vary in time, or the sum of those that do not, are not zero."""
     constant, active = np.zeros(shape), np.zeros(shape, bool)
     for space, time in drives:
         if space is None:
@@ -210,7 +210,7 @@ def _driven(drives: Sequence[Drive], shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _check_place(where: Where, within: Any, anywhere: bool = False) -> None:
-    """A side; or, of a condition that may be `anywhere`, a shape or a mask, too."""
+    """Check that the place is a side or, if the condition may be `anywhere`, also a shape or a mask."""
     if within is not None:
         kinds.instance(within, "constraint.within", Shape, "a shape")
     if isinstance(where, str):
@@ -233,7 +233,7 @@ def _check_place(where: Where, within: Any, anywhere: bool = False) -> None:
 
 
 def _check_value(value: Any, key: str) -> None:
-    """A text is an expression at once; of how many coordinates is seen on the lattice, as all else is."""
+    """Parse a text at once; its number of coordinates, and all other values, are checked with the lattice."""
     text = value.value if isinstance(value, Source) else value
     if isinstance(text, str):
         as_given(text, len(AXES), key)
@@ -241,26 +241,26 @@ def _check_value(value: Any, key: str) -> None:
 
 @dataclass
 class Conditions:
-    """All conditions of a body as tables, or of a part of one those on its nodes.
+    """Tables of all conditions of a body, or of those on the nodes of a part of it.
 
     Attributes
     ----------
     nodes : ndarray of int, shape (H,)
         Flat indices (of the lattice, or of its part) of the prescribed nodes, in the order in which they are set.
     owner : ndarray of int, shape (H,)
-        Number of the condition of each.
+        Number of the condition of each prescribed node.
     starts : ndarray of int, shape (H + 1,)
     references : ndarray of int, shape (R,)
         Node i follows from the nodes references[starts[i]:starts[i + 1]].
     weights : ndarray, shape (R,)
     drives : list of Drive
-        What is added to the prescribed nodes, over all H.
+        Values added to the prescribed nodes, each over all H.
     sources : list of (int, Drive)
-        Powers per volume, of the lattice's shape, and the condition that they come from.
+        Number of a condition and its power per volume, of the lattice's shape.
     leaks : list of (int, ndarray)
-        Power lost per volume and temperature, of the lattice's shape, and its condition.
+        Number of a condition and the power lost per volume and temperature, of the lattice's shape.
     notes : list of str
-        What is allowed, but to be known.
+        Notes on conditions that are allowed but may be unintended.
     """
 
     nodes: np.ndarray
@@ -275,21 +275,21 @@ class Conditions:
 
     @property
     def resting(self) -> np.ndarray:
-        """Which of the prescribed nodes hold the background at all times."""
+        """Which prescribed nodes hold the background value at all times."""
         return (np.diff(self.starts) == 0) & ~_driven(self.drives, self.nodes.shape)
 
     @property
     def constant(self) -> bool:
-        """Whether nothing that drives the prescribed nodes varies in time."""
+        """Whether all values that drive the prescribed nodes are constant in time."""
         return all(space is not None and time is steady for space, time in self.drives)
 
     def fed(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Nodes, of the lattice's shape, that heat is put into at some time."""
+        """Mask, of the lattice's shape, of the nodes that receive heat at some time."""
         return _driven([drive for _, drive in self.sources], shape)
 
     @property
     def images(self) -> np.ndarray:
-        """Flat indices of the nodes that follow from others: they lie beyond the wall, and their values are no
+        """Flat indices of the nodes that follow from others: they lie beyond the wall, and their values are not
         temperatures of the body.
         """
         return self.nodes[np.diff(self.starts) > 0]
@@ -303,20 +303,20 @@ def resolve(
     background: float = 0.0,
     gather: Gather = alone,
 ) -> Conditions:
-    """The tables of all conditions.
+    """Tables of all conditions.
 
     Parameters
     ----------
     constraints : sequence of Temperature, Flux, Insulated or Convection
     lattice : Lattice
-        Or the part of one that this process has.
+        The lattice, or the part of it that belongs to this process.
     reach : sequence of int
-        Of the stencil, along each axis.
+        Reach of the stencil along each axis.
     conductivity : float or ndarray of its shape
     background : float
-        What the field's values are counted from.
+        Value from which the field's values are counted.
     gather : callable
-        Of a value of this process the values of all, each of which has its part.
+        Returns the values of all processes, each of which has a part of the lattice, given that of this process.
 
     Raises
     ------
@@ -331,7 +331,7 @@ def resolve(
     out = Conditions(none, none, np.zeros(1, int), none, np.zeros(0))
     for number, constraint in enumerate(constraints):
         if isinstance(constraint, Prescribed):
-            continue  # farhorizon.inputs.prescribed
+            continue  # handled by farhorizon.inputs.prescribed
         if not isinstance(constraint, Constraint):
             names = "Temperature, Flux, Insulated, Convection, Prescribed"
             raise InputError("not a constraint", value=kinds.said(constraint), limit=names, key="constraints")
@@ -369,8 +369,8 @@ def resolve(
 def losses(
     constraints: Sequence[Constraint | Prescribed], lattice: Lattice, gather: Gather = alone
 ) -> list[tuple[int, np.ndarray]]:
-    """Power that convection takes per volume and temperature, of the shape of the lattice or of this part of it, after
-    the numbers of the conditions; see `resolve`.
+    """Number of each convection and the power that it takes per volume and temperature, of the shape of the lattice or
+    of this part of it; see `resolve`.
     """
     return [
         (number, _loss(one, _Face(one.where, lattice, one.within, f"constraint[{number}]", gather)))
@@ -385,7 +385,7 @@ def _loss(one: Convection, face: _Face) -> np.ndarray:
 
 @dataclass
 class _Held:
-    """Prescribed nodes of one condition: each is weight * its reference (weight 0: none) + drive."""
+    """Prescribed nodes of one condition: each takes weight * its reference (weight 0: none) + drives."""
 
     number: int
     nodes: np.ndarray
@@ -397,10 +397,10 @@ class _Held:
 
 
 class _Face:
-    """The outermost nodes of a body on one side: for each line along the axis its first node, how far the body goes on,
-    and where the wall is; of a part of a lattice along the lines that meet it.
+    """The outermost nodes of a body on one side: for each line along the axis that meets the part of the lattice, the
+    first node, the thickness of the body there, and the position of the wall.
 
-    Nodes are told by their flat numbers in the whole lattice.
+    Nodes are identified by their flat indices in the whole lattice.
     """
 
     def __init__(self, name: str, part: Lattice, within: Shape | None, key: str, gather: Gather) -> None:
@@ -429,24 +429,24 @@ class _Face:
 
     @property
     def _across(self) -> list[np.ndarray]:
-        """Where the lines are along the other axes of the whole lattice."""
+        """Indices of the lines along the other axes of the whole lattice."""
         others = [axis for axis in range(self.part.dim) if axis != self.axis]
         shape = [self.part.shape[axis] for axis in others]
         places = np.unravel_index(self._lines, shape) if others else ()  # a bar has one line along its axis
         return [place + self.part.first[axis] for axis, place in zip(others, places, strict=True)]
 
     def _depths(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of each line that meets the part the first node of the body, counted from the side, and how many follow on
-        it without a gap, itself counted; 0 where there is none.
+        """For each line that meets the part, the depth of the first node of the body and the number of nodes from there
+        on without a gap, itself included; 0 where there is none.
 
-        The body is looked at in pieces, each of which is as thick as the part.
+        The body is examined in pieces, each as thick as the part.
         """
         part, axis = self.part, self.axis
         across = tuple(n for a, n in enumerate(part.shape) if a != axis)
         nearest, thickness = np.zeros(across, int), np.zeros(across, int)
         if part.body is None:
             return nearest, thickness + self.count
-        goes_on = np.ones(across, bool)  # neither the first node nor the end behind it has been met
+        goes_on = np.ones(across, bool)  # the end behind the first node has not been reached
         step = part.shape[axis]
         for start in range(0, self.count, step):
             ends = [(first, first + n) for first, n in zip(part.first, part.shape, strict=True)]
@@ -461,7 +461,7 @@ class _Face:
         return nearest, thickness
 
     def nodes(self, depth: int) -> np.ndarray:
-        """Those `depth` from the outermost, one a line."""
+        """The nodes at `depth` from the outermost ones, one for each line."""
         along = self.first + depth
         along = along if self.side < 0 else self.count - 1 - along
         index = self._across
@@ -469,11 +469,11 @@ class _Face:
         return np.ravel_multi_index(index, self.lattice.shape)
 
     def own(self, depth: int) -> np.ndarray:
-        """These nodes as far as they are in the part, by their numbers in it."""
+        """Those of these nodes that lie in the part, by their flat indices there."""
         return self.part.own(self.nodes(depth))[1]
 
     def need(self, least: int, what: str) -> None:
-        """InputError unless the body is `least` nodes thick along all lines."""
+        """Raise an InputError unless the body is `least` nodes thick along all lines."""
         if self.thickness.min(initial=least) < least:
             raise InputError(
                 what,
@@ -484,7 +484,7 @@ class _Face:
             )
 
     def spread(self, values: np.ndarray) -> np.ndarray:
-        """Values of the lines, per area, as values per volume of the outermost nodes, of the shape of the part."""
+        """Turn values per area on the lines into values per volume at the outermost nodes, of the shape of the part."""
         mine, nodes = self.part.own(self.nodes(0))
         field = np.zeros(self.part.shape)
         field.ravel()[nodes] = values[mine] / self.lattice.spacing
@@ -496,13 +496,13 @@ class _Face:
         return np.stack([self.lattice.lower[a] + self.lattice.spacing * i for a, i in enumerate(numbers)], axis=-1)
 
     def coordinates(self, depth: float) -> list[np.ndarray]:
-        """Coordinates of the wall, `depth` spacings from the outermost nodes, one array an axis."""
+        """Coordinates of the wall, `depth` spacings inside the outermost nodes, one array per axis."""
         at = list(self._at(self.nodes(0)).T)
         at[self.axis] = at[self.axis] - self.side * depth * self.lattice.spacing
         return at
 
     def values(self, value: Any, depth: float) -> Drive:
-        """A value as a drive over the lines."""
+        """A value as a drive over the lines, for a wall at `depth`."""
         space, time = space_and_time(value)
         at = self.coordinates(depth)
         if space is None:
@@ -531,7 +531,7 @@ def _finite(value: Any, count: int, key: str) -> np.ndarray:
 
 
 def _scaled(drive: Drive, factor: np.ndarray | float, put: Callable[[np.ndarray], np.ndarray] = lambda v: v) -> Drive:
-    """The drive times a factor, its values rearranged by `put`."""
+    """The drive times a factor, with its values rearranged by `put`."""
     space, time = drive
     if space is None:
         return None, lambda t: put(factor * time(t))
@@ -560,7 +560,7 @@ def _on_face(
     background: float,
     key: str,
 ) -> _Held:
-    """The layer of prescribed nodes on a side: `depth` counts from the outermost node, the wall is behind the layer."""
+    """Layer of prescribed nodes on a side: `depth` counts from the outermost node, the wall is behind the layer."""
     kind = constraint.kind
     layers = 1 if kind == "node" else reach[face.axis]
     mirror = kind == "mirror"
@@ -592,7 +592,7 @@ def _on_face(
         return _Held(number, nodes, references, weight, drives, plain, face.axis)
     apart = np.array([2 * (layers - depth) - 1 if mirror else layers - depth for depth in range(layers)])
     distance = np.repeat(apart * lattice.spacing, len(face.first))[mine]
-    drives = []  # an insulated layer follows from the inside alone
+    drives = []  # an insulated layer depends on the inside only
     if isinstance(constraint, Flux):
         material = np.broadcast_to(conductivity, lattice.shape).ravel()[references]
         if (material <= 0).any():
@@ -657,8 +657,8 @@ def _contradiction(one: int, other: int, node: int, lattice: Lattice) -> InputEr
 
 
 def _refuse_fed(out: Conditions, found: Sequence[_Held], fed: Sequence[tuple[int, _Face]], lattice: Lattice) -> None:
-    """Heat into nodes whose value is prescribed would be lost. At an edge of the body, where two sides meet, it goes
-    into the wall.
+    """Refuse heat into nodes whose value is prescribed, where it would be lost; where two sides of the body meet, it
+    goes into the wall.
     """
     axes = {held.number: held.axis for held in found}
     for number, face in fed:
@@ -669,11 +669,11 @@ def _refuse_fed(out: Conditions, found: Sequence[_Held], fed: Sequence[tuple[int
 
 
 def _join(out: Conditions, found: Sequence[_Held], lattice: Lattice) -> None:
-    """One table of all: plain values first, then what follows from others, axis by axis.
+    """Join all conditions into one table: plain values first, then nodes that follow from others, axis by axis.
 
-    A node with two conditions must have the same number from both. Only in the edges and corners where layers of
-    different axes meet, one wins: a plain value, else the layer of the later axis, which reads that of the earlier one
-    (the mirror image of a mirror image).
+    A node with two conditions must get the same number from both. Only in the edges and corners where layers of
+    different axes meet does one take precedence: a plain value, otherwise the layer of the later axis, which reads that
+    of the earlier one (the mirror image of a mirror image).
     """
     if not found:
         return
@@ -692,7 +692,7 @@ def _join(out: Conditions, found: Sequence[_Held], lattice: Lattice) -> None:
                 owner[held.nodes[taken == other]] = held.number
         owner[held.nodes[taken < 0]] = held.number
     kept = [(held, owner[held.nodes] == held.number) for held in order]
-    place = np.full(owner.shape, -1)  # when a node is set
+    place = np.full(owner.shape, -1)  # position of each node in the order of setting
     start = 0
     for held, keep in kept:
         place[held.nodes[keep]] = start + np.arange(keep.sum())

@@ -1,4 +1,4 @@
-"""Bonds cut in advance."""
+"""Cracks: bonds that are cut or weakened, at the start or at a given time."""
 
 from __future__ import annotations
 
@@ -99,10 +99,10 @@ def cut_bonds(
     ----------
     cut : Cut
     lower : ndarray, shape (dim,)
-        First node.
+        Coordinates of the first node.
     spacing : float
     shape : tuple of int
-        Nodes along each axis.
+        Number of nodes along each axis.
     offsets : ndarray, shape (K, dim)
 
     Returns
@@ -130,6 +130,6 @@ def cut_bonds(
 
 
 def cut_ends(cut: Cut, lattice: Lattice, offsets: np.ndarray) -> np.ndarray:
-    """Both ends of the bonds of a lattice that a crack cuts, those beyond the lattice too: indices, shape (n, dim)."""
+    """Indices of both ends of the bonds that a crack cuts, also of ends beyond the lattice; shape (n, dim)."""
     nodes, bonds = cut_bonds(cut, lattice.lower, lattice.spacing, lattice.shape, offsets)
     return np.concatenate([nodes, nodes + offsets[bonds]])

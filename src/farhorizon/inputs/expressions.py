@@ -1,4 +1,4 @@
-"""Arithmetic expressions of x, y, z and t, as they stand in case files.
+"""Arithmetic expressions of x, y, z and t, as written in case files.
 
 A case file is data: the text is parsed by `ast`, checked against a list of what is allowed, and evaluated by walking
 the tree. Nothing is compiled or run as Python. Every number is a double, so that a tower of powers overflows to
@@ -263,25 +263,25 @@ class Expression(Storable):
 
 
 def as_given(value: Any, dim: int, key: str, *, time: bool = True) -> Any:
-    """What a user gives for a function of space and time, with every text in it as an `Expression` of the lattice's
-    coordinates.
+    """Return what a user gives for a function of space and time, with every text turned into an `Expression` of the
+    lattice's coordinates.
 
     Parameters
     ----------
     value : str, Expression, callable, array_like or float, or a list of these
-        A list has one entry a component; what is neither text nor expression stays as it is.
+        A list has one entry per component; what is neither text nor expression is returned as it is.
     dim : int
-        Of the lattice.
+        Number of dimensions of the lattice.
     key : str
-        Named in messages.
+        Name of the value in messages.
     time : bool
         Whether it may depend on t.
 
     Raises
     ------
     InputError
-        A text that is no expression of these coordinates, one of t where it may not be, and there a function of other
-        arguments than the coordinates; what holds no real numbers.
+        A text that is not an expression of these coordinates; without `time`, an expression of t or a function of
+        arguments other than the coordinates; a value that is not made of real numbers.
     """
     if isinstance(value, list | tuple) and not all(isinstance(part, Real) for part in value):
         entries = [as_given(part, dim, f"{key}[{i}]", time=time) for i, part in enumerate(value)]
@@ -304,13 +304,13 @@ def as_given(value: Any, dim: int, key: str, *, time: bool = True) -> Any:
 
 
 def as_signal(value: Any, key: str) -> Any:
-    """What a user gives for a function of t alone: a text, an expression or a number as an `Expression`, a callable as
-    it is.
+    """Return what a user gives for a function of t alone: a text, an expression or a number as an `Expression`, a
+    callable as it is.
 
     Raises
     ------
     InputError
-        A text that is no expression of t, a callable of another number of arguments, neither of these nor a number.
+        A text that is not an expression of t, a callable with another number of arguments, anything else but a number.
     """
     if isinstance(value, str | Expression):
         try:
@@ -323,7 +323,7 @@ def as_signal(value: Any, key: str) -> Any:
 
 
 class _Product:
-    """A product in the making: its tree and its text."""
+    """A product under construction: its tree and its text."""
 
     def __init__(self) -> None:
         self.tree: ast.expr = ast.Constant(1.0)
@@ -340,8 +340,8 @@ class _Product:
             self.text = f"{self.text or '1'}{'/' if inverse else '*'}{text}"
 
     def expression(self, dim: int | None) -> Expression:
-        # Past the constructor: its limits are for what users write, and the reordered product may be a little longer
-        # than what passed them.
+        # Bypasses the constructor: its limits apply to what users write, and the reordered product may be a little
+        # longer than that.
         result = Expression.__new__(Expression)
         result._set(self.text or "1", self.tree, dim)
         return result
@@ -370,9 +370,9 @@ def _parse(text: str) -> ast.expr:
     if len(text) > MAX_LENGTH:
         raise InputError("the expression is too long", value=f"{len(text)} characters", limit=MAX_LENGTH)
     if "#" in text:
-        # Python would take the rest for a comment and drop it in silence.
+        # Python would take the rest for a comment and silently drop it.
         raise InputError("an expression cannot contain a comment (#)", value=text)
-    # One line without indentation; one space a character, so that positions stay.
+    # One line without indentation; each line break or tab becomes one space, so that positions are kept.
     line = text.translate(dict.fromkeys(map(ord, "\r\n\t\f"), " ")).rstrip()
     try:
         tree = ast.parse(line.lstrip(), mode="eval").body
@@ -399,7 +399,7 @@ def _too_deep() -> InputError:
 
 
 def _checked(text: str, variables: Sequence[str]) -> ast.expr:
-    """The tree of an expression of some variables; InputError for all else."""
+    """The tree of an expression of given variables; raises InputError for anything else."""
     tree = _parse(text)
     try:
         _check(tree, variables)
@@ -413,7 +413,7 @@ def _checked(text: str, variables: Sequence[str]) -> ast.expr:
 
 
 def _check(node: ast.expr, variables: Sequence[str]) -> None:
-    """Raise InputError unless the tree holds nothing but what `_evaluate` knows."""
+    """Raise an InputError unless the tree contains only what `_evaluate` knows."""
     match node:
         case ast.Constant(value=value):
             _check_number(value)

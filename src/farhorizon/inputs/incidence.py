@@ -1,4 +1,4 @@
-"""Waves that come from outside: the field inside a box is the total one, outside it the scattered one."""
+"""Incident waves: inside a box the field is the total field, outside it the scattered field."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from farhorizon.medium.free_side import FreeSide
 from farhorizon.medium.shell import Shell
 
 End = tuple[int, int]  # axis and side, -1 or +1
-_CLOSE = 1e-6  # of a spacing: places nearer to each other than this are one
+_CLOSE = 1e-6  # of a spacing: places closer to each other than this coincide
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +33,13 @@ class Region:
     ----------
     lattice : Lattice
     scheme : Scheme
-        Of the medium at the faces of the box and outside.
+        Scheme of the medium at the faces of the box and outside.
     first, last : ndarray of int, shape (dim,)
-        Least and largest index of the box along each axis.
+        Smallest and largest index of the box along each axis.
     surface : (axis, side), optional
         The free side on which the box stands.
     states : ForceStates, optional
-        From which the medium's forces follow, if they are not those of bonds alone.
+        Force states of the medium, if its forces do not follow from bonds alone.
     """
 
     lattice: Lattice
@@ -51,7 +51,7 @@ class Region:
 
     @cached_property
     def end(self) -> FreeSide | None:
-        """The medium at the free side on which the box stands."""
+        """The end of the medium at the free side on which the box stands; None if it stands on none."""
         if self.surface is None:
             return None
         axis, side = self.surface
@@ -59,18 +59,18 @@ class Region:
         return FreeSide(self.scheme.stencil, axis, side, edge, self.states)
 
     def along(self, axis: int, part: Lattice) -> tuple[int, int]:
-        """The first node along an axis, and that after the last one, as a part of the lattice counts them."""
+        """First node along an axis and the one after the last, as counted in a part of the lattice."""
         return int(self.first[axis]) - part.first[axis], int(self.last[axis]) + 1 - part.first[axis]
 
     def nodes(self, most: int) -> np.ndarray:
-        """Indices of the nodes of the box, every so many of them that there are at most `most`; shape (n, dim)."""
+        """Indices of nodes of the box, sampled evenly such that there are at most `most`; shape (n, dim)."""
         counts = self.last - self.first + 1
         numbers = np.arange(0, int(np.prod(counts)), -(-int(np.prod(counts)) // most))
         return np.stack(np.unravel_index(numbers, counts), axis=-1) + self.first
 
     @property
     def shell(self) -> Shell:
-        """Nodes with a bond through a face; there is none where the medium ends."""
+        """Shell of the box, the nodes with a bond through a face; there is no face where the medium ends."""
         first, last = self.first.copy(), self.last.copy()
         if self.surface is not None:
             axis, side = self.surface
@@ -78,7 +78,7 @@ class Region:
         return Shell(self.scheme.stencil, first, last, self.end)
 
     def under(self, end: FreeSide) -> FreeSurface:
-        """A free side and the medium below it."""
+        """The surface at a free side, with the medium below it."""
         axis, side = end.axis, end.side
         level = (self.lattice.lower if side < 0 else self.lattice.upper)[axis]
         rows, depth = self.lattice.shape[axis], int(self.last[axis] - self.first[axis]) + 1
@@ -90,20 +90,20 @@ class Region:
 
 
 class Passage(ABC):
-    """What an incident wave does on the nodes of a lattice.
+    """An incident wave on the nodes of a lattice.
 
     Attributes
     ----------
     period : float
-        From then on it is zero.
+        Time from which on the wave is zero.
     rests : bool
-        Whether it has not come to the box yet at the start.
+        Whether the wave has not yet reached the box at the start.
     everywhere : bool
-        Whether it is known on all nodes, and not on those with a bond through a face alone; nan on others.
+        Whether the wave is known on all nodes; otherwise only on those with a bond through a face, and nan on others.
     notes : list of str
-        What is to be known.
+        Notes for the user.
     doubts : list of str
-        Why what is computed with it may be false.
+        Reasons why results computed with the wave may be wrong.
     """
 
     period: float = np.inf
@@ -118,16 +118,16 @@ class Passage(ABC):
 
     @property
     def midway(self) -> float:
-        """A time at which it is on its way through the box."""
+        """A time at which the wave is on its way through the box."""
         return 0.0
 
     def foresee(self, until: float) -> list[str]:
-        """What is to be known of a run to a time.
+        """Return notes on a run up to a time.
 
         Raises
         ------
         InputError
-            A wave that is not known for so long.
+            A wave that is not known up to then.
         """
         return []
 
@@ -211,26 +211,26 @@ def resolved_box(
     key: str,
     met: End | None = None,
 ) -> Box:
-    """A box through whose faces waves come, from node to node where it stands on a side.
+    """Return the box of an incident wave; where it stands on a side, it ends at the nodes of that side.
 
     Parameters
     ----------
     within : Box or None
-        As given; the near field less two reaches if it is not.
+        As given; the near field less two reaches unless given.
     lattice : Lattice
     reach : sequence of int
     ends : mapping of (axis, side) to bool
         Sides at which the medium ends, and whether they are free.
     key : str
-        Named in messages.
+        Name of the box in messages.
     met : (axis, side), optional
         The free side on which the box stands if none is given.
 
     Raises
     ------
     InputError
-        A box that is not inside the near field by one reach, but for one free side on which it may stand, or is so
-        small that its faces' neighbourhoods meet.
+        A box that is not inside the near field by one reach, except at one free side on which it may stand, or one so
+        small that the neighbourhoods of its faces meet.
     """
     more, close = lattice.spacing * np.array(reach), _CLOSE * lattice.spacing
     if within is None:
@@ -304,7 +304,7 @@ def standing_on(box: Box, lattice: Lattice, free: Sequence[End]) -> list[End]:
 def region_of(
     box: Box, lattice: Lattice, scheme: Scheme, free: Sequence[End] = (), states: ForceStates | None = None
 ) -> Region:
-    """The nodes of a box, which may stand on one of the free sides, in a medium."""
+    """Region of a box, which may stand on one of the free sides, in a medium."""
     low, high = (np.asarray(bound, float) for bound in box.bounds())
     first = np.ceil((low - lattice.lower) / lattice.spacing - _CLOSE).astype(int)
     last = np.floor((high - lattice.lower) / lattice.spacing + _CLOSE).astype(int)
@@ -313,23 +313,23 @@ def region_of(
 
 
 class Incidence:
-    r"""An incident wave on a lattice: what joins total and scattered field.
+    r"""An incident wave on a lattice: the sources that join total and scattered field.
 
-    The sources :math:`\chi L u_i - L (\chi u_i)` of the incident wave :math:`u_i`, with :math:`\chi` 1 inside the box
-    and 0 outside, need it on the nodes with a bond through a face alone (`farhorizon.medium.shell.Shell`).
+    The sources :math:`\chi L u_i - L (\chi u_i)` of the incident wave :math:`u_i`, where :math:`\chi` is 1 inside the
+    box and 0 outside, require the wave only on the nodes with a bond through a face (`farhorizon.medium.shell.Shell`).
 
     Parameters
     ----------
     wave : Incident
-        With its box.
+        The wave with its box.
     lattice : Lattice
-        That of the run, or a part of it.
+        Lattice of the run, or a part of it.
     scheme : Scheme
-        Of the medium outside the box, for which the wave is made.
+        Scheme of the medium outside the box, which the wave satisfies.
     free : sequence of (axis, side)
         Free sides.
     states : ForceStates, optional
-        Of that medium.
+        Force states of that medium.
 
     Attributes
     ----------
@@ -357,7 +357,7 @@ class Incidence:
         shell, self._components = self.region.shell, scheme.stencil.components
         mine, self._nodes = self._own(shell.nodes)
         joins = (-scheme.rate * shell.commutator).tocsr()[np.tile(mine, self._components)]
-        # what acts on nodes of another part is its business
+        # forces on nodes of another part are left to that part
         acting = np.zeros(joins.shape[1], bool)
         acting[joins.indices] = True
         needed = np.flatnonzero(acting.reshape(self._components, -1).any(0))
@@ -365,7 +365,7 @@ class Incidence:
         self._joins = joins[:, (needed + len(shell.nodes) * np.arange(self._components)[:, None]).ravel()]
 
     def _own(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which of some nodes (n, dim) of the whole lattice are of this part of it, and their flat numbers there."""
+        """Which nodes (n, dim) of the whole lattice belong to this part of it, and their flat indices there."""
         return self._lattice.own(np.ravel_multi_index(tuple(nodes.T), self._lattice.whole.shape))
 
     def source(self, t: float) -> np.ndarray:
@@ -376,12 +376,12 @@ class Incidence:
         return self._shaped(force)
 
     def initial(self) -> tuple[np.ndarray, np.ndarray]:
-        """The wave inside its box at the start, and its velocity there, in the scheme's own sense ``(u(dt) - u(-dt)) /
-        (2 dt)``.
+        """The wave inside its box at the start, and its velocity there as the scheme defines it,
+        ``(u(dt) - u(-dt)) / (2 dt)``.
         """
         axes = [np.arange(first, first + n) for first, n in zip(self._lattice.first, self._lattice.shape, strict=True)]
         ends = zip(axes, self.region.first, self.region.last, strict=True)
-        box = [axis[(axis >= first) & (axis <= last)] for axis, first, last in ends]  # as much of it as is in this part
+        box = [axis[(axis >= first) & (axis <= last)] for axis, first, last in ends]  # as far as it is in this part
         nodes = np.stack(np.meshgrid(*box, indexing="ij"), axis=-1).reshape(-1, len(box))
         where, wave = self._own(nodes)[1], self.passage.at(nodes)
         found = np.zeros((2, self._components, int(np.prod(self._lattice.shape))))
@@ -390,7 +390,7 @@ class Incidence:
         return self._shaped(found[0]), self._shaped(found[1])
 
     def field(self, t: float) -> np.ndarray:
-        """The incident wave everywhere on the lattice, of the field's shape; nan where it is not known."""
+        """The incident wave on the whole lattice, of the field's shape; nan where it is not known."""
         if t >= self.passage.period:
             return self._shaped(np.zeros((self._components, int(np.prod(self._lattice.shape)))))
         nodes = np.indices(self._lattice.shape).reshape(self._lattice.dim, -1).T + np.array(self._lattice.first)
@@ -410,23 +410,23 @@ def check_scatterers(
     free: Sequence[End],
     gather: Callable[[Any], list[Any]],
 ) -> float:
-    """What the bonds outside the box are multiplied with: cracks, holes and other materials must be inside it, two
-    reaches from its faces.
+    """Return the factor on the bonds outside the box, after a check that cracks, holes and other materials are inside
+    it, at least two reaches from its faces.
 
     Parameters
     ----------
     wave : Incident
-        With its box.
+        The wave with its box.
     lattice : Lattice
-        The part of this process.
+        The part of the lattice that belongs to this process.
     reach : sequence of int
     cuts : sequence of Cut
     material : ndarray
-        Of its shape: what the bonds are multiplied with, nan where there are no nodes.
+        Factor on the bonds, of the lattice's shape; nan where there are no nodes.
     free : sequence of (axis, side)
-        Free sides, on which the box may stand: it has no face there.
+        Free sides, on one of which the box may stand: it has no face there.
     gather : callable
-        Of a value of this process the values of all, each of which has its part.
+        Returns the values of all processes, each of which has a part of the lattice, given that of this process.
 
     Raises
     ------
@@ -471,6 +471,6 @@ def check_scatterers(
 
 
 def check_within(within: Any) -> None:
-    """InputError unless it is a box, or none."""
+    """Raise an InputError unless `within` is a Box or None."""
     if within is not None:
         kinds.instance(within, "incident.within", Box, "a Box")

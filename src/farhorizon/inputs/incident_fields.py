@@ -1,4 +1,4 @@
-"""Incident waves that are given as functions of space and time."""
+"""Incident waves given as functions of space and time."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from farhorizon.inputs.expressions import Expression, as_given
 from farhorizon.inputs.incidence import Incident, Passage, Region, check_within
 from farhorizon.inputs.sources import as_source
 
-_TIMES, _NODES = 17, 500  # at which the equation of the lattice is looked at
-_MUCH = 0.05  # of it: that of a wave of the continuum of eight nodes
-_EXACT = 1e-9  # of the acceleration: what the equation of the lattice lacks less of is a wave of the lattice
+_TIMES, _NODES = 17, 500  # at which the equation of the lattice is checked
+_MUCH = 0.05  # largest tolerated residual: that of a continuum wave of eight nodes
+_EXACT = 1e-9  # of the acceleration: a function with a smaller residual counts as a wave of the lattice
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class IncidentField(Incident):
 
     Parameters
     ----------
-    field : callable, str or Expression, or a list of one a component
+    field : callable, str or Expression, or a list of one per component
         A function of the coordinates and t, which is also evaluated one step before the start. For vectors, the return
         value of a callable has the components first.
     within : Box, optional
@@ -71,7 +71,7 @@ class IncidentField(Incident):
 
 
 class _GivenPassage(Passage):
-    """A function of space and time."""
+    """An incident wave given as a function of space and time."""
 
     def __init__(self, field: Any, region: Region) -> None:
         self._field, self._region = field, region
@@ -86,7 +86,7 @@ class _GivenPassage(Passage):
         return lambda t: _values(self._field, places, t, self._region.scheme.stencil.components)
 
     def foresee(self, until: float) -> list[str]:
-        """The largest residual of the equation of the lattice, at some nodes of the box and some times of a run."""
+        """Check the residual of the equation of the lattice at some nodes of the box and some times of a run."""
         lacks = self._residual(until)
         text = (
             f"an incident field solves the equation of the lattice but for {lacks:.2g} of its acceleration: what it "
@@ -117,7 +117,7 @@ class _GivenPassage(Passage):
 
 
 def _values(field: Any, places: np.ndarray, t: float, components: int) -> np.ndarray:
-    """What a function of the coordinates and t is at places (dim, n); of shape (components, n)."""
+    """Values of a function of the coordinates and t at places (dim, n), shape (components, n)."""
     found = _value(field, places, t)
     several = isinstance(found, list | tuple) or (components > 1 and np.size(found) != 1)
     entries = list(found) if several else [found]
@@ -153,7 +153,7 @@ def _values(field: Any, places: np.ndarray, t: float, components: int) -> np.nda
 
 
 def _value(part: Any, places: np.ndarray, t: float) -> Any:
-    """A function at some places, or what is none as it is."""
+    """Value of a function at some places; anything else is returned as it is."""
     if isinstance(part, Expression):
         return part(*places, t=t)
     return part(*places, t) if callable(part) else part

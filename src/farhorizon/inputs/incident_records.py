@@ -1,4 +1,4 @@
-"""The waves of another run, recorded on the shell of a box, as what falls on the box."""
+"""The recorded waves of another run, as a wave incident on the box in whose shell they were recorded."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.incidence import End, Incident, Passage, Region, check_within
 
-_ALIKE = 1e-9  # of a step, a spacing or a rate: what differs less is the same
-_FADED = 1e-9  # of the largest value: a record that has less at its end has come to rest
+_ALIKE = 1e-9  # of a step or a rate: smaller differences are ignored
+_FADED = 1e-9  # of the largest value: a record that ends below this has come to rest
 _PARTS = ("points", "times", "u", "medium")
 
 
@@ -104,7 +104,7 @@ class IncidentRecord(Incident):
 
 
 def _settled(record: Any, name: str) -> dict[str, Any]:
-    """What a file, a recorder or a mapping has recorded."""
+    """Return the checked record of a file, a recorder or a mapping."""
     if isinstance(record, str | Path):
         known = open_results(record).recorded
         record = known[kinds.one_of(name, "incident.name", known, f"{record} has no such record")]
@@ -196,7 +196,7 @@ class _RecordedPassage(Passage):
         return values
 
     def foresee(self, until: float) -> list[str]:
-        # the last step reads the wave a step before it
+        # the last step reads the wave one step before it
         if until > self._dt * (self._last + 1 + 1e-6) and not self._faded:
             self._refuse(until)
         return []

@@ -1,4 +1,4 @@
-"""Forces on a body from outside: per volume, and per area on its free sides."""
+"""External forces on a body: per volume, and per area on its free sides."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ class Traction(Storable):
 def force_density(
     load: Traction, lattice: Lattice, sides: Mapping[tuple[int, int], Any], key: str = "load"
 ) -> np.ndarray:
-    """The force per volume that a traction is on the nodes of a lattice, less its factor of time.
+    """Force per volume of a traction on the nodes of a lattice, without its factor of time.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def force_density(
     lattice : Lattice
     sides : mapping of (axis, side) to Side
     key : str
-        Named in messages.
+        Name of the load in messages.
 
     Returns
     -------
@@ -138,14 +138,14 @@ def force_density(
     Raises
     ------
     InputError
-        An unknown side or one that is not free, components that are missing or not finite, a part beyond the near
-        field, or none on its nodes.
+        An unknown side or one that is not free, components that are missing or not finite, a range beyond the near
+        field, or one without nodes.
     """
     names = {AXES[a] + sign: (a, s) for a in range(lattice.dim) for sign, s in (("-", -1), ("+", 1))}
     if load.side not in names:
         raise InputError("unknown side", value=load.side, limit=", ".join(names), key=f"{key}.side")
     axis, side = names[load.side]
-    if sides[axis, side].shared:  # the side is one of other processes
+    if sides[axis, side].shared:  # the side belongs to other processes
         return np.zeros((lattice.dim, *lattice.shape))
     if sides[axis, side].bonded:
         raise InputError(

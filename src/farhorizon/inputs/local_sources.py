@@ -1,9 +1,9 @@
-"""Sources at points, along lines and on patches, wherever these lie between the nodes.
+"""Sources at points, along lines and on patches, which need not coincide with nodes.
 
-What acts at a point is spread over nodes by the weights with which the field at that point is interpolated
+A source at a point is spread over nodes by the weights with which the field at that point is interpolated
 (`farhorizon.geometry.interpolation`). The weights add up to one, so that the strength is the same on every lattice, and
-what one point receives from another is the same both ways. Among the nodes over which it is spread the field is that of
-the spread source; beyond them it is that of the point.
+source and receiver are reciprocal. Among the nodes over which it is spread, the field is that of the spread source;
+beyond them, it is that of the point source.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def spread(
     key: str,
     derivative: int | None = None,
 ) -> np.ndarray:
-    """Densities on the nodes whose sum over all cells is that of the amounts at some points.
+    """Densities on the nodes whose integral over all cells is the sum of the amounts at some points.
 
     Parameters
     ----------
@@ -88,9 +88,9 @@ def spread(
     amounts : ndarray, shape (n,)
     interpolation : {"sinc", "linear"}
     key : str
-        Of the points, named in messages.
+        Name of the points in messages.
     derivative : int, optional
-        Axis along which the points move: what the densities change by per length.
+        Axis along which the points move: the result is then the change of the densities per length.
 
     Returns
     -------
@@ -111,14 +111,14 @@ def spread(
 
 
 def settle_source(source: Any, **values: Any) -> None:
-    """Keep what all local sources have, and more: the factor of time and the interpolation."""
+    """Check and store what all local sources have, the factor of time and the interpolation, and further values."""
     time = None if source.time is None else as_signal(source.time, "source.time")
     kinds.one_of(source.interpolation, "source.interpolation", INTERPOLATIONS, "unknown interpolation")
     kinds.settle(source, time=time, **values)
 
 
 def place_of(at: Any, key: str = "source.at") -> tuple[float, ...]:
-    """The coordinates of one point."""
+    """Coordinates of one point."""
     found = np.atleast_1d(kinds.array(at, key))
     if found.ndim != 1 or not 1 <= found.size <= 3:
         raise InputError(
@@ -132,7 +132,7 @@ def place_of(at: Any, key: str = "source.at") -> tuple[float, ...]:
 
 
 def amount_of(value: Any, key: str) -> float | tuple[float, ...]:
-    """A number, or one component an axis."""
+    """A number, or one component per axis."""
     found = kinds.array(value, key)
     if found.ndim > 1 or found.size > 3:
         raise InputError(
@@ -147,7 +147,7 @@ def amount_of(value: Any, key: str) -> float | tuple[float, ...]:
 
 
 def directed(density: np.ndarray, amount: float | tuple[float, ...], components: int, key: str) -> np.ndarray:
-    """The density of a scalar field times a number, of a field of vectors times a vector."""
+    """The density of a scalar field times a number, or of a vector field times a vector."""
     if np.size(amount) != components or (np.ndim(amount) == 0) != (components == 1):
         raise InputError(
             "the source is one of another field",
@@ -396,12 +396,12 @@ def _double_couple(strike: float, dip: float, rake: float) -> np.ndarray:
     north and z up; angles in radians.
     """
     along = np.array([np.sin(strike), np.cos(strike), 0.0])
-    across = np.array([np.cos(strike), -np.sin(strike), 0.0])  # horizontal, to the right: where the plane dips
+    across = np.array([np.cos(strike), -np.sin(strike), 0.0])  # horizontal, to the right: the direction of dip
     up = np.array([0.0, 0.0, 1.0])
     normal = np.sin(dip) * across + np.cos(dip) * up
     slip = np.cos(rake) * along + np.sin(rake) * (np.sin(dip) * up - np.cos(dip) * across)
     found = np.outer(slip, normal) + np.outer(normal, slip)
-    return np.where(np.abs(found) > _ROUNDING, found, 0.0)  # as in cos(90 degrees): a force where there is none
+    return np.where(np.abs(found) > _ROUNDING, found, 0.0)  # rounding, as in cos(90 degrees), makes no force
 
 
 @dataclass(frozen=True)
@@ -461,8 +461,8 @@ class LineSource(LocalSource):
 
 
 def patch(corner: np.ndarray, edges: Sequence[np.ndarray], lattice: Lattice, key: str) -> tuple[np.ndarray, np.ndarray]:
-    """Points in the middle of equal parts of a line or a parallelogram, shape (n, dim), and the length or area of each,
-    shape (n,), at least two parts a spacing; InputError for one that is much too long for the lattice.
+    """Midpoints of equal parts of a line or a parallelogram, shape (n, dim), and the length or area of each part, shape
+    (n,), with at least two parts per spacing; raises InputError for one that is much too long for the lattice.
     """
     points, size = corner[None], 1.0
     most = 2 * float(np.linalg.norm(lattice.whole.upper - lattice.whole.lower)) + lattice.spacing

@@ -1,5 +1,5 @@
-"""What lies beyond the sides that absorb: data, sources and cracks there belong to the medium, but a truncated run
-misses them.
+"""Checks of what lies beyond the absorbing sides: data, sources and cracks there belong to the medium, but a truncated
+run misses them.
 """
 
 from __future__ import annotations
@@ -15,38 +15,38 @@ from farhorizon.errors import InputError, shown
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Cut
 
-_FAR_NODES = 1_000_000  # nodes of the box in which data are sought that vanish in the near field, at most
-_REACHES = 4  # over which a material is looked at in front of a side
-_FLAT = 1e-4  # part by which it may change there without a note
-# times the extent of the near field, in which the largest value of data that lie outside is sought
+_FAR_NODES = 1_000_000  # most nodes at which data that vanish in the near field are sought farther out
+_REACHES = 4  # depth in front of a side to which a material is examined
+_FLAT = 1e-4  # relative change there that needs no note
+# multiples of the extent of the near field, within which the largest value of data outside is sought
 _FARTHER = (2, 4, 8, 16, 32)
-_ROUNDING = float(np.finfo(float).eps)  # less than this of the largest value is zero
+_ROUNDING = float(np.finfo(float).eps)  # values below this part of the largest count as zero
 
 Function = Callable[..., Any]
 
 
 class Beyond:
-    """The medium beyond the sides that absorb. Fixed, free and periodic sides end it: there is nothing to miss there.
+    """The medium beyond the absorbing sides. Fixed, free and periodic sides end it: nothing is missed there.
 
     Parameters
     ----------
     lattice : Lattice
     sides : dict of (axis, side) to Side
     wanted : float
-        What may be missed where a side does not say it, as a part of the largest value.
+        Part of the largest value that may be missed beyond sides that do not specify it.
     depth : dict of (axis, side) to int
-        Nodes beyond each absorbing side that are looked at: the layer's, or the stencil's reach if that is more.
+        Number of nodes examined beyond each absorbing side: those of the layer, or the stencil's reach if that is more.
     near : ndarray of bool, optional
-        Nodes of a window that a condition closes along its outline: what lies around them is missed, too.
+        Nodes of a window whose outline is closed by a condition: what lies around them is missed, too.
     largest : callable
-        Of a value that each process has, where several compute the run, the largest one.
+        Returns the largest value of all processes, where several compute the run, given that of this process.
 
     Attributes
     ----------
     targets : dict of (axis, side) to float
-        What may be missed beyond each side, as a part of the largest value.
+        Part of the largest value that may be missed beyond each side.
     notes : list of str
-        What was found below the targets, or cannot be known.
+        Notes on what was found below the targets, or cannot be checked.
     """
 
     def __init__(
@@ -64,14 +64,14 @@ class Beyond:
         self.notes: list[str] = []
 
     def but_for(self, sides: Iterable[tuple[int, int]]) -> Beyond:
-        """The same where nothing is missed beyond some of the sides; its notes are these."""
+        """A copy that does not check some of the sides; it adds its notes to the same list."""
         others, left_out = copy.copy(self), set(sides)
         others.targets = {key: target for key, target in self.targets.items() if key not in left_out}
         return others
 
     def check_values(self, values: np.ndarray, key: str) -> None:
-        """Note values at an absorbing edge: what an array would be beyond it cannot be known. Refuse values around a
-        closed window.
+        """Note nonzero values at an absorbing edge, since what an array would be beyond it is unknown. Refuse values
+        around a closed window.
         """
         peak = float(np.abs(values).max(initial=0))
         found = {}
@@ -100,25 +100,25 @@ class Beyond:
     def check_function(
         self, function: Function, peak: float, key: str, level: float = 0.0, missed: str = "value"
     ) -> None:
-        """Look at a function of the coordinates just beyond the absorbing sides.
+        """Check a function of the coordinates just beyond the absorbing sides.
 
         Parameters
         ----------
         function : callable
-            Of the coordinates.
+            Function of the coordinates.
         peak : float
             Largest \\|function - level\\| in the near field.
         key : str
-            Named in messages.
+            Name of the function in messages.
         level : float
-            What the function should be beyond.
+            Value that the function should have beyond.
         missed : str
-            Of what `peak` is the largest value.
+            What `peak` is the largest of, for messages.
 
         Raises
         ------
         InputError
-            More than a side's target of the largest value lies beyond it, or all of it.
+            More than a side's target of the largest value lies beyond it, or all of it does.
         """
         found, peak = {}, self._largest_of_all(peak)
         for name, target, coordinates, exists in self._around():
@@ -159,7 +159,7 @@ class Beyond:
             self._seek(function, key, level)
 
     def _seek(self, function: Function, key: str, level: float) -> None:
-        """Refuse what vanishes on every node of the near field, but not farther out."""
+        """Refuse a function that vanishes on every node of the near field, but not farther out."""
         most, where = self._largest(function, level)
         if most > 0:
             raise InputError(
@@ -172,7 +172,7 @@ class Beyond:
         self.notes.append(f"{key} is {_named(level)} on every node of the near field")
 
     def _refuse_outside(self, function: Function, key: str, level: float, missed: str) -> None:
-        """InputError for what is larger beyond a side than anywhere inside: most of it lies outside."""
+        """Raise an InputError for a function that is larger beyond a side than anywhere in the near field."""
         most, where = self._largest(function, level)
         for times in _FARTHER:
             farther, place = self._largest(function, level, times)
@@ -188,8 +188,8 @@ class Beyond:
         )
 
     def _largest(self, function: Function, level: float, times: int = 1) -> tuple[float, str]:
-        """The largest magnitude less the level and its place, on a sample of the near field and of `times` as much
-        beyond each absorbing side.
+        """Largest magnitude of the function less the level, and its place, on a sample of the near field and of `times`
+        its extent beyond each absorbing side.
         """
         lattice = self.lattice
         more = {key: times * lattice.shape[key[0]] for key in self.targets}
@@ -208,12 +208,12 @@ class Beyond:
         return float(found[top]), shown([float(c[top]) for c in coordinates])
 
     def check_moving(self, source: Function, times: np.ndarray, peak: float, key: str = "source") -> float:
-        """Look at a source s(x, ..., t) at some times.
+        """Check a source s(x, ..., t) at some times.
 
         Parameters
         ----------
         source : callable
-            Of the coordinates and t.
+            Function of the coordinates and t.
         times : ndarray
         peak : float
             Its largest magnitude in the near field at earlier times.
@@ -240,7 +240,7 @@ class Beyond:
         return peak
 
     def check_cracks(self, cuts: Iterable[Cut], reach: Sequence[int]) -> None:
-        """Refuse cracks so far beyond the near field that they cut no bond of its nodes; raises InputError."""
+        """Refuse cracks that lie so far beyond the near field that they cut no bond of its nodes; raises InputError."""
         whole, slack = self.lattice.whole, self.lattice.spacing * np.array(reach)
         for cut in cuts:
             low, high = cut.bounds()
@@ -254,14 +254,14 @@ class Beyond:
                 )
 
     def _around(self) -> Iterator[tuple[str, float, list[np.ndarray], np.ndarray]]:
-        """Name, target, coordinates and existing nodes of each part of the medium that is looked at."""
+        """Name, target, coordinates and existing nodes of each part of the medium that is examined."""
         for (axis, side), target in self.targets.items():
             yield _name(axis, side), target, *self.strip(axis, side)
         if self.near is not None:
             yield "outline", max(self.targets.values()), self.lattice.coordinates(), ~self.near
 
     def strip(self, axis: int, side: int) -> tuple[list[np.ndarray], np.ndarray]:
-        """Coordinates of the nodes beyond a side, corners included, and which of them exist (a body goes on along the
+        """Coordinates of the nodes beyond a side, corners included, and which of them exist (a body continues along the
         normal).
         """
         lattice, dx = self.lattice, self.lattice.spacing
@@ -281,20 +281,20 @@ class Beyond:
 
 
 def changes(values: np.ndarray, what: str, sides: Iterable[tuple[int, int]], reach: Sequence[int]) -> list[str]:
-    """Notes on a medium that changes along the normal in front of absorbing sides, beyond which it goes on as at the
-    edge: gradually, or at an interface that runs into the side, and not along its normal.
+    """Notes on a medium that changes in front of absorbing sides, beyond which it continues along the normal as at the
+    edge: gradually along the normal, or at an interface that runs into the side at an angle to the normal.
 
-    Gradually: it changes between more neighbours than one reach holds, of the last `_REACHES` reaches. An interface
-    that does not run into the side is neither.
+    A change is gradual if, within the last `_REACHES` reaches, values differ between more pairs of neighbours than one
+    reach holds. An interface that does not run into the side is neither.
 
     Parameters
     ----------
     values : ndarray, of the lattice's shape
     what : str
-        Its name.
+        Name of the values.
     sides : iterable of (axis, side)
     reach : sequence of int
-        Of the stencil, along each axis.
+        Reach of the stencil along each axis.
     """
     notes = []
     for axis, side in sides:
@@ -318,8 +318,8 @@ def changes(values: np.ndarray, what: str, sides: Iterable[tuple[int, int]], rea
 
 
 def _oblique(lines: np.ndarray) -> bool:
-    """Whether an interface runs into the edge, the first of some lines, not straight: a line begins on one side of it
-    and is soon on the other, where its neighbour begins.
+    """Whether an interface runs into the edge, the first of the lines, at an angle: a line begins on one side of it and
+    soon reaches the other, where its neighbour begins.
     """
     edge = lines[0]
     first = (np.abs(lines - edge) > _FLAT * np.abs(lines).max()).argmax(0)
@@ -340,7 +340,7 @@ def _name(axis: int, side: int) -> str:
 
 
 def _named(level: float) -> str:
-    """What the medium is far away, in words."""
+    """Value of the medium far away, in words."""
     return f"{level:.6g}, the background," if level else "zero"
 
 

@@ -1,4 +1,4 @@
-"""Arrays of elements that push one after the other, so that their waves meet in a focus or leave at an angle."""
+"""Phased arrays: elements driven one after the other, so that their waves meet in a focus or leave at an angle."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ class PhasedArray(LocalSource):
 
 
 def _later(time: Callable[[float], Any], delay: float) -> Callable[[float], Any]:
-    """A factor of time after a delay, zero before."""
+    """A factor of time with a delay, zero before it."""
     if isinstance(time, Signal):
         return Delayed(time, delay)
     return lambda t: time(t - delay) if t >= delay else 0.0

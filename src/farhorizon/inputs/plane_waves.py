@@ -1,4 +1,4 @@
-"""Plane waves that come from far away."""
+"""Incident plane waves."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from farhorizon.inputs.incidence import End, Passage, Region
 from farhorizon.inputs.travelling_waves import SurfacePassage, TravellingWave, lost_notes
 
 _POLARISATIONS = ("P", "S")
-_TOWARDS = 1e-9  # of a unit vector: what more is along a normal comes to the side
+_TOWARDS = 1e-9  # component of a unit vector along a normal above which a wave comes to the side
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class IncidentWave(TravellingWave):
         return SurfacePassage(pulse, region, region.end)
 
     def pulse(self, region: Region, period: float | None = None) -> PlanePulse:
-        """The wave in the open medium, with a period; by default it repeats itself once it has passed."""
+        """The wave in the open medium, repeated with a period; by default, it is repeated once it has passed."""
         scheme, spacing = region.scheme, region.lattice.spacing
         begin, end = self.way(region)
         return PlanePulse(

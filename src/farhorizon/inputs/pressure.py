@@ -1,7 +1,8 @@
 """Pressure on the faces of cracks and on the rims of holes.
 
-What presses a face is what its absent bonds would carry in a medium under the opposite uniform stress. So a crack under
-a stress from far away is, by superposition, the uniform stress and a crack whose faces are pressed with as much.
+The force on a face is the force that its absent bonds would carry in a medium under the opposite uniform stress. By
+superposition, a crack under a remote stress is therefore the uniform stress plus a crack with the same pressure on its
+faces.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import LatticeModel
 
-_UNEVEN = 1e-9  # of a tensor that is to be symmetric
-# for each bond the indices, shape (n, dim), of the nodes at which it is absent across the face
+_UNEVEN = 1e-9  # of a tensor: largest asymmetry that counts as rounding
+# For each offset, indices, shape (n, dim), of the nodes at which the bond is absent across the face.
 _Faces = Iterator[np.ndarray]
 
 
@@ -124,23 +125,23 @@ def pressing_force(
     periodic: Mapping[int, bool],
     key: str = "load",
 ) -> np.ndarray:
-    """The force per volume that a pressure is on the nodes of a lattice, less its factor of time.
+    """Force per volume of a pressure on the nodes of a lattice, without its factor of time.
 
     Parameters
     ----------
     load : Pressure
     lattice : Lattice
-        Whole, or a part, to whose nodes the force on the whole is restricted.
+        The whole lattice, or a part, to whose nodes the force is restricted.
     model : LatticeModel
-        Of the medium, or of its host where it varies.
+        Model of the medium, or of its host where it varies.
     cracks : sequence of Crack
-        All of the set-up.
+        All cracks of the set-up.
     rim : {"free", "fixed"}
         Surface of the body.
     periodic : mapping of int to bool
-        By axis.
+        Whether the lattice is periodic along each axis.
     key : str
-        Named in messages.
+        Name of the load in messages.
 
     Returns
     -------
@@ -149,8 +150,8 @@ def pressing_force(
     Raises
     ------
     InputError
-        No medium with bonds that may be absent; bonds across the crack, or nodes in the hole, that are there; a
-        face or a rim that no absent bond crosses; a tensor of another dimension.
+        A medium without bonds that may be absent; bonds across the crack, or nodes in the hole, that exist; a face or a
+        rim that no absent bond crosses; a tensor of another dimension.
     """
     spacing, dim = lattice.spacing, lattice.dim
     if not model.cuttable:
@@ -182,10 +183,10 @@ def pressing_force(
 
 
 def forces_under_stress(offsets: np.ndarray, of_strains: np.ndarray, stress: np.ndarray) -> np.ndarray:
-    """What the bonds of a lattice carry under a uniform stress: force densities times the spacing, shape (K, dim).
+    """Forces of the bonds of a lattice under a uniform stress: force densities times the spacing, shape (K, dim).
 
-    Forces ``f_k`` of bonds ``xi_k`` are a stress of ``sum_k f_k xi_k / 2``, which the strain is chosen for, so that
-    flat faces along the lattice carry exactly that, whatever the stencil.
+    Forces ``f_k`` of bonds ``xi_k`` amount to a stress ``sum_k f_k xi_k / 2``. The strain is chosen for this stress, so
+    that flat faces along the lattice carry exactly the given one, whatever the stencil.
 
     Parameters
     ----------
@@ -208,7 +209,7 @@ def forces_under_stress(offsets: np.ndarray, of_strains: np.ndarray, stress: np.
 
 
 def _of_strains(stencil: Stencil | None, states: ForceStates | None) -> np.ndarray:
-    """Force of each bond, whole families at both its ends, for each entry of a displacement gradient."""
+    """Force of each bond for each entry of a displacement gradient, if the nodes at both ends have all their bonds."""
     if states is None:
         assert stencil is not None
         return np.einsum("kab,kc->kabc", stencil.weights, stencil.offsets)
@@ -220,7 +221,9 @@ def _of_strains(stencil: Stencil | None, states: ForceStates | None) -> np.ndarr
 
 
 def _across(cut: Cut, lattice: Lattice, offsets: np.ndarray, cracks: Sequence[Crack], key: str) -> _Faces:
-    """The bonds between nodes of the near field that a crack cuts; InputError where one is not cut."""
+    """For each offset, the nodes whose bond the crack cuts; raises InputError if no crack of the set-up cuts such a
+    bond.
+    """
     whole = [crack.cut for crack in cracks if crack.factor == 0]
     for offset in offsets:
         nodes, _ = cut_bonds(cut, lattice.lower, lattice.spacing, lattice.shape, offset[None])
@@ -245,7 +248,9 @@ def _across(cut: Cut, lattice: Lattice, offsets: np.ndarray, cracks: Sequence[Cr
 def _around(
     hole: Shape, lattice: Lattice, offsets: np.ndarray, rim: str, periodic: Mapping[int, bool], key: str
 ) -> _Faces:
-    """The bonds of the body into a hole; InputError where there are nodes in it, or a rim that is not free."""
+    """For each offset, the nodes of the body with a bond into a hole; raises InputError if the hole contains nodes, or
+    its rim is not free.
+    """
     inside = nodes_in(hole, lattice, f"{key}.on")
     body = np.ones(lattice.shape, bool) if lattice.body is None or lattice.mask is None else lattice.mask
     if (inside & body).any() or rim != "free":

@@ -12,7 +12,7 @@ from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.incidence import End, Passage, Region
 from farhorizon.inputs.travelling_waves import SurfacePassage, TravellingWave
 
-_ALONG = 1e-9  # of a unit vector: what has less along a normal runs along the side
+_ALONG = 1e-9  # component of a unit vector along a normal below which a wave runs along the side
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Signals: factors of time that begin at rest and whose spectra are known.
 
-The spectrum of s is ``S(f) = integral of s(t) exp(-2 pi i f t) dt`` with the frequency f in cycles per time. From it
-follows how short the waves are that a source sends out, before a run.
+The spectrum of s is ``S(f) = integral of s(t) exp(-2 pi i f t) dt`` with the frequency f in cycles per time. It
+determines, before a run, how short the waves of a source are.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from farhorizon import kinds
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.files.storable import Storable
 
-SMALL = 1e-3  # part of a signal that may lie above its highest frequency, and that it may begin with
-_PER_LOBE = 8  # points at which a spectrum is read between two zeros of that of a box as long as the signal
-_BEYOND = 1e-2  # of `SMALL`: what the upper half of the frequencies read may add
-_MOST = 1 << 20  # points at which a spectrum is read before it is held not to end
-_FEWEST = 4  # samples, as a cubic spline needs
-_PAD = 24  # samples before and after, over which the coefficients of a cubic spline forget an end: 0.27**24 = 2e-14
+SMALL = 1e-3  # part of a signal that may lie above its highest frequency, and with which it may begin
+_PER_LOBE = 8  # points of a sampled spectrum between two zeros of the spectrum of a box as long as the signal
+_BEYOND = 1e-2  # of `SMALL`: what the upper half of the sampled frequencies may add
+_MOST = 1 << 20  # points of a sampled spectrum, beyond which it counts as unlimited
+_FEWEST = 4  # samples that a cubic spline needs
+_PAD = 24  # samples added at each end, over which its effect on the spline's coefficients decays: 0.27**24 = 2e-14
 
 
 class Signal(Storable, ABC):
@@ -87,8 +87,8 @@ class Signal(Storable, ABC):
 
     @cached_property
     def _frequencies(self) -> tuple[float, float]:
-        """Median and highest frequency. The spectrum is read up to twice the frequency, again and again, until the
-        upper half of it adds next to nothing and all of it explains the largest value.
+        """Median and highest frequency. The range in which the spectrum is sampled is doubled until its upper half adds
+        next to nothing and all of it accounts for the largest value.
         """
         peak = self._peak
         width, count = 1 / (_PER_LOBE * self.end), 8 * _PER_LOBE
@@ -102,11 +102,11 @@ class Signal(Storable, ABC):
 
     @property
     def _peak(self) -> float:
-        """The largest magnitude."""
+        """Largest magnitude of the signal."""
         return float(np.abs(self(np.linspace(0.0, self.end, 4096))).max())
 
     def _amplitudes(self, width: float, count: int) -> np.ndarray:
-        """Magnitude of the spectrum in the middle of each of so many bands of one width, from 0 on."""
+        """Magnitude of the spectrum in the middle of each of `count` bands of equal width, from 0 on."""
         return np.abs(self.spectrum(width * (np.arange(count) + 0.5)))
 
 
@@ -115,7 +115,7 @@ def _number(value: Any, signal: Signal, name: str, **limits: Any) -> float:
 
 
 class _Pulse(Signal):
-    """A signal that is nonzero everywhere, with its peak at a given delay; by default at a suitable one."""
+    """A signal that is nonzero everywhere, with its peak at a given delay or a suitable default."""
 
     delay: float | None
 
@@ -125,7 +125,7 @@ class _Pulse(Signal):
         return self.delay
 
     def _set_delay(self, default: float) -> None:
-        """Keep the delay; InputError if the value at t = 0 is not small."""
+        """Store the delay; raises InputError if the value at t = 0 is not small."""
         kinds.settle(self, delay=default if self.delay is None else _number(self.delay, self, "delay", least=0))
         start = abs(float(self(0.0)))
         if start > SMALL:
@@ -247,7 +247,7 @@ def _hann(t: np.ndarray, length: float) -> np.ndarray:
     return np.where((t > 0) & (t < length), np.sin(np.pi * t / length) ** 2, 0.0)
 
 
-# exp(2 pi i m t / T) of which the Hann window is made: m and its coefficient
+# Terms exp(2 pi i m t / T) of the Hann window: m and the coefficient
 _HANN = ((0, 0.5), (1, -0.25), (-1, -0.25))
 
 
@@ -426,7 +426,7 @@ class Chirp(Signal):
 
 
 def _sweep(frequency: np.ndarray, rate: float, length: float) -> np.ndarray:
-    """Integral of ``exp(2 pi i (frequency t + rate t^2 / 2))`` over 0 to a length, of shape of the frequencies."""
+    """Integral of ``exp(2 pi i (frequency t + rate t^2 / 2))`` over t from 0 to `length`, for each frequency."""
     from scipy.special import fresnel
 
     if rate < 0:
@@ -519,9 +519,9 @@ class Samples(Signal):
         """
         f = np.asarray(frequency, float)
         indices = np.arange(len(self._coefficients))
-        # one by one: a table of all would be as large as the square of the number of samples
+        # one by one: a table of all would be as large as the number of frequencies times that of samples
         sums = [(self._coefficients * np.exp(-2j * np.pi * one * self.dt * indices)).sum() for one in f.ravel()]
-        early = np.exp(2j * np.pi * f * _PAD * self.dt)  # the first coefficient is that of a sample before the first
+        early = np.exp(2j * np.pi * f * _PAD * self.dt)  # the first coefficient is that of an added sample
         return self._whole(np.reshape(sums, f.shape), f) * early
 
     def _amplitudes(self, width: float, count: int) -> np.ndarray:
@@ -532,7 +532,7 @@ class Samples(Signal):
         return np.abs(self._whole(sums, width * (np.arange(count) + 0.5)))
 
     def _whole(self, sums: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-        """The spectrum from the sums over the coefficients, with those of the value that stays."""
+        """The spectrum from the sums over the coefficients, including those of the value that remains."""
         last = float(self._spline.c[-1])
         with np.errstate(divide="ignore", invalid="ignore"):
             turn = np.exp(-2j * np.pi * frequency * self.dt)
@@ -541,7 +541,7 @@ class Samples(Signal):
 
     @cached_property
     def _spline(self) -> Any:
-        """The cubic spline through all samples, with as many before and after as it takes to forget its ends."""
+        """Cubic spline through all samples, padded at both ends until the effect of the ends has decayed."""
         from scipy.interpolate import make_interp_spline
 
         values = np.concatenate([np.zeros(_PAD), np.asarray(self.values), np.full(_PAD, self.values[-1])])  # type: ignore
@@ -554,12 +554,12 @@ class Samples(Signal):
 
     @property
     def _coefficients(self) -> np.ndarray:
-        """Of the B-splines about each sample; before them all are zero, after them all are the last value."""
+        """Coefficients of the B-splines about each sample; earlier ones are zero, later ones are the last value."""
         return np.asarray(self._spline.c[1:-1])
 
 
 class Delayed(Signal):
-    """A signal that begins later, as one of the elements of an array gives it.
+    """A signal with a delay, as emitted by one element of an array.
 
     Parameters
     ----------
@@ -572,7 +572,7 @@ class Delayed(Signal):
 
     @property
     def end(self) -> float:
-        """That of the signal, after the delay."""
+        """End of the signal, including the delay."""
         return self.signal.end + self.delay
 
     def __call__(self, t: Any) -> Any:
@@ -586,7 +586,7 @@ class Delayed(Signal):
 
 
 def _read(path: Path, dt: float) -> np.ndarray:
-    """The samples in a file, which have no times or those of samples `dt` apart."""
+    """The samples in a file, which contains no times or those of samples `dt` apart."""
     try:
         if path.suffix == ".npy":
             found = np.load(path, allow_pickle=False)

@@ -14,8 +14,9 @@ from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.inputs.expressions import Expression, as_given, as_signal
 
-#: Of the largest value of data by the type of numbers: in an energy and in its parts squares of larger ones overflow,
-#: and those of smaller ones vanish. Single precision is given way for the coefficients that squares are multiplied by.
+#: Range of the largest value of data for each type of numbers: the squares of larger values, as in an energy and its
+#: parts, overflow, and those of smaller ones vanish. In single precision the range leaves room for the coefficients by
+#: which squares are multiplied.
 _RANGES = {"float64": (0.0, 1e150), "float32": (1e-15, 1e15)}
 
 
@@ -25,7 +26,7 @@ class Source(Storable):
 
     Parameters
     ----------
-    value : ndarray, callable, str, Expression or float, or a list of one a component
+    value : ndarray, callable, str, Expression or float, or a list of one per component
         An array of the lattice's shape, a callable of the coordinates (with `time`) or of the coordinates and t
         (without), an expression of x, y, z, t, or a number. For a vector field this is a body force: arrays and return
         values of callables have the components first.
@@ -57,18 +58,19 @@ class Source(Storable):
 
 
 def steady(t: float) -> float:
-    """The factor 1 of what does not depend on time."""
+    """The time factor 1 of whatever does not depend on time."""
     return 1.0
 
 
 def as_source(source: Any, dim: int, key: str) -> Any:
-    """A source, or a value that is given like one, with every text as an `Expression` of the lattice's coordinates.
+    """Return a source, or a value that is given like one, with every text turned into an `Expression` of the lattice's
+    coordinates.
 
     Raises
     ------
     InputError
-        A text that is no expression, a function of other arguments than the coordinates and t, or than the coordinates
-        where there is a factor of time.
+        A text that is not an expression, a function of arguments other than the coordinates and t, or, where there is a
+        factor of time, other than the coordinates.
     """
     value, timed = (source.value, source.time is not None) if isinstance(source, Source) else (source, False)
     found = as_given(value, dim, key)
@@ -112,8 +114,8 @@ def split(source: Any, lattice: Lattice, components: int = 1) -> tuple[np.ndarra
 
 
 def by_component(source: Any, lattice: Lattice, components: int) -> list[tuple[Any, Any]]:
-    """A source as (scalar source, unit), whose products make up that of a vector field, or as (source, 1) where it is
-    given whole.
+    """Split a source into pairs (scalar source, unit) whose products add up to that of a vector field, or return
+    [(source, 1)] if it is given as a whole.
     """
     value, time = (source.value, source.time) if isinstance(source, Source) else (source, None)
     if components == 1 or not isinstance(value, list | tuple):
@@ -132,20 +134,20 @@ def by_component(source: Any, lattice: Lattice, components: int) -> list[tuple[A
 
 
 def _is_zero(value: Any) -> bool:
-    """Whether a component is left at zero: the number, or an expression that is nothing else."""
+    """Whether a component is zero: the number 0, or a constant expression of this value."""
     if isinstance(value, Expression):
         return not (value.uses_space or value.uses_time) and not value.on(0)().any()
     return bool(np.isscalar(value)) and value == 0
 
 
 def field(value: Any, lattice: Lattice, components: int, key: str = "source") -> np.ndarray:
-    """Values on the nodes, shape of the lattice, of vectors with the components first, from an array, a callable or a
-    number, or one a component.
+    """Values on the nodes from an array, a callable or a number, or one of these per component: of the lattice's shape,
+    for vectors with the components first.
 
     Raises
     ------
     InputError
-        As `checked`, or not as many components as the field has.
+        As in `checked`, or a number of components other than that of the field.
     """
     found = value(*lattice.coordinates()) if callable(value) else value
     if components == 1:
@@ -167,13 +169,13 @@ def field(value: Any, lattice: Lattice, components: int, key: str = "source") ->
 
 
 def _listed(components: int, dim: int) -> str:
-    """How a field of several components is given."""
+    """Example of how a field of several components is given, for messages."""
     bell = "exp(-" + " - ".join(f"{axis}**2" for axis in "xyz"[:dim]) + ")"
     return f'["{bell}", {", ".join(["0.0"] * (components - 1))}] for a field along x'
 
 
 def largest_component(value: Any) -> Callable[..., np.ndarray]:
-    """The largest magnitude of any component, as a function of the coordinates (and t), of what `field` takes."""
+    """Largest magnitude of any component of what `field` accepts, as a function of the coordinates (and t)."""
 
     def largest(*at: Any) -> np.ndarray:
         found = value(*at) if callable(value) else value
@@ -193,8 +195,8 @@ def largest_component(value: Any) -> Callable[..., np.ndarray]:
 def check_size(
     values: np.ndarray, key: str, dtype: str = "float64", largest_of_all: Callable[[float], float] = float
 ) -> None:
-    """Refuse data whose squares overflow in a type of numbers, or vanish there, with an InputError; of several
-    processes all look at the largest value of all.
+    """Refuse data whose squares overflow or vanish in a type of numbers with an InputError; where there are several
+    processes, all use the largest value of all.
     """
     least, most = _RANGES[dtype]
     largest = largest_of_all(float(np.abs(values).max(initial=0, where=np.isfinite(values))))
@@ -211,8 +213,7 @@ def check_size(
 
 
 def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:
-    """The values as a float array of the lattice's shape; zero outside a body, and outside a window where not
-    finite."""
+    """Values as a float array of the lattice's shape; zero outside a body, and outside a window where not finite."""
     values = np.broadcast_to(checked_shape(kinds.array(value, key, finite=False), lattice, key), lattice.shape)
     bad = ~np.isfinite(values) if lattice.mask is None else ~np.isfinite(values) & lattice.mask
     if bad.any():
@@ -232,7 +233,7 @@ def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:
 
 
 def checked_shape(values: np.ndarray, lattice: Lattice, key: str) -> np.ndarray:
-    """Values that are one number, or one a node; InputError for others."""
+    """Return values that are one number, or one for each node; raises InputError for others."""
     if values.ndim and values.shape != lattice.shape:
         raise InputError(
             "an array must have the lattice's shape",
@@ -247,8 +248,8 @@ def checked_shape(values: np.ndarray, lattice: Lattice, key: str) -> np.ndarray:
 def widened(
     value: Any, lattice: Lattice, nodes: dict[tuple[int, int], int], mode: Literal["constant", "edge"] = "constant"
 ) -> Any:
-    """Values on the nodes of a lattice with more nodes beyond its sides, zero there or as at the edge; functions and
-    numbers as they are.
+    """Extend values on the nodes to a lattice with more nodes beyond its sides, by zeros or by the values at the edge;
+    functions and numbers are returned as they are.
     """
     if isinstance(value, list | tuple):
         return [widened(part, lattice, nodes, mode) for part in value]

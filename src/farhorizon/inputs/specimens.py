@@ -1,4 +1,4 @@
-"""Pieces of metal that corrode: which nodes are solid, and what they hold."""
+"""Pieces of metal that corrode: the solid nodes and their concentration."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Specimen(Storable):
 
 
 def check_held(any_node: bool, key: str) -> None:
-    """InputError for a specimen that holds no node."""
+    """Raise an InputError for a specimen that contains no node."""
     if not any_node:
         raise InputError(
             "a specimen holds no node",
@@ -82,7 +82,7 @@ def check_held(any_node: bool, key: str) -> None:
 def place(
     specimens: Sequence[Specimen], lattice: Lattice, saturation: float, background: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The solid nodes, and the concentration on them.
+    """Return the solid nodes and the concentration on them.
 
     Parameters
     ----------
@@ -102,7 +102,8 @@ def place(
     Raises
     ------
     InputError
-        Not a specimen, one without nodes, two different ones on one node, a saturation out of range.
+        An object that is not a specimen, a specimen without nodes, two different ones on one node, a saturation out of
+        range.
     """
     solid, concentration = np.zeros(lattice.shape, bool), np.zeros(lattice.shape)
     for number, specimen in enumerate(specimens):

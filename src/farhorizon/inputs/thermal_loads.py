@@ -1,4 +1,4 @@
-"""Heat that strains a solid."""
+"""Thermal strains of a solid."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class ThermalLoad(Storable):
                     if name == "reference"
                     else "the coefficient of linear expansion, such as 1e-5 per kelvin",
                 )
-        run = getattr(self.temperature, "setup", self.temperature)  # a run is made anew
+        run = getattr(self.temperature, "setup", self.temperature)  # a run is created anew from its set-up
         if not (self.of_run(run) or callable(run) or isinstance(run, str)):
             run = kinds.array(run, "load.temperature")
             run = run if run.ndim else float(run)
@@ -114,7 +114,7 @@ class ThermalLoad(Storable):
             self._check_coupling()
 
     def _check_coupling(self) -> None:
-        """What a temperature needs that the deformation changes."""
+        """Check what a temperature needs that follows the deformation."""
         if not self.of_run(self.temperature):
             raise InputError(
                 "a temperature that is given does not follow the deformation",
@@ -151,7 +151,7 @@ class ThermalLoad(Storable):
 
 @contextmanager
 def of_the_heat() -> Iterator[None]:
-    """Within it the key of an InputError says that it is one of the heat beside a solid, whose field is T."""
+    """Context in which the key of an InputError refers to the heat of a solid, whose field is T."""
     try:
         yield
     except InputError as error:

@@ -1,4 +1,4 @@
-"""What waves have in common that travel along a direction with a signal: plane ones and those along a surface."""
+"""Base of the waves that travel in a direction with a signal: plane waves and waves along a surface."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from farhorizon.inputs.expressions import as_signal
 from farhorizon.inputs.incidence import End, Incident, Passage, Region, check_within
 from farhorizon.medium.free_side import FreeSide
 
-_SAID = 1e-9  # part of a signal that a note is worth
-_MOMENTS = 257  # at which the middle of a box is looked at
+_SAID = 1e-9  # part of a signal above which there is a note
+_MOMENTS = 257  # times at which the middle of a box is sampled
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class TravellingWave(Incident):
         return super().resolved(lattice, reach, ends)
 
     def way(self, region: Region) -> tuple[float, float]:
-        """Range of coordinates along its direction, from the origin, in which the wave is inside the box."""
+        """Range of the coordinate along the direction, from the origin, in which the wave is inside the box."""
         ends = region.places(np.stack([region.first, region.last]))
         begin, end = np.sort(self.along * ends, axis=0).sum(1).tolist()
         return begin, end
@@ -108,7 +108,9 @@ class SurfacePassage(Passage):
 
     @cached_property
     def midway(self) -> float:
-        """When it is strongest in the middle of the box: its tails may be far longer than its way."""
+        """Time at which the wave is strongest in the middle of the box: its tails may be far longer than its
+        passage.
+        """
         value = self.at((self._region.first + self._region.last)[None] // 2)
         return max(np.linspace(0, self.period, _MOMENTS).tolist(), key=lambda t: float(np.abs(value(t)).max()))
 
@@ -117,7 +119,7 @@ class SurfacePassage(Passage):
 
 
 def lost_notes(lost: float) -> list[str]:
-    """What of a signal the lattice does not carry, where it is worth a note."""
+    """Notes on the part of a signal that the lattice does not carry, if it is large enough."""
     if lost <= _SAID:
         return []
     return [

@@ -1,1 +1,1 @@
-"""The operator and its time step: kernel, stencil, integrators, what it takes to part it."""
+"""The operator of a medium: kernels, stencils, force states, materials, fracture energies and time integrators."""

@@ -1,11 +1,11 @@
-"""Materials whose bonds' forces follow from a state of the node at each end (Silling et al. 2007), linearised.
+"""Materials whose bond forces follow from a state of the node at each end (Silling et al. 2007), linearised.
 
-A sum over its bonds makes the state of a node, ``q_i = sum_k G_k (u_k - u_i)``; a law of the node makes of it
-``p_i = M_i q_i``; and the force density is ``sum_k D_k (p_k + p_i)``, beside that of bonds which are springs.
+The state of a node is a sum over its bonds, ``q_i = sum_k G_k (u_k - u_i)``; the material law maps it to
+``p_i = M_i q_i``; and the force density is ``sum_k D_k (p_k + p_i)``, in addition to that of spring bonds.
 
-Where a node has all its bonds the second p cancels, and one stencil, the convolution ``D M G``, makes the same forces:
-from it follow waves, layers and certificates. Where bonds are absent the sums are those over the bonds that are there,
-and the law may go by the node's shape tensor.
+Where a node has all its bonds, the second p cancels, and a single stencil, the convolution ``D M G``, gives the same
+forces; waves, layers and certificates are derived from it. Where bonds are absent, the sums run over the remaining
+bonds, and the law may depend on the node's shape tensor.
 """
 
 from __future__ import annotations
@@ -22,36 +22,36 @@ from farhorizon.medium.stencil import Stencil
 
 @dataclass(frozen=True)
 class ForceStates:
-    """Sums over the bonds of a lattice, in units of its spacing, for unit P modulus.
+    """State, law and forces as sums over the bonds of a lattice, in units of its spacing, for unit P modulus.
 
     Attributes
     ----------
     offsets : ndarray of int, shape (K, dim)
     bonds : ndarray, shape (K, dim, dim)
-        Springs beside the states.
+        Springs in addition to the states.
     gradient : ndarray, shape (K, n, dim)
-        G, which makes the n numbers of a state.
+        G, which gives the n numbers of a state.
     divergence : ndarray, shape (K, dim, n)
         D.
     shapes : ndarray, shape (K, dim, dim)
-        What a bond adds to the shape tensor of its node, which is 1 where all are there.
+        Contribution of a bond to the shape tensor of its node, which is the identity where all bonds are present.
     law : callable
         Takes shape tensors, shape (S, dim, dim), and moduli, shape (S, 3), in which it is linear, and returns M, shape
         (S, n, n).
     moduli : tuple of three floats
-        Lame's constant that the law goes by, the shear modulus, and what stabilises.
+        Lame's constant and the shear modulus of the law, and the stabilisation.
     signs : tuple of tuple of int
-        Of each number of a state whether it changes its sign (1) or not (0) where an axis is turned.
+        For each number of a state and each axis, whether the number changes its sign (1) or not (0) when the axis is
+        reversed.
     kept : bool
-        Whether bonds that are cut or break leave the shape tensors of their nodes as they are.
+        Whether the shape tensors of nodes stay as they are when their bonds are cut or break.
     unweakened : bool
-        Whether nodes bear all of their stress on the last of their bonds, see `engine.shape_tensors.stress_left`.
+        Whether the last bonds of a node bear its full stress, see `engine.shape_tensors.stress_left`.
     released : ndarray, shape (K, 3), or None
-        Of bonds that break by the energy which is lost with them what that is in an intact body, see
-        `energy_of_bonds`; they leave the shape tensors as they were at first. None where bonds break by their stretch.
+        For bonds that break by energy, the energy that is lost with them in an intact body, see `energy_of_bonds`; such
+        bonds leave the shape tensors as they were at first. None where bonds break by their stretch.
     closed : ndarray, shape (K, dim, dim), or None
-        Springs along the bonds, for those that are absent and shorter than in the beginning; None where absent bonds
-        carry nothing.
+        Springs along the bonds, for absent bonds that are shorter than at first; None where absent bonds carry nothing.
     """
 
     offsets: np.ndarray
@@ -69,14 +69,14 @@ class ForceStates:
 
 
 def energy_of_bonds(states: ForceStates) -> np.ndarray:
-    """Energy that is lost with each bond of an intact body which is stretched evenly, shape (K, 3), for a unit of each
-    of the moduli of one of its ends.
+    """Energy that is lost with each bond of an intact, evenly stretched body, shape (K, 3), for a unit of each modulus
+    of one of its ends.
 
-    The stretch of the longest bonds is 1, and the others become longer by as much: where the faces of a crack move
-    apart, all bonds across them do. With a stretch that is the same for all, or an energy for bonds of a kernel
-    ``1 / |xi|``, what a crack spends goes more by its angle to the lattice (`farhorizon.studies.toughness`); that bonds
-    break by their energy is due to Foster, Silling and Chen (2011), International Journal for Multiscale Computational
-    Engineering 9, 675.
+    The stretch of the longest bonds is 1, and the others are elongated by the same length, as all bonds across a crack
+    are when its faces move apart. With a stretch that is the same for all, or an energy for bonds of a kernel
+    ``1 / |xi|``, the energy spent by a crack depends more strongly on its angle to the lattice
+    (`farhorizon.studies.toughness`). The criterion that bonds break by their energy is due to Foster, Silling and Chen
+    (2011), International Journal for Multiscale Computational Engineering 9, 675.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def energy_of_bonds(states: ForceStates) -> np.ndarray:
     dim, lengths = states.offsets.shape[1], np.linalg.norm(states.offsets, axis=1)
     stretch = (lengths.max() / lengths)[:, None]
     eta = stretch * states.offsets
-    whole = stretch * np.einsum("kqa,ka->q", states.gradient, states.offsets)  # of a node in such a body
+    whole = stretch * np.einsum("kqa,ka->q", states.gradient, states.offsets)  # state of a node in such a body
     own = np.einsum("kqa,ka->kq", states.gradient, eta)
     units = states.law(np.broadcast_to(np.eye(dim), (3, dim, dim)), np.eye(3))
     forces = np.einsum("kaq,mqp,kp->kma", states.divergence, units, whole - own / 2)
@@ -97,16 +97,16 @@ def energy_of_bonds(states: ForceStates) -> np.ndarray:
 
 
 def closing_rate(states: ForceStates, softest: float = 1.0) -> float:
-    """What bonds that close may add to the largest value of the symbol.
+    """Upper bound of what closed bonds add to the largest value of the symbol.
 
-    Each of them stands for a bond that is absent, with what this was of a spring beside the states: along the bond, or
-    alike in all directions. By so much it adds less than all of it.
+    Each of them replaces an absent bond, and with it the spring of that bond beside the states: along the bond, or the
+    same in all directions. What it adds is smaller by the stiffness of that spring.
 
     Parameters
     ----------
     states : ForceStates
     softest : float
-        Where the medium varies, the least stiffness of the springs over that of bonds that close, in that of the model.
+        Where the medium varies, the least stiffness of the springs over that of closed bonds, relative to the model.
     """
     if states.closed is None:
         return 0.0
@@ -120,8 +120,10 @@ def closing_rate(states: ForceStates, softest: float = 1.0) -> float:
 def correspondence_states(
     offsets: np.ndarray, weights: np.ndarray, lame: float, shear: float, stabilisation: float = 0.0
 ) -> ForceStates:
-    """Those of `solids.correspondence`: the state is the displacement gradient before it is multiplied by the inverse
-    shape tensor, what the law makes of it the stress times that inverse, less what the stabilisation takes.
+    """Force states of `solids.correspondence`.
+
+    The state is the displacement gradient before its multiplication by the inverse shape tensor. The law maps it to the
+    stress times that inverse, less the contribution of the stabilisation.
 
     Silling, Epton, Weckner, Xu and Askari (2007), section 18; stabilisation: Silling (2017), eq 21.
     """
@@ -158,11 +160,11 @@ def correspondence_states(
 def dilatation_states(
     offsets: np.ndarray, bonds: np.ndarray, weights: np.ndarray, lame: float, calibrate: bool = True
 ) -> ForceStates:
-    """Those of `solids.dilatation` beside springs: the state is the nonlocal dilatation, of which the law makes a
+    """Force states of `solids.dilatation` beside springs: the state is the nonlocal dilatation, the law gives a
     pressure.
 
-    Its weighted volume is that of a node with all its bonds, as the springs' stiffness is: the energy of every node is
-    positive then for any Poisson's ratio, and surfaces are soft as those of springs are.
+    The weighted volume is that of a node with all its bonds, as is the stiffness of the springs. The energy of every
+    node is then positive for any Poisson's ratio, and surfaces are as soft as those of springs.
 
     Silling, Epton, Weckner, Xu and Askari (2007), eq 104.
     """

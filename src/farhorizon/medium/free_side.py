@@ -1,4 +1,4 @@
-"""The operator of a medium that ends at a free side: nodes near it are pulled by other weights than those inside."""
+"""The operator of a medium that ends at a free side, where weights near the side differ from those inside."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ import numpy as np
 from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.stencil import Stencil
 
-_FAINT = 1e-14  # weights below this part of the largest are rounding
+_FAINT = 1e-14  # weights smaller than this, relative to the largest, are rounding errors
 
 
 @dataclass(frozen=True, eq=False)
 class FreeSide:
-    """A uniform medium without nodes beyond a side, ``(L u)_i = sum_k w_k (u_(i+k) - u_i)`` with weights that go by the
-    row of node i.
+    """A uniform medium without nodes beyond a side, ``(L u)_i = sum_k w_k (u_(i+k) - u_i)`` with weights that depend on
+    the row of node i.
 
-    Of bonds the weights are those of the stencil, without the bonds that are absent. Where forces follow from states,
-    the nodes at either end of a bond lack some of theirs, too, and have another shape tensor: rows differ down to twice
-    the reach of the bonds, which is the reach of the stencil.
+    For plain bonds, the weights are those of the stencil, without the absent bonds. Where forces follow from states,
+    the nodes at both ends of a bond also lack some of their bonds, and have different shape tensors: rows differ down
+    to twice the reach of the bonds, which is the reach of the stencil.
 
     Parameters
     ----------
     stencil : Stencil
-        Of the medium inside.
+        Stencil of the medium inside.
     axis : int
-        Normal to the side.
+        Axis normal to the side.
     side : {-1, 1}
-        1: the medium ends with growing indices.
+        1 if the medium ends towards larger indices, -1 towards smaller ones.
     edge : int
         Index of the outermost nodes along the axis.
     states : ForceStates, optional
-        Of which the stencil is the convolution.
+        States whose convolution is the stencil; plain bonds unless given.
 
     Examples
     --------
@@ -50,15 +50,15 @@ class FreeSide:
 
     @property
     def order(self) -> list[int]:
-        """The axes, the normal first."""
+        """The axes, with the normal first."""
         return [self.axis, *(a for a in range(self.stencil.dim) if a != self.axis)]
 
     def row(self, nodes: np.ndarray) -> np.ndarray:
-        """Rows of nodes (.., dim), 0 for the outermost, negative where there are none."""
+        """Rows of nodes, indices of shape (.., dim): 0 for the outermost, negative beyond the side."""
         return np.asarray(self.side * (self.edge - nodes[..., self.axis]))
 
     def weights_at(self, nodes: np.ndarray) -> np.ndarray:
-        """Weights of the bonds of nodes (n, dim) that there are, shape (n, K, components, components)."""
+        """Weights of the bonds of existing nodes (n, dim), shape (n, K, components, components)."""
         return np.asarray(self.weights[np.minimum(self.row(nodes), self.stencil.reach[self.axis])])
 
     @property
@@ -68,8 +68,8 @@ class FreeSide:
 
     @property
     def weights(self) -> np.ndarray:
-        """Weights of the rows from the outermost on, shape (rows, K, components, components); the last ones are those
-        of all rows below.
+        """Weights of the rows from the outermost on, shape (rows, K, components, components); the last ones apply to
+        all further rows.
         """
         return self._table[1]
 
@@ -84,13 +84,13 @@ class FreeSide:
         size = np.abs(made).max((0, -2, -1))
         size = np.maximum(size, np.flip(size))
         reach = np.array(size.shape) // 2
-        size[tuple(reach)] = 0  # what a node feels of itself is minus the sum of all others
+        size[tuple(reach)] = 0  # the weight of a node's own value is minus the sum of all others
         offsets = np.argwhere(size > _FAINT * size.max())
         return offsets - reach, made[:, *offsets.T]
 
     def _row_of_states(self, states: ForceStates, row: int) -> np.ndarray:
-        """Sum over bonds of what the states at both of their ends make of the displacements around, as a dense table
-        with the node in its middle.
+        """Sum over the bonds of a node in a row of the forces due to the states at both ends, as a dense table of the
+        weights of the displacements around the node, which is in its middle.
         """
         offsets, dim = states.offsets, self.stencil.dim
         reach = int(np.abs(offsets).max())

@@ -19,18 +19,18 @@ RK4_REAL_LIMIT = 2.785293563405282
 
 @dataclass(frozen=True)
 class Stages:
-    """What the engine needs of an integrator.
+    """Description of an integrator for the engine.
 
     Attributes
     ----------
     levels : int
-        Time levels in memory.
+        Number of time levels in memory.
     rotation : tuple
         ``rotation[phase][stage] = (in, base, out)``, level numbers.
     numbers : tuple
         ``numbers[stage] = (a, b, scale, source_scale)`` with L written in differences.
     increments : bool
-        The base level holds the increment u(n) - u(n-1) and is advanced in place.
+        Whether the base level holds the increment u(n) - u(n-1) and is advanced in place.
     """
 
     levels: int
@@ -40,7 +40,7 @@ class Stages:
 
 
 class _OneStage:
-    """A method that applies the operator once a step."""
+    """A method that applies the operator once per step."""
 
     @staticmethod
     def source_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
@@ -75,7 +75,7 @@ class Verlet(_OneStage):
 
     @staticmethod
     def stages(dt: float, damping: float = 0.0, increments: bool = False, lasting: bool = False) -> Stages:
-        """Stages of one step; `lasting`: the older level outlives the step, in a third level."""
+        """Stages of one step; with `lasting`, a third level takes the result, and the older level outlives the step."""
         share = damping * dt
         scale = dt**2 / (1 + share)
         if increments:
@@ -96,21 +96,21 @@ class Verlet(_OneStage):
 
 
 class VerletModes:
-    """Modes that velocity Verlet propagates: what any number of steps makes of them.
+    """Exact result of any number of steps of velocity Verlet for each eigenmode.
 
     Parameters
     ----------
     symbol : ndarray
-        Of each mode the eigenvalue of -L, 1/time^2.
+        Eigenvalue of -L of each mode, in 1/time^2.
     dt : float
     damping : float
         d of `Verlet`.
     """
 
     def __init__(self, symbol: np.ndarray, dt: float, damping: float = 0.0) -> None:
-        # u(n) = ratio^n (u cos(n angle) + rest sin(n angle)): no difference of nearly equal powers, so that
-        # rounding grows like n only. Overdamped modes have an imaginary angle; complex functions take ten times as
-        # long, so that without such modes all is real.
+        # u(n) = ratio^n (u cos(n angle) + rest sin(n angle)) has no difference of nearly equal powers, so that rounding
+        # errors grow only like n. Overdamped modes have an imaginary angle; without them everything stays real, because
+        # complex functions take ten times as long.
         self._dt, self._share = dt, damping * dt
         share, quarter = self._share, dt**2 * np.asarray(symbol, float)
         self._ratio = np.sqrt((1 - share) / (1 + share))
@@ -121,7 +121,7 @@ class VerletModes:
         self._sine = np.where(self._flat, 1.0, sine)
 
     def after(self, steps: int, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """The modes after so many steps, from their amplitudes and the derivatives of these in time at t = 0."""
+        """Amplitudes of the modes after `steps` steps, from the amplitudes and their time derivatives at t = 0."""
         turned = steps * self._angle
         found = u * np.cos(turned)
         if self._share or np.any(v):
@@ -327,11 +327,11 @@ Integrator = Verlet | Euler | RungeKutta4 | RungeKuttaChebyshev
 
 
 def stage_effects(stages: Stages) -> np.ndarray:
-    """What one unit added to the output of each stage adds to the state after the step, if the operator does not see
+    """Effect of a unit added to the output of each stage on the state after the step, if the operator does not act on
     it; shape (stages,).
 
-    So a conserved quantity changes in a step by the sum over the stages of effect times scale times the flow into the
-    input of the stage.
+    A conserved quantity therefore changes in a step by the sum over the stages of effect times scale times the flow
+    into the input of the stage.
     """
     rotation = stages.rotation[0]
     effects = np.zeros(len(rotation))

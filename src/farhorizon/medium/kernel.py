@@ -18,9 +18,9 @@ from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
 
 INFLUENCES = ("constant", "linear", "gaussian")
-POINTS = 60  # of a quadrature over the family, and one more for each radian of the shortest wave across it
+POINTS = 60  # of a quadrature over the family; the dispersion takes one more for each radian of k times horizon
 _SPHERE = {1: 2.0, 2: 2 * np.pi, 3: 4 * np.pi}  # measure of the unit sphere in 1D, 2D, 3D
-_SERIES_BELOW = 2.0  # closed forms cancel for small arguments
+_SERIES_BELOW = 2.0  # closed forms suffer from cancellation for smaller arguments
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ def _wave_mean(dim: int, z: np.ndarray) -> np.ndarray:
 
 
 def _checked(influence: object) -> str | Callable[[np.ndarray], np.ndarray]:
-    """A name, or a function that has a finite value for each distance."""
+    """Return the checked influence: a known name, or a function with a finite, non-negative value for each distance."""
     if not callable(influence):
         return kinds.one_of(influence, "kernel.influence", INFLUENCES, "unknown influence function")
     given = kinds.array(kinds.function(influence, "kernel.influence", "r")(_points()[0]), "kernel.influence")

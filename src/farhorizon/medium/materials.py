@@ -23,7 +23,7 @@ class Solid:
     density : float
         Mass per volume (kg/m^3).
     sources : mapping of str to str
-        Where each of them is from.
+        Source of each constant.
     """
 
     young: float
@@ -33,7 +33,7 @@ class Solid:
 
     @property
     def constants(self) -> dict[str, float]:
-        """What elastic models are given."""
+        """Arguments of elastic models."""
         return {"young": self.young, "poisson": self.poisson, "density": self.density}
 
 
@@ -44,11 +44,11 @@ class Fluid:
     Attributes
     ----------
     speed : float
-        Of sound (m/s).
+        Speed of sound (m/s).
     density : float
         Mass per volume (kg/m^3).
     sources : mapping of str to str
-        Where each of them is from.
+        Source of each constant.
     """
 
     speed: float
@@ -57,8 +57,8 @@ class Fluid:
 
     @property
     def constants(self) -> dict[str, float]:
-        """What `Wave` is given for the pressure: the speed, and as density the compressibility ``1 / (density
-        speed^2)`` (1/Pa), with which pressures are reflected where fluids meet as the impedances say.
+        """Arguments of `Wave` for the pressure: the speed, and as density the compressibility ``1 / (density speed^2)``
+        (1/Pa), with which the reflection of pressure at the interface of two fluids follows from their impedances.
         """
         return {"speed": self.speed, "density": 1 / (self.density * self.speed**2)}
 
@@ -68,7 +68,7 @@ def _of(**sources: str) -> Mapping[str, str]:
 
 
 class _Named(type):
-    """Tells the nearest name where there is none."""
+    """Metaclass that suggests the nearest name for an unknown material."""
 
     def __getattr__(cls, name: str) -> Any:
         raise AttributeError(f"there is no material {name!r}; {suggestion(name, named())}")
@@ -212,5 +212,5 @@ class materials(metaclass=_Named):
 
 
 def named() -> dict[str, Solid | Fluid]:
-    """All of them by name."""
+    """All named materials, by name."""
     return {name: one for name, one in vars(materials).items() if isinstance(one, Solid | Fluid)}

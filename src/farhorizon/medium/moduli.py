@@ -1,4 +1,4 @@
-"""Constants of isotropic elasticity, each from any two others."""
+"""Constants of isotropic elasticity, computed from any two of them."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from farhorizon.errors import InputError
 
 _PAIRS = "two of young, poisson, bulk, shear"
 _MODULI = "one of young, bulk, shear"
-_CLOSE = 1e-6  # of Poisson's ratio
+_CLOSE = 1e-6  # tolerance for Poisson's ratio, and for moduli relative to their value
 
 
 class Moduli(NamedTuple):
-    """Constants of an isotropic solid, numbers or arrays: `lame` is that of the plane in plane stress, the others those
-    of space.
+    """Constants of an isotropic solid, numbers or arrays.
+
+    In plane stress `lame` is the constant of the plane; the others are always those of space.
     """
 
     young: Any
@@ -38,12 +39,12 @@ def moduli_of(
         Poisson's ratio of the material, if it has one of its own.
     plane : {"strain", "stress"} or None
     material, combinations : str
-        Named in messages: the material, and what goes together with other ratios.
+        Used in messages: the name of the material, and the combinations that allow other Poisson's ratios.
 
     Raises
     ------
     InputError
-        Too few constants, some that do not agree, a Poisson's ratio that the material cannot have.
+        Too few constants, constants that do not agree, a Poisson's ratio that the material cannot have.
     """
     nu = given.get("poisson", _poisson(given, fixed))
     if nu is None or not set(given) - {"poisson"}:
@@ -84,7 +85,7 @@ def moduli_of(
 
 
 def check_ratio(values: np.ndarray | float, key: str) -> None:
-    """Refuse Poisson's ratios that no solid has, which stand at a key, with an InputError."""
+    """Refuse a Poisson's ratio that no solid has with an InputError for the given key."""
     for nu in (float(np.max(values)), float(np.min(values))) if np.size(values) else ():
         if not -1 < nu < 0.5:
             raise InputError(
@@ -109,7 +110,7 @@ def _check_fixed(nu: float, fixed: float, plane: str | None, combinations: str) 
 
 
 def _poisson(given: Mapping[str, Any], fixed: float | None) -> Any:
-    """Poisson's ratio from two moduli; the material's own with one; None if it has none."""
+    """Poisson's ratio from two moduli; from one, the fixed ratio of the material, or None if it has none."""
     if {"young", "shear"} <= set(given):
         return given["young"] / (2 * given["shear"]) - 1
     if {"bulk", "shear"} <= set(given):

@@ -1,4 +1,4 @@
-"""Constants that scatter from place to place."""
+"""Material constants that vary randomly from place to place."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.files.storable import Storable
 
-_BESIDE = 1e-6  # of a cell, by which its edges lie beside nodes half a cell from its middle
+_BESIDE = 1e-6  # shift of the cell edges, in cells, so that nodes half a cell from a middle do not lie on one
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,8 @@ class Weibull(Storable):
 
 
 def uniform(seed: int, *numbers: np.ndarray) -> np.ndarray:
-    """Uniform random numbers between 0 and 1, without either, that follow from whole numbers, of which all arrays have
-    the same shape.
+    """Uniform random numbers strictly between 0 and 1, determined by a seed and arrays of whole numbers of one
+    shape.
     """
     found = _mixed(np.asarray(seed, np.uint64))
     for one in numbers:
@@ -81,8 +81,8 @@ def uniform(seed: int, *numbers: np.ndarray) -> np.ndarray:
 
 
 def _mixed(bits: np.ndarray) -> np.ndarray:
-    """A step of SplitMix64."""
-    with np.errstate(over="ignore"):  # it counts modulo 2^64
+    """One step of SplitMix64."""
+    with np.errstate(over="ignore"):  # arithmetic modulo 2^64
         bits = bits + np.uint64(0x9E3779B97F4A7C15)
         bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
         bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

@@ -1,4 +1,4 @@
-"""The shell of a box of nodes: from the field there follows what the box sends out into the medium around it."""
+"""The shell of a box of nodes: the field there determines what the box radiates into the medium around it."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ class Shell:
 
     Let :math:`\chi` be 1 on the nodes of the box and 0 outside. Where u solves the equation of the uniform medium
     outside the box, :math:`(1 - \chi) u` is what that medium radiates, on the whole infinite lattice, when it is driven
-    by the forces :math:`f = L (\chi u) - \chi L u`. These vanish but on bonds between a node inside and one outside:
-    :math:`f_i = \sum_j w_{ij} (\chi_j - \chi_i) u_j`. There is no error of a quadrature, whatever the integrator.
+    by the forces :math:`f = L (\chi u) - \chi L u`. Only bonds between a node inside and one outside contribute to
+    them: :math:`f_i = \sum_j w_{ij} (\chi_j - \chi_i) u_j`. There is no quadrature error, whatever the integrator.
 
     Parameters
     ----------
     stencil : Stencil
-        Of the medium at the faces and outside.
+        Stencil of the medium at the faces and outside.
     first, last : array_like of int, shape (dim,)
-        Least and largest index of the box along each axis.
+        Smallest and largest index of the box along each axis.
     end : FreeSide, optional
-        Where the medium ends: a box that goes on beyond it is open there. All nodes exist unless given.
+        Free side at which the medium ends; a box that extends beyond it is open there. All nodes exist unless given.
 
     Notes
     -----
-    Electromagnetics has the same on a surface between the nodes, up to the error of its quadrature: Taflove and
-    Hagness, Computational Electrodynamics (2005), chapter 8.
+    The counterpart in electromagnetics uses a surface between the nodes, and has the error of its quadrature: Taflove
+    and Hagness, Computational Electrodynamics (2005), chapter 8.
 
     Examples
     --------
@@ -56,7 +56,7 @@ class Shell:
 
     @cached_property
     def nodes(self) -> np.ndarray:
-        """Indices of the nodes with a bond through a face, in order; shape (W, dim)."""
+        """Indices of the nodes with a bond through a face, in order, shape (W, dim)."""
         first, last, reach = np.array(self.first), np.array(self.last), np.array(self.stencil.reach)
         grid = np.indices(last - first + 2 * reach + 1).reshape(len(reach), -1).T + first - reach
         near = grid[~((grid >= first + reach) & (grid <= last - reach)).all(1) & self._exist(grid)]
@@ -72,14 +72,14 @@ class Shell:
 
     @property
     def _weights(self) -> np.ndarray:
-        """Of bonds by the row of a node and offset, shape (rows, K, components, components)."""
+        """Weights of bonds by the row of a node and the offset, shape (rows, K, components, components)."""
         if self.end is not None:
             return self.end.weights
         return self.stencil.weights.reshape(1, -1, self.stencil.components, self.stencil.components)
 
     @property
     def _rows(self) -> np.ndarray:
-        """Of each node of the shell its row among these."""
+        """Row of each node of the shell in `_weights`."""
         return (
             np.minimum(self.end.row(self.nodes), len(self._weights) - 1)
             if self.end is not None
@@ -87,11 +87,11 @@ class Shell:
         )
 
     def _exist(self, nodes: np.ndarray) -> np.ndarray:
-        """Whether nodes exist."""
+        """Which nodes exist."""
         return np.ones(len(nodes), bool) if self.end is None else self.end.row(nodes) >= 0
 
     def contains(self, nodes: np.ndarray) -> np.ndarray:
-        """Whether nodes, indices of shape (.., dim), are in the box."""
+        """Which nodes, indices of shape (.., dim), are in the box."""
         return np.asarray(((nodes >= np.array(self.first)) & (nodes <= np.array(self.last))).all(-1))
 
     @cached_property

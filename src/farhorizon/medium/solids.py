@@ -1,8 +1,8 @@
 """Tables of bonds that make elastic solids: offsets, and a matrix of weights for each.
 
-With Lame's constants of the plane or of space, ``lam`` and ``mu``, every material is built of two pieces. The bonds
-``(dim + 2) mu w(r) n n`` with half second moment 1 make a Cauchy solid, lam = mu; a nonlocal gradient ``g`` makes what
-derivatives make.
+Peridynamic materials consist of two parts, with Lame's constants ``lam`` and ``mu`` of the plane or of space: bonds
+``(dim + 2) mu w(r) n n`` with half second moment 1, which make a Cauchy solid, lam = mu; and a nonlocal gradient ``g``
+in place of the derivatives of the continuum.
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ Table = tuple[np.ndarray, np.ndarray]
 
 
 def isotropic(offsets: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weights of bonds made so that the lattice is exactly isotropic for long waves, with half second moment 1 on
-    average.
+    """Adjust the weights of bonds such that the lattice is exactly isotropic for long waves, with half second moment 1.
 
     The fourth moments of a lattice's family have cubic symmetry only. The factor ``alpha + beta sum_a n_a^4`` gives
     them the two values that they have in the continuum, ``sum w r^2 n_x^4 / 2 = 3/(dim + 2)`` and ``sum w r^2 n_x^2
@@ -29,7 +28,7 @@ def isotropic(offsets: np.ndarray, weights: np.ndarray) -> np.ndarray:
     Raises
     ------
     InputError
-        A family too small for that.
+        A family that is too small for this.
     """
     dim = offsets.shape[1]
     r2 = (offsets**2).sum(1)
@@ -57,8 +56,8 @@ def central(offsets: np.ndarray, weights: np.ndarray, shear: float) -> Table:
 
 
 def dilatation(offsets: np.ndarray, weights: np.ndarray, lame: float, calibrate: bool = True) -> Table:
-    """The pressure ``lame theta`` of the nonlocal dilatation ``theta = sum_k g_k . (u_k - u)``, g = w xi over half the
-    second moment's trace.
+    """The pressure ``lame theta`` of the nonlocal dilatation ``theta = sum_k g_k . (u_k - u)``, where g is w xi over
+    the second moment of the weights along an axis (2 unless calibrated).
     """
     moment = (weights * offsets[:, 0] ** 2).sum() if calibrate else 2.0
     g = weights[:, None] * offsets / moment
@@ -70,8 +69,8 @@ def correspondence(
 ) -> Table:
     """``div (lame tr(e) + 2 shear e)`` with the gradient ``g_k = K^-1 w xi`` and its negative transpose as divergence.
 
-    The stabilisation adds ``c sum_k w_k (2 (u_k - u) - G_k u xi_k)``, c = stabilisation / K (in P moduli), which no
-    linear field feels.
+    The stabilisation adds ``c sum_k w_k (2 (u_k - u) - G_k u xi_k)``, c = stabilisation / K (in P moduli), which
+    vanishes for linear fields.
     """
     moment = (weights * offsets[:, 0] ** 2).sum()
     g = weights[:, None] * offsets / moment
@@ -88,9 +87,10 @@ def correspondence(
 def neutral_stabilisation(lame: np.ndarray | float, shear: np.ndarray | float) -> np.ndarray:
     r"""The stabilisation of a correspondence material above which S waves grow faster as they grow shorter.
 
-    With b the fourth moment of the weights over the second the gradient of a wave along an axis is ``k - b k^3/6`` and
-    the springs of the stabilisation ``k^2 - b k^4/12``, so that ``rho omega^2 = mu k^2 + b k^4 (G/4 - mu/3)``: no S
-    wave is faster than long ones where G is at most 4 mu/3, and no P wave where it is at most 4/3 of its modulus.
+    Let b be the fourth moment of the weights over the second. The gradient of a wave along an axis is then
+    ``k - b k^3/6`` and the springs of the stabilisation are ``k^2 - b k^4/12``, so that
+    ``rho omega^2 = mu k^2 + b k^4 (G/4 - mu/3)``: no S wave is faster than long ones if G is at most 4 mu/3, and no P
+    wave if it is at most 4/3 of its modulus.
 
     Parameters
     ----------
@@ -99,13 +99,13 @@ def neutral_stabilisation(lame: np.ndarray | float, shear: np.ndarray | float) -
     Returns
     -------
     ndarray
-        Over the P modulus.
+        Relative to the P modulus.
     """
     return np.asarray(4 * shear / (3 * (lame + 2 * shear)))
 
 
 def finite_element(lame: float, shear: float, dim: int) -> Table:
-    """Bilinear or trilinear elements with lumped mass: products of one-dimensional stiffness, mass and difference."""
+    """Bilinear or trilinear elements with lumped mass: products of one-dimensional stiffness, mass and differences."""
     stiffness, mass, difference = (
         np.array([1.0, -2.0, 1.0]),
         np.array([1.0, 4.0, 1.0]) / 6,
@@ -131,8 +131,8 @@ def finite_element(lame: float, shear: float, dim: int) -> Table:
 
 
 def _convolution(offsets, g, product) -> Table:  # type: ignore[no-untyped-def]
-    """Stencil whose weight at o is the sum over all k + l = o of ``product(g_k)[l]``, which has the products with all
-    g_l at once.
+    """Table whose weight at o is the sum over all k + l = o of ``product(g_k)[l]``, where `product` gives the products
+    with all g_l at once.
     """
     reach, dim = int(np.abs(offsets).max()), offsets.shape[1]
     table = np.zeros((*[4 * reach + 1] * dim, dim, dim))
@@ -142,7 +142,7 @@ def _convolution(offsets, g, product) -> Table:  # type: ignore[no-untyped-def]
 
 
 def _listed(table: np.ndarray) -> Table:
-    """Offsets and matrices of a dense table, without the centre and what is rounding."""
+    """Offsets and matrices of a dense table, without the centre and entries at rounding level."""
     size = np.abs(table).max((-2, -1))
     reach = np.array(size.shape) // 2
     size[tuple(reach)] = 0
@@ -160,8 +160,7 @@ def sum_of(one: Table, two: Table) -> Table:
 
 
 def stencil_of(table: Table) -> Stencil:
-    """A stencil with all symmetries of the lattice to the last digit: each weight is the mean over its mirror
-    images."""
+    """Stencil with all symmetries of the lattice to the last digit: each weight is the mean over its mirror images."""
     offsets, weights = table
     dim = offsets.shape[1]
     known = dict(zip(map(tuple, offsets.tolist()), weights, strict=True))
@@ -171,9 +170,9 @@ def stencil_of(table: Table) -> Stencil:
     return Stencil(np.array(list(known)), np.array(list(known.values())))
 
 
-@lru_cache(maxsize=8)  # a set-up asks for its stencil many times, and all waves are looked at for each
+@lru_cache(maxsize=8)  # a set-up asks for its stencil many times, and each check covers all waves
 def _lowest(offsets: bytes, weights: bytes, dim: int) -> float:
-    """The smallest eigenvalue of a stencil of matrices, over all waves."""
+    """Smallest eigenvalue over all waves of a stencil with matrix weights."""
     places = np.frombuffer(offsets).reshape(-1, dim).astype(int)
     stencil = Stencil(places, np.frombuffer(weights).reshape(-1, dim, dim))
     return float(stencil.branches(*stencil._zone()).min())

@@ -1,4 +1,4 @@
-"""Stencils: offsets and weights of a linear lattice operator, and what their symbol tells."""
+"""Stencils: offsets and weights of a linear lattice operator, its symbol and its backward waves."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
 from farhorizon.medium.kernel import Kernel
 
-_FARTHEST = 1000  # nodes that an offset may span
-_MOST_NEIGHBOURS = 100_000  # of a kernel's stencil: far beyond use, and soon built
+_FARTHEST = 1000  # largest component of an offset, in nodes
+_MOST_NEIGHBOURS = 100_000  # in a kernel's stencil: far more than any use needs, and still built quickly
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,11 @@ class BackwardWaves:
     Attributes
     ----------
     growth : float
-        Largest first-order growth rate per unit of layer strength sigma, 0 without backward waves.
+        Largest first-order growth rate per unit of layer strength sigma; 0 if there are no backward waves.
     fraction : float
-        Part of the Brillouin zone where waves are backward along any axis.
+        Fraction of the Brillouin zone in which waves are backward along any axis.
     first_wavenumber : float
-        Smallest |k| times spacing among them (inf without).
+        Smallest |k| times spacing of a backward wave; infinite if there are none.
     """
 
     growth: float
@@ -136,28 +136,33 @@ class Stencil(Storable):
 
     @property
     def own(self) -> Any:
-        """Factor of a node's own value in the reaction, a matrix if the weights are matrices."""
+        """The reaction as a factor on a node's own value: a number for scalar weights, otherwise a matrix."""
         return (
             self.reaction if self.components == 1 or np.ndim(self.reaction) else self.reaction * np.eye(self.components)
         )
 
     @property
     def strongest_reaction(self) -> float:
-        """The largest value, or eigenvalue, of the reaction."""
+        """Largest value, or eigenvalue, of the reaction."""
         return float(np.linalg.eigvalsh(self.reaction)[-1]) if np.ndim(self.reaction) else float(self.reaction)
 
     @cached_property
     def signs(self) -> np.ndarray:
-        """For each component and axis, whether the component changes its sign (-1) or not (1) in a reflection across
-        that axis: for a vector the component along it does, for others it follows from the weights, such that the
-        stencil is invariant if possible.
+        """Sign of each component in a reflection across each axis: 1 if it is kept, -1 if it changes; shape
+        (components, dim).
+
+        The component of a vector along the axis changes its sign. For other fields, the signs follow from the weights,
+        such that the stencil is invariant if possible.
         """
         if self.components in (1, self.dim):
             return np.ones((1, self.dim), int) if self.components == 1 else 1 - 2 * np.eye(self.dim, dtype=int)
         return np.stack([self._signs_along(axis) for axis in range(self.dim)], axis=-1)
 
     def _signs_along(self, axis: int) -> np.ndarray:
-        """Of components that are coupled the product of their signs is known from the weights at mirror images."""
+        """Signs of the components in a reflection across an axis.
+
+        For two components that are coupled, the weights at mirror images determine the product of their signs.
+        """
         table = dict(zip(map(tuple, self.offsets.tolist()), self.weights, strict=True))
         mirror = self.offsets * np.where(np.arange(self.dim) == axis, -1, 1)
         missing = np.full_like(self.weights[0], np.inf)
@@ -190,7 +195,7 @@ class Stencil(Storable):
         return self._unlike(self.offsets * turn, turned) is None
 
     def same_along(self, axis: int, other: int) -> bool:
-        """Whether two axes, and with them the components of a vector, may be exchanged."""
+        """Whether exchanging two axes, and with them the components of a vector, leaves the stencil unchanged."""
         order = np.arange(self.dim)
         order[[axis, other]] = other, axis
         return self._unlike(self.offsets[:, order], self._reordered(order)) is None
@@ -259,7 +264,7 @@ class Stencil(Storable):
         c = kernel.scaling_constant(dim) * spacing ** (dim + 2 - kernel.exponent)
         weights = c * kernel.influence_at(r * spacing) * share * r ** -float(kernel.exponent)
         used = weights > 1e-14 * weights.max()
-        if not used.any():  # such as a linear influence, which ends at the horizon
+        if not used.any():  # such as a linear influence, which is zero at the horizon
             raise InputError(
                 "every neighbour within the horizon has the weight zero",
                 value=kernel.influence,
@@ -329,8 +334,8 @@ class Stencil(Storable):
         odd: Callable[[np.ndarray, np.ndarray], np.ndarray],
         *angles: np.ndarray | float,
     ) -> np.ndarray:
-        """``sum_k w_k (even_k - i odd_k)`` of functions of k and k . angle, even and odd in k; one of k and -k is
-        computed.
+        """``sum_k w_k (even_k - i odd_k)`` of functions of k and k . angle that are even and odd in k; only one of k
+        and -k is evaluated.
         """
         shape = np.broadcast_shapes(*(np.shape(a) for a in angles))
         width = self.weights.shape[1:]
@@ -341,7 +346,7 @@ class Stencil(Storable):
             if tuple(o) < (0,) * self.dim:
                 continue
             phase = sum((int(i) * np.asarray(a, float) for i, a in zip(o, angles, strict=True) if i), np.zeros(()))
-            # as wide as all angles only where it depends on all of them
+            # has the full shape only for offsets that depend on all angles
             like, unlike = even(o, phase), odd(o, phase) if skew else 0.0
             for entry in np.ndindex(width):
                 if w[entry] or other[entry]:
@@ -367,8 +372,10 @@ class Stencil(Storable):
         return values, slopes
 
     def _zone(self) -> list[np.ndarray]:
-        """A sample of the Brillouin zone as open grids: half of it, for eigenvalues are even, or an eighth if the
-        stencil is even along each axis.
+        """Sample of the Brillouin zone as open grids.
+
+        Half of the zone is enough, since eigenvalues are even in k; along each further axis in which the stencil is
+        even, half of the range is enough.
         """
         count = {1: 4097, 2: 129, 3: 33}[self.dim]
         half, full = np.linspace(0, np.pi, count), np.linspace(-np.pi, np.pi, 2 * count - 1)
@@ -381,7 +388,7 @@ class Stencil(Storable):
 
     @property
     def zone_branches(self) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray]]:
-        """A sample of the Brillouin zone (open grids), the branches there and their derivatives along each axis."""
+        """Sample of the Brillouin zone (open grids), the branches there and their derivatives along each axis."""
         return _zone_branches(self)
 
     @property
@@ -417,7 +424,7 @@ class Stencil(Storable):
 
 
 def _reaction(given: Any, components: int) -> Any:
-    """A number, or a matrix that draws a field of several components back."""
+    """Return the checked reaction: a number, or a symmetric matrix for a field of several components."""
     several = isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim > 0)
     if components == 1 or not several:
         return kinds.number(given, "stencil.reaction", least=0)
@@ -437,7 +444,7 @@ def _reaction(given: Any, components: int) -> Any:
     return (matrix + matrix.T) / 2
 
 
-@lru_cache(maxsize=32)  # each copy of a set-up asks again
+@lru_cache(maxsize=32)  # copies of a set-up ask for equal stencils
 def _symbol_maximum(stencil: Stencil) -> float:
     from scipy.optimize import minimize
 
@@ -445,7 +452,7 @@ def _symbol_maximum(stencil: Stencil) -> float:
     values = stencil.branches(*zone)[..., -1]
     best = float(values.max())
 
-    def largest(angles: np.ndarray) -> float:  # all offsets at once: a search asks for hundreds of single points
+    def largest(angles: np.ndarray) -> float:  # vectorised over offsets: the search evaluates hundreds of single points
         symbol = np.tensordot(1 - np.exp(1j * stencil.offsets @ angles), stencil.weights, 1) + stencil.own
         return float(symbol.real if stencil.components == 1 else np.linalg.eigvalsh(symbol)[-1])
 

@@ -1,4 +1,4 @@
-"""Media that vary from node to node, beside the uniform one that a model stands for."""
+"""Media that vary from node to node, relative to the uniform medium of a model."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ _ROUNDING = 1e-14
 
 @dataclass(frozen=True, eq=False)
 class Variation:
-    """How a medium varies; all of the lattice's shape, and None where it does not.
+    """Variation of a medium: arrays of the lattice's shape, None where it does not vary.
 
     Attributes
     ----------
     stiffness : ndarray or None
-        Of the waves that the model's coefficient tells: factor on bonds.
+        Modulus of the waves described by the model's coefficient, over that of the model; without `moduli` it is the
+        factor on bonds.
     density : ndarray or None
         Mass of a node over that of a node of the model.
     moduli : ndarray, shape (3, ...), or None
-        Those of `ForceStates`, where forces follow from states of the nodes.
+        Moduli of `ForceStates`, where forces follow from states of the nodes.
     springs : ndarray or None
         Factor on the bonds beside these states.
     lame : ndarray, shape (2, ...), or None
@@ -31,7 +32,7 @@ class Variation:
     strength : ndarray or None
         Critical stretch, or fracture energy, over that of the model.
     toughness : ndarray or None
-        Fracture energy over that of the model where bonds have a critical stretch, too, at which they begin to soften.
+        Fracture energy over that of the model where bonds also have a critical stretch, at which they begin to soften.
     """
 
     stiffness: np.ndarray | None = None
@@ -49,23 +50,23 @@ class Variation:
 
     @property
     def of_waves(self) -> list[np.ndarray]:
-        """All that waves feel, each of the lattice's shape."""
+        """All properties that affect waves, each of the lattice's shape."""
         given = self.stiffness, self.density, self.springs, *(() if self.moduli is None else self.moduli)
         return [values for values in given if values is not None]
 
     def times(self, factor: np.ndarray | None) -> Variation:
-        """The same with another factor on bonds."""
+        """The same variation with a further factor on bonds."""
         if factor is None:
             return self
         return replace(self, stiffness=factor if self.stiffness is None else factor * self.stiffness)
 
     def without(self, names: Collection[str]) -> Variation:
-        """The same where some of it does not vary."""
+        """The same variation with the named properties uniform."""
         return replace(self, **dict.fromkeys(names))
 
     @property
     def squared_speed(self) -> np.ndarray | None:
-        """Of the waves at each node over that of the model."""
+        """Squared wave speed at each node over that of the model; None if it is uniform."""
         if self.density is None:
             return self.stiffness
         return (1.0 if self.stiffness is None else self.stiffness) / self.density
@@ -77,18 +78,19 @@ def is_one(values: np.ndarray) -> bool:
 
 
 def lightest_bond(stiff: np.ndarray, heavy: np.ndarray, offsets: np.ndarray, rule: str) -> float:
-    """The largest factor of a bond over the smaller mass of its ends.
+    """Largest ratio of the factor of a bond to the smaller mass of its ends.
 
-    The squared frequencies of the medium are at most so many times those of the uniform one if no weight is negative:
-    the bonds between nodes heavier than any m, which have a mass of at least m, oscillate no faster than all bonds do.
+    If no weight is negative, the squared frequencies of the medium are at most this ratio times those of the uniform
+    one: the bonds between nodes heavier than any m, which have a mass of at least m, oscillate no faster than all bonds
+    do.
 
     Parameters
     ----------
     stiff, heavy : ndarray
-        Factor on the bonds and mass of each node, and of as many beyond each edge as bonds reach.
+        Factor on the bonds and mass of each node, with a margin beyond each edge as wide as bonds reach.
     offsets : ndarray of int, shape (K, dim)
     rule : {"both", "arithmetic", "harmonic"}
-        How the factors of a bond's ends combine.
+        How the factors of the ends of a bond are combined.
     """
     reach = np.abs(offsets).max(0)
     largest, shape = 0.0, np.array(heavy.shape) - 2 * reach

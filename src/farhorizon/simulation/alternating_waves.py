@@ -1,4 +1,4 @@
-"""Waves of diffusion that alternate from step to step, and what the layers of a run send back of them."""
+"""Waves of diffusion that alternate from step to step, and their reflection by the layers of a run."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.wave_data import largest_along
 
-_GENTLY = 0.1  # a factor a step of which nothing is left before a wave reaches a side
-_GONE = 1e-9  # share of them after which nobody looks
-_STEPS = 128  # that are looked at, at most
-FOLLOWED = 0.91  # factor a step of which hardly anything is left after so many: 6e-6
-_FEW = 1e-2  # share of the wanted error that such waves in the data may be
+_GENTLY = 0.1  # magnitude of the factor per step below which a wave vanishes before it reaches a side
+_GONE = 1e-9  # remaining share of the waves below which they are no longer followed
+_STEPS = 128  # largest number of steps that are followed
+FOLLOWED = 0.91  # factor per step with which 6e-6 of a wave remains after `_STEPS` steps
+_FEW = 1e-2  # share of such waves in the data, over the wanted error, that is neglected
 
 
 @dataclass(frozen=True)
 class AlternatingWaves:
-    """Waves that change their sign with each step of forward Euler: beyond half its limit the shortest ones do.
+    """Waves whose sign alternates with each step of forward Euler: beyond half its limit the shortest ones do.
 
     Attributes
     ----------
     near : NearField
     sides : mapping of (axis, side) to Side
     data : sequence of Datum
-        At the start, and sources that go on.
+        Initial data and lasting sources.
     first : float
-        Least wavenumber times spacing of such waves, of any direction.
+        Smallest wavenumber times spacing of such waves in any direction.
     steps : int
-        After which none is left, or hardly any of those up to `FOLLOWED`.
+        Number of steps after which they have vanished, or nearly so for factors up to `FOLLOWED`.
     """
 
     near: NearField
@@ -48,7 +48,7 @@ class AlternatingWaves:
 
     @classmethod
     def of(cls, near: NearField, sides: Mapping[tuple[int, int], Side], data: Sequence[Datum]) -> AlternatingWaves:
-        """Those of a set-up; without data where there are none to speak of."""
+        """Return the alternating waves of a set-up; without data if there are no such waves."""
         integrator, none = near.model.integrator, cls(near, sides, (), np.pi, 0)
         if not integrator.alternates:
             return none
@@ -61,8 +61,8 @@ class AlternatingWaves:
         return cls(near, sides, data, float(radius[alternating].min()), steps)
 
     def returned(self, axis: int, side: int, layer: Layer, wanted: float, until: float) -> float:
-        """Largest error that a layer makes of them up to a time, relative to the largest value at the same time; 0
-        where the data have too few.
+        """Return the largest error that a layer makes of them up to a time, relative to the largest value at the same
+        time; 0 if the data hold too few of them.
         """
         key = axis, side, wanted, until
         if key not in self._steps_at:
@@ -70,8 +70,8 @@ class AlternatingWaves:
         return max((steps.returned(layer) for steps in self._steps_at[key]), default=0.0)
 
     def _first_steps(self, axis: int, side: int, wanted: float, until: float) -> Iterator[FirstSteps]:
-        """The data as a side sees them, on the plane along the first tangential axis; in space with waves along the
-        other one, as if they were a product.
+        """Yield the data as seen from a side, on the plane of the normal and the first tangential axis; in 3D with
+        waves along the other tangential axis, as if the data were a product.
         """
         others = [other for other in range(self.near.lattice.dim) if other != axis]
         scale, steps = self.near.fastest_rate * self.near.dt, min(self.steps, int(np.ceil(until / self.near.dt)))
@@ -87,10 +87,10 @@ class AlternatingWaves:
 
 
 def growth_of_waves(near: NearField) -> tuple[np.ndarray, np.ndarray]:
-    """Wavenumbers times spacing of a sample of all waves, whatever way they go, and their factors in a step of
+    """Return the wavenumbers times spacing of a sample of waves of all directions, and their factors in a step of
     diffusion.
     """
     zone, values, _ = near.stencil.zone_branches
     integrator = near.model.integrator
-    assert not isinstance(integrator, Verlet)  # which is of waves
+    assert not isinstance(integrator, Verlet)  # Verlet is for waves
     return np.sqrt(sum(axis**2 for axis in zone)), integrator.growth(near.fastest_rate * values[..., 0], near.dt)

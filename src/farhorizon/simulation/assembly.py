@@ -52,7 +52,7 @@ from farhorizon.simulation.warm_sides import heat_front, warm_margins, warm_side
 
 T = TypeVar("T")
 
-#: What is said of cracks whose faces meet and that run into sides, by whether these extend the domain.
+#: Note on cracks whose faces can meet and that run into sides beyond which they cannot.
 _STAYS_OPEN = (
     "the faces of a crack do not meet within one reach of {} and beyond: compression is reflected there; "
     "Extended continues cracks whose faces meet, contact = false disables contact"
@@ -61,14 +61,14 @@ _STAYS_OPEN = (
 
 @dataclass(frozen=True, eq=False)
 class Whole:
-    """What recorders look at where several processes have parts of a run: all of it, on each of them.
+    """The whole near field and its sides, which recorders use on each of several processes that have parts of a run.
 
     Attributes
     ----------
     near : NearField
     sides : dict of (axis, side) to Side
     team : Team
-        The processes, which look at the same time.
+        The processes, which call methods jointly.
     """
 
     near: NearField
@@ -76,8 +76,8 @@ class Whole:
     team: Team = ALONE
 
     def numbers(self, inside: np.ndarray, part: Lattice) -> np.ndarray:
-        """Flat numbers, in order, of the nodes that are inside something, as each process knows of those of its part
-        alone.
+        """Return the flat indices in the whole lattice, in order, of the nodes of a mask of which each process has its
+        part.
         """
         own = np.argwhere(inside) + np.array(part.first)
         flat = np.ravel_multi_index(tuple(own.T), self.near.lattice.shape)
@@ -86,38 +86,38 @@ class Whole:
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """What a run is made of.
+    """The parts of a run.
 
     Attributes
     ----------
     near : NearField
     around : Surroundings
     autos : dict of (axis, side) to Side
-        The sides that leave it to the run whether they are layers, as they are until it is known how long it is, or
-        extend the domain.
+        The sides that leave the choice between a layer, which they are until the length of the run is known, and an
+        extended domain.
     beyond : Beyond
-        What was found beyond the sides that absorb; its `notes` are those of the set-up.
+        Checks of data and sources beyond absorbing sides; its `notes` are those of the set-up.
     start : Start
     drives : Drives
     emitters : Emitters
     grid : Grid
     phases : SolidAndLiquid or None
-        Of a corrosion.
+        The phases of a corrosion.
     closure : Closure or None
         The conditions along the outline of the near field.
     cuts : CutBonds
     breaking : Breaking or None
-        Bonds with a law of their own stretch.
+        Bonds that are nonlinear or break.
     held : ndarray of int
-        Places in a level that never move.
+        Places in a level whose values never change.
     ends : ExactEnds or None
     incident : list of Incidence
     driving : list of Drive
         All that drives the near field: sources and loads, conditions, incident waves.
     whole : Whole
-        The near field with its sides; of several processes the recorders' parts have that of all.
+        The near field with its sides; on several processes, the parts given to recorders have that of all processes.
     warm : frozenset of (axis, side)
-        The sides through which a temperature goes on with the displacements.
+        The sides beyond which a temperature continues with the displacements.
     """
 
     near: NearField
@@ -140,14 +140,14 @@ class Parts:
     warm: frozenset[Key]
 
     def at(self, values: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-        """Values that each process has of its part, on all processes.
+        """Return values at some nodes, on all processes, each of which has the values of its part.
 
         Parameters
         ----------
         values : ndarray
             Its last axes are those of the part of the lattice.
         nodes : ndarray of int
-            Flat numbers of nodes in the whole lattice.
+            Flat indices of nodes in the whole lattice.
         """
         part = self.near.lattice
         inside, own = part.own(nodes.ravel())
@@ -156,25 +156,26 @@ class Parts:
         return found.reshape(*found.shape[:-1], *nodes.shape)
 
     def hides(self, nodes: np.ndarray) -> np.ndarray:
-        """Which nodes of the whole lattice (flat numbers) have no values of the body or window."""
+        """Return which nodes of the whole lattice (flat indices) have no values of the body or window."""
         hidden = self.near.hidden
         return self.at(np.zeros(self.near.lattice.shape) if hidden is None else hidden.astype(float), nodes) > 0
 
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """What is known of a run before anything lies on a grid.
+    """The medium, sides and sources of a run, before a grid is made.
 
     Attributes
     ----------
     setup : Setup
-        With a model that is uniform.
+        Set-up with a uniform model.
     autos : dict of (axis, side) to Side
+        As in `Parts`.
     near : NearField
     around : Surroundings
     waves : list of Arriving
     sources : list of (str, source)
-        Each after what it is called in messages.
+        Sources, each with its name in messages.
     """
 
     setup: Setup
@@ -186,7 +187,7 @@ class Survey:
 
 
 def survey(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Share | None = None) -> Survey:
-    """The medium, what drives it and the sides of a set-up; see `assemble`."""
+    """Determine the medium, the sides and the sources of a set-up; see `assemble`."""
     setup, variation = varied(whole) if share is None else (share.host.uniform(whole), share.host.beside(whole))
     of_whole = None if share is None else share.whole
     lattice, model = setup.lattice, setup.model
@@ -212,10 +213,10 @@ def survey(whole: Setup, stiffer: float = 1.0, team: Team = ALONE, share: Share 
 
 
 def assemble(setup: Setup, margins_given: Mapping[Key, int] | None = None) -> Parts:
-    """The parts of a run on one process; see `assembled`.
+    """Return the parts of a run on one process; see `assembled`.
 
-    The step must be known before layers are chosen for it, and how stiff the solid is before the step: a trial tells,
-    and layers are chosen once.
+    Layers are chosen for a given time step, which depends on the stiffness of the solid. The latter is found by a trial
+    assembly, so that layers are chosen only once.
     """
     return _of_trial(
         setup, ALONE, lambda one, stiffer: assembled(one, stiffer, margins_given=margins_given), lambda parts: parts
@@ -225,7 +226,7 @@ def assemble(setup: Setup, margins_given: Mapping[Key, int] | None = None) -> Pa
 def assemble_shared(
     setup: Setup, team: Team, topology: Sequence[int] | None, observers: Sequence[Any]
 ) -> tuple[Share, Whole, Parts]:
-    """The share of this process in a run, what recorders look at, and the parts; see `shared` and `assemble`."""
+    """Return the share of this process in a run, the whole for recorders, and the parts; see `assemble`, `shared`."""
     check_shareable(setup, observers)
     check_choosable(setup)
 
@@ -237,16 +238,16 @@ def assemble_shared(
 
 
 def _of_trial(setup: Setup, team: Team, built: Callable[[Setup, float], T], parts_of: Callable[[T], Parts]) -> T:
-    """What is built of a set-up, as stiff as its trial tells it is.
+    """Build a run from a set-up with the stiffening that a trial finds.
 
     Parameters
     ----------
     setup : Setup
     team : Team
     built : callable
-        Of a set-up and its stiffening; on several processes all fail where one does.
+        Builds it from a set-up and a stiffening; of several processes all fail if one does.
     parts_of : callable
-        The parts among what was built.
+        Returns the parts among its results.
     """
     trial, least = trial_of(setup), least_stiffening(setup)
     found: T | None = None
@@ -255,14 +256,14 @@ def _of_trial(setup: Setup, team: Team, built: Callable[[Setup, float], T], part
             with team.agreed():
                 found = built(trial, least)
         except InputError:
-            trial = setup  # which serves, or tells what does not
+            trial = setup  # which either works or raises the appropriate error
     if found is None:
         found = built(setup, least)
     parts = parts_of(found)
     stiffer = stiffening(parts.near, parts.grid, team, least)
     if stiffer == least and trial is setup:
         return found
-    del found, parts  # not two of them in memory
+    del found, parts  # so that only one is in memory
     return built(setup, stiffer)
 
 
@@ -273,20 +274,19 @@ def assembled(
     share: Share | None = None,
     margins_given: Mapping[Key, int] | None = None,
 ) -> Parts:
-    """The parts of a run; the set-up is looked at from the cheap to the dear.
+    """Return the parts of a run; cheap checks of the set-up come before expensive ones.
 
     Parameters
     ----------
     whole : Setup
     stiffer : float
-        Of the fastest oscillation the squared frequency over that of the medium with all its bonds: `stiffening` of a
-        trial.
+        Largest squared frequency over that of the medium with all its bonds: the `stiffening` of a trial.
     team : Team
         The processes that compute the run.
     share : Share, optional
-        What this process computes of it; its set-up is `whole`.
+        The share of this process; its set-up is `whole`.
     margins_given : mapping of (axis, side) to int, optional
-        Nodes of the core beyond some sides of the near field.
+        Nodes of the core beyond some sides of the near field, in place of those that are chosen.
 
     Raises
     ------
@@ -355,7 +355,7 @@ def assembled(
 
 
 def _look_beyond(found: Survey, team: Team) -> Beyond:
-    """What is looked at beyond the sides that absorb, with all notes so far and those of a medium that varies there."""
+    """Prepare the checks beyond absorbing sides, with all notes so far and those on a medium that varies there."""
     setup, near, around = found.setup, found.near, found.around
     lattice, stencil = setup.lattice, near.stencil
     depth = around.depth(stencil, lattice.spacing, lattice.shape)
@@ -366,7 +366,7 @@ def _look_beyond(found: Survey, team: Team) -> Beyond:
     for values, called in ((near.factor, name), (near.density, "the density"), (body, "the body")):
         if values is not None:
             beyond.notes += changes(values.astype(float), called, beyond.targets, stencil.reach)
-    extended = [key for key in beyond.targets if around.sides[key].extended]  # where bonds break beyond the side, too
+    extended = [key for key in beyond.targets if around.sides[key].extended]  # bonds also break beyond these sides
     if near.variation.strength is not None and extended:
         strength = np.broadcast_to(near.variation.strength, lattice.shape).astype(float)
         beyond.notes += changes(strength, "the critical stretch", extended, stencil.reach)
@@ -376,7 +376,7 @@ def _look_beyond(found: Survey, team: Team) -> Beyond:
 def _margins(
     found: Survey, around: Surroundings, start: Start, states: ForceStates | None, warm: frozenset[Key], team: Team
 ) -> dict[Key, int]:
-    """Nodes of the core beyond each side of the near field."""
+    """Return the number of nodes of the core beyond each side of the near field."""
     setup, near = found.setup, found.near
     medium = [start.solid, *near.variation.of_waves]
     if setup.lattice.body is not None and setup.lattice.mask is not None:
@@ -388,11 +388,11 @@ def _margins(
 def _phases(
     setup: Setup, near: NearField, start: Start, grid: Grid, driving: Sequence[Drive], team: Team
 ) -> SolidAndLiquid | None:
-    """Those of a corrosion, put on the grid."""
+    """Return the phases of a corrosion, placed on the grid; None for other models."""
     if setup.model.dissolution is None:
         return None
     phases = SolidAndLiquid(grid, setup.model.dissolution, setup.background, start.solid)
-    team.gather(None)  # those of one that has failed nobody receives
+    team.gather(None)  # raises if another process has failed, whose messages would never arrive below
     phases.start()
     if start.solid.any():
         phases.refuse_wet(_acted_on(near, driving))
@@ -400,7 +400,7 @@ def _phases(
 
 
 def _set_engine(setup: Setup, grid: Grid, margins: Mapping[Key, int]) -> None:
-    """Tell the engine what it computes beside the waves: work, and the drag of the model."""
+    """Have the engine record work if it is needed, and compute the drag of the model."""
     if setup.lasting:
         grid.engine.record_work()
     if setup.model.drag:
@@ -420,14 +420,14 @@ def _cut(setup: Setup, cuts: CutBonds, breaking: Breaking | None, notes: list[st
 
 
 def _cuts(setup: Setup) -> list[Cut]:
-    """Where cracks are, open or not yet."""
+    """Return the cuts of all cracks, whether or not they are open."""
     return [crack.cut for crack in setup.cracks]
 
 
 def _choose_sides(
     setup: Setup, near: NearField, sides: Sides, autos: dict[Key, Side], sources: Sequence[Any]
 ) -> Surroundings:
-    """The sides with their layers; where none serves, those that leave the choice extend the domain."""
+    """Return the surroundings with layers; if none meets a target, sides that leave the choice extend the domain."""
     try:
         return _with_layers(setup, near, sides, sources)
     except InputError:
@@ -446,7 +446,7 @@ def _with_layers(setup: Setup, near: NearField, sides: Sides, sources: Sequence[
 
 
 def _acted_on(near: NearField, driving: Sequence[Drive]) -> np.ndarray:
-    """Nodes that a condition or a source acts on."""
+    """Return the nodes on which a condition or a source acts, as a mask."""
     busy = near.conditioned
     for space, _ in driving:
         busy |= False if space is None else space != 0
@@ -454,14 +454,14 @@ def _acted_on(near: NearField, driving: Sequence[Drive]) -> np.ndarray:
 
 
 def shared(setup: Setup, team: Team, topology: Sequence[int] | None, stiffer: float = 1.0) -> tuple[Share, Whole]:
-    """The share of this process in a run, and what recorders look at; `stiffer` as of `assembled`.
+    """Return the share of this process in a run, and the whole for recorders; `stiffer` as in `assembled`.
 
-    No process looks at the whole, but the first one where layers look at all data.
+    No process evaluates the whole set-up, except the first one if layers are chosen for the data.
 
     Raises
     ------
     InputError
-        What does not run on several processes.
+        The run is not possible on several processes.
     """
     host, _ = looked_at(setup, team)
     uniform = host.uniform(setup)
@@ -473,7 +473,7 @@ def shared(setup: Setup, team: Team, topology: Sequence[int] | None, stiffer: fl
     around = by_target(uniform, setup.sides, stencil, extremes.pace.sides)
     near = near_field(bare, setup.sides, stencil, Variation(), whole=extremes)
     if chooses(setup.sides):
-        # what predicts errors stays where the data are: such a run ends when its layers are good for no more
+        # errors can be predicted only where all data are: such a run cannot continue beyond the time of its layers
         around = team.first(team.by_first(lambda: replace(survey(setup, stiffer).around, returned=None)))
     else:
         around = with_light_dampers(near, around)

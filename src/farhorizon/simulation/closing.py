@@ -1,4 +1,4 @@
-"""Sides that close the near field by what its own nodes tell: conditions along its outline, and exact ends."""
+"""Sides that close the near field from the values of its own nodes: conditions along its outline, and exact ends."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from farhorizon.simulation.setup import Sides, side_name
 
 
 def close(near: NearField, sides: Sides, grid: Grid, solid: np.ndarray) -> Closure | None:
-    """The conditions along the outline; None without.
+    """Return the conditions along the outline; None if there are none.
 
     Raises
     ------
     InputError
-        What they read is not the homogeneous medium, or solid.
+        The nodes that they read are not those of the homogeneous medium, or are metal.
     """
     closing = {key: b for key, b in sides.items() if b.closing}
     if not closing:
@@ -60,8 +60,8 @@ def close(near: NearField, sides: Sides, grid: Grid, solid: np.ndarray) -> Closu
 
 
 def _check_fringe(closure: Closure, near: NearField, grid: Grid, solid: np.ndarray) -> None:
-    """What a condition along the outline reads is the homogeneous medium: no other material, no body's end, no
-    constraint.
+    """Raise InputError unless a condition along the outline reads the homogeneous medium only: no other material, no
+    end of a body, no metal and no constraint.
     """
     material = near.material
     for nodes in (*near.prescribed.nodes, near.conditions.nodes, np.flatnonzero(near.leak), np.flatnonzero(solid)):
@@ -78,12 +78,12 @@ def _check_fringe(closure: Closure, near: NearField, grid: Grid, solid: np.ndarr
 
 
 def exact_ends_of(near: NearField, sides: Sides, grid: Grid) -> ExactEnds | None:
-    """The exact ends, whose chains have the bonds of the last nodes; None without.
+    """Return the exact ends, whose chains have the bonds of the last nodes; None if there are none.
 
     Raises
     ------
     InputError
-        No bonds at an end.
+        There are no bonds at an end.
     """
     factor = near.factor
     found = [(side, b) for (_, side), b in sides.items() if isinstance(b, Exact)]

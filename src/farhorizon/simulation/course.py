@@ -1,4 +1,4 @@
-"""How a run goes through time: to its end, with observers on the way, and what it says of itself."""
+"""Course of a run in time: to its end, with observers called at intervals, and its warnings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from farhorizon.machine import progress
 from farhorizon.simulation.steps import last_step
 from farhorizon.simulation.team import Team, agreed
 
-MOST_STEPS = 2**53  # their numbers are exact in double precision
+MOST_STEPS = 2**53  # step numbers up to this one are exact in double precision
 
 
 class Clocked(Protocol):
@@ -39,20 +39,20 @@ class Advancing(Clocked, Protocol):
 
 
 def tick(run: Advancing, steps: int) -> None:
-    """So many steps have been made."""
+    """Advance the clock of a run by a number of steps."""
     run.step_count += steps
     run.time = run.step_count * run.dt
 
 
 def say_doubt(run: Advancing, brief: str, text: str) -> None:
-    """Say once that the result of a run is doubtful from now on."""
+    """Warn, once for each reason, that the result of a run is doubtful from now on."""
     if all(brief != caution.brief for caution in run.cautions):
         run.cautions.append(Caution(run.time, brief, text))
         warn(f"from t = {run.time:.6g} on {text}")
 
 
 def warn(text: str) -> None:
-    """Give a `ValidityWarning` at the line that called the package: a run has many ways to be made and advanced."""
+    """Issue a `ValidityWarning` that points to the line which called the package, by whatever path."""
     level, frame = 1, inspect.currentframe()
     while frame and frame.f_globals.get("__name__", "").partition(".")[0] == "farhorizon":
         level, frame = level + 1, frame.f_back
@@ -60,7 +60,7 @@ def warn(text: str) -> None:
 
 
 def checked_end(until: Any, dt: float) -> float:
-    """The end of a run; InputError where it is negative, not finite, or after more steps than can be counted."""
+    """Return the end of a run; raises InputError if it is negative, not finite, or requires too many steps to count."""
     until = kinds.number(until, "run.until", least=0)
     if until > MOST_STEPS * dt:
         raise InputError(
@@ -74,7 +74,7 @@ def checked_end(until: Any, dt: float) -> float:
 
 
 def check_ahead(run: Clocked, until: float, key: str) -> None:
-    """InputError for an end that a run has left behind; one that it has just reached leaves nothing to do."""
+    """Raise InputError for an end that a run has passed; one that it has just reached is allowed."""
     if last_step(until, run.dt) < run.step_count:
         raise InputError(
             "the run is already past this end",
@@ -94,12 +94,12 @@ def go(
     pace: int | None = None,
 ) -> bool:
     """Advance to a step; observers are called every `count` steps and at the end. Returns whether `ended`, which is
-    asked every `pace` steps, has ended it before.
+    called every `pace` steps, has ended the run earlier.
 
     Raises
     ------
     KeyboardInterrupt
-        `stop_requested` was set, of several processes on any; the run stands between two steps.
+        `stop_requested` was set, on any process; the run is between two steps.
     """
     with progress(max(last - run.step_count, 0), show=show) as bar:
         while run.step_count < last:

@@ -1,4 +1,4 @@
-"""Set-ups as plain data, so that a checkpoint can rebuild the simulation it belongs to: JSON and arrays, no pickle."""
+"""Set-ups as plain data, from which a checkpoint can rebuild the simulation: JSON and arrays, no pickle."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from farhorizon.simulation.setup import Setup
 
 
 def _types() -> dict[str, type]:
-    """What may be described, by name: classes that know themselves."""
+    """Return the classes whose objects can be described, by name."""
     return LatticeModel.known | Side.known | Storable.stored_as | {"Setup": Setup}
 
 
 def describe(value: Any, arrays: dict[str, np.ndarray]) -> Any:
-    """A value as JSON; arrays go into `arrays` under new names.
+    """Return a value as JSON; arrays are added to `arrays` under new names.
 
     Every described class keeps its constructor's arguments as attributes of the same name. A callable has no
-    description and becomes a mark that `rebuild` refuses.
+    description and becomes a marker that `rebuild` refuses.
     """
     if isinstance(value, np.ndarray) and value.size > 8:
         name = f"setup{len(arrays)}"
@@ -51,12 +51,12 @@ def describe(value: Any, arrays: dict[str, np.ndarray]) -> Any:
 
 
 def rebuild(value: Any, arrays: dict[str, np.ndarray], key: str = "") -> Any:
-    """What `describe` described.
+    """Rebuild a value from its description by `describe`.
 
     Raises
     ------
     InputError
-        A callable, which only the program that made it can give again; an object of a class that is not known.
+        A callable, which only the program that made it can provide again; an object of an unknown class.
     """
     if isinstance(value, list):
         return [rebuild(v, arrays, key) for v in value]

@@ -1,4 +1,4 @@
-"""What drives a run: sources, loads and incident waves as functions of space times functions of time."""
+"""Sources, loads and incident waves of a run, as functions of space times functions of time."""
 
 from __future__ import annotations
 
@@ -27,12 +27,13 @@ from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, Setup, Sides, keys, side_name
 from farhorizon.simulation.team import ALONE, Team
 
-_LOOKS, _SOON, _LAST = 512, 2**10, 2**16  # looks at a factor of time, and steps: of a first part of them, of the last
-_THIN = 32  # nodes along an axis on which a source that does not split is looked at
-# looks between two steps at a factor of time, steps at which it is, at most; steps within which it has to leave the
-# straight line, by a quarter of what it is, to be taken for another one
+# samples of a factor of time for its largest value: how many, the steps that count as early, and the last step
+_LOOKS, _SOON, _LAST = 512, 2**10, 2**16
+_THIN = 32  # nodes along an axis on which a source that does not split is sampled
+# samples of a factor of time between two steps, and the largest number of steps that are sampled; in so many steps it
+# has to deviate from a straight line, by this fraction of its size, to count as undersampled
 _BETWEEN, _STEPS, _BENT, _OFF = 8, 4096, 3, 0.25
-_HELD = 4  # steps over which a load is held that may begin with a jump
+_HELD = 4  # number of first samples over which a load that may begin with a jump is constant
 
 Drive = tuple[np.ndarray | None, Callable[..., Any]]
 
@@ -44,10 +45,10 @@ class Drives:
     Attributes
     ----------
     sources : list of Drive
-        (space, time) of each, of a vector field of each of its components, as `farhorizon.inputs.sources.split` gives
-        them.
+        (space, time) of each source, for vector fields of each of its components, as from
+        `farhorizon.inputs.sources.split`.
     unsplit : list of callable
-        Those that do not split, as functions of the coordinates and t.
+        Sources that do not split into space and time, as functions of the coordinates and t.
     """
 
     sources: list[Drive]
@@ -55,17 +56,17 @@ class Drives:
 
 
 class Moving:
-    """Sources that do not split into space and time, which are looked at beyond the absorbing sides as far as the run
-    goes.
+    """Checks over the length of a run: of sources that do not split into space and time, beyond the absorbing sides;
+    and of factors of time, between steps.
 
     Parameters
     ----------
     sources : sequence of callable
-        As functions of the coordinates and t.
+        Functions of the coordinates and t.
     beyond : Beyond
     dt : float
     courses : sequence of (str, callable)
-        As `courses` gives them; it is looked whether steps are short enough for them.
+        Factors of time by name, as from `courses`, which the steps have to resolve.
     """
 
     def __init__(
@@ -77,12 +78,13 @@ class Moving:
     ) -> None:
         self._sources, self._beyond, self._dt = sources, beyond, dt
         self._courses = [_FactorOfTime(key, time) for key, time in courses]
-        self._looked = 0.0  # up to this time
+        self._looked = 0.0  # time up to which all has been checked
         self._peaks: dict[int, float] = {}
 
     def check(self, until: float) -> None:
-        """Look at up to 64 even times up to one, and between steps at factors of time; what was looked at before is not
-        looked at again. A factor that changes within a step is a `ValidityWarning` and a note, once.
+        """Evaluate sources at up to 64 equidistant times, and factors of time between steps, from the time that has
+        been checked before to a new one. For each factor that changes within a step, issue a `ValidityWarning` and a
+        note, once.
 
         Raises
         ------
@@ -101,7 +103,7 @@ class Moving:
 
 
 class _FactorOfTime:
-    """A factor of time, as far as it was looked at between steps.
+    """A factor of time, and what samples between steps have shown of it.
 
     Parameters
     ----------
@@ -114,7 +116,7 @@ class _FactorOfTime:
         self._largest, self._bent, self._sums = np.zeros(2), 0, np.zeros(2)
 
     def doubt(self, since: float, until: float, dt: float) -> str:
-        """What is to be said of it, once, from one time to another: that there is much of it which steps do not see."""
+        """Return, once, a warning if much of it between two times is not seen at the steps; otherwise an empty text."""
         first, last = int(since / dt), int(np.ceil(until / dt))
         shares = np.arange(_BETWEEN + 1) / _BETWEEN
         for step in np.unique(np.linspace(first, max(first, last - 1), min(_STEPS, last - first)).astype(int)):
@@ -123,7 +125,7 @@ class _FactorOfTime:
             try:
                 values = np.array([float(self._time(dt * (step + share))) for share in shares])
             except (ArithmeticError, LookupError, TypeError, ValueError, InputError):
-                self._over = True  # a function need not be known longer than its run
+                self._over = True  # a function need not be defined beyond its run
                 break
             off = np.abs(values - values[0] - shares * (values[-1] - values[0]))
             self._largest = np.maximum(self._largest, [np.abs(values).max(), np.abs(values[[0, -1]]).max()])
@@ -142,8 +144,8 @@ class _FactorOfTime:
 
 
 def given(setup: Setup, near: NearField, sides: Sides) -> list[tuple[str, Any]]:
-    """Sources, those of incident waves left out, and loads as sources, each after what it is called in messages; those
-    with places of their own as what they are on the nodes.
+    """Return the sources other than incident waves, and the loads as sources, each with its name in messages; local
+    sources are replaced by their values on nodes.
     """
     plain = _plain(setup)
     sources = [
@@ -162,13 +164,13 @@ def given(setup: Setup, near: NearField, sides: Sides) -> list[tuple[str, Any]]:
 
 
 def _plain(setup: Setup) -> list[Any]:
-    """Sources without incident waves."""
+    """Return the sources other than incident waves."""
     return [source for source in setup.sources if not isinstance(source, Incident)]
 
 
 def signals(setup: Setup) -> list[tuple[str, Signal]]:
-    """The signals of sources, incident waves, loads and prescribed nodes whose spectra are known, each after what it is
-    called in messages.
+    """Return the signals with known spectra of sources, incident waves, loads and prescribed nodes, each with its name
+    in messages.
     """
     waves = [source for source in setup.sources if isinstance(source, Incident)]
     named = [("source", _plain(setup)), ("incident", waves), ("load", setup.loads), ("constraint", setup.constraints)]
@@ -183,18 +185,18 @@ def signals(setup: Setup) -> list[tuple[str, Signal]]:
 
 
 def _entries(given: Any) -> list[Any]:
-    """The entries of a list of several components, or what is given alone."""
+    """Return the entries of a list, one for each component, or a list of a single given value."""
     return given if isinstance(given, list) else [given]
 
 
 def check_signals(setup: Setup, near: NearField) -> None:
-    """Refuse signals of waves that the lattice does not carry, or that begin with a jump.
+    """Refuse signals with frequencies that the lattice does not carry, and signals that begin with a jump.
 
     Raises
     ------
     InputError
         Half of the amplitude of a signal lies above the highest frequency of the lattice; the factor of time of a local
-        source changes, but does not begin at rest.
+        source varies, but does not begin at rest.
     """
     if near.model.order == 1:
         return
@@ -216,7 +218,7 @@ def check_signals(setup: Setup, near: NearField) -> None:
 
 
 def _check_rest(time: Callable[[float], Any], dt: float, key: str) -> None:
-    """InputError for a factor of time that is on the move at the start, where it is not small."""
+    """Raise InputError for a factor of time that is changing at the start and not small there."""
     share = jump_of(time, dt, key)
     if share > SMALL:
         raise InputError(
@@ -230,12 +232,12 @@ def _check_rest(time: Callable[[float], Any], dt: float, key: str) -> None:
 
 
 def jump_of(time: Callable[[float], Any], dt: float, key: str) -> float:
-    """Magnitude of a factor of time at the start as a share of the largest, 0 where it begins at rest.
+    """Return the magnitude of a factor of time at the start as a share of the largest; 0 if it begins at rest.
 
-    So does a load that is put on and held: a factor that has one value over the first steps, of which a constant and a
-    rectangular pulse are examples. Its jump is meant; that of a factor on the move is the cut through a signal which
-    began earlier, most often one whose delay was forgotten. What is next to nothing beside what comes much later is
-    small, too.
+    A load that is applied at once and held, which has the same value over the first steps, such as a constant or a
+    rectangular pulse, also counts as beginning at rest: its jump is intended. The jump of a changing factor is the cut
+    through a signal that began earlier, most often one whose delay was forgotten. The initial value also counts as
+    small if it is negligible relative to much later values.
     """
     first = [float(kinds.array(time(t), key, shape=())) for t in dt * np.arange(_HELD)]
     start = abs(first[0])
@@ -245,7 +247,7 @@ def jump_of(time: Callable[[float], Any], dt: float, key: str) -> float:
     for step in np.unique(np.geomspace(1, _LAST, _LOOKS).astype(int)):
         try:
             value = abs(float(kinds.array(time(dt * step), key, shape=())))
-        except (ArithmeticError, LookupError, ValueError):  # a function need not be known longer than its run
+        except (ArithmeticError, LookupError, ValueError):  # a function need not be defined beyond its run
             break
         largest = max(largest, start, value)
         if start <= (SMALL if step <= _SOON else SMALL**2) * largest:
@@ -254,10 +256,11 @@ def jump_of(time: Callable[[float], Any], dt: float, key: str) -> float:
 
 
 def jumps(setup: Setup, near: NearField) -> list[str]:
-    """Which sources and loads of a shape of their own begin with a jump and move on: of waves, what is to be known.
+    """Return notes on sources and loads other than local ones that begin with a jump and keep changing; none for
+    diffusion.
 
-    They are not refused: a point sends out waves of all lengths, of which a jump in time makes the shortest large; a
-    shape sends out none that are shorter than it is.
+    They are not refused: a point emits waves of all lengths, the shortest of which a jump in time makes large, but a
+    shape emits none that are shorter than itself.
     """
     if near.model.order == 1:
         return []
@@ -275,21 +278,21 @@ def jumps(setup: Setup, near: NearField) -> list[str]:
 
 
 def courses(setup: Setup, near: NearField) -> list[tuple[str, Callable[[float], float]]]:
-    """The factors of time of sources and loads whose spectra are not known, each after what it is called in messages;
-    of a source that does not split its largest value on some of the nodes.
+    """Return the factors of time of sources and loads whose spectra are not known, each with its name in messages; for
+    a source that does not split, its largest value on some of the nodes.
     """
     return [(key, time) for key, source in _named(setup) for time in _factors(source, near)]
 
 
 def _named(setup: Setup) -> list[tuple[str, Any]]:
-    """Sources, and loads as sources with their factors of time, each after what it is called in messages."""
+    """Return sources, and loads as sources with their factors of time, each with its name in messages."""
     plain = _plain(setup)
     loads = [(f"load[{i}]", Source(1.0, load.time)) for i, load in enumerate(setup.loads) if hasattr(load, "time")]
     return [*zip(keys("source", plain), plain, strict=True), *loads]
 
 
 def _factors(source: Any, near: NearField) -> list[Callable[[float], float]]:
-    """Those of the parts of a source."""
+    """Return the factors of time of the parts of a source, apart from signals."""
     if isinstance(source, LocalSource):
         time = getattr(source, "time", None)
         return [time] if callable(time) and not isinstance(time, Signal) else []
@@ -309,7 +312,7 @@ def _largest_at(size: Callable[..., np.ndarray], at: Sequence[np.ndarray], t: fl
 
 
 def _of_load(load: BodyForce | Traction | Pressure, setup: Setup, near: NearField, sides: Sides, key: str) -> Source:
-    """A load as the force per volume that it is."""
+    """Return a load as a source, its force per volume."""
     lattice = setup.lattice
     if isinstance(load, Traction):
         value: Any = force_density(load, lattice, sides, key)
@@ -323,22 +326,22 @@ def _of_load(load: BodyForce | Traction | Pressure, setup: Setup, near: NearFiel
 
 
 def ends_of(sides: Sides) -> dict[Key, bool]:
-    """Sides at which the medium ends, and whether they are free surfaces."""
+    """Return the sides at which the medium ends, and whether each is a free surface."""
     return {key: not b.bonded for key, b in sides.items() if not (b.endless or b.periodic)}
 
 
 def incident_waves(
     setup: Setup, near: NearField, sides: Sides, cuts: Sequence[Cut], team: Team = ALONE
 ) -> list[Arriving]:
-    """Incident waves, each with its box and the medium outside it.
+    """Return the incident waves, each with its box and the medium outside it.
 
     Parameters
     ----------
     setup : Setup
     near : NearField
-        Of this process.
+        Near field of this process.
     sides : dict of (axis, side) to Side
-        Of the whole.
+        Sides of the whole.
     cuts : sequence of Cut
     team : Team
         The processes, each with its part of the near field.
@@ -346,7 +349,7 @@ def incident_waves(
     Raises
     ------
     InputError
-        A box that does not serve, a medium in which no such wave travels, or one that scatters outside the box.
+        An unsuitable box, a medium in which no such wave travels, or one that scatters outside the box.
     """
     ends = ends_of(sides)
     waves = [source for source in setup.sources if isinstance(source, Incident)]
@@ -360,13 +363,13 @@ class Arriving(NamedTuple):
     Attributes
     ----------
     wave : Incident
-        With its box.
+        The wave with its box.
     factor : float
-        What the bonds outside the box are multiplied with.
+        Factor on the bonds outside the box.
     free : list of (axis, side)
         Free sides.
     known : list of (axis, side)
-        Of these the ones on which the box stands.
+        The free sides on which the box stands.
     """
 
     wave: Incident
@@ -376,12 +379,12 @@ class Arriving(NamedTuple):
 
 
 def split_drives(sources: Sequence[tuple[str, Any]], near: NearField, beyond: Beyond) -> Drives:
-    """Sources as functions of space times functions of time where they split.
+    """Return sources as functions of space times functions of time if they split.
 
     Raises
     ------
     InputError
-        What the near field would miss of them.
+        The near field would miss a part of a source.
     """
     drives = Drives([], [])
     for key, source in sources:
@@ -393,7 +396,7 @@ def split_drives(sources: Sequence[tuple[str, Any]], near: NearField, beyond: Be
 def _split_part(
     source: Any, unit: Any, key: str, near: NearField, beyond: Beyond, unsplit: list[Callable[..., Any]]
 ) -> Drive:
-    """One part of a source, to be multiplied with `unit`; one with a unit vector is a scalar."""
+    """Split one part of a source, to be multiplied with `unit`; the part is a scalar if that is a unit vector."""
     space, time = space_and_time(source)
     whole = np.ndim(unit) == 0
     values, moment = split(source, near.lattice, near.stencil.components if whole else 1)
@@ -409,7 +412,7 @@ def _split_part(
 
 
 def foreseen(incident: Sequence[Incidence], until: float) -> list[str]:
-    """What is to be known of incident waves in a run to a time; what makes them doubtful is a `ValidityWarning`, once.
+    """Return notes on incident waves in a run to a time; issue a `ValidityWarning`, once, for what makes them doubtful.
 
     Raises
     ------
@@ -427,7 +430,7 @@ def foreseen(incident: Sequence[Incidence], until: float) -> list[str]:
 
 
 def scheme_of(near: NearField, factor: float) -> Scheme:
-    """The medium of the near field where bonds are multiplied with a factor."""
+    """Return the medium of the near field, with bonds multiplied by a factor, and its time integration."""
     rate = factor * near.model.coefficient / near.lattice.spacing**2
     return Scheme.of(near.stencil.beside(factor), rate, near.model.integrator, near.dt, near.model.damping)
 
@@ -452,8 +455,8 @@ def _arriving(wave: Incident, near: NearField, ends: dict[Key, bool], cuts: Sequ
 
 
 def incidence(one: Arriving, near: NearField, sides: Sides, notes: list[str]) -> Incidence:
-    """What joins the total field inside a wave's box to the scattered one outside it; `notes` gets what is to be
-    known.
+    """Return the incidence that joins the total field inside a wave's box to the scattered one outside; appends to
+    `notes`.
     """
     walls = [side_name(*key) for key, b in sides.items() if not (b.endless or b.shared or key in one.known)]
     if walls:

@@ -1,4 +1,4 @@
-"""What a run knows of its stability before it begins."""
+"""Examination of the stability of a run before it begins."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.medium.stencil import Stencil
 
-_LEAST = 2.0  # seconds that the examination of a run's modes may take, at least
-_LONG = 100_000_000  # bonds times steps of a run that may take so long that its time is estimated
+_LEAST = 2.0  # smallest budget, in seconds, for the modes of a run
+_LONG = 100_000_000  # bonds times steps above which the time of a run is measured to set the budget
 
 
 class Examinable(Protocol):
@@ -22,28 +22,28 @@ class Examinable(Protocol):
     step_count: int
 
     def seconds_per_step(self) -> float:
-        """Time of a step on this machine now."""
+        """Time of a step on this machine at present."""
 
     def certificate(self, budget: float, until: float) -> Certificate:
-        """Whether the complete update is stable, in at most `budget` seconds."""
+        """Determine whether the complete update is stable, in at most `budget` seconds."""
 
 
 class Examination:
-    """The certificate of a run, made again only where it says too little."""
+    """The certificate of a run, which is made again only if it is not sufficient."""
 
     def __init__(self) -> None:
         self._known: Certificate | None = None
         self._asked = 0.0  # length of the run for which it was made
 
     def of(self, run: Examinable, until: float, allow_unstable: bool) -> Certificate:
-        """The certificate of a run up to a time; InputError where what grows does so tenfold or more until then."""
+        """Return the certificate of a run up to a time; raises InputError if anything grows tenfold or more by then."""
         known = self._known
-        # what rises in noise that ran for a short while need not rise for longer
+        # growth seen in a short run of noise need not continue in a longer one
         little = known is not None and (
             (known.verdict == UNDECIDED and known.quiet < until) or known.grows_within(until)
         )
         if known is None or (little and self._asked < until):
-            # a run in many pieces is examined a few times only
+            # doubling the length keeps the number of examinations small for a run in many pieces
             asked = until if known is None else max(until, 2 * self._asked)
             known = run.certificate(modes_budget(run, until), asked)
             self._known, self._asked = known, asked
@@ -59,7 +59,7 @@ class Examination:
 
 
 def modes_budget(run: Examinable, until: float) -> float:
-    """Seconds that the modes of a run to a time may be examined, where they are not known."""
+    """Return the time in seconds that the examination of the modes may take for a run to a time."""
     steps = until / run.dt - run.step_count
     work = steps * run.lattice.nodes * len(run.stencil.weights)
     return max(_LEAST, 0.5 * run.seconds_per_step() * steps if work > _LONG else 0.0)

@@ -1,4 +1,4 @@
-"""How far the medium is computed beyond the sides that extend it."""
+"""Size of the domain beyond sides that extend it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from farhorizon.simulation.surroundings import Surroundings, enlarged, memory_ne
 
 @dataclass(frozen=True, eq=False)
 class Emitters:
-    """All that sends waves or diffuses, which the size of an extended domain follows from.
+    """All that sends waves or diffuses, from which the size of an extended domain follows.
 
     Attributes
     ----------
@@ -29,9 +29,10 @@ class Emitters:
     start : Start
     drives : sequence of Drive
     everywhere : bool
-        Waves may come from anywhere: where a source is at which time is not known.
+        Whether waves may start anywhere, because some source does not split into space and time.
     front : callable
-        Nodes that a temperature needs which goes on with the displacements, in a run of a length for an error.
+        Returns, for the length of a run and an error, the number of nodes that is needed for a temperature that
+        continues beyond the sides with the displacements.
     """
 
     near: NearField
@@ -42,19 +43,19 @@ class Emitters:
     front: Callable[[float, float], int]
 
     def extents_for(self, wanted: Mapping[Key, float], until: float) -> dict[Key, Extent]:
-        """How far the medium must be computed beyond some sides for nothing to return in a run.
+        """Return how far the medium must be computed beyond some sides so that nothing returns during a run.
 
         Parameters
         ----------
         wanted : mapping of (axis, side) to float
-            Error of each.
+            Wanted error of each side.
         until : float
             Length of the run.
 
         Raises
         ------
         InputError
-            A domain that does not fit into memory.
+            The domain does not fit into memory.
         """
         near, model, lattice, stencil = self.near, self.near.model, self.near.lattice, self.near.fastest
         steps = max(1, int(np.ceil(until / near.dt - 1e-9)))
@@ -77,14 +78,14 @@ class Emitters:
                     extent(replace(medium, stencil=normal), turned, sizes, mirror, error), until=until
                 )
             one = known[like]
-            # absent bonds close one reach away from a fixed end: it is there that waves turn round
+            # where absent bonds can close, they do so one reach before a fixed end, and waves are reflected there
             unclosed = stencil.reach[axis] if model.bond_law is not None and model.bond_law.contact else 0
             found[axis, side] = replace(one, nodes=max(one.nodes + unclosed, self.front(until, error)))
         return found
 
     def _data(self, medium: Waves) -> list[Datum]:
-        """The emitters component by component. What is known by its place alone counts from the start and relative to
-        itself.
+        """Return the emitters component by component. Those of which only the place is known count as initial values of
+        size 1.
         """
         near, lattice, waves = self.near, self.near.lattice, self.near.model.order == 2
         busy = near.busy | (self.everywhere or any(space is None for space, _ in self.drives))
@@ -114,7 +115,7 @@ def extend(setup: Setup, around: Surroundings, emitters: Emitters) -> Surroundin
     Raises
     ------
     InputError
-        A domain that does not fit into memory.
+        The domain does not fit into memory.
     """
     near = emitters.near
     extended = {key: b for key, b in around.sides.items() if b.extended}

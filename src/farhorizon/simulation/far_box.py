@@ -1,4 +1,4 @@
-"""What must lie inside the box of a far field, and what must not touch it; the medium around it."""
+"""Checks of the box of a far field: what must lie inside it and what must not touch it; the medium around it."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.recorder import size_of_record
 from farhorizon.simulation.setup import Setup, side_name
 
-_TIMES = 33  # at which sources that do not split into space and time are looked at
-_LARGE = 2**28  # bytes of a history that are worth a note
-_LEFT = 1e-3  # part of the largest field on the shell that is worth a note where it is left at the end
-_FAST = 1e-6  # part of the largest sum that is worth a note where it is that of something fast, not of what is left
+_TIMES = 33  # times at which sources that do not split into space and time are sampled
+_LARGE = 2**28  # size of a history in bytes above which there is a note
+_LEFT = 1e-3  # share of the largest field on the shell that remains at the end above which there is a note
+_FAST = 1e-6  # error by aliasing, over the largest sum, above which there is a note if it exceeds what remains
 _TINY = float(np.finfo(float).tiny)
 _ROUNDING = float(np.finfo(float).eps)
 
 
 def medium_outside(parts: Parts) -> Scheme:
-    """The uniform medium around a run, and how it is advanced.
+    """Return the uniform medium around a run, and its time integration.
 
     Raises
     ------
     InputError
-        A medium that ends at some side, or is not linear, or a field that is no scalar or vector.
+        The medium ends at some side or is not linear, or the field is neither a scalar nor a vector.
     """
     near = parts.whole.near
     ends = [side_name(*key) for key, side in parts.whole.sides.items() if not side.endless]
@@ -69,13 +69,13 @@ def medium_outside(parts: Parts) -> Scheme:
 
 
 def corner_nodes(lattice: Lattice, box: Box | None, reach: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """First and last indices of the nodes in a box, of the widest one where none is given.
+    """Return the first and last indices of the nodes in a box, or in the widest possible one if none is given.
 
     Raises
     ------
     InputError
-        A box of another dimension, nearer to a side of the near field than one reach, or so small that nothing lies one
-        reach inside its faces.
+        The box has another dimension, is nearer to a side of the near field than one reach, or is so small that nothing
+        lies one reach inside its faces.
     """
     more, spacing = np.array(reach), lattice.spacing
     first, last = more, np.array(lattice.shape) - 1 - more
@@ -111,7 +111,7 @@ def corner_nodes(lattice: Lattice, box: Box | None, reach: Sequence[int]) -> tup
 
 
 def check_window(parts: Parts, nodes: np.ndarray, box: Box) -> None:
-    """InputError where nodes (flat numbers) of the shell of a box are not shown, as outside a window."""
+    """Raise InputError if nodes (flat indices) of the shell of a box have no values, as outside a window."""
     if parts.hides(nodes).any():
         raise InputError(
             "the box of a far field reaches to the edge of the window",
@@ -123,8 +123,8 @@ def check_window(parts: Parts, nodes: np.ndarray, box: Box) -> None:
 
 
 def steps_between_samples(near: NearField, frequencies: np.ndarray) -> int:
-    """Steps from one sample of a spectrum to the next: as many as leave its frequencies apart from all others that the
-    lattice carries, of which the highest is that of Verlet for the largest rate.
+    """Return the number of steps from one sample of a spectrum to the next: the largest for which no frequency that the
+    lattice carries, up to that of Verlet's method for the largest rate, is an alias of those of the spectrum.
     """
     if not frequencies.size:
         return 1
@@ -133,21 +133,22 @@ def steps_between_samples(near: NearField, frequencies: np.ndarray) -> int:
 
 
 def check_outside(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> list[str]:
-    """Refuse what lies outside a box and must not; returns notes of what is below what the sides may miss.
+    """Refuse what must not lie outside a box; returns notes on values there that are smaller than the sides' targets.
 
     Parameters
     ----------
     setup : Setup
     parts : Parts
     box : Box
-        From node to node.
+        Its corners are nodes.
     reach : ndarray, shape (dim,)
-        How far a step reaches.
+        Reach of a step along each axis.
 
     Raises
     ------
     InputError
-        Cracks, holes, other materials, conditions, metal, initial data, sources.
+        Cracks, holes, other materials, conditions, metal, initial data or sources outside the box or too near to its
+        faces.
     """
     _check_medium(setup, parts, box, reach)
     for one in parts.incident:
@@ -159,7 +160,8 @@ def check_outside(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> li
 
 
 def receiver_nodes(points: Any, lattice: Lattice, shell: Shell, box: Box) -> tuple[np.ndarray, list[str]]:
-    """Indices of the nodes nearest to points, beyond the lattice, too, and notes of which were taken.
+    """Return the indices of the nodes nearest to points, also beyond the lattice, and notes on points that are not
+    nodes.
 
     Raises
     ------
@@ -198,7 +200,7 @@ def receiver_nodes(points: Any, lattice: Lattice, shell: Shell, box: Box) -> tup
 
 
 def check_moving(parts: Parts, box: Box, reach: np.ndarray, until: float) -> list[str]:
-    """`check_outside` for sources that do not split into space and time, at even times up to the end of a run."""
+    """Check sources that do not split into space and time as `check_outside` does, at equidistant times of a run."""
     outside, notes = ~_core(parts, box, reach), []
     for space, source in parts.drives.sources:
         if space is None:
@@ -208,7 +210,7 @@ def check_moving(parts: Parts, box: Box, reach: np.ndarray, until: float) -> lis
 
 
 def check_kept(history: bool, remedy: str) -> None:
-    """InputError unless the history of the shell is kept."""
+    """Raise InputError unless the history of the shell is kept."""
     if not history:
         raise InputError(
             "receivers of the far field need the values on the shell at all steps",
@@ -220,7 +222,7 @@ def check_kept(history: bool, remedy: str) -> None:
 
 
 def check_history(need: int, nodes: int, steps: int) -> list[str]:
-    """Notes on a history of so many bytes.
+    """Return notes on a history of `need` bytes.
 
     Raises
     ------
@@ -233,8 +235,8 @@ def check_history(need: int, nodes: int, steps: int) -> list[str]:
 
 
 def spectral_notes(last: float, largest: float, missed: float) -> list[str]:
-    """What is doubtful of the spectra of a far field: of the largest field on the shell and the last one, and of what
-    the samples miss.
+    """Return why the spectra of a far field may be doubtful: the field that remains on the shell at the end, or the
+    aliasing error of the samples.
     """
     if last > _LEFT * largest:
         return [
@@ -257,7 +259,7 @@ def is_around(box: Box, wave: Incident) -> bool:
 
 
 def _inner(lattice: Lattice, box: Box, more: np.ndarray) -> np.ndarray:
-    """Nodes of the lattice in a box that is smaller by some lengths on each side."""
+    """Return the nodes of the lattice inside a box that is shrunk by some lengths on each side, as a mask."""
     found = np.ones(lattice.shape, bool)
     for along in np.meshgrid(*_between(lattice, box, more), indexing="ij", sparse=True):
         found = found & along
@@ -265,24 +267,26 @@ def _inner(lattice: Lattice, box: Box, more: np.ndarray) -> np.ndarray:
 
 
 def _between(lattice: Lattice, box: Box, more: np.ndarray) -> list[np.ndarray]:
-    """The same along each axis."""
+    """Return the nodes along each axis that lie inside the box shrunk likewise, as masks."""
     close = 1e-6 * lattice.spacing
     bounds = zip(lattice.axes, box.lower + more - close, box.upper - more + close, strict=True)
     return [(axis > low) & (axis < high) for axis, low, high in bounds]
 
 
 def _less(parts: Parts, reach: np.ndarray) -> np.ndarray:
-    """By how much the box is smaller whose nodes a step of several stages does not see on its way through a face."""
+    """Return the distance between the box and its core, by which the reach of a step of several stages exceeds that of
+    the stencil.
+    """
     return np.asarray(reach - parts.near.lattice.spacing * np.array(parts.near.stencil.reach))
 
 
 def _core(parts: Parts, box: Box, reach: np.ndarray) -> np.ndarray:
-    """The nodes of this smaller box, of this part of the lattice."""
+    """Return the nodes of the core of the box in this part of the lattice, as a mask."""
     return _inner(parts.near.lattice, box, _less(parts, reach))
 
 
 def _check_medium(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> None:
-    """No bond through a face, and none outside, knows of cracks, holes, other materials, conditions or metal."""
+    """Refuse cracks, holes, other materials, conditions and metal that affect bonds through a face or outside."""
     near, lattice, whole = parts.near, parts.near.lattice, parts.whole.near.lattice
     limit = f"{shown(box.lower + reach)} to {shown(box.upper - reach)}"
     core, deep = _core(parts, box, reach), _inner(lattice, box, reach)
@@ -316,12 +320,12 @@ def _check_medium(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> No
 
 
 def _place(lattice: Lattice, where: np.ndarray) -> np.ndarray:
-    """Coordinates of the first node of a mask."""
+    """Return the coordinates of the first node of a mask."""
     return np.asarray(lattice.lower + lattice.spacing * np.argwhere(where)[0])
 
 
 def _missed(parts: Parts, sizes: np.ndarray, outside: np.ndarray, key: str) -> list[str]:
-    """InputError where more lies outside than the sides may miss, a note of what is less."""
+    """Raise InputError if values outside the box exceed the sides' target; return a note on smaller ones."""
     beyond = sizes.reshape(-1, *outside.shape).max(0)
     own, team, model = float(beyond[outside].max(initial=0)), parts.whole.team, parts.near.model
     peak, missed = team.largest(float(beyond.max(initial=0))), team.largest(own)
@@ -339,7 +343,7 @@ def _missed(parts: Parts, sizes: np.ndarray, outside: np.ndarray, key: str) -> l
 
 
 def _check_incident(wave: Incident, box: Box, reach: np.ndarray) -> None:
-    """The box holds all of the places at which an incident wave is joined to the scattered field, or none."""
+    """Refuse a box that holds some, but not all, of the nodes at which an incident wave joins the scattered field."""
     assert wave.within is not None
     slack, low, high = 1e-6 * reach, wave.within.lower, wave.within.upper
     around = (box.lower <= low - reach + slack) & (box.upper >= high + reach - slack)

@@ -1,4 +1,4 @@
-"""The far field: what a run sends into the medium beyond its near field, from what it records on the shell of a box."""
+"""The far field: waves that a run radiates beyond its near field, from the field recorded on the shell of a box."""
 
 from __future__ import annotations
 
@@ -44,18 +44,18 @@ from farhorizon.simulation.fourier_sums import SampledSums
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, check_begun, check_from_start, recorder_name
 from farhorizon.simulation.setup import Setup
 
-_SEEN = 16  # steps from one look at the largest field to the next
+_SEEN = 16  # steps between two checks of the largest field
 
 
 class CrossSections(NamedTuple):
-    """What a scatterer takes from a plane wave: power over incident power per area (in two dimensions per length).
+    """Cross sections of a scatterer: power over incident power per area (in two dimensions per length).
 
     Attributes
     ----------
     scattering : ndarray, shape (F,)
-        What it sends elsewhere: the power that leaves the box.
+        Of the scattered power, which leaves the box.
     total : ndarray, shape (F,)
-        What it takes in all, scattered and absorbed: by the optical theorem from what it sends forward.
+        Of the power removed from the wave, scattered or absorbed: by the optical theorem, from forward scattering.
     """
 
     scattering: np.ndarray
@@ -151,7 +151,7 @@ class FarField(Recorder):
         return f"FarField({self.box}, {len(self.frequencies)} frequencies, name={self.name!r})"
 
     def __getstate__(self) -> dict[str, Any]:
-        """What it has recorded, without the run."""
+        """Return what it has recorded, without the run."""
         return {name: value for name, value in self.__dict__.items() if name != "_parts"}
 
     # --- in a run ----------------------------------------------------------------------------------------------
@@ -193,7 +193,7 @@ class FarField(Recorder):
 
     @property
     def _count(self) -> int:
-        """Numbers that are recorded in a step."""
+        """How many numbers are recorded in a step."""
         return self._scheme.stencil.components * len(self._shell.nodes)
 
     def start(self, step: int, heard: Heard) -> None:
@@ -262,7 +262,7 @@ class FarField(Recorder):
     # --- in time -----------------------------------------------------------------------------------------------
 
     def _forces(self) -> Iterator[np.ndarray]:
-        """The forces on the shell at each step that has a next one, shape (components * W,), components first."""
+        """Yield the forces on the shell at each step but the last, shape (components * W,), components first."""
         left = self._steps
         for rows in self._rows:
             driven = self._scheme.rate * (self._shell.commutator @ rows[:left].T).T
@@ -296,7 +296,7 @@ class FarField(Recorder):
         return self._scheme.dt * np.arange(self._steps + 1), driven.field(self._forces()) + self._background
 
     def _receivers(self, points: Any) -> np.ndarray:
-        """Indices of the nodes nearest to points, beyond the lattice, too."""
+        """Return the indices of the nodes nearest to points, also beyond the lattice."""
         nodes, notes = receiver_nodes(points, self._lattice, self._shell, self._faces)
         self.notes += [note for note in notes if note not in self.notes]
         return nodes
@@ -410,7 +410,7 @@ class FarField(Recorder):
         return CrossSections(area * self._outflow() / strength, area * np.array(work) / strength)
 
     def _outflow(self) -> np.ndarray:
-        """``Im sum f* v`` of forces and what they radiate, shape (F,): twice the mean power over mass and frequency."""
+        """``Im sum f* v`` of the forces and their field, shape (F,): twice the mean power over mass and frequency."""
         if self._total and not self._arriving:
             raise InputError(
                 "what leaves a box inside that of an incident wave is known only for a single plane wave",
@@ -422,13 +422,13 @@ class FarField(Recorder):
         inside = self._shell.inside
         field = np.where(inside, 0.0, self._spectra)
         for number, one in enumerate(self._arriving if self._total else ()):
-            # of an incident wave that goes through both sides of the shell nothing is radiated but minus itself inside
+            # an incident wave that passes through the box radiates nothing outside, and minus itself inside
             field[number] -= one.field(self._places)
         return np.asarray((self._spectral_forces.conj() * field).sum((1, 2)).imag)
 
     @property
     def _places(self) -> np.ndarray:
-        """Places of the shell's nodes in spacings, from the origin."""
+        """Positions of the shell's nodes relative to the origin, in spacings."""
         return self._lattice.lower / self._lattice.spacing + self._shell.nodes
 
     @property
@@ -442,7 +442,7 @@ class FarField(Recorder):
 
     @property
     def _spectra(self) -> np.ndarray:
-        """Of the field on the shell, with time dependence ``exp(-i omega t)``; shape (F, components, W)."""
+        """Spectra of the field on the shell, with time dependence ``exp(-i omega t)``; shape (F, components, W)."""
         return self._sums.values.conj().reshape(len(self.frequencies), self._scheme.stencil.components, -1)
 
     @property
@@ -453,12 +453,12 @@ class FarField(Recorder):
 
     @property
     def _total(self) -> bool:
-        """Whether the field on the shell is the total one, incident wave and all."""
+        """Whether the field on the shell is the total field, which includes the incident wave."""
         return any(not is_around(self._faces, wave) for wave, _ in self._incident)
 
     @property
     def _arriving(self) -> list[ArrivingPlane]:
-        """The incident wave at each frequency; none if there is not just one, or there is damping."""
+        """The incident wave at each frequency; empty unless there is exactly one, and it is plane."""
         if len(self._incident) != 1 or not self._incident[0][0].plane:
             return []
         ((wave, region),), spacing, dt = self._incident, self._lattice.spacing, self._scheme.dt
@@ -470,7 +470,7 @@ class FarField(Recorder):
             for squared, amplitude in zip(self._squares, spectrum, strict=True)
         ]
 
-    # --- what is refused ---------------------------------------------------------------------------------------
+    # --- checks ------------------------------------------------------------------------------------------------
 
     def _must_have_run(self) -> None:
         check_begun(self._steps >= 0, "far field", "far_field")
@@ -491,7 +491,7 @@ class FarField(Recorder):
         self._judge()
 
     def _judge(self) -> list[str]:
-        """What is doubtful of the spectra so far, in the notes, too."""
+        """Return why the spectra so far may be doubtful, and update the notes."""
         found = spectral_notes(self._last, self._largest, self._sums.missed)
         self.notes = [one for one in self.notes if one not in self._judged] + found
         self._judged = found

@@ -1,4 +1,4 @@
-"""What drives the engine in time: sources, conditions, and nodes that follow a value."""
+"""Supply of the engine with sources, conditions and prescribed values as time advances."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _TABLE = 1 << 20  # numbers in one table of source amplitudes
 
 @dataclass(frozen=True)
 class Batch:
-    """Steps that the engine has made, and what the sources have done in them.
+    """Steps that the engine has made, and the action of the sources in them.
 
     Attributes
     ----------
     steps : int
     places : ndarray of int, shape (n,)
-        Where in the field sources act.
+        Flat indices in the field at which sources act.
     fields : ndarray, shape (j, n)
     amplitudes : ndarray, shape (steps, stages, j)
     """
@@ -48,16 +48,16 @@ class Feed:
     drives : sequence of Drive
         Sources, loads, conditions and incident waves.
     phases : SolidAndLiquid or None
-        Metal, which no source acts on.
+        Phases of a corrosion: no source may act on metal.
     scale : float
-        What the initial data explain.
+        Largest value that the initial data explain.
     team : Team
         The processes that compute the run.
 
     Attributes
     ----------
     scale : float
-        The largest value that the data and all that has driven the run explain.
+        Largest value that the initial data and all that has driven the run so far explain.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class Feed:
         self.near, self.grid, self.drives, self.phases, self.scale = near, grid, list(drives), phases, scale
         self._team = team
         self._nodes = grid.indices if self.drives else np.zeros(0, np.int64)
-        self._lasting: tuple[np.ndarray, np.ndarray] | None = None  # what `_strengths` finds, where it stays as it is
+        self._lasting: tuple[np.ndarray, np.ndarray] | None = None  # result of `_strengths` if it never changes
 
     def prescribe(self) -> None:
         """Give the engine the nodes that conditions prescribe, with their values at the start."""
@@ -85,18 +85,18 @@ class Feed:
             engine.set_dependent_values(amplitudes[0, 0] @ fields)
 
     def hold(self, step: int) -> None:
-        """Tell the engine which nodes follow a value from a step on."""
+        """Tell the engine which nodes follow a prescribed value from a step on."""
         self.grid.engine.hold(self.grid.indices[self.near.prescribed.held(step)])
 
     def force(self, t: float) -> np.ndarray:
-        """What the sources do at a time, of the field's shape."""
+        """Return the action of the sources at a time, in the shape of the field."""
         total = np.zeros(self.near.field_shape)
         for space, time in self.drives:
             total += time(t) if space is None else space * time(t)
         return total * self.near.model.source_factor
 
     def advance(self, step: int, steps: int) -> Iterator[Batch]:
-        """Advance the engine by some steps from one on; after each batch of them the caller has its turn."""
+        """Advance the engine by `steps` steps from number `step` on; yields each batch of them once it is computed."""
         near, engine = self.near, self.grid.engine
         dtype, stages, held = engine.dtype, len(engine.stages.numbers), near.conditions
         if not self.drives and not held.nodes.size:
@@ -140,7 +140,7 @@ class Feed:
             step += n
 
     def _prescribed(self, step: int, steps: int) -> np.ndarray | None:
-        """Values of the held nodes after each of the next steps."""
+        """Return the values of prescribed nodes after each of the next steps; None if there are no such nodes."""
         if not self.near.prescribed.constraints:
             return None
         values = self.near.prescribed.table(step, steps)
@@ -148,9 +148,10 @@ class Feed:
         return values
 
     def _strengths(self, step: int, samples: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-        """Where in the field sources act in the next steps, shape (n,), and how strongly each does there, shape (j, n).
+        """Return where in the field sources act in the next steps, shape (n,), and the strength of each there, shape
+        (j, n).
 
-        Those that split into space and time stay where they are: they are looked through once.
+        Sources that split into space and time stay where they are and are evaluated once.
         """
         if self._lasting is not None:
             return self._lasting
@@ -167,7 +168,9 @@ class Feed:
     def _fields(
         self, drives: Sequence[Drive], shape: tuple[int, ...], step: int, samples: Sequence[float]
     ) -> list[np.ndarray]:
-        """Fields over nodes. What does not split into space and time has one for each sample time of the next step."""
+        """Return the fields of drives over nodes: one for each drive that splits into space and time, otherwise one for
+        each sample time of the next step.
+        """
         start, found = self.near.dt * step, []
         for space, time in drives:
             if space is None:
@@ -179,7 +182,7 @@ class Feed:
     def _amplitudes(
         self, drives: Sequence[Drive], step: int, samples: Sequence[float], weights: np.ndarray, count: int
     ) -> np.ndarray:
-        """Amplitudes of the fields in each stage of `count` steps from one on, shape (count, stages, j)."""
+        """Return the amplitudes of the fields in each stage of `count` steps from one on, shape (count, stages, j)."""
         times = self.near.dt * (step + np.arange(count))
         table: list[np.ndarray] = []
         for space, time in drives:
@@ -205,10 +208,10 @@ class Feed:
 
 
 def _rows(fields: Sequence[np.ndarray], places: np.ndarray) -> np.ndarray:
-    """Some places of each field, as one table."""
+    """Return the values of each field at some places, as one table."""
     return np.stack([values[places] for values in fields]) if fields else np.zeros((0, places.size))
 
 
 def _largest(fields: np.ndarray, amplitudes: np.ndarray) -> float:
-    """A bound of the sum of fields with amplitudes."""
+    """Return the product of the largest field value and the largest amplitude, an estimate of the largest sum."""
     return float(np.abs(fields).max(initial=0) * np.abs(amplitudes).max(initial=0))

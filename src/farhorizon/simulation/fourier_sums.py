@@ -1,4 +1,4 @@
-"""Fourier sums of what is recorded step by step, at chosen frequencies: memory by frequency, not by time."""
+"""Fourier sums of values that are recorded step by step, at chosen frequencies: memory by frequency, not by time."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 from scipy.linalg.blas import dgemm
 
 _TINY = float(np.finfo(float).tiny)
-BLOCK = 64  # steps whose sums are one product of matrices
+BLOCK = 64  # steps that are summed by one product of matrices
 
 
 class FourierSums:
     """``sum over steps n of dt * values(n) * exp(-2 pi i f n dt)``, the convention of `numpy.fft`, of some values.
 
-    Steps are summed in blocks that begin at multiples of their length: a run that is saved and taken up anywhere has
-    the same sums to the last bit.
+    Steps are summed in blocks that begin at multiples of their length, so that a run which is saved and continued at
+    any step has the same sums to the last bit.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ class FourierSums:
         In cycles per unit of time.
     dt : float
     count : int
-        Values a step.
+        Number of values per step.
 
     Examples
     --------
@@ -36,9 +36,9 @@ class FourierSums:
 
     def __init__(self, frequencies: np.ndarray, dt: float, count: int) -> None:
         self.frequencies, self.dt = np.asarray(frequencies, float), dt
-        self._first, self._held = 0, 0  # steps not summed yet: the first one, and how many
+        self._first, self._held = 0, 0  # steps that are not summed yet: the first one, and how many
         self._rows = np.zeros((BLOCK, count))
-        self._sums = np.zeros((2 * len(self.frequencies), count))  # of cosines, then of sines
+        self._sums = np.zeros((2 * len(self.frequencies), count))  # with cosines, then with sines
 
     def add(self, step: int, rows: np.ndarray) -> None:
         """Take the values of the steps from number `step` on, each one once and in order, shape (steps, count)."""
@@ -54,16 +54,16 @@ class FourierSums:
                 self._held += end - done
                 block = self._rows[: self._held]
             if whole:
-                # one call that adds in place: to make the product first takes half as long again
+                # one call that adds in place: forming the product first would take half as long again
                 factors = self._factors(self._first, len(block))
                 self._sums = dgemm(1.0, block.T, factors.T, 1.0, self._sums.T, overwrite_c=True).T
                 self._first, self._held = self._first + len(block), 0
             done = end
 
     def _factors(self, step: int, count: int) -> np.ndarray:
-        """Cosines and sines of some steps, times dt, shape (2 F, count)."""
+        """Return the cosines and sines of some steps, times dt, shape (2 F, count)."""
         cycles = np.outer(self.frequencies * self.dt, step + np.arange(count))
-        phases = 2 * np.pi * (cycles - np.round(cycles))  # small arguments keep their digits in long runs
+        phases = 2 * np.pi * (cycles - np.round(cycles))  # small arguments stay accurate in long runs
         return self.dt * np.concatenate([np.cos(phases), np.sin(phases)])
 
     @property
@@ -73,20 +73,20 @@ class FourierSums:
         return sums[: len(self.frequencies)] - 1j * sums[len(self.frequencies) :]
 
     def state(self) -> dict[str, np.ndarray]:
-        """All that `take` needs to go on from here."""
+        """Return the state, from which `take` continues."""
         return {"first": np.array(self._first), "rows": self._rows[: self._held], "sums": self._sums}
 
     def take(self, state: dict[str, np.ndarray]) -> None:
-        """Be in a state that `state` gave."""
+        """Restore a state returned by `state`."""
         self._first, self._held, self._sums = int(state["first"]), len(state["rows"]), state["sums"].copy()
         self._rows[: self._held] = state["rows"]
 
 
 class SampledSums:
-    """Fourier sums of every few steps of what is recorded, and how far they are from those of all steps.
+    """Fourier sums of samples taken every few steps, with an estimate of their difference from the sums of all steps.
 
-    Whatever is too fast for the samples is taken for something slower. What that comes to is seen in a mixture of all
-    values with random signs: of it alone all steps are summed, too.
+    Anything too fast for the samples is aliased to lower frequencies. The error is estimated from a combination of all
+    values with random signs, of which alone all steps are summed as well.
 
     Parameters
     ----------
@@ -94,9 +94,9 @@ class SampledSums:
         In cycles per unit of time.
     dt : float
     every : int
-        Steps from one sample to the next, whose weight is so much larger.
+        Number of steps from one sample to the next; the weight of a sample is larger by this factor.
     count : int
-        Values a step.
+        Number of values per step.
 
     Examples
     --------
@@ -130,18 +130,18 @@ class SampledSums:
 
     @property
     def missed(self) -> float:
-        """Difference to the sums of all steps, over the largest of these; 0 where all are taken."""
+        """Largest difference from the sums of all steps over the largest of these, estimated; 0 if all are sampled."""
         if self._every == 1:
             return 0.0
         whole = self._whole.values[:, 0]
         return float(np.abs(self.values @ self._signs - whole).max() / max(np.abs(whole).max(), _TINY))
 
     def state(self) -> dict[str, np.ndarray]:
-        """All that `take` needs to go on from here."""
+        """Return the state, from which `take` continues."""
         parts = (("sums", self._sums), ("whole", self._whole))
         return {f"{part}.{name}": array for part, sums in parts for name, array in sums.state().items()}
 
     def take(self, state: dict[str, np.ndarray]) -> None:
-        """Be in a state that `state` gave."""
+        """Restore a state returned by `state`."""
         for part, sums in (("sums", self._sums), ("whole", self._whole)):
             sums.take({name.removeprefix(f"{part}."): a for name, a in state.items() if name.startswith(f"{part}.")})

@@ -1,4 +1,4 @@
-"""The near field on the engine: which nodes of the core are its own, and which were put around it."""
+"""The near field on the engine: which nodes of the core belong to it, and which are margins around it."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from farhorizon.simulation.setup import Key, Setup, Sides, wanted_threads
 from farhorizon.simulation.surroundings import Surroundings
 from farhorizon.simulation.team import ALONE, Team
 
-_FAINT = 1e-11  # part of the data that may touch a layer of given thickness, which may be good to rounding
+_FAINT = 1e-11  # share of the data that may touch a layer without a target, whose error may be as small as rounding
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """An engine, and where the near field lies in it.
+    """An engine and the place of the near field in it.
 
     Attributes
     ----------
     lattice : Lattice
     margins : dict of (axis, side) to int
-        Nodes of the core beyond the near field.
+        Number of nodes of the core beyond the near field.
     engine : Engine
     walled : frozenset of (axis, side)
         Fixed sides beyond which there are such nodes.
@@ -61,18 +61,18 @@ class Grid:
 
     @property
     def lead(self) -> int:
-        """Axes of the engine, which has three, before those of the lattice."""
+        """Number of the engine's three axes that precede those of the lattice."""
         return 3 - self.lattice.dim
 
     @cached_property
     def near(self) -> tuple[slice, ...]:
-        """The near field in the core, along the engine's three axes."""
+        """Slices of the near field in the core, along the engine's three axes."""
         slices = [slice(self.margins[a, -1], self.margins[a, -1] + n) for a, n in enumerate(self.lattice.shape)]
         return (*[slice(None)] * self.lead, *slices)
 
     @property
     def first(self) -> list[int]:
-        """Numbers of the core's first node along the engine's axes; those of the whole lattice's nodes begin with 0."""
+        """Indices of the core's first node along the engine's axes; the first node of the whole lattice has index 0."""
         return [0] * self.lead + [n - self.margins[a, -1] for a, n in enumerate(self.lattice.first)]
 
     @cached_property
@@ -82,7 +82,7 @@ class Grid:
         return self.lattice.lower - self.lattice.spacing * below
 
     def view(self, level: np.ndarray) -> np.ndarray:
-        """The near field of a level, components first; what is written there is written into the level."""
+        """Return a view of the near field of a level, components first."""
         where: tuple[Any, ...] = (..., *self.near)
         return self.engine.core.view(level)[where]
 
@@ -93,27 +93,27 @@ class Grid:
 
     @property
     def indices(self) -> np.ndarray:
-        """Places of the near field in a level, of all components."""
+        """Places of the near field's nodes in a level, for all components."""
         return self.engine.all_components(self.nodes)
 
     def grown(self, values: np.ndarray, mode: Literal["edge", "constant"] = "edge") -> np.ndarray:
-        """Values on the near field over the core, as at the edge around it; of the core's shape."""
+        """Extend values on the near field to the core, by default with those at its edge; of the core's shape."""
         return _over_core(values, self.margins, mode)
 
     def keyed(self, of_sides: dict[Key, float]) -> dict[Key, float]:
-        """Values by side, with the engine's numbers of the axes."""
+        """Return values by side with the engine's numbering of the axes."""
         return {(self.lead + axis, side): value for (axis, side), value in of_sides.items()}
 
 
 def _over_core(values: np.ndarray, margins: dict[Key, int], mode: Literal["edge", "constant"] = "edge") -> np.ndarray:
-    """Values on the near field over the core, whose three axes it has."""
+    """Extend values on the near field to the core, with its three axes."""
     grown = np.pad(values, [(margins[a, -1], margins[a, 1]) for a in range(values.ndim)], mode=mode)
     return grown.reshape((1,) * (3 - values.ndim) + grown.shape)
 
 
 def states_of(setup: Setup, sides: Sides, varies: bool) -> ForceStates | None:
-    """The passes of the operator where they are worked off one after the other: where bonds may be absent, or the
-    moduli vary, and in space, where their convolution takes longer (`benchmarks/elastic.py passes`); else None.
+    """Return the states of the nodes if the operator is applied in two passes: where bonds may be absent or moduli
+    vary, and in 3D, where the combined stencil takes longer (`benchmarks/elastic.py passes`); otherwise None.
     """
     lattice = setup.lattice
     cut = varies or bool(len(setup.cracks)) or setup.model.bond_law is not None
@@ -133,12 +133,11 @@ def choose_margins(
     states: ForceStates | None,
     team: Team = ALONE,
 ) -> dict[Key, int]:
-    """Nodes of the core beyond the near field: a sponge, unstretched nodes in front of a layer, or those of the medium
-    beyond a fixed side whose states count.
+    """Choose the number of nodes of the core beyond the near field: a sponge, unstretched nodes in front of a layer, or
+    nodes of the medium beyond a fixed side that have states.
 
-    A layer's entrance must be free of sources, data, cracks and changes of the material. One node keeps sources out;
-    the others need as many more as the stencil reaches. An exact end must be free of cracks and changes of the
-    material.
+    The entrance of a layer must be free of sources, data, cracks and changes of the material. One node keeps sources
+    out; for the others one reach more is needed. An exact end must be free of cracks and changes of the material.
 
     Parameters
     ----------
@@ -147,11 +146,11 @@ def choose_margins(
     data : sequence of ndarray
         Initial data.
     medium : sequence of ndarray
-        All that is to be the same along the normal: what varies of the material, a body, the phases of a corrosion.
+        All that must not change along the normal: varying constants, a body, the phases of a corrosion.
     cuts : sequence of Cut
     states : ForceStates or None
     team : Team
-        Processes that have parts of the near field: those at one side have as many nodes there.
+        Processes that have parts of the near field: those at the same side have equally many nodes there.
     """
     lattice, margins = near.lattice, {}
     peaks = [team.largest(float(np.abs(f).max())) for f in map(near.size, data)]
@@ -188,8 +187,8 @@ def make_grid(
     neighbours: Mapping[Key, int] | None = None,
     warm: bool = False,
 ) -> Grid:
-    """The engine of a near field and its sides; `neighbours` are the processes that fill the halo, if any do, and
-    `link` is how it reaches them. If `warm`, heat strains the layers, too.
+    """Make the engine of a near field and its sides; `neighbours` are the processes that fill the halo, if any, and
+    `link` is the connection to them. If `warm`, the layers have thermal strains, too.
 
     Raises
     ------
@@ -206,7 +205,7 @@ def make_grid(
     layers = {(lead + axis, side): layer for (axis, side), layer in around.layers.items()}
     periodic = frozenset(lead + a for (a, side), b in sides.items() if side < 0 and b.periodic)
     if isinstance(model.integrator, Verlet):
-        light = near.density is None and not model.drag  # else the older level is read once forces are known
+        light = near.density is None and not model.drag  # otherwise the older level is read after the forces
         stages = model.integrator.stages(near.dt, model.damping, lattice.dim == 1 and light, setup.lasting or not light)
     else:
         stages = model.integrator.stages(near.dt, model.damping)
@@ -227,7 +226,7 @@ def make_grid(
         real=setup.dtype,
         threads=wanted_threads(setup.threads),
         coefficient=grown,
-        rule=setup.bond_rule if near.variation.moduli is None else "arithmetic",  # each end has forces of its own
+        rule=setup.bond_rule if near.variation.moduli is None else "arithmetic",  # each end contributes its own forces
         reaction=stencil.reaction * scale,
         signs=None if stencil.components in (1, lattice.dim) else _signs(stencil),
         sums=None if states is None else _sums(states, scale, lead, moduli, _stretch(near, around, margins)),
@@ -249,14 +248,14 @@ def make_grid(
 
 
 def _signs(stencil: Stencil) -> Signs:
-    """Whether components change their signs in mirrors across the three axes."""
+    """Return whether each component changes sign under reflection across each of the three axes."""
     return tuple((0,) * (3 - stencil.dim) + tuple(int(sign < 0) for sign in row) for row in stencil.signs)
 
 
 def _sums(
     states: ForceStates, scale: float, lead: int, moduli: np.ndarray | None, stretch: tuple[np.ndarray, ...]
 ) -> StateSums:
-    """The passes of the engine, whose operator has the unit `scale`, with moduli over the core where they vary."""
+    """Return the passes of the engine for an operator in units of `scale`, with moduli over the core if they vary."""
     moduli = np.array(states.moduli) if moduli is None else moduli
     signs = tuple((sign[0] if lead == 0 else 0, sign[-2], sign[-1]) for sign in states.signs)
     sums = states.gradient, scale * states.divergence, states.shapes, states.law, moduli, signs
@@ -265,7 +264,9 @@ def _sums(
 
 
 def _stretch(near: NearField, around: Surroundings, margins: dict[Key, int]) -> tuple[np.ndarray, ...]:
-    """Rates at which derivatives along each axis are stretched, over the core, and their shift; empty without."""
+    """Return the rates at which derivatives along each axis are stretched, over the core, and their shift; empty if no
+    side stretches derivatives.
+    """
     lattice, lead = near.lattice, 3 - near.lattice.dim
     if not any(b.derivatives for b in around.sides.values()):
         return ()
@@ -285,7 +286,7 @@ def _stretch(near: NearField, around: Surroundings, margins: dict[Key, int]) -> 
 
 
 def _hold_beyond(grid: Grid, near: NearField, around: Surroundings, key: Key, value: float) -> None:
-    """Set the halo of a side, in every level, to its value."""
+    """Set the halo beyond a fixed side, in every level, to its value."""
     axis, side = grid.lead + key[0], key[1]
     if any(b.stretched for (a, _), b in around.sides.items() if a != key[0]):
         raise InputError(

@@ -9,7 +9,7 @@ import numpy as np
 from farhorizon.checks.examined import Examined
 from farhorizon.errors import UnstableError
 
-EXPLODED = 1e6  # growth of the largest value over all that initial data and what drives the run explain
+EXPLODED = 1e6  # largest value over what initial data and drives explain, above which a run counts as unstable
 
 
 def refuse_explosion(
@@ -21,7 +21,7 @@ def refuse_explosion(
     time: float,
     cause: Callable[[], str],
 ) -> None:
-    """Refuse a state that is not finite, or has grown beyond all that explains it.
+    """Refuse a state that is not finite, or has grown far beyond what data and drives explain.
 
     Parameters
     ----------
@@ -31,16 +31,16 @@ def refuse_explosion(
         Coordinates of its first node.
     spacing : float
     scale : float
-        What the data of the run explain.
+        Largest value that the data and drives of the run explain.
     step : int
     time : float
     cause : callable
-        Says what is likely to be wrong.
+        Returns the likely cause, in words.
 
     Raises
     ------
     UnstableError
-        With step, time, value and place of the worst.
+        The message names the step, the time, and the worst value with its place.
     """
     top, low = float(values.max()), float(values.min())
     if np.isfinite(top) and np.isfinite(low) and max(top, -low) <= EXPLODED * scale:
@@ -54,7 +54,7 @@ def refuse_explosion(
 
 
 def likely_cause(run: Examined) -> str:
-    """What is likely to be wrong with a run that explodes."""
+    """Return the likely cause, in words, of the instability of a run."""
     if run.closure is not None:
         names = ", ".join(sorted({type(b).__name__ for b in run.sides.values() if b.closing}))
         return (

@@ -1,6 +1,6 @@
-"""Media that vary: the uniform medium beside which one does, and what follows from all of it.
+"""Media that vary: the uniform host medium relative to which they do, and quantities that depend on the whole medium.
 
-Of a run on several processes each looks at a box of the lattice, and they tell each other what they have found.
+In a run on several processes, each evaluates a box of the lattice, and they exchange their results.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from farhorizon.models import LatticeModel
 from farhorizon.simulation.setup import Setup, within_part
 from farhorizon.simulation.team import ALONE, Team
 
-_EVEN = ("stiffness", "density")  # what of a variation may turn out to be 1 everywhere
+_EVEN = ("stiffness", "density")  # parts of a variation that may turn out to be 1 everywhere
 
 
 @dataclass(frozen=True, eq=False)
 class Host:
-    """The uniform medium beside which one varies.
+    """The uniform medium relative to which a medium varies.
 
     Attributes
     ----------
     model : LatticeModel
     outside : dict of str to float
-        Constants where a body has no nodes, for nothing is known there.
+        Constants outside a body, where none are given.
     even : tuple of str
-        What does not vary after all, by the names of `Variation`.
+        Names of those parts of `Variation` that do not vary after all.
     """
 
     model: LatticeModel
@@ -45,32 +45,34 @@ class Host:
     even: tuple[str, ...]
 
     def uniform(self, setup: Setup) -> Setup:
-        """A set-up with this medium everywhere."""
+        """Return a set-up with this medium everywhere."""
         return replace(setup, model=self.model, rule=setup.bond_rule) if setup.model.varying else setup
 
     def beside(self, setup: Setup) -> Variation:
-        """How the medium of a set-up, or of a part of it, varies beside this one; InputError as `looked_at`."""
+        """Return the variation of the medium of a set-up, or of a part of it, relative to this one; raises InputError
+        as `looked_at` does.
+        """
         return self.varying(_filled(constants_of(setup), setup.lattice, self.outside))
 
     def varying(self, values: Mapping[str, np.ndarray]) -> Variation:
-        """How it does by the constants at the nodes, which are known outside a body, too."""
+        """Return the variation from constants at all nodes, including those outside a body."""
         return self.model.beside(values).without(self.even) if values else Variation()
 
 
 class Pace(NamedTuple):
-    """How fast a medium that varies is, over the uniform one beside it.
+    """Squared speeds and frequencies of a varying medium over those of the uniform host medium.
 
     Attributes
     ----------
     strongest, weakest : float
-        The largest squared speed of waves, and the smallest one where there are bonds; factors on bonds where no
-        density varies.
+        Largest squared speed of waves, and the smallest one where there are bonds; if no density varies, factors on
+        bonds.
     fastest : float
-        What squared frequencies are multiplied with at most.
+        Upper bound of the factor on squared frequencies.
     sides : dict of (axis, side) to float
-        The largest squared speed within one reach of each side, for a layer goes by the fastest waves that it meets.
+        Largest squared speed within one reach of each side: a layer is made for the fastest waves that it meets.
     closing : float
-        What bonds that close may add to the largest value of the symbol, of materials with states.
+        Largest contribution of closing bonds to the largest value of the symbol, for materials with states.
     """
 
     strongest: float
@@ -81,14 +83,14 @@ class Pace(NamedTuple):
 
 
 def varied(setup: Setup) -> tuple[Setup, Variation]:
-    """A set-up whose model is uniform, and how the medium varies beside it; InputError as `looked_at`."""
+    """Return a set-up with a uniform model, and the variation relative to it; raises InputError as `looked_at` does."""
     host, variation = looked_at(setup, ALONE)
     return host.uniform(setup), variation
 
 
 def looked_at(setup: Setup, team: Team) -> tuple[Host, Variation]:
-    """The host medium of a set-up, and how the medium varies beside it in the box of the lattice that this process
-    looks at.
+    """Return the host medium of a set-up, and the variation relative to it in the box of the lattice that this process
+    evaluates.
 
     Raises
     ------
@@ -114,12 +116,12 @@ def looked_at(setup: Setup, team: Team) -> tuple[Host, Variation]:
 
 
 def constants_of(setup: Setup) -> dict[str, np.ndarray]:
-    """Those of the model's constants that vary, at the nodes of the lattice or of a part of one.
+    """Return those of the model's constants that vary, at the nodes of a lattice or of a part of it.
 
     Raises
     ------
     InputError
-        As `looked_at`.
+        As in `looked_at`.
     """
     lattice, values = setup.lattice, {}
     for name, value in setup.model.varying.items():
@@ -130,15 +132,15 @@ def constants_of(setup: Setup) -> dict[str, np.ndarray]:
 
 
 def node_factor(setup: Setup) -> np.ndarray | None:
-    """The factor on bonds at each node; None without. InputError where it is negative.
+    """Return the given factor on bonds at each node; None if none is given. Raises InputError if it is negative.
 
-    Beyond a rim that is held it is that of the nearest node of the body, for bonds lead there.
+    Beyond a fixed rim it is that of the nearest node of the body, because bonds lead there.
     """
     if setup.coefficient is None:
         return None
     lattice, own = setup.lattice, (slice(None),) * setup.lattice.dim
     held = setup.rim == "fixed" and lattice.body is not None
-    if held:  # the nearest node may be one of another part
+    if held:  # the nearest node may belong to another part
         stencil = setup.model.medium(lattice.spacing, lattice.dim)
         lattice, own = lattice.around([_to_nearest(m, lattice.dim) for m in stencil.reach])
     factor = _on_part(setup.coefficient, lattice, "coefficient")
@@ -150,16 +152,16 @@ def node_factor(setup: Setup) -> np.ndarray | None:
 
 
 def pace_in(setup: Setup, boxes: Decomposition, stencil: Stencil, variation: Variation, team: Team = ALONE) -> Pace:
-    """How fast a medium is that varies in boxes of a lattice, of which each process knows its own.
+    """Return the pace of a medium that varies in boxes of a lattice, of which each process has its own.
 
     Parameters
     ----------
     setup : Setup
-        Of the box of this process, with a model that is uniform.
+        Set-up of the box of this process, with a uniform model.
     boxes : Decomposition
     stencil : Stencil
     variation : Variation
-        In this box.
+        Variation in this box.
     team : Team
     """
     speeds, lattice, strongest = variation.squared_speed, setup.lattice, setup.model.strongest
@@ -183,7 +185,7 @@ def pace_in(setup: Setup, boxes: Decomposition, stencil: Stencil, variation: Var
         stiff = np.ones(lattice.shape) if variation.stiffness is None else variation.stiffness
         stiff, heavy = (_grown(values, boxes, stencil.reach, team) for values in (stiff, variation.density))
         fastest = team.largest(lightest_bond(stiff, heavy, stencil.offsets, setup.bond_rule))
-        if closing:  # each end has a P modulus of its own
+        if closing:  # the two ends may differ in their P-wave moduli
             closing *= team.largest(lightest_bond(stiff, heavy, stencil.offsets, "arithmetic"))
     else:
         closing *= strongest
@@ -193,14 +195,16 @@ def pace_in(setup: Setup, boxes: Decomposition, stencil: Stencil, variation: Var
 
 
 def _softest(variation: Variation, team: Team) -> float:
-    """The least stiffness of the springs beside states over the modulus of P waves, over that of the model."""
+    """Return the smallest ratio of the springs beside the states to the P-wave modulus, over that of the model."""
     if variation.springs is None or variation.stiffness is None:
         return 1.0
     return -team.largest(-float((variation.springs / variation.stiffness).min()))
 
 
 def _fastest_at(speeds: np.ndarray, part: Lattice, reach: Sequence[int], axis: int, side: int) -> float:
-    """The largest of the squared speeds within one reach of a side of the whole lattice; 0 where this part has none."""
+    """Return the largest squared speed within one reach of a side of the whole lattice; 0 if this part has no such
+    node.
+    """
     first, last = part.first[axis], part.first[axis] + part.shape[axis]
     low, high = (0, reach[axis] + 1) if side < 0 else (part.whole.shape[axis] - reach[axis] - 1, last)
     there = slice(max(low - first, 0), max(min(high, last) - first, 0))
@@ -208,8 +212,8 @@ def _fastest_at(speeds: np.ndarray, part: Lattice, reach: Sequence[int], axis: i
 
 
 def _grown(values: np.ndarray, boxes: Decomposition, reach: Sequence[int], team: Team) -> np.ndarray:
-    """Values with as many more beyond each edge of a box as bonds reach: those of the processes that have them, beyond
-    the edges of the lattice as at them, or as across a periodic axis.
+    """Extend values by one reach beyond each edge of a box: by those of other processes; beyond the edges of the
+    lattice by the values there, or periodically.
     """
     neighbours = boxes.neighbours(team.number)
     for axis, (count, m) in enumerate(zip(boxes.topology, reach, strict=True)):
@@ -228,20 +232,20 @@ def _grown(values: np.ndarray, boxes: Decomposition, reach: Sequence[int], team:
 
 
 def _on_part(value: Any, lattice: Lattice, key: str) -> np.ndarray:
-    """Values on the nodes of a part of a lattice, of which an array has those of the whole."""
+    """Return the values at the nodes of a part of a lattice; an array holds those of the whole lattice."""
     if isinstance(value, np.ndarray) and value.ndim:
         value = within_part(checked_shape(value, lattice.whole, key), lattice.whole, lattice.within)
     return field(value, lattice, 1, key)
 
 
 def _unlike_one(variation: Variation) -> list[str]:
-    """What of a variation is not 1 everywhere."""
+    """Return the names of those parts of a variation that are not 1 everywhere."""
     values = {name: getattr(variation, name) for name in _EVEN}
     return [name for name, value in values.items() if value is not None and not is_one(value)]
 
 
 def _filled(values: dict[str, np.ndarray], lattice: Lattice, outside: Mapping[str, float]) -> dict[str, np.ndarray]:
-    """Constants with those outside a body."""
+    """Return constants with those outside a body filled in."""
     if not outside or lattice.mask is None:
         return values
     return {name: np.where(lattice.mask, value, outside[name]) for name, value in values.items()}
@@ -250,21 +254,21 @@ def _filled(values: dict[str, np.ndarray], lattice: Lattice, outside: Mapping[st
 def _middle(
     order: np.ndarray, values: Mapping[str, np.ndarray], nodes: np.ndarray, lattice: Lattice, team: Team
 ) -> dict[str, float]:
-    """Values of the node that is in the middle of those of all processes; of equal ones the one in the middle of their
-    numbers in the whole lattice.
+    """Return the values of the median node of all processes; of several with the same key, of the one whose index in
+    the whole lattice is in the middle of theirs.
 
     Parameters
     ----------
     order : ndarray, shape (n,)
-        What they are put in order by.
+        Keys by which nodes are ordered.
     values : mapping of str to ndarray
     nodes : ndarray of int, shape (n,)
-        Their flat numbers in this part of the lattice, in order.
+        Flat indices of the nodes in this part of the lattice, in order.
     lattice : Lattice
     team : Team
     """
-    bits = (order + 0.0).view(np.int64)  # one zero
-    keys = np.where(bits < 0, ~bits.view(np.uint64), bits.view(np.uint64) | np.uint64(1 << 63))  # ordered as they are
+    bits = (order + 0.0).view(np.int64)  # adding zero turns -0.0 into 0.0
+    keys = np.where(bits < 0, ~bits.view(np.uint64), bits.view(np.uint64) | np.uint64(1 << 63))  # in the same order
     place = np.argsort(keys, kind="stable")
     rank = int(team.total({"nodes": len(order)})["nodes"]) // 2
     first, last, rank = _ranked(keys[place], rank, team)
@@ -277,10 +281,10 @@ def _middle(
 
 
 def _ranked(keys: np.ndarray, rank: int, team: Team) -> tuple[int, int, int]:
-    """Where, among the keys (uint64, in order) of this process, those are that equal the one of a rank among all
-    processes' keys, and its rank among its equals.
+    """Find the key of a given rank among the keys of all processes; `keys` (uint64, in order) are those of this one.
+    Returns the first and end index of the keys here that equal it, and its rank among all equal ones.
 
-    Eight bits at a time: all know how many keys begin with each of 256.
+    Radix selection, eight bits at a time: the processes exchange how many keys begin with each of 256 values.
     """
     first, last, start = 0, len(keys), 0
     for shift in range(56, -1, -8):
@@ -295,12 +299,14 @@ def _ranked(keys: np.ndarray, rank: int, team: Team) -> tuple[int, int, int]:
 
 
 def _to_nearest(reach: int, dim: int) -> int:
-    """Nodes along an axis in which the nearest one of a body is, for those that bonds of the body reach."""
+    """Return the number of nodes along an axis within which the nearest node of a body lies, for nodes that its bonds
+    reach.
+    """
     return int(np.ceil(reach * np.sqrt(dim)))
 
 
 def _to_rim(factor: np.ndarray, lattice: Lattice) -> np.ndarray:
-    """A factor that beyond the rim of a body is that of its nearest node."""
+    """Return a factor that, outside a body, is that of its nearest node."""
     if lattice.mask is None or not lattice.mask.any():
         return factor
     nearest = distance_transform_edt(~lattice.mask, return_distances=False, return_indices=True)

@@ -1,4 +1,4 @@
-"""A run as a value: pickled and copied by what was given and its state, since compiled loops hold addresses."""
+"""Pickling and copying of runs by their arguments and state, because compiled loops hold addresses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from farhorizon.errors import InputError
 
 
 def check_picklable(given: Mapping[str, Any]) -> None:
-    """InputError for an argument with a function in it that another process could not find by its name."""
+    """Raise InputError for an argument that contains a function which another process could not find by its name."""
     for name, value in given.items():
         try:
             pickle.dumps(value)
@@ -27,7 +27,7 @@ def check_picklable(given: Mapping[str, Any]) -> None:
 
 
 def packed(run: Any) -> tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]:
-    """What pickle keeps of a run: its class, what was given, its checkpoint, which has the records of recorders;
+    """Return what pickle stores of a run: its class, its arguments, its checkpoint with the data of recorders, and its
     observers and probes.
     """
     with TemporaryDirectory() as folder:

@@ -1,4 +1,4 @@
-"""The data, sources and conditions of a set-up, as what its layers see is predicted from."""
+"""The data, sources and conditions of a set-up, in the form from which reflection by its layers is predicted."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from farhorizon.simulation.setup import Setup, Sides
 from farhorizon.simulation.solid_and_liquid import placed
 from farhorizon.simulation.wave_data import stand_ins
 
-_MOMENTS = 33  # at which sources of diffusion are looked at, whether they go on as they are
-_FAST = 0.5  # part of the largest frequency from which on waves may run backward or hardly move
+_MOMENTS = 33  # times at which sources of diffusion are sampled, to see whether they are constant
+_FAST = 0.5  # fraction of the largest frequency above which waves may run backward or hardly move
 
 
 @dataclass(frozen=True)
 class Driven:
-    """What a near field is driven by.
+    """All that drives a near field.
 
     Attributes
     ----------
@@ -40,7 +40,9 @@ class Driven:
     sources: Sequence[Any]
 
     def data(self, times: np.ndarray) -> list[Datum]:
-        """What sends waves: the start, and sources at some times; nothing where that cannot be known."""
+        """Return all that sends waves: initial data, and sources with their values at some times; empty if any source
+        is an incident wave or does not split into space and time.
+        """
         near, lattice = self.near, self.near.lattice
         components = near.stencil.components
         found = self.initial()
@@ -65,16 +67,17 @@ class Driven:
 
     @property
     def like_near_field(self) -> tuple[tuple[int, ...], int, int]:
-        """Shape, largest reach and components."""
+        """Shape of the near field, largest reach and number of components."""
         stencil = self.near.stencil
         return self.near.lattice.shape, max(stencil.reach), stencil.components
 
     def courses(self, until: float, least: float) -> list[np.ndarray]:
-        """In time of what bodies and cracks scatter, where all that comes are waves whose signals are known, for these
-        keep their frequencies: those of their velocities.
+        """Return the time dependence of scattered waves, if incident waves with known signals are all that drives the
+        run: scattering preserves frequencies. The courses are those of the velocities.
 
-        None where bonds break, which sends what it likes, and where a signal reaches to the frequencies of waves that
-        run backward or hardly move: what of it the box of an incident wave lets out stays beside the sides for long.
+        Empty if bonds break, which emits waves of any frequency, and if more than `least` of a signal lies at
+        frequencies of waves that run backward or hardly move: what leaks of these from the box of an incident wave
+        stays near the sides for a long time.
         """
         near, times = self.near, self.times(until)
         found = [source.velocities(times) if isinstance(source, Incident) else None for source in self.sources]
@@ -88,8 +91,8 @@ class Driven:
         return courses if share < least else []
 
     def _push_of_heat(self, load: ThermalLoad) -> np.ndarray:
-        """What the temperature at the start, which changes slowly, does to the solid: minus the gradient of the
-        pressure of one that is held.
+        """Return the force of the initial temperature on the solid, as if it were constant: minus the gradient of the
+        thermal pressure, in the units of a source.
         """
         near, lattice = self.near, self.near.lattice
         warm = (load.temperature.initial or {}).get("u", load.reference)
@@ -100,7 +103,7 @@ class Driven:
         return -near.model.source_factor * np.stack(slopes)
 
     def initial(self) -> list[Datum]:
-        """The start."""
+        """Return the initial data."""
         near, initial, found = self.near, self.setup.initial or {}, []
         for name in ("u", "v"):
             if name in initial:
@@ -109,13 +112,13 @@ class Driven:
         return found
 
     def _by_component(self, values: np.ndarray, kind: str, time: np.ndarray | None = None) -> list[Datum]:
-        """A datum for each component that is not at rest."""
+        """Return a datum for each component that is not zero everywhere."""
         time = np.zeros(0) if time is None else time
         parts = values.reshape(-1, *self.near.lattice.shape)
         return [Datum(part, kind, time, i) for i, part in enumerate(parts) if part.any()]
 
     def scatterers(self) -> np.ndarray:
-        """Nodes that scatter waves: around cracks, beside nodes that do not exist, and where the medium changes."""
+        """Return the nodes that scatter waves: around cracks, outside a body, and where the medium changes."""
         lattice = self.near.lattice
         found = np.zeros(lattice.shape, bool)
         for crack in self.setup.cracks:
@@ -131,7 +134,7 @@ class Driven:
         return found
 
     def causes(self, until: float, sides: Sides) -> Iterator[Cause]:
-        """What something diffuses from: the start, sources, what is held, and what scatters."""
+        """Yield all from which diffusion starts: initial data, sources, nodes with constant values, and scatterers."""
         near = self.near
         busy, held, conditions = self.scatterers(), np.zeros(near.lattice.shape, bool), near.conditions
         if self.setup.specimens:

@@ -1,6 +1,4 @@
-"""The layers of a set-up that choose themselves, for its data and the length of its run, and what those given by hand
-keep.
-"""
+"""Choice of the layers of a set-up for its data and the length of its run, and assessment of those that are given."""
 
 from __future__ import annotations
 
@@ -34,25 +32,26 @@ from farhorizon.simulation.surroundings import Surroundings
 from farhorizon.simulation.wave_data import FORESEEN, foreseen_time, stand_ins
 from farhorizon.simulation.wave_field import WaveField
 
-# of layers that are given by hand
+# message on layers whose number of nodes is given
 _SENT_BACK = "layers of {{}} nodes ({{}}) are predicted to reflect {:.1g} of {}, more than the target {{:g}}"
-_PATIENCE = 30.0  # seconds after which a choice or a prediction that still goes on says so
+_PATIENCE = 30.0  # seconds after which an unfinished choice or prediction is reported
 _CHOSEN = "choosing or assessing these layers takes a minute or more; nodes without a target need no such time"
 _PREDICTED = "predicting what these layers reflect in the continued run takes a minute or more"
-_LITTLE = 0.3  # damping in two steps that may wait for the second
-_TURN = 0.2  # of a period, in a step of the fastest wave, where it may
-# target for each crossing of the near field down to which six digits are enough for what layers remember: under a force
-# that stays they add up to 4e-6 a crossing, of pulses a tenth of it
+_LITTLE = 0.3  # largest damping in two steps for which the filter is applied only in every second step
+_TURN = 0.2  # and largest fraction of a period by which the fastest wave may advance in a step
+# smallest target per crossing of the near field for which the layers' memory needs only six digits: under a persistent
+# force the rounding adds up to 4e-6 per crossing, for pulses to a tenth of that
 _SHORT = 1.5e-5
-# what rounding adds in single precision of the largest value at the same time, of diffusion which falls, and of waves
+# rounding error in single precision relative to the largest value at the same time: of diffusion, which decays, and of
+# waves
 _ROUNDED = 1e-4, 2e-6
-_LIGHT = 1e-5  # and for light dampers: they send 2e-6 of a resolved pulse back at most
-_ALIVE = 0.75  # factor of a step from which on waves are still there when they reach a side
+_LIGHT = 1e-5  # smallest target for light dampers, which reflect at most 2e-6 of a resolved pulse
+_ALIVE = 0.75  # factor per step above which waves have not decayed when they reach a side
 
 
 @contextmanager
 def _told_if_it_takes_long(what: str) -> Iterator[None]:
-    """Without a word a choice in which waves are followed one by one seems to hang."""
+    """Report on stderr what is being done if it takes long: following waves one by one would seem to hang."""
     timer = threading.Timer(_PATIENCE, print, [f"farhorizon: {what}"], {"file": sys.stderr, "flush": True})
     timer.daemon = True
     timer.start()
@@ -63,22 +62,22 @@ def _told_if_it_takes_long(what: str) -> Iterator[None]:
 
 
 def looks_at_data(side: Side) -> bool:
-    """Whether a side has a layer that chooses itself for the data, or is to say what it keeps of a target; whole
-    `Layer`s, as those that were chosen are handed on, are taken as they are.
+    """Whether the layer of a side is chosen for the data, or assessed against a target; a `Layer` that is given whole,
+    such as one chosen before, is used as it is.
     """
     return side.stretched and not side.whole and (side.open_ended or side.target is not None)
 
 
 def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: Sequence[Any]) -> Surroundings:
-    """Give each side whose layer chooses for itself the thinnest that keeps its target, and see what one given by hand
-    keeps of its own.
+    """Choose the thinnest layer that keeps the target for each side that leaves the choice, and assess given layers
+    that have a target.
 
     Parameters
     ----------
     setup : Setup
     near : NearField
     around : Surroundings
-        With layers that follow from their targets alone or are given.
+        With the layers that are given or follow from their targets alone.
     sources : sequence
         Sources, incident waves and loads.
 
@@ -113,16 +112,16 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
 
 
 def with_light_dampers(near: NearField, around: Surroundings) -> Surroundings:
-    """The sides with light dampers in place of the filters of layers of scalars that are given by their nodes, with a
-    target down to `_LIGHT`, if no more comes back then: in a medium that does not vary, and goes on to one side at
-    least along each other axis. Layers that choose themselves choose this, too.
+    """Return the surroundings with light dampers in place of filters in layers for scalar waves that are given by their
+    number of nodes and have a target of `_LIGHT` or more, if they reflect no more then, where the medium is uniform
+    and continues beyond at least one side along every other axis. Layers that are chosen may have light dampers anyway.
 
-    It follows from what each of several processes knows.
+    Each of several processes comes to the same result on its own.
     """
     if near.model.order == 1 or near.weakest != near.strongest:
         return around
     found = dict(around.layers)
-    known: dict[tuple[Side, Stencil, float], Layer] = {}  # sides that are alike have the same layer
+    known: dict[tuple[Side, Stencil, float], Layer] = {}  # equivalent sides have the same layer
     for key, boundary in around.sides.items():
         layer = found.get(key)
         if layer is None or not _may_be_light(boundary, layer) or not spreads(around.sides, key[0]):
@@ -137,28 +136,28 @@ def with_light_dampers(near: NearField, around: Surroundings) -> Surroundings:
 
 
 def _may_be_light(boundary: Side, layer: Layer) -> bool:
-    """Whether a side has a filter, by its nodes, and enough is known of what is asked to do without it."""
+    """Whether a layer has a filter, is given by its number of nodes, and has a target of `_LIGHT` or more."""
     by_nodes = boundary.profile is None and not boundary.open_ended
     return layer.filtered and by_nodes and (boundary.target or 0.0) >= _LIGHT
 
 
 def _light_if_quiet(layer: Layer, stencil: Stencil, squared: float, near: NearField) -> Layer:
-    """The layer with light dampers, or itself where it has none, or more would come back."""
+    """Return the layer with light dampers, or the layer itself if it cannot have them or would reflect more."""
     light = lightly_tuned(layer, stencil, float(np.sqrt(squared)) / near.lattice.spacing, near.dt)
     if light is None:
         return layer
-    # without the damping of the model, which takes of both alike
+    # without the damping of the model, which affects both alike
     recursion = Recursion.of(near.model.integrator, near.dt)
     medium = LatticeMedium(stencil, squared, near.lattice.spacing, recursion, near.dt)
     return light if as_quiet(light, layer, medium) else layer
 
 
 def _may_be_short(near: NearField, sides: Sides) -> bool:
-    """Whether six digits are enough for what layers remember: in space, where steps wait for it, if no side is asked
-    for less than `_SHORT` a crossing.
+    """Whether six digits are enough for the memory of the layers: in 3D, where reading it limits the speed, if every
+    absorbing side has a target of at least `_SHORT` per crossing.
 
-    What is dropped pushes the medium beside a layer, now one way and now the other, and a push remains as a velocity:
-    what it adds grows with the length of the run.
+    Rounding acts as random pushes on the medium beside a layer. A push leaves a velocity behind, so the error grows
+    with the length of the run.
     """
     absorbing = [b for b in sides.values() if b.stretched or b.derivatives]
     asked = [b for b in absorbing if b.target is not None or b.open_ended]
@@ -169,17 +168,17 @@ def _may_be_short(near: NearField, sides: Sides) -> bool:
 
 
 def with_one_filter(layers: Mapping[Key, Layer], rate: float, dt: float, dim: int) -> dict[Key, Layer]:
-    """The layers of a run, which share the longest of their filters, and how often it is applied.
+    """Return the layers of a run with the longest of their filters in common, and with how often it is applied.
 
-    A weak damping of short waves is made up for in every second step, if no wave turns by a quarter of a period in a
-    step: at a quarter a standing wave might be without velocity whenever it is looked at, and beyond it the frequencies
-    of the filter and of waves would differ by those of other waves. More than one axis is needed, for the analysis of a
-    line takes a step as it is.
+    If the damping of short waves is weak, the filter is applied in every second step only, provided that no wave
+    advances by a quarter of a period in a step: at a quarter, a standing wave might have no velocity whenever the
+    filter is applied, and beyond it the filter would alias waves of different frequencies. In 1D it is applied in every
+    step, as the analysis of a line assumes.
 
     Parameters
     ----------
     layers : mapping of (axis, side) to Layer
-        Those that know already how often, as on a process which has some of them, go on with that.
+        If some already state how often, as on a process that received them, that is kept.
     rate : float
         Largest squared frequency.
     dt : float
@@ -200,7 +199,7 @@ def with_one_filter(layers: Mapping[Key, Layer], rate: float, dt: float, dim: in
 
 
 class _AtSide(NamedTuple):
-    """What diffuses to a side.
+    """Diffusion towards a side.
 
     Attributes
     ----------
@@ -209,9 +208,9 @@ class _AtSide(NamedTuple):
         Diffusivity times the length of the run.
     planes : list of Planes
     wall : Wall or None
-        At the other end.
+        At the opposite side.
     alternate : callable
-        What a layer sends back of waves that alternate from step to step.
+        Error that a layer makes of waves that alternate from step to step.
     """
 
     spacing: float
@@ -221,26 +220,26 @@ class _AtSide(NamedTuple):
     alternate: Callable[[Layer], float]
 
     def returned(self, layer: Layer) -> tuple[float, float]:
-        """Errors that a layer is predicted to make: of what diffuses, and of what alternates."""
+        """Return the predicted errors of a layer: for diffusion, and for waves that alternate from step to step."""
         error = predicted_for_diffusion(layer, self.spacing, self.spread, self.planes, self.wall)
         return error, self.alternate(layer)
 
     def thinnest(self, wanted: float) -> Thickness:
-        """The thinnest layer that keeps an error, as far as one does."""
+        """Return the thinnest layer that keeps an error; if none does, the best one."""
         return thinnest_for_diffusion(self.spacing, self.spread, self.planes, wanted, self.wall, self.alternate)
 
 
 @dataclass(frozen=True)
 class _Choice:
-    """A choice that goes on.
+    """A choice of layers in progress.
 
     Attributes
     ----------
     found : dict of (axis, side) to Thickness
     missed : dict
-        Names of the sides whose layers may miss their targets, by what is said of them, nodes and target.
+        Names of the sides whose layers may miss their targets, by message, number of nodes and target.
     followed : set of (axis, side)
-        Sides to which waves that run backward are followed.
+        Sides to which backward waves are followed.
     """
 
     driven: Driven
@@ -251,11 +250,13 @@ class _Choice:
     followed: set[Key]
 
     def for_waves(self, layers: Sides) -> None:
-        """By what the layers send back of the data until the end of the run, or by a formula."""
+        """Choose and assess layers for waves, by their predicted reflection of the data up to the end of the run or by
+        a formula.
+        """
         near, around, model = self.near, self.around, self.near.model
         crossing = near.crossing
         lengths = {key: min(b.until or CROSSINGS * crossing, MOST_CROSSINGS * crossing) for key, b in layers.items()}
-        # a formula looks at no course in time, and knows no reaction
+        # the formula needs no time dependence of sources, but does not include a reaction
         slow = bool(near.stencil.strongest_reaction)
         watched = max((lengths[key] for key, b in layers.items() if b.target is not None or slow), default=0.0)
         far = self._returned_waves(watched, layers)
@@ -277,11 +278,11 @@ class _Choice:
                 error = far.returned(*key, layer, wanted, min(until, far.foreseen))
                 if error > wanted:
                     self._miss(key, _SENT_BACK.format(error, "the largest value"), layer.columns, wanted)
-        if refused:  # what one side keeps another one may not
+        if refused:  # the largest, because the run needs a target that all sides keep
             raise max(refused, key=lambda one: one.least)
 
     def _returned_waves(self, watched: float, layers: Sides) -> ReturnedWaves:
-        """What layers send back of the data, with the course of sources up to a time."""
+        """Return the choice by returned waves, with the time dependence of sources up to a time."""
         near, model, driven = self.near, self.near.model, self.driven
         sent = driven.data(driven.times(watched))
         data = [datum for datum in sent if datum.kind != "source" or datum.time.any()]
@@ -303,7 +304,7 @@ class _Choice:
         return ReturnedWaves(waves, FORESEEN * near.crossing, self.foreseeable)
 
     def returned(self, layers: Sides, until: float) -> dict[Key, float]:
-        """Errors that the layers of some sides are predicted to make up to a time that can be foreseen."""
+        """Return the predicted errors of the layers of some sides up to a time, at most `foreseeable`."""
         target, given = self.near.model.target, self.around.layers
         if self.near.model.order == 1:
             at_side = self._diffusing(until)
@@ -322,13 +323,13 @@ class _Choice:
         return min(most, foreseen_time(near.crossing, near.dt, near.stencil, near.lattice.shape))
 
     def unforeseen(self, layers: Sides) -> list[str]:
-        """What is to be said of short waves in the data that predictions leave out: those that run backward, of vectors
-        and in a medium that varies, and those that a step of diffusion near its limit hardly damps.
+        """Return notes on short waves in the data that predictions leave out: backward waves where they are not
+        followed, and waves that a step of diffusion near its limit hardly damps.
 
         Raises
         ------
         InputError
-            Scalar data have more of them than the target of a layer that chooses for itself.
+            Scalar data hold more of them than the target of a layer that is chosen.
         """
         near, model = self.near, self.near.model
         if model.order == 1:
@@ -361,8 +362,8 @@ class _Choice:
         return [f"{words}, 'farhorizon compare' measures the error"] if share > wanted else []
 
     def _kept_alive(self) -> float | None:
-        """The least wavenumber times spacing that a step of diffusion hardly damps, although it damps longer waves
-        more; of forward Euler those that were followed are not meant.
+        """Smallest wavenumber times spacing above that of the strongest damping which a step of diffusion hardly
+        damps; None if there is none. With forward Euler, waves that are followed do not count.
         """
         radius, growth = growth_of_waves(self.near)
         alive = np.abs(growth) > (FOLLOWED if self.near.model.integrator.alternates else _ALIVE)
@@ -370,7 +371,7 @@ class _Choice:
         return float(radius[alive].min()) if alive.any() else None
 
     def for_diffusion(self, layers: Sides) -> None:
-        """What counts is the way from the data, the metal or a condition to the side."""
+        """Choose and assess layers for diffusion, by the distances from data, metal and conditions to the sides."""
         near, model = self.near, self.near.model
         lengths = {
             key: min(b.until or LASTING * near.crossing, MOST_CROSSINGS * near.crossing) for key, b in layers.items()
@@ -395,11 +396,13 @@ class _Choice:
             if (back := at_side.alternate(found.layer)) > wanted:
                 self._miss_alternating(key, boundary, back, found.layer, wanted)
             self._take(key, replace(found, until=lengths[key]), wanted)
-        if refused:  # as of waves
+        if refused:  # as for waves
             raise max(refused, key=lambda one: one.least)
 
     def _diffusing(self, longest: float) -> Callable[[Key, float, float], _AtSide]:
-        """What diffuses to a side up to a time, of which an error is wanted, in runs no longer than one."""
+        """Return a function of side, length of the run and wanted error, for the diffusion to that side in runs no
+        longer than `longest`.
+        """
         near, spacing, sides = self.near, self.near.lattice.spacing, self.around.sides
         causes = list(self.driven.causes(longest, sides))
         at_once = [cause.datum for cause in causes if cause.whole or cause.lasting]
@@ -418,12 +421,12 @@ class _Choice:
         return at_side
 
     def _miss_alternating(self, key: Key, boundary: LatticePML, back: float, layer: Layer, wanted: float) -> None:
-        """Say that a layer sends back more of waves that alternate than it may.
+        """Report that a layer reflects too much of the waves that alternate from step to step.
 
         Raises
         ------
         InputError
-            It chose itself for a target.
+            The layer was chosen for a target of its own.
         """
         say = "waves alternate from step to step, which a step so close to its limit hardly damps"
         remedy = f"dt <= {0.6 * self.near.step_limit:.3g} or smoother data"
@@ -439,7 +442,7 @@ class _Choice:
         self._miss(key, f"{words}: {say}; {remedy}", layer.columns, wanted)
 
     def _take(self, key: Key, found: Thickness, wanted: float) -> None:
-        """Give a side the layer that was found for it."""
+        """Keep the layer found for a side, and report if it may miss its target."""
         self.found[key] = found
         if found.predicted > wanted:
             words = "the run is long: layers of {} nodes ({}) may miss the target {:g}"

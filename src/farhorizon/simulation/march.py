@@ -1,4 +1,4 @@
-"""A run on its way: what drives it, what is recorded of it, and which of its cracks are open."""
+"""A run in progress: what drives it, its balance, its energies, and the opening of its cracks."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from farhorizon.simulation.warm_sides import sides_of_heat
 
 
 class March:
-    """The parts of a run in motion. The engine is at the start when it is made.
+    """Time stepping of the parts of a run; the constructor brings the engine to the start.
 
     Parameters
     ----------
     setup : Setup
     parts : Parts
     run_of : callable
-        Makes a run of a set-up, given what observes it and a team, for what is computed beside it.
+        Makes a run of a set-up, given its observers and a team, for a temperature that is computed alongside.
     team : Team
         The processes that compute the run.
 
@@ -44,22 +44,22 @@ class March:
     feed : Feed
     moving : Moving
     flow_balance : FlowBalance or None
-        Of a diffusion whose balance is recorded.
+        Flow balance of diffusion, if it is recorded.
     heating : Heating or None
-        What heat strains the medium.
+        Temperature that strains the medium.
     margin : IntactMargin or None
-        Where bonds would break, but cannot.
+        Nodes whose bonds would break, but cannot.
     every : int
-        Steps between two looks at it, on all processes; 0 for none.
+        Number of steps between two checks of these on all processes; 0 for none.
     first_cuts : int
-        Absent bonds at the start.
+        Number of absent bonds at the start.
     first_energy : float
-        Energy at the start of an elastic medium whose balance is recorded.
+        Initial energy of an elastic medium whose balance is recorded.
 
     Raises
     ------
     InputError
-        A start that would break bonds at once, a balance of what has none.
+        Initial data that would break bonds at once, a balance where there is none.
     """
 
     def __init__(self, setup: Setup, parts: Parts, run_of: Callable[..., Any], team: Team = ALONE) -> None:
@@ -90,7 +90,7 @@ class March:
         self._find_margin()
 
     def _heating(self, run_of: Callable[..., Any]) -> Heating | None:
-        """What heat strains the medium."""
+        """Return the temperature that strains the medium; None if there is none."""
         load, near, grid, sides = self.setup.heat, self.parts.near, self.parts.grid, self.parts.around.sides
         if load is None:
             return None
@@ -109,11 +109,11 @@ class March:
         return kind(load, near, grid, sides, shared, driven)
 
     def _lay_start(self) -> None:
-        """Give the engine the level of the start, and that one step before it."""
+        """Give the engine the initial level, and that one step before it."""
         near, grid, closure, start = self.parts.near, self.parts.grid, self.parts.closure, self._begun
         self._warm(0)
         beyond = {name: continued(name, self.setup, near, self.parts.around.sides, grid) for name in ("u", "v")}
-        # all, for the sweep leaves out metal that nothing reaches
+        # in diffusion all levels, because the sweep skips metal that nothing reaches
         for level in grid.engine.levels[: 1 if near.model.order == 2 else None]:
             if beyond["u"] is not None:
                 grid.engine.core.view(level)[...] = beyond["u"]
@@ -130,12 +130,12 @@ class March:
             self.heating.begin()
 
     def _warm(self, step: int) -> None:
-        """Look at what heat strains the medium, if it does, and what displacements that explains."""
+        """Update the thermal strains, if there are any, and the displacements that they explain."""
         if self.heating is not None:
             self.feed.scale = max(self.feed.scale, self.heating.lay(step))
 
     def energies(self) -> dict[str, float]:
-        """Energies of the near field by name, see `farhorizon.Simulation.energies`."""
+        """Return the energies of the near field by name, see `farhorizon.Simulation.energies`."""
         parts = self.parts
         cold, lasting = self.heating is not None and self.heating.coupled, self.setup.lasting
         found = energies(parts.near, parts.around.sides, parts.grid, parts.ends, parts.breaking, lasting, cold)
@@ -143,18 +143,18 @@ class March:
 
     @property
     def slow_crossing(self) -> float:
-        """The time that the slowest wave takes to cross the near field."""
+        """Time that the slowest wave takes to cross the near field."""
         return self.parts.near.slow_crossing
 
     def kinetic(self) -> float | None:
-        """Kinetic energy of the near field; None of what diffuses."""
+        """Return the kinetic energy of the near field; None for diffusion."""
         if self.parts.near.model.order == 1:
             return None
         return self.team.total({"kinetic": kinetic_energy(self.parts.near, self.parts.grid)})["kinetic"]
 
     def driven(self, t: float) -> list[np.ndarray]:
-        """What drives it at a time: amplitudes of what splits into space and time, values of what does not; conditions,
-        prescribed nodes, and which cracks are open.
+        """Return all that drives the run at a time: amplitudes of sources and conditions that split into space and
+        time, values of others, values of prescribed nodes, and which cracks are open.
         """
         near = self.parts.near
         drives = [*self.feed.drives, *near.conditions.drives]
@@ -162,7 +162,7 @@ class March:
         return [*(np.asarray(time(t), float) for _, time in drives), *near.prescribed.now(t), opened]
 
     def fields(self) -> dict[str, np.ndarray]:
-        """Copies of the near field by name, see `farhorizon.Simulation`."""
+        """Return copies of the fields in the near field by name, see `farhorizon.Simulation`."""
         parts, near, grid = self.parts, self.parts.near, self.parts.grid
 
         def shown(level: np.ndarray) -> np.ndarray:
@@ -189,7 +189,7 @@ class March:
             self.every = min((pace for pace in paces if pace is not None), default=0)
 
     def open_cracks(self, step: int) -> None:
-        """Cut what has opened before a step."""
+        """Cut the bonds of cracks that are open at a step and were not before."""
         dt, breaking, engine = self.parts.near.dt, self.parts.breaking, self.parts.grid.engine
         due = [crack for crack in self.setup.cracks if crack.opens <= step * dt + 1e-9 * dt]
         if len(due) == self._opened:
@@ -201,7 +201,7 @@ class March:
         if breaking is not None and len(due) < len(self.setup.cracks):
             engine.bonds.expect_cuts()
         if breaking is not None and stored:
-            lost = stored - self.energies()["strain"]  # of all processes, of which one counts it
+            lost = stored - self.energies()["strain"]  # total of all processes, counted by the first one
             engine.bonds.count_cut(lost / self.parts.near.mass * (self.team.number == 0))
         self._opened = len(due)
         if self.flow_balance is not None and step:
@@ -210,7 +210,7 @@ class March:
             self._find_margin()
 
     def allow(self, step: int, wanted: int) -> int:
-        """How many of the wanted steps may be made from one on before something has to be seen to."""
+        """Return how many of the wanted steps from number `step` on may be made before something has to be handled."""
         opening = [int(np.ceil(c.opens / self.parts.near.dt - 1e-9)) - step for c in self.setup.cracks]
         steps = min(wanted, min((wait for wait in opening if wait > 0), default=sys.maxsize))
         if self.every:
@@ -222,7 +222,7 @@ class March:
         return steps if self.parts.ends is None else self.parts.ends.allow(steps)
 
     def advance(self, step: int, steps: int) -> Iterator[int]:
-        """Make some steps from one on; after each batch of them the caller has its turn, and is told their number."""
+        """Make `steps` steps from number `step` on; yields the number of steps of each batch after it."""
         if self.heating is not None and self.heating.due(step):
             self._warm(step)
         for batch in self.feed.advance(step, steps):
@@ -237,18 +237,18 @@ class March:
             self.feed.hold(step + steps)
 
     def _release(self, step: int) -> None:
-        """Let nodes go at a step; what changes the energy as they begin to move by themselves is work, too."""
+        """Release nodes whose constraint ends at a step; the change of energy when they become free counts as work."""
         if not self.team.largest(float(len(self.parts.near.prescribed.released(step)))):
             return
         recorded = self.setup.lasting and self.setup.model.mechanical
         before = present(self.energies()) if recorded else 0.0
         self._motion.release(step)
         if recorded:
-            gained = present(self.energies()) - before  # of all processes, of which one counts it
+            gained = present(self.energies()) - before  # total of all processes, counted by the first one
             self.parts.grid.engine.count_work(gained / self.parts.near.mass * (self.team.number == 0))
 
     def balance(self) -> dict[str, float]:
-        """Gains since the start and where they came from, see `farhorizon.Simulation.balance`."""
+        """Return the gains since the start by origin, see `farhorizon.Simulation.balance`."""
         if self.flow_balance is not None:
             return self.flow_balance.balance()
         found = self.energies()
@@ -256,8 +256,8 @@ class March:
 
     @property
     def box(self) -> Box:
-        """Where the box of this process lies in that of the whole, layers counted, along the engine's axes; all
-        processes ask for theirs together.
+        """Range of the box of this process in that of the whole, including layers, along each axis of the engine; all
+        processes must request theirs jointly.
         """
         grid, lattice = self.parts.grid, self.parts.near.lattice
         low = [grid.engine.layout.low[a] + (grid.margins[a - grid.lead, -1] if a >= grid.lead else 0) for a in range(3)]
@@ -267,10 +267,10 @@ class March:
         return [(int(start), int(start) + n) for start, n in zip(starts, grid.engine.layout.box.nodes, strict=True)]
 
     def state(self, step: int) -> tuple[Arrays, dict[str, Any]]:
-        """All that is not in the set-up, before a step: arrays of the nodes of this process, and facts of all as JSON;
-        on one process what is of the whole, too.
+        """Return the state before a step, apart from the set-up: arrays over the nodes of this process, and values of
+        all processes as JSON; on a single process also what belongs to the whole.
         """
-        self.open_cracks(step)  # as the next step begins: `take` opens what is due at that time
+        self.open_cracks(step)  # as at the beginning of the next step: `take` opens cracks that are due then
         engine, balance = self.parts.grid.engine, self.flow_balance
         arrays: Arrays = values_of(engine)
         meta: dict[str, Any] = {"step": step, "phase": int(engine.phase)}
@@ -285,14 +285,14 @@ class March:
         return arrays, meta
 
     def sums(self) -> dict[str, float]:
-        """What has been added up on the way, of all processes."""
+        """Return the sums accumulated during the run, over all processes."""
         balance = self.flow_balance
         found = sums_of(self.parts.grid.engine) | ({} if balance is None else balance.sums())
         return self.team.total(found)
 
     def take(self, states: Iterable[tuple[Box, Mapping[str, np.ndarray]]], meta: Mapping[str, Any]) -> bool:
-        """Be in a state that `state` gave, on whichever processes: the boxes of these and their arrays, read one after
-        the other. Returns whether they cover the box of this process, and fit to it.
+        """Restore a state returned by `state`, possibly on other processes: `states` yields the boxes of those and
+        their arrays, one after the other. Returns whether they cover the box of this process and match it.
         """
         engine, step, own = self.parts.grid.engine, int(meta["step"]), self.box
         made = Assembly(engine, own)
@@ -300,7 +300,7 @@ class March:
         for box, arrays in states:
             if common(own, box, (0, 1, 2)) is not None and not made.add(box, arrays):
                 return False
-        self.team.gather(None)  # of one that lacks a part nothing else comes
+        self.team.gather(None)  # raises if another process lacks a part and makes no further calls
         engine.phase, engine.steps_done, self.feed.scale = int(meta["phase"]), step, float(meta["scale"])
         alone = not self.team and len(meta["boxes"]) == 1
         if self.heating is not None:
@@ -317,13 +317,13 @@ class March:
         return True
 
     def _take_sums(self, given: Mapping[str, float], first: Mapping[str, float]) -> None:
-        """Go on adding up from what `sums` has told, and from the amounts at the start."""
+        """Continue from sums that `sums` returned, and from the amounts at the start."""
         take_sums(self.parts.grid.engine, given)
         if self.flow_balance is not None:
             self.flow_balance.take_sums(given, first)
 
     def complete(self) -> None:
-        """Fill what no state has, once all processes are in theirs: halos, and what follows from them."""
+        """Complete what a saved state leaves out, once all processes have theirs: halos and what follows from them."""
         for level in self.parts.grid.engine.levels:
             self.parts.grid.engine.complete(level)
         if self.parts.phases is not None:

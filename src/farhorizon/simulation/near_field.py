@@ -1,4 +1,4 @@
-"""The near field of a set-up in numbers: its medium, its conditions and its time step."""
+"""The near field of a set-up: its medium, its conditions and its time step."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from farhorizon.simulation.setup import Setup, Sides, wrapping
 from farhorizon.simulation.team import ALONE, Team
 from farhorizon.simulation.validation import closed_window
 
-_ALIKE = 1e-12  # constants of the same medium
-# of (rate of the data x step)^2: makes an error of a thousandth in a method of second order such as Chebyshev's
+_ALIKE = 1e-12  # relative difference up to which constants are those of the same medium
+# (rate of the data x step)^2 for an error of a thousandth by a method of second order such as Chebyshev's
 _FOLLOWED = 0.02
 
 
 class Extremes(NamedTuple):
-    """What follows from all nodes of a near field: see `NearField`."""
+    """Quantities that depend on all nodes of a near field: see `NearField`."""
 
     rate_limit: float
     pace: Pace
@@ -41,7 +41,7 @@ class Extremes(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class NearField:
-    """What is known of the near field alone.
+    """The near field, without what lies beyond its sides; on several processes, the part of one of them.
 
     Attributes
     ----------
@@ -49,23 +49,23 @@ class NearField:
     model : LatticeModel
     background : float
     stencil : Stencil
-        Of the medium where its coefficient is that of the model.
+        Stencil of the medium where its coefficient is that of the model.
     closed : ndarray of bool, or None
-        Nodes of a window that a condition closes along its outline.
+        Nodes of a window that a condition along its outline closes.
     variation : Variation
-        How the medium varies beside the model.
+        Variation of the medium relative to the model.
     coefficient : ndarray or None
-        The factor that is given beside what the model's own constants make.
+        Given factor on bonds, in addition to the variation of the model's own constants.
     conditions : Conditions
     rate_limit : float
-        Largest rate of the operator (1/time, or 1/time^2 of waves).
+        Largest rate of the operator (1/time, for waves 1/time^2).
     dt : float
     prescribed : PrescribedNodes
-        Nodes that follow a value for a while.
+        Nodes that follow a prescribed value, permanently or for a limited time.
     pace : Pace
-        Of a part of a near field, that of all of it.
+        Pace of the whole near field, also on a part of it.
     coupling : Coupling or None
-        With a temperature that the deformation changes.
+        Coupling with a temperature that the deformation changes.
     """
 
     lattice: Lattice
@@ -84,22 +84,22 @@ class NearField:
 
     @property
     def extremes(self) -> Extremes:
-        """What a part of the near field cannot know by itself."""
+        """Quantities that a part of the near field cannot determine on its own."""
         return Extremes(self.rate_limit, self.pace)
 
     @property
     def mass(self) -> float:
-        """Of a node of the medium, less its density where that varies."""
+        """Mass of a node of the model; where the density varies, without that factor."""
         return float(self.lattice.spacing**self.lattice.dim / self.model.source_factor)
 
     @property
     def medium_rate(self) -> float:
-        """The largest rate of the medium with all its bonds, of what is in the symbol."""
+        """Largest rate of the medium with all its bonds, without reaction, from the symbol of the stencil."""
         return _medium_rate(self.model, self.lattice.spacing, self.stencil, self.pace)
 
     @property
     def closing_rate(self) -> float:
-        """What absent bonds that close have in the largest rate, of a material with states."""
+        """Contribution to the largest rate of absent bonds that can close, in a material with states."""
         return self.model.coefficient / self.lattice.spacing**2 * self.pace.closing
 
     @property
@@ -111,60 +111,60 @@ class NearField:
 
     @property
     def highest_frequency(self) -> float:
-        """Of the waves that the lattice carries, in cycles per unit of time: ``sin(pi f dt) = dt sqrt(rate) / 2``."""
+        """Highest frequency f of lattice waves, in cycles per unit of time: ``sin(pi f dt) = dt sqrt(rate) / 2``."""
         return float(np.arcsin(min(1.0, self.dt * np.sqrt(self.rate_limit) / 2)) / (np.pi * self.dt))
 
     @property
     def states(self) -> ForceStates | None:
-        """From which forces follow, where they are not those of bonds alone."""
+        """The states of nodes from which forces follow; None if forces are those of bonds alone."""
         return self.model.force_states(self.lattice.spacing, self.lattice.dim)
 
     @property
     def field_shape(self) -> tuple[int, ...]:
-        """That of the lattice, of vectors with the components first."""
+        """Shape of the field: that of the lattice, for vectors with the components first."""
         shape, components = self.lattice.shape, self.stencil.components
         return shape if components == 1 else (components, *shape)
 
     @property
     def factor(self) -> np.ndarray | None:
-        """Stiffness over that of the model: the factor on bonds, of the lattice's shape."""
+        """Stiffness at each node over that of the model, which is the factor on bonds; None where it is uniform."""
         return self.variation.stiffness
 
     @property
     def density(self) -> np.ndarray | None:
-        """Mass of each node over that of a node of the model."""
+        """Mass of each node over that of a node of the model; None where it is uniform."""
         return self.variation.density
 
     @cached_property
     def squared_speed(self) -> np.ndarray | None:
-        """Of waves at each node over that of the model, or the diffusivity; None where it is uniform."""
+        """Squared speed of waves, or diffusivity, at each node over that of the model; None where it is uniform."""
         return self.variation.squared_speed
 
     @property
     def strongest(self) -> float:
-        """The largest of these: of the factors on bonds where no density varies."""
+        """Largest squared speed over that of the model; if no density varies, the largest factor on bonds."""
         return self.pace.strongest
 
     @property
     def weakest(self) -> float:
-        """The smallest one, where there are bonds."""
+        """Smallest squared speed over that of the model where there are bonds."""
         return self.pace.weakest
 
     @property
     def varies(self) -> bool:
-        """Whether the medium is not the same everywhere."""
+        """Whether the medium varies."""
         if self.density is not None or self.variation.moduli is not None:
             return True
         return self.factor is not None and bool(np.ptp(self.factor) > 0)
 
     @property
     def lame(self) -> np.ndarray:
-        """Lame's constants at each node; of a scalar field 0 and what its gradient is multiplied with in the flux."""
+        """Lame constants at each node; for a scalar field, 0 and the factor of the gradient in the flux."""
         return _lame(self.lattice, self.model, self.variation)
 
     @property
     def fastest_rate(self) -> float:
-        """``coefficient / spacing^2`` where the medium is fastest, the factor on the stencil `fastest`."""
+        """``coefficient / spacing^2`` where the medium is fastest: the factor of the stencil `fastest`."""
         return self.model.coefficient / self.lattice.spacing**2 * max(self.strongest, 1e-300)
 
     @property
@@ -174,33 +174,35 @@ class NearField:
 
     @cached_property
     def leak(self) -> np.ndarray:
-        """Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without."""
+        """Rate at which each node loses its value to the surroundings of the body, of the lattice's shape; empty if no
+        node does.
+        """
         return _leak(self.model, self.conditions.leaks)
 
     @cached_property
     def hidden(self) -> np.ndarray | None:
-        """Nodes of the lattice whose values are not of the body or window; None if there are none."""
+        """Nodes of the lattice whose values do not belong to the body or window; None if there are none."""
         hidden = np.zeros(self.lattice.shape, bool) if self.lattice.mask is None else ~self.lattice.mask
         hidden.ravel()[self.conditions.images] = True
         return hidden if hidden.any() else None
 
     @property
     def crossing(self) -> float:
-        """The set-up's own unit of time: in it the fastest wave crosses the near field, or what diffuses empties it,
-        ``R^2/D``.
+        """Unit of time of the set-up: the time in which the fastest wave crosses the near field, or in which it empties
+        by diffusion, ``R^2/D``.
         """
         return self.model.crossing(max(self.lattice.whole.shape) * self.lattice.spacing, max(self.strongest, 1e-300))
 
     @property
     def slow_crossing(self) -> float:
-        """As `crossing`, of the slowest wave, or where the medium diffuses slowest."""
+        """As `crossing`, for the slowest wave or the smallest diffusivity."""
         length = max(self.lattice.whole.shape) * self.lattice.spacing
         return self.model.speed_ratio * self.model.crossing(length, max(self.weakest, 1e-300))
 
     @property
     def material(self) -> np.ndarray:
-        """The stiffness of each node over the model's, nan where there is no node, or one of another density or another
-        Poisson's ratio.
+        """Stiffness of each node over that of the model; nan outside a body, and where the density or Poisson's ratio
+        differs.
         """
         lattice = self.lattice
         found = np.ones(lattice.shape) if self.factor is None else self.factor.copy()
@@ -216,33 +218,33 @@ class NearField:
 
     @property
     def busy(self) -> np.ndarray:
-        """Nodes that a condition holds, of the lattice's shape."""
+        """Nodes whose values are prescribed or held by a condition, as a mask of the lattice's shape."""
         found = np.zeros(self.lattice.shape, bool)
         found.ravel()[np.concatenate([self.conditions.nodes, *self.prescribed.nodes]).astype(int)] = True
         return found
 
     @property
     def conditioned(self) -> np.ndarray:
-        """Nodes that a condition holds, or at which heat is lost, of the lattice's shape."""
+        """The nodes that are `busy`, and those at which heat is lost, as a mask of the lattice's shape."""
         return self.busy | (self.leak > 0) if self.leak.size else self.busy
 
     def inside(self, values: np.ndarray) -> np.ndarray:
-        """Zero outside a body, where there are no nodes, and beyond a window's outline if a condition closes it."""
+        """Return the values, zero outside a body, and beyond the outline of a window if a condition closes it."""
         if self.closed is not None:
             return np.where(self.closed, values, 0.0)
         lattice = self.lattice
         return np.where(lattice.mask, values, 0.0) if lattice.body is not None and lattice.mask is not None else values
 
     def visible(self, values: np.ndarray) -> np.ndarray:
-        """The values, nan on nodes that are not shown."""
+        """Return the values, nan on hidden nodes."""
         return values if self.hidden is None else np.where(self.hidden, np.nan, values)
 
     def size(self, values: np.ndarray) -> np.ndarray:
-        """The largest magnitude of any component; a scalar as it is."""
+        """Return the largest magnitude of any component; a scalar is returned unchanged."""
         return values if self.stencil.components == 1 else np.abs(values).max(0)
 
     def function(self, value: Any) -> Callable[..., Any]:
-        """A value as a function of the coordinates; of vectors its size."""
+        """Return a value as a function of the coordinates; for vectors, its largest component."""
         if self.stencil.components > 1:
             return largest_component(value)
         return value if callable(value) else lambda *_: value
@@ -258,23 +260,23 @@ def near_field(
     team: Team = ALONE,
     whole: Extremes | None = None,
 ) -> NearField:
-    """The near field of a set-up.
+    """Return the near field of a set-up.
 
     Parameters
     ----------
     setup : Setup
     sides : dict of (axis, side) to Side
-        They may bear shorter steps only.
+        Some of them limit the default time step.
     stencil : Stencil
     variation : Variation
     coefficient : ndarray or None
-        Of the factors on bonds what is given beside the model.
+        Given factor on bonds, as in `NearField`.
     stiffer : float
-        Of the fastest oscillation the squared frequency over that of the medium with all its bonds.
+        Largest squared frequency over that of the medium with all its bonds.
     team : Team
-        The processes, each of which has a part of it, and
+        The processes, each of which has a part of the near field.
     whole : Extremes, optional
-        what follows from all parts.
+        Quantities that depend on all parts.
 
     Raises
     ------
@@ -314,18 +316,18 @@ def near_field(
 
 
 def extremes_of(setup: Setup, host: Host, stencil: Stencil, team: Team, stiffer: float) -> Extremes:
-    """What follows from all of a near field, of which each process looks at a box.
+    """Return the quantities that depend on all of a near field, of which each process evaluates a box.
 
     Parameters
     ----------
     setup : Setup
     host : Host
-        Its medium varies beside this one.
+        Uniform medium relative to which that of the set-up varies.
     stencil : Stencil
-        Of the latter.
+        Stencil of the uniform medium.
     team : Team
     stiffer : float
-        As of `near_field`.
+        As in `near_field`.
     """
     boxes = decompose(setup.lattice.shape, team.size, stencil.reach, {}, wrapping(setup.sides))
     part = host.uniform(replace(setup, lattice=setup.lattice.part(boxes.ranges(team.number))))
@@ -341,7 +343,7 @@ def _medium_rate(model: LatticeModel, spacing: float, stencil: Stencil, pace: Pa
 
 
 def _rate_limit(setup: Setup, stencil: Stencil, pace: Pace, leak: float, stiffer: float) -> float:
-    """The largest rate of an operator, with what a leak adds."""
+    """Return the largest rate of an operator, with closing bonds, reaction and leak."""
     unit = setup.model.coefficient / setup.lattice.spacing**2
     rate = _medium_rate(setup.model, setup.lattice.spacing, stencil, pace) * stiffer
     rate += unit * pace.closing
@@ -366,7 +368,7 @@ def _lame(lattice: Lattice, model: LatticeModel, variation: Variation) -> np.nda
 
 
 def _coupling(setup: Setup, stencil: Stencil, variation: Variation) -> Coupling | None:
-    """With a temperature that the deformation changes, if there is one."""
+    """Return the coupling with a temperature that the deformation changes; None if there is none."""
     load, law, lattice = setup.heat, setup.model.bond_law, setup.lattice
     if load is None or not load.coupled or law is None or load.reference is None:
         return None
@@ -384,15 +386,16 @@ def _coupling(setup: Setup, stencil: Stencil, variation: Variation) -> Coupling 
 
 
 def heat_alone(setup: Setup) -> NearField:
-    """The near field of a heat by itself, whose steps are its own."""
+    """Return the near field of a temperature on its own, with its own time step."""
     heat, of_heat = varied(setup)
     medium = heat.model.medium(heat.lattice.spacing, heat.lattice.dim)
     return near_field(replace(heat, dt=None), heat.sides, medium, of_heat.times(node_factor(heat)))
 
 
 def _step_that_follows(setup: Setup, sides: Sides, stencil: Stencil, rate: float) -> float:
-    """The step with which a method of second order, stable with much longer ones, follows data at the start to a
-    thousandth of the largest; that of Euler's method, no less, where data are sharp or anything else drives the field.
+    """Return the step with which a method of second order, which is stable with much longer steps, follows the initial
+    data to a thousandth of the largest value; at least that of Euler's method, which is also returned if anything else
+    drives the field.
     """
     shortest, initial = 1 / rate, (setup.initial or {}).get("u")
     held = any(b.held is not None and b.held != setup.background for b in sides.values())
@@ -406,7 +409,7 @@ def _step_that_follows(setup: Setup, sides: Sides, stencil: Stencil, rate: float
 
 
 def _choose_step(setup: Setup, sides: Sides, limit: float, most: float = np.inf) -> float:
-    """The time step that is given, or half the stable limit and what the sides bear, but `most`."""
+    """Return the given time step, by default half the limit of the scheme and of the sides, and at most `most`."""
     dt, model, lattice = setup.dt, setup.model, setup.lattice
     if dt is None or callable(dt):
         borne = [b.step_limit(model.order, model.coefficient, lattice.spacing, lattice.dim) for b in sides.values()]

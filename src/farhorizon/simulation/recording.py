@@ -1,6 +1,6 @@
-"""What the compiled loop keeps after every step for the recorders of a run and its probes.
+"""Values that the compiled loop keeps after every step for the recorders and probes of a run.
 
-Of several processes each keeps what its own nodes have of it; the recorders of all are given the sums.
+Each of several processes keeps the part of its own nodes; the recorders of all receive the complete values.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.team import ALONE, Team
 
-_NUMBERS = itertools.count(1)  # of the runs of this process
-_ROOM = 2**24  # numbers that are kept of the steps between two looks: fewer than memory has
+_NUMBERS = itertools.count(1)  # numbers of the runs of this process
+_ROOM = 2**24  # how many numbers may be kept before the loop returns, which fits easily into memory
 
 
 class _Own(NamedTuple):
-    """What the box of this process has of what is wanted of the lattice: nodes of it, sums over nodes of it, and which
-    of the wanted ones they are; the nodes and weights of sums over what heat strains.
+    """The part of what a recorder wants that lies in the box of this process: nodes, and which of the wanted ones they
+    are; sums over blocks, likewise; nodes and weights of the sums of thermal strains.
     """
 
     nodes: np.ndarray
@@ -40,7 +40,7 @@ class _Own(NamedTuple):
 
 
 class Recording:
-    """The recorders of a run at its start and its probes, and what the loop keeps for them.
+    """The recorders and probes of a run, and the values that the loop keeps for them.
 
     Parameters
     ----------
@@ -50,12 +50,12 @@ class Recording:
     team : Team
         The processes that compute the run.
     heating : Heating, optional
-        What strains the medium.
+        Temperature that strains the medium.
 
     Raises
     ------
     InputError
-        What a recorder wants and the run cannot give, two recorders of one name.
+        A recorder wants what the run cannot provide; two recorders have the same name.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class Recording:
                 self._wanted.append(one.begin(setup, parts))
             one.run = self._number
         for text in self.doubts:
-            if text not in known:  # the recorders of a run that is made anew have told it
+            if text not in known:  # recorders of a run that is made anew have already issued theirs
                 warn(text)
         self._own = [self._part_of(wanted) for wanted in self._wanted]
         self._probed, self._own_probed = np.zeros(0, np.int64), (np.zeros(0, np.int64), np.zeros(0, np.int64))
@@ -95,7 +95,7 @@ class Recording:
 
     @contextmanager
     def _naming(self, one: Recorder) -> Iterator[None]:
-        """Within it an InputError says which of several recorders of a kind it means."""
+        """Context in which an InputError names the recorder that it refers to, if there are several of its type."""
         try:
             yield
         except InputError as error:
@@ -108,7 +108,7 @@ class Recording:
             raise named from None
 
     def _lay(self) -> None:
-        """Tell the engine what to keep: all components of nodes, one after the other, and the rows of blocks."""
+        """Tell the engine what to keep: all components of nodes, one after the other, and the sums over blocks."""
         engine, lead = self._grid.engine, self._grid.lead
         places = self._grid.nodes.ravel()
         watched = [engine.all_components(places[nodes]) for nodes in self._all_nodes()]
@@ -123,7 +123,7 @@ class Recording:
             self._probed,
             *(one for wanted in self._wanted for one in (wanted.nodes, *(b.first for b in wanted.blocks))),
         ]
-        self._kept = engine.components * sum(map(len, asked))  # numbers a step, of all processes
+        self._kept = engine.components * sum(map(len, asked))  # how many numbers per step, over all processes
         engine.watch_stride = math.gcd(*(wanted.every for wanted in self._wanted), int(self._probed.size > 0)) or 1
 
     def _part_of(self, wanted: Wanted) -> _Own:
@@ -135,7 +135,7 @@ class Recording:
         return _Own(nodes, which, blocks, blocks[0][0].entries() if wanted.heat else None)
 
     def _nodes_of(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Those of some nodes of the lattice that are in this part of it, and which they are."""
+        """Return those of some nodes of the lattice that lie in this part of it, and which of them these are."""
         inside, own = self._near.lattice.own(nodes)
         return own, np.flatnonzero(inside)
 
@@ -143,16 +143,16 @@ class Recording:
         return [self._own_probed[0], *(own.nodes for own in self._own)]
 
     def _width(self, nodes: np.ndarray) -> int:
-        """Numbers that the loop keeps of some nodes in a step."""
+        """Return how many numbers the loop keeps per step for some nodes."""
         return self._grid.engine.components * len(nodes)
 
     def watch(self, nodes: np.ndarray) -> None:
-        """Look at some nodes of the near field for probes, in place of those before."""
+        """Keep values of some nodes of the near field for probes, in place of those before."""
         self._probed, self._own_probed = nodes, self._nodes_of(nodes)
         self._lay()
 
     def _now(self, wanted: Wanted, own: _Own) -> Heard:
-        """What a recorder would be given of the state as it is, after what it was a step before."""
+        """Return what a recorder receives for the previous step and the present one, from the present state."""
         engine, grid = self._grid.engine, self._grid
         order = self._near.model.order
         levels = [engine.older, engine.current] if order == 2 else [engine.current] * 2
@@ -165,7 +165,7 @@ class Recording:
         return self._of_all(wanted, own, values[:, own.nodes], blocks)
 
     def _of_all(self, wanted: Wanted, own: _Own, nodes: np.ndarray, blocks: Sequence[np.ndarray]) -> Heard:
-        """What all processes have heard together."""
+        """Combine the values of all processes."""
         completed = self._team.completed
         sums = [
             completed(values, which, len(asked.first), 1)
@@ -178,20 +178,20 @@ class Recording:
         return Heard(completed(nodes, own.which, len(wanted.nodes), 1), tuple(sums))
 
     def foresee(self, until: float, steps: int) -> None:
-        """Let the recorders look at a run to a time, of so many steps in all."""
+        """Announce a run to a time, of `steps` steps in all, to the recorders."""
         with self._team.agreed():
             for one in self.recorders:
                 one.foresee(until, steps)
 
     def allow(self, step: int, wanted: int) -> int:
-        """How many of the wanted steps to make from one on: to where a recorder has to see the run; so few that what is
-        kept of them stays small; and to where blocks of Fourier sums end, if that is not much less, for whole blocks
-        are summed where they lie.
+        """Return how many of the wanted steps to make from number `step` on: up to where a recorder examines the run,
+        few enough for the kept values to fit into memory, and ending with a block of Fourier sums unless that would
+        make them less than half, because whole blocks are summed without a copy.
 
         Raises
         ------
         InputError
-            Another run has been given a recorder since.
+            A recorder has been passed to another run in the meantime.
         """
         for one in self.recorders:
             if one.run != self._number:
@@ -208,7 +208,7 @@ class Recording:
         return whole if 2 * whole > wanted else wanted
 
     def add(self, step: int) -> None:
-        """Give the recorders what the loop has kept of its last steps, which begin with number `step`."""
+        """Pass the values that the loop has kept in its last steps, from number `step` on, to the recorders."""
         engine, row = self._grid.engine, 0
         start = self._width(self._own_probed[0])
         for one, wanted, own in zip(self.recorders, self._wanted, self._own, strict=True):
@@ -222,8 +222,8 @@ class Recording:
             one.add(step, self._of_all(wanted, own, nodes, blocks))
 
     def probed(self) -> np.ndarray:
-        """What the nodes of the probes had after each of the last steps; shape (steps, nodes), of vectors (steps,
-        nodes, components).
+        """Return the values at the nodes of the probes after each of the last steps; shape (steps, nodes), for vectors
+        (steps, nodes, components).
         """
         near, engine = self._near, self._grid.engine
         own, which = self._own_probed
@@ -236,16 +236,16 @@ class Recording:
 
     @property
     def notes(self) -> list[str]:
-        """What the recorders have to say."""
+        """Notes of all recorders."""
         return [note for one in self.recorders for note in one.notes]
 
     @property
     def doubts(self) -> list[str]:
-        """Why what they record may be false."""
+        """Why recorded data may be wrong, from all recorders."""
         return [text for one in self.recorders for text in one.doubts]
 
     def state(self) -> Arrays:
-        """That of all recorders, by their names."""
+        """Return the state of all recorders, by their names."""
         return {
             f"recorder/{one.name}/{name}": array
             for one, wanted in zip(self.recorders, self._wanted, strict=True)
@@ -253,12 +253,12 @@ class Recording:
         }
 
     def take(self, arrays: Arrays, step: int) -> None:
-        """Be in a state that `state` gave; recorders that are not in it begin now.
+        """Restore a state returned by `state`; recorders that are not in it begin now.
 
         Raises
         ------
         FileFormatError
-            What was recorded under a name does not fit.
+            Something else was recorded under the name of a recorder.
         """
         for one, wanted, own in zip(self.recorders, self._wanted, self._own, strict=True):
             head = f"recorder/{one.name}/"
@@ -285,17 +285,17 @@ class Recording:
 
 
 def _asked(one: Recorder, wanted: Wanted) -> Arrays:
-    """Where, when and of which frequencies a recorder records."""
+    """Return where, how often and at which frequencies a recorder records."""
     found = {"every": np.array([wanted.every]), **one.asked}
     return {f"asked.{name}": np.asarray(values, float) for name, values in found.items()}
 
 
 def _same(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether arrays are alike to rounding."""
+    """Whether two arrays are equal up to rounding errors."""
     size = np.abs(one).max(initial=0.0)
     return one.shape == other.shape and np.allclose(one, other, rtol=0, atol=1e-9 * size, equal_nan=True)
 
 
 def _by_component(values: np.ndarray, components: int) -> np.ndarray:
-    """Rows of all nodes, component by component, as (steps, nodes, components)."""
+    """Reshape rows that hold all nodes, component by component, to (steps, nodes, components)."""
     return values.reshape(len(values), components, -1).swapaxes(1, 2)

@@ -1,4 +1,4 @@
-"""A set-up again, with something changed."""
+"""Set-ups that are made anew with some arguments changed."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from farhorizon.simulation.setup import Setup, check_names
 
 
 def remade_setup(setup: Setup, settled: Setup, parts: Parts, changes: Mapping[str, Any]) -> Setup:
-    """A set-up at its start with some arguments changed; on another lattice nothing is there, and the medium is
-    uniform, as stiff as it is anywhere. The time step and the layers stay as they were chosen, but for another model.
+    """Return a set-up at its start with some arguments changed. On another lattice there are no data and sources, and
+    the medium is uniform, as stiff as its stiffest part. The chosen time step and layers are kept, unless the model
+    changes on the same lattice.
     """
     check_names(changes)
     near, start = parts.near, parts.start

@@ -1,4 +1,4 @@
-"""Coming to rest: until when a run to its static state goes, without any damping but the waves that leave."""
+"""Runs to the static state: when a run has come to rest, without any damping except by waves that leave."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from farhorizon.simulation.team import Team
 
 STATIC = "static"
 TOLERANCE = 1e-3
-_PATIENCE = 100  # windows up to the latest end, unless it is given
-_LOOKS = 16  # in a window
+_PATIENCE = 100  # number of windows to the latest end, unless it is given
+_LOOKS = 16  # checks per window
 
 
 class Resting(Protocol):
-    """What tells whether a run has come to rest."""
+    """Quantities that determine whether a run has come to rest."""
 
     @property
     def slow_crossing(self) -> float:
-        """The time that the slowest wave takes to cross the near field; of diffusion R^2/D."""
+        """Time that the slowest wave takes to cross the near field; for diffusion R^2/D."""
 
     def kinetic(self) -> float | None:
-        """Kinetic energy of the near field; None of what diffuses, and where velocities are not kept."""
+        """Return the kinetic energy of the near field; None for diffusion, and where velocities are not kept."""
 
     def driven(self, t: float) -> Sequence[np.ndarray]:
-        """What drives it at a time, as numbers that tell whether it changes."""
+        """Return all that drives the run at a time, as numbers that show whether it changes."""
 
 
 class Running(Protocol):
@@ -46,18 +46,18 @@ class Running(Protocol):
 
     @property
     def fields(self) -> dict[str, np.ndarray]:
-        """Copies of the near field by name."""
+        """Copies of the fields in the near field by name."""
 
 
 @dataclass
 class Rest:
-    """Whether a run has come to rest.
+    """Criterion for whether a run has come to rest.
 
-    Waves: the kinetic energy has stayed below the squared tolerance times its largest value, velocities below the
-    tolerance times theirs, for as long as the slowest wave takes to cross the near field. What diffuses has no such
-    time, for it comes to rest like a power of the time: there the field would change in as much time again as has
-    passed since its loads stayed by less than the tolerance times its largest value. Nothing that drives the run
-    changes any more.
+    Nothing that drives the run changes any more. For waves, the kinetic energy has stayed below the squared tolerance
+    times its largest value, that is, velocities below the tolerance times theirs, for as long as the slowest wave takes
+    to cross the near field. Diffusion has no such time, because it comes to rest as a power of time: instead, at its
+    present rate, the field would change by less than the tolerance times its largest value in a time as long as has
+    passed since the loads became constant.
 
     Attributes
     ----------
@@ -67,9 +67,9 @@ class Rest:
     settled : float
         Time from which on nothing that drives the run changes by more than the tolerance times its largest value.
     window, pace : int
-        Steps for which a run has to be quiet, and from one look to the next.
+        Number of steps for which a run has to be quiet, and from one check to the next.
     quiet : int or None
-        The first step of those that have been quiet since.
+        Step since which the run has been quiet.
     """
 
     tolerance: float
@@ -82,7 +82,7 @@ class Rest:
 
     @classmethod
     def of(cls, run: Running, tolerance: float | None, limit: float | None) -> Rest:
-        """The end of a run that comes to rest.
+        """Return the criterion for a run, from its present state on.
 
         Parameters
         ----------
@@ -95,7 +95,7 @@ class Rest:
         Raises
         ------
         InputError
-            What drives the run changes up to the latest end.
+            The loads still change near the latest end.
         """
         tolerance = TOLERANCE if tolerance is None else kinds.number(tolerance, "run.tolerance", above=0, below=1)
         window = run.resting.slow_crossing
@@ -116,7 +116,7 @@ class Rest:
         return cls(tolerance, limit, settled, steps, steps // _LOOKS)
 
     def reached(self, run: Running) -> bool:
-        """Look at the run as it is now."""
+        """Check the present state of the run; returns whether the run has come to rest."""
         still = run.time >= self.settled and self._still(run)
         if not still:
             self.quiet = None
@@ -139,12 +139,12 @@ class Rest:
 
 
 def _size(field: np.ndarray) -> float:
-    """Largest magnitude where there are nodes."""
+    """Return the largest magnitude, apart from nan."""
     return float(np.abs(field).max(initial=0, where=~np.isnan(field)))
 
 
 def _last_change(run: Resting, times: np.ndarray, tolerance: float) -> float:
-    """The last of some times at which what drives a run is not what it is at the last one."""
+    """Return the time from some given ones after which all that drives a run stays as it is at the last of them."""
     final = run.driven(float(times[-1]))
     sizes, apart = np.zeros((2, len(times), len(final)))
     for row, t in enumerate(times):
@@ -156,12 +156,12 @@ def _last_change(run: Resting, times: np.ndarray, tolerance: float) -> float:
 
 
 def coming_to_rest(run: Running, until: Any, tolerance: float | None, limit: float | None) -> Rest | None:
-    """How a run comes to its static state; None of one to a time.
+    """Return the criterion of a run to its static state; None for a run to a time.
 
     Raises
     ------
     InputError
-        An end in other words, a tolerance or a limit of a run to a time, loads that change up to the limit.
+        An end that is another text, a tolerance or limit for a run to a time, loads that change near the limit.
     """
     if isinstance(until, str):
         kinds.one_of(until, "run.until", (STATIC,), "neither a time nor a state")

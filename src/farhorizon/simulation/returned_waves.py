@@ -1,4 +1,4 @@
-"""The layers of a set-up whose thickness nobody gave: chosen for its data, its shape and the length of its run."""
+"""Choice of the layers whose thickness is not given, from the data, the shape and the length of a run."""
 
 from __future__ import annotations
 
@@ -26,22 +26,23 @@ from farhorizon.engine.engine import Layer
 from farhorizon.machine import one_blas_thread
 from farhorizon.simulation.wave_field import WaveField
 
-# length of a run unless it is known: of waves in crossings of the near field, of diffusion in R^2/diffusivity
+# length of a run if it is not known: in crossings of the near field for waves, in R^2/diffusivity for diffusion
 CROSSINGS, LASTING = 20, 10
-MOST_CROSSINGS = 1000  # for which layers are made: what was measured
-# nodes of layers from which slow waves of solids are followed until they are back, as far as it takes thicker ones
+MOST_CROSSINGS = 1000  # longest run for which layers are designed, as far as measurements go
+# numbers of nodes of layers until whose return slow waves of solids are followed: one after the other, until the layer
+# that is found is no thicker
 _THICK = 16, 32, MOST
-# What is predicted over what comes back, where a free side runs into a layer: predictions take it for a mirror, but it
-# lacks bonds, and waves run along it that are bound to it.
+# Predicted over actual reflection where a free side meets a layer: predictions treat the free side as a mirror, but
+# bonds are absent there, and surface waves travel along it.
 _BESIDE_FREE = 0.4
-_LEFT_OUT = 1.1  # of the least target that is kept: for a larger one fewer waves are followed
+_LEFT_OUT = 1.1  # margin on the smallest target that is kept, because fewer waves are followed for a larger target
 
 
 def spreads(sides: Mapping[tuple[int, int], Side], axis: int) -> bool:
-    """Whether a medium goes on to one side at least along each axis but this one.
+    """Whether the medium continues beyond at least one side along every axis other than this one.
 
-    Between two walls, and where it repeats itself, waves near their cut-off hardly move towards a side and come back
-    again and again, and those of plates run backward at low frequencies, too: in thin layers they grow by 0.01
+    Between two walls, and along a periodic axis, waves near their cut-off hardly move towards a side and return again
+    and again, and some waves of plates run backward even at low frequencies: in thin layers they grow by 0.01
     c/spacing.
     """
     others = {other for other, _ in sides} - {axis}
@@ -55,11 +56,11 @@ class _Candidates(NamedTuple):
     Attributes
     ----------
     members : callable
-        Those of so many nodes, by name.
+        The layers with a given number of nodes, by name.
     beside : callable
-        What one sends back beside walls, over the share.
+        The additional reflection of a layer beside walls, times the share.
     share : float
-        Of a wanted error that counts here.
+        Predicted over actual reflection, by which a wanted error is multiplied.
     """
 
     members: Callable[[int], Mapping[str, Layer]]
@@ -69,34 +70,38 @@ class _Candidates(NamedTuple):
 
 @dataclass(frozen=True)
 class ReturnedWaves:
-    """The choice of the layers of a wave field by what they send back.
+    """Choice of the layers of a wave field by their predicted reflection.
 
     Attributes
     ----------
     waves : WaveField
-    soon, foreseen : float
-        Times up to which errors are predicted: in runs longer than the first the formula decides where it serves.
+    soon : float
+        Length of run beyond which the formula decides, where it applies.
+    foreseen : float
+        Time up to which errors are predicted.
     """
 
     waves: WaveField
     soon: float = np.inf
     foreseen: float = np.inf
-    # of sides that are alike: their layers, and the least targets that layers keep of those that keep too little
+    # for each group of equivalent sides: its layer, or the smallest target that a layer keeps if none keeps the wanted
+    # one
     _known: dict[tuple[object, ...], Thickness] = field(default_factory=dict)
     _least: dict[tuple[object, ...], float] = field(default_factory=dict)
 
     @one_blas_thread()
     def layer(self, axis: int, side: int, boundary: LatticePML, wanted: float, until: float) -> Thickness | None:
-        """The thinnest layer of one side that is predicted to keep an error to the end of a run.
+        """Return the thinnest layer of one side that is predicted to keep an error up to the end of a run.
 
-        Where the side does not ask for one, that which a formula finds in no time, or None; the formula knows no
-        reaction, with which waves may be as slow as they like. The layer says for how long a run it is. None, too,
-        where another side keeps less and this one keeps what that does: such a run is refused.
+        A side without a target of its own gets the layer of a formula, which takes no time, or None if the formula does
+        not apply; so does a side with a target in a long run, if the formula keeps it. The formula includes no
+        reaction, with which waves may be arbitrarily slow. The result states the length of run for which it holds. None
+        is also returned if another side keeps only a larger target and this side keeps that one: such a run is refused.
 
         Raises
         ------
         NotKept
-            No layer keeps it.
+            No layer keeps the error.
         """
         waves, medium = self.waves, self.waves.media(axis, side)[0]
         data = [datum.values for datum in waves.turned(axis, side, medium)]
@@ -105,7 +110,7 @@ class ReturnedWaves:
             if found is None and boundary.target is None:
                 return None
             if found is not None and (boundary.target is None or found.predicted <= wanted):
-                # what it is designed for: of waves of a few nodes the bound tells too much
+                # the error it is designed for, because the bound is too pessimistic for waves of a few nodes
                 return replace(found, predicted=wanted)
         until = min(until, self.foreseen)
         alike = boundary, *waves.alike(axis, side, until, wanted)
@@ -113,7 +118,7 @@ class ReturnedWaves:
             return self._known[alike]
         candidates = self._candidates(axis, side, boundary, wanted, until, distance_to_side(data))
         refused = max(self._least.values(), default=0.0)
-        if refused > wanted:  # of the run; a side that keeps less than others is the one to be named
+        if refused > wanted:  # the run is refused; the message has to name the side that keeps the least
             if boundary.target is not None and alike not in self._least:
                 self._least[alike] = self._least_kept(axis, side, until, candidates, refused)
                 if self._least[alike] > refused:
@@ -133,7 +138,7 @@ class ReturnedWaves:
     def _candidates(
         self, axis: int, side: int, boundary: LatticePML, wanted: float, until: float, distance: float
     ) -> _Candidates:
-        """The layers of a side that may keep an error of data at a distance."""
+        """Return the layers among which that of a side is chosen, for data at a distance from it in nodes."""
         waves, media = self.waves, self.waves.media(axis, side)
 
         def steep(nodes: int) -> Layer:
@@ -147,12 +152,12 @@ class ReturnedWaves:
         members = family(media[0].stencil, fastest, slowest, until, distance, share * wanted, dt, steep)
 
         def beside(layer: Layer) -> float:
-            return share * self._beside_walls(axis, side, until, layer)  # known of free sides, too
+            return share * self._beside_walls(axis, side, until, layer)  # its trials include free sides
 
         return _Candidates(members, beside, share)
 
     def _thinnest(self, axis: int, side: int, wanted: float, until: float, candidates: _Candidates) -> Thickness:
-        """The thinnest of them that keeps an error; that of another side is tried first.
+        """Return the thinnest candidate that keeps an error, starting from the thickness found for another side.
 
         Raises
         ------
@@ -172,12 +177,12 @@ class ReturnedWaves:
             before, found = sent, thinnest(members, sent, share * wanted, size, beside, too_few, start)
             if found.nodes <= nodes:
                 break
-            start, too_few = found.nodes, found.nodes - 1  # with more of the waves it takes no fewer
+            start, too_few = found.nodes, found.nodes - 1  # following more waves never makes the layer thinner
         assert found is not None
         return replace(found, predicted=found.predicted / share)
 
     def _least_kept(self, axis: int, side: int, until: float, candidates: _Candidates, about: float) -> float:
-        """The smallest target that a layer keeps, which is about known, or that one if it is kept."""
+        """Return the smallest target that some layer keeps, or the estimate `about` of it if that is kept."""
         members, beside, share = candidates
         sent, size = self.waves.arriving(axis, side, until, about, MOST)
         if about in self._least.values() and keeps(members, sent, share * about, size, beside):
@@ -186,18 +191,18 @@ class ReturnedWaves:
 
     @one_blas_thread()
     def returned(self, axis: int, side: int, layer: Layer, wanted: float, until: float) -> float:
-        """Error that a given layer of one side is predicted to make up to a time, told from none where it is near the
-        wanted one or larger.
+        """Return the predicted error of a given layer of one side up to a time; waves that matter only for errors well
+        below the wanted one are left out.
         """
         sent, size = self.waves.arriving(axis, side, until, wanted, layer.columns)
         return predicted_error(layer, sent, size) / self._share(axis) + self._beside_walls(axis, side, until, layer)
 
     def _share(self, axis: int) -> float:
-        """What is predicted to come back along an axis, over what does."""
+        """Predicted over actual reflection along an axis."""
         return _BESIDE_FREE if any(side.image > 0 for side in self.waves.beside(axis)) else 1.0
 
     def _beside_walls(self, axis: int, side: int, until: float, layer: Layer) -> float:
-        """What a layer that damps short waves lacks beside walls, from trials: predictions do not know of it."""
+        """Error that a layer with a filter makes beside walls, as fitted to trials: predictions do not include it."""
         waves = self.waves
         damped, walls = high_pass(waves.stencil), any(side.image for side in waves.beside(axis))
         if not walls or not layer.filtered or damped is None or damped.weak:

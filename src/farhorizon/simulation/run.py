@@ -1,6 +1,4 @@
-"""What the program needs of a run, whatever computes it: a time loop, fields and energies, a state that is saved, a
-check before it.
-"""
+"""The interface of a run, however it is computed: a time loop, fields and energies, checks beforehand, saved states."""
 
 from __future__ import annotations
 
@@ -39,12 +37,12 @@ if TYPE_CHECKING:
     from farhorizon.pictures.movie import Film
     from farhorizon.simulation.far_field import FarField
 
-_GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
-_GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt is heard within seconds
+_GUARD_STEPS = 200  # largest number of steps between two checks of the instability guard; fewer on lattices above
+_GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt takes effect within seconds
 
 
 def _tells(value: Any) -> bool:
-    """Whether something was given: not what stands for nothing."""
+    """Whether an argument differs from the values that stand for nothing: None, False, 0.0 and empty collections."""
     return not (value is None or (isinstance(value, bool | tuple | list | dict | float) and not value))
 
 
@@ -94,7 +92,7 @@ class Run(ABC):
     team: Team = ALONE
 
     def _at_start(self, observe: Sequence[Observer], nodes: int) -> None:
-        """Before the first step of a run that computes so many nodes."""
+        """Initialize a run that computes `nodes` nodes, before its first step."""
         given = kinds.sequence(observe, "observe", "functions of the run, and recorders")
         self.recorders = [one for one in given if isinstance(one, Recorder)]
         self.observers = [kinds.function(one, "observe", "run") for one in given if not isinstance(one, Recorder)]
@@ -119,7 +117,7 @@ class Run(ABC):
     def __reduce__(self) -> tuple[Any, ...]:
         return packed(self)
 
-    # --- in time -----------------------------------------------------------------------------------------------
+    # --- time stepping -----------------------------------------------------------------------------------------
 
     @abstractmethod
     def step(self, count: int = 1) -> None:
@@ -286,9 +284,9 @@ class Run(ABC):
 
     @abstractmethod
     def _watch(self, nodes: np.ndarray) -> None:
-        """From now on give the probes their rows: u on nodes of the lattice (flat indices) after every step."""
+        """From now on, record u for the probes on nodes of the lattice (flat indices) after every step."""
 
-    # --- what comes out ----------------------------------------------------------------------------------------
+    # --- results -----------------------------------------------------------------------------------------------
 
     @property
     @abstractmethod
@@ -405,7 +403,7 @@ class Run(ABC):
         """
         return dataset(self.fields, self.lattice.axes, {"time": self.time, "step": self.step_count})
 
-    # --- before it ---------------------------------------------------------------------------------------------
+    # --- checks before a run -----------------------------------------------------------------------------------
 
     @property
     @abstractmethod

@@ -1,4 +1,4 @@
-"""What processes would send each other in a run that is set up on one."""
+"""Prediction of the communication between several processes, for a run set up on one."""
 
 from __future__ import annotations
 
@@ -15,22 +15,21 @@ from farhorizon.simulation.steps import seconds_of
 from farhorizon.simulation.work import work_along, work_of
 
 _COUNTS = 1, 2, 8, 64, 512
-#: Of a message between two processes of one machine, both ways at once: seconds whatever its size, and bytes a second;
-#: and what is left of both where rows are swept meanwhile (`python benchmarks/scaling.py messages`, on two busy cores;
-#: `docs/howto/processes.md`).
+#: Latency in seconds and bandwidth in bytes per second of messages between two processes on one machine, in both
+#: directions at once; and what remains of both while rows are swept meanwhile
+#: (`python benchmarks/scaling.py messages`, on two busy cores; `docs/howto/processes.md`).
 _WHOLE, _LEFT = (20e-6, 1.9e9), (3.5e-6, 3.6e9)
 
 
 def rows_on_processes(run: Any, topology: Sequence[int] | None = None) -> list[tuple[str, str]]:
-    """For numbers of processes the boxes that a run makes, what a process sends in a step, how much that is beside what
-    it computes, what it holds in memory and how efficient it would be, as rows of a report; or why it does not run on
-    several.
+    """Return rows of a report on runs with several numbers of processes: the boxes, what a process sends in a step, how
+    much that is relative to what it computes, its memory and the efficiency; or why the run needs a single process.
 
     Parameters
     ----------
     run : Simulation
     topology : sequence of int, optional
-        Boxes along the axes that are wanted, beside those that are chosen.
+        Number of boxes along each axis to report on, in addition to those that are chosen.
     """
     try:
         check_shareable(run.setup, run.recorders)
@@ -65,15 +64,15 @@ def rows_on_processes(run: Any, topology: Sequence[int] | None = None) -> list[t
 
 
 def work_of_boxes(boxes: Decomposition, nodes: np.ndarray, beyond: Mapping[Key, float]) -> np.ndarray:
-    """Work of each box, that of the layers beyond the outer ones counted.
+    """Return the work of each box, including that of the layers beyond outer boxes.
 
     Parameters
     ----------
     boxes : Decomposition
     nodes : ndarray
-        Work of the nodes of the lattice.
+        Work of each node of the lattice.
     beyond : mapping of (axis, side) to float
-        What sides cost, in nodes along their axes.
+        Cost of each side, in nodes along its axis.
     """
     widths = [(round(beyond.get((a, -1), 0.0)), round(beyond.get((a, 1), 0.0))) for a in range(nodes.ndim)]
     every = np.pad(nodes, widths, constant_values=1.0)
@@ -83,22 +82,22 @@ def work_of_boxes(boxes: Decomposition, nodes: np.ndarray, beyond: Mapping[Key, 
 
 
 def efficiency(boxes: Decomposition, work: np.ndarray, run: Any, seconds: float) -> float:
-    """The time of a step on one process over that on so many, times their number, as far as it can be foreseen.
+    """Predict the parallel efficiency: the time of a step on one process over that on several, divided by their number.
 
-    A process takes the time of its part of the work, and that of its messages one after the other, each a latency and
-    its bytes over a bandwidth, which are those of two processes on one machine. Of those along all axes but the last
-    one a part passes while rows are swept that need no halo, at most as long as these take. What processes on one
-    processor take from each other's memory is not in it.
+    A process takes the time of its share of the work plus that of its messages, one after the other. Each message takes
+    a latency plus its bytes over a bandwidth, as measured between two processes on one machine. A part of those
+    along all axes but the last overlaps with the sweep of rows that need no halo, for at most as long as that takes.
+    Competition of processes for the memory bandwidth of one processor is not included.
 
     Parameters
     ----------
     boxes : Decomposition
     work : ndarray
-        Of the boxes.
+        Work of each box.
     run : Simulation
-        On one process.
+        The run on one process.
     seconds : float
-        Of a step of the run.
+        Time of a step of this run.
     """
     shares = work / work.sum()
 
@@ -112,7 +111,7 @@ def efficiency(boxes: Decomposition, work: np.ndarray, run: Any, seconds: float)
 
 
 def _seconds_of_messages(boxes: Decomposition, number: int, run: Any, latency: float, bandwidth: float) -> list[float]:
-    """What a process's messages take along each axis."""
+    """Return the time that the messages of a process take along each axis."""
     others = [axis for (axis, _), other in boxes.neighbours(number).items() if other not in (-1, number)]
     counts = [others.count(axis) * len(numbers_sent(run.engine)) for axis in range(run.lattice.dim)]
     found = zip(counts, sent_along(boxes, number, run), strict=True)
@@ -120,8 +119,9 @@ def _seconds_of_messages(boxes: Decomposition, number: int, run: Any, latency: f
 
 
 def swept_ahead(boxes: Decomposition, number: int, run: Any) -> int:
-    """Nodes of a process that are swept while messages travel, see `farhorizon.engine.exchange.free_of_halos`: none of
-    states that break, nor, as some of it may lie beside cuts, where there is metal that dissolves.
+    """Return the number of nodes of a process that are swept while messages travel, see
+    `farhorizon.engine.exchange.free_of_halos`: 0 for states that break, and for metal that dissolves, because some of
+    it may lie beside cuts.
     """
     if not run.engine.tables.bonds.forces or run.engine.tables.phases.runs.size:
         return 0
@@ -132,7 +132,7 @@ def swept_ahead(boxes: Decomposition, number: int, run: Any) -> int:
 
 
 def nodes_beyond(run: Any) -> dict[Key, int]:
-    """Nodes of the engine beyond each side of the near field: margins and layers."""
+    """Return the number of nodes of the engine beyond each side of the near field: margins and layers."""
     grid, layout = run.parts.grid, run.engine.layout
     sides = {-1: layout.low, 1: layout.high}
     return {
@@ -143,34 +143,34 @@ def nodes_beyond(run: Any) -> dict[Key, int]:
 
 
 def numbers_sent(engine: Engine) -> list[int]:
-    """Numbers of a node beside a cut that are sent in a step, message by message."""
+    """Return how many numbers per node beside a cut are sent in a step, message by message."""
     states = [] if engine.passes is None else [engine.tables.scatter.columns]
     return [engine.components, *states] * len(engine.stages.numbers)
 
 
 def sent_by(boxes: Decomposition, number: int, run: Any) -> int:
-    """Bytes that a process sends to others in a step; see `sent_along`."""
+    """Return the bytes that a process sends to others in a step; see `sent_along`."""
     return sum(sent_along(boxes, number, run))
 
 
 def sent_along(boxes: Decomposition, number: int, run: Any) -> list[int]:
-    """Bytes that a process sends to others in a step along each axis: of fields the values of nodes, and of layers
-    along the last axis those of the lines that are cut across.
+    """Return the bytes that a process sends to others in a step along each axis: field values at nodes, and values of
+    the lines of layers along the last axis that cross a cut.
 
     Parameters
     ----------
     boxes : Decomposition
     number : int
-        Of the process.
+        Number of the process.
     run : Simulation
-        On one process.
+        The run on one process.
     """
     engine, beyond = run.engine, nodes_beyond(run)
-    # of one pass: of a stencil composed of two each pass exchanges its own halo
+    # the reach of one pass: with two passes, each exchanges a halo of its own
     reach = np.abs(engine.offsets[:, -run.lattice.dim :]).max(axis=0).tolist()
     nodes = boxes.exchanged(number, reach, beyond)
     place, last = boxes.place(number)[-1], boxes.topology[-1] - 1
-    each = boxes.size(number, beyond)[-1] + 2 * reach[-1]  # nodes of a line that are sent
+    each = boxes.size(number, beyond)[-1] + 2 * reach[-1]  # nodes of each line that is sent
     in_a_line = sum(outer * engine.in_a_line(side) for side, outer in ((-1, place == 0), (1, place == last)))
     lines = [count // each * in_a_line * len(engine.stages.numbers) for count in nodes[:-1]] + [0]
     values = [count * sum(numbers_sent(engine)) for count in nodes]

@@ -1,4 +1,4 @@
-"""A set-up: all that a user gives for a run, as one value that is run, kept, described and changed."""
+"""The set-up of a run: all that a user specifies, as one value that can be run, stored, described and changed."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ from farhorizon.simulation.kept import check_picklable
 from farhorizon.simulation.two_fields import of_one_field
 
 Key = tuple[int, int]  # axis and side, -1 or +1
-Sides = dict[Key, Any]  # what stands there
+Sides = dict[Key, Any]  # the boundary on each side
 
 
 def keys(name: str, values: Sequence[Any]) -> list[str]:
-    """What the entries of a list are called in messages."""
+    """Return the names of the entries of a list in messages."""
     return [f"{name}[{i}]" for i in range(len(values))] if len(values) > 1 else [name] * len(values)
 
 
 def side_name(axis: int, side: int) -> str:
-    """ "x-", "x+", .. of an axis and a side of -1 or +1."""
+    """Return the name of a side, "x-", "x+", .., from its axis and -1 or +1."""
     return AXES[axis] + "-+"[side > 0]
 
 
 def wanted_threads(threads: int | None) -> int:
-    """A number of threads that there are, all unless given; InputError for others."""
+    """Return the number of threads, all that are available unless given; raises InputError for an impossible one."""
     if threads is None:
         return available_threads()
     try:
@@ -60,7 +60,7 @@ def wanted_threads(threads: int | None) -> int:
 
 
 def _settled_source(source: Any, dim: int, key: str) -> Any:
-    """A source with every text in it as an expression."""
+    """Return a source with every text in it converted to an expression."""
     if isinstance(source, BodyForce | Traction | Pressure | ThermalLoad):
         raise InputError(
             "a load is not a source",
@@ -75,7 +75,7 @@ def _settled_source(source: Any, dim: int, key: str) -> Any:
 
 
 def _check_coupled(heat: Setup, lattice: Lattice, key: str) -> None:
-    """A temperature that follows the deformation is that of what has a heat capacity, on the same nodes."""
+    """Raise InputError unless a coupled temperature has a heat capacity and the nodes of the solid."""
     if heat.model.heat_capacity is None:
         raise InputError(
             "only what has a heat capacity is heated by a deformation", value=heat.model.title, key=key, limit="Heat"
@@ -204,7 +204,7 @@ constraints, balance, specimens, loads
         return made
 
     def _settle_heat(self) -> None:
-        """The model becomes one that heat strains, and texts of the thermal load expressions."""
+        """Settle the thermal load: its texts become expressions, and the model one with thermal strains."""
         found = [(i, one) for i, one in enumerate(self.loads) if isinstance(one, ThermalLoad)]
         if len(found) > 1:
             key, remedy = f"load[{found[1][0]}]", "add the temperatures up"
@@ -252,7 +252,7 @@ constraints, balance, specimens, loads
 
 
 def check_names(changes: Iterable[str]) -> None:
-    """InputError for a change of what a set-up has not."""
+    """Raise InputError for a change of an argument that a set-up does not have."""
     known = [field.name for field in fields(Setup)]
     for name in changes:
         if name not in known:
@@ -260,12 +260,14 @@ def check_names(changes: Iterable[str]) -> None:
 
 
 def wrapping(sides: Sides) -> frozenset[int]:
-    """Axes that close on themselves."""
+    """Return the periodic axes."""
     return frozenset(axis for (axis, _), side in sides.items() if side.periodic)
 
 
 def within_part(value: Any, lattice: Lattice, within: tuple[slice, ...]) -> Any:
-    """Of an array over the lattice, of one or more components, what lies in a box; all else as it is."""
+    """Return the part of a value in a box of the lattice: slices of arrays over the lattice, of one or more components,
+    also in lists; anything else is returned unchanged.
+    """
     if isinstance(value, np.ndarray) and value.shape[-lattice.dim :] == lattice.shape:
         place: tuple[Any, ...] = (..., *within)
         return value[place]

@@ -1,4 +1,4 @@
-"""Simulation: a set-up that runs, and what comes out of it."""
+"""Simulation: a run of a set-up, with its fields, energies, checks and saved states."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ class Simulation(Run):
         return run
 
     def _begin(self, setup: Setup, observe: Sequence[Observer], team: Team, topology: Sequence[int] | None) -> None:
-        """Be at the start of a set-up, and show what others read of its parts."""
+        """Assemble a set-up, go to its start, and set the attributes that other modules read."""
         self.setup, self.team, self.topology = setup, team, topology
         self.share: Share | None = None
         with team.agreed():
@@ -201,22 +201,22 @@ class Simulation(Run):
         self.start_u, self.start_v, self.sources = parts.start.u, parts.start.v, parts.drives.sources
         self.coefficients, self.incident, self.doubts = around.coefficients, parts.incident, around.doubts
         self.thickness, self.extents = around.thickness, around.extents
-        every = team.gather(around.beyond(near.stencil, near.lattice.spacing))  # beyond a neighbour there is nothing
+        every = team.gather(around.beyond(near.stencil, near.lattice.spacing))  # 0 beyond sides shared with a neighbour
         self.beyond = {key: max(one[key] for one in every) for key in around.sides}
         sides = settled_sides(around, near.model)
         self.settled = replace(setup, boundary=sides, coefficient=near.coefficient, dt=near.dt)
         self.given = {name: value for name, value in self.settled.arguments.items() if name != "initial"}
         self._at_start(observe, int(team.largest(float(np.prod(self.engine.core.nodes)))))
-        self._end = 0.0  # of the run, as far as it is known
+        self._end = 0.0  # end of the run, as far as it is known
         self._incident_notes: list[str] = []
         given = self.setup.sides if team else self.sides
         self._settling = Settling(parts.autos, [key for key, b in given.items() if b.open_ended])
         with team.agreed():
             self.resting = self._march = March(setup, parts, self.of, team)
-        seen = replace(parts, whole=whole) if team else parts  # nobody holds on to what all have
+        seen = replace(parts, whole=whole) if team else parts  # only recorders need the whole
         self._recording = Recording(setup, seen, self.recorders, team, self._march.heating)
 
-    # --- running -----------------------------------------------------------------------------------------------
+    # --- time stepping -----------------------------------------------------------------------------------------
 
     def check_sources(self, until: float) -> None:
         """Evaluate sources that do not split into space and time beyond the absorbing sides, at up to 64 equidistant
@@ -256,7 +256,7 @@ class Simulation(Run):
         """Replace some sides and return to the start of the run; raises InputError if the new sides cannot be used, and
         then leaves the run unchanged.
         """
-        settled = self.setup if self.team else self.settled  # of several that is the part of each
+        settled = self.setup if self.team else self.settled  # on several processes `settled` is that of one part
         named = {side_name(*key): boundary for key, boundary in {**settled.sides, **sides}.items()}
         seen: list[Observer] = [*self.observers, *self.recorders]
         other = self.of(replace(settled, boundary=named), seen, self.team, self.topology)
@@ -298,7 +298,7 @@ class Simulation(Run):
     def _watch(self, nodes: np.ndarray) -> None:
         self._recording.watch(nodes)
 
-    # --- what comes out ----------------------------------------------------------------------------------------
+    # --- results -----------------------------------------------------------------------------------------------
 
     @property
     def fields(self) -> dict[str, np.ndarray]:
@@ -409,7 +409,7 @@ class Simulation(Run):
         ends = self.exact_ends
         return {} if ends is None else {name: ends.describe(i, self.dt) for i, name in enumerate(ends.names)}
 
-    # --- what the checks ask -----------------------------------------------------------------------------------
+    # --- checks before a run -----------------------------------------------------------------------------------
 
     @property
     def exact_ends(self) -> ExactEnds | None:

@@ -1,4 +1,4 @@
-"""Spectra while a run goes on: Fourier sums of the field at chosen frequencies, on regions and at points."""
+"""Spectra accumulated during a run: Fourier sums of the field at chosen frequencies, in regions and at points."""
 
 from __future__ import annotations
 
@@ -190,8 +190,8 @@ class Spectra(Recorder):
         self._sums.take(state)
 
     def _check_stride(self, near: NearField) -> None:
-        """InputError where terms are so far apart that some wave on the lattice would be taken for another one."""
-        waves = near.model.order == 2  # what diffuses has no highest frequency
+        """Raise InputError if terms are so far apart that some wave on the lattice would be aliased."""
+        waves = near.model.order == 2  # diffusion has no highest frequency
         most = max(1, int(0.5 / (near.highest_frequency * near.dt) * (1 + 1e-9))) if waves else 1
         if self.every > most:
             raise InputError(
@@ -215,7 +215,7 @@ class Spectra(Recorder):
 
 
 def as_frequencies(given: Any, key: str) -> np.ndarray:
-    """Frequencies as an array of shape (F,); InputError for what is none."""
+    """Return frequencies as an array of shape (F,); raises InputError for anything else."""
     found = np.atleast_1d(kinds.array(given, key))
     if found.ndim != 1 or found.min(initial=0.0) < 0:
         raise InputError(
@@ -229,12 +229,12 @@ def as_frequencies(given: Any, key: str) -> np.ndarray:
 
 
 def check_frequencies(frequencies: np.ndarray, near: NearField, key: str = "spectra.frequencies") -> None:
-    """Refuse what steps of that length cannot tell apart, and what no wave on the lattice has.
+    """Refuse frequencies that steps of this length cannot resolve, or that no wave on the lattice has.
 
     Raises
     ------
     InputError
-        A frequency above Nyquist's, or above the highest of the lattice's waves.
+        A frequency above the Nyquist frequency, or above the highest of waves on the lattice.
     """
     highest, nyquist = float(frequencies.max(initial=0.0)), 0.5 / near.dt
     if highest > nyquist * (1 + 1e-9):
@@ -256,12 +256,12 @@ def check_frequencies(frequencies: np.ndarray, near: NearField, key: str = "spec
 
 
 def _in_region(region: Shape, lattice: Lattice) -> np.ndarray:
-    """Which nodes lie in a region, of the lattice's shape."""
+    """Return which nodes lie in a region, as a mask of the lattice's shape."""
     return np.asarray(region.contains(np.stack(lattice.coordinates(), axis=-1)))
 
 
 def _on_plane(plane: tuple[str, float], lattice: Lattice) -> np.ndarray:
-    """Which nodes belong to the layer of nodes nearest to a plane, of the lattice's shape."""
+    """Return which nodes belong to the layer of nodes nearest to a plane, as a mask of the lattice's shape."""
     axis, position = plane
     number = AXES.index(kinds.one_of(axis, "spectra.where", AXES[: lattice.dim], "the lattice has no such axis"))
     place = (kinds.number(position, "spectra.where") - lattice.whole.lower[number]) / lattice.spacing
@@ -269,7 +269,9 @@ def _on_plane(plane: tuple[str, float], lattice: Lattice) -> np.ndarray:
 
 
 def _nodes(where: Any, is_plane: bool, parts: Parts) -> np.ndarray:
-    """Flat indices of the nodes of the near field in a region or on a plane; InputError if there is none."""
+    """Return the flat indices of the nodes of the near field in a region or on a plane; raises InputError if there are
+    none.
+    """
     part, lattice = parts.near.lattice, parts.whole.near.lattice
     inside = _on_plane(where, part) if is_plane else _in_region(where, part)
     if part.mask is not None:

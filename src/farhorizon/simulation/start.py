@@ -38,15 +38,15 @@ class Start:
 
 
 def start_of(setup: Setup, near: NearField, sides: Sides, beyond: Beyond) -> Start:
-    """The initial data of a set-up.
+    """Return the initial data of a set-up.
 
     Raises
     ------
     InputError
-        Data that the infinite medium would have beyond the near field, too, an unknown field.
+        Initial values extend beyond the near field into the surrounding medium; an unknown field.
     """
     model, initial = near.model, setup.initial or {}
-    beyond = beyond.but_for(key for key, side in sides.items() if side.derivatives)  # where they go on
+    beyond = beyond.but_for(key for key, side in sides.items() if side.derivatives)  # data continue beyond these sides
     u = _initial("u", setup, near, beyond)
     known = ("u", "v") if model.order == 2 else ("u",)
     moving = "v" in initial and model.order == 2
@@ -63,15 +63,15 @@ def start_of(setup: Setup, near: NearField, sides: Sides, beyond: Beyond) -> Sta
 
 
 def check_range(start: Start, dtype: str, team: Team) -> None:
-    """Refuse initial data whose squares overflow in the numbers of the run, or vanish there, with an InputError."""
+    """Raise InputError for initial data whose squares overflow or underflow in the number type of the run."""
     for name, values in (("u", start.u), ("v", start.v)):
         check_size(values, f"initial.{name}", dtype, team.largest)
 
 
 def drifting(near: NearField, sides: Sides, dtype: str) -> list[str]:
-    """What is to be said of a body in single precision that nothing holds: a step sums values, whose rounding goes with
-    the values and not with their differences, and acts as weak springs to zero would, of either sign, so that what
-    they change grows with the square of the steps.
+    """Return a note on a body in single precision that nothing fixes: a step sums values, so rounding is proportional
+    to values rather than differences. It acts like weak springs to zero, of either sign, whose effect grows with the
+    square of the number of steps.
     """
     loose = all(side.periodic or side.image > 0 for side in sides.values())
     held = near.busy.any() or np.any(near.stencil.reaction) or not loose
@@ -84,7 +84,7 @@ def drifting(near: NearField, sides: Sides, dtype: str) -> list[str]:
 
 
 def begun(start: Start, incident: Sequence[Incidence]) -> Start:
-    """The initial data with those of incident waves that are in their boxes already."""
+    """Return the initial data, including those of incident waves that are already in their boxes."""
     parts = [one.initial() for one in incident if not one.passage.rests]
     return (
         replace(start, u=start.u + sum(u for u, _ in parts), v=start.v + sum(v for _, v in parts)) if parts else start
@@ -92,7 +92,7 @@ def begun(start: Start, incident: Sequence[Incidence]) -> Start:
 
 
 def _initial(name: str, setup: Setup, near: NearField, beyond: Beyond) -> np.ndarray:
-    """Initial values less the background; refuses data that the infinite medium would have beyond the near field."""
+    """Return initial values minus the background; refuses data that extend beyond the near field."""
     initial = setup.initial or {}
     level = near.background if name == "u" else 0.0
     value, key = initial.get(name, level), f"initial.{name}"
@@ -100,7 +100,7 @@ def _initial(name: str, setup: Setup, near: NearField, beyond: Beyond) -> np.nda
     given = field(whole, near.lattice, near.stencil.components, key) - level
     values = near.inside(given)
     entries = value if isinstance(value, list | tuple) else [value]
-    known = [isinstance(entry, np.ndarray) for entry in entries]  # on the lattice alone
+    known = [isinstance(entry, np.ndarray) for entry in entries]  # arrays are known on the lattice alone
     if any(known):
         seen = given if near.closed is not None else values
         beyond.check_values(near.size(seen if all(known) else seen[known]), key)
@@ -113,8 +113,8 @@ def _initial(name: str, setup: Setup, near: NearField, beyond: Beyond) -> np.nda
 
 
 def continued(name: str, setup: Setup, near: NearField, sides: Sides, grid: Grid) -> np.ndarray | None:
-    """Initial data on the core that go on beyond sides whose nodes stretch derivatives, zero in the near field; None
-    where they do not.
+    """Return the initial data on the core beyond sides whose nodes stretch derivatives, zero in the near field; None if
+    there are no such data or sides.
     """
     value = (setup.initial or {}).get(name)
     beyond = {key: grid.margins[key] for key, side in sides.items() if side.derivatives}
@@ -131,7 +131,7 @@ def continued(name: str, setup: Setup, near: NearField, sides: Sides, grid: Grid
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What becomes of the levels of an equation of second order where a run starts and where nodes are released.
+    """Time levels of an equation of second order at the start of a run and at the release of nodes.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class Motion:
     grid : Grid
     ends : ExactEnds or None
     force : callable
-        What the sources do at a time, of the field's shape.
+        Returns the action of the sources at a time, in the shape of the field.
     """
 
     near: NearField
@@ -148,7 +148,7 @@ class Motion:
     force: Callable[[float], np.ndarray]
 
     def acceleration(self, time: float) -> np.ndarray:
-        """What the medium, what lies beyond exact ends and the sources do to the present state, as a level."""
+        """Return the acceleration of the present state by the medium, exact ends and sources, as a level."""
         engine = self.grid.engine
         acceleration: np.ndarray = engine.apply(engine.current)
         if self.ends is not None:
@@ -158,8 +158,8 @@ class Motion:
         return acceleration * engine.mobility
 
     def step_back(self, v: np.ndarray, resting: np.ndarray, beyond: np.ndarray | None = None) -> None:
-        """The level one step before the start; some places of a level do not move, those of the core beyond the near
-        field with the velocities `beyond`.
+        """Set the level one step before the start, from initial velocities `v` of the near field and, if given,
+        `beyond` of the core beyond it; the places `resting` of a level do not move.
         """
         engine, dt, model = self.grid.engine, self.near.dt, self.near.model
         engine.begin(engine.current)
@@ -175,11 +175,11 @@ class Motion:
         box.view(engine.levels[1])[...] = box.view(engine.levels[0]) - box.view(change)
         engine.complete(engine.levels[1])  # drag reads the velocities of neighbours
         engine.memory[:] = 0
-        engine.apply(engine.levels[1])  # the states of nodes are those of one step before, as after any step
+        engine.apply(engine.levels[1])  # states of nodes are those of the previous step, as after any step
         engine.begin(engine.current)
 
     def release(self, step: int) -> None:
-        """Let nodes go whose constraint ends at a step: the next one is their first, as the start is of all."""
+        """Release nodes whose constraint ends at a step: their older level is set as at the start of a run."""
         engine, dt, model = self.grid.engine, self.near.dt, self.near.model
         for nodes, rate in self.near.prescribed.released(step):
             at = self.grid.indices[nodes]

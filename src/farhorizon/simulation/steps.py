@@ -1,4 +1,4 @@
-"""Time steps and the intervals that they divide: outputs, records and ends of runs are at whole numbers of steps."""
+"""Time steps and intervals that they divide: outputs, records and ends of runs are at whole numbers of steps."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from farhorizon.engine.engine import Engine
 from farhorizon.engine.state import as_before
 from farhorizon.errors import InputError
 
-#: An interval is a whole number of steps if no more than this part of a step is missing: what is left of one that was
-#: typed in or divided.
+#: An interval is a whole number of steps if it differs from one by at most this fraction of a step, to allow for typed
+#: and divided numbers.
 FITS = 1e-6
-_CANDIDATES = 1_000_000  # steps that are tried, at most
-_TIMED, _PIECE = 0.1, 0.02  # seconds for which steps are timed, and of a piece of them
-_MOST = 100_000  # steps in a piece
-_COUNTED = 2.0**52  # steps in an interval up to which their number is a whole one in floating point
+_CANDIDATES = 1_000_000  # largest number of step lengths that are tried
+_TIMED, _PIECE = 0.1, 0.02  # seconds for which steps are timed, in all and in one piece
+_MOST = 100_000  # largest number of steps in a piece
+_COUNTED = 2.0**52  # number of steps up to which whole numbers are exact in floating point
 
 
 def whole_steps(interval: float, dt: float) -> int | None:
-    """How many steps an interval is; None if that is not a whole number."""
+    """Return the number of steps in an interval; None if it is not a whole number."""
     count = interval / dt
     if not (np.isfinite(count) and count > 0.5 and abs(count - round(count)) <= FITS):
         return None
@@ -29,7 +29,7 @@ def whole_steps(interval: float, dt: float) -> int | None:
 
 
 def last_step(until: float, dt: float) -> int:
-    """Number of the first step at or after a time."""
+    """Return the number of the first step at or after a time."""
     return int(np.ceil(until / dt - FITS))
 
 
@@ -67,17 +67,17 @@ class WholeSteps:
         return f"WholeSteps({', '.join(f'{name}={interval:g}' for name, interval in self.intervals.items())})"
 
     def __call__(self, most: float) -> float:
-        """The step.
+        """Return the step.
 
         Parameters
         ----------
         most : float
-            What it would be otherwise.
+            Step without this rule, which is not exceeded.
 
         Raises
         ------
         InputError
-            No such step divides all of the intervals, or it is so short that its steps cannot be counted.
+            No such step divides all of the intervals, or the step is so short that its steps cannot be counted.
         """
         found = self._largest(most)
         if found is not None:
@@ -95,7 +95,9 @@ class WholeSteps:
         )
 
     def _largest(self, most: float) -> float | None:
-        """The largest step that divides all intervals; None if it were less than half of what it may be."""
+        """Return the largest step up to `most` that divides all intervals; None if it would be less than half of that,
+        or of the shortest interval if that is shorter.
+        """
         name, shortest = min(self.intervals.items(), key=lambda item: item[1])
         if not shortest < _COUNTED * most:
             raise InputError(
@@ -119,7 +121,7 @@ class WholeSteps:
         Raises
         ------
         InputError
-            With the next smaller step that does, and the nearest intervals that the given step would divide.
+            The message names the next smaller step that does, and the nearest intervals that the given step divides.
         """
         for name, interval in self.intervals.items():
             if whole_steps(interval, dt) is None:
@@ -135,7 +137,7 @@ class WholeSteps:
 
 
 def steps_between(every: float, dt: float, key: str = "run.every") -> int:
-    """Steps between two outputs.
+    """Return the number of steps between two outputs.
 
     Raises
     ------
@@ -157,19 +159,19 @@ def steps_between(every: float, dt: float, key: str = "run.every") -> int:
 
 
 def _beside(interval: float, unit: float) -> str:
-    """The multiples of a unit on either side of an interval."""
+    """Return, as text, the multiples of a unit on either side of an interval."""
     count = max(1, int(interval / unit))
     return f"{count * unit:.10g} or {(count + 1) * unit:.10g}"
 
 
 def seconds_of(engine: Engine) -> float:
-    """Time of a step on this machine now: the shortest of what they take in a tenth of a second, for whatever else the
-    machine does only delays them. Without sources; the state stays as it is.
+    """Measure the time of a step on this machine at present, without sources: the shortest in a tenth of a second,
+    because whatever else the machine does only delays it. The state is not changed.
     """
-    every = engine.tables.filter.every  # some layers are filtered only once in so many steps
+    every = engine.tables.filter.every  # steps from one application of the layers' filter to the next
     count, least, spent = every, np.inf, 0.0
     with as_before(engine):
-        engine.advance_alone(every)  # the first ones load compiled programs
+        engine.advance_alone(every)  # the first steps load compiled code
         while spent < _TIMED:
             begin = perf_counter()
             engine.advance_alone(count)

@@ -1,4 +1,4 @@
-"""How much faster a solid oscillates whose nodes lack bonds, or differ, than one that is whole and uniform."""
+"""Increase of the largest frequency of a solid where bonds are absent or moduli vary, over that of a uniform one."""
 
 from __future__ import annotations
 
@@ -16,21 +16,23 @@ from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Setup, side_name
 from farhorizon.simulation.team import Team
 
-# of the largest squared frequency: applications of the operator at most, and the residual that is told from none, which
-# bounds the error: a crack and its mirror image have the same step, that of the faster one of two tips
+# Lanczos iteration for the largest squared frequency: largest number of applications of the operator, and relative
+# residual, a bound of the error, at which it ends; small enough that a crack and its mirror image have the same step,
+# that of the faster of two tips
 _ITERATIONS, _RESIDUAL = 400, 1e-6
-# the least excess over a known rate that is surely found; the rest is added to the rate, whether it is there or not
+# smallest relative excess over a known rate that is certainly found; it is always added to the rate
 _UNSEEN = 3e-4
-# what is added to the excess over the medium, a part of it but no more of the medium's rate: waves along a crack or a
-# free face oscillate the faster the farther these go on, and the layers that are chosen may be thicker than a trial's.
-# Measured, near fields of 13 nodes, layers of 12 and of 58: a third of the excess, 0.013 of the rate, at most
+# margin added to the excess over the medium: a fraction of the excess, and at most a fraction of the medium's rate.
+# Waves along a crack or a free face oscillate faster the longer it is, and the layers that are chosen may be thicker
+# than those of the trial. Measured with near fields of 13 nodes and layers of 12 and of 58: at most a third of the
+# excess and 0.013 of the rate
 _MORE, _MOST = 0.5, 0.02
-_NODES = 12  # of a trial's layers
+_NODES = 12  # thickness of the layers of a trial
 
 
 def stiffening(near: NearField, grid: Grid, team: Team, counted: float = 1.0) -> float:
-    """Of the fastest oscillation the squared frequency over that of the medium with all its bonds; above 1 where states
-    have fewer bonds, or others.
+    """Return the largest squared frequency over that of the medium with all its bonds; above 1 where states lack bonds
+    or moduli vary.
 
     Parameters
     ----------
@@ -38,7 +40,7 @@ def stiffening(near: NearField, grid: Grid, team: Team, counted: float = 1.0) ->
     grid : Grid
     team : Team
     counted : float
-        What the near field already has in its rate of this.
+        Stiffening that the near field's rate already includes.
     """
     unlike = team.any(bool(grid.engine.absent.count) or near.variation.moduli is not None)
     if not unlike or not grid.engine.passes:
@@ -48,19 +50,20 @@ def stiffening(near: NearField, grid: Grid, team: Team, counted: float = 1.0) ->
 
 
 def least_stiffening(setup: Setup) -> float:
-    """What `stiffening` is of a set-up where nothing is found to be stiffer than the medium."""
+    """Return the smallest `stiffening` of a set-up: its value if nothing stiffer than the medium is found."""
     return _with_margin(0.0) if _may_stiffen(setup) else 1.0
 
 
 def _with_margin(excess: float) -> float:
-    """Stiffening for an excess that was found, below zero where there is none."""
+    """Return the stiffening for a relative excess over the medium's rate, which is negative if there is none."""
     excess = max(excess, _UNSEEN)
-    return float(f"{1 + excess + min(_MORE * excess, _MOST):.7g}")  # sums in another order make no other step
+    return float(f"{1 + excess + min(_MORE * excess, _MOST):.7g}")  # so that the order of sums does not affect the step
 
 
 def trial_of(setup: Setup) -> Setup:
-    """A set-up as stiff as a given one, whose layers nobody has to choose: a few nodes of the medium stand for those
-    that follow from the data. The same where none do, or where nothing can be stiffer than the medium.
+    """Return a set-up as stiff as the given one in which no layer has to be chosen: a few nodes of the medium replace
+    each layer that depends on the data. The set-up itself is returned if there is no such layer, or if nothing can be
+    stiffer than the medium.
     """
     if not _may_stiffen(setup):
         return setup
@@ -71,15 +74,15 @@ def trial_of(setup: Setup) -> Setup:
 
 
 def _may_stiffen(setup: Setup) -> bool:
-    """Whether nodes have states that may be of fewer bonds than in the medium, or of others."""
+    """Whether nodes have states that may lack bonds or have other moduli than the medium."""
     cut = bool(setup.cracks) or not all(side.bonded and not side.closing for side in setup.sides.values())
     cut |= setup.lattice.body is not None and setup.rim == "free"
     return not setup.model.bonds and (cut or bool(setup.model.varying) or setup.coefficient is not None)
 
 
 def _plain(side: Side, default: float) -> Side:
-    """A side whose layer, if it is one that looks at the data, does nothing to them, and asks for the same target, so
-    that margins are the same.
+    """Return the side; if its layer depends on the data, with a layer that absorbs nothing instead, and with the same
+    target, so that margins are the same.
     """
     layer = side.as_layer(None, default) if side.undecided else side
     if not looks_at_data(layer):
@@ -90,16 +93,16 @@ def _plain(side: Side, default: float) -> Side:
 
 
 def largest_rate(grid: Grid, team: Team, known: float = 0.0) -> float:
-    """Largest squared frequency of nodes without their layers, of all processes.
+    """Return the largest squared frequency of all nodes without the effect of layers, over all processes.
 
-    The operator is symmetric, so that Lanczos' method finds it, from below; nodes that never move are at zero.
+    The operator is symmetric, so Lanczos' method finds it, from below; nodes that never move are at zero.
 
     Parameters
     ----------
     grid : Grid
     team : Team
     known : float
-        A rate below which it need not be found to all digits.
+        A rate below which the result need not be accurate.
     """
     engine, layout = grid.engine, grid.engine.layout
     places = layout.box.node_indices()
@@ -132,17 +135,17 @@ def largest_rate(grid: Grid, team: Team, known: float = 0.0) -> float:
 
 
 def _noise(grid: Grid, team: Team, places: np.ndarray) -> tuple[np.ndarray, int]:
-    """What Lanczos' method begins with, half of it at the nodes that are unlike the medium, and applications after
-    which what is not above the medium's rate is above it by `_UNSEEN` of it at most.
+    """Return the start vector of Lanczos' method, half of whose energy lies at nodes unlike the medium, and a number of
+    applications: if no rate above the medium's has been found by then, the largest exceeds it by at most `_UNSEEN`.
 
-    What oscillates faster than the medium does so about those nodes: in noise that is spread over all nodes it would be
-    the less, the larger the box. Where it is one of n numbers, m applications miss (ln n / 4 m)^2 of the rate at most.
+    Modes faster than those of the medium are localised at these nodes: in noise spread over all nodes their share would
+    decrease with the size of the box. For n unknowns, m applications miss at most (ln n / 4 m)^2 of the rate.
     """
     engine = grid.engine
     box, components = engine.layout.box, engine.components
     first = [n - low for n, low in zip(grid.first, engine.layout.low, strict=True)]
     at = [one + n for one, n in zip(box.coordinates(places).T, first, strict=True)]
-    # what a node begins with goes by its place, whichever process has it
+    # the value of a node depends on its place alone, whichever process has it
     values = np.stack([uniform(seed, *at) - 0.5 for seed in range(components)])
     unlike = _unlike(grid, team, places)
     some, every = team.summed(np.array([unlike.sum(), len(places)], float))
@@ -155,9 +158,9 @@ def _noise(grid: Grid, team: Team, places: np.ndarray) -> tuple[np.ndarray, int]
 
 
 def _unlike(grid: Grid, team: Team, places: np.ndarray) -> np.ndarray:
-    """Which nodes have states that lack bonds, or a neighbour along an axis of other moduli."""
+    """Return which nodes have states that lack bonds, or a neighbour along some axis with other moduli."""
     engine, passes = grid.engine, grid.engine.passes
-    if passes is None:  # bonds without states, of which none makes another stiffer
+    if passes is None:  # without states no absent bond makes another one stiffer
         return np.zeros(len(places), bool)
     law = engine.tables.gather.sweep.law
     found = np.isin(places, law.nodes)

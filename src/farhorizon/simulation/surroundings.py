@@ -1,4 +1,4 @@
-"""What stands beyond each side of a near field, and what it takes of memory."""
+"""The surroundings of a near field: layers and other nodes beyond its sides, and the memory that a run needs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from farhorizon.simulation.setup import Key, Setup, Sides
 
 
 class Foretold(NamedTuple):
-    """Up to when a layer is predicted to make an error in a run that goes on beyond what it was chosen for."""
+    """Predicted error of a layer up to a time, in a run that continues beyond the length the layer was chosen for."""
 
     until: float = 0.0
     error: float = np.inf
@@ -26,7 +26,7 @@ class Foretold(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """The sides of a near field as far as they are chosen.
+    """The sides of a near field and what has been chosen for them.
 
     Attributes
     ----------
@@ -35,19 +35,20 @@ class Surroundings:
         Squared speed or diffusivity of the medium at each side.
     layers : dict of (axis, side) to Layer
     thickness : dict of str to Thickness
-        By side, what the layers that chose themselves are predicted to do.
+        Chosen layers and their predictions, by name of the side.
     extents : dict of (axis, side) to Extent
         How far the medium is computed beyond sides that extend it.
     doubts : list of str
-        Layers that are predicted to miss their targets.
+        Warnings about layers that are predicted to miss their targets.
     notes : list of str
-        What predictions leave out.
+        Notes on what predictions leave out.
     returned : callable, or None
-        Errors by (axis, side) that the layers which chose themselves are predicted to make up to a time,
+        Returns the predicted errors, by (axis, side), of the chosen layers up to a time.
     foreseeable : float
-        which is no later than this one.
+        Latest time for `returned`.
     foretold : dict of str to Foretold
-        By side, what these are predicted to send back in a run that goes on beyond what they were chosen for.
+        Predictions for the chosen layers in a run that continues beyond the length they were chosen for, by name of
+        the side.
     """
 
     sides: Sides
@@ -62,23 +63,22 @@ class Surroundings:
     foretold: dict[str, Foretold] = field(default_factory=dict)
 
     def width(self, key: Key, stencil: Stencil, spacing: float) -> int:
-        """Nodes of the core beyond the near field that a sponge, an extended side or a condition along the outline
-        takes.
+        """Return the number of nodes of the core that a sponge, an extended side or a condition along the outline needs
+        beyond the near field.
         """
         if key in self.extents:
             return self.extents[key].nodes
         return self.sides[key].width(stencil.reach[key[0]], spacing)
 
     def beyond(self, stencil: Stencil, spacing: float) -> dict[Key, int]:
-        """Nodes that are computed beyond each side: of its layer, or those of `width`."""
+        """Return the number of nodes that are computed beyond each side: those of its layer, or `width`."""
         layers = {key: layer.columns for key, layer in self.layers.items()}
         return {key: layers.get(key, self.width(key, stencil, spacing)) for key in self.sides}
 
     def depth(self, stencil: Stencil, spacing: float, shape: tuple[int, ...]) -> dict[Key, int]:
-        """Nodes beyond each absorbing side at which data and sources are looked at: its layer or sponge, or one reach
-        if that is more.
-
-        Beyond an exact end and an extended side as many as the near field has.
+        """Return the number of nodes beyond each absorbing side at which data and sources are checked: those of its
+        layer or sponge, or one reach if that is more; beyond an exact end or an extended side, as many as the near
+        field has.
         """
         nodes = {key: layer.columns for key, layer in self.layers.items()}
         for key, b in self.sides.items():
@@ -88,8 +88,8 @@ class Surroundings:
 
 
 def by_target(setup: Setup, sides: Sides, stencil: Stencil, faster: Mapping[Key, float] | None = None) -> Surroundings:
-    """The sides with layers that follow from their targets alone or are given, for the squared speed of the medium at
-    each over that of the model.
+    """Return the surroundings with layers that are given or follow from their targets alone; `faster` is the squared
+    speed of the medium at each side over that of the model.
     """
     lattice, model = setup.lattice, setup.model
     coefficients = {key: model.coefficient * (1.0 if faster is None else faster[key]) for key in sides}
@@ -109,8 +109,8 @@ def by_target(setup: Setup, sides: Sides, stencil: Stencil, faster: Mapping[Key,
 
 
 def memory_needed(setup: Setup, stencil: Stencil, around: Surroundings) -> float:
-    """Bytes at the peak, in setting up: three levels and the layers' memory once more, and about seven fields besides
-    coordinates.
+    """Return the peak memory in bytes, which is needed during set-up: three levels and the layers' memory once more,
+    and about seven fields besides coordinates.
     """
     lattice, reach, itemsize = setup.lattice, stencil.reach, np.dtype(setup.dtype).itemsize
     more = {key: around.width(key, stencil, lattice.spacing) for key in around.sides}
@@ -120,7 +120,7 @@ def memory_needed(setup: Setup, stencil: Stencil, around: Surroundings) -> float
     ]
     nodes = [float(n + 2 * m + c) for n, m, c in zip(shape, reach, columns, strict=True)]
     sides = [2 * m * c * np.prod(nodes) / n for c, m, n in zip(columns, reach, nodes, strict=True)]
-    # the edges of the first two axes
+    # the edges between sides of the first two axes
     memory = sum(sides) + (sides[0] * sides[1] / np.prod(nodes) / 2 if lattice.dim == 3 else 0.0)
     tuned = {key: layer.columns for key, layer in around.layers.items() if layer.tuned.size}
     memory += 3 * sum(columns * np.prod(nodes) / nodes[axis] for (axis, _), columns in tuned.items())
@@ -131,7 +131,7 @@ def memory_needed(setup: Setup, stencil: Stencil, around: Surroundings) -> float
 
 
 def check_memory(setup: Setup, stencil: Stencil, around: Surroundings) -> None:
-    """InputError where the run does not fit into memory."""
+    """Raise InputError if the run does not fit into memory."""
     need = memory_needed(setup, stencil, around)
     if need > available_memory():
         raise InputError(
@@ -144,12 +144,12 @@ def check_memory(setup: Setup, stencil: Stencil, around: Surroundings) -> None:
 
 
 def enlarged(shape: tuple[int, ...], more: Mapping[Key, int]) -> float:
-    """Nodes of a near field with so many more beyond some sides."""
+    """Return the number of nodes of a near field together with given numbers of nodes beyond its sides."""
     return float(np.prod([float(n + more.get((a, -1), 0) + more.get((a, 1), 0)) for a, n in enumerate(shape)]))
 
 
 def too_large(shape: tuple[int, ...], more: Mapping[Key, int], components: int, itemsize: int) -> InputError:
-    """What is said of an extended domain that does not fit into memory."""
+    """Return the error for an extended domain that does not fit into memory."""
     need = 3.0 * itemsize * components * enlarged(shape, more)
     return InputError(
         "the extended domain does not fit into memory",

@@ -1,4 +1,4 @@
-"""What of a set-up does not go together: a model with its sides, bonds and phases, a stencil with its lattice."""
+"""Checks that the parts of a set-up are compatible: a model with sides, bonds and phases, a stencil with a lattice."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from farhorizon.simulation.setup import Setup, Sides, side_name
 
 
 def check_model(setup: Setup, sides: Sides) -> None:
-    """Sides, bonds, phases and loads that the model does not have.
+    """Refuse sides, bonds, phases and loads that the model does not support.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def check_model(setup: Setup, sides: Sides) -> None:
 
 
 def _check_bonds(setup: Setup) -> None:
-    """What bonds that follow a law of their own stretch do not have."""
+    """Refuse what bonds that are nonlinear or break do not support."""
     if setup.rim == "fixed":
         raise InputError(
             "bonds that are nonlinear or break have no fixed surface",
@@ -86,7 +86,7 @@ def _check_bonds(setup: Setup) -> None:
 
 
 def check_variation(sides: Sides, variation: Variation) -> None:
-    """Refuse sides that go on with a medium of one density.
+    """Refuse sides that continue the medium with a single density if the density varies.
 
     Raises
     ------
@@ -107,8 +107,8 @@ def check_variation(sides: Sides, variation: Variation) -> None:
 
 def check_entrances(setup: Setup, sides: Sides, stencil: Stencil) -> None:
     """Refuse a material, or a body, that varies along the normal within one reach of a side whose nodes stretch
-    derivatives: those of the near field just before it have a part in what it absorbs. Before other layers the medium
-    goes on for one reach as it is at the edge.
+    derivatives: the nodes of the near field just before it take part in the absorption. Before other layers the medium
+    is continued for one reach as it is at the edge.
 
     Raises
     ------
@@ -135,9 +135,9 @@ def check_entrances(setup: Setup, sides: Sides, stencil: Stencil) -> None:
 
 
 def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
-    """What fields of several components and media with a reaction do not have, integrators that conditions along an
-    outline do not serve, and a near field that is thinner than the stencil. Along periodic axes, where the stencil
-    may go round several times, it may be.
+    """Refuse what fields of several components and media with a reaction do not support, integrators that conditions
+    along an outline do not support, and a near field that is thinner than the stencil. Along periodic axes it may be
+    thinner: there the stencil may wrap around several times.
 
     Raises
     ------
@@ -178,8 +178,8 @@ def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
 
 
 def check_repeats(setup: Setup, sides: Sides, stencil: Stencil) -> None:
-    """Refuse a crack across a periodic side that does not come back in on the opposite one: of a bond across that side
-    both ends have to lose it.
+    """Refuse a crack across a periodic side that does not re-enter through the opposite one: a bond across that side
+    must be cut at both of its ends.
 
     Raises
     ------
@@ -210,7 +210,7 @@ def check_repeats(setup: Setup, sides: Sides, stencil: Stencil) -> None:
 
 
 def _check_vector(setup: Setup, sides: Sides) -> None:
-    """What fields of several components do not have."""
+    """Refuse what fields of several components do not support."""
     name = type(setup.model).__name__
     for i, one in enumerate(setup.constraints):
         if not isinstance(one, Prescribed):
@@ -237,7 +237,7 @@ def _check_vector(setup: Setup, sides: Sides) -> None:
 
 
 def _check_reaction(setup: Setup, sides: Sides, reaction: float) -> None:
-    """What a medium that draws its nodes back does not have."""
+    """Refuse what a medium with a reaction does not support."""
     model, value = setup.model, f"reaction {reaction * setup.model.coefficient / setup.lattice.spacing**2:g}"
     for key, boundary in sides.items():
         if not boundary.reactive:
@@ -261,7 +261,7 @@ def _check_reaction(setup: Setup, sides: Sides, reaction: float) -> None:
 
 
 def _check_closing(setup: Setup, sides: Sides) -> None:
-    """Conditions along an outline: integrators of one stage, windows closed by one condition all around."""
+    """Refuse conditions along an outline unless the integrator has one stage and a window has the same on all sides."""
     closing = [b for b in sides.values() if b.closing]
     if not closing:
         return
@@ -283,6 +283,6 @@ def _check_closing(setup: Setup, sides: Sides) -> None:
 
 
 def closed_window(setup: Setup, sides: Sides) -> np.ndarray | None:
-    """Nodes of a window that a condition closes along its outline; None where none does."""
+    """Return the nodes of a window that a condition along its outline closes; None if there is none."""
     closes = setup.lattice.window is not None and any(b.closing for b in sides.values())
     return setup.lattice.mask if closes else None

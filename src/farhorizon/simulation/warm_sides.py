@@ -1,8 +1,8 @@
-"""Absorbing sides through which a temperature goes on with the displacements: in the layers of the solid, or as far as
-the domain is extended.
+"""Absorbing sides beyond which a temperature continues together with the displacements: in the layers of the solid, or
+as far as the domain is extended.
 
-In a layer the shifts along its normal are stretched. What couples both fields is exact there, too, if both are
-continued by the same stretch: then the heat has the layers of the solid, edge by edge, and its steps.
+In a layer the shifts along its normal are stretched. The coupling of the two fields is exact there, too, if both are
+continued with the same stretch: the heat then has the layers of the solid, edge by edge, and its time step.
 """
 
 from __future__ import annotations
@@ -24,16 +24,17 @@ from farhorizon.simulation.surroundings import Surroundings
 
 
 def warm_sides(setup: Setup, sides: Sides, dt: float) -> frozenset[Key]:
-    """The sides through which the temperature goes on with the displacements; none beside absorbing ones of other
-    kinds, where each field has its own, or where the heat does not bear the steps of the solid.
+    """Return the sides beyond which the temperature continues with the displacements. There are none if some other side
+    absorbs, if the integrator of the heat has several stages, if the heat's background is not the reference
+    temperature, or if uncoupled heat is unstable with the time step of the solid.
 
     Parameters
     ----------
     setup : Setup
     sides : dict of (axis, side) to Side
-        Of the displacements, as they are chosen.
+        Sides of the displacements, as chosen.
     dt : float
-        Their step.
+        Time step of the displacements.
     """
     load = setup.heat
     if load is None or not load.joint:
@@ -41,26 +42,30 @@ def warm_sides(setup: Setup, sides: Sides, dt: float) -> frozenset[Key]:
     heat = load.temperature
     found = {key for key, side in sides.items() if (side.stretched or side.extended) and side_name(*key) in load.joint}
     others = [side for key in sides.keys() - found for side in (sides[key], heat.sides[key])]
-    once = len(heat.model.integrator.stages(dt).numbers) == 1  # each stage would have a memory of its own
+    once = len(heat.model.integrator.stages(dt).numbers) == 1  # each stage would need a memory of its own
     if not once or heat.background != load.reference or any(side.endless for side in others):
         return frozenset()
     return frozenset(found) if load.coupled or dt <= heat_alone(heat).step_limit else frozenset()
 
 
 def warm_margins(setup: Setup, warm: Collection[Key], around: Surroundings) -> dict[Key, int]:
-    """Nodes of the core in front of the layers of both fields, which keep data and sources out of them."""
+    """Return the numbers of nodes of the core in front of layers of both fields, which keep data and sources out of
+    them.
+    """
     return {key: 1 + max(_reaches(setup, key[0])) for key in warm if key in around.layers}
 
 
 def _reaches(setup: Setup, axis: int) -> list[int]:
-    """How far the bonds of both fields reach along an axis."""
+    """Return the reach of the bonds of each field along an axis."""
     assert setup.heat is not None
     lattice, models = setup.lattice, (setup.model, setup.heat.temperature.model)
     return [model.medium(lattice.spacing, lattice.dim).reach[axis] for model in models]
 
 
 def heat_front(setup: Setup, warm: Collection[Key], until: float, error: float) -> int:
-    """Nodes of an extended domain from whose end no more of the heat comes back than an error."""
+    """Return the number of nodes beyond a side for which the heat that returns from the end of an extended domain is at
+    most an error.
+    """
     if not warm or setup.heat is None:
         return 0
     heat = heat_alone(setup.heat.temperature)
@@ -69,12 +74,12 @@ def heat_front(setup: Setup, warm: Collection[Key], until: float, error: float) 
 
 
 def sides_of_heat(around: Surroundings, margins: Mapping[Key, int], warm: Collection[Key]) -> dict[Key, Side]:
-    """The sides that the heat shares with the solid, as it has them.
+    """Return the sides that the heat shares with the solid, in the form for the heat.
 
     Parameters
     ----------
     around : Surroundings
-        Of the solid. Short waves of the temperature need no damping.
+        Surroundings of the solid. The damping of its layers is left out: the temperature does not need it.
     margins : mapping of (axis, side) to int
         Nodes of the core beyond the near field.
     warm : collection of (axis, side)
@@ -91,7 +96,7 @@ def sides_of_heat(around: Surroundings, margins: Mapping[Key, int], warm: Collec
 
 
 def heat_beside(load: ThermalLoad, dt: float, shared: Mapping[Key, Side]) -> Setup:
-    """The set-up of the heat, with steps of the solid and the sides that it shares with it."""
+    """Return the set-up of the heat with the time step of the solid and the sides that they share."""
     heat = load.temperature
     named = {side_name(*key): side for key, side in shared.items()}
     return replace(heat, dt=dt, balance=False, boundary={**heat.boundary, **named})
@@ -103,9 +108,9 @@ class WarmNodes:
     Parameters
     ----------
     solid, heat : Grid
-        With the same nodes.
+        Grids with the same nodes.
     expansion : ndarray
-        What a unit of the temperature strains each node of the near field; goes on along the normals.
+        Strain per unit of temperature at each node of the near field; it is continued along the normals.
     """
 
     def __init__(self, solid: Grid, heat: Grid, expansion: np.ndarray) -> None:
@@ -116,24 +121,24 @@ class WarmNodes:
 
     @property
     def changed(self) -> np.ndarray:
-        """Temperature over that far away."""
+        """Temperature minus that far away."""
         return self.heat.current[self._of_heat].astype(float)
 
     def lay(self) -> None:
-        """Tell the engine of the solid what heat strains these nodes."""
+        """Give the thermal strains of these nodes to the engine of the solid."""
         give_heat_beyond(self.solid, self._places, self._expansion * self.changed)
 
     def of(self, values: np.ndarray) -> np.ndarray:
-        """Values at the places of a level of the solid, at these nodes."""
+        """Return the values of these nodes, from an array over a level of the solid."""
         return values[self._places]
 
     def heat_up(self, released: np.ndarray) -> None:
-        """Warm these nodes by what deformation sets free in a step, for a unit of the expansion."""
+        """Warm these nodes by the heat that deformation releases in a step, given per unit of expansion."""
         self.heat.current[self._of_heat] += self._expansion * released
 
 
 def _beyond(grid: Grid) -> np.ndarray:
-    """Places of the nodes beyond the near field, in the order of the box."""
+    """Return the places of the nodes beyond the near field, in the order of the box."""
     places, inside = grid.engine.layout.box.node_indices(), np.zeros(grid.engine.layout.size, bool)
     inside[grid.nodes] = True
     return np.asarray(places[~inside[places]])

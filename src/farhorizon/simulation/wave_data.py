@@ -1,4 +1,4 @@
-"""The data that send waves to a side, as predictions take them: in parts by time, flat along an axis, or stood for."""
+"""Data that send waves to a side, as predictions use them: divided in time, flattened along an axis, or replaced."""
 
 from __future__ import annotations
 
@@ -14,43 +14,44 @@ from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.side_data import Datum
 from farhorizon.medium.stencil import Stencil
 
-# lengths of the run before images come round, if there is room: what comes later folds back into it, much fainter
+# lengths of the run before images of the data arrive, if there is room: later arrivals fold back into the run, much
+# weaker
 _ROUND = 2
-_AHEAD = 1.05  # way over that of long waves in a time: on a lattice the front of a pulse runs ahead of them, faintly
-_LONG = 8  # parts of the room, by one of which data are smoothed for what is still to come: the longest waves alone
-# pace of the fastest waves over that of the slowest of solids of which something comes back: what came back of short
-# pulses in boxes of 120 and 200 nodes grew until about when these are back from the layer
+_AHEAD = 1.05  # distance over that of long waves: on a lattice the faint front of a pulse runs ahead of them
+_LONG = 8  # for the later part of a run data are smoothed over the room divided by this: only the longest waves remain
+# speed of the fastest waves over that of the slowest waves of solids that are reflected noticeably: the reflection of
+# short pulses in boxes of 120 and 200 nodes grew until about the time at which these are back from the layer
 _SLOW = 10.0
-FORESEEN = 60  # crossings for which errors are predicted at least
-# steps, times nodes along the longest side, for which those of scalars on a line and in the plane are: the work grows
-# with both, and in space far more is predicted of loads that stay than comes
+FORESEEN = 60  # least number of crossings for which errors are predicted
+# steps times nodes along the longest side for which errors of scalars are predicted in 1D and 2D: the work grows with
+# both; in 3D the predicted errors of persistent loads are far too large
 _WORK = 4e6
-_SILENT = 1e-3  # of the wanted error: sources that are fainter send nothing any more
-_STAND_IN = 2.0  # width, in nodes, of the pulses that stand for data which are not known
+_SILENT = 1e-3  # fraction of the wanted error below which a source is taken to have ended
+_STAND_IN = 2.0  # width, in nodes, of the pulses that replace unknown data
 
 
 def foreseen_time(crossing: float, dt: float, stencil: Stencil, shape: tuple[int, ...]) -> float:
-    """Time up to which errors are predicted."""
+    """Return the time up to which errors are predicted."""
     steps = _WORK / max(shape) if stencil.components == 1 and len(shape) < 3 else 0.0
     return max(FORESEEN * crossing, steps * dt)
 
 
 def by_time(data: Sequence[Datum], half: int, silent: float) -> Iterator[tuple[int, int, list[Datum]]]:
-    """Data of which sources that go on are cut into parts, so that each moment is whole in one of them and none is
-    switched on or off at once.
+    """Divide data with lasting sources into overlapping parts in time, so that each moment is complete in one of them
+    and no source is switched on or off abruptly.
 
     Parameters
     ----------
     data : sequence of Datum
     half : int
-        Of the steps that a part lasts.
+        Half the number of steps that a part lasts.
     silent : float
-        A part of a source with less, over its largest value, sends nothing.
+        Fraction of a source's largest value below which a part of it is left out.
 
     Yields
     ------
     tuple of (int, int, list of Datum)
-        The step at which a part begins, steps from there to its middle, and its data.
+        The step at which a part begins, the number of steps from there to its middle, and its data.
     """
     for middle in range(0, max([1, *(len(datum.time) for datum in data)]), half):
         before, part = min(middle, half), [datum for datum in data if datum.kind != "source" and middle == 0]
@@ -71,13 +72,13 @@ class FollowedPart(NamedTuple):
     data : sequence of Datum
     time : float
     room : int
-        Nodes beside the near field.
+        Nodes by which the period along the side exceeds the near field.
     smooth : float
-        Nodes by which the data are smoothed.
+        Width in nodes of the smoothing of the data.
     limit : float
-        Speed along the side that the waves do not exceed.
+        Speed along the side above which waves are left out.
     later : float
-        Length of the run over the time, where what comes later is told from what comes before.
+        Length of the run over `time`, if later reflection is extrapolated from that up to then; 1 otherwise.
     """
 
     data: Sequence[Datum]
@@ -89,34 +90,36 @@ class FollowedPart(NamedTuple):
 
 
 def is_long(medium: LatticeMedium, until: float, most: float) -> bool:
-    """Whether images of the data come round within a run, where so many nodes are beside the near field."""
+    """Whether images of the data arrive within a run if the period exceeds the near field by `most` nodes."""
     return _AHEAD * medium.speed / medium.spacing * until > most
 
 
 def followed_parts(
     medium: LatticeMedium, data: Sequence[Datum], until: float, wanted: float, most: float, every: bool, nodes: int
 ) -> list[FollowedPart]:
-    """What is followed of data in a run.
+    """Return which waves of the data are followed in a run, and for how long.
 
-    Where the medium goes on along the side, images in place of nothing would come round in a long run, and be heard in
-    layers that take little of what travels along them. So there all waves are followed only as long as none comes, and
-    longer the longest ones alone, which are few enough for any room, and those that hardly move.
+    Where the medium continues along the side, images that are not there in reality would arrive in a long run, and
+    matter for layers that absorb little of what travels along them. So all waves are followed only until the first
+    image arrives. Only the longest waves, which are few enough for any period, and those that hardly move are followed
+    beyond that.
 
     Parameters
     ----------
     medium : LatticeMedium
     data : sequence of Datum
-        The first axis along the normal.
+        Their first axis is the normal.
     until : float
     wanted : float
-        The error that is to be told from none.
+        The smallest error that has to be detected.
     most : float
-        Nodes beside the near field for waves that set out at the start; inf where the data repeat themselves.
+        Nodes by which the period exceeds the near field for waves that start at time zero; inf if the data are
+        periodic.
     every : bool
-        Whether all modes are followed. Among them are some that hardly move: those of scalars that go no farther than
-        the room are followed to the end of the run, those of vectors until they have come back.
+        Whether all modes are followed. Some of them hardly move: those of scalars that travel no farther than `most`
+        nodes are followed to the end of the run, those of vectors until they have returned.
     nodes : int
-        Of the thickest layer that they come back from.
+        Thickness of the thickest layer from which they return.
 
     Returns
     -------
@@ -144,8 +147,8 @@ def followed_parts(
 def stand_ins(
     shape: tuple[int, ...], reach: int, components: int = 1, courses: Sequence[np.ndarray] = ()
 ) -> list[Datum]:
-    """Data in place of such that are not known: short pulses in the middle and one reach and a few nodes from both ends
-    of each axis; if their courses in time are known sources there, of a node each.
+    """Return data that replace unknown ones: short pulses in the middle and, on each axis, one reach and a few nodes
+    from both ends; or, if courses in time are given, sources of one node each at these places.
     """
     places = [np.array(shape) / 2]
     for axis, nodes in enumerate(shape):
@@ -161,24 +164,24 @@ def stand_ins(
 
 
 def depth_of(data: Sequence[Datum]) -> tuple[int, ...]:
-    """Nodes from the side to the middle of the data; none where there is nothing."""
+    """Return the number of nodes from the side to the centre of the data; empty if all data are zero."""
     size = sum(np.abs(datum.values).sum(tuple(range(1, datum.values.ndim))) for datum in data)
     rows = np.arange(len(data[0].values))[::-1]
     return (round(float(np.average(rows, weights=size))),) if np.any(size) else ()
 
 
 def key_of(data: Sequence[Datum], together: bool, mirrors: Sequence[int] = ()) -> frozenset[object]:
-    """By which data are known that send waves of the same size to a side: those of the other sign, too, and mirror
-    images along the side.
+    """Return a key that is the same for data which send waves of the same size to a side, as data of the opposite sign
+    and mirror images along the side do.
 
     Parameters
     ----------
     data : sequence of Datum
     together : bool
-        Whether the components are followed together, in the plane, where 0 is along the normal and 1 along the side;
-        otherwise each is followed by itself, with sign and mirror of its own.
+        Whether the components are followed together, in 2D, where 0 is along the normal and 1 along the side; otherwise
+        each component is followed separately, with a sign and a mirror image of its own.
     mirrors : sequence of int
-        Axes across which medium and sides are mirrored.
+        Axes under whose reflection the medium and the sides are unchanged.
     """
     apart = [[one for one in data if one.component == component] for component in {one.component for one in data}]
     groups = [data] if together else apart
@@ -186,21 +189,21 @@ def key_of(data: Sequence[Datum], together: bool, mirrors: Sequence[int] = ()) -
 
 
 def _key_of_images(data: Sequence[Datum], together: bool, mirrors: Sequence[int]) -> tuple[object, ...]:
-    """That of the first among the images of data that are followed together."""
+    """Return the key of data that are followed together: that of the first of their images in order."""
     images = []
     for across in (axes for n in range(len(mirrors) + 1) for axes in combinations(mirrors, n)):
         turned = [np.flip(-one.values if together and one.component in across else one.values, across) for one in data]
-        # without the sign of a zero
+        # adding zero removes the sign of -0.0
         images += [tuple((sign * values + 0.0).tobytes() for values in turned) for sign in (-1, 1)]
     rest = ((one.component if together else 0, one.kind, one.time.tobytes(), one.behind) for one in data)
     return data[0].values.shape, min(images), *rest
 
 
 def largest_along(values: np.ndarray, axes: Sequence[int]) -> np.ndarray:
-    """Values without their course along some axes, where the largest remains: in space waves along one tangential axis
-    at a time stand for all.
+    """Replace values by the largest in magnitude along some axes: in 3D waves that vary along one tangential axis at a
+    time stand for all.
 
-    A cylindrical wave falls off more slowly than a spherical one, so this is careful, and far less work.
+    A cylindrical wave decays more slowly than a spherical one, so this is conservative, and takes far less work.
     """
     for axis in axes:
         values = np.take_along_axis(values, np.abs(values).argmax(axis, keepdims=True), axis)

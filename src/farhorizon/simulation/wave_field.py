@@ -1,4 +1,4 @@
-"""A wave field with open sides: what of its data arrives at each of them."""
+"""A wave field with open sides: the waves that its data send to each of them."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from farhorizon.boundaries import Side
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.wave_data import depth_of, followed_parts, is_long, key_of, largest_along
 
-# nodes beside the near field, at most, before the data repeat themselves along an open side, and lengths of the near
-# field, if these are more: in that time all but the longest waves, and such as hardly move, have left
+# The period of the data along an open side exceeds the near field by at most so many nodes, or so many lengths of the
+# near field if that is more: by the time images arrive, only the longest waves and those that hardly move remain.
 _ROOM, _LEFT = 512, 3
-_HERE = 0.01  # of its largest value: a datum is where it has more
+_HERE = 0.01  # fraction of its largest value above which a datum is taken to occupy a node
 
 
 def _beyond(side: Side) -> tuple[float, bool, bool]:
-    """What predictions know of a side: sides with arrays have no hash."""
+    """Return all that predictions use of a side, as a key: sides that hold arrays have no hash."""
     return side.image, side.periodic, side.stretched
 
 
@@ -40,11 +40,11 @@ def _size(datum: Datum) -> float:
 
 @dataclass(frozen=True)
 class WaveField:
-    """A wave field with open sides, of a scalar or of vectors.
+    """Scalar or vector wave field with open sides.
 
-    Vectors travel as P and as S waves, of which neither the data nor a side tells how much there is of each. So each
-    component is taken to travel once as the one and once as the other, and the larger error counts; but where waves
-    that run backward are followed, all modes are, of all components together.
+    A vector field travels as P and S waves, whose shares are not known from the data. So each component is taken to
+    travel once as P and once as S waves, and the larger error counts. Where backward waves are followed, all modes of
+    all components are followed together.
 
     Attributes
     ----------
@@ -52,22 +52,23 @@ class WaveField:
         Nodes of the near field.
     stencil : Stencil
     coefficient : float
-        Squared speed of the medium that the stencil is of.
+        Squared speed of the medium to which the stencil belongs.
     coefficients : mapping of (axis, side) to float
-        Squared speed of the medium at each side, as which all of it is taken from there.
+        Squared speed of the medium at each side; the whole medium is taken to have it when waves to this side are
+        predicted.
     spacing : float
     recursion : Recursion
     dt : float
     sides : mapping of (axis, side) to Side
     data : sequence of Datum
-        On the near field.
+        Fields on the near field.
     scatterers : ndarray of bool, or None
-        Nodes where waves are scattered: the data are taken to come from the nearest of them, too.
+        Nodes where waves are scattered: the data are taken to start from those nearest to a side as well.
     squared_speed : ndarray, or None
-        That of each node over the model's: waves that come into a slower medium become shorter, into a faster one
-        longer.
+        Squared speed at each node over that of the model: waves become shorter in a slower medium, longer in a faster
+        one.
     known : bool
-        Whether the data are those of the run; short pulses stand for others, and hold more short waves than these may.
+        Whether the data are those of the run. If not, they are short pulses, which may hold more short waves.
     """
 
     shape: tuple[int, ...]
@@ -82,17 +83,17 @@ class WaveField:
     scatterers: np.ndarray | None = None
     squared_speed: np.ndarray | None = None
     known: bool = True
-    # of sides that are alike
+    # by the key of equivalent sides
     _sent: dict[tuple[object, ...], tuple[list[Arrivals], float]] = field(default_factory=dict)
     _samples: dict[tuple[Stencil, float, int, int], Sample] = field(default_factory=dict)
 
     def alike(self, axis: int, side: int, until: float, wanted: float) -> tuple[object, ...]:
-        """What is the same at sides that are alike."""
+        """Return a key that is the same for equivalent sides."""
         return self._alike(axis, side, until, wanted, self._seen(axis, side, wanted))
 
     def arriving(self, axis: int, side: int, until: float, wanted: float, nodes: int) -> tuple[list[Arrivals], float]:
-        """What arrives at a side, followed until slow waves are back from layers of so many nodes, and the largest of
-        the data.
+        """Return the waves that arrive at a side, followed until slow ones are back from a layer of `nodes` nodes, and
+        the largest value of the data.
         """
         seen = self._seen(axis, side, wanted)
         slow = any(every and is_long(medium, until, self._room) for medium, _, every in seen)
@@ -108,7 +109,7 @@ class WaveField:
         return self._sent[key]
 
     def _seen(self, axis: int, side: int, wanted: float) -> list[tuple[LatticeMedium, list[Datum], bool]]:
-        """The media of a side, the data as it sees them, and whether these are followed as vectors."""
+        """Return the media at a side, each with the data seen from there and whether they are followed as vectors."""
         found = []
         for medium in self.media(axis, side):
             data = self.turned(axis, side, medium)
@@ -128,10 +129,10 @@ class WaveField:
         )
 
     def media(self, axis: int, side: int) -> list[LatticeMedium]:
-        """The fastest medium at a side, for which its layer is made, and the slowest along it, if that is another one:
-        to its waves the layer is the stronger.
+        """Return the fastest medium at a side, for which its layer is made, and the slowest one along the side if it is
+        different: the layer attenuates its waves more strongly.
 
-        Their stencils have an axis first; the same one for all axes where these may be exchanged.
+        In their stencils the normal axis comes first; if all axes are equivalent, axis 0 stands for each of them.
         """
         alike = all(self.stencil.same_along(0, other) for other in range(1, self.stencil.dim))
         stencil, found = self.stencil.along(0 if alike else axis), [self.coefficients[axis, side]]
@@ -144,7 +145,7 @@ class WaveField:
         ]
 
     def turned(self, axis: int, side: int, medium: LatticeMedium) -> list[Datum]:
-        """The data as a side sees them that has a medium."""
+        """Return the data as seen from a side at which the medium is the given one."""
         at_side = medium.coefficient / self.coefficient
         return [
             self._from_scatterers(self._shortened(datum, axis, side).turned(axis, side), axis, side).with_entrance()
@@ -152,15 +153,15 @@ class WaveField:
         ]
 
     def _every(self, medium: LatticeMedium, data: Sequence[Datum], wanted: float) -> bool:
-        """Whether all modes of a medium are followed."""
+        """Whether all modes of the medium in front of a side are followed."""
         if not self.follows_backward_waves:
             return False
         return hold_backward_waves(medium, data, wanted) or reach_the_end(medium, data, wanted)
 
     @property
     def follows_backward_waves(self) -> bool:
-        """Whether the waves of data are followed that run backward: in a medium that does not vary, of scalars, and of
-        vectors in the plane, if these are the run's data and no wall turns them into waves of both types.
+        """Whether backward waves in the data are followed: in uniform media, for scalars, and for vectors in 2D if the
+        data are those of the run and no wall converts P and S waves into each other.
         """
         if self.squared_speed is not None or self.stencil.components == 1:
             return self.squared_speed is None
@@ -169,20 +170,20 @@ class WaveField:
 
     @property
     def _room(self) -> int:
-        """Nodes beside the near field, at most."""
+        """Largest number of nodes by which the period along an open side exceeds the near field."""
         return max(_ROOM, _LEFT * max(self.shape))
 
     def _as_vectors(self, data: Sequence[Datum], axis: int, side: int) -> list[Datum]:
-        """The data of a side in the plane with their components as it sees them: 0 towards it, 1 along it."""
+        """Return the data of a side in 2D with the components seen from there: 0 towards the side, 1 along it."""
         towards = [replace(d, values=side * d.values, component=0) for d in data if d.component == axis]
         return towards + [replace(d, component=1) for d in data if d.component != axis]
 
     def _behind(self, datum: Datum, axis: int, side: int, at_side: float) -> Datum:
-        """The datum, which knows of it if the medium at the side is faster than where it is."""
+        """Return the datum; if the medium is slower where it lies than at the side, with the place of the interface."""
         if self.squared_speed is None:
             return datum
         here = np.abs(datum.values) > _HERE * np.abs(datum.values).max()
-        # where bonds carry nothing no wave sets out
+        # no wave starts where bonds have no stiffness
         slowest = float(self.squared_speed.min(where=here & (self.squared_speed > 0), initial=at_side))
         if slowest >= at_side:
             return datum
@@ -191,8 +192,8 @@ class WaveField:
         return replace(datum, behind=(nodes, slowest / at_side)) if nodes else datum
 
     def _shortened(self, datum: Datum, axis: int, side: int) -> Datum:
-        """The datum, and with it one of shorter waves if all of the medium at the side is slower than where it is: at
-        an interface waves keep their frequency.
+        """Return the datum; if the medium at the side is slower than anywhere the datum lies, a copy compressed along
+        the normal is added, because waves keep their frequency at an interface.
         """
         if self.squared_speed is None:
             return datum
@@ -208,11 +209,11 @@ class WaveField:
         return replace(datum, values=datum.values + affine_transform(datum.values, scale, offset, order=1))
 
     def beside(self, axis: int) -> list[Side]:
-        """The sides along the other axes."""
+        """Return the sides of the other axes."""
         return [self.sides[other, side] for other in range(len(self.shape)) if other != axis for side in (-1, 1)]
 
     def _mirrors(self, axis: int, medium: LatticeMedium) -> list[int]:
-        """Axes of the data of a side across which medium and sides are mirrored."""
+        """Return the axes of the turned data under whose reflection the medium and the sides are unchanged."""
         beside = self.beside(axis)
         pairs = enumerate(zip(beside[::2], beside[1::2], strict=True), 1)
         return [
@@ -222,8 +223,9 @@ class WaveField:
         ]
 
     def _from_scatterers(self, datum: Datum, axis: int, side: int) -> Datum:
-        """The datum, moved along the normal to where waves are scattered last before the side, if that is nearer to
-        it."""
+        """Return the datum; if there are scatterers nearer to the side, the larger of it and a copy that is moved to
+        the last of them, but at most half the distance.
+        """
         if self.scatterers is None or not self.scatterers.any():
             return datum
         nodes = Datum(self.scatterers, datum.kind).turned(axis, side).values.reshape(len(datum.values), -1)
@@ -246,7 +248,7 @@ class WaveField:
         size: float,
         nodes: int,
     ) -> list[Arrivals]:
-        """What arrives at a side, with the images of the data behind the walls of the near field."""
+        """Return the waves that arrive at a side, with those of the images of the data behind walls."""
         others = [b for b in range(len(self.shape)) if b != axis]
         image = self.sides[axis, -side].image
         echoing = len({other for (other, _), b in self.sides.items() if b.stretched})
@@ -255,7 +257,7 @@ class WaveField:
         several = self.stencil.components > 1
         groups = [(own, not several and self._every(medium, own, wanted)) for own in apart]
         if several and self._every(medium, data, wanted):
-            groups.append((list(data), True))  # beside the others: of waves that hardly move these know more
+            groups.append((list(data), True))  # in addition: the separate components resolve slow waves better
         for own, every in groups:
             together = several and every
             if len(others) == 2 and not any(self.sides[other, s].periodic for other in others for s in (-1, 1)):
@@ -314,8 +316,8 @@ class WaveField:
         echoing: int,
         every: bool,
     ) -> list[Arrivals]:
-        """What arrives in space at a side along which the medium goes on both ways, at the point that faces the data,
-        at the corner that is farthest from it, and midway; none where it does not go on.
+        """Return the waves that arrive at a side in 3D, at the point that faces the data, at the corner farthest from
+        it, and midway between them; empty unless the medium continues along both tangential axes.
         """
         others, fields, near = [b for b in range(3) if b != axis], [datum.values for datum in data], []
         for place, other in enumerate(others, 1):
@@ -359,8 +361,8 @@ class WaveField:
         return found
 
     def _unfold(self, fields: list[np.ndarray], place: int, axis: int) -> tuple[list[np.ndarray], range, int]:
-        """Fields with their images along a tangential axis, which nodes are the near field's, and the length after
-        which all is repeated; 0 where it goes on without end.
+        """Return the fields with their images along an axis, the range of nodes that belong to the near field, and the
+        period; 0 if the axis is open.
         """
         lower, upper = self.sides[axis, -1], self.sides[axis, 1]
         below, above, nodes = lower.image, upper.image, fields[0].shape[place]
@@ -378,7 +380,7 @@ class WaveField:
 
     @cached_property
     def as_fast_as_backward(self) -> float:
-        """What the data hold of waves that are as fast in time as backward ones."""
+        """Share of the data that consists of waves with frequencies as high as those of backward waves."""
         damped, found = high_pass(self.stencil), 0.0
         assert damped is not None
         medium = LatticeMedium(self.stencil, self.coefficient, self.spacing, self.recursion, self.dt)
