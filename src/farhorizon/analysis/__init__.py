@@ -1,1 +1,1 @@
-"""What the symbol tells: the near field's modes, their stability, how far away an end must be."""
+"""What follows from the symbol: modes of the near field, their stability, and how far away a domain may end."""

@@ -1,12 +1,13 @@
-"""How far away a fixed edge must be for nothing to return: the extent of a domain that stands for the infinite medium.
+"""The distance at which a fixed edge must lie for nothing to return: the extent of a domain that represents the
+infinite medium.
 
-A fixed edge sends back the mirror image of what reaches it. So what returns from an edge of N nodes beyond a side is
-what the infinite lattice would have 2N nodes farther out than the side, and the question is how far data have come by
-the end of a run. Along the normal that is computed exactly, for the scheme and the lattice as they are: precursors that
-the dispersion sends ahead of the front of a wave, and the tail of what diffuses, included. Along the side each line of
-nodes counts for itself, as if it were the profile of a plane wave: what spreads in the plane or in space is less, and
-travels no faster. So the extent is a little larger than the least, by the nodes in which the front falls as much as
-spreading would take.
+A fixed edge reflects the mirror image of what reaches it. What returns from an edge of N nodes beyond a side is
+therefore what the infinite lattice would have 2N nodes farther out than the side, and the question is how far the data
+have travelled by the end of a run. Along the normal this is computed exactly, for the scheme and the lattice as they
+are, including precursors that dispersion sends ahead of the front of a wave, and the tail of a diffusing field. Along
+the side each line of nodes is treated separately, as if it were the profile of a plane wave: a field that also spreads
+in the plane or in space is smaller, and travels no faster. The extent is therefore slightly larger than necessary, by
+the nodes in which the front decreases as much as it would by spreading.
 """
 
 from __future__ import annotations
@@ -22,25 +23,25 @@ from farhorizon.analysis.references.infinite import largest_speed, undisturbed
 from farhorizon.medium.integrators import Integrator, Verlet, VerletModes
 from farhorizon.medium.stencil import Stencil
 
-_AIM = 0.3  # of the wanted error: in a corner several edges send something back
-_TIMES = 16  # moments of a run at which is looked how far data have come
-_LINES = 4096  # lines of nodes along the normal that are looked at, at most
-_FAINT = 1e-2  # share of the wanted error that profiles which are left out may have
-_LONGEST = 2**20  # nodes of a line beyond which the front counts alone
-_COARSE = 24  # nodes of a support along each axis on which the largest value of a field is estimated
+_AIM = 0.3  # part of the target error: in a corner several edges reflect
+_TIMES = 16  # times of a run at which the field is evaluated
+_LINES = 4096  # largest number of lines of nodes along the normal that are used
+_FAINT = 1e-2  # share of the target error below which profiles are left out
+_LONGEST = 2**20  # nodes of a line beyond which only the front is considered
+_COARSE = 24  # nodes along each axis of the coarsened support on which the largest value of a field is estimated
 
 
 @dataclass(frozen=True)
 class Extent:
-    """How far the medium is computed beyond a side.
+    """The number of nodes for which the medium is computed beyond a side.
 
     Attributes
     ----------
     nodes : int
     until : float
-        Length of the run that it was chosen for.
+        Length of the run for which it was chosen.
     predicted : float
-        Largest share of the largest value that comes back in it; nan where that was not asked.
+        Largest share of the largest value that returns in that time; nan if it was not computed.
     """
 
     nodes: int
@@ -58,7 +59,7 @@ class Extent:
 
 @dataclass(frozen=True)
 class Waves:
-    """A medium and the steps of a run in it.
+    """A medium, and the time steps of a run in it.
 
     Attributes
     ----------
@@ -85,24 +86,24 @@ class Waves:
 
     @property
     def front(self) -> float:
-        """Nodes that the front of a long wave comes in the run, or that what diffuses spreads over."""
+        """Nodes that the front of a long wave travels in the run, or over which a diffusing field spreads."""
         time = self.steps * self.dt
         return float(np.sqrt(self.rate) * time if self.order == 2 else np.sqrt(self.rate * time))
 
     @property
     def travel(self) -> float:
-        """Nodes beyond which nothing comes in the run, not even as a precursor."""
+        """Nodes beyond which nothing arrives in the run, not even as a precursor."""
         if self.order == 1:
             return float(13 * np.sqrt(self.rate * self.steps * self.dt) + 12 * max(self.stencil.reach))
         front = largest_speed(self.stencil) * np.sqrt(self.rate) * self.steps * self.dt
         return float(front + 20 * max(self.stencil.reach) + 10 * np.cbrt(front))
 
     def moments(self) -> np.ndarray:
-        """Numbers of the steps that are looked at."""
+        """Numbers of the steps at which the field is evaluated."""
         return np.unique(np.ceil(self.steps * np.arange(1, _TIMES + 1) / _TIMES).astype(int))
 
     def responses(self, eigenvalue: np.ndarray, datum: Datum) -> np.ndarray:
-        """What becomes of a unit datum in modes of given eigenvalues (1/time for diffusion, 1/time^2 for waves); shape
+        """Response of modes with given eigenvalues (1/time for diffusion, 1/time^2 for waves) to a unit datum; shape
         (moments, modes).
         """
         moments, scheme = self.moments(), self.integrator
@@ -122,7 +123,7 @@ class Waves:
 
 
 def extent(medium: Waves, data: Sequence[Datum], sizes: Sequence[float], mirror: int, wanted: float) -> Extent:
-    """The fewest nodes beyond a side at whose end a fixed edge sends back less than an error.
+    """The smallest number of nodes beyond a side for which a fixed edge at their end reflects less than an error.
 
     Parameters
     ----------
@@ -131,12 +132,12 @@ def extent(medium: Waves, data: Sequence[Datum], sizes: Sequence[float], mirror:
     data : sequence of Datum
         The first axis is the normal, towards the side.
     sizes : sequence of float
-        The largest value that each datum makes, to which its error is relative; in diffusion it is that of the same
+        The largest value that each datum causes, to which its error is relative; in diffusion it is that at the same
         time.
     mirror : int
-        What the opposite side is: 1 free, -1 fixed, 0 open.
+        The opposite side: 1 free, -1 fixed, 0 open.
     wanted : float
-        Error.
+        Target error.
 
     Returns
     -------
@@ -149,14 +150,16 @@ def extent(medium: Waves, data: Sequence[Datum], sizes: Sequence[float], mirror:
     for datum, size in zip(data, sizes, strict=True):
         found = _far(medium, datum, size, mirror, wanted)
         returns = np.maximum(*(np.pad(one, (0, max(found.size, returns.size) - one.size)) for one in (found, returns)))
-    farthest = np.maximum.accumulate(returns[::-1])[::-1]  # whatever is farther out than a place
+    farthest = np.maximum.accumulate(returns[::-1])[::-1]  # the largest value at or beyond each place
     beyond = int(np.argmax(np.append(farthest, 0.0) <= _AIM * wanted))
     nodes = max(1, -(-beyond // 2))
     return Extent(nodes, until, float(np.append(farthest, 0.0)[min(2 * nodes, farthest.size)]))
 
 
 def _far(medium: Waves, datum: Datum, size: float, mirror: int, wanted: float) -> np.ndarray:
-    """Largest share of a datum, over the run, on the nodes beyond a side; the first of them is the side's first."""
+    """Largest share of a datum, over the run, on the nodes beyond a side; the first of them is the first node beyond
+    it.
+    """
     values = datum.values
     inside = len(values)
     if mirror:
@@ -177,7 +180,7 @@ def _far(medium: Waves, datum: Datum, size: float, mirror: int, wanted: float) -
 
 
 def _profiles(lines: np.ndarray, wanted: float) -> tuple[np.ndarray, np.ndarray]:
-    """Profiles that make up lines of nodes, one a column, and the largest weight that each has in any line."""
+    """Profiles of which lines of nodes are composed, one a column, and the largest weight of each in any line."""
     peaks = np.abs(lines).max(0)
     if len(peaks) == 1:
         return lines, np.ones(1)
@@ -189,10 +192,10 @@ def _profiles(lines: np.ndarray, wanted: float) -> tuple[np.ndarray, np.ndarray]
 
 
 def largest(medium: Waves, datum: Datum) -> float:
-    """About the largest value that a datum makes where it is largest, from below.
+    """Estimate, from below, of the largest value that a datum causes anywhere.
 
-    A source is looked at while it is strongest, a velocity from the start, for as long as waves take to leave; the
-    support of the datum stands for the medium, and its long waves for all.
+    A source is followed around the time when it is strongest, a velocity from the start, for as long as waves take to
+    leave; the medium is reduced to the support of the datum, and its symbol to that of long waves.
     """
     values = np.abs(datum.values)
     if datum.kind == "u" or not values.any():

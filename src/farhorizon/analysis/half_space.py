@@ -1,10 +1,10 @@
-"""Waves of a half-infinite lattice that ends at a free surface: what the surface sends back of a plane wave, and those
-that run along it.
+"""Waves of a half-infinite lattice that ends at a free surface: the reflection of a plane wave, and waves that run
+along the surface.
 
 Along the surface a wave has a wavenumber, so that the medium below is a column of rows: a chain of blocks. The first
 row is the surface; bonds beyond it are absent. Far down a wave is a sum of the modes of the infinite chain, ``v
 zeta^-q`` in row q, and the rows near the surface obey their own equations: one linear system for these rows and for the
-amplitudes of the modes that leave. A wave along the surface is a solution without one that comes.
+amplitudes of the modes that leave. A wave along the surface is a solution without an incoming mode.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from farhorizon.errors import InputError
 from farhorizon.medium.free_side import FreeSide
 from farhorizon.medium.stencil import Stencil
 
-_UNIT = 1e-7  # a mode whose modulus differs less from 1 propagates
-_ROWS = 4  # at least so many are unknowns by themselves: a mode that is not found has fallen to nothing below them
-_SECANT, _SETTLED = 40, 1e-13  # steps of the search for a surface wave, and where it ends, of the wavenumber
-_TRAVELS = 1e-6  # of the largest mode: what a surface wave may send down
+_UNIT = 1e-7  # a mode whose factor has a modulus nearer to 1 propagates
+_ROWS = 4  # smallest number of rows that are unknowns themselves: a mode that is not found is negligible below them
+_SECANT, _SETTLED = 40, 1e-13  # secant steps for a surface wave, and relative change of wavenumber at which they end
+_TRAVELS = 1e-6  # largest amplitude of a mode that travels down from a surface wave
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,15 +35,14 @@ class Column:
     rows : ndarray of complex, shape (T, components)
         The first rows.
     factors : ndarray of complex, shape (m,)
-        Of the modes below, from one row to the next one down.
+        Factors of the modes below, from one row to the next one down.
     vectors : ndarray of complex, shape (m, components)
-        In row T, with their amplitudes.
+        The modes in row T, with their amplitudes.
     speeds : ndarray, shape (m,)
-        Downward, in rows for a unit of the squared frequency over the frequency: ``d(Omega^2)/dk`` of those that
-        propagate, infinite for others.
+        Downward, ``d(Omega^2)/dk`` of the modes that propagate, with k in radians per row; infinite for others.
     defect : complex
-        What the first rows lack of their equations, projected on the wave; zero unless it is one along the surface that
-        has not settled.
+        Residual of the equations of the first rows, projected on the wave; zero except for a wave along the surface
+        that has not converged.
     """
 
     rows: np.ndarray
@@ -53,7 +52,7 @@ class Column:
     defect: complex = 0.0
 
     def at(self, count: int) -> np.ndarray:
-        """The first rows down to a number of them, shape (count, components)."""
+        """The wave in the first `count` rows, shape (count, components)."""
         known = len(self.rows)
         deeper = self.factors ** np.arange(max(count - known, 0))[:, None] @ self.vectors
         return np.concatenate([self.rows[:count], deeper])
@@ -61,7 +60,7 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class HalfSpace:
-    """The half-infinite lattice below a free surface, in units of the stencil; the normal comes first of all axes and
+    """The half-infinite lattice below a free surface, in units of the stencil; the normal is the first of all axes and
     components.
 
     Parameters
@@ -73,27 +72,27 @@ class HalfSpace:
 
     @cached_property
     def stencil(self) -> Stencil:
-        """Of the medium inside."""
+        """Stencil of the medium inside."""
         return self.end.stencil.along(self.end.axis)
 
     @property
     def side(self) -> int:
-        """1: the medium ends with growing indices along the normal."""
+        """1 if the medium ends with growing indices along the normal, else -1."""
         return self.end.side
 
     @cached_property
     def reach(self) -> int:
-        """Rows that a row is linked with."""
+        """Number of rows with which a row is linked on either side."""
         return self.stencil.reach[0]
 
     def _blocks(self, along: np.ndarray) -> np.ndarray:
-        """The stencil along the normal, from the row K below to that K above, shape (2 K + 1, d, d)."""
+        """The stencil along the normal, from K rows below to K rows above, shape (2 K + 1, d, d)."""
         d = self.stencil.components
         return chain_weights(self.stencil, along.tolist())[:: self.side].reshape(-1, d, d)
 
     def _rows(self, along: np.ndarray) -> np.ndarray:
-        """As `_blocks`, of each row from the surface down to the first of those that all have these; shape (rows, 2 K +
-        1, d, d).
+        """The same as `_blocks` for each row, from the surface down to the first row that has all bonds; shape (rows, 2
+        K + 1, d, d).
         """
         end, d, order = self.end, self.stencil.components, self.end.order
         weights = end.weights[..., order, :][..., order] if d > 1 else end.weights
@@ -116,7 +115,7 @@ class HalfSpace:
         return 1 / roots[leaves], vectors[leaves], np.where(travels, -speed, np.inf)[leaves]
 
     def _system(self, along: np.ndarray, squared: float, count: int) -> np.ndarray:
-        """The equations of the first ``count + K`` rows, on the first ``count + 2 K`` rows, as a matrix."""
+        """The equations of the first ``count + K`` rows as a matrix that acts on the first ``count + 2 K`` rows."""
         d, reach, rows = self.stencil.components, self.reach, self._rows(along)
         matrix = np.zeros(((count + reach), d, (count + 2 * reach), d), complex)
         for row in range(count + reach):
@@ -126,7 +125,7 @@ class HalfSpace:
         return matrix.reshape((count + reach) * d, -1)
 
     def _unknowns(self, along: np.ndarray, squared: float) -> tuple[np.ndarray, ...]:
-        """The system for the first rows and the amplitudes of the modes below, the system on all rows, and the modes:
+        """The system for the first rows and the amplitudes of the modes below, the system for all rows, and the modes:
         factors, vectors, speeds.
         """
         factors, vectors, speeds = self._modes(self._blocks(along), squared)
@@ -138,27 +137,27 @@ class HalfSpace:
 
     @property
     def own_rows(self) -> int:
-        """Rows that are unknowns by themselves."""
+        """Number of rows that are unknowns themselves."""
         return max(2 * self.reach, _ROWS)
 
     def total(self, squared: float, along: np.ndarray, root: complex, vector: np.ndarray) -> Column:
-        """A plane wave and all that the surface makes of it.
+        """A plane wave together with its reflection by the surface.
 
         Parameters
         ----------
         squared : float
-            Of the frequency, in units of ``coefficient / spacing^2``.
+            Squared frequency, in units of ``coefficient / spacing^2``.
         along : ndarray, shape (dim - 1,)
             Wavenumbers along the surface, times spacing.
         root : complex
-            Factor of the wave that comes from one row to the next one up.
+            Factor of the incoming wave from one row to the next one up.
         vector : ndarray of complex, shape (d,)
             Its displacement in the first row.
 
         Raises
         ------
         InputError
-            It does not come to the surface.
+            The wave does not come to the surface.
         """
         d, blocks = self.stencil.components, self._blocks(along)
         powers = np.arange(2 * self.reach + 1) - self.reach
@@ -171,7 +170,7 @@ class HalfSpace:
         count = self.own_rows
         rows = np.arange(count + 2 * self.reach)
         wave = root ** -rows.astype(float)[:, None] * vector
-        # the unknowns of the first rows are the total field, below they are what leaves
+        # the unknowns of the first rows are the total field, those below are the leaving waves
         right = -whole[:, count * d :] @ wave[count:].ravel()
         scale = np.abs(system).max(0)
         found = linalg.lstsq(system / scale, right)[0] / scale
@@ -184,7 +183,9 @@ class HalfSpace:
         )
 
     def free(self, squared: float, along: np.ndarray) -> Column:
-        """The wave along the surface of which the equations lack least: of unit length in its unknowns."""
+        """The wave along the surface with the smallest residual in its equations; its vector of unknowns has unit
+        length.
+        """
         d, count = self.stencil.components, self.own_rows
         system, _, factors, vectors, speeds = self._unknowns(along, squared)
         found = np.linalg.svd(system)[2][-1].conj()
@@ -197,13 +198,13 @@ class HalfSpace:
     def surface_wave(self, squared: float, direction: np.ndarray, start: float) -> tuple[float, Column]:
         """The wave along the surface of one frequency, near a wavenumber times spacing.
 
-        The column is Hermitian, so that ``u* (H + Omega^2) u`` with the wave of which the equations lack least is of
-        second order in what its wavenumber is away from the wave's; its zero is found by secants.
+        The column is Hermitian, so that ``u* (H + Omega^2) u``, for the wave u with the smallest residual, is accurate
+        to second order in the error of u; its zero as a function of the wavenumber is found by the secant method.
 
         Parameters
         ----------
         squared : float
-            Of the frequency, in units of ``coefficient / spacing^2``.
+            Squared frequency, in units of ``coefficient / spacing^2``.
         direction : ndarray, shape (dim - 1,)
             Along the surface, a unit vector.
         start : float
@@ -211,7 +212,7 @@ class HalfSpace:
         Raises
         ------
         InputError
-            There is none: the wave would send energy down.
+            There is no such wave: it would radiate energy downwards.
         """
         numbers = [start, start * (1 + 1e-4)]
         columns = [self.free(squared, number * direction) for number in numbers]

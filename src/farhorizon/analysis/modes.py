@@ -1,6 +1,6 @@
-"""Plane waves that leave: their wavevectors, frequencies and factors in time, and conditions fitted to them.
+"""Outgoing plane waves: their wavevectors, frequencies and factors in time, and conditions fitted to them.
 
-A mode is ``exp(i k.x)`` times a factor for each step, lambda. Waves have real wavevectors k along directions that point
+A mode is ``exp(i k.x)`` times a factor per step, lambda. Waves have real wavevectors k along directions that point
 outwards; diffusion has ``k = i kappa n``, modes ``exp(-kappa n.x)`` that decay outwards and grow in time (Shojaei et
 al. 2020, eqs 13 to 28; Hermann et al. 2023, eqs 10 to 35). With the symbol S(k) of the medium the factor solves ``(1 +
 d dt) lambda^2 - (2 - dt^2 S) lambda + 1 - d dt = 0`` for velocity Verlet, and is ``1 - dt S`` for forward Euler; in
@@ -13,13 +13,14 @@ import numpy as np
 
 from farhorizon.errors import InputError
 
-# largest exponent of a mode within a cloud or a step: beyond 709 it is infinite, beyond this its square is
+# largest exponent of a mode within a cloud or a step: beyond 709 the mode overflows, beyond about half of that its
+# square
 _OVERFLOW = 300.0
-_NODES = 1_000_000  # products of modes and offsets held at once
+_NODES = 1_000_000  # products of modes and offsets in memory at once
 
 
 def outward(dim: int, largest: float, count: int, balanced: bool = True) -> np.ndarray:
-    """Unit vectors about the outward normal, which is the first axis.
+    """Unit vectors around the outward normal, which is the first axis.
 
     Parameters
     ----------
@@ -27,12 +28,12 @@ def outward(dim: int, largest: float, count: int, balanced: bool = True) -> np.n
     largest : float
         Largest angle to the normal (radians).
     count : int
-        Angles from -largest to largest, both included. In 3D the normal and rings of 6, 12, 18, .. directions at the
-        positive ones.
+        Number of angles from -largest to largest, both included. In 3D the normal, and rings of 6, 12, 18, ..
+        directions at the positive angles.
     balanced : bool
-        False, in 3D: the grid of Shojaei et al. (2020), appendix A, `count` by `count` angles over the octant about (1,
-        1, 1), turned so that this becomes the normal; it repeats one direction and favours one side. `largest` has no
-        effect.
+        False, in 3D: the grid of Shojaei et al. (2020), appendix A, `count` by `count` angles over the octant around
+        (1, 1, 1), rotated so that this vector becomes the normal; it repeats one direction and favours one side.
+        `largest` has no effect.
 
     Returns
     -------
@@ -60,7 +61,7 @@ def outward(dim: int, largest: float, count: int, balanced: bool = True) -> np.n
 
 
 def frame(normal: np.ndarray) -> np.ndarray:
-    """Orthonormal rows, the first of them the unit vector `normal`; shape (dim, dim)."""
+    """Orthonormal rows, the first of which is the unit vector `normal`; shape (dim, dim)."""
     if normal.size == 1:
         return normal.reshape(1, 1)
     if normal.size == 2:
@@ -81,7 +82,7 @@ def discrete_symbol(k: np.ndarray, offsets: np.ndarray, weights: np.ndarray) -> 
     ----------
     k : ndarray, shape (M, dim)
     offsets : ndarray, shape (J, dim)
-        Bonds as vectors of space.
+        Bond vectors in space.
     weights : ndarray, shape (J,)
         In units of the operator.
 
@@ -97,10 +98,10 @@ def discrete_symbol(k: np.ndarray, offsets: np.ndarray, weights: np.ndarray) -> 
 
 
 def series_symbol(k: np.ndarray, coefficient: float, horizon: float, terms: np.ndarray) -> np.ndarray:
-    """``coefficient k^2 (1 + terms[0] z^2 + terms[1] z^4 + ..)``, z = |k| horizon; `Kernel.series` has the terms, none
-    are the local equation's.
+    """``coefficient k^2 (1 + terms[0] z^2 + terms[1] z^4 + ..)``, z = |k| horizon. `Kernel.series` gives the terms;
+    without terms it is the symbol of the local equation.
 
-    Real or imaginary wavevectors k, shape (M, dim); returns shape (M,).
+    Takes real or imaginary wavevectors k, shape (M, dim); returns shape (M,).
     """
     square = (k**2).sum(1)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -108,7 +109,7 @@ def series_symbol(k: np.ndarray, coefficient: float, horizon: float, terms: np.n
 
 
 def factors(symbol: np.ndarray, dt: float, order: int, damping: float = 0.0, discrete: bool = True) -> np.ndarray:
-    """Factor of one step for each mode.
+    """Factor per step of each mode.
 
     Parameters
     ----------
@@ -120,17 +121,17 @@ def factors(symbol: np.ndarray, dt: float, order: int, damping: float = 0.0, dis
     damping : float
         d in ``2 d u_t``.
     discrete : bool
-        Of the scheme; False: in continuous time.
+        Whether the factor is that of the scheme; False: in continuous time.
 
     Returns
     -------
     ndarray, shape (M,)
-        Waves: the root that moves outwards, ``exp(-i w dt)`` with w > 0; of two real roots the one nearer 1.
+        For waves, the root that moves outwards, ``exp(-i w dt)`` with w > 0; of two real roots, the one nearer to 1.
 
     Raises
     ------
     InputError
-        Modes that overflow, or waves too short for the step.
+        Modes overflow, or waves are too short for the step.
     """
     largest = float(np.abs(dt**order * symbol).max())
     if not largest < (_OVERFLOW if order == 1 else 4.0):
@@ -158,7 +159,7 @@ def phases(k: np.ndarray, places: np.ndarray) -> np.ndarray:
     Raises
     ------
     InputError
-        Modes that overflow.
+        Modes overflow.
     """
     exponent = 1j * (k @ places.T)
     largest = float(np.abs(exponent.real).max(initial=0))
@@ -176,10 +177,11 @@ def phases(k: np.ndarray, places: np.ndarray) -> np.ndarray:
 def fit(
     modes: np.ndarray, factor: np.ndarray, levels: int, *, regularization: float | None = None, rcond: float = 1e-15
 ) -> np.ndarray:
-    """Next value of a cloud's centre from its values at the present step and before, as the modes have it.
+    """Weights that give the next value at a cloud's centre from the values of the cloud at the present and earlier
+    steps, fitted to modes.
 
-    The least-squares fit of the factor of one step over all modes, of least norm (Shojaei et al. 2020, eq 44; Hermann
-    et al. 2023, eq 50).
+    They are the least-squares fit of the factor per step over all modes, of minimal norm (Shojaei et al. 2020, eq 44;
+    Hermann et al. 2023, eq 50).
 
     Parameters
     ----------
@@ -187,10 +189,10 @@ def fit(
         At the cloud's nodes, relative to the centre.
     factor : ndarray, shape (M,)
     levels : int
-        Time levels that are read.
+        Number of time levels that are read.
     regularization : float, optional
-        Of Tikhonov's method, relative to the largest singular value; else singular values below `rcond` of it are cut
-        off.
+        Parameter of Tikhonov's method, relative to the largest singular value. Without it, singular values below
+        `rcond` times the largest are cut off.
 
     Returns
     -------
@@ -210,11 +212,11 @@ def fit_operator(
     rate: float,
     regularization: float,
 ) -> np.ndarray:
-    """As `fit`, but of the acceleration (waves, two levels) or rate (diffusion, one level) at the centre, which has a
-    limit as dt goes to 0.
+    """As `fit`, but fitted to the acceleration (waves, two levels) or rate (diffusion, one level) at the centre, which
+    has a limit as dt goes to 0.
 
-    ``(u+ - 2u + u-)/dt^2 = sum_j a_j u_j + b_j (u_j - u_j^-)/dt``: the reflection of a mode is about its residual over
-    S, so that each weighs ``(S/rate + 1e-4)^-1.5`` and long waves count.
+    ``(u+ - 2u + u-)/dt^2 = sum_j a_j u_j + b_j (u_j - u_j^-)/dt``: the reflection of a mode is approximately its
+    residual over S, so that each has the weight ``(S/rate + 1e-4)^-1.5``, which favours long waves.
 
     Parameters
     ----------
@@ -222,13 +224,13 @@ def fit_operator(
         As in `fit`.
     symbol : ndarray, shape (M,)
     centre : int
-        Column of the centre.
+        Index of the centre among the columns.
     dt : float
     order : {1, 2}
     rate : float
-        Coefficient over squared spacing: makes the unknowns numbers of the size of 1.
+        Coefficient over squared spacing, which scales the unknowns to the order of 1.
     regularization : float
-        Of Tikhonov's method, absolute, in those units.
+        Parameter of Tikhonov's method, absolute, in those units.
 
     Returns
     -------
@@ -250,13 +252,13 @@ def fit_operator(
     return update
 
 
-_LOWEST = 1e-4  # S/rate of waves that are so long that they weigh no more than others
+_LOWEST = 1e-4  # S/rate below which longer waves have no higher weight
 
 
 def _solve(
     matrix: np.ndarray, wanted: np.ndarray, regularization: float | None, rcond: float, absolute: bool = False
 ) -> np.ndarray:
-    """Real least-squares solution of complex equations, by singular values: cut off at `rcond`, or regularized."""
+    """Real least-squares solution of complex equations by singular values, cut off at `rcond` or regularized."""
     real = np.concatenate([matrix.real, matrix.imag])
     left, values, right = np.linalg.svd(real, full_matrices=False)
     part = left.T @ np.concatenate([wanted.real, wanted.imag])

@@ -12,27 +12,27 @@ from farhorizon.analysis.references.driven import Scheme
 from farhorizon.analysis.wave_surface import along, carried, outgoing
 from farhorizon.errors import InputError
 
-#: Waves by the number of components of the field, the fastest first.
+#: Types of waves by the number of components of the field, the fastest first.
 WAVES = {1: ("wave",), 2: ("P", "S"), 3: ("P", "S1", "S2")}
-#: The same, with S waves together.
+#: The same, with both S waves as one type.
 KINDS = {1: ("wave",), 2: ("P", "S"), 3: ("P", "S")}
-_BLOCK = 1 << 22  # complex numbers that are worked on at a time
-_NEAREST = 1e-6  # part of the band that is left out at its ends, where nothing moves
-_SUMMED = 1e-9  # part of a sum over all directions by which it may differ from one over fewer of them
-_MOST = 512  # rings of directions at most
+_BLOCK = 1 << 22  # complex numbers that are processed at a time
+_NEAREST = 1e-6  # part of the band excluded at its ends, where nothing travels
+_SUMMED = 1e-9  # relative difference between sums over more and over fewer directions at which they have converged
+_MOST = 512  # largest number of rings of directions
 
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    r"""What is radiated, by frequency, wave and direction.
+    r"""Radiated waves by frequency, type and direction.
 
     At a distance r from the origin of the coordinates, along a direction, the spectrum of the field (with the sign and
     the scale of `FarField.frequencies`) approaches
 
     .. math:: \sum_\text{waves} A\,e\;\frac{\exp(-i\,k \cdot x)}{r^{(\text{dim} - 1)/2}},
 
-    with what falls off faster left out: relative to this it is of the order of a wavelength over r, or of the square of
-    the size of what radiates over a wavelength and r.
+    without the terms that decay faster. Relative to this, these are of the order of a wavelength over r, or of the
+    squared size of the radiating region over a wavelength and r.
 
     Attributes
     ----------
@@ -41,21 +41,21 @@ class Pattern:
     directions : ndarray, shape (D, dim)
         Unit vectors, along which energy travels.
     waves : tuple of str
-        "wave" of a scalar; "P" and "S", in space "P", "S1" and "S2", the faster S wave first. Where both S waves are
-        one, they are any two at right angles.
+        "wave" for a scalar; "P" and "S", in space "P", "S1" and "S2", the faster S wave first. Where both S waves
+        coincide, they are any two at right angles.
     amplitudes : ndarray of complex, shape (F, B, D)
-        A, field times time times length^((dim - 1) / 2).
+        A, in units of the field times time times length^((dim - 1) / 2).
     polarisations : ndarray of complex, shape (F, B, D, components)
         e, of unit length.
     wave_vectors : ndarray of complex, shape (F, B, D, dim)
-        k, 1/length; it points along the direction only nearly, and less so in anisotropic media. Its imaginary part,
-        below zero, is that of damping.
+        k, in 1/length, which points along the direction only approximately, and less so in anisotropic media. Its
+        imaginary part, below zero, is due to damping.
     intensities : ndarray, shape (F, B, D)
-        Energy per frequency and angle (in space solid angle; in one dimension per side): what a sphere without
-        damping is passed by, integrated over positive frequencies.
+        Energy per frequency and angle (in space, solid angle; in one dimension, per side): integrated over positive
+        frequencies, the energy that passes through a sphere without damping.
     cross_sections : ndarray, shape (F, B, D), or None
-        Of a run with one incident wave the differential scattering cross section: power per angle over the incident
-        power per area (in two dimensions per length).
+        For a run with one incident wave, the differential scattering cross section: power per angle over the incident
+        power per area (in two dimensions, per length).
     """
 
     frequencies: np.ndarray
@@ -68,7 +68,7 @@ class Pattern:
     cross_sections: np.ndarray | None = None
 
     def spectrum(self, distance: float) -> np.ndarray:
-        """The spectrum of the field at a distance from the origin along each direction, as the pattern has it.
+        """The spectrum of the field at a distance from the origin in each direction, according to the pattern.
 
         Parameters
         ----------
@@ -86,8 +86,8 @@ class Pattern:
 
 
 def squared_frequency(scheme: Scheme, frequency: float) -> complex:
-    """The eigenvalue of the symbol for which a wave has a frequency, in cycles per time; with the time steps of the
-    scheme and its damping.
+    """The eigenvalue of the symbol for which a wave has a frequency, in cycles per time, with the time steps and the
+    damping of the scheme.
     """
     factor = np.exp(-2j * np.pi * frequency * scheme.dt)
     found = complex(-scheme.recursion.eigenvalue(factor) / scheme.rate)
@@ -95,12 +95,12 @@ def squared_frequency(scheme: Scheme, frequency: float) -> complex:
 
 
 def checked_frequencies(scheme: Scheme, frequencies: Any, key: str) -> np.ndarray:
-    """Frequencies at which the lattice of a scheme carries waves in all directions.
+    """Frequencies, checked to be such that the lattice of a scheme carries their waves in all directions.
 
     Raises
     ------
     InputError
-        Others; frequencies of what has no waves.
+        The lattice does not carry some of them, or the scheme is not one for waves.
     """
     found = np.atleast_1d(kinds.array(frequencies, key))
     found = kinds.array(found, key, shape=(None,))
@@ -131,13 +131,13 @@ def checked_frequencies(scheme: Scheme, frequencies: Any, key: str) -> np.ndarra
 
 
 def as_directions(given: Any, dim: int, key: str) -> np.ndarray:
-    """Unit vectors (D, dim) from vectors, or from a number of even ones: both ways on a line, angles from the x axis in
-    the plane, in space as many in each of the planes xy, yz and zx.
+    """Unit vectors (D, dim) from vectors, or from a number of evenly spaced ones: both directions on a line, angles
+    from the x axis in the plane, in space that number in each of the planes xy, yz and zx.
 
     Raises
     ------
     InputError
-        Vectors without length or of another dimension, a number below one.
+        Vectors are zero or of another dimension, or the number is below one.
     """
     if isinstance(given, int) and not isinstance(given, bool):
         turn = 2 * np.pi * np.arange(kinds.integer(given, key, least=1)) / given
@@ -161,17 +161,17 @@ def as_directions(given: Any, dim: int, key: str) -> np.ndarray:
 def waves_sent(
     scheme: Scheme, squared: complex, nodes: np.ndarray, forces: np.ndarray, directions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Amplitudes of the waves that forces send, for unit spacing.
+    """Amplitudes of the waves that forces radiate, for unit spacing.
 
     Parameters
     ----------
     scheme : Scheme
     squared : complex
-        As `squared_frequency` has it.
+        As from `squared_frequency`.
     nodes : ndarray, shape (W, dim)
-        Their places, in spacings.
+        Positions of the forces, in spacings.
     forces : ndarray of complex, shape (components, W)
-        Accelerations, of time dependence ``exp(-i omega t)``.
+        Accelerations, with time dependence ``exp(-i omega t)``.
     directions : ndarray, shape (D, dim)
 
     Returns
@@ -180,7 +180,7 @@ def waves_sent(
     polarisations : ndarray of complex, shape (B, D, components)
     wave_vectors : ndarray of complex, shape (B, D, dim)
     slopes : ndarray of complex, shape (B, D)
-        Of the eigenvalue of the operator along the direction.
+        Derivatives of the eigenvalue of the operator along the direction.
     """
     found = outgoing(scheme.stencil, squared, directions)
     sums = transform(nodes, forces, found.wave_vectors)
@@ -197,24 +197,24 @@ def transform(nodes: np.ndarray, forces: np.ndarray, wave_vectors: np.ndarray) -
 
 
 def powers_sent(scheme: Scheme, squared: float, nodes: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    r"""Twice the mean power that forces send out with each wave, over mass and frequency, for unit spacing.
+    r"""Twice the mean power that forces radiate in each type of wave, over mass and frequency, for unit spacing.
 
     With the Green function as an integral over wave vectors, :math:`\mathrm{Im} \sum f^* G f` is
 
     .. math:: \frac{\pi}{(2\pi)^\text{dim}} \oint \frac{|e^H F(k)|^2}{|\nabla \lambda|}\,dS
 
-    over the wave surfaces :math:`\lambda(k) = \Omega^2`, F the transform of the forces: an integral over directions of
-    k, exact on the lattice, whether or not waves of a kind go in one direction by several ways.
+    over the wave surfaces :math:`\lambda(k) = \Omega^2`, where F is the transform of the forces. This is an integral
+    over directions of k, exact on the lattice, whether or not several waves of a type travel in one direction.
 
     Parameters
     ----------
     scheme, squared, nodes, forces
-        As of `waves_sent`, without damping.
+        As for `waves_sent`, without damping.
 
     Returns
     -------
     ndarray, shape (waves,)
-        Of `KINDS`: in space both S waves together, as each alone has edges where they touch.
+        One for each of `KINDS`: in space both S waves together, as each alone has edges where they touch.
     """
     rings = int(np.linalg.norm(np.ptp(nodes, axis=0)) * np.sqrt(squared)) + 12
     before = _over_surfaces(scheme, squared, nodes, forces, rings)
@@ -238,8 +238,8 @@ def _over_surfaces(scheme: Scheme, squared: float, nodes: np.ndarray, forces: np
 
 
 def all_around(dim: int, rings: int) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (D, dim) and their weights (D,), with which sums are integrals over all directions: of waves on a line
-    both, in the plane even angles, in space the nodes of Gauss and Legendre along z on even turns.
+    """Directions (D, dim) and weights (D,) of a quadrature over all directions: both directions on a line, evenly
+    spaced angles in the plane, in space Gauss-Legendre nodes along z and evenly spaced azimuths.
     """
     turns = np.pi * np.arange(2 * rings) / rings
     circle, even = np.stack([np.cos(turns), np.sin(turns)], -1), np.full(2 * rings, np.pi / rings)
@@ -255,12 +255,12 @@ def all_around(dim: int, rings: int) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class ArrivingPlane:
-    """The spectrum of a plane wave at one frequency, for unit spacing: a sum of the branches that it is made of.
+    """The spectrum of a plane wave at one frequency, for unit spacing: the sum of the branches of which it consists.
 
     Attributes
     ----------
     amplitudes : ndarray of complex, shape (B,)
-        At the origin, of time dependence ``exp(-i omega t)``.
+        At the origin, with time dependence ``exp(-i omega t)``.
     wave_vectors : ndarray of complex, shape (B, dim)
     polarisations : ndarray of complex, shape (B, components)
     slopes : ndarray, shape (B,)
@@ -282,8 +282,8 @@ class ArrivingPlane:
         amplitude: complex,
         place: float,
     ) -> ArrivingPlane:
-        """The wave whose displacement along `vector` (None for a scalar) is `amplitude` on the plane at `place` on its
-        way.
+        """The wave whose displacement along `vector` (None for a scalar) is `amplitude` on the plane at the distance
+        `place` along its path.
 
         Parameters
         ----------
@@ -295,7 +295,7 @@ class ArrivingPlane:
         place : float
         """
         found = along(scheme.stencil, squared.real, direction[None])
-        # as `PlanePulse` chooses them: the fastest branch, or those at right angles to it
+        # the choice of `PlanePulse`: the fastest branch, or those at right angles to it
         used = slice(0, 1) if vector is None or abs(vector @ direction) > 0.5 else slice(1, None)
         vectors, shapes = found.wave_vectors[used, 0], found.polarisations[used, 0]
         shares = np.ones(1) if vector is None else shapes.conj() @ vector
@@ -304,16 +304,16 @@ class ArrivingPlane:
         return cls(amplitude * shares * phases, vectors, shapes, slopes)
 
     def field(self, nodes: np.ndarray) -> np.ndarray:
-        """The wave at places (W, dim), shape (components, W)."""
+        """The wave at positions (W, dim), shape (components, W)."""
         phases = np.exp(1j * nodes @ self.wave_vectors.T)
         return np.asarray((phases * self.amplitudes @ self.polarisations).T)
 
     @property
     def strength(self) -> float:
-        """Twice the mean power per area, over mass and frequency (`FarField.energy` says which)."""
+        """Twice the mean power per area, over mass and frequency (see `FarField.energy`)."""
         return float((np.abs(self.amplitudes) ** 2 * self.slopes).sum() / 2)
 
     def work(self, nodes: np.ndarray, forces: np.ndarray) -> float:
-        """Twice the mean power that forces in place of a scatterer take from the wave, in the same units."""
+        """Twice the mean power that forces which replace a scatterer extract from the wave, in the same units."""
         sums = transform(nodes, forces, self.wave_vectors)
         return float(((self.polarisations.conj() * sums).sum(-1) * self.amplitudes.conj()).sum().imag)

@@ -1,4 +1,4 @@
-"""How many nodes the shortest wave of a frequency has on a lattice."""
+"""The number of nodes per shortest wave of a frequency on a lattice."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from farhorizon.medium.stencil import Stencil
 
-ENOUGH = 6.0  # nodes of a wave that is well resolved
-_SAMPLES = 512  # of a branch between the middle and the edge of the Brillouin zone
+ENOUGH = 6.0  # nodes per wavelength of a well-resolved wave
+_SAMPLES = 512  # samples of a branch between the middle and the edge of the Brillouin zone
 
 
 class Resolution(NamedTuple):
@@ -19,8 +19,8 @@ class Resolution(NamedTuple):
     Attributes
     ----------
     nodes : float
-        Nodes of the shortest wave along an axis or a diagonal; 0 where the lattice does not carry one of the waves, and
-        infinite below the lowest frequency of a medium with a reaction.
+        Nodes per wavelength of the shortest wave along an axis or a diagonal; 0 where the lattice does not carry one of
+        the waves, and infinite below the lowest frequency of a medium with a reaction.
     scale : float
         Factor on spacing and time step with which the shortest wave would have `ENOUGH` nodes.
     """
@@ -52,7 +52,7 @@ def resolution(stencil: Stencil, rate: float, dt: float, frequency: float) -> Re
     lines = [_branches(stencil, np.array(direction)) for direction in _directions(stencil.dim)]
     lowest = [float(np.interp(2 * np.pi / ENOUGH, numbers, branch)) for numbers, values in lines for branch in values.T]
     enough = np.arcsin(min(1.0, min(lowest) * np.sqrt(rate) * dt / 2)) / (np.pi * dt)
-    if frequency * dt >= 0.5:  # beyond what the steps tell apart
+    if frequency * dt >= 0.5:  # beyond the Nyquist frequency of the steps
         return Resolution(0.0, float(enough / frequency))
     wanted = 2 / dt * np.sin(np.pi * frequency * dt) / np.sqrt(rate)
     largest = max(_wavenumber(numbers, branch, wanted) for numbers, values in lines for branch in values.T)
@@ -61,13 +61,13 @@ def resolution(stencil: Stencil, rate: float, dt: float, frequency: float) -> Re
 
 
 def _directions(dim: int) -> list[tuple[int, ...]]:
-    """Axes and diagonals, one of each and its opposite."""
+    """Axes and diagonals, one of each pair of opposite directions."""
     return [way for way in itertools.product((-1, 0, 1), repeat=dim) if way > (0,) * dim]
 
 
 def _branches(stencil: Stencil, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Wavenumbers times spacing along a direction, from zero to the edge of the zone, and the frequencies of the
-    branches there, the roots of the symbol, shape (n, components).
+    branches there, roots of the eigenvalues of the symbol, shape (n, components).
     """
     part = np.linspace(0.0, np.pi, _SAMPLES)
     symbol = stencil.branches(*(part * int(n) for n in direction))

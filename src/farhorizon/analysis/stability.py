@@ -1,9 +1,9 @@
-"""Stability of a linear one-step map: the spectral radius of the complete update, by dense eigenvalues or by Krylov
+"""Stability of a linear one-step map: the spectral radius of the complete update, from dense eigenvalues or from Krylov
 spaces of its powers.
 
 A map is stable if no eigenvalue lies outside the unit circle by more than `TOLERANCE` per unit of time. That unit is
-the crossing time of the set-up (`Run.crossing`), so that a verdict depends on no unit of measurement; ``dt`` is the
-step in it. Every number comes with a bound of what rounding and unfinished iterations may hide: where that bound
+the crossing time of the set-up (`Run.crossing`), so that a verdict does not depend on units of measurement; ``dt`` is
+the step in it. Every number comes with a bound on what rounding and unfinished iterations may hide: where that bound
 reaches across the tolerance, nothing is claimed.
 """
 
@@ -16,25 +16,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg
 
-#: Growth per crossing, (spectral radius - 1)/dt, up to which a map counts as stable.
+#: Largest growth per crossing, (spectral radius - 1)/dt, of a map that counts as stable.
 TOLERANCE = 1e-10
-SHORT = 10  # crossing times of white noise that come before all else
+SHORT = 10  # crossing times of white noise that run before anything else
 _NOISE = 20  # the same before Krylov spaces
-_LONG = 120  # crossing times of noise where Krylov spaces do not tell
-# Krylov vectors of the first power, at least: a mode that grows slowly may hide behind one that decays slowly
+_LONG = 120  # crossing times of noise where Krylov spaces are inconclusive
+# smallest number of Krylov vectors of the first power: a mode that grows slowly may hide behind one that decays slowly
 _LEAST = 12
 _RAISE = 8  # factor from one power of the map to the next
-_POWERS = 2  # powers that are tried
-_CLEAR = 1e-6  # a factor so far inside the unit circle needs a condition of a thousand million to be doubtful
-_RISES = 2.0  # over the last third of a short run: more than what rises as fast as time
-_VECTORS = 16  # of a Krylov space
-# largest error over rate of what a short run refuses: the error is of first order, and modes that are nearly alike make
-# it larger
+_POWERS = 2  # number of powers that are tried
+_CLEAR = 1e-6  # a factor this far inside the unit circle is doubtful only with a condition number of a thousand million
+_RISES = 2.0  # rise over the last third of a short run, above that of what grows in proportion to time
+_VECTORS = 16  # largest number of vectors of a Krylov space
+# largest error over rate of growth that a short run reports: the error is of first order, and larger for modes that
+# nearly coincide
 _SURE = 0.5
-DENSE = 700  # numbers in a state up to which all eigenvalues are computed: a second
-_EXPLODED = 1e6  # growth of white noise over a run that is no transient any more
-_SLOWS = 0.9  # of the rise in the third before: what grows exponentially rises as much, or more and more
-_UNWATCHED = 1000  # steps of noise between two looks at the clock
+DENSE = 700  # largest size of a state for which all eigenvalues are computed, which takes a second
+_EXPLODED = 1e6  # growth of white noise over a run that cannot be a transient
+_SLOWS = 0.9  # part of the rise in the previous third: exponential growth rises by as much, or by more and more
+_UNWATCHED = 1000  # steps of noise between two checks of the time
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,13 @@ class Growth:
     Attributes
     ----------
     rate : float
-        Growth per crossing, (|factor| - 1)/dt; negative: it decays.
+        Growth per crossing, (|factor| - 1)/dt; negative if the mode decays.
     error : float
-        By how much the rate may be wrong.
+        Bound on the error of the rate.
     factor : complex
-        Factor that the mode gains in a step.
+        Factor of the mode per step.
     mode : ndarray of complex
-        The state that grows; empty where none was asked for.
+        The growing state; empty if it was not requested.
     hidden : float
         Growth per crossing that could have gone unnoticed in a run from noise; 0 for a rate from eigenvalues.
     """
@@ -63,25 +63,25 @@ class Growth:
 
     @property
     def stable(self) -> bool | None:
-        """Whether nothing grows; None if it cannot be told."""
+        """Whether nothing grows; None if this is not known."""
         if self.rate + self.error <= TOLERANCE:
             return True
         return False if self.rate - self.error > TOLERANCE else None
 
     @property
     def angle(self) -> float:
-        """Phase that the mode gains in a step, frequency times dt."""
+        """Phase of the mode per step, frequency times dt."""
         return float(abs(np.angle(self.factor)))
 
 
 def fastest(found: Sequence[Growth]) -> Growth:
-    """The one that decides: the fastest certain growth, else that with the largest rate and error."""
+    """The result that decides: the fastest certain growth, or else that with the largest sum of rate and error."""
     growing = [g for g in found if g.stable is False]
     return max(growing, key=lambda g: g.rate) if growing else max(found, key=lambda g: g.rate + g.error)
 
 
 def dense_growth(matrix: np.ndarray, dt: float) -> Growth:
-    """Fastest mode of a map that is given as a matrix, by its eigenvalues.
+    """Fastest mode of a map that is given as a matrix, from its eigenvalues.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def dense_growth(matrix: np.ndarray, dt: float) -> Growth:
     Returns
     -------
     Growth
-        The error is that of rounding, ``4 eps |G| / |y . x|`` with the eigenvectors x and y of the map and its
+        Its error is that of rounding, ``4 eps |G| / |y . x|`` with the eigenvectors x and y of the map and its
         transpose.
     """
     if np.iscomplexobj(matrix) and np.abs(matrix.imag).max(initial=0) <= 1e-15 * np.abs(matrix).max(initial=0):
@@ -102,7 +102,7 @@ def dense_growth(matrix: np.ndarray, dt: float) -> Growth:
     order = np.argsort(-np.abs(factors))
     size = np.linalg.norm(matrix)
     found: list[Growth] = []
-    # of some that are as close to 1, an ill-conditioned one decides
+    # among factors equally close to 1, an ill-conditioned one decides
     for factor in factors[order[: min(4, len(order))]]:
         if found and abs(factor) < 1 - _CLEAR:
             break
@@ -113,7 +113,7 @@ def dense_growth(matrix: np.ndarray, dt: float) -> Growth:
 
 
 def _eigenvectors(matrix: np.ndarray, factor: complex) -> tuple[np.ndarray, np.ndarray]:
-    """Right and left eigenvectors of length 1 by inverse iteration, the left one for ``y^H G = factor y^H``."""
+    """Right and left eigenvectors of length 1 by inverse iteration; the left one solves ``y^H G = factor y^H``."""
     shifted = matrix - (factor * (1 + 1e-14) + 1e-300) * np.eye(len(matrix))
     solve = linalg.lu_factor(shifted, check_finite=False)
     vectors = []
@@ -137,33 +137,33 @@ def krylov_growth(
 ) -> Growth:
     """Fastest mode of a map that can only be applied, from white noise.
 
-    Noise runs for 20 crossing times; then Krylov spaces of powers of the map are built, of ever higher powers: in a
-    high power what decays has died out, and few vectors tell the rest apart. Near the factor 1, modes that decay slowly
-    may lie too close to each other for that. Then noise runs on to 120 crossing times, and if its size falls over the
-    last third of them that is what is known.
+    Noise runs for 20 crossing times; then Krylov spaces of ever higher powers of the map are built: in a high power the
+    decaying part has disappeared, and few vectors separate the rest. Near the factor 1, slowly decaying modes may be
+    too close to each other for that. Noise then runs on to 120 crossing times, and if its size decreases over the last
+    third of them, that is the result.
 
     Parameters
     ----------
     advance : callable
-        State and number of steps to the state after them.
+        Maps a state and a number of steps to the state after these steps.
     size : int
-        Numbers in a state.
+        Size of a state.
     dt : float
         Time step in crossings.
     crossing : int
-        Steps in which the fastest wave, or a good part of what diffuses, crosses all that the map moves, the layers
-        included.
+        Number of steps in which the fastest wave, or a substantial part of a diffusing field, crosses the whole domain
+        of the map, layers included.
     budget : float
         Seconds after which it gives up.
     seed : int
         Of the noise.
     subspace : int
-        Most vectors in a Krylov space.
+        Largest number of vectors in a Krylov space.
 
     Returns
     -------
     Growth
-        The error is that of the eigenvalue problem's residual, 0 with `hidden` set where a long run decides, and
+        Its error is that of the eigenvalue problem's residual, 0 with `hidden` set where a long run decides, and
         infinite if time ran out.
     """
     begin = time.monotonic()
@@ -187,7 +187,7 @@ def krylov_growth(
         found = noise.decay()
         if found.stable is not None:
             return found
-        until *= 2  # modes that are nearly alike add up before they decay
+        until *= 2  # modes that nearly coincide add up before they decay
     return noise.explosion() or unknown
 
 
@@ -201,41 +201,41 @@ def noise_growth(
     seed: int = 0,
     longest: float = np.inf,
 ) -> tuple[Growth | None, float]:
-    """What a short run from white noise tells of a map that can only be applied: cheap, before anything else is
-    examined.
+    """Growth seen in a short run from white noise, of a map that can only be applied: a cheap test, before anything
+    else is examined.
 
     Parameters
     ----------
     advance, size, dt, crossing, budget, seed
-        As of `krylov_growth`.
+        As for `krylov_growth`.
     crossings : float
-        Length of the run for which this is asked, in crossing times of what the map moves; noise runs for as long, ten
-        crossing times at most. If it is finite that takes what it takes, which is less than the run, and the budget is
-        for what follows where noise rises.
+        Length of the run in question, in crossing times of the domain of the map; noise runs for as long, but at most
+        ten crossing times. If it is finite, this is not limited by the budget, since it takes less time than the run
+        itself, and the budget is for what follows where noise rises.
     longest : float
-        Seconds that it may take all the same.
+        Limit in seconds in that case.
 
     Returns
     -------
     Growth or None
-        Noise that rises over the last third of the run is run on, and a Krylov space of the map tells growth from a
-        transient. What is still twice as large at the end as at two thirds when time is up counts as growth, unless its
-        rise slows down, as that of a power of time does. None if none is seen.
+        Noise that rises over the last third of the run is continued, and a Krylov space of the map distinguishes growth
+        from a transient. A state that is still twice as large at the end as at two thirds when time is up counts as
+        growth, unless its rise slows down, as that of a power of time does. None if no growth is seen.
     float
-        Crossing times for which noise ran: fewer than asked for if there was no time.
+        Crossing times for which noise ran: fewer than requested if there was no time.
     """
     begin, asked = time.monotonic(), bool(np.isfinite(crossings))
     share = min(crossings / SHORT, 1.0)
-    piece = max(1, int(np.ceil(crossing * share)))  # a shorter run is looked at as often
+    piece = max(1, int(np.ceil(crossing * share)))  # a shorter run is sampled as often
     noise = _Noise(advance, size, dt, piece, seed)
     whole = noise.run(SHORT, begin + (longest if asked else budget))
     end = budget + (time.monotonic() if asked else begin)
     if noise.explosion() is not None:
         return noise.explosion(), 0.0
     length = len(noise.sizes) - 1
-    # soon after the start noise may rise as fast as time: its velocities are those of short waves
+    # soon after the start noise may grow in proportion to time, because its velocities are those of short waves
     least = 1.0 if whole and share == 1 else _RISES
-    # few vectors cannot tell modes apart that are nearly alike, as those of a drift are
+    # few vectors cannot separate modes that nearly coincide, such as those of a drift
     if size <= DENSE and noise.rise() > least:
         found = dense_growth(np.stack([advance(unit, 1) for unit in np.eye(size)], axis=1), dt)
         if found.stable is not None:
@@ -253,7 +253,7 @@ def noise_growth(
 
 
 class _Noise:
-    """A run from white noise and the size of its state after each crossing time."""
+    """A run from white noise, with the size of its state after each crossing time."""
 
     def __init__(
         self, advance: Callable[[np.ndarray, int], np.ndarray], size: int, dt: float, crossing: int, seed: int
@@ -263,7 +263,7 @@ class _Noise:
         self.sizes = [float(np.linalg.norm(self.state))]
 
     def run(self, until: int, end: float) -> bool:
-        """Go on to a number of crossing times; False if the state exploded or time ran out before."""
+        """Continue to a number of crossing times; return False if the state exploded or time ran out before."""
         while len(self.sizes) <= until:
             for done in range(0, self.crossing, _UNWATCHED):  # steps may be so short that one crossing takes days
                 self.state = self.advance(self.state, min(_UNWATCHED, self.crossing - done))
@@ -290,17 +290,17 @@ class _Noise:
         )
 
     def rise(self) -> float:
-        """Size of the state over that at two thirds of the run."""
+        """Size of the state over its size at two thirds of the run."""
         return self.sizes[-1] / max(self.sizes[-1 - (len(self.sizes) - 1) // 3], 1e-300)
 
     def slows(self) -> bool:
-        """Whether it rose less in the last third of the run than in the one before."""
+        """Whether the state rose less in the last third of the run than in the previous one."""
         third = (len(self.sizes) - 1) // 3
         before = self.sizes[-1 - third] / max(self.sizes[-1 - 2 * third], 1e-300)
         return self.rise() < _SLOWS * before
 
     def decay(self) -> Growth:
-        """What the last third of the run tells."""
+        """Growth or decay over the last third of the run."""
         count = len(self.sizes) - 1
         last = self.sizes[-1 - count // 3 :]
         span = (len(last) - 1) * self.crossing * self.dt
@@ -312,16 +312,16 @@ class _Noise:
 def _arnoldi(
     apply: Callable[[np.ndarray], np.ndarray], start: np.ndarray, power: int, dt: float, least: int, subspace: int
 ) -> tuple[Growth, np.ndarray]:
-    """Leading eigenvalue of a power of a map in a Krylov space, which ends as soon as it is settled; and the vector to
-    go on with.
+    """Leading eigenvalue of a power of a map in a Krylov space, which ends as soon as the verdict is certain; and the
+    vector with which to continue.
     """
     length = float(np.linalg.norm(start))
-    if length < 1e-200:  # noise has died out altogether
+    if length < 1e-200:  # the noise has decayed completely
         return Growth(-1 / (power * dt), 0.0, 0.0, np.zeros(0)), start
     basis, projected = [start / length], np.zeros((subspace + 1, subspace))
     for k in range(subspace):
         image = apply(basis[k])
-        for _ in range(2):  # twice, to be orthogonal to rounding
+        for _ in range(2):  # twice, for orthogonality to rounding
             for j, b in enumerate(basis):
                 share = float(b @ image)
                 projected[j, k] += share
@@ -339,8 +339,9 @@ def _arnoldi(
 
 
 def _leading(projected: np.ndarray, rest: float, basis: Sequence[np.ndarray], power: int, dt: float) -> Growth:
-    """The largest eigenvalue of a map's power in a Krylov space; ten times its residual and condition make the
-    error."""
+    """Largest eigenvalue of a power of a map in a Krylov space; the error is ten times the residual times the condition
+    number.
+    """
     values, left, right = linalg.eig(projected, left=True, right=True)
     i = int(np.argmax(np.abs(values)))
     size, x, y = max(float(np.abs(values[i])), 1e-300), right[:, i], left[:, i]

@@ -1,10 +1,10 @@
-"""Pulses in a half-infinite lattice with a free surface: plane ones with all that the surface sends back, and those
+"""Pulses in a half-infinite lattice with a free surface: plane pulses with their reflection by the surface, and pulses
 that run along it.
 
-Both are sums of waves that solve the equations of the lattice and of velocity Verlet exactly (`half_space`). They
-repeat themselves after a period, which is long enough for all that travels to have left. Where the surface sends
-back waves with a phase of their own, beyond the critical angle, or for the displacement along the surface of a Rayleigh
-wave, the pulse is a Hilbert transform in part: it has a tail before and after it, which falls off as a power of time.
+Both are sums of waves that solve the equations of the lattice and of velocity Verlet exactly (`half_space`). They are
+periodic, with a period long enough for everything that travels to have left. Where the reflected waves have phases of
+their own, beyond the critical angle, or for the displacement along the surface of a Rayleigh wave, the pulse is partly
+a Hilbert transform: it has a tail before and after it, which decays as a power of time.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from farhorizon.analysis.references.pulse import PlanePulse, TravellingWaves, ch
 from farhorizon.errors import InputError
 from farhorizon.medium.free_side import FreeSide
 
-_TAIL = 1e-9  # of the signal: a pulse that has more of it left between two periods has a tail
-_SPARE, _LONGER = 1.5, (2.0, 4.0)  # periods over the least, and over the first of them
-_HELPS = 0.25  # a longer period that leaves more of the tail than this does not help
-_PROBES = 9  # times at which a tail is looked for
-_LONG = 1e-2  # wavenumber times spacing of a wave that is long
-_RAYLEIGH = 0.9  # about the speed of Rayleigh waves over that of S waves
+_TAIL = 1e-9  # part of the signal that may be left between two periods of a pulse without a tail
+_SPARE, _LONGER = 1.5, (2.0, 4.0)  # periods over the shortest possible one, and longer ones over the first of these
+_HELPS = 0.25  # a longer period that leaves more than this part of the tail does not help
+_PROBES = 9  # times at which the tail is evaluated
+_LONG = 1e-2  # wavenumber times spacing of a long wave
+_RAYLEIGH = 0.9  # approximate speed of Rayleigh waves over that of S waves
 
 
 @dataclass(frozen=True, eq=False)
 class FreeSurface:
-    """A free surface across an axis of a lattice, and where a pulse meets the box that stands on it.
+    """A free surface across an axis of a lattice, and the rows below it in which a pulse is needed.
 
     Attributes
     ----------
@@ -39,9 +39,9 @@ class FreeSurface:
     end : FreeSide
     spacing : float
     level : float
-        Coordinate of its nodes.
+        Coordinate of the nodes of the surface.
     rows : int
-        How far down the pulse is wanted.
+        Number of rows, from the surface down, in which the pulse is needed.
     depth : int
         Rows of the box.
     """
@@ -55,33 +55,35 @@ class FreeSurface:
 
     @property
     def half_space(self) -> HalfSpace:
-        """The medium below it."""
+        """The medium below the surface."""
         return HalfSpace(self.end)
 
     def turned(self, vector: np.ndarray) -> np.ndarray:
-        """Components of a vector with the normal first; of a scalar field as they are."""
+        """Components of a vector with the normal first; those of a scalar field unchanged."""
         return vector[self.end.order] if self.scheme.stencil.components > 1 else vector
 
     def shape(self, column: Column, amplitude: complex = 1.0) -> np.ndarray:
-        """A wave in all rows, as `TravellingWaves` takes it: time goes as ``exp(i w t)`` there."""
+        """A wave in all rows in the convention of `TravellingWaves`, whose waves have the time dependence ``exp(i w
+        t)``.
+        """
         found = amplitude * column.at(self.rows).conj()
         back = np.argsort(self.end.order)
         return found[:, back] if self.scheme.stencil.components > 1 else found
 
     def squared(self, frequency: float) -> float:
-        """Square of a frequency in units of the stencil, as the scheme has it."""
+        """Squared frequency in units of the stencil, for the discrete frequency of the scheme."""
         dt = self.scheme.dt
         return float((2 / dt * np.sin(frequency * dt / 2)) ** 2 / self.scheme.rate)
 
     @property
     def slowest(self) -> float:
-        """Speed of the slowest long wave that goes straight down, in rows for a unit of time."""
+        """Speed of the slowest long wave that travels straight down, in rows per unit of time."""
         along = [_LONG, *[0.0] * (self.scheme.stencil.dim - 1)]
         branches = self.scheme.stencil.along(self.end.axis).branches(*along)
         return float(np.sqrt(self.scheme.rate * branches.min()) / _LONG)
 
     def along(self, direction: np.ndarray) -> tuple[np.ndarray, float]:
-        """What of a unit vector is along the surface, as a unit vector in space, and its length."""
+        """Projection of a unit vector on the surface, as a unit vector in space, and its length."""
         flat = np.where(np.arange(direction.size) == self.end.axis, 0.0, direction)
         length = float(np.linalg.norm(flat))
         return (flat / length if length else flat), length
@@ -96,12 +98,12 @@ class SurfacePulse:
     waves : TravellingWaves
         Along `direction`, in rows down from the surface.
     direction : ndarray, shape (dim,)
-        Along the surface, of length 1; zero where nothing depends on the place along it.
+        Along the surface, of length 1; zero if the pulse is uniform along the surface.
     period : float
     tail : float
-        What is left of it between two periods, over the largest value of the signal.
+        Largest value of the pulse between two periods, over the largest value of the signal.
     lost : float
-        Part of the signal, relative to its largest value, in frequencies that the lattice does not carry: it is left
+        Part of the signal, relative to its largest value, in frequencies that the lattice does not carry, which is left
         out.
     """
 
@@ -119,36 +121,36 @@ def reflected_pulse(
     way: tuple[float, float],
     samples: np.ndarray,
 ) -> SurfacePulse:
-    """A plane pulse that comes to a surface, with all that this sends back.
+    """A plane pulse that comes to a surface, together with its reflection.
 
     Parameters
     ----------
     surface : FreeSurface
     make : callable
-        The pulse in the open medium, of a period.
+        Maps a period to the pulse in the unbounded medium.
     direction : ndarray, shape (dim,)
-        Along which it travels, of length 1.
+        In which it travels, of length 1.
     way : (float, float)
-        Where on its way it has its signal, from the origin, and how far it goes.
+        Distance from the origin, along its path, at which it has its signal, and distance to which it travels.
     samples : ndarray
         The signal at the time steps.
 
     Raises
     ------
     InputError
-        It does not come to the surface.
+        The pulse does not come to the surface.
     """
     half_space = surface.half_space
     flat, length = surface.along(direction)
     tangential = direction[surface.end.order[1:]]
     up = surface.end.side * direction[surface.end.axis]
-    met = direction[surface.end.axis] * surface.level - way[0]  # its way to the surface, above the origin
+    met = direction[surface.end.axis] * surface.level - way[0]  # length of its path to the surface, above the origin
 
     def whole(period: float) -> SurfacePulse:
         pulse, numbers, shapes = make(period), [], []
         for number in np.flatnonzero(pulse.frequencies > 0):
             wavenumber, amplitude = pulse.wavenumbers[number], pulse.amplitudes[number]
-            # time goes as exp(-i w t) in a column
+            # a column has the time dependence exp(-i w t)
             vector = (amplitude * pulse.polarisations[number] * np.exp(-1j * wavenumber * met)).conj()
             if vector.any():
                 angle, squared = wavenumber * surface.spacing, surface.squared(pulse.frequencies[number])
@@ -174,15 +176,15 @@ def rayleigh_pulse(
     direction : ndarray, shape (dim,)
         Along the surface, of length 1.
     way : (float, float)
-        Where on its way the displacement of the surface along its outward normal is the signal, from the origin, and
-        how far it goes.
+        Distance from the origin, along its path, at which the displacement of the surface along its outward normal is
+        the signal, and distance to which it travels.
     samples : ndarray
         The signal at the time steps.
 
     Raises
     ------
     InputError
-        A signal with frequencies of which no wave runs along the surface.
+        The signal has frequencies at which no wave runs along the surface.
     """
     scheme, dt, half_space = surface.scheme, surface.scheme.dt, surface.half_space
     tangential = direction[surface.end.order[1:]]
@@ -221,9 +223,9 @@ def rayleigh_pulse(
 def _with_a_small_tail(
     whole: Callable[[float], SurfacePulse], surface: FreeSurface, way: tuple[float, float], samples: np.ndarray
 ) -> SurfacePulse:
-    """The pulse with the shortest of some periods that leave no tail, or from which a longer one does not help.
+    """The pulse with the shortest of several periods that leaves no tail, or beyond which a longer one does not help.
 
-    The shortest is that in which the slowest long wave passes the box along the way and down, and half of it more.
+    The shortest is one and a half times the time in which the slowest long wave passes the box along the path and down.
     """
     passed = (way[1] - way[0]) / surface.spacing + surface.depth
     least = _SPARE * (samples.size * surface.scheme.dt + passed / surface.slowest)
@@ -247,7 +249,7 @@ def _at_rest(
     samples: np.ndarray,
     dt: float,
 ) -> SurfacePulse:
-    """The waves that move, and with them the translation that makes the surface rest between two periods.
+    """The moving waves, and with them the translation that brings the surface to rest between two periods.
 
     Parameters
     ----------
@@ -255,7 +257,7 @@ def _at_rest(
     direction : ndarray, shape (dim,)
     period, lost : float
     arrival : float
-        When the pulse comes to the surface above the origin.
+        Time at which the pulse comes to the surface above the origin.
     samples : ndarray
     dt : float
     """

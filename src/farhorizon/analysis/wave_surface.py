@@ -1,4 +1,4 @@
-"""The wave surface of a lattice: the waves of one frequency, and what a point force sends in each direction."""
+"""The wave surface of a lattice: the waves of one frequency, and what a point force radiates in each direction."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import numpy as np
 from farhorizon.errors import InputError
 from farhorizon.medium.stencil import Stencil
 
-#: Branches nearer to each other than this part of their eigenvalue are one wave: S waves along an axis of symmetry.
+#: Branches closer to each other than this part of their eigenvalue count as one, as S waves along an axis of symmetry
+#: do.
 _APART = 1e-5
-_RADII = 96  # wavenumbers at which branches are looked at along a ray
+_RADII = 96  # wavenumbers at which branches are sampled along a ray
 _RAYS = {1: 2, 2: 180, 3: 600}
-_NEWTON, _SETTLED, _STRIDE = 30, 1e-12, 0.3  # steps, where they end, and how long they are at most, of the wave vector
+_NEWTON, _SETTLED, _STRIDE = 30, 1e-12, 0.3  # steps, relative change at which they end, and longest relative step
 _ONTO = 3
-#: In the neighbourhood of directions in which both S waves are one these are taken as one up to this difference.
+#: Near directions in which both S waves coincide, branches closer than this are replaced by their mean.
 _NEARLY = 0.1
 
 
@@ -27,13 +28,13 @@ class Outgoing:
     Attributes
     ----------
     wave_vectors : ndarray of complex, shape (B, D, dim)
-        Times spacing; real without damping. Branches come with the largest eigenvalue, the fastest wave, first.
+        Times spacing; real without damping. The branch with the largest eigenvalue, the fastest wave, comes first.
     slopes : ndarray of complex, shape (B, D)
-        Derivative of the symbol's eigenvalue along the direction, along which its gradient points.
+        Derivative of the symbol's eigenvalue along the direction, in which its gradient points.
     curvatures : ndarray of complex, shape (B, D)
         Product of the second derivatives along the principal directions at right angles to it; 1 in one dimension.
     polarisations, projections : ndarray of complex, shape (B, D, components)
-        Displacement of the wave, of unit length, and the row that finds its part in a force: without damping the
+        Displacement of the wave, of unit length, and the row vector that projects a force on it: without damping, the
         conjugate of the polarisation.
     """
 
@@ -45,42 +46,42 @@ class Outgoing:
 
     @property
     def amplitudes(self) -> np.ndarray:
-        r"""What a unit force at a node sends in each direction, shape (B, D): at a distance of r nodes the field is the
-        polarisation times ``amplitude * exp(i k . x) / r**((dim - 1) / 2)``, up to parts that fall off faster.
+        r"""Amplitudes radiated in each direction by a unit force at a node, shape (B, D): at a distance of r nodes the
+        field is the polarisation times ``amplitude * exp(i k . x) / r**((dim - 1) / 2)``, up to terms that decay
+        faster.
 
         The integral of a plane wave over its Brillouin zone, divided by :math:`\lambda(k) - \Omega^2`, has the residue
-        :math:`i/g` on the wave surface, g the slope there. Along the surface its phase is stationary where the gradient
-        of the eigenvalue points to the receiver, and each principal direction contributes
-        :math:`\sqrt{g / (2 \pi i\, r h)}`, h the second derivative (Lighthill, Phil. Trans. R. Soc. A 252 (1960) 397,
-        section 4).
+        :math:`i/g` on the wave surface, where g is the slope. Along the surface its phase is stationary where the
+        gradient of the eigenvalue points to the receiver, and each principal direction contributes :math:`\sqrt{g / (2
+        \pi i\, r h)}`, where h is the second derivative (Lighthill, Phil. Trans. R. Soc. A 252 (1960) 397, section 4).
         """
         across = self.wave_vectors.shape[-1] - 1
         return 1j / self.slopes * np.sqrt(self.slopes / (2j * np.pi)) ** across / np.sqrt(self.curvatures)
 
 
 def outgoing(stencil: Stencil, squared: complex, directions: np.ndarray) -> Outgoing:
-    """The waves of one frequency whose group velocity points along some directions.
+    """The waves of one frequency whose group velocity points in given directions.
 
     Parameters
     ----------
     stencil : Stencil
     squared : complex
-        Square of the frequency, in units of ``coefficient / spacing^2``: the eigenvalue of the symbol, between the
-        limits of `carried`. Its imaginary part is that of a damped wave, above zero.
+        Squared frequency, in units of ``coefficient / spacing^2``: the eigenvalue of the symbol, between the limits of
+        `carried`. Its imaginary part, above zero, is that of a damped wave.
     directions : ndarray, shape (D, dim)
         Unit vectors.
 
     Raises
     ------
     InputError
-        A frequency at which several waves of one branch go in one direction.
+        At this frequency, several waves of one branch travel in one direction.
     """
     start = _start(stencil, squared.real, directions)
     found = [_branch(stencil, squared, directions, angles, number) for number, angles in enumerate(start)]
     settled = np.stack([branch[0] for branch in found])
     vectors, slopes, curvatures, shapes, rows = (np.stack(parts) for parts in list(zip(*found, strict=True))[1:])
     if stencil.components == 3:
-        # by a corner of both surfaces of S waves there are none of one alone: their mean is smooth
+        # near a corner of the surfaces of both S waves a single branch has no wave, but their mean is smooth
         (one,) = np.nonzero(~settled[1:].all(0))
         for number in (1, 2) if one.size else ():
             mean = _branch(stencil, squared, directions[one], start[number, one], number, _NEARLY)
@@ -99,8 +100,8 @@ def outgoing(stencil: Stencil, squared: complex, directions: np.ndarray) -> Outg
 
 
 def _turn(shapes: np.ndarray, rows: np.ndarray, directions: np.ndarray) -> None:
-    """Let displacements point the same way whenever they are computed: of P waves along the direction, of S waves in
-    the plane to its left, in space along their largest component.
+    """Fix the phases of the displacements, which are arbitrary as computed: P waves point along the direction, S waves
+    in the plane to its left, in space along their largest component.
     """
     along = np.zeros(shapes.shape)
     largest = np.abs(shapes).round(6).argmax(-1)
@@ -115,7 +116,9 @@ def _turn(shapes: np.ndarray, rows: np.ndarray, directions: np.ndarray) -> None:
 
 
 def _set_apart(stencil: Stencil, vectors: np.ndarray, shapes: np.ndarray, rows: np.ndarray) -> None:
-    """Take both S waves from one decomposition where they are one: of two, each of them was any."""
+    """Take both S waves from one decomposition where they coincide; from two decompositions, their polarisations need
+    not be orthogonal.
+    """
     (one,) = np.nonzero(np.abs(vectors[1] - vectors[2]).max(1) < 1e-9 * np.abs(vectors[1]).max(1))
     for number in (1, 2) if one.size else ():
         *_, shapes[number, one], rows[number, one] = _expansion(stencil, vectors[1, one].astype(complex), number)
@@ -123,16 +126,16 @@ def _set_apart(stencil: Stencil, vectors: np.ndarray, shapes: np.ndarray, rows: 
 
 @dataclass(frozen=True)
 class Along:
-    """Waves of one frequency whose phases travel along given directions.
+    """Waves of one frequency whose phases travel in given directions.
 
     Attributes
     ----------
     wave_vectors : ndarray, shape (B, D, dim)
-        Times spacing. Branches come with the largest eigenvalue, the fastest wave, first.
+        Times spacing. The branch with the largest eigenvalue, the fastest wave, comes first.
     gradients : ndarray, shape (B, D, dim)
-        Of the symbol's eigenvalue: energy travels along them.
+        Gradients of the symbol's eigenvalue, in whose direction energy travels.
     polarisations, projections : ndarray of complex, shape (B, D, components)
-        As of `Outgoing`.
+        As in `Outgoing`.
     """
 
     wave_vectors: np.ndarray
@@ -142,13 +145,13 @@ class Along:
 
 
 def along(stencil: Stencil, squared: float, directions: np.ndarray) -> Along:
-    """The waves of one frequency whose phases travel along directions.
+    """The waves of one frequency whose phases travel in given directions.
 
     Parameters
     ----------
     stencil : Stencil
     squared : float
-        As of `outgoing`, without damping.
+        As for `outgoing`, without damping.
     directions : ndarray, shape (D, dim)
         Unit vectors.
     """
@@ -172,11 +175,11 @@ def along(stencil: Stencil, squared: float, directions: np.ndarray) -> Along:
 
 
 def carried(stencil: Stencil) -> tuple[float, float]:
-    """Between which squares of the frequency, in units of ``coefficient / spacing^2``, each branch has one closed wave
-    surface around k = 0.
+    """Limits of the squared frequency, in units of ``coefficient / spacing^2``, between which each branch has one
+    closed wave surface around k = 0.
 
-    Up to the upper one the eigenvalue grows along each ray from k = 0; above it waves of a wavelength of a few nodes
-    run backward, or not at all in some directions. Below the lower one, the reaction, nothing travels.
+    Up to the upper limit the eigenvalue grows along each ray from k = 0; above it, waves of a wavelength of a few nodes
+    run backward, or do not travel in some directions. Below the lower limit, the reaction, nothing travels.
     """
     zone, values, slopes = stencil.zone_branches
     outward = sum((k[..., None] * slope for k, slope in zip(zone, slopes, strict=True)), np.zeros(()))
@@ -209,7 +212,7 @@ def _radial(stencil: Stencil, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def _crossing(lengths: np.ndarray, branch: np.ndarray, squared: float) -> np.ndarray:
-    """Wavenumbers at which a branch comes to a squared frequency, between those looked at; shape (R,)."""
+    """Wavenumbers at which a branch reaches a squared frequency, interpolated between the samples; shape (R,)."""
     rows, first = np.arange(len(lengths)), np.argmax(branch > np.sqrt(squared), axis=1)
     below, above = branch[rows, first - 1], branch[rows, first]
     share = (np.sqrt(squared) - below) / (above - below)
@@ -217,19 +220,20 @@ def _crossing(lengths: np.ndarray, branch: np.ndarray, squared: float) -> np.nda
 
 
 def _start(stencil: Stencil, squared: float, directions: np.ndarray) -> np.ndarray:
-    """Wave vectors near those whose group velocity points along the directions, of undamped waves; shape (B, D, dim).
+    """Wave vectors of undamped waves whose group velocity approximately points in the directions; shape (B, D, dim).
 
     Raises
     ------
     InputError
-        A wave surface that is not convex.
+        The wave surface is not convex.
     """
     rays, lengths, roots = _rays(stencil)
     found: list[np.ndarray] = []
     for branch in roots:
         angles = rays * _crossing(lengths, branch, squared)[:, None]
         number = len(found)
-        # of S waves in space the mean: where they touch each has corners, of no consequence if they are nearly one
+        # the mean of S waves in space: where they touch, each has corners, which do not matter where they nearly
+        # coincide
         _, slopes, bends, *_ = _expansion(stencil, angles.astype(complex), number, _NEARLY)
         normals = (slopes / np.linalg.norm(slopes, axis=1)[:, None]).real
         if (_across(bends, normals).real <= 0).any():
@@ -246,7 +250,8 @@ def _start(stencil: Stencil, squared: float, directions: np.ndarray) -> np.ndarr
 def _branch(
     stencil: Stencil, squared: complex, directions: np.ndarray, angles: np.ndarray, number: int, apart: float = _APART
 ) -> tuple[np.ndarray, ...]:
-    """Wave vectors of one branch by Newton's method: whether each was found, and all that `Outgoing` has of them.
+    """Wave vectors of one branch by Newton's method: whether each was found, and the attributes of `Outgoing` for the
+    branch.
 
     The unknowns are the wave vector and the slope g: the eigenvalue is given, and its gradient is g times the
     direction.
@@ -267,7 +272,7 @@ def _branch(
         settled = size < _SETTLED * length
         if settled.all():
             break
-    for _ in range(_ONTO):  # from a mean onto the branch's own surface
+    for _ in range(_ONTO):  # from the mean to the branch's own surface
         value, gradient, _, *rest = _expansion(stencil, angles, number, 0.0)
         angles = angles - ((value - squared) / (gradient * directions).sum(1))[:, None] * directions
     curvatures = _across(bends, directions)
@@ -275,8 +280,8 @@ def _branch(
 
 
 def _across(bends: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """Determinants of matrices (D, dim, dim) on the planes at right angles to the directions."""
-    # that of the bordered matrix, with the sign that it has in one dimension
+    """Determinants of matrices (D, dim, dim) restricted to the planes at right angles to the directions."""
+    # minus the determinant of the bordered matrix
     dim = directions.shape[1]
     matrix = np.zeros((len(directions), dim + 1, dim + 1), complex)
     matrix[:, :dim, :dim], matrix[:, dim, :dim], matrix[:, :dim, dim] = bends, directions, directions
@@ -285,7 +290,7 @@ def _across(bends: np.ndarray, directions: np.ndarray) -> np.ndarray:
 
 def _expansion(stencil: Stencil, angles: np.ndarray, number: int, apart: float = _APART) -> tuple[np.ndarray, ...]:
     """A branch at complex wave vectors (D, dim): its eigenvalue, first (D, dim) and second derivatives (D, dim, dim),
-    of branches that touch the mean; polarisation and projection (D, components).
+    as means over branches that coincide; polarisation and projection (D, components).
     """
     size, offsets = stencil.components, stencil.offsets.astype(float)
     weights = stencil.weights.reshape(-1, size * size)
@@ -305,7 +310,7 @@ def _expansion(stencil: Stencil, angles: np.ndarray, number: int, apart: float =
     products = np.einsum("naij,nbji->nabij", first, first)
     products = products + products.swapaxes(1, 2)
     second = second + (products / np.where(one, np.inf, gaps)[:, None, None]).sum(-1)
-    # the mean of those that are one with the branch
+    # mean over the branches that coincide with this one
     share = one[:, number] / one[:, number].sum(1, keepdims=True)
     return (
         (share * values).sum(1),

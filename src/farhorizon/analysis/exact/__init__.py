@@ -1,1 +1,1 @@
-"""The half-infinite chain: its kernels, their convolution and compression."""
+"""The half-infinite chain: its kernels, their convolution and their compression."""

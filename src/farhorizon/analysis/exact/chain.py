@@ -1,15 +1,16 @@
-"""Kernels of the exact boundary in one dimension: how a half-infinite chain answers to its drivers, fully discrete in
-time.
+"""Kernels of the exact boundary in one dimension: the response of a half-infinite chain to its drivers, fully discrete
+in time.
 
 The chain's nodes are 0, -1, -2, ... and the near field's 1, 2, ...; the *drivers* 1 .. K (K the reach of the stencil)
-act on the chain, and its first K nodes, the *ghosts* 0, -1, .. -(K - 1), act back. A chain at rest answers with
+act on the chain, and its first K nodes, the *ghosts* 0, -1, .. -(K - 1), act back. The response of a chain initially at
+rest is
 
     ghost(-q) at step j = sum over lags a = 1 .. j and drivers m of  F[a, q, m - 1] u_m at step j - a,
 
-explicit because F[0] = 0. The sample at step 0 carries the weight `Recursion.first`. The force of all ghosts on driver
-i is the same sum with M = D^T F, D[q, m - 1] = a_(m + q), which is symmetric. Ji, Pang, Zhang, Yang and Perdikaris
-(2021), eqs 5 to 15, have the kernels of the chain that is continuous in time and then discretise the convolution; here
-the chain takes the same time steps as the near field, and nothing is left over.
+explicit because F[0] = 0. The sample at step 0 has the weight `Recursion.first`. The force of all ghosts on driver i is
+the same sum with M = D^T F, D[q, m - 1] = a_(m + q), which is symmetric. Ji, Pang, Zhang, Yang and Perdikaris (2021),
+eqs 5 to 15, derive the kernels of the chain that is continuous in time and then discretise the convolution; here the
+chain takes the same time steps as the near field, so that there is no discretisation error.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ from farhorizon.errors import InputError
 from farhorizon.medium.integrators import Integrator, Verlet
 from farhorizon.medium.stencil import Stencil
 
-_ROUNDING = 42.0  # what is smaller than exp(-42) = 6e-19 of the impulse is taken for nothing
-_CHAIN_FLOPS = 3e10  # up to here (a few seconds) the chain is run, since it is the more accurate of the two
-# what a point of the transform costs, in steps of one node; measured at K = 2, 7, 25: 1600, 2900, 3100
+_ROUNDING = 42.0  # anything below exp(-42) = 6e-19 of the impulse is neglected
+_CHAIN_FLOPS = 3e10  # up to this cost (a few seconds) the chain is run, since it is the more accurate method
+# cost of a point of the transform, in steps of one node; measured at K = 2, 7, 25: 1600, 2900, 3100
 _POINT_COST = 3000
 _OVERSAMPLING = 16
 
@@ -37,15 +38,15 @@ class Recursion:
     Attributes
     ----------
     keep : float
-        Share of the last increment that a step keeps: (1 - d dt)/(1 + d dt) for Verlet with damping 2 d u_t, 0 for
+        Part of the last increment that a step keeps: (1 - d dt)/(1 + d dt) for Verlet with damping 2 d u_t, 0 for
         forward Euler.
     scale : float
         Factor of the operator: dt^2/(1 + d dt), or dt.
     first : float
         Weight of the sample at step 0: the first Verlet step is ``u(1) = u(0) + (1 - d dt) dt v(0) + dt^2/2 A u(0)``,
-        that is (1 + d dt)/2 of a later one for what starts at rest; 1 for forward Euler.
+        that is, (1 + d dt)/2 of a later one for a start at rest; 1 for forward Euler.
     reaction : float
-        Of a chain, whose bonds A is; 0 where A is all of the operator.
+        Reaction of a chain if A contains only its bonds; 0 if A is the whole operator.
     """
 
     keep: float
@@ -60,7 +61,7 @@ class Recursion:
         Raises
         ------
         InputError
-            A scheme of several stages, the inner ones of which would need ghosts of their own.
+            The scheme has several stages, of which the inner ones would need ghosts of their own.
         """
         numbers = integrator.stages(dt, damping, True).numbers
         if len(numbers) > 1:
@@ -74,11 +75,11 @@ class Recursion:
         return cls(keep, scale, dt**2 / 2 / scale if isinstance(integrator, Verlet) else 1.0, reaction)
 
     def eigenvalue(self, z: np.ndarray) -> np.ndarray:
-        """Eigenvalue of A for which a mode gains the factor z a step: ``(z - 1)(1 - keep/z)/scale + reaction``."""
+        """Eigenvalue of A for which a mode has the factor z per step: ``(z - 1)(1 - keep/z)/scale + reaction``."""
         return (z - 1) * (1 - self.keep / z) / self.scale + self.reaction
 
     def growth(self, eigenvalue: np.ndarray) -> np.ndarray:
-        """Largest modulus of the factor a step for eigenvalues of A."""
+        """Largest modulus of the factor per step for eigenvalues of A."""
         half = (1 + self.keep + self.scale * (eigenvalue.astype(complex) - self.reaction)) / 2
         root = np.sqrt(half**2 - self.keep)
         return np.maximum(np.abs(half + root), np.abs(half - root))
@@ -91,7 +92,7 @@ def half_weights(stencil: Stencil, rate: float = 1.0) -> np.ndarray:
     Raises
     ------
     InputError
-        A stencil of more dimensions.
+        The stencil has more dimensions.
     """
     if stencil.dim != 1:
         raise InputError(
@@ -128,11 +129,11 @@ def ground(weights: np.ndarray) -> np.ndarray:
 
 
 def fronts(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndarray:
-    """Nodes that an impulse can have reached after 0 .. `steps` steps, with more than 1e-18 of its size; shape (steps +
-    1,).
+    """Number of nodes that an impulse can have reached after 0 .. `steps` steps, with more than 1e-18 of its size;
+    shape (steps + 1,).
 
-    A mode of complex angle kappa + i theta decays by theta a node and grows by at most the factor g(theta) a step, so
-    that ``(steps log g + 42) / theta`` is a bound for every theta; the smallest of them is taken.
+    A mode of complex angle kappa + i theta decays by theta per node and grows by at most the factor g(theta) per step,
+    so that ``(steps log g + 42) / theta`` is a bound for every theta; the smallest of them is taken.
     """
     theta = np.geomspace(1e-4, 4.0, 80) / max(1, weights.size // 4)
     angle = np.linspace(0, np.pi, 513)[:, None] + 1j * theta
@@ -166,9 +167,9 @@ def run_kernel(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndar
 
 
 def surface_response(weights: np.ndarray, eigenvalue: np.ndarray) -> np.ndarray:
-    """Ghosts per driver for the eigenvalue sigma: the transform of F at sigma, by cyclic reduction.
+    """Ratio of ghosts to drivers for the eigenvalue sigma, which is the transform of F at sigma, by cyclic reduction.
 
-    K nodes make a block; each turn removes every other block (Lopez Sancho, Lopez Sancho and Rubio, J. Phys. F 15
+    K nodes form a block; each iteration removes every other block (Lopez Sancho, Lopez Sancho and Rubio, J. Phys. F 15
     (1985) 851).
 
     Parameters
@@ -184,7 +185,7 @@ def surface_response(weights: np.ndarray, eigenvalue: np.ndarray) -> np.ndarray:
     Raises
     ------
     InputError
-        A point so close to the cut that the reduction does not end.
+        A point is so close to the cut that the reduction does not converge.
     """
     reach = weights.size
     full = np.concatenate([weights[::-1], [-2 * weights.sum()], weights, np.zeros(reach)])
@@ -199,8 +200,9 @@ def surface_response(weights: np.ndarray, eigenvalue: np.ndarray) -> np.ndarray:
 
 
 def _reduce(eigenvalue: np.ndarray, inner: np.ndarray, toward: np.ndarray) -> np.ndarray:
-    """Cyclic reduction of blocks (sigma - inner) with couplings `toward` the drivers and its transpose away from
-    them."""
+    """Cyclic reduction of blocks (sigma - inner), coupled by `toward` in the direction of the drivers and by its
+    transpose away from them.
+    """
     reach = len(inner)
     middle = eigenvalue[:, None, None] * np.eye(reach) - inner
     surface = middle.copy()
@@ -211,7 +213,7 @@ def _reduce(eigenvalue: np.ndarray, inner: np.ndarray, toward: np.ndarray) -> np
         solved = np.linalg.solve(e, np.concatenate([np.swapaxes(a, 1, 2), a], 2))
         outward, onward = a @ solved[:, :, :reach], a @ solved[:, :, reach:]
         surface[active] -= outward
-        # mirror symmetry: the other correction is the same one seen from behind
+        # by mirror symmetry, the other correction is this one in reversed order
         middle[active] = e - outward - outward[:, ::-1, ::-1]
         away[active] = onward
         size = np.abs(onward).max((1, 2)) / np.abs(eigenvalue[active])
@@ -237,22 +239,22 @@ def transform_kernel(
 ) -> np.ndarray:
     """Ghost kernel F by inversion of its z-transform on a circle; the cost grows like steps log steps.
 
-    Only the part of the circle beside the spectrum needs a fine sampling. The rest is a smooth function, cut out by a
-    window that is smooth to rounding, and a coarse sampling gives its transform, which has died out after a few steps.
+    Only the part of the circle near the spectrum needs fine sampling. The rest is a smooth function, separated by a
+    window that is smooth to rounding, and coarse sampling gives its transform, which has decayed after a few steps.
 
     Parameters
     ----------
     weights, recursion, steps
         As in `run_kernel`.
     oversampling : int
-        Points on the circle per step. More of them allow a circle closer to 1, which amplifies rounding less.
+        Points on the circle per step. More points allow a radius closer to 1, which amplifies rounding less.
 
     Returns
     -------
     ndarray, shape (steps + 1, K, K)
     """
     count = fft.next_fast_len(oversampling * (steps + 1), real=True)
-    radius = 10.0 ** (15 / count)  # what wraps around is damped to 1e-15
+    radius = 10.0 ** (15 / count)  # wrap-around is damped to 1e-15
     width = largest_angle(weights, recursion)
     coarse = fft.next_fast_len(int(1500 / width), real=True)
     split = 4 * width < np.pi and 2 * coarse < count
@@ -270,7 +272,7 @@ def transform_kernel(
         part = window[used, None, None] * surface_response(
             weights, recursion.eigenvalue(radius * np.exp(1j * angle[used]))
         )
-        kept = min(steps + 1, points // 2)  # the other half are negative times, where the two parts cancel
+        kept = min(steps + 1, points // 2)  # the other half is negative times, where the two parts cancel
         scale = radius ** np.arange(float(kept))
         for i in range(weights.size):
             for j in range(weights.size):
@@ -282,9 +284,10 @@ def transform_kernel(
 
 
 def ghost_kernel(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndarray:
-    """Ghost kernel F by the chain, or by the transform where the chain takes more than a few seconds and twice as long.
+    """Ghost kernel F from a run of the chain, or from the transform where the chain takes more than a few seconds and
+    twice as long.
 
-    The chain is preferred because it keeps rigid motions to rounding. Parameters and result as in `run_kernel`.
+    The chain is preferred because it preserves rigid motions to rounding. Parameters and result as in `run_kernel`.
     """
     front = fronts(weights, recursion, steps)
     node_steps = float(np.minimum(front, front[::-1]).sum())

@@ -1,5 +1,6 @@
-"""Online convolution with a matrix kernel whose result decides the next sample: block by block, the past by FFT,
-exact."""
+"""Exact online convolution with a matrix kernel, whose result determines the next sample: block by block, with the past
+by FFT.
+"""
 
 from __future__ import annotations
 
@@ -13,22 +14,23 @@ class BlockConvolution:
     """``sum over a = 1 .. n of kernel[a] x[n - a]`` while the samples x arrive, at a cost of steps log^2 steps.
 
     Steps are counted in blocks. Within a block the caller adds the products with the block's own samples, ``kernel[1]
-    .. kernel[block - 1]`` (`head`); what all earlier blocks give is in `past`. At the end of block n the last L
-    samples, L the largest power of two that divides n, act by FFT on the L steps to come (Hairer, Lubich and Schlichte,
-    SIAM J. Sci. Stat. Comput. 6 (1985) 532), so that every pair of steps is met once and nothing is approximated.
+    .. kernel[block - 1]`` (`head`); the contribution of all earlier blocks is in `past`. At the end of block n the last
+    L blocks of samples, L the largest power of two that divides n, act by FFT on the next L blocks of steps (Hairer,
+    Lubich and Schlichte, SIAM J. Sci. Stat. Comput. 6 (1985) 532), so that every pair of steps occurs once and nothing
+    is approximated.
 
     Parameters
     ----------
     kernel : ndarray, shape (steps + 1, K, M)
         Its entry 0 is not used: the scheme is explicit.
     block : int, optional
-        Steps in a block; None: one block for all, which is the direct sum.
+        Steps in a block; None: one block for all steps, which is the direct sum.
 
     Attributes
     ----------
     head : ndarray, shape (block, K, M)
     past : ndarray, shape (block, K)
-        Share of all earlier blocks in each step of the current one.
+        Contribution of all earlier blocks to each step of the current one.
     samples : ndarray, shape (block, M)
         Samples of the current block, written by the caller.
     """
@@ -53,7 +55,7 @@ class BlockConvolution:
 
     @property
     def past(self) -> np.ndarray:
-        """Share of all earlier blocks in the current one, shape (block, K)."""
+        """Contribution of all earlier blocks to the current one, shape (block, K)."""
         return self._force[self._number * self.block : (self._number + 1) * self.block]
 
     @property
@@ -70,7 +72,7 @@ class BlockConvolution:
         return self._spectra[length]
 
     def next_block(self) -> None:
-        """Close the current block, of which all samples are written, and make `past` of the next one.
+        """Close the current block, all samples of which have been written, and compute `past` for the next one.
 
         Raises
         ------

@@ -1,11 +1,11 @@
-"""Compression of the exact boundary's force kernel to a sum of exponentials: a few states a side, and a step that costs
-the same at all times.
+"""Compression of the exact boundary's force kernel to a sum of exponentials: a few states per side, and a step that
+costs the same at all times.
 
     M[a] = Re sum over p of b_p c_p^T z_p^a,   a = 1, 2, ..
 
 The half-infinite chain has one wave that propagates, so each exponential has one input and one output vector (rank 1).
-The poles are found by the eigensystem realisation algorithm (Juang and Pappa, J. Guidance 8 (1985) 620) on samples of
-the kernel as far apart as its band of frequencies allows; both vectors are fitted anew to all scales of time, from the
+The poles are found by the eigensystem realisation algorithm (Juang and Pappa, J. Guidance 8 (1985) 620) from samples of
+the kernel as far apart as its band of frequencies allows; both vectors are then fitted to all time scales, from the
 first steps to the last.
 """
 
@@ -20,28 +20,28 @@ from farhorizon.errors import InputError
 from farhorizon.machine import one_blas_thread
 
 _NOISE = 1e-14  # eigenvalues of the Hankel matrix below this share of the largest are close to rounding
-_FIRST_RANK = 64  # eigenvectors that are computed first; all of them only where these do not do
-_PATIENCE = 8  # orders tried among those without halving the error
+_FIRST_RANK = 64  # number of eigenvectors that are computed first; all of them only where these are insufficient
+_PATIENCE = 8  # orders tried below that share without halving the error
 
 
 @dataclass(frozen=True)
 class ExponentialSum:
-    """A force kernel as a sum of exponentials; one pole stands for itself and its conjugate.
+    """A force kernel as a sum of exponentials; each pole represents itself and its conjugate.
 
-    A run keeps one complex state y_p a mode, zero at the start. With the state y at step n, ``force(y)`` is the ghosts'
-    share of the acceleration at step n, and ``advance(y, u, h)`` leads to step n + 1 from the drivers' values u at step
-    n; h = 1 except at step 0, where it is `chain.Recursion.first`.
+    A run keeps one complex state y_p per mode, zero at the start. With the state y at step n, ``force(y)`` is the
+    ghosts' part of the acceleration at step n, and ``advance(y, u, h)`` gives the state at step n + 1 from the drivers'
+    values u at step n; h = 1 except at step 0, where it is `chain.Recursion.first`.
 
     Attributes
     ----------
     poles : ndarray of complex, shape (P,)
-        z_p, not beyond the unit circle.
+        z_p, inside or on the unit circle.
     inputs, outputs : ndarray of complex, shape (P, K)
         c_p and b_p.
     steps : int
-        The sum was fitted to, and holds for, so many steps.
+        Number of steps to which the sum was fitted, and for which it holds.
     error : float
-        `force_error` against the kernel.
+        `force_error` relative to the kernel.
     """
 
     poles: np.ndarray
@@ -65,16 +65,16 @@ class ExponentialSum:
         return self.poles * (state + weight * (self.inputs @ drivers))
 
     def force(self, state: np.ndarray) -> np.ndarray:
-        """``Re sum_p b_p y_p``, acceleration of the drivers 1 .. K; shape (K,)."""
+        """``Re sum_p b_p y_p``, the acceleration of the drivers 1 .. K; shape (K,)."""
         return (state @ self.outputs).real
 
     def replay(self, samples: np.ndarray) -> np.ndarray:
-        """States after a history, with which a run goes on when its sum is exchanged for one of more steps.
+        """States after a history, with which a run continues when its sum is replaced by one of more steps.
 
         Parameters
         ----------
         samples : ndarray, shape (n, K)
-            The drivers' values at steps 0 .. n - 1, the first times its weight.
+            The drivers' values at steps 0 .. n - 1, the first multiplied by its weight.
 
         Returns
         -------
@@ -112,8 +112,8 @@ def _hankel_times(spectrum: np.ndarray, columns: np.ndarray, length: int) -> np.
 
 
 def _hankel_eigenvectors(samples: np.ndarray, rank: int) -> tuple[np.ndarray, np.ndarray]:
-    """Largest eigenvalues (by modulus, falling) and eigenvectors of the symmetric block Hankel matrix of samples 1 .. 2
-    n - 1.
+    """Largest eigenvalues (in modulus, descending) and eigenvectors of the symmetric block Hankel matrix of samples 1
+    .. 2 n - 1.
 
     Subspace iteration from a random start (Halko, Martinsson and Tropp, SIAM Review 53 (2011) 217).
     """
@@ -135,7 +135,7 @@ def _hankel_eigenvectors(samples: np.ndarray, rank: int) -> tuple[np.ndarray, np
 
 
 def _poles(samples: np.ndarray, values: np.ndarray, vectors: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Poles of the sampled kernel and their input vectors at an order, from the shift invariance of the Hankel
+    """Poles of the sampled kernel and their input vectors for a given order, from the shift invariance of the Hankel
     eigenvectors.
     """
     reach = samples.shape[1]
@@ -148,10 +148,10 @@ def _poles(samples: np.ndarray, values: np.ndarray, vectors: np.ndarray, order: 
 
 
 def _fit_vectors(kernel: np.ndarray, lags: np.ndarray, poles: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Vectors b_p (P, K) of least squared error over time for poles and the vectors c_p at their other side.
+    """Vectors b_p (P, K) with the least squared error over time, for given poles and vectors c_p on their other side.
 
-    Each of the samples at `lags` counts for the lags it stands for. The sum over all lags, the force of a history at
-    rest, counts as a sample of its own: the field adds up its error from step to step.
+    Each of the samples at `lags` has the weight of the lags that it represents. The sum over all lags, the force of a
+    constant history, is an additional sample, because the field accumulates its error from step to step.
     """
     weight = np.sqrt(np.gradient(lags.astype(float)))
     modes = (
@@ -173,9 +173,11 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def _fit(kernel: np.ndarray, lags: np.ndarray, poles: np.ndarray, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Input and output vectors of all scales of time, by three fits in turn from those of the Hankel matrix.
+    """Input and output vectors for all time scales, by three alternating fits that begin with those of the Hankel
+    matrix.
 
-    The kernel is symmetric, so that each fit may take the vectors of one side for known and find those of the other.
+    The kernel is symmetric, so that each fit may take the vectors on one side as known and determine those on the
+    other.
     """
     for _ in range(2):
         inputs = _unit(_fit_vectors(kernel, lags, poles, inputs))
@@ -183,8 +185,8 @@ def _fit(kernel: np.ndarray, lags: np.ndarray, poles: np.ndarray, inputs: np.nda
 
 
 def force_error(kernel: np.ndarray, found: ExponentialSum, lags: np.ndarray | None = None) -> float:
-    """Largest error of the force on any driver over all histories within -1 .. 1, relative to the same of the kernel
-    itself.
+    """Largest error of the force on any driver over all histories within -1 .. 1, relative to the largest such force of
+    the kernel itself.
 
     It is the sum over lags and drivers of the modulus of the difference.
 
@@ -193,7 +195,7 @@ def force_error(kernel: np.ndarray, found: ExponentialSum, lags: np.ndarray | No
     kernel : ndarray, shape (steps + 1, K, K)
     found : ExponentialSum
     lags : ndarray of int, optional
-        Estimate from these lags, each counted for those that it stands for; all lags unless given.
+        Lags from which it is estimated, each with the weight of those that it represents; all lags by default.
     """
     all_lags = np.arange(1, len(kernel)) if lags is None else lags
     weight = np.ones(all_lags.size) if lags is None else np.gradient(lags.astype(float))
@@ -208,27 +210,27 @@ def force_error(kernel: np.ndarray, found: ExponentialSum, lags: np.ndarray | No
 
 @one_blas_thread()
 def compress(kernel: np.ndarray, tolerance: float = 1e-12, band: float = np.pi, most: int = 64) -> ExponentialSum:
-    """The shortest sum of exponentials that meets a tolerance, or the best one if none does (its `error` says so).
+    """The shortest sum of exponentials that meets a tolerance, or the best one if none does (as its `error` shows).
 
-    Too few samples do not determine the poles: for a run of less than a hundred steps, make the kernel of a hundred or
-    more.
+    Too few samples do not determine the poles: for a run of less than a hundred steps, compute the kernel for a hundred
+    or more.
 
     Parameters
     ----------
     kernel : ndarray, shape (steps + 1, K, K)
         Force kernel M (`chain.force_form`).
     tolerance : float
-        Wanted `ExponentialSum.error`, see `force_error`.
+        Largest `ExponentialSum.error`, see `force_error`.
     band : float
-        Largest angle a step of the kernel's oscillations (`chain.largest_angle`); the kernel is sampled as sparsely as
-        it allows.
+        Largest angle per step of the kernel's oscillations (`chain.largest_angle`); the kernel is sampled as sparsely
+        as this allows.
     most : int
         Largest number of modes.
 
     Raises
     ------
     InputError
-        A kernel that is not symmetric, too short a kernel, a tolerance that is not positive.
+        The kernel is not symmetric or too short, or the tolerance is not positive.
     """
     steps = len(kernel) - 1
     if (
@@ -255,7 +257,7 @@ def compress(kernel: np.ndarray, tolerance: float = 1e-12, band: float = np.pi, 
 
 
 def _search(kernel: np.ndarray, tolerance: float, band: float, most: int) -> tuple[ExponentialSum, bool]:
-    """`compress` with orders up to 2 `most`, and whether a higher order would be of no use."""
+    """`compress` with orders up to 2 `most`, and whether a higher order would be useless."""
     steps = len(kernel) - 1
     stride = _stride(steps, band)
     samples = kernel[stride::stride]
@@ -272,7 +274,7 @@ def _search(kernel: np.ndarray, tolerance: float, band: float, most: int) -> tup
             break
         poles, inputs = _poles(samples, values, vectors, order)
         poles = poles ** (1 / stride)
-        # one that would grow is put on the circle before the vectors are fitted
+        # poles that would grow are moved onto the unit circle before the vectors are fitted
         poles = poles / np.maximum(np.abs(poles), 1.0)
         inputs, outputs = _fit(kernel, lags, poles, inputs)
         found = ExponentialSum(poles, inputs, outputs, steps, np.inf)
@@ -289,8 +291,8 @@ def _search(kernel: np.ndarray, tolerance: float, band: float, most: int) -> tup
 
 
 def _stride(steps: int, band: float) -> int:
-    """Lags between two samples of the Hankel matrix: up to an eighth of a period of the fastest oscillation in long
-    kernels.
+    """Number of lags between two samples of the Hankel matrix: up to an eighth of a period of the fastest oscillation
+    in long kernels.
     """
     finest, coarsest = int(0.4 / band), int(0.8 / band)
     return max(1, min(max(finest, steps // 20_000), coarsest, steps // 40))

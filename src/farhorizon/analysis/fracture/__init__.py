@@ -1,1 +1,1 @@
-"""Cracks: stress intensity factors, the energy that is released, tips and openings, from fields on a lattice."""
+"""Cracks: stress intensity factors, energy release rates, tips and openings, from fields on a lattice."""

@@ -1,8 +1,9 @@
-"""Where cracks are: tips, branches and lengths, from the damage of nodes in the plane.
+"""Positions of cracks: tips, branches and lengths, from the damage of nodes in the plane.
 
-What has lost enough of its bonds is thinned to lines one node wide (Guo and Hall, 1989, Commun. ACM 32, 359), whose
-ends are tips. A tip lies where the damage on the line falls to half of what a long crack leaves beside itself: bonds
-ahead of and behind a straight crack's tip are symmetric to each other, so that there half of them are whole.
+Regions that have lost enough of their bonds are thinned to lines one node wide (Guo and Hall, 1989, Commun. ACM 32,
+359), whose ends are tips. A tip is where the damage along the line falls to half of the damage beside a long crack: the
+bonds ahead of and behind the tip of a straight crack are mirror images of each other, so that half of them are intact
+there.
 """
 
 from __future__ import annotations
@@ -14,21 +15,21 @@ from scipy import ndimage
 from scipy.optimize import linear_sum_assignment
 
 _AROUND = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))  # in order
-_SHORT = 2.0  # horizons: lines from a branch to an end below this are parts of a crack's breadth
-_SAMPLES = 8  # on a spacing, along the way ahead of a tip
+_SHORT = 2.0  # horizons: shorter lines from a branch to an end are part of the width of a crack
+_SAMPLES = 8  # per spacing, along the direction ahead of a tip
 
 
 @dataclass(frozen=True, eq=False)
 class CrackPaths:
-    """Cracks at one moment.
+    """Cracks at one time.
 
     Attributes
     ----------
     tips : ndarray, shape (T, 2)
     ahead : ndarray, shape (T, 2)
-        Unit vectors, the ways ahead of the tips.
+        Unit vectors, the directions ahead of the tips.
     branches : ndarray, shape (B, 2)
-        Places where three lines and more meet.
+        Positions where three or more lines meet.
     paths : list of ndarray, each of shape (n, 2)
         Lines between tips, branches and edges.
     """
@@ -40,23 +41,23 @@ class CrackPaths:
 
     @property
     def length(self) -> float:
-        """Of all lines together."""
+        """Total length of all lines."""
         return float(sum(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in self.paths))
 
 
 def find_cracks(damage: np.ndarray, lower: np.ndarray, spacing: float, threshold: float, horizon: float) -> CrackPaths:
-    """Cracks of a field of damage.
+    """Find the cracks in a field of damage.
 
     Parameters
     ----------
     damage : ndarray, shape (nx, ny)
-        Part of the bonds of each node that is cut or broken.
+        Share of the bonds of each node that are cut or broken.
     lower : ndarray, shape (2,)
-        Place of the first node.
+        Position of the first node.
     spacing, horizon : float
-        Branches that are shorter than two horizons are parts of a crack's breadth.
+        Branches shorter than two horizons count as part of the width of a crack.
     threshold : float
-        Damage half-way from what a long crack leaves beside itself to none.
+        Half of the damage beside a long crack.
 
     Examples
     --------
@@ -84,7 +85,7 @@ def find_cracks(damage: np.ndarray, lower: np.ndarray, spacing: float, threshold
                 found[end] = _tip(values, smooth if end else smooth[::-1], threshold, reach)
         tips += [tip for tip, _ in found.values()]
         ahead += [way for _, way in found.values()]
-        if len(smooth) > 2 * reach:  # without the hooks that thinning leaves before tips
+        if len(smooth) > 2 * reach:  # remove the hooks that thinning leaves next to tips
             smooth = smooth[reach if 0 in found else 0 : -reach if -1 in found else None]
         path = smooth[np.unique(np.append(np.arange(0, len(smooth), reach), len(smooth) - 1))]
         before, behind = ([found[end][0]] if end in found else [] for end in (0, -1))
@@ -95,15 +96,15 @@ def find_cracks(damage: np.ndarray, lower: np.ndarray, spacing: float, threshold
 
 
 def followed(before: np.ndarray, now: np.ndarray, farthest: float) -> np.ndarray:
-    """Which tip each of some earlier ones has become.
+    """Match tips with earlier ones.
 
     Parameters
     ----------
     before : ndarray, shape (S, 2)
-        Where tips were last; nan where there was none yet.
+        Last positions of earlier tips; nan where there was none yet.
     now : ndarray, shape (T, 2)
     farthest : float
-        Tips that are farther apart are not the same.
+        Tips farther apart than this are not the same.
 
     Returns
     -------
@@ -120,19 +121,19 @@ def followed(before: np.ndarray, now: np.ndarray, farthest: float) -> np.ndarray
 
 
 def saturated_damage(offsets: np.ndarray) -> float:
-    """What a long crack along an axis leaves beside itself: the part of a node's bonds that lead to one side of it."""
+    """Damage beside a long crack along an axis: the share of a node's bonds that lead to one side of it."""
     return float((offsets[:, 1] < 0).mean())
 
 
 def _ring(mask: np.ndarray) -> np.ndarray:
-    """The eight neighbours of every place in order, shape (8, nx, ny)."""
+    """The eight neighbours of every place, in order, shape (8, nx, ny)."""
     padded = np.pad(mask, 1)
     n, m = mask.shape
     return np.stack([padded[1 + i : 1 + i + n, 1 + j : 1 + j + m] for i, j in _AROUND])
 
 
 def _thinned(mask: np.ndarray) -> np.ndarray:
-    """Lines one place wide in the middle of what is true."""
+    """Lines one place wide in the middle of the regions where the mask is true."""
     found = mask.copy()
     while True:
         changed = False
@@ -151,7 +152,7 @@ def _thinned(mask: np.ndarray) -> np.ndarray:
 
 
 def _neighbours(thin: np.ndarray) -> dict[tuple[int, int], list[tuple[int, int]]]:
-    """The places beside each place of thin lines; across a corner only where no place beside both leads there."""
+    """The neighbours of each place on thin lines; diagonal ones only where no place next to both connects them."""
     places = {(int(i), int(j)) for i, j in np.argwhere(thin)}
     found = {}
     for i, j in places:
@@ -161,7 +162,7 @@ def _neighbours(thin: np.ndarray) -> dict[tuple[int, int], list[tuple[int, int]]
 
 
 def _lines(thin: np.ndarray) -> tuple[list[list[tuple[int, int]]], dict[tuple[int, int], int]]:
-    """Lines from end to end or branch, as lists of places; and at each place how many lead away."""
+    """Lines between ends and branches, as lists of places, and the number of neighbours of each place."""
     beside = _neighbours(thin)
     degrees = {place: len(near) for place, near in beside.items()}
     lines, used = [], set()
@@ -179,7 +180,7 @@ def _lines(thin: np.ndarray) -> tuple[list[list[tuple[int, int]]], dict[tuple[in
 
 
 def _pruned(thin: np.ndarray, least: int) -> np.ndarray:
-    """Without lines that lead from a branch to an end and are short."""
+    """Remove short lines that lead from a branch to an end."""
     found = thin.copy()
     while True:
         lines, degrees = _lines(found)
@@ -196,7 +197,7 @@ def _pruned(thin: np.ndarray, least: int) -> np.ndarray:
 
 
 def _gathered(places: np.ndarray, reach: int) -> np.ndarray:
-    """Means of groups of places of which each has another one within reach."""
+    """Means of groups of places, each of which has another member of the group within reach."""
     groups: list[list[np.ndarray]] = []
     for place in places:
         near = [group for group in groups if any(np.abs(place - one).max() <= reach for one in group)]
@@ -206,7 +207,7 @@ def _gathered(places: np.ndarray, reach: int) -> np.ndarray:
 
 
 def _centred(values: np.ndarray, line: np.ndarray, reach: int) -> np.ndarray:
-    """A line moved to the middle of the damage around it."""
+    """A line, moved to the middle of the damage around it."""
     at = line.astype(int)
     n = 2 * reach + 1
     steps = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -224,8 +225,8 @@ def _centred(values: np.ndarray, line: np.ndarray, reach: int) -> np.ndarray:
 
 
 def _tip(values: np.ndarray, line: np.ndarray, threshold: float, reach: int) -> tuple[np.ndarray, np.ndarray]:
-    """The tip beyond the last place of a line, and the way ahead: that of a straight line through the places before the
-    last horizon, where thinning leaves hooks.
+    """The tip beyond the last place of a line, and the direction ahead: that of a straight line through the places
+    before the last horizon, in which thinning leaves hooks.
     """
     used = line[max(0, len(line) - 3 * reach - 1) : max(2, len(line) - reach)]
     middle = used.mean(0)

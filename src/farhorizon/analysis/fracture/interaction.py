@@ -1,16 +1,16 @@
 r"""Stress intensity factors from the interaction integral over a domain around the tip.
 
-Of a field and one of unit intensity (a: that of `farhorizon.analysis.fracture.near_tip`) with q = 1 inside a circle
-around the tip, falling to 0 at another one,
+For a field and an auxiliary one of unit intensity (a: that of `farhorizon.analysis.fracture.near_tip`), with q = 1
+inside a circle around the tip, falling to 0 at another one,
 
 .. math:: M = \int \left(\sigma_{ij} u^a_{i,1} + \sigma^a_{ij} u_{i,1} - \sigma^a_{mn} u_{m,n} \delta_{1j}\right)
    q_{,j}\,dA + \int q\,(\rho \ddot u_i - b_i)\,u^a_{i,1}\,dA = \frac{2K}{E'}
 
 (Yau, Wang and Corten, 1980, J. Appl. Mech. 47, 335; Li, Shih and Needleman, 1985, Eng. Fract. Mech. 21, 405). The
-second integral has the inertia inside and what loads the medium there, the faces of the crack among it; with it the
-result does not depend on the circles. The gradient is wanted between the circles only, away from the tip, and is fitted
-to the nodes on the same side of the crack, so that K is a sum over the nodes: weights times displacements, and times
-the force that acts on them.
+second integral contains the inertia inside and the loads on the medium there, including those on the faces of the
+crack; with it the result does not depend on the circles. The gradient is needed only between the circles, away from the
+tip, and is fitted to the nodes on the same side of the crack, so that K is a sum over the nodes: weights times
+displacements, and weights times the forces on the nodes.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
 
-_NEAR = 3.4  # spacings: nodes to which a gradient is fitted, by parabolas; three rows of them from a face on
-_FARTHEST = 6.0  # as far where a crack hides some of them
-_ENOUGH = 9  # nodes for the six numbers of a parabola
-_MOST_ALONG = 16  # points of the quadrature across the ring, whose field is smooth; eight times as many around
-_GRAZING = 1e-6  # of a turn: how near to the faces the circles are looked at
+_NEAR = 3.4  # radius in spacings of the nodes to which parabolas are fitted; next to a face, three rows of them
+_FARTHEST = 6.0  # largest radius, where a crack hides some of them
+_ENOUGH = 9  # number of nodes for the six coefficients of a parabola
+_MOST_ALONG = 16  # points of the quadrature across the ring, where fields are smooth; eight times as many around it
+_GRAZING = 1e-6  # part of a half-turn by which the circles are examined short of the faces
 
 
 class InteractionDomain:
@@ -40,9 +40,9 @@ class InteractionDomain:
     lattice : Lattice
         In the plane.
     tip, ahead : array_like, shape (2,)
-        The tip, and the way in which the crack would go on.
+        The tip, and the direction in which the crack would grow.
     radii : (float, float)
-        Between the circles q falls from 1 to 0.
+        Radii of the circles between which q falls from 1 to 0.
     cuts : sequence of Cut
         All cracks of the medium.
     medium : NearTip
@@ -54,15 +54,15 @@ class InteractionDomain:
     static : ndarray, shape (modes, N, components)
         Weights on the displacements.
     loaded : ndarray, shape (modes, N, components)
-        Weights on the force per volume that the bonds exert on a node: the density times its acceleration, less the
-        load.
+        Weights on the force per volume that the bonds exert on a node, which is the density times its acceleration,
+        less the load.
     modes : tuple of str
         "K_I" and "K_II", or "K_III".
 
     Raises
     ------
     InputError
-        Circles that leave the near field; a crack that crosses them anywhere but once, straight behind the tip.
+        The circles leave the near field, or a crack crosses them other than once, straight behind the tip.
 
     Examples
     --------
@@ -112,8 +112,8 @@ class InteractionDomain:
         u : ndarray, shape (..., N, components)
             Displacements of `nodes`.
         force : ndarray of the same shape, optional
-            Force per volume that the bonds exert on them: the density times the acceleration, less the load; none
-            unless given.
+            Force per volume that the bonds exert on them, which is the density times the acceleration, less the load;
+            none by default.
 
         Returns
         -------
@@ -125,26 +125,26 @@ class InteractionDomain:
     def energy_release(
         self, u: np.ndarray, v: np.ndarray, density: float, force: np.ndarray, held: np.ndarray | None = None
     ) -> float:
-        r"""Energy that flows into the tip for each new area, of a crack at rest or running: the domain J integral
+        r"""Energy that flows into the tip per new area, of a stationary or running crack: the domain J integral
 
         .. math:: \int \left(\sigma_{ij} u_{i,1} - (W + T)\,\delta_{1j}\right) q_{,j}\,dA
            + \int q\,\left((\rho\ddot u_i - b_i) u_{i,1} - \rho \dot u_i \dot u_{i,1}\right) dA
 
         with the strain energy W and the kinetic energy T per volume (Nakamura, Shih and Freund, 1985, Int. J. Fract.
-        27, 229). The second integral leaves out what is nearer to the tip than three spacings, where the fields are
-        singular: of a running crack its terms cancel there.
+        27, 229). The second integral leaves out the region closer to the tip than three spacings, where the fields are
+        singular: for a running crack its terms cancel there.
 
         Parameters
         ----------
         u, v : ndarray, shape (nx, ny), of vectors (2, nx, ny)
             Displacements and velocities at one time.
         density : float
-            Mass per volume; of scalar waves 1.
+            Mass per volume; 1 for scalar waves.
         force : ndarray of the same shape
             Density times acceleration, less the load.
         held : ndarray of bool, shape (nx, ny), optional
-            Nodes that hang together with the medium; all unless given. Those that have lost all their bonds fly, and
-            what they do is no field.
+            Nodes that are still connected to the medium; all by default. Nodes that have lost all their bonds move
+            freely, and their motion is not part of the field.
         """
         lattice, components = self._lattice, 1 if self.medium.antiplane else 2
         part = slice(None) if held is None else np.flatnonzero(held)
@@ -167,14 +167,14 @@ class InteractionDomain:
 
     @property
     def _frame(self) -> np.ndarray:
-        """What turns components of the field to the axes of the tip."""
+        """Rotation of components of the field to the axes of the tip."""
         return np.eye(1) if self.medium.antiplane else self._turn
 
     def _read(
         self, where: np.ndarray, grid: np.ndarray, fields: Sequence[np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """In the axes of the tip: gradients of the displacements and the velocities at points, (Q, components, 2), and
-        the velocities, (Q, components).
+        """In the axes of the tip: gradients of the displacements and of the velocities at points, (Q, components, 2),
+        and the velocities, (Q, components).
         """
         numbers, weights = parabolas(where, grid, self._cuts, self._lattice.spacing)
         u, v = (np.einsum("qjn,cqn->qcj", weights, one[:, numbers]) for one in fields[:2])
@@ -182,7 +182,7 @@ class InteractionDomain:
         return turned[0], turned[1], v[..., 0] @ self._frame.T
 
     def _quadrature(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-        """Points between the circles, shape (Q, 2), and the areas that they stand for."""
+        """Points between the circles, shape (Q, 2), and the area that each represents."""
         inner, outer = self.radii
         along = int(np.clip(np.ceil((outer - inner) / spacing) + 1, 4, _MOST_ALONG))
         around = int(np.clip(np.ceil(2 * np.pi * outer / spacing), 24, 8 * _MOST_ALONG))
@@ -193,7 +193,7 @@ class InteractionDomain:
         return self.tip + local.reshape(-1, 2) @ self._turn, area.ravel()
 
     def _polar(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance from the tip, and angle from the way ahead."""
+        """Distance from the tip, and angle from the direction ahead."""
         x, y = ((points - self.tip) @ self._turn.T).T
         return np.hypot(x, y), np.arctan2(y, x)
 
@@ -223,7 +223,7 @@ class InteractionDomain:
 def parabolas(
     where: np.ndarray, nodes: np.ndarray, cuts: Sequence[Cut], spacing: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Value and derivatives at points as sums over nodes, by parabolas fitted to those nearby that no crack hides.
+    """Value and derivatives at points as sums over nodes, by parabolas fitted to nearby nodes that no crack hides.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ def parabolas(
     numbers : ndarray of int, shape (Q, K)
         Nodes that each point uses.
     weights : ndarray, shape (Q, 3, K)
-        Of the value and of the derivatives along the axes.
+        Weights for the value and for the derivatives along the axes.
     """
     most = min(len(nodes), int(np.ceil(np.pi * (_FARTHEST + 1) ** 2)))
     distance, numbers = cKDTree(nodes).query(where, most, distance_upper_bound=_FARTHEST * spacing)
@@ -259,7 +259,7 @@ def parabolas(
 def _check_circles(
     lattice: Lattice, tip: np.ndarray, turn: np.ndarray, radii: tuple[float, float], cuts: Sequence[Cut]
 ) -> None:
-    """Refuse circles that leave the near field, or that cracks cross elsewhere than once behind the tip."""
+    """Refuse circles that leave the near field, or that cracks cross other than once behind the tip."""
     inner, outer = radii
     spacing = lattice.spacing
     if not 2 * spacing <= inner * (1 + 1e-9) < outer - spacing:

@@ -1,7 +1,7 @@
-r"""The singular fields at the tip of a crack at rest (Williams, 1957, J. Appl. Mech. 24, 109).
+r"""The singular fields at the tip of a stationary crack (Williams, 1957, J. Appl. Mech. 24, 109).
 
-In coordinates of the tip, x ahead of it and y across, with K = 1 and the plane's :math:`\kappa = (\lambda + 3\mu) /
-(\lambda + \mu)`:
+In coordinates of the tip, with x ahead of it and y across, and with K = 1 and :math:`\kappa = (\lambda + 3\mu) /
+(\lambda + \mu)` of the plane:
 
 .. math:: u_I = \frac{1}{2\mu}\sqrt{\frac{r}{2\pi}}\,(\kappa - \cos\theta)
    \left(\cos\tfrac{\theta}{2}, \sin\tfrac{\theta}{2}\right), \quad
@@ -19,14 +19,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class NearTip:
-    """The fields of a medium.
+    """The near-tip fields of a medium.
 
     Parameters
     ----------
     lame, shear : float
-        Lame's constants of the plane, in plane stress that of the plane, too; of mode III `lame` does not matter.
+        Lame's constants of the plane, also in plane stress; for mode III, `lame` does not matter.
     antiplane : bool
-        Mode III, of a scalar field; else modes I and II.
+        Whether the field is a scalar, with mode III; otherwise there are modes I and II.
 
     Examples
     --------
@@ -43,12 +43,12 @@ class NearTip:
 
     @property
     def modes(self) -> tuple[str, ...]:
-        """What the intensities are called."""
+        """Names of the intensities."""
         return ("K_III",) if self.antiplane else ("K_I", "K_II")
 
     @property
     def stiffness(self) -> float:
-        """E' of ``G = K^2 / E'``: E in plane stress, E / (1 - nu^2) in plane strain, twice the shear modulus of mode
+        """E' in ``G = K^2 / E'``: E in plane stress, E / (1 - nu^2) in plane strain, twice the shear modulus for mode
         III.
         """
         if self.antiplane:
@@ -61,7 +61,7 @@ class NearTip:
         Parameters
         ----------
         r, theta : ndarray, shape (n,)
-            Distance from the tip, and angle from the way ahead, -pi to pi at the faces.
+            Distance from the tip, and angle from the direction ahead, -pi and pi at the faces.
 
         Returns
         -------
@@ -86,12 +86,12 @@ class NearTip:
         return size * root * f, size * gradient
 
     def stress(self, gradient: np.ndarray) -> np.ndarray:
-        """Stress of a gradient (..., components, 2), of the same shape."""
+        """Stress for a displacement gradient of shape (..., components, 2), of the same shape."""
         if self.antiplane:
             return self.shear * gradient
         trace = np.trace(gradient, axis1=-2, axis2=-1)[..., None, None]
         return np.asarray(self.lame * trace * np.eye(2) + self.shear * (gradient + gradient.swapaxes(-1, -2)))
 
     def release(self, intensities: np.ndarray) -> np.ndarray:
-        """Energy released per new area at intensities of shape (..., modes), by Irwin's relation."""
+        """Energy released per new area, by Irwin's relation, for intensities of shape (..., modes)."""
         return np.asarray((np.asarray(intensities) ** 2).sum(-1) / self.stiffness)

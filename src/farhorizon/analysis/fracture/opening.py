@@ -1,4 +1,4 @@
-r"""How far the faces of a crack are apart, and the intensities that this tells.
+r"""The displacement jump between the faces of a crack, and the intensities that follow from it.
 
 Near a tip the jump of the displacement is :math:`\frac{8K}{E'}\sqrt{r / 2\pi}` in each mode: across the crack in mode
 I, along it in mode II, out of the plane in mode III, where :math:`E' = 2\mu` (Williams, 1957, J. Appl. Mech. 24, 109).
@@ -15,26 +15,26 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut, Polyline
 
-_BESIDE = 1e-6  # spacings: a face, on its side of the crack
+_BESIDE = 1e-6  # spacings by which a face is off the crack, on its side
 
 
 def opening_intensity(r: np.ndarray, jump: np.ndarray, stiffness: float, near: tuple[float, float]) -> float:
-    """Intensity from the jump along a crack: its square over the distance by a parabola, for the place of the tip
-    between two nodes is known to a part of the spacing only.
+    """Intensity from the jump along a crack. Its square is fitted by a parabola in the distance, because the position
+    of the tip between two nodes is known only to a fraction of the spacing.
 
     Parameters
     ----------
     r, jump : ndarray, shape (n,)
-        Distances from the tip, and how far the faces are apart there.
+        Distances from the tip, and displacement jumps there.
     stiffness : float
-        E', as of `farhorizon.analysis.fracture.near_tip.NearTip.stiffness`.
+        E', see `farhorizon.analysis.fracture.near_tip.NearTip.stiffness`.
     near : (float, float)
-        Distances between which the jump is taken: beyond the horizon, and a small part of the crack.
+        Distances between which the jump is used: above the horizon, and below a small part of the length of the crack.
 
     Raises
     ------
     InputError
-        Fewer than four places between them.
+        There are fewer than four places between them.
 
     Examples
     --------
@@ -62,8 +62,8 @@ def opening_intensity(r: np.ndarray, jump: np.ndarray, stiffness: float, near: t
 def face_jumps(
     u: np.ndarray, lattice: Lattice, crack: Polyline, along: np.ndarray, cuts: Sequence[Cut] = ()
 ) -> np.ndarray:
-    """Jumps of a field across a crack in the plane, from its right to its left side, seen along its points; each face
-    by parabolas fitted to the nodes on its side.
+    """Jumps of a field across a crack in the plane, from its right to its left side in the order of its points. The
+    values on each face are from parabolas fitted to the nodes on its side.
 
     Parameters
     ----------
@@ -78,12 +78,12 @@ def face_jumps(
     Returns
     -------
     ndarray, shape (n,), of vectors (n, 2)
-        Of vectors the parts across the crack (positive where it is open) and along it.
+        For vectors, the components across the crack (positive where it is open) and along it.
 
     Raises
     ------
     InputError
-        A place beyond the crack's ends.
+        A place is beyond the crack's ends.
 
     Examples
     --------

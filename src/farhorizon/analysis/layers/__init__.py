@@ -1,1 +1,1 @@
-"""What absorbing layers send back, and how thick they must be."""
+"""What absorbing layers reflect, and how thick they must be."""

@@ -1,4 +1,4 @@
-"""The waves that data send to a side, as they arrive there; see `farhorizon.analysis.layers.returned`."""
+"""Waves radiated by data towards a side, as they arrive there; see `farhorizon.analysis.layers.returned`."""
 
 from __future__ import annotations
 
@@ -24,21 +24,22 @@ from farhorizon.analysis.layers.samples import Sample
 from farhorizon.analysis.layers.side_data import Datum, frequency_of_slow_waves, reach_the_end
 from farhorizon.engine.parallel import in_parallel
 
-# on the line Re s = _DECAY/T what happens after 2 T folds back into the run, exp(-2 _DECAY) times as large; where waves
-# are followed each by itself, what is left out of them grows as exp(_DECAY)
+# on the line Re s = _DECAY/T whatever happens after 2 T folds back into the run, reduced by exp(-2 _DECAY); where waves
+# are followed individually, the error of leaving some out grows as exp(_DECAY)
 _DECAY, _DECAY_EACH = 6.0, 5.0
-_FELT = 0.02  # share of the wanted error that waves which are left out may make together
-_FINER = 2  # moments and places at which the largest value is looked for, over the fewest that hold the waves
-# on a line, where waves are few, less by as much as layers amplify some that fall within a node or two
+_FELT = 0.02  # share of the target error that the waves left out may cause together
+_FINER = 2  # times and places at which the largest value is sampled, over the fewest that represent the waves
+# this share is smaller on a line, where there are few waves, since layers amplify some that decay within a node or two
 _AMPLIFIED = 1e-6
-_UNHEARD = 0.05  # and of what comes back of those that are followed each by itself
-_COHERENT = 0.05  # the largest value over the sum of all amplitudes, at least
-_SPARSE = 8  # every so many tangential modes tell which frequencies are felt
-_PASSED = 2.0  # of a wave's displacement, the most that an interface lets through into a faster medium
+_UNHEARD = 0.05  # the same share for the reflections of waves that are followed individually
+_COHERENT = 0.05  # lower bound of the largest value over the sum of all amplitudes
+_SPARSE = 8  # every eighth tangential mode is used to find the frequencies that matter
+_PASSED = 2.0  # largest transmission coefficient, in displacement, of an interface to a faster medium
 _HELD = 7.0  # widths of a Gaussian in the transform of smoothed data: exp(-24) remains
-# over the length of the run: the band of frequencies in which waves fade out; and what of a wave is nothing
+# width of the band of frequencies in which waves fade out, over the inverse of the length of the run; negligible part
+# of a wave
 _FADES, _FADED = 10.0, 1e-6
-_BETWEEN = np.pi / 8  # of the directions of a square lattice
+_BETWEEN = np.pi / 8  # midway between an axis and a diagonal of a square lattice
 
 
 def arrivals(
@@ -55,38 +56,39 @@ def arrivals(
     every: bool = False,
     limit: float = np.inf,
 ) -> Arrivals:
-    """The waves that data send to a side.
+    """Compute the waves that data send to a side.
 
     Parameters
     ----------
     medium : LatticeMedium
         Of second order in time; its first axis is the normal of the side.
     steps : int
-        Of the run.
+        Number of time steps of the run.
     data : sequence of Datum
     lengths : sequence of int
-        Nodes after which the near field repeats itself, one for each tangential axis: so many that nothing comes round
-        within the run, or the period of a waveguide.
+        Period of the near field along each tangential axis, in nodes: so long that no periodic image arrives within the
+        run, or the period of a waveguide.
     near : sequence of range
-        Of the data's nodes along each tangential axis, those of the near field; the others are images.
+        Nodes along each tangential axis that belong to the near field; the others are images.
     wanted : float
-        The error that is to be told from none, relative to the largest value.
+        Target error relative to the largest value, from which the accuracy follows.
     size : float
         The largest value, as far as it is known: that of the initial displacements.
     sample : Sample, optional
-        Of the type of waves that all data are taken to travel as.
+        Sample for the type of waves as which all data are assumed to travel.
     smooth : float, optional
-        Width in nodes of a Gaussian by which the data are smoothed along the side, and in time by as long as the
-        fastest waves take for it: of the long waves alone there is little to look at, however long the run.
+        Width in nodes of a Gaussian by which the data are smoothed along the side, and in time over the time in which
+        the fastest waves travel this width. For long waves alone the computation is short, however long the run.
     radial : ndarray, optional
-        Tangential wavenumbers times spacing, shape (dim - 1, modes), of waves that are round about a point of the side;
-        then values of the data are amplitudes at that point, arrays (rows, modes), see `round_a_point`.
+        Tangential wavenumbers times spacing, shape (dim - 1, modes), of waves that are axially symmetric about a point
+        of the side; the values of the data are then amplitudes at that point, arrays (rows, modes), see
+        `round_a_point`.
     every : bool
-        Whether all modes of the chain are followed, as `hold_backward_waves` tells; of vectors then those of all
-        components of the data together, of which 0 is along the normal.
+        Whether all modes of the chain are followed, as `hold_backward_waves` decides; for vectors these are the modes
+        of all components of the data together, of which component 0 is along the normal.
     limit : float, optional
-        Speed along the side that waves do not exceed where all modes are followed; faster ones are left out, of
-        scalars all whose frequencies have such.
+        Speed along the side that waves do not exceed where all modes are followed. Faster waves are left out; for
+        scalars, all waves at frequencies that have faster ones.
     """
     sample = sample or Sample(medium)
     every = every and all(datum.behind is None for datum in data)
@@ -108,7 +110,7 @@ def arrivals(
     side = _coarse_side(along, lengths, near)
     place = side.places(heard, waves.root.shape[1]).ravel()[felt]
     along = _of_each(along, waves.root.shape)[:, felt]
-    times = _FINER * (int(heard[-1]) + 1)  # a coarser sampling of time and place than the run's holds all that is heard
+    times = _FINER * (int(heard[-1]) + 1)  # a coarser sampling in time than the run's resolves these frequencies
     return Arrivals(
         medium,
         amplitude,
@@ -131,8 +133,8 @@ def arrivals(
 def _modes_along(
     data: Sequence[Datum], lengths: Sequence[int], wanted: float, smooth: float, radial: np.ndarray | None
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Tangential wavenumbers of the modes along the side that are felt, shape (dim - 1, m), and what each datum has of
-    them on its rows.
+    """Tangential wavenumbers of the modes along the side that matter, shape (dim - 1, m), and the amplitudes of each
+    datum in these modes on its rows.
     """
     if radial is None:
         every = [2 * np.pi * np.fft.fftfreq(length) for length in lengths]
@@ -149,27 +151,27 @@ def _modes_along(
 
 
 def _felt_modes(spectra: Sequence[np.ndarray], wanted: float) -> np.ndarray:
-    """Numbers of the modes along the side in which some datum has more than nothing."""
+    """Indices of the modes along the side in which the amplitude of some datum is not negligible."""
     sizes = [np.abs(spectrum).sum(0) for spectrum in spectra]
-    # about the point that faces them data that are odd there are nothing
+    # data that are odd about the point that faces them have zero amplitude there
     content = np.max([size / max(float(size.sum()), 1e-300) for size in sizes], axis=0)
     return loudest(content, 0.1 * _FELT * wanted)
 
 
 @dataclass(frozen=True, eq=False)
 class _Line:
-    """The line of the Laplace integral that a run is.
+    """The line of the Laplace integral for a run.
 
     Attributes
     ----------
     steps : int
     dt : float
     folded : float
-        How far off the axis it lies, over the inverse of the length of the run.
+        Its distance from the imaginary axis, times the length of the run.
     lasting : float
-        Width in time of the Gaussian that smoothes the data.
+        Width in time of the Gaussian that smooths the data.
     lowest : float
-        Frequency below which waves fade out, 0 if none do.
+        Frequency below which waves are faded out, 0 if none are.
     """
 
     steps: int
@@ -180,18 +182,18 @@ class _Line:
 
     @property
     def decay(self) -> float:
-        """Its distance from the axis."""
+        """Its distance from the imaginary axis."""
         return self.folded / (self.steps * self.dt)
 
     @cached_property
     def z(self) -> np.ndarray:
-        """Factors over a step at so many of its points as the run has steps."""
+        """Factors per step at the points of the line, steps + 1 in number."""
         return np.exp(self.decay * self.dt + 1j * np.pi * np.arange(self.steps + 1) / self.steps)
 
     @cached_property
     def taken(self) -> np.ndarray:
-        """What remains of the waves of each point: it is analytic, so that nothing rings which the Laplace integral
-        would let grow.
+        """Factor by which the waves of each point are faded out. It is analytic, so that there is no ringing, which the
+        Laplace integral would amplify.
         """
         if not self.lowest:
             return np.ones(1)
@@ -199,7 +201,7 @@ class _Line:
 
     @property
     def smoothing(self) -> np.ndarray:
-        """What remains of them where data are smoothed in time."""
+        """Factor on the waves of each point where data are smoothed in time."""
         return np.exp(0.5 * (self.lasting * self._complete) ** 2)
 
     @property
@@ -207,7 +209,7 @@ class _Line:
         return np.log(self.z) / self.dt
 
     def growth(self, times: int) -> np.ndarray:
-        """How much larger than in the integral all is at so many moments of the run."""
+        """Factor by which values exceed those in the integral, at a number of times of the run."""
         return np.exp(self.decay * self.dt * self.steps / times * np.arange(times))
 
 
@@ -217,9 +219,9 @@ class _Waves(NamedTuple):
     Attributes
     ----------
     root, amplitude, slowness : ndarray of complex, shape (frequencies, modes)
-        Factors over a node, amplitudes, and steps that they take over a node.
+        Factors per node, amplitudes, and steps that the waves take per node.
     shape : ndarray of complex, shape (d, frequencies, modes), or None
-        Polarisations where they are of several types.
+        Polarisations where there are several types of waves.
     """
 
     root: np.ndarray
@@ -235,13 +237,14 @@ class _Sending:
     Attributes
     ----------
     medium : LatticeMedium
-        In front of the side; of vectors where all modes of theirs are followed, else of one type of waves.
+        The medium in front of the side: of vectors where all their modes are followed, else a scalar one for one type
+        of waves.
     line : _Line
     along : ndarray, shape (dim - 1, m)
         Tangential wavenumbers times spacing.
     data : sequence of Datum
     rows : list of ndarray, shape (rows, m)
-        What each has of the modes along the side.
+        Amplitudes of each datum in the modes along the side.
     every : bool
         Whether all modes of the chain are followed.
     limit : float
@@ -258,7 +261,7 @@ class _Sending:
 
     @cached_property
     def starts(self) -> list[np.ndarray]:
-        """What the scheme makes of each datum."""
+        """Transform of the scheme for each datum, at each frequency."""
         line = self.line
         return [line.taken * _start(datum, line.z, self.medium, line.decay) * line.smoothing for datum in self.data]
 
@@ -267,21 +270,21 @@ class _Sending:
         return alike_along(self.medium.stencil, self.along)
 
     def heard(self, size: float, told: float) -> tuple[np.ndarray, float]:
-        """Numbers of the frequencies at which something is felt, and what may be left out of the sum of amplitudes at
-        these, where the largest value is at least `size` and a part of `told` of it is to be told from none.
+        """Numbers of the frequencies that matter, and the sum of amplitudes that may be left out at these, where the
+        largest value is at least `size` and the part `told` of it has to be resolved.
         """
         possible, steps = self._travelling(), self.line.steps
         sparse = np.abs(self.arrived(possible, slice(None, None, _SPARSE)).amplitude)
         loudness = sparse.max(1) * self.along.shape[1]
         largest = max(size * 2 * steps * np.exp(-self.line.folded), _COHERENT * _SPARSE * float(sparse.sum()))
-        threshold = _FELT * told * largest  # of the sum of all amplitudes that are left out, half of it by frequencies
+        threshold = _FELT * told * largest  # for the sum of all amplitudes left out, half of it by frequencies
         return possible[loudest(loudness, 0.5 * threshold)], 0.5 * threshold
 
     def _travelling(self) -> np.ndarray:
-        """Numbers of the frequencies at which waves may be felt.
+        """Numbers of the frequencies at which there may be significant waves.
 
-        Nothing travels beyond, where only the shortest pulses have anything; one at least, of runs of a few short
-        steps.
+        Nothing travels above the highest frequency of the medium, where only the shortest pulses have any content. At
+        least one, for runs of a few short steps.
         """
         medium, line = self.medium, self.line
         pitch = np.abs(medium.recursion.eigenvalue(line.z))
@@ -302,7 +305,7 @@ class _Sending:
         return _Waves(*(np.concatenate(part, axis=-2) for part in zip(*found, strict=True)))
 
     def _scalar(self, which: np.ndarray, some: slice) -> tuple[np.ndarray, ...]:
-        """Factors, amplitudes and slownesses of waves of one component or type."""
+        """Factors per node, amplitudes and slownesses of waves of one component or type."""
         z, recursion = self.line.z[which], self.medium.recursion
         modes_of = cache(lambda ratio: self._modes(ratio, z, some))
         root, slope = modes_of(1.0)
@@ -315,7 +318,7 @@ class _Sending:
         return tuple(np.concatenate(part, axis=1) if part.ndim > 2 else part for part in found)
 
     def _modes(self, ratio: float, z: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray]:
-        """Factors over a node and slopes of the modes in a medium of a squared speed over that at the side."""
+        """Factors per node and slopes of modes in a medium whose squared speed, over that at the side, is `ratio`."""
         alike, number = self._alike
         used, again = np.unique(number[some], return_inverse=True)
         slower = self.medium.slower(ratio)
@@ -325,7 +328,9 @@ class _Sending:
 
 
 def _through(datum: Datum, rows: np.ndarray, modes_of: Callable[[float], tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """What a datum sends in the modes of the medium at the side, through a slower one where it lies behind that."""
+    """Amplitudes of a datum in the modes of the medium at the side, transmitted from a slower one where part of it lies
+    there.
+    """
     root, slope = modes_of(1.0)
     nodes, ratio = datum.behind or (len(rows), 1.0)
     sent = sent_in_mode(rows[len(rows) - nodes :], root, slope)
@@ -335,16 +340,16 @@ def _through(datum: Datum, rows: np.ndarray, modes_of: Callable[[float], tuple[n
 
 
 class _CoarseSide(NamedTuple):
-    """Places along a side, so few that they just hold some modes.
+    """Sampling points along a side, just enough to represent some modes.
 
     Attributes
     ----------
     counts : list of int
-        Along each tangential axis.
+        Number of points along each tangential axis.
     grid : ndarray of int, shape (m,)
-        Where each mode stands among the wavenumbers of so many places.
+        Place of each mode in the array of wavenumbers of that many points.
     seen : list of ndarray of int
-        The places along each axis that are beside the near field.
+        Points along each axis that are beside the near field.
     """
 
     counts: list[int]
@@ -358,7 +363,7 @@ class _CoarseSide(NamedTuple):
 
 
 def _coarse_side(along: np.ndarray, lengths: Sequence[int], near: Sequence[range]) -> _CoarseSide:
-    """The places for modes of tangential wavenumbers along a near field."""
+    """The sampling points for modes of given tangential wavenumbers along a near field."""
     signed = [np.round(line / (2 * np.pi) * length).astype(int) for line, length in zip(along, lengths, strict=False)]
     counts = [fft.next_fast_len(_FINER * (2 * int(np.abs(line).max()) + 1)) for line in signed]
     seen = [
@@ -372,27 +377,27 @@ def _coarse_side(along: np.ndarray, lengths: Sequence[int], near: Sequence[range
 
 
 def _of_each(along: np.ndarray, waves: tuple[int, ...]) -> np.ndarray:
-    """Tangential wavenumbers of all waves, whose modes are several of each wavenumber."""
+    """Tangential wavenumbers of all waves, where each wavenumber has several modes."""
     every = np.tile(along, waves[1] // along.shape[1])[:, None, :]
     return np.broadcast_to(every, (len(along), *waves)).reshape(len(along), int(np.prod(waves)))
 
 
 def round_a_point(values: np.ndarray, place: Sequence[int] | np.ndarray, room: float) -> tuple[np.ndarray, np.ndarray]:
-    """Data in space as a sum of waves that are round about a line along the normal, which is all that a point of that
-    line sees of them where the medium is alike in all directions along the side.
+    """Represent data in space by waves that are axially symmetric about a line along the normal. These determine the
+    field on that line completely where the medium is uniform in all directions along the side.
 
     Parameters
     ----------
     values : ndarray, shape (rows, nodes, nodes)
     place : sequence of int
-        Node of the line.
+        Node through which the line runs.
     room : float
-        Nodes beyond the farthest of the data after which the waves end, at nodes of Bessel functions.
+        Nodes beyond the farthest of the data at which the waves end, at zeros of Bessel functions.
 
     Returns
     -------
     ndarray, shape (2, modes)
-        Tangential wavenumbers times spacing, in a direction midway between those in which a lattice differs most.
+        Tangential wavenumbers times spacing, in the direction midway between those in which a lattice differs most.
     ndarray, shape (rows, modes)
         Amplitude of each wave on the line.
     """
@@ -412,8 +417,8 @@ def round_a_point(values: np.ndarray, place: Sequence[int] | np.ndarray, room: f
 
 
 def _along_side(values: np.ndarray, numbers: Sequence[np.ndarray], lengths: Sequence[int], smooth: float) -> np.ndarray:
-    """Fourier coefficients along the side of values on rows, shape (rows, modes), of data that repeat themselves after
-    some lengths and are smoothed by a Gaussian.
+    """Fourier coefficients along the side of values on rows, shape (rows, modes), for data that are periodic with some
+    lengths and are smoothed by a Gaussian.
     """
     if not smooth:
         axes = tuple(range(1, values.ndim))
@@ -422,12 +427,14 @@ def _along_side(values: np.ndarray, numbers: Sequence[np.ndarray], lengths: Sequ
         found = values
         for line, length in zip(numbers, lengths, strict=True):
             waves = np.exp(-1j * np.outer(np.arange(found.shape[1]), line) - 0.5 * (smooth * line) ** 2) / length
-            found = np.tensordot(found, waves, (1, 0))  # which comes last, so that the next axis is the first again
+            found = np.tensordot(found, waves, (1, 0))  # the new axis comes last, so that the next axis is second again
     return np.asarray(found).reshape(len(values), -1)
 
 
 def _start(datum: Datum, z: np.ndarray, medium: LatticeMedium, decay: float) -> np.ndarray:
-    """What the scheme makes of a unit datum, in the transform ``sum_n u_n z^-n``, over its factor `scale`."""
+    """Transform ``sum_n u_n z^-n`` of the right-hand side that the scheme makes of a unit datum, over its factor
+    `scale`.
+    """
     recursion, dt = medium.recursion, medium.dt
     if datum.kind == "u":
         return (z - recursion.keep + (recursion.first - 1) * (z - 1) * (1 - recursion.keep / z)) / recursion.scale

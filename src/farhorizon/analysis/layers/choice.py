@@ -10,15 +10,16 @@ from farhorizon.analysis.layers.short_waves import HighPass, high_pass
 from farhorizon.engine.engine import Layer
 from farhorizon.medium.stencil import Stencil
 
-# alpha in units of speed / spacing: bounds the drift at zero frequency; ten times as much spoils long waves
+# alpha in units of speed / spacing, which bounds the drift at zero frequency; ten times as much lets long waves through
 _SHIFT = 1e-3
-_END = 0.15  # of thin layers: alpha at the outer end over sigma there
-# power of the ramp of such a damping beside a steeper sigma, and how much more of it that takes near the entrance
+_END = 0.15  # alpha over sigma at the outer end of thin layers
+# power of the ramp of weak damping, and the factor on its rate, since sigma rises more steeply than it near the
+# entrance
 _SOFT, _MORE = 4, 3
-# alpha at the outer end in speed / spacing where waves are at rest, of two nodes or longer ones, too
+# added to alpha at the outer end, in speed / spacing, where waves are at rest: those of two nodes, or longer ones, too
 _DRIFT = (0.006, 0.03)
-_EARLIER = (0.92, 1.0)  # power of sigma's ramp in which their damping rises
-_HARDLY, _CROWDED = 0.1, 0.38  # over the long waves' speed; share of such waves that crowds
+_EARLIER = (0.92, 1.0)  # power of sigma's ramp as which their damping rises, for the same two cases
+_HARDLY, _CROWDED = 0.1, 0.38  # group velocity over the long waves' speed; share of slower waves above which they crowd
 
 
 @dataclass(frozen=True)
@@ -30,14 +31,14 @@ class Profile:
     ----------
     strength, stretch : float
     power : int
-        Of the ramp in sigma; kappa rises linearly, alpha as the seventh power: waves near cut-off are turned by the
-        outer end alone.
+        Power of the ramp in sigma. kappa rises linearly, alpha as the seventh power, so that waves near cut-off are
+        affected by the outer end alone.
     shift : float
     smooth : bool
-        Whether sigma rises as a power of `smooth_ramp`, else of the depth: where short waves are damped, the damping
+        Whether sigma rises as a power of `smooth_ramp` instead of the depth: where short waves are damped, the damping
         must not begin with a kink.
     rate : float
-        Damping of short waves over that which first order in sigma asks for.
+        Damping of short waves over that required by first order in sigma.
     """
 
     strength: float
@@ -59,7 +60,7 @@ class Profile:
         return 1 + (self.stretch - 1) * depth, sigma, alpha * speed / spacing
 
     def layer(self, nodes: int, speed: float, spacing: float, damped: HighPass | None) -> Layer:
-        """The layer with the damping of short waves that the stencil needs."""
+        """The layer, with the damping of short waves that the stencil requires."""
         kappa, sigma, alpha = self.edges(nodes, speed, spacing)
         if damped is None:
             return Layer(kappa, sigma, alpha)
@@ -82,28 +83,28 @@ class Profile:
 
 
 def rising_alpha(sigma: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """alpha of thin layers: it rises as the fourth power of the depth to a part of sigma at the outer end."""
+    """alpha of thin layers, which rises as the fourth power of the depth to a fixed part of sigma at the outer end."""
     return np.asarray(_SHIFT + _END * sigma[-1] * depth**4)
 
 
 def smooth_ramp(depth: np.ndarray) -> np.ndarray:
-    """From 0 to 1 as a sine that ends short of its crest: on a plateau waves of zero frequency would grow in a wide
-    stencil's layer.
+    """Ramp from 0 to 1: a sine that ends short of its crest, because on a plateau waves of zero frequency would grow in
+    the layer of a wide stencil.
     """
     return np.sin(0.4 * np.pi * depth) / np.sin(0.4 * np.pi)
 
 
 def weak(damped: HighPass | None) -> bool:
-    """Whether the ramps of stencils without backward waves serve."""
+    """Whether the ramps of stencils without backward waves can be used."""
     return damped is None or damped.weak
 
 
 def crowded(stencil: Stencil) -> bool:
-    """Whether many of a scalar's waves along the normal hardly move and are not damped: thin profiles send back more
+    """Whether many of a scalar's waves along the normal hardly move and are not damped; thin profiles then reflect more
     than is predicted, and grow.
 
-    Of exponent 1, linear influence and reach 4 nodes 40 % go more slowly than a tenth of the long waves; thin profiles
-    of 10 to 14 nodes made up to 25 times the predicted error.
+    For exponent 1 with linear influence and a reach of 4 nodes, 40 % of the waves travel at less than a tenth of the
+    speed of long waves; thin profiles of 10 to 14 nodes caused up to 25 times the predicted error.
     """
     if stencil.components > 1 or not weak(high_pass(stencil)):
         return False

@@ -1,7 +1,7 @@
-"""Compiled loops over the columns of a lattice PML, for many waves one after the other: they are followed by the
+"""Compiled loops over the columns of a lattice PML, for many waves one after the other: waves are followed by the
 thousand, and array operations would take several times as long as the solution of the equations.
 
-Along the normal the field of a layer is U(p, k), column p continued by k nodes; inwards it depends on the columns from
+Along the normal the field of a layer is U(p, k), column p continued by k nodes. Inwards it depends on the columns from
 p on, outwards on those up to p and on the near field.
 """
 
@@ -15,14 +15,15 @@ from farhorizon.engine.rows.compiled import njit
 
 
 def continuations(stretch: np.ndarray, reach: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """The field of a layer continued by k = 1 .. reach nodes, in stretches of shape (n, L + 1), complex.
+    """Continue the field of a layer by k = 1 .. reach nodes, for stretches of shape (n, L + 1), complex.
 
     Yields
     ------
     inwards : ndarray, shape (n, L + 1, L + 1)
-        U(., k) at the columns 0 .. L, by these.
+        Matrices that give U(., k) at the columns 0 .. L from the values there.
     outwards : ndarray, shape (n, L, L + reach + 1)
-        U(., -k) at the columns 1 .. L, by these and by the near field's nodes 0, -1 .. -reach.
+        Matrices that give U(., -k) at the columns 1 .. L from the values there and at the near field's nodes 0, -1 ..
+        -reach.
     """
     ratio, (n, edges) = (1 - stretch) / (1 + stretch), stretch.shape
     inwards = np.broadcast_to(np.eye(edges, dtype=complex), (n, edges, edges)).copy()
@@ -37,7 +38,9 @@ def continuations(stretch: np.ndarray, reach: int) -> Iterator[tuple[np.ndarray,
 
 @njit(error_model="numpy", nogil=True, cache=True, counted=False, entry=True)
 def _inwards_by_a_node(ratio: np.ndarray, field: np.ndarray, found: np.ndarray) -> None:
-    """U(., k) by U(., k - 1): ``U(p, k) = U(p+1, k-1) + ratio (U(p+1, k) - U(p, k-1))``, nothing beyond the last."""
+    """Compute U(., k) from U(., k - 1): ``U(p, k) = U(p+1, k-1) + ratio (U(p+1, k) - U(p, k-1))``, with zeros beyond
+    the last column.
+    """
     n, edges = ratio.shape
     for wave in range(n):
         last = edges - 1
@@ -50,7 +53,9 @@ def _inwards_by_a_node(ratio: np.ndarray, field: np.ndarray, found: np.ndarray) 
 
 @njit(error_model="numpy", nogil=True, cache=True, counted=False, entry=True)
 def _outwards_by_a_node(ratio: np.ndarray, k: int, field: np.ndarray, found: np.ndarray) -> None:
-    """U(., -k) by U(., 1 - k), the same outwards; before the first column lie the near field's nodes."""
+    """Compute U(., -k) from U(., 1 - k) by the same recursion outwards; before the first column are the near field's
+    nodes.
+    """
     n, columns, unknowns = field.shape
     for wave in range(n):
         for p in range(columns):
@@ -76,8 +81,8 @@ def take_stencil(
     system: np.ndarray,
     drive: np.ndarray,
 ) -> None:
-    """Take from the equations of the columns what the weights of two offsets make of their field, and add to what
-    drives them what they make of the near field.
+    """Subtract what the weights of the offsets k and -k contribute to the equations of the columns, and add the
+    contribution of the near field to the right-hand side.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""The thinnest layer that keeps a wanted error in diffusion, relative to the largest value at every time of a run.
+"""The thinnest layer that keeps a target error in diffusion, relative to the largest value at every time of a run.
 
-Everything depends on the decay ``lambda = sqrt(s/D)`` alone, an edge ``kappa = 1/tau`` reflects
-``(lambda h/2 - tau)/(lambda h/2 + tau)``, and the points tau are Zolotarev's between the slowest decay that the run
-sees and the steepest that arrives.
+Everything depends on the decay ``lambda = sqrt(s/D)`` alone. An edge ``kappa = 1/tau`` reflects ``(lambda h/2 -
+tau)/(lambda h/2 + tau)``, and the points tau are Zolotarev's between the slowest decay that matters in the run and the
+steepest that arrives.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from farhorizon.analysis.layers.side_data import Datum
 from farhorizon.analysis.layers.thickness import MOST, Thickness, distance_to_side
 from farhorizon.engine.engine import Layer
 
-_AIM = 0.25  # of the wanted error: late in a run what all sides send back adds up
-_AIM_OTHERS = 0.8  # of waves that alternate from step to step, which come earlier
-# which decays matter, fitted to the least error over all times of a run
+_AIM = 0.25  # part of the target error: late in a run the reflections of all sides add up
+_AIM_OTHERS = 0.8  # part for waves that alternate from step to step, which are reflected earlier
+# range of the decays that matter, fitted to the smallest error over all times of a run
 _STEEPEST, _EARLY, _GRADUAL = 3.2, 5.2, 2.3
-_ENTRANCE = 3  # nodes there and back: the one in front of each layer, and edges reflect half a node behind theirs
-_HIGHEST, _POINTS = 6.0, 241  # of the integral over y: exp(-36) remains
-# first time in squared distance over D, before which nothing has come back, and how many are looked at
+_ENTRANCE = 3  # nodes there and back: the one in front of each layer, and half a node to where an edge reflects
+_HIGHEST, _POINTS = 6.0, 241  # upper limit and points of the integral over y: exp(-36) remains
+# first time in squared distance over D, before which there is no reflection, and the number of times examined
 _BEGIN, _TIMES = 0.03, 60
-_PLANES = 128  # of data, at most
-_PLACES = 65  # at which, beside those of data, the largest value is looked for
-_NOTHING = 1e-12  # of the largest sum over a plane
+_PLANES = 128  # largest number of planes of data
+_PLACES = 65  # number of places, in addition to those of the data, at which the largest value is sought
+_NOTHING = 1e-12  # negligible part of the largest sum over a plane
 
 
 class Wall(NamedTuple):
@@ -40,7 +40,7 @@ class Wall(NamedTuple):
     Attributes
     ----------
     image : int
-        Sign of the image that stands for it: -1 where it holds the nodes beyond, 1 where nothing passes.
+        Sign of the image that represents it: -1 if it holds the nodes beyond it, 1 if nothing passes.
     distance : float
         From the side where the layer begins.
     """
@@ -58,11 +58,11 @@ class Planes:
     distances : ndarray, shape (n,)
         From the side.
     shares : ndarray, shape (n,)
-        Of the data, with their signs; their sizes are 1 in all.
+        Shares of the data, with their signs; the sum of their absolute values is 1.
     nearest, farthest : float
-        The shortest way to the side, and that from the other end of the near field.
+        Shortest distance of the data to the side, and distance of the other end of the near field.
     lasting : int
-        0 of what is there once, 1 of what holds its value from then on, 2 of a source that goes on.
+        0 for initial data, 1 for nodes that hold their value from then on, 2 for a continuing source.
     """
 
     distances: np.ndarray
@@ -73,21 +73,21 @@ class Planes:
 
     @classmethod
     def at(cls, distance: float, lasting: int = 0) -> Planes:
-        """All in one plane."""
+        """All data in one plane."""
         return cls(np.array([distance]), np.ones(1), distance, distance, lasting)
 
     @classmethod
     def nearest_of(cls, values: np.ndarray, spacing: float, lasting: int = 0) -> Planes:
-        """All where the nearest of some values are, with the normal first and towards the side."""
+        """All data in the plane of the values that are nearest to the side; the normal first, towards the side."""
         return cls.at(spacing * distance_to_side([values]), lasting)
 
     @classmethod
     def of(cls, values: np.ndarray, spacing: float) -> Iterator[Planes]:
-        """Of values with the normal first and towards the side: those of their sums over planes, and of the largest
-        value of each.
+        """Yield the planes of values, with the normal first and towards the side: once with their sums over each plane,
+        and once with the largest value of each.
 
-        Along the side, too, data spread: in time planes count by their sums, early by their largest value. If the data
-        are a product of what they are along and across the normal, both are that along it.
+        Data also spread along the side: at late times the sums of the planes count, at early ones their largest values.
+        If the data are a product of functions along and across the normal, both are the function along it.
         """
         nearest, planes = cls.nearest_of(values, spacing).nearest, values.reshape(len(values), -1)
         size = np.abs(planes).sum(1).max()
@@ -104,15 +104,15 @@ class Planes:
 
 
 class Cause(NamedTuple):
-    """What something diffuses from.
+    """Something that diffuses.
 
     Attributes
     ----------
     datum : Datum
     lasting : int
-        As of `Planes`.
+        As in `Planes`.
     whole : bool
-        Whether it is followed plane by plane, else as if all of it were at the node that is nearest to a side.
+        Whether it is followed plane by plane, instead of as if all of it were at its node nearest to a side.
     """
 
     datum: Datum
@@ -120,7 +120,7 @@ class Cause(NamedTuple):
     whole: bool = False
 
     def planes(self, axis: int, side: int, spacing: float) -> Iterable[Planes]:
-        """As a side sees it; none where there is nothing."""
+        """Its planes as seen from a side; empty where there is nothing."""
         values = self.datum.turned(axis, side).values
         if not values.any():
             return []
@@ -128,23 +128,23 @@ class Cause(NamedTuple):
 
 
 def goes_on(course: np.ndarray) -> bool:
-    """Whether a source is there at all times that are looked at, and stays as it is."""
+    """Whether a source is present, and constant, at all times examined."""
     return bool(course.any()) and bool(np.ptp(course) == 0)
 
 
 @dataclass(frozen=True)
 class Diffusing:
-    """What comes back of data to a side, relative to the largest value at the same time.
+    """Reflection of data at a side, relative to the largest value at the same time.
 
-    The inverse Laplace transform along ``lambda = z/sqrt(D t)``, z = 1.2 + i y; of waves along the side less remains. A
-    wall that holds its nodes leaves dipoles, whose images in the layer are the longer ones and fall no faster. What
-    lasts is a sum over times, a factor 1/z for each of them.
+    It is the inverse Laplace transform along ``lambda = z/sqrt(D t)``, z = 1.2 + i y; waves that vary along the side
+    leave less. Opposite a wall that holds its nodes the data become dipoles, whose longer images in the layer decay no
+    faster. For lasting data, each sum over time is a factor 1/z.
 
     Attributes
     ----------
     planes : Planes
     spreads : ndarray, shape (m,)
-        D t of the times.
+        D t at the times examined.
     wall : Wall, optional
         Opposite to the layer.
     """
@@ -162,20 +162,20 @@ class Diffusing:
         return np.asarray(self._scaled / np.sqrt(self.spreads)[:, None])
 
     def _in_time(self, transform: np.ndarray) -> np.ndarray:
-        """At each time, of a transform over that of a plane at its own place, without a wall."""
+        """Absolute value at each time of a transform, relative to a single plane at its own place without a wall."""
         step, lasting = 2 * _HIGHEST / (_POINTS - 1), self.planes.lasting
         unit = gamma((lasting + 1) / 2) * step / np.pi
         return np.asarray(np.abs((np.exp(self._scaled**2) / self._scaled**lasting * transform).sum(1)) * unit)
 
     def _with_image(self, distance: float) -> np.ndarray:
-        """A plane and its image in the wall, at its own place."""
+        """Transform for a plane and its image in the wall, at the place of the plane."""
         if self.wall is None:
             return np.ones_like(self._decay)
         return 1 + self.wall.image * np.exp(-2 * self._decay * (self.wall.distance - distance))
 
     @cached_property
     def _arriving(self) -> np.ndarray:
-        """At the side without a layer, of each decay."""
+        """Transform at the side without a layer, for each decay."""
         planes = zip(self.planes.distances, self.planes.shares, strict=True)
         return np.asarray(
             sum(share * np.exp(-self._decay * distance) * self._with_image(distance) for distance, share in planes)
@@ -183,7 +183,7 @@ class Diffusing:
 
     @cached_property
     def largest(self) -> np.ndarray:
-        """Largest value of the field at each time, over that of data which are all in one plane and without a wall."""
+        """Largest value of the field at each time, over that of data that are all in one plane, without a wall."""
         if self.planes.lasting:
             return self._in_time(self._with_image(float(self.planes.distances.mean())))
         distances, sources = self.planes.distances, [(1, self.planes.distances)]
@@ -197,7 +197,7 @@ class Diffusing:
         return np.asarray(np.abs(field).max(1))
 
     def returned(self, layer: Layer, spacing: float) -> np.ndarray:
-        """At each time, of a layer."""
+        """Reflection of a layer at each time."""
         tangent = np.tanh(spacing * self._decay / 2)
         back = np.exp(-_ENTRANCE * spacing * self._decay)
         for edge, kappa in enumerate(layer.kappa):
@@ -219,7 +219,7 @@ def diffusive(nodes: int, spacing: float, spread: float, distance: float) -> Lay
     spread : float
         Diffusivity times the length of the run.
     distance : float
-        The shortest way from the data to the side.
+        Shortest distance between the data and the side.
     """
     later = np.log(max(spread / distance**2, 1.0))
     steepest = min(_STEEPEST * nodes / (distance * (later + _EARLY)), 2 / spacing)
@@ -231,18 +231,18 @@ def diffusive(nodes: int, spacing: float, spread: float, distance: float) -> Lay
 def predicted_for_diffusion(
     layer: Layer, spacing: float, spread: float, data: Sequence[Planes], wall: Wall | None = None
 ) -> float:
-    """Largest part of the field at the same time that a layer sends back, at any time of a run."""
+    """Largest reflection of a layer at any time of a run, relative to the field at the same time."""
     return max(float(one.returned(layer, spacing).max()) for one in _arriving(spacing, spread, data, wall))
 
 
 def _arriving(spacing: float, spread: float, data: Sequence[Planes], wall: Wall | None) -> list[Diffusing]:
-    """What comes to the layer, at the times that are looked at."""
+    """What arrives at the layer, at the times examined."""
     spreads = np.geomspace(min(_BEGIN * _nearest(spacing, data) ** 2, spread), spread, _TIMES)
     return [Diffusing(planes, spreads, wall) for planes in data]
 
 
 def _nearest(spacing: float, data: Sequence[Planes]) -> float:
-    """The shortest way from data to the side."""
+    """Shortest distance between data and the side."""
     return max(spacing, min(planes.nearest for planes in data))
 
 
@@ -254,8 +254,9 @@ def thinnest_for_diffusion(
     wall: Wall | None = None,
     others: Callable[[Layer], float] = lambda layer: 0.0,
 ) -> Thickness:
-    """The fewest nodes that keep an error relative to the largest value at every time of a run, and most of it in
-    others than these waves, by what a layer sends back of them; 60 nodes, and what is predicted of them, if none do.
+    """The layer with the fewest nodes that keeps an error relative to the largest value at every time of a run, and
+    that also returns little enough of the alternating waves, as given by `others`; 60 nodes, with the error predicted
+    for them, if no layer does.
     """
     distance, arriving = _nearest(spacing, data), _arriving(spacing, spread, data, wall)
 

@@ -1,19 +1,20 @@
-"""The profiles of lattice PMLs that are tried where waves choose the thickness.
+"""The profiles of lattice PMLs that are tried where the waves of a run determine the thickness.
 
-Of five families the thinnest member that serves is taken (`farhorizon.analysis.layers.thickness`). All are stretches
-``1 + sigma/(s + alpha)`` whose sigma rises outwards, and differ in what they do to waves that hardly move towards the
-side:
+The thinnest member of five families that meets the target is taken (`farhorizon.analysis.layers.thickness`). All are
+stretches ``1 + sigma/(s + alpha)`` whose sigma rises outwards, and differ in their effect on waves that hardly move
+towards the side:
 
-- *steep*: little alpha. The least leak of travelling waves: best below 1e-6 and in short runs.
+- *steep*: little alpha. Travelling waves are reflected least: best below 1e-6 and in short runs.
 - *thin*: sigma as depth^(3/4), alpha rising as depth^4 to the outer end. The fewest nodes for 1e-3 to 1e-6.
-- *tuned*: for stencils with strong backward waves, as thin as the thin ones. Dampers take the backward waves by their
-  frequency; one medium along the whole side. Of weak ones of scalars in space, the others with light dampers.
-- *short*: for the same, whose damping by wavelength decides what comes back. sigma and damping rise together, and the
-  filter of the damping reads few neighbours.
+- *tuned*: for stencils with strong backward waves, as thin as the thin ones. Dampers absorb the backward waves by their
+frequency, which requires one medium along the whole side. For the weak backward waves of scalars in space, the other
+families with light dampers.
+- *short*: for the same stencils, whose damping by wavelength determines the reflection. sigma and damping rise
+together, and the filter of the damping reads few neighbours.
 - *late*: made for the length T of a run. On the line Re s = 1/T a travelling, grazing, evanescent or static wave is one
-  number C in (0, 1], and an edge with ``sigma = 2c/(h a)``, ``alpha = (1/a^2 - 1)/T`` reflects ``|C - a|/(C + a)``. The
-  points a are those of Zolotarev's problem on the interval of the C that reach the side within T: for waveguides, long
-  boxes, long runs.
+number C in (0, 1], and an edge with ``sigma = 2c/(h a)``, ``alpha = (1/a^2 - 1)/T`` reflects ``|C - a|/(C + a)``. The
+points a are those of Zolotarev's problem on the interval of the C that reach the side within T: for waveguides, long
+boxes, long runs.
 """
 
 from __future__ import annotations
@@ -32,35 +33,36 @@ from farhorizon.analysis.layers.tuned_layers import lightly_tuned, tuned_layers
 from farhorizon.engine.engine import Layer
 from farhorizon.medium.stencil import Stencil
 
-_STRENGTHS = (1.4, 2.0, 4.0, 5.6)  # of thin profiles: the stronger, the more waves travel along the side
+_STRENGTHS = (1.4, 2.0, 4.0, 5.6)  # of thin profiles; stronger ones suit waves that travel along the side
 _RISE = 0.75  # power of a thin sigma's ramp
-# of weak backward waves in space by reach: the nodes up to which ramps of these powers are taken. Where three layers
-# meet waves of the largest frequency, which stand still, grow by up to 0.3 speed / spacing; they need room for it, and
-# have the more the longer sigma is of the order of their frequency. Measured: noise in corners to 300 spacings / speed,
-# strengths 1.4 to 5.6, at 0.35, 0.5 and 0.9 of the step limit, less a quarter
+# for weak backward waves in space, by reach: numbers of nodes up to which ramps of these powers are used. Where three
+# layers meet, waves of the largest frequency, which stand still, grow at up to 0.3 speed / spacing if they have room,
+# that is, enough nodes whose sigma is of the order of their frequency. Measured: noise in corners to 300 spacings /
+# speed, strengths 1.4 to 5.6, at 0.35, 0.5 and 0.9 of the step limit, less a quarter
 _RISES = (_RISE, 1.5, 2.0, 3.0)
 _STEADY_TO = {2: (10, 24, 24, 24), 3: (6, 10, 16, 24), 4: (3, 6, 8, 16), 5: (3, 5, 7, 12)}
-# edges for waves along the normal, whose tangent is real, and their sigma in speed / spacing
+# numbers of edges for waves along the normal, whose tangent is real, and their sigma in speed / spacing
 _EQUAL, _EQUAL_AT = (2, 3, 4, 5), 2.2
 _GRAZING = 0.6  # largest of the other points
-_SLOWEST = 0.3  # least alpha times the length of the run: with less, what stands still stays in the layer
+_SLOWEST = 0.3  # smallest alpha times the length of the run: with less, static fields remain in the layer
 _GENTLE = HighPass(3, 1, 1.0, 0.0)  # filter of three neighbours for weak backward waves, beside thin profiles
-# its rate over what first order in sigma asks for, at the outer end, and the power of its ramp
+# its rate over that required by first order in sigma, at the outer end, and the power of its ramp
 _GENTLE_RATE, _GENTLE_RAMP = 3.0, 4
-# filters of four and of two neighbours for strong ones
+# filters of four and of two neighbours for strong backward waves
 _FINE, _COARSE = HighPass(4, 1, 1.0, 0.0), HighPass(2, 1, 1.0, 0.0)
-_STEADY = 1.25  # rate of their damping over what first order asks for
-# rate over sigma that the fine filter may take in layers of so many nodes: measured, more grows from noise
+_STEADY = 1.25  # rate of their damping over that required by first order in sigma
+# largest rate over sigma of the fine filter in layers of up to a number of nodes: in measurements, noise grew with more
 _FINEST = ((0.25, 12), (0.3, 8))
 _COARSEST = ((0.35, 12), (1.0, 4))  # and the coarse one
-# the fine filter's rate over the coarse one's: where it is larger, backward waves are so long that 12 nodes grow
+# the fine filter's rate over the coarse one's, above which backward waves are so long that layers of 12 nodes grow
 _LONG = 3.0
-_LEAST = 3  # nodes of such layers that were looked at
-# reach with which late profiles were stable in white noise; exponent 1 with constant influence grows from 5 on
+_LEAST = 3  # smallest number of nodes of such layers that was tested
+# largest reach with which late profiles were stable in white noise; with exponent 1 and constant influence, noise grows
+# from 5 on
 _WIDEST = 4
-_MORE_EQUAL = 5  # at most, for short waves: more of them hardly help against such that stand nearly still
-_WAVES, _ANGLES = 64, np.deg2rad([0.0, 45.0])  # wavelengths and angles at which the short waves of data are looked at
-# what the bound of late profiles is above measured errors; C of the shortest waves that it knows, 6 nodes long
+_MORE_EQUAL = 5  # largest number added for short waves: more hardly help against waves that nearly stand still
+_WAVES, _ANGLES = 64, np.deg2rad([0.0, 45.0])  # wavelengths and angles at which the short waves of data are sampled
+# ratio of the bound of late profiles to measured errors; C of the shortest waves that it covers, 6 nodes long
 _CAREFUL, _STEEPEST_WAVE = 10, 1.3
 
 
@@ -84,11 +86,11 @@ def long_run_profile(
         Speed / spacing.
     until : float
     distance : float
-        Of the data from the side, in nodes.
+        Between the data and the side, in nodes.
     wanted : float
-        Error relative to the data.
+        Target error relative to the data.
     equal : int, optional
-        Edges of one sigma, for waves along the normal; by the wanted error unless given.
+        Number of edges of equal sigma, for waves along the normal; by default it depends on the target error.
     """
     length = pace * until
     equal = _equal_edges(wanted) if equal is None else equal
@@ -101,7 +103,7 @@ def long_run_profile(
 
 
 def _timely(stencil: Stencil) -> bool:
-    """Whether the late profile is stable: for scalars without backward waves that do not reach far."""
+    """Whether the late profile is stable: for scalars of short reach without backward waves."""
     return (
         stencil.components == 1
         and max(stencil.reach) <= _WIDEST
@@ -111,7 +113,7 @@ def _timely(stencil: Stencil) -> bool:
 
 
 def _equal_edges(wanted: float) -> int:
-    """Edges of one sigma, for waves along the normal, that an error asks for."""
+    """Number of edges of equal sigma, for waves along the normal, that an error requires."""
     return _EQUAL[int(np.clip(-np.log10(wanted) / 2 - 1, 0, 3))]
 
 
@@ -121,9 +123,10 @@ def by_formula(
     """The late profile that keeps an error by the bound of Zolotarev's problem, ``4 exp(-pi^2 (n + 1/2)/ln(4
     C_max/C_min))``; None where it grows.
 
-    The bound counts every wave of the line at its largest, together; what was measured is 10 to 50 times less (2D
-    waveguides of 5 to 1000 crossings, boxes of 10 to 1, loads that stay). It knows waves of 6 nodes and more: for
-    shorter ones in the data there are more edges of one sigma.
+    The bound takes all waves of the line at their largest together; measured errors are 10 to 50 times smaller (2D
+    waveguides
+    of 5 to 1000 crossings, boxes of 10 to 1, permanent loads). It covers waves of 6 nodes and more: for shorter ones in
+    the data there are more edges of equal sigma.
 
     Parameters
     ----------
@@ -154,14 +157,14 @@ def by_formula(
 
 
 def _spectrum(line: np.ndarray) -> np.ndarray:
-    """Largest amplitude of a line's waves in each of so many parts of 0 to pi."""
+    """Largest amplitude of a line's waves in each of `_WAVES` equal parts of the wavenumbers from 0 to pi."""
     each = -(-len(line) // (2 * _WAVES))
     return np.asarray(np.abs(np.fft.rfft(line, 2 * _WAVES * each))[1:].reshape(_WAVES, each).max(1))
 
 
 @dataclass(frozen=True)
 class _Sent:
-    """Waves of the wavelengths that data hold along the normal, at some angles to it: factor over a node, frequency,
+    """Waves of the wavelengths that data contain along the normal, at some angles to it: factor per node, frequency,
     and amplitude.
     """
 
@@ -171,7 +174,7 @@ class _Sent:
 
     @classmethod
     def of(cls, stencil: Stencil, pace: float, data: Sequence[np.ndarray]) -> _Sent:
-        """Of a stencil without backward waves."""
+        """The waves of data, for a stencil without backward waves."""
         k = np.pi * (np.arange(_WAVES) + 0.5) / _WAVES
         found = np.max(
             [_spectrum(np.abs(values).reshape(len(values), -1).max(1)) for values in data], axis=0, initial=0.0
@@ -183,22 +186,24 @@ class _Sent:
         return cls(np.exp(-1j * along), 1j * pace * np.sqrt(np.abs(symbol)), found / (found.sum() or 1.0))
 
     def returned(self, layer: Layer) -> float:
-        """Amplitude that comes back, at the angle where it is largest; short waves disperse on their way, so their
-        energies add up.
+        """Reflected amplitude, at the angle where it is largest. Short waves disperse on their way, so their energies
+        add up.
         """
-        with np.errstate(all="ignore"):  # spacings and speeds at the ends of what numbers hold
+        with np.errstate(all="ignore"):  # extreme spacings and speeds overflow
             back = np.abs(reflected(self.root, self.frequency, layer))
         return float(np.linalg.norm(self.amplitude * back, axis=1).max())
 
 
 def zolotarev(least: float, count: int) -> np.ndarray:
-    """Points a in [least, 1], descending, for which the product of (x - a)/(x + a) is smallest on that interval."""
+    """Points a in [least, 1], descending, that minimise the largest product of |x - a|/(x + a) over the x in that
+    interval.
+    """
     parameter = 1 - least**2
     return np.asarray(special.ellipj((np.arange(count) + 0.5) / count * special.ellipk(parameter), parameter)[2])
 
 
 def gently_damped(layer: Layer, stencil: Stencil) -> Layer:
-    """The layer with a short damping of the weak backward waves that some stencils have in space."""
+    """The layer with a short filter for the weak backward waves that some stencils have in space."""
     needed = _needed(stencil, _GENTLE)
     if not needed:
         return layer
@@ -208,8 +213,8 @@ def gently_damped(layer: Layer, stencil: Stencil) -> Layer:
 
 
 def steady_rise(stencil: Stencil, nodes: int) -> float | None:
-    """The power of the ramp with which a thin profile of so many nodes does not grow where layers meet in space; None
-    if none is known.
+    """The power of the ramp with which a thin profile of a number of nodes does not grow where layers meet in space;
+    None if none is known.
     """
     if stencil.dim < 3 or not stencil.backward_waves():
         return _RISE
@@ -231,9 +236,9 @@ def _needed(stencil: Stencil, filtered: HighPass) -> float:
 def briefly_damped(nodes: int, stencil: Stencil, pace: float) -> dict[str, Layer]:
     """Layers that damp strong backward waves with short filters, by name: those that do not grow.
 
-    The damping must rise as sigma does, or short waves grow where sigma is ahead of it. A sharper filter harms long
-    waves less and asks for more of its rate; beyond the bounds above the layer grows from noise at 0.5 or at 0.95 of
-    the step limit.
+    The damping must rise as sigma does, or short waves grow where sigma is ahead of it. A sharper filter damps long
+    waves less and requires a higher rate; beyond the bounds above, the layer grows from noise at 0.5 or at 0.95 of the
+    step limit.
 
     Parameters
     ----------
@@ -269,13 +274,14 @@ def family(
     dt: float | None,
     steep: Callable[[int], Layer],
 ) -> Callable[[int], Mapping[str, Layer]]:
-    """The profiles of so many nodes that are tried for waves, by name.
+    """The profiles that are tried for waves, by name, as a function of the number of nodes.
 
-    Paces are speeds / spacing of the fastest and of the slowest medium along the side: to backward waves of the slowest
-    a short layer for the fastest is the stronger, and lets them grow by more than its damping takes.
+    Paces are speeds / spacing of the fastest and of the slowest medium along the side. A short layer designed for the
+    fastest medium is too strong for backward waves of the slowest one, and lets them grow by more than its damping
+    removes.
 
     The late profile is for scalars without backward waves that reach no more than 4 nodes: others grow in it. Tuned
-    ones are there where a time step is given.
+    profiles are included where a time step is given.
     """
     backward, damped = stencil.backward_waves(), high_pass(stencil)
     timely = _timely(stencil)
@@ -301,6 +307,6 @@ def family(
 
 
 def _with_light(members: Mapping[str, Layer], stencil: Stencil, pace: float, dt: float) -> dict[str, Layer]:
-    """Layers by name, those with light dampers in place of a filter first: they cost less."""
+    """Layers by name, those with light dampers in place of a filter first, because they cost less."""
     light = {f"tuned, {name}": lightly_tuned(layer, stencil, pace, dt) for name, layer in members.items()}
     return {name: layer for name, layer in light.items() if layer is not None} | dict(members)

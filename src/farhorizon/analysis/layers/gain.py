@@ -1,11 +1,12 @@
-"""What a mode that dies out in the medium gains on its way through a layer: why wide kernels need short entrances.
+"""How much a mode that is evanescent in the medium grows on its way through a layer: why wide kernels need short
+entrances.
 
-At a frequency w a stencil of reach K has K modes ahead of a side, of which most die out, ``t = tan(theta / 2)`` with Im
-t > 0. In the layer t becomes ``(1 + sigma/(i w + alpha)) t``. Where sigma/w turns it past the real axis, a mode with Re
-t > 0 *grows* outwards; the stretch is exact, so nothing comes back before the outer end, but there it does. What a mode
-gains from where it begins to grow up to the end depends on the columns in which sigma is of the order of w: on the
-width of the entrance, not on how strong it becomes. The narrow kernels have only modes that die out within a node. Wide
-ones have such that are nearly waves, and with a long entrance these keep themselves alive inside the layer.
+At a frequency w a stencil of reach K has K modes ahead of a side, most of them evanescent, ``t = tan(theta / 2)`` with
+Im t > 0. In the layer t becomes ``(1 + sigma/(i w + alpha)) t``. Where sigma/w turns t past the real axis, a mode with
+Re t > 0 *grows* outwards. As the stretch is exact, nothing is reflected before the outer end, but there it is. The gain
+of a mode between the point where it begins to grow and the end depends on the columns in which sigma is of the order of
+w: on the width of the entrance, not on the peak of sigma. Narrow kernels have only modes that decay within a node. Wide
+kernels have some that are nearly waves, and with a long entrance these sustain themselves inside the layer.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ import numpy as np
 from farhorizon.analysis.layers.reflection import chain_weights
 from farhorizon.medium.stencil import Stencil
 
-_FREQUENCIES = np.linspace(0.03, 0.6, 20)  # of the largest: higher ones are those of short waves, which are damped
+_FREQUENCIES = np.linspace(0.03, 0.6, 20)  # over the largest; higher ones belong to short waves, which are damped
 _LONG = 0.005  # tangential wavenumber times spacing
-_TRAVELS = 1e-7  # from the unit circle
+_TRAVELS = 1e-7  # distance from the unit circle below which a mode travels
 
 
 def largest_gain(stencil: Stencil, kappa: np.ndarray, sigma: np.ndarray, alpha: np.ndarray) -> float:
@@ -29,10 +30,10 @@ def largest_gain(stencil: Stencil, kappa: np.ndarray, sigma: np.ndarray, alpha: 
     Parameters
     ----------
     stencil : Stencil
-        Its first axis is the normal. Of vectors each component counts by itself: long waves along the side hardly
-        couple them.
+        Its first axis is the normal. The components of a vector are treated separately: long waves along the side
+        hardly couple them.
     kappa, sigma, alpha : ndarray, shape (columns + 1,)
-        Stretch of the edges, sigma and alpha in units of speed over spacing.
+        Stretch of the edges, with sigma and alpha in units of speed over spacing.
     """
     found = 0.0
     for frequency, roots in _dying(stencil):
@@ -45,8 +46,8 @@ def largest_gain(stencil: Stencil, kappa: np.ndarray, sigma: np.ndarray, alpha: 
 
 @lru_cache(maxsize=8)
 def _dying(stencil: Stencil) -> list[tuple[float, np.ndarray]]:
-    """Frequencies, and the factors from node to node of the modes that die out in the medium. Those of wide kernels
-    take far longer to find than a layer takes to be looked at.
+    """Frequencies, and for each the factors per node of the modes that are evanescent in the medium. They are cached,
+    because for wide kernels they take far longer to compute than the gain of a layer.
     """
     weights = chain_weights(stencil, [_LONG] * (stencil.dim - 1))
     chains = np.diagonal(weights, axis1=1, axis2=2).T if stencil.components > 1 else weights[None]

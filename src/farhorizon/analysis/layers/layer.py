@@ -1,16 +1,16 @@
-"""What a lattice PML sends back, from its own equations at one frequency and tangential wavenumber, the damping of
-short waves included.
+"""Reflection of a lattice PML from its own equations at one frequency and tangential wavenumber, the damping of short
+waves included.
 
-Along the normal the layer's columns hold x(1) .. x(L), and U(p, k) is column p continued by k nodes. At a factor z a
+Along the normal the layer's columns hold x(1) .. x(L), and U(p, k) is column p continued by k nodes. At a factor z per
 step the recursion over the edge p between columns p and p + 1, with the stretch ``g = kappa + sigma/(s + alpha)`` and
 ``s = 2/dt (z - 1)/(z + 1)``,
 
     (1 - g) U(p+1,k+1) + (1 + g) U(p+1,k) = (1 + g) U(p,k+1) + (1 - g) U(p,k),
 
-is solved inwards for k >= 0 (nothing beyond the last column) and outwards for k <= 0 (the near field's nodes at the
-entrance). So the operator A of the columns is a matrix. With what a step takes of the increments, F = D F D of
-`farhorizon.engine.filter`, the scheme ``(z - 1) x = (1 - F)(keep (1 - 1/z) x + scale A x)`` and the modes of the medium
-in front make one small linear system.
+is solved inwards for k >= 0 (with zeros beyond the last column) and outwards for k <= 0 (from the near field's nodes at
+the entrance). The operator A of the columns is therefore a matrix. With the part F = D F D of the increments that the
+filter of `farhorizon.engine.filter` removes in a step, the scheme ``(z - 1) x = (1 - F)(keep (1 - 1/z) x + scale A x)``
+and the modes of the medium in front of the layer form one small linear system.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ from farhorizon.engine.filter import line_damping
 from farhorizon.engine.parallel import in_parallel
 from farhorizon.medium.stencil import Stencil
 
-_IN_CACHE = 1 << 16  # numbers of equations that are solved at once
+_IN_CACHE = 1 << 16  # matrix entries of the systems that are solved at once
 
 
 @dataclass(frozen=True)
 class ArrivingWave:
-    """A wave that meets a side: what the medium does at one factor a step and one tangential wavenumber.
+    """A wave that meets a side, with all modes of the medium at its factor per step and its tangential wavenumber.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class ArrivingWave:
         Tangential wavenumbers times spacing.
     modes : Modes
     factor : complex
-        Factor a step.
+        Factor per step.
     recursion : Recursion
     dt : float
     """
@@ -73,19 +73,19 @@ class ArrivingWave:
 
     @property
     def eigenvalue(self) -> complex:
-        """Of the operator, in 1/time^2 (waves) or 1/time (diffusion)."""
+        """Eigenvalue of the operator, in 1/time^2 (waves) or 1/time (diffusion)."""
         return complex(self.recursion.eigenvalue(np.array(self.factor)))
 
 
 @dataclass(frozen=True)
 class WavesAtFrequency:
-    """All waves of a medium at one factor a step and one tangential wavenumber, from which several may be taken.
+    """All waves of a medium at one factor per step and one tangential wavenumber, from which several may be selected.
 
     Attributes
     ----------
     chain : Chain
     along, factor, recursion, dt
-        As of `ArrivingWave`.
+        As in `ArrivingWave`.
     """
 
     chain: Chain
@@ -95,12 +95,12 @@ class WavesAtFrequency:
     dt: float
 
     def coming(self, near: complex, polarisation: np.ndarray | None = None) -> ArrivingWave:
-        """The one that is meant, see `Chain.modes`, as it comes to the side.
+        """Return the wave that comes to the side and is nearest to a given one, see `Chain.modes`.
 
         Raises
         ------
         InputError
-            No such wave does.
+            No such wave comes to the side.
         """
         modes = self.chain.modes(near, polarisation)
         return ArrivingWave(self.chain.weights, self.along, modes, self.factor, self.recursion, self.dt)
@@ -108,12 +108,12 @@ class WavesAtFrequency:
 
 @dataclass(frozen=True)
 class LatticeMedium:
-    """An endless medium and its scheme.
+    """An unbounded medium and its time integration.
 
     Attributes
     ----------
     stencil : Stencil
-        Its first axis is the normal of the side that waves come to.
+        Its first axis is the normal of the side at which waves arrive.
     coefficient : float
         Squared speed or diffusivity.
     spacing : float
@@ -134,16 +134,16 @@ class LatticeMedium:
 
     @property
     def speed(self) -> float:
-        """Of waves."""
+        """Speed of waves."""
         return float(np.sqrt(self.coefficient))
 
     def slower(self, ratio: float) -> LatticeMedium:
-        """The medium of the same lattice whose squared speed is that of this one times a ratio."""
+        """The medium on the same lattice whose squared speed is that of this one times a ratio."""
         return replace(self, stencil=self.stencil.beside(ratio), coefficient=self.coefficient * ratio)
 
     def carrier(self, kind: int) -> LatticeMedium:
-        """A scalar medium in which long waves have the speed of one type and all are about as dispersive; a scalar
-        medium itself.
+        """A scalar medium in which long waves have the speed of one type, and whose dispersion is similar; a scalar
+        medium is returned unchanged.
 
         Parameters
         ----------
@@ -170,7 +170,7 @@ class LatticeMedium:
         near: complex,
         polarisation: np.ndarray | None = None,
     ) -> ArrivingWave:
-        """The wave of a factor a step and tangential wavenumbers times spacing; see `Chain.modes`.
+        """The wave of a factor per step and tangential wavenumbers times spacing; see `Chain.modes`.
 
         Raises
         ------
@@ -180,29 +180,29 @@ class LatticeMedium:
         return self.waves(along, factor).coming(near, polarisation)
 
     def waves(self, along: Sequence[float] | np.ndarray, factor: complex) -> WavesAtFrequency:
-        """All waves of a factor a step and tangential wavenumbers times spacing."""
+        """All waves of a factor per step and tangential wavenumbers times spacing."""
         along = np.asarray(along, float)
         chain = Chain.of(self.rate * chain_weights(self.stencil, along.tolist()), factor, self.recursion)
         return WavesAtFrequency(chain, along, factor, self.recursion, self.dt)
 
     def plane_wave(self, wavelength: float, angle: float, azimuth: float = 0.0, number: int = 0) -> ArrivingWave:
-        """A plane wave; second order in time.
+        """A plane wave, for schemes of second order in time.
 
         Parameters
         ----------
         wavelength : float
             In spacings.
         angle : float
-            Of the wave vector against the normal, in degrees.
+            Between the wave vector and the normal, in degrees.
         azimuth : float
-            In 3D, of its tangential part against the first axis along the side, in degrees.
+            In 3D, between its tangential part and the first axis along the side, in degrees.
         number : int
-            Of its type among `types_of`.
+            Number of its type among `types_of`.
 
         Raises
         ------
         InputError
-            No such wave comes to the side: it is shorter than the lattice carries; or an integrator with several
+            No such wave comes to the side, because it is too short for the lattice, or the integrator has several
             stages.
         """
         wavenumber, tilt, turn = 2 * np.pi / wavelength, np.radians(angle), np.radians(azimuth)
@@ -215,19 +215,19 @@ class LatticeMedium:
         return self.wave(along, factor, np.exp(1j * normal), shape[number])
 
     def diffusion_wave(self, wavelength: float, angle: float) -> ArrivingWave:
-        """What diffuses from a source of one frequency, ``exp(i w t - (a + i b) x + i q y)``: a phase that runs to the
-        side while it dies out.
+        """The field that diffuses from a source of one frequency, ``exp(i w t - (a + i b) x + i q y)``, whose phase
+        travels towards the side while it decays.
 
-        In the continuum ``(a + i b)^2 = q^2 + (r + i w) / D``, r the reaction; without it ``b = sqrt(w cos(angle) / 2
-        D)``, ``q = b tan(angle)``, and with it the angle stands for the same q. The layer's stretch does not depend on
-        the frequency, so time is taken to be continuous.
+        In the continuum ``(a + i b)^2 = q^2 + (r + i w) / D``, with the reaction r; without it ``b = sqrt(w cos(angle)
+        / 2 D)``, ``q = b tan(angle)``, and with it the angle stands for the same q. The layer's stretch does not depend
+        on the frequency, so time is taken to be continuous.
 
         Parameters
         ----------
         wavelength : float
-            ``2 pi sqrt(2 D / w)`` in spacings, of a wave along the normal.
+            ``2 pi sqrt(2 D / w)`` in spacings, the length of a wave along the normal.
         angle : float
-            Of the phase's direction against the normal, in degrees.
+            Between the direction of the phase and the normal, in degrees.
 
         Raises
         ------
@@ -258,7 +258,7 @@ def layer_amplitudes(wave: ArrivingWave, layer: Layer) -> np.ndarray:
 
 
 def amplitudes_of(waves: Sequence[ArrivingWave], layer: Layer) -> list[np.ndarray]:
-    """`layer_amplitudes` of several waves of one medium, which takes much less time than one after the other.
+    """`layer_amplitudes` of several waves of one medium, which takes much less time than computing them one by one.
 
     Parameters
     ----------
@@ -277,14 +277,14 @@ def amplitudes_of(waves: Sequence[ArrivingWave], layer: Layer) -> list[np.ndarra
 
 
 def _amplitudes(waves: Sequence[ArrivingWave], layer: Layer) -> list[np.ndarray]:
-    """The same of so few that their equations stay in the cache."""
+    """`amplitudes_of` for so few waves that their equations fit in the cache."""
     stretch = layer.kappa + layer.sigma / (np.array([wave.s for wave in waves])[:, None] + layer.alpha)
     blocks = np.stack([wave.weights.reshape(len(wave.weights), *wave.weights.shape[1:] or (1, 1)) for wave in waves])
     n, reach, d, count = len(waves), blocks.shape[1] // 2, blocks.shape[2], layer.columns
     inside = np.array([wave.eigenvalue for wave in waves])[:, None, None] * np.eye(d) - blocks[:, reach]
     system = np.ascontiguousarray(inside[:, :, None, :, None] * np.eye(count)[:, None])
-    entrance = np.zeros((n, reach, count), complex)  # U(0, k), k = 1 .. K, by the columns
-    entrance_near = np.zeros((n, reach), complex)  # and by the last node of the near field
+    entrance = np.zeros((n, reach, count), complex)  # U(0, k), k = 1 .. K, from the columns
+    entrance_near = np.zeros((n, reach), complex)  # and from the last node of the near field
     drive = np.zeros((n, reach + 1, d, count, d), complex)
     for k, (inwards, outwards) in enumerate(continuations(stretch, reach), 1):
         entrance[:, k - 1], entrance_near[:, k - 1] = inwards[:, 0, 1:], inwards[:, 0, 0]
@@ -309,18 +309,18 @@ def _leaving(
     entrance: np.ndarray,
     entrance_near: np.ndarray,
 ) -> np.ndarray:
-    """Amplitudes of the modes with which the columns, and the medium in front of them, are in balance, shape (waves,
-    leaving modes); of waves that have as many.
+    """Amplitudes of the leaving modes for which the equations of the columns and of the medium in front of them hold,
+    shape (waves, leaving modes), for waves that all have the same number of these modes.
     """
     n, reach, d, first = len(waves), blocks.shape[1] // 2, blocks.shape[2], waves[0]
     if layer.tuned.size:
         system = system + _hanging(waves, layer)[:, :, None] * np.eye(system.shape[1])
     elif layer.damping.size:
         along = np.array([wave.along for wave in waves])
-        damping = line_damping(layer.damping, layer.taps, first.dt, along)  # of each component alike
+        damping = line_damping(layer.damping, layer.taps, first.dt, along)  # the same for each component
         factor = np.array([wave.factor for wave in waves])[:, None, None]
-        lost = (factor - 1) * damping  # of the increment
-        if layer.whole:  # of both levels
+        lost = (factor - 1) * damping  # from the increment
+        if layer.whole:  # from both time levels
             lost = factor * damping - first.recursion.keep / factor * (damping - damping @ damping)
         system = system - _of_each(damping[:, None], system)
         for own in (slice(i * layer.columns, (i + 1) * layer.columns) for i in range(d)):
@@ -328,7 +328,7 @@ def _leaving(
         drive = drive - _of_each(damping[:, None, None], drive)
     roots = np.array([np.append(wave.modes.leaving, wave.modes.incoming) for wave in waves])
     vectors = np.array([np.vstack([wave.modes.vectors, wave.modes.vector]) for wave in waves])
-    size = np.maximum(np.abs(roots) ** reach, 1.0)  # what dies out over a node is told by what lies ahead
+    size = np.maximum(np.abs(roots) ** reach, 1.0)  # modes that decay within a node are scaled by their values ahead
     powers = roots[:, None] ** -np.arange(reach + 1)[:, None] / size[:, None]
     shapes = vectors.swapaxes(1, 2)[:, None]
     columns = np.linalg.solve(system, (drive @ (shapes * powers[:, :, None])).sum(1))
@@ -346,14 +346,14 @@ def _leaving(
 
 
 def _of_each(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """A real matrix that acts on the columns of a layer, applied to all components of them, which come first."""
+    """Apply a real matrix, which acts on the columns of a layer, to every component; components come first."""
     count = matrix.shape[-1]
     parts = columns.reshape(*columns.shape[:-2], -1, count, columns.shape[-1]).view(float)  # half the work
     return np.asarray((matrix @ parts).view(complex).reshape(columns.shape))
 
 
 def _hanging(waves: Sequence[ArrivingWave], layer: Layer) -> np.ndarray:
-    """What dampers add to the eigenvalue of the columns, shape (waves, components * columns)."""
+    """Contribution of the dampers to the eigenvalue at the columns, shape (waves, components * columns)."""
     first, factor = waves[0], np.array([wave.factor for wave in waves])
     keep, pull = springs_of(layer.tuned, first.dt)
     passed = 1 + strengths_of(layer.damping, keep, pull, first.dt) * response(factor, keep, pull)[:, None]
@@ -363,14 +363,14 @@ def _hanging(waves: Sequence[ArrivingWave], layer: Layer) -> np.ndarray:
 
 @dataclass(frozen=True)
 class LayerSide:
-    """A flat side that a lattice PML closes.
+    """A flat side with a lattice PML.
 
     Attributes
     ----------
     medium : LatticeMedium
     layer : Layer
     diffusive : bool
-        Whether the medium carries diffusion waves, which come from a source of one frequency and die out on their way.
+        Whether the medium carries diffusion waves, which come from a source of one frequency and decay on their way.
     """
 
     medium: LatticeMedium
@@ -385,7 +385,7 @@ class LayerSide:
     def reflections(
         self, wavelength: float, angle: float, azimuth: float = 0.0, incoming: str | None = None
     ) -> dict[str, complex]:
-        """Amplitudes by type of the waves that come back of a plane wave of amplitude 1; see
+        """Amplitudes, by type, of the waves into which a plane wave of amplitude 1 is reflected; see
         `farhorizon.checks.side_modes.Strip.reflections`.
         """
         length = wavelength / self.medium.spacing

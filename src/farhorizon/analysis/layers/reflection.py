@@ -1,10 +1,11 @@
-"""Reflection of plane waves by a flat side, from the exact problem on the half-infinite lattice, without a time run.
+"""Reflection of plane waves by a flat side, from the exact problem on the half-infinite lattice, without a run in time.
 
-Along a side a wave has a tangential wavenumber, and the medium in front of it is a chain, of vectors one of d x d
-blocks. At a factor z a step the chain carries 2 K d modes ``v zeta^j`` (K the reach of the stencil along the normal):
-the incoming wave, and K d that leave the side or die out away from it. Near field, layer and memory of the side obey
-``z x = G x`` with the map G of one step; their solution must end in those modes. Waves of vectors are P and S by their
-polarisation; a side turns one into the other.
+Along a side a wave has a tangential wavenumber, and the medium in front of the side is a chain, for vectors one of d x
+d blocks. At a factor z per step the chain carries 2 K d modes ``v zeta^j`` (K the reach of the stencil along the
+normal): the incoming wave, K d modes that leave the side or decay away from it, and others that come to the side or
+decay towards it, which are absent. Near field, layer and memory of the side obey ``z x = G x`` with the map G of one
+step; their solution must continue in the incoming wave and the leaving modes. Waves of vectors are classified as P and
+S by their polarisation; a side converts one into the other.
 """
 
 from __future__ import annotations
@@ -21,26 +22,26 @@ from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.errors import InputError
 from farhorizon.medium.stencil import Stencil
 
-_TYPES = {1: ("",), 2: ("P", "S"), 3: ("P", "SV", "SH")}  # of waves, by components of the field
-_UNIT = 1e-8  # a mode whose modulus differs less from 1 propagates
-_ALIKE = 1e-6  # modes whose factors differ less are polarisations of one
-_MEANT = 0.1  # of the largest overlap with a polarisation: a wave that has it
-# a mode that falls by more over a node is not felt two nodes away; infinite where the outermost weights are singular
+_TYPES = {1: ("",), 2: ("P", "S"), 3: ("P", "SV", "SH")}  # types of waves, by components of the field
+_UNIT = 1e-8  # a mode whose factor has a modulus nearer to 1 propagates
+_ALIKE = 1e-6  # modes whose factors differ by less are polarisations of one wave
+_MEANT = 0.1  # part of the largest overlap with a polarisation above which a wave has that polarisation
+# a mode that decays by more over a node is negligible two nodes away; infinite where the outermost weights are singular
 _FAR = 1e5
 
 
 @dataclass(frozen=True)
 class Modes:
-    """Modes of a chain at one factor a step; d components of the field, 1 of a scalar.
+    """Modes of a chain at one factor per step; d is the number of components of the field, 1 for a scalar.
 
     Attributes
     ----------
     incoming : complex
-        Factor over one node of the wave that comes to the side (towards larger j).
+        Factor per node of the wave that comes to the side (towards larger j).
     vector : ndarray of complex, shape (d,)
         Its polarisation, of length 1.
     leaving : ndarray of complex, shape (n,)
-        Factors of the modes that leave the side or die out away from it.
+        Factors of the modes that leave the side or decay away from it.
     vectors : ndarray of complex, shape (n, d)
         Their polarisations.
     travels : ndarray of bool, shape (n,)
@@ -66,7 +67,7 @@ def chain_weights(stencil: Stencil, angles: Sequence[float]) -> np.ndarray:
     Returns
     -------
     ndarray of complex, shape (2 K + 1,), of matrices (2 K + 1, d, d)
-        Weights of the offsets -K .. K, the sum over all bonds and the reaction taken off the middle one.
+        Weights of the offsets -K .. K, with the sum over all bonds and the reaction subtracted from the middle one.
     """
     reach = stencil.reach[0]
     found = np.zeros((2 * reach + 1, *stencil.weights.shape[1:]), complex)
@@ -77,8 +78,9 @@ def chain_weights(stencil: Stencil, angles: Sequence[float]) -> np.ndarray:
 
 
 def types_of(components: int, dim: int) -> tuple[str, ...]:
-    """Types of the waves of a field in so many dimensions: of a scalar one without a name, P and S, in space SV and SH,
-    of a vector; where there are more components the first are one, and the waves of the others have their numbers.
+    """Types of the waves of a field, by its number of components and dimensions: one without a name for a scalar; P and
+    S, in space SV and SH, for a vector. If there are more components, the first ones form a vector, and the waves of
+    the others are numbered.
     """
     if components in (1, dim):
         return _TYPES[components]
@@ -94,9 +96,9 @@ def polarisations(components: int, dim: int, angle: float, azimuth: float = 0.0)
     ----------
     components, dim : int
     angle : float
-        Of the wave vector against the normal, the first axis, in radians.
+        Between the wave vector and the normal, the first axis, in radians.
     azimuth : float
-        In 3D, of its tangential part against the second axis, in radians. SV lies in the plane of incidence, SH along
+        In 3D, between its tangential part and the second axis, in radians. SV lies in the plane of incidence, SH along
         the side.
     """
     if components != dim:
@@ -122,7 +124,7 @@ def eigenvalue_of_type(symbol: np.ndarray, polarisation: np.ndarray, number: int
     polarisation : ndarray, shape (d, d)
         As from `polarisations`.
     number : int
-        Row of it.
+        Number of the type, a row of `polarisation`.
     """
     values, vectors = np.linalg.eigh(np.reshape(symbol, polarisation.shape))
     _, branch = linear_sum_assignment(-(np.abs(polarisation @ vectors) ** 2))
@@ -130,8 +132,8 @@ def eigenvalue_of_type(symbol: np.ndarray, polarisation: np.ndarray, number: int
 
 
 def factor_of_wave(eigenvalue: float, recursion: Recursion) -> complex:
-    """Factor a step, phase falling in time, of a wave that an operator multiplies by a real `eigenvalue`; for first
-    order the decaying one.
+    """Factor per step, with a phase that decreases in time, of a wave for which an operator has a real `eigenvalue`;
+    for first order in time, the factor of the decaying mode.
     """
     half = (1 + recursion.keep + recursion.scale * eigenvalue) / 2
     if recursion.keep == 0:
@@ -141,13 +143,13 @@ def factor_of_wave(eigenvalue: float, recursion: Recursion) -> complex:
 
 @dataclass(frozen=True)
 class Chain:
-    """All modes of a chain that gains a factor a step.
+    """All modes of a chain at one factor per step.
 
     Attributes
     ----------
     weights : ndarray of complex, shape (2 K + 1,) or (2 K + 1, d, d)
     roots : ndarray of complex, shape (n,)
-        Factors over one node.
+        Factors per node.
     vectors : ndarray of complex, shape (n, d)
         Polarisations.
     ahead : ndarray of bool, shape (n,)
@@ -165,27 +167,28 @@ class Chain:
         blocks = weights.reshape(len(weights), *weights.shape[1:] or (1, 1))
         roots, vectors = chain_roots(blocks, complex(recursion.eigenvalue(np.array(factor))))
         powers = np.arange(len(blocks)) - len(blocks) // 2
-        # zeta dL/dzeta of a wave
+        # zeta dL/dzeta for each mode
         slope = np.einsum("ni,kij,nj,nk->n", vectors.conj(), blocks, vectors, powers * roots[:, None] ** powers)
         step = 1e-6
         rise = (
             recursion.eigenvalue(np.array(factor * (1 + step))) - recursion.eigenvalue(np.array(factor * (1 - step)))
         ) / (2 * step)
         apart = np.abs(roots) - 1
-        # what grows in time came from where it was small: a wave that comes to the side then falls off towards it
+        # a wave that grows in time is smaller the farther it has travelled: one that comes to the side decays towards
+        # it
         ahead = np.where(np.abs(apart) > _UNIT, apart, (rise / np.where(slope == 0, 1e-300, slope)).real) < 0
         return cls(weights, roots, vectors, ahead)
 
     def modes(self, near: complex, polarisation: np.ndarray | None = None) -> Modes:
-        """Those of which one is the wave that comes.
+        """Return all modes, for one of them as the incoming wave.
 
         Parameters
         ----------
         near : complex
-            Factor over one node of the wave that is meant; if that one leaves the side (a backward wave), its mirror
-            image comes.
+            Approximate factor per node of the wave that is meant; if that wave leaves the side (a backward wave), its
+            mirror image comes.
         polarisation : ndarray, shape (d,), optional
-            Of a field of vectors: that of the wave, about.
+            Approximate polarisation of the wave, for a field of vectors.
 
         Raises
         ------
@@ -193,18 +196,18 @@ class Chain:
             No wave comes to the side.
         """
         roots, vectors, ahead = self.roots, self.vectors, self.ahead
-        # so many waves go each way, fewer where the outermost weights are singular
+        # number of modes each way, fewer where the outermost weights are singular
         there = (len(self.weights) // 2) * vectors.shape[1]
-        if not ahead.any() or not 0 < (~ahead).sum() <= there:  # or overdamped, where nothing travels
+        if not ahead.any() or not 0 < (~ahead).sum() <= there:  # or overdamped: nothing travels
             raise InputError("no wave of this frequency and wavenumber comes to the side", value=near)
         away = np.minimum(np.abs(roots - near), np.abs(roots - 1 / near))
-        if polarisation is not None:  # another wave, at right angles to this one, may be as near
+        if polarisation is not None:  # a wave of another polarisation may be as near
             alike = np.abs(vectors.conj() @ polarisation)
             away = np.where(alike > _MEANT * alike[ahead].max(), away, np.inf)
         incoming = roots[ahead][np.argmin(away[ahead])]
         leaving = roots[~ahead]
         travels = np.abs(np.abs(leaving) - 1) <= _UNIT + 2 * abs(abs(incoming) - 1)
-        if not travels.any():  # what dies out towards the side, and comes back as what dies out away from it
+        if not travels.any():  # evanescent towards the side, and reflected as evanescent away from it
             travels[np.argmin(np.abs(leaving))] = True
         alike = vectors[ahead & (np.abs(roots - incoming) < _ALIKE)]
         basis = alike.T if len(alike) == 1 else linalg.qr(alike.T, mode="economic")[0]
@@ -213,7 +216,7 @@ class Chain:
 
 
 def chain_roots(blocks: np.ndarray, eigenvalue: complex) -> tuple[np.ndarray, np.ndarray]:
-    """Factors and polarisations, shapes (n,) and (n, d), of ``sum_k B_k zeta^k v = eigenvalue v`` by the companion
+    """Factors and polarisations, shapes (n,) and (n, d), of ``sum_k B_k zeta^k v = eigenvalue v``, by the companion
     pencil of the polynomial.
     """
     size, d = len(blocks) - 1, blocks.shape[1]
@@ -223,8 +226,8 @@ def chain_roots(blocks: np.ndarray, eigenvalue: complex) -> tuple[np.ndarray, np
     left, right = np.eye(size * d, k=d, dtype=complex), np.eye(size * d, dtype=complex)
     left[-d:] = -np.concatenate(polynomial[:-1], axis=1)
     right[-d:, -d:] = polynomial[-1]
-    # beta = 0 where the outermost weights are singular. Chains are small and solved by the thousand: what
-    # `linalg.eig` does around the same call would double the time
+    # beta = 0 where the outermost weights are singular. Chains are small and solved by the thousand: the overhead of
+    # `linalg.eig` around the same call would double the time
     alpha, beta, _, found, _, failed = lapack.zggev(left, right, compute_vl=0)
     if failed:
         raise np.linalg.LinAlgError("the modes of a chain were not found")
@@ -242,14 +245,14 @@ def reflection(
     Parameters
     ----------
     matrix : ndarray, shape (n, n)
-        Map of one step of a near field whose high end is the side, and of all memory of the side. Its low end may be
-        anything.
+        Map of one step of a near field whose high end is the side, and of all memory of the side. Its low end is
+        arbitrary.
     columns : ndarray of int, shape (levels, d, columns)
         Entries of the state that are the near field's nodes along the normal, at least 2 K + 2 columns.
     levels : sequence of complex
-        What each time level holds of a wave: 1 for the field itself.
+        Amplitude of a wave in each time level: 1 for the field itself.
     factor : complex
-        Factor of a step.
+        Factor per step.
     modes : Modes
     reach : int
         K.
@@ -264,13 +267,13 @@ def reflection(
     away = modes.vectors.T[:, None, :] * modes.leaving ** place[:, None]  # (d, columns, modes)
     system, right = np.zeros((size + count, size + count), complex), np.zeros(size + count, complex)
     system[:size, :size] = factor * np.eye(size) - matrix
-    for level, share in zip(columns, levels, strict=True):  # where the low end would be felt the modes take its place
+    for level, share in zip(columns, levels, strict=True):  # the modes replace the nodes that the low end affects
         rows = level[:, :reach].ravel()
         system[rows] = 0
         system[rows, rows] = 1
         system[rows, size:] = -share * away[:, :reach].reshape(len(rows), count)
         right[rows] = share * wave[:, :reach].ravel()
-    # at the next nodes, of which there are as many as modes, or more
+    # match them at the next nodes, which have at least as many values as there are modes
     known = away[:, reach : 2 * reach].reshape(-1, count)
     turned = linalg.qr(known / np.abs(known).max(0), mode="economic")[0].conj().T
     system[size:, columns[0, :, reach : 2 * reach].ravel()], system[size:, size:] = turned, -turned @ known
@@ -279,7 +282,7 @@ def reflection(
 
 
 def by_type(modes: Modes, amplitudes: np.ndarray, along: np.ndarray, azimuth: float = 0.0) -> dict[str, complex]:
-    """Amplitudes of the waves that leave, by their type; of several of one type the root of the sum of squares.
+    """Amplitudes of the leaving waves by type; for several of one type, the root of the sum of squares.
 
     Parameters
     ----------
@@ -289,7 +292,7 @@ def by_type(modes: Modes, amplitudes: np.ndarray, along: np.ndarray, azimuth: fl
     along : ndarray
         Tangential wavenumbers times spacing.
     azimuth : float
-        Their direction, in radians.
+        Direction of these, in radians.
 
     Returns
     -------

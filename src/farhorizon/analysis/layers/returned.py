@@ -1,20 +1,20 @@
-"""What a layer sends back of the waves that a run really has: its error, predicted before the run.
+"""The reflection from a layer of the waves that a run actually has: its error, predicted before the run.
 
 A layer sees the near field's data as they arrive at its side. Along the side they are a sum of Fourier modes, in time a
 Laplace integral on the line Re s = a, a few times the inverse of the length of the run: there travelling, grazing,
-evanescent and static waves are alike, and none needs a rule of its own. For each s and tangential wavenumber the medium
-in front of the side is a chain. Of its modes the slowest, of factor zeta over a node, carries the data u0 to the side,
+evanescent and static waves are treated alike, and none needs a rule of its own. For each s and tangential wavenumber
+the medium in front of the side is a chain. Its slowest mode, of factor zeta per node, carries the data u0 to the side,
 
     U = N(z) sum_x u0(x) zeta^(distance of x) / (zeta dA/dzeta),    A(zeta) = (z - 1)(1 - keep/z)/scale,    z = exp(s
     dt),
 
-where N(z) is what the start of the scheme makes of displacements, of velocities or of a source in time. What comes back
-is U times the layer's reflection R(s, zeta), which is known in closed form, and fast Fourier transforms lead back to
-the error at the last node before the layer, at all times; and, times its mode's factor for each node of the way, in the
-middle of the near field, where the echoes of all sides meet. This is exact for one flat side and one mode. Wide
-stencils have more modes, so the prediction is good to a small factor: enough to choose a thickness by, since the error
-falls by a factor of three to ten with each node. Where the data hold waves that run backward all modes are followed, of
-vectors in the plane P and S waves of both components together.
+where N(z) is the transform of the start of the scheme for displacements, for velocities or for a source in time. The
+reflected wave is U times the layer's reflection R(s, zeta), which is known in closed form. Fast Fourier transforms then
+give the error at the last node before the layer, at all times; and, with the mode's factor for each node on the way, in
+the middle of the near field, where the echoes of all sides meet. This is exact for one flat side and one mode. Wide
+stencils have more modes, so the prediction is accurate to a small factor. This is enough to choose a thickness, since
+the error falls by a factor of three to ten with each node. Where the data contain backward waves, all modes are
+followed, for vectors in the plane the P and S waves of both components together.
 """
 
 from __future__ import annotations
@@ -30,14 +30,16 @@ from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.samples import Sample, reflected
 from farhorizon.engine.engine import Layer
 
-_COMPARED = 2000  # waves by which layers are compared
-_EACH = 1500  # waves of a line that are followed each by itself although none is a backward one, at most: a second
-# of such waves, where backward ones are among them, how many are followed at first, the loudest, which may show that
-# too much comes back; how many show that it is not, for others that come together make more than their energy tells;
-# and how many at most. What the others may make of these where no limit decides
+_COMPARED = 2000  # number of waves by which layers are compared
+_EACH = 1500  # largest number of waves on a line that are followed individually without backward waves: a second
+# with backward waves among them: how many waves, the loudest, are followed at first, which may show that the reflection
+# is too large; how many are needed to show that it is not, because waves that interfere constructively cause more than
+# their energy suggests; and how many are followed at most. Part of these that the others may add where there is no
+# limit
 _FIRST_EACH, _SURE_EACH, _MOST_EACH, _LITTLE = 1000, 8000, 64000, 0.1
-_PEAK = 5.0  # of a sum of waves of any phases, at all places and times, over its root mean square
-# what the closed form must make over what is enough, before nothing else is asked: of short waves it knows no damping
+_PEAK = 5.0  # largest value, over all places and times, of a sum of waves of random phases over its root mean square
+# ratio of the closed form to `enough` above which nothing else is computed: it does not include the damping of short
+# waves
 _TOO_MUCH = 20.0
 
 
@@ -56,35 +58,35 @@ class Arrivals:
     along : ndarray, shape (dim - 1, n)
         Tangential wavenumbers of each, times spacing.
     place : ndarray of int, shape (n,)
-        Of each in the array of all frequencies and tangential wavenumbers.
+        Place of each in the array of all frequencies and tangential wavenumbers.
     shape : tuple of int
-        Of that array, frequencies first: no more than the waves need.
+        Shape of that array, frequencies first: no larger than the waves need.
     growth : ndarray, shape (times,)
-        exp(a t) at so many moments of the run, times what the transforms divide by.
+        exp(a t) at a number of times of the run, times the divisor of the transforms.
     seen : list of ndarray of int
-        Of the places along each tangential axis, those beside the near field.
+        Places along each tangential axis that are beside the near field.
     sample : Sample
-        Waves whose exact reflections are known, and
+        Waves whose exact reflections are known.
     number : ndarray of int, shape (n,)
-        which of them each wave is like.
+        Number of the wave in the sample that represents each wave.
     silent : float
-        Sum of amplitudes that nobody hears, for data of which the largest is 1.
+        Sum of amplitudes that is negligible, for data of which the largest is 1.
     size : float
         The largest of the data, as far as it is known.
     every : bool
-        Whether all modes of the medium in front are among the waves, as backward waves ask for.
+        Whether the waves include all modes of the medium in front of the side, as backward waves require.
     depths : tuple of int
-        Nodes from the side to where echoes of all sides meet: to the middle of the near field; and to the middle of the
-        data, where waves that hardly move come together again, for those that arrive a little below the largest
-        frequency as forward waves leave as backward ones, in the direction that they came from.
+        Nodes from the side to where the echoes of all sides meet: to the middle of the near field, and to the middle of
+        the data. There waves that hardly move come together again, because those that arrive slightly below the largest
+        frequency as forward waves leave as backward ones, in the direction from which they came.
     axes : int
-        Along so many there are layers.
+        Number of axes with layers.
     later : float
-        Length of the run over the time for which these waves are followed. What comes later counts as so many times
-        what comes back in the second half of that time: waves that hardly move come back ever later, and ever fainter
-        as they spread; of long ones along the side what comes back may grow, in proportion to time.
+        Length of the run over the time for which these waves are followed. To allow for later times, what comes back in
+        the second half of that time is multiplied by this factor: waves that hardly move come back ever later, and ever
+        weaker as they spread; the reflection of long waves along the side may grow in proportion to time.
     shapes : ndarray of complex, shape (d, n)
-        Polarisations of all modes of a medium of vectors, of length 1; 1 of waves that are of one type.
+        Polarisations, of length 1, of all modes of a medium of vectors; 1 for waves of one type.
     """
 
     medium: LatticeMedium
@@ -108,27 +110,28 @@ class Arrivals:
 
     @cached_property
     def frequency(self) -> np.ndarray:
-        """The discrete s of each, ``2/dt (z - 1)/(z + 1)``."""
+        """The discrete frequency s of each wave, ``2/dt (z - 1)/(z + 1)``."""
         return 2 / self.medium.dt * (self.factor - 1) / (self.factor + 1)
 
     def returned(self, layer: Layer, enough: float = np.inf, closely: bool = False) -> float:
-        """Largest value, over the run and along the side, of what a layer sends back.
+        """Largest value, over the run and along the side, of what a layer reflects.
 
-        Inside the near field it meets as much from each of the other sides, while what an aim leaves is for the two
-        sides of one axis.
-        What the closed form does not know, such as the damping of short waves, is known of a sample: it counts by its
-        share of the waves' energy. As a sum of waves each step from one sample to the next would be noise, which the
-        Laplace integral lets grow. On a line, which has so few waves that there is time for each, and where backward
-        waves are among them, they are followed each by itself.
+        Inside the near field the echo meets equal ones from the other sides, so that it counts once for each axis with
+        layers; the margin of the design covers the two sides of one axis.
+        What the closed form does not include, such as the damping of short waves, is known for a sample of the waves:
+        it is taken into account by its share of the waves' energy. In a sum of waves each step from one sample to the
+        next would be noise, which the Laplace integral would amplify. On a line, where there are few enough waves, and
+        where backward waves are among them, the waves are followed individually.
 
         Parameters
         ----------
         layer : Layer
         enough : float, optional
-            Above it the value is told roughly: where the closed form makes twenty times as much no wave is followed,
-            else as many as tell whether it is enough. Unless it is given, so many that the others make a tenth of them.
+            Above it the value is only rough: where the closed form gives more than twenty times as much, no wave is
+            followed, else as many as are needed to decide whether the value exceeds it. Without it, so many that the
+            others contribute at most a tenth.
         closely : bool, optional
-            Whether they are followed whatever the closed form makes, which may be far above what comes back.
+            Whether waves are followed whatever the closed form gives, which may be far above the actual reflection.
         """
         closed = self._over_the_field(self.amplitude * self._closed(layer, slice(None)))
         if not self.sample.needed(layer):
@@ -139,7 +142,7 @@ class Arrivals:
         return closed + self._by_energy(np.abs(self.amplitude) * self._excess(layer, slice(None)))
 
     def _over_the_field(self, back: np.ndarray, inside: Sequence[np.ndarray] | None = None) -> float:
-        """Largest value beside the layer and inside the near field of what comes back of each wave."""
+        """Largest value, beside the layer and inside the near field, for given reflections of all waves."""
         found = self._largest(back, self._told)
         if self.axes > 1:
             inside = [back * self.root**depth for depth in self.depths] if inside is None else inside
@@ -148,20 +151,21 @@ class Arrivals:
 
     @cached_property
     def _told(self) -> np.ndarray:
-        """`growth`, more in the second half, from which is told what comes later."""
+        """`growth`, increased by `later` in the second half, from which later times are extrapolated."""
         half = np.arange(len(self.growth)) >= len(self.growth) // 2
         return self.growth * np.where(half, max(self.later, 1.0), 1.0)
 
     def _by_energy(self, back: np.ndarray) -> float:
-        """The largest of all waves by the share of their energy that is in some amplitudes."""
+        """The largest value of all waves, times the root of the share of their energy in given amplitudes."""
         return float(self.largest * np.linalg.norm(back) / max(float(np.linalg.norm(self.amplitude)), 1e-300))
 
     def _each(self, layer: Layer, enough: float) -> float:
-        """Largest value of what comes back of waves, each followed by itself, the loudest first: of all, or of so many
-        that the others, by their energy, do not change whether it is enough.
+        """Largest value of the reflections of waves that are followed individually, the loudest first: of all, or of so
+        many that the others, by their energy, do not change whether the value is at most `enough`.
 
-        They are told by the closed form of each and not by the waves that stand for them alone: of long waves a little
-        more or less slow a layer sends back ten times as much, and the sum of the others rang.
+        They are ranked by the closed form of each as well as by the waves of the sample that represent them. Of long
+        waves that are slightly slower a layer may reflect ten times as much, and with the sample alone the sum of the
+        remaining waves rang.
         """
         loud = self._sizes(layer, slice(None))
         heard = loudest(loud, self.silent * max(self.size, self.largest) / max(self.later, 1.0))
@@ -180,14 +184,14 @@ class Arrivals:
             first, last = last, max(2 * last, _SURE_EACH)
 
     def _noise(self, amplitude: np.ndarray) -> float:
-        """What a sum of waves of any phases is at most where it has grown most."""
+        """Largest value of a sum of waves of random phases with given amplitudes, at the time of largest growth."""
         places = 2 * len(self.growth) * np.prod(self.shape[1:])
         mean = np.sqrt(2) * np.linalg.norm(amplitude) / places * self._told.max()
         return float(_PEAK * max(1, self.axes) * mean)
 
     def _exact(self, layer: Layer, some: np.ndarray) -> np.ndarray:
-        """What comes back of some waves of amplitude 1, by component, one node from the layer and inside the near
-        field; 0 of the others.
+        """Reflections of some waves, for incoming ones of amplitude 1, by component, one node from the layer and inside
+        the near field; 0 for all other waves.
         """
         shapes = np.broadcast_to(self.shapes, (len(self.shapes), len(self.amplitude)))
         found = np.zeros((len(shapes), 1 + len(self.depths), len(self.amplitude)), complex)
@@ -200,7 +204,7 @@ class Arrivals:
         return found
 
     def strongest(self, layer: Layer) -> tuple[float, str]:
-        """What comes back of the waves by their energy, and in words the one of which most does."""
+        """Return the reflection of the waves by their energy, and a description of the wave that contributes most."""
         sizes = self._sizes(layer, slice(None))
         one = int(np.argmax(sizes))
         normal, fades = abs(float(np.angle(self.root[one]))), -float(np.log(np.abs(self.root[one])))
@@ -213,13 +217,15 @@ class Arrivals:
         return self._by_energy(sizes), words
 
     def share(self, layer: Layer) -> float:
-        """Root of the share of the waves' energy that comes back, from a part of them: quick, to compare layers by."""
+        """Root of the share of the waves' energy that is reflected, from a part of the waves: a quick measure by which
+        to compare layers.
+        """
         some = slice(None, None, 1 + len(self.amplitude) // _COMPARED)
         whole = max(float(np.linalg.norm(self.amplitude[some])), 1e-300)
         return float(np.linalg.norm(self._sizes(layer, some)) / whole)
 
     def _sizes(self, layer: Layer, some: slice) -> np.ndarray:
-        """How much comes back of some waves, about."""
+        """Approximate reflected amplitudes of some waves."""
         return np.asarray(
             np.abs(self.amplitude[some]) * (np.abs(self._closed(layer, some)) + self._excess(layer, some))
         )
@@ -227,8 +233,8 @@ class Arrivals:
     def _closed(self, layer: Layer, some: slice) -> np.ndarray:
         """Reflection of some waves by the closed form.
 
-        It lets backward waves grow, which the layer's damping takes: of them as much comes back as of those that stand
-        for them, or all.
+        In the closed form backward waves grow, whereas the layer damps them: where it exceeds 1, the reflection is that
+        of the waves of the sample that represent them, or total.
         """
         found = reflected(self.root[some], self.frequency[some], layer)
         sizes = np.abs(found)
@@ -239,19 +245,18 @@ class Arrivals:
         return found
 
     def _excess(self, layer: Layer, some: slice) -> np.ndarray:
-        """By how much the reflected amplitudes of some waves are above the closed form, by the waves that stand for
-        them."""
+        """Excess of the reflected amplitudes of some waves over the closed form, from the waves that represent them."""
         alike = self.number[some]
         return self.sample.judged(layer)[1, alike] if self.sample.needed(layer) else np.zeros(len(alike))
 
     @cached_property
     def largest(self) -> float:
-        """Largest value, over the run and along the side, of the waves themselves."""
+        """Largest value, over the run and along the side, of the arriving waves themselves."""
         return max(self._largest(self.amplitude * component, self.growth) for component in self.shapes)
 
     @cached_property
     def _rows(self) -> np.ndarray:
-        """Frequencies at which there are waves."""
+        """Indices of the frequencies at which there are waves."""
         return np.unique(self.place // int(np.prod(self.shape[1:])))
 
     def _largest(self, amplitude: np.ndarray, growth: np.ndarray) -> float:
@@ -268,8 +273,8 @@ class Arrivals:
 
 
 def loudest(sizes: np.ndarray, rest: float) -> np.ndarray:
-    """Indices, ascending, of the values that remain when the smallest ones are left out while their sum is below
-    `rest`; one at least.
+    """Indices, ascending, of the values that remain when the smallest ones are left out as long as their sum is below
+    `rest`; at least one.
     """
     order = np.argsort(sizes)
     return np.sort(order[min(int(np.searchsorted(np.cumsum(sizes[order]), rest)), len(order) - 1) :])

@@ -1,4 +1,4 @@
-"""Waves that stand for others, with the exact reflections that are known of them, and the closed form beside these."""
+"""Waves that represent others, with their exact reflections, and the closed form for all others."""
 
 from __future__ import annotations
 
@@ -12,16 +12,18 @@ from farhorizon.engine.engine import Layer
 from farhorizon.engine.parallel import in_parallel
 from farhorizon.errors import InputError
 
-# parts of a factor e of frequency, of decay or wavenumber over a node, and of slowness: waves of one such cell return
-# alike. Where forward waves meet backward ones, what comes back changes by a hundred within a third of the wavenumber;
-# of vectors, whose samples tell too much as they are, layers for 1e-4 had twice the nodes with as fine cells
+# cells per factor e of frequency, of decay or wavenumber per node, and of slowness: the waves of one cell are reflected
+# alike. Where forward waves meet backward ones, the reflection changes by a factor of a hundred within a third of the
+# wavenumber. The samples of vectors overestimate the reflection as they are: with cells as fine, layers for 1e-4 had
+# twice the nodes
 _CELLS, _CELLS_OF_VECTORS = (2.5, 10.0, 2.5), (2.5, 2.5, 2.5)
-_BLOCK = 4096  # waves that `reflected` takes at a time
+_BLOCK = 4096  # waves that `reflected` processes at a time
 
 
 class Sample:
-    """Waves of one type that stand for all that are like them in frequency, and in how and how fast they go on along
-    the normal, on one line of the Laplace integral: nearer to the axis, in longer runs, some come back much stronger.
+    """Waves of one type, on one line of the Laplace integral, each of which represents all waves similar to it in
+    frequency, in decay or wavenumber along the normal, and in slowness. Lines nearer to the axis, for longer runs, have
+    samples of their own, because some waves are reflected much more strongly there.
 
     Parameters
     ----------
@@ -40,8 +42,8 @@ class Sample:
         self._came_back: dict[bytes, dict[tuple[complex, ...], tuple[np.ndarray, np.ndarray]]] = {}
 
     def needed(self, layer: Layer) -> bool:
-        """Whether a layer sends back more than the wave that comes, whose reflection has a closed form: other types,
-        and what of a wide stencil dies out over some nodes.
+        """Whether the reflection of a layer is more than the closed form for the incoming wave: because of damping, of
+        other types of waves, or of evanescent modes of a wide stencil that decay over several nodes.
         """
         stencil = self.medium.stencil
         return bool(layer.damping.size) or stencil.components > 1 or stencil.reach[0] > 1
@@ -55,10 +57,12 @@ class Sample:
         slowness: np.ndarray,
         shape: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Take in waves, arrays as of `Arrivals` and the steps that each takes over a node; returns the number of the
-        wave that each is like, the loudest that came first. Without shapes all are of the sample's type.
+        """Add waves, given by arrays as in `Arrivals` and by the steps that each takes per node, and return for each
+        wave the number of its representative: the loudest wave of its cell in the first call that had any. Without
+        shapes all are of the sample's type.
 
-        Waves that hardly move come back as they come, while others of nearly their frequency are absorbed.
+        Slowness counts because waves that hardly move are reflected entirely, while others of nearly the same frequency
+        are absorbed.
         """
         finite, medium = np.where(amplitude == 0, 0.5, root), self.medium
         slow = np.maximum(1.0, np.abs(slowness) * medium.speed * medium.dt / medium.spacing)
@@ -66,7 +70,7 @@ class Sample:
         logs = np.log(np.maximum(sizes, 1e-12))
         parts = _CELLS if medium.stencil.components == 1 else _CELLS_OF_VECTORS
         cells = np.floor(np.array(parts)[:, None] * logs).astype(int).T
-        if shape is not None:  # along the normal or across it
+        if shape is not None:  # whether polarised along the normal or across it
             cells = np.append(cells, np.abs(shape[:1].T) ** 2 > 0.5, axis=1)
         keys = np.ravel_multi_index(tuple((cells - cells.min(0)).T), tuple(np.ptp(cells, 0) + 1))
         order = np.lexsort((-np.abs(amplitude), keys))
@@ -85,8 +89,9 @@ class Sample:
     def wave(
         self, root: complex, factor: complex, along: np.ndarray, shape: np.ndarray | None = None
     ) -> ArrivingWave | None:
-        """A wave with all modes of the medium; None where none comes to the side. Its shape is that of the sample's
-        type unless given. Several modes of one frequency and wavenumber may come, of different types.
+        """The wave with all modes of the medium, or None if no such wave comes to the side. Its polarisation is that of
+        the sample's type unless given. Several modes of one frequency and wavenumber, of different types, may come to
+        the side.
         """
         stencil, azimuth = self.medium.stencil, float(np.arctan2(along[-1], along[0])) if len(along) > 1 else 0.0
         angle = float(np.arctan2(np.linalg.norm(along), np.abs(np.log(root))))
@@ -101,8 +106,8 @@ class Sample:
             return None
 
     def judged(self, layer: Layer) -> np.ndarray:
-        """Of each wave of the sample the reflected amplitude, of all types together, and by how much it is above the
-        closed form; shape (2, waves).
+        """For each wave of the sample, the reflected amplitude, all types together, and its excess over the closed
+        form; shape (2, waves).
         """
         key = _key(layer)
         known = self._known.get(key, np.zeros((2, 0)))
@@ -116,16 +121,16 @@ class Sample:
     def followed(
         self, layer: Layer, waves: Sequence[tuple[complex, complex]], along: np.ndarray, shape: np.ndarray
     ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Of waves, each by itself, the amplitudes of all modes that leave the layer, arrays (modes, d), and their
-        factors over a node; no modes where none comes to the side.
+        """For each of several waves, the amplitudes of all modes that leave the layer, arrays (modes, d), and their
+        factors per node; no modes where no such wave comes to the side.
 
-        Other sides, and the mirror images of waves along the side, ask for the same ones.
+        Results are kept, since other sides, and the mirror images of waves along the side, ask for the same waves.
 
         Parameters
         ----------
         layer : Layer
         waves : sequence of (complex, complex)
-            Factors over a node and over a step.
+            Factors per node and per step.
         along : ndarray, shape (waves, dim - 1)
             Tangential wavenumbers.
         shape : ndarray, shape (waves, d)
@@ -133,7 +138,7 @@ class Sample:
         """
         known = self._came_back.setdefault(_key(layer), {})
         sign = np.ones(shape.shape)
-        if shape.shape[1] > 1:  # in the mirror image the component along the side has another sign
+        if shape.shape[1] > 1:  # in the mirror image the component along the side has the opposite sign
             sign[along[:, 0] < 0, 1] = -1
             along, shape = np.abs(along), shape * sign
         names = [
@@ -159,14 +164,14 @@ def _key(layer: Layer) -> bytes:
 
 
 def _rounded(number: complex) -> complex:
-    """By which waves that are the same are known."""
+    """The number, rounded so that it identifies equal waves."""
     return complex(round(number.real, 9), round(number.imag, 9))
 
 
 def _judged(waves: Sequence[ArrivingWave], layer: Layer) -> np.ndarray:
-    """Of waves the exact reflection, never more than all, and by how much it is above the closed form: of what travels,
-    or of all that is at the last node of the near field, one from the layer, where wide stencils leave what dies out;
-    shape (2, waves).
+    """Exact reflections of waves, at most 1, and their excess over the closed form; shape (2, waves). The reflection is
+    the amplitude of the travelling modes, or, if larger, that of all modes at the last node of the near field, one node
+    from the layer, where evanescent modes of wide stencils are still present.
     """
     closed = np.abs(reflected(np.array([w.modes.incoming for w in waves]), np.array([w.s for w in waves]), layer))
     exact = np.zeros(len(waves))
@@ -177,14 +182,15 @@ def _judged(waves: Sequence[ArrivingWave], layer: Layer) -> np.ndarray:
 
 
 def reflected(root: np.ndarray, frequency: np.ndarray, layer: Layer) -> np.ndarray:
-    """Reflection of a layer for modes of given factors over a node: the way to its outer end and back.
+    """Reflection of a layer for modes of given factors per node, from the closed form: the way to its outer end and
+    back.
 
     Parameters
     ----------
     root, frequency : ndarray of complex, shape (n,)
         As in `Arrivals`.
     layer : Layer
-        Its damping of short waves is not looked at.
+        Its damping of short waves is ignored.
 
     Returns
     -------
@@ -197,10 +203,10 @@ def reflected(root: np.ndarray, frequency: np.ndarray, layer: Layer) -> np.ndarr
             shifted = frequency[part] + alpha
             stretched, plain = (kappa * shifted + sigma) * sine, shifted * cosine
             if edge == layer.columns:
-                there *= there  # and back; the last edge is the end, which is passed once
+                there *= there  # and back; the last edge is the outer end, which is passed once
             there *= (plain - stretched) / (plain + stretched)
         return there
 
-    # what an edge takes stays in the cache for the next
+    # in blocks, so that the arrays stay in the cache from one edge to the next
     parts = [slice(first, first + _BLOCK) for first in range(0, max(1, len(root)), _BLOCK)]
     return np.concatenate(in_parallel(passed, parts))

@@ -1,20 +1,19 @@
-"""Which short waves a layer must damp, and by how much: what makes the lattice PML stable for every kernel.
+"""Which short waves a layer must damp, and by how much: this makes the lattice PML stable for every kernel.
 
-In a layer a wave is stretched along its phase velocity. One whose group velocity points the other way, a *backward
-wave*, then grows where it should decay: by ``sigma gamma`` per unit time, to first order in the layer's strength sigma,
-with gamma from the symbol (`Stencil.layer_growth`). On a lattice such waves are short, and no run with a resolved field
-needs them. So the layer damps the velocity of what a high-pass filter lets through, at a rate nu that follows sigma. A
-wave of which the filter passes the share f then decays by ``nu f / 2`` per unit time, and ``nu f >= 2 sigma gamma``
-stops it.
+In a layer a wave is stretched along its phase velocity. A *backward wave*, whose group velocity points the other way,
+then grows where it should decay: at the rate ``sigma gamma`` to first order in the layer's strength sigma, with gamma
+from the symbol (`Stencil.layer_growth`). On a lattice such waves are short, and no run with a resolved field needs
+them. The layer therefore damps the high-pass filtered velocity at a rate nu that follows sigma. A wave of which the
+filter passes the share f then decays at the rate ``nu f / 2``, so that ``nu f >= 2 sigma gamma`` prevents its growth.
 
 The filter is a maximally flat polynomial of ``y = sin^2(k spacing / 2)`` along each axis, the regularised incomplete
 beta function ``I_y(rise, fall)``: it is 0 to the order `rise` at k = 0, 1 to the order `fall` at the shortest wave, and
-between 0 and 1 everywhere, so it never feeds a wave.
+between 0 and 1 everywhere, so that it never feeds a wave.
 
 Materials with zero-energy modes (correspondence without stabilisation) have short waves that hardly move. Damping of
-the velocity turns these into still slower ones, which the layer stretches all the more: they would need more than twice
-sigma, and grow even then. Of such stencils the waves themselves are damped (`whole`), so that s becomes ``s + rate``
-for what passes.
+the velocity turns these into still slower ones, which the layer stretches all the more: they would require a rate of
+more than twice sigma, and would grow even then. For such stencils the waves themselves are damped (`whole`), so that s
+becomes ``s + rate`` for what the filter passes.
 """
 
 from __future__ import annotations
@@ -28,28 +27,29 @@ from scipy import special
 from farhorizon.medium.stencil import Stencil
 
 _BACKWARD = 1e-6  # growth over sigma from which on a wave counts as a backward one
-# neighbours that a filter reads to either side along an axis: so many, and more for each node of the stencil's reach,
-# for wide stencils have longer backward waves, which take sharper filters
+# neighbours that a filter reads to either side along an axis: a base number, and more for each node of the stencil's
+# reach, because wide stencils have longer backward waves, which require sharper filters
 _TAPS, _TAPS_PER_REACH = 6, 2
-# the larger of these on a line, where they cost nothing, of filters for the waves themselves, and of stencils that
-# reach so far: beside reaches of 6 and more long waves along a side grew by 0.01 c/spacing with fewer
+# the larger of the first two on a line, where they cost nothing, for filters of the waves themselves, and for stencils
+# whose reach is the third or more: with fewer, long waves along a side grew by 0.01 c/spacing at reaches of 6 and more
 _SHARP, _SHARP_PER_REACH, _FAR = 17, 6, 5
-_RESOLVED = 0.6  # share of the first backward wavenumber up to which waves are to pass unharmed
-_MARGIN = 1.25  # on the rate: between the wavenumbers that are looked at more may be needed
-# waves that stand still: their group velocity, sine of their wavenumber, and growth over sigma that counts
+_RESOLVED = 0.6  # part of the first backward wavenumber up to which waves should remain undamped
+_MARGIN = 1.25  # on the rate: between the sampled wavenumbers more may be needed
+# waves that stand still: largest group velocity, smallest sine of the wavenumber, and the growth over sigma assigned to
+# them
 _PACE, _INNER, _SECOND = 1e-3, 0.2, 0.01
-# rate over sigma beyond which the shortest waves hardly move: 2 where they are at rest, much more if longer ones are,
-# too
+# rate over sigma beyond which the shortest waves hardly move: 2 where they are at rest, much more if longer ones are at
+# rest, too
 _SLOW = 1.7
 _STILL = 50.0  # beyond that waves longer than two nodes are at rest
-# of both: half passes at so many times the first backward wavenumber; rate over sigma
+# for each of these two cases: wavenumber at which half passes, over the first backward one; rate over sigma
 _WHOLE = ((1.21, 2.5), (1.45, 20.0))
 _SHORT = 3, 1  # orders of a filter of three neighbours
-# damping rate over sigma below which a layer does not feel the damping: there a short filter is steep enough
+# damping rate over sigma below which a layer is not disturbed by the damping: there a short filter is steep enough
 _WEAK = 0.06
-# largest damping rate over sigma that is wanted, or over the least that is enough: a layer sends back the more the
-# stronger its damping is, and the steepest filters, which need more, let waves grow between those looked at; where
-# filters are sharp, waves that stand still take more
+# largest admissible damping rate over sigma (the second for sharp filters, with which waves that stand still require
+# more), or over the smallest sufficient one: the stronger the damping, the more a layer reflects, and the steepest
+# filters, which require higher rates, let waves grow between the sampled ones
 _MOST, _MOST_SHARP, _OVER_LEAST = 0.6, 0.95, 1.3
 
 
@@ -64,11 +64,11 @@ class HighPass:
     strength : float
         Damping rate over sigma.
     first : float
-        Least wavenumber times spacing of the waves that it stops.
+        Smallest wavenumber times spacing of the waves that it stops.
     lowest : float
-        Least eigenvalue of the symbol of these.
+        Smallest eigenvalue of the symbol for these waves.
     whole : bool
-        Whether waves are damped themselves, not their velocity alone.
+        Whether the waves themselves are damped, not only their velocity.
     """
 
     rise: int
@@ -80,7 +80,7 @@ class HighPass:
 
     @property
     def weak(self) -> bool:
-        """Whether so little is damped that the ramps of stencils without backward waves serve."""
+        """Whether so little damping is needed that the ramps of stencils without backward waves can be used."""
         return self.strength <= _WEAK
 
     @property
@@ -89,20 +89,21 @@ class HighPass:
         return self.whole and self.strength == _WHOLE[1][1]
 
     def passed(self, angle: np.ndarray | float) -> np.ndarray:
-        """Share of a wave of given wavenumbers times spacing along one axis that the filter lets through."""
+        """Share of a wave that the filter passes, for wavenumbers times spacing along one axis."""
         return np.asarray(special.betainc(self.rise, self.fall, np.sin(np.asarray(angle) / 2) ** 2))
 
     def taps(self) -> np.ndarray:
-        """The filter on the lattice: its weight of the node itself, of both neighbours, and so on, shape (rise +
-        fall,).
+        """Weights of the filter on the lattice: of the node itself, of its two nearest neighbours, and so on, shape
+        (rise + fall,).
         """
         count = 8 * (self.rise + self.fall)
         return np.fft.ifft(self.passed(2 * np.pi * np.arange(count) / count)).real[: self.rise + self.fall]
 
 
-@lru_cache(maxsize=64)  # each side, and each copy of a set-up, asks again
+@lru_cache(maxsize=64)  # called for each side, and for each copy of a set-up
 def high_pass(stencil: Stencil) -> HighPass | None:
-    """The filter that stops all backward waves of a stencil and touches resolved ones least; None if there are none.
+    """The filter that stops all backward waves of a stencil and damps resolved waves least; None if there are no
+    backward waves.
 
     Parameters
     ----------
@@ -111,11 +112,11 @@ def high_pass(stencil: Stencil) -> HighPass | None:
     Returns
     -------
     HighPass or None
-        Waves that stand still count as backward ones. Of all filters of one length that need a rate of at most 0.6
-        sigma (a sharp one 0.95), or little more than the least that is enough, the one that damps waves of 60 % of the
-        first such wavenumber least. Where very little is enough a filter of three neighbours, which costs less and does
-        less to the waves that a thin layer must absorb. Of materials with zero-energy modes a filter for the waves
-        themselves.
+        Waves that stand still count as backward waves. Among all filters of one length that require a rate of at most
+        0.6 sigma (sharp ones 0.95), or little more than the smallest sufficient one, the filter that least damps waves
+        at 60 % of the first such wavenumber. Where a very low rate is sufficient, a filter of three neighbours, which
+        costs less and disturbs the waves that a thin layer must absorb less. For materials with zero-energy modes, a
+        filter for the waves themselves.
     """
     zone, growth = stencil.layer_growth
     worst = growth.max(-1)
@@ -153,12 +154,12 @@ def high_pass(stencil: Stencil) -> HighPass | None:
 
 
 def short_share(values: np.ndarray, first: float) -> float:
-    """Largest value of what a field holds from a wavenumber times spacing on, over that of the field.
+    """Largest value of the part of a field with wavenumbers times spacing of at least `first`, over that of the field.
 
     Parameters
     ----------
     values : ndarray
-        Not zero everywhere; taken to repeat itself.
+        Not zero everywhere; taken to be periodic.
     first : float
     """
     axes = np.ix_(*[2 * np.pi * np.fft.fftfreq(n) for n in values.shape])
@@ -168,11 +169,11 @@ def short_share(values: np.ndarray, first: float) -> float:
 
 
 def _standing(stencil: Stencil) -> np.ndarray:
-    """Growth over sigma that is taken for waves of a line that stand still between others that run forward.
+    """Growth over sigma that is assumed for waves on a line that stand still between others that run forward.
 
-    To first order they keep their size in a layer, to second order a steep entrance makes them grow. On the line
-    exponent 1 with constant influence has them: its group velocity touches zero inside the zone. In the plane waves
-    under an angle would be backward where one along an axis stands.
+    To first order they keep their size in a layer; to second order they grow at a steep entrance. On a line, exponent 1
+    with constant influence has such waves: its group velocity touches zero inside the zone. In the plane, where a wave
+    along an axis stands still, waves at an angle to it would be backward ones.
     """
     (angle,), value, (slope,) = stencil.zone_branches
     sine = np.sin(angle)

@@ -1,4 +1,4 @@
-"""Data in front of a side, and which of the waves that they hold are felt there."""
+"""Data in front of a side, and which of the waves they contain are significant there."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.reflection import factor_of_wave
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
 
-_FELT_BACKWARD = 0.3  # share of the wanted error that backward waves in the data are looked for from
-# of the first backward wavenumber, from which on forward waves have its frequency nearly, and leave as backward ones;
-# of scalars: what is known of vectors that way is too large for a few such waves
+_FELT_BACKWARD = 0.3  # share of the target error from which on backward waves in the data are followed
+# forward waves from this part of the first backward wavenumber on have nearly the frequency of backward waves, and
+# leave as such; for scalars only: for vectors, the prediction obtained in this way is too large where there are few
+# such waves
 TURNING = 0.8
-_STATIC = 1e-9  # eigenvalue over the rate at which modes that do not travel are told from the longest waves
+_STATIC = 1e-9  # eigenvalue over the rate at which modes that do not travel are distinguished from the longest waves
 
 
 @dataclass(frozen=True)
@@ -29,14 +30,15 @@ class Datum:
     values : ndarray
         On the near field, the first axis along the normal and towards the side.
     kind : {"u", "v", "source"}
-        Values or velocities at the start, or a source, ``u_tt = .. + values time``.
+        Initial values, initial velocities, or a source, ``u_tt = .. + values time``.
     time : ndarray, shape (steps,)
-        Of a source, its factor at each step; empty otherwise.
+        Factor of a source at each step; empty otherwise.
     component : int
-        Of a field of vectors, the one whose values these are.
+        Component of a vector field to which the values belong.
     behind : tuple of (int, float), or None
-        Number of nodes next to the side beyond which the medium is slower, and its squared speed over that at the side.
-        Waves keep their frequency at such an interface, so that they arrive longer than they set out.
+        Number of nodes next to the side beyond which the medium is slower, and the ratio of its squared speed to that
+        at the side. Waves keep their frequency at such an interface, so that they arrive with a longer wavelength than
+        they had at the start.
     """
 
     values: np.ndarray
@@ -46,20 +48,20 @@ class Datum:
     behind: tuple[int, float] | None = None
 
     def turned(self, axis: int, side: int) -> Datum:
-        """The same with an axis first, and towards its lower (-1) or upper (1) end."""
+        """Return the datum with a given axis first, pointing towards its lower (-1) or upper (1) end."""
         values = np.moveaxis(self.values, axis, 0)
         return replace(self, values=values if side > 0 else values[::-1])
 
     def with_entrance(self) -> Datum:
-        """The same with the node between the side that it is turned to and the layer, which holds nothing."""
+        """Return the datum with one more, empty, node between the side towards which it is turned and the layer."""
         values = np.pad(self.values, [(0, 1), *[(0, 0)] * (self.values.ndim - 1)])
         behind = self.behind and (self.behind[0] + 1, self.behind[1])
         return replace(self, values=values, behind=behind)
 
 
 def hold_backward_waves(medium: LatticeMedium, data: Sequence[Datum], wanted: float) -> bool:
-    """Whether data hold waves of which some run backward and are felt, so that all modes of the chain in front of a
-    side are to be followed; in a medium that varies they are not, nor are vectors but in the plane.
+    """Whether the data contain a significant amount of backward waves, so that all modes of the chain in front of a
+    side have to be followed. In a medium that varies they are not followed, and for vectors only in the plane.
     """
     stencil = medium.stencil
     plane = stencil.components == stencil.dim == 2 and all(stencil.even_along(axis) for axis in range(2))
@@ -71,7 +73,9 @@ def hold_backward_waves(medium: LatticeMedium, data: Sequence[Datum], wanted: fl
 
 
 def share_of_short(medium: LatticeMedium, datum: Datum, first: float) -> float:
-    """How much of a datum are waves from a wavenumber times spacing on; of a source, in what it sends."""
+    """Return the share of a datum in waves from a wavenumber times spacing `first` on; for a source, of the waves it
+    radiates.
+    """
     if not datum.values.any():
         return 0.0
     line = np.linspace(first, np.pi, 9)
@@ -81,8 +85,9 @@ def share_of_short(medium: LatticeMedium, datum: Datum, first: float) -> float:
 
 
 def reach_the_end(medium: LatticeMedium, data: Sequence[Datum], wanted: float) -> bool:
-    """Whether data at the end of a line are felt in front of the layer by waves, too, that do not travel: some of these
-    a layer amplifies, and all modes are to be followed. Along a side long waves that graze it set more than they do.
+    """Whether data near the end of a line also reach the layer significantly through modes that do not travel. A layer
+    amplifies some of these, so that all modes then have to be followed. Along a side, long waves at grazing incidence
+    matter more than these modes.
     """
     if medium.stencil.dim > 1 or medium.stencil.reach[0] == 1:
         return False
@@ -93,24 +98,24 @@ def reach_the_end(medium: LatticeMedium, data: Sequence[Datum], wanted: float) -
 
 
 def frequency_of_slow_waves(medium: LatticeMedium, speed: float) -> float:
-    """The frequency from which on no wave is faster than a speed; all of them, if there are none so slow.
+    """Return the frequency above which no wave is faster than a speed; the largest frequency if no wave is that slow.
 
-    Those of the largest frequency stand still, and others about them go slowly, forward and backward.
+    Waves of the largest frequency stand still, and those of nearby frequencies travel slowly, forward and backward.
     """
     _, values, slopes = medium.stencil.zone_branches
     turn = np.minimum(medium.dt * np.sqrt(np.maximum(medium.rate * values, 0.0)) / 2, 1.0)
-    # of the steps: d(omega)/dk with sin(omega dt / 2) = turn
+    # group velocity of the discrete scheme: d(omega)/dk with sin(omega dt / 2) = turn
     rise = medium.spacing * medium.rate * np.sqrt(sum(slope**2 for slope in slopes)) * medium.dt
     fast = rise > speed * 4 * turn * np.sqrt(1 - turn**2)
     return float(2 * np.arcsin(turn[fast].max(initial=0.0)) / medium.dt)
 
 
 def briskness(medium: LatticeMedium, eigenvalues: np.ndarray, course: np.ndarray) -> float:
-    """What a source that follows a course in time sends of waves of some eigenvalues of the symbol, over what it sends
-    of them if it is switched on at once; 1 for what is there at the start.
+    """Largest amplitude that a source with a given time function radiates in waves of some eigenvalues of the symbol,
+    over that of a source that is switched on at once; 1 for initial data.
 
-    A field that follows its source slowly is none of waves: these are as large as the source changes at their
-    frequency.
+    A field that follows its source slowly contains no waves: their amplitude is that of the changes of the source at
+    their frequency.
     """
     if not course.any():
         return 1.0

@@ -1,4 +1,4 @@
-"""Which wavelengths a field holds."""
+"""The wavelengths that a field contains."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-_SHARES = (0.001, 0.5, 0.999)  # of the energy, from the longest wave on
-_MOMENTS = 2048  # at which a source is read
-_PADS = 2  # box over extent: as much room as the field has
+_SHARES = (0.001, 0.5, 0.999)  # shares of the energy, counted from the longest wave
+_MOMENTS = 2048  # number of times at which a source is sampled
+_PADS = 2  # size of the box over that of the field: as much empty space again
 
 
 @dataclass(frozen=True)
@@ -34,18 +34,19 @@ def band(
     orders: Sequence[int],
     gains: Sequence[Callable[[np.ndarray], np.ndarray] | None] | None = None,
 ) -> Band | None:
-    """Wavelengths that fields send out.
+    """Wavelengths of the waves that fields radiate.
 
     Parameters
     ----------
     fields : sequence of ndarray
-        Of one shape; nan counts as 0.
+        All of the same shape; nan counts as 0.
     spacing : float
     orders : sequence of int
         Power of the wavenumber in the amplitude that counts: 1 for displacements, whose energy is in their gradient, 0
-        for velocities, sources and what diffuses.
+        for velocities, sources and diffusing fields.
     gains : sequence of callable or None, optional
-        Factor on each field's amplitude over the wavenumber times spacing: what the time of a source picks out.
+        Factor on each field's amplitude as a function of the wavenumber times spacing: the spectrum of a source in
+        time.
 
     Returns
     -------
@@ -75,15 +76,15 @@ def band(
 
 
 def faded(values: np.ndarray, free: Sequence[tuple[bool, bool]]) -> np.ndarray:
-    """A field that goes on beyond the lattice, faded out towards its sides, where a jump would count as short waves.
+    """Taper a field that continues beyond the lattice towards its sides, where a jump would count as short waves.
 
     Parameters
     ----------
     values : ndarray
-        Of a scalar; nan counts as 0.
+        A scalar field; nan counts as 0.
     free : sequence of (bool, bool)
-        Whether it ends at the low and the high side of each axis: of that half of the lattice and its mirror image the
-        waves are as long.
+        Whether it ends at the low and the high side of each axis: it is then replaced by the half of the lattice at
+        that side and its mirror image, whose waves are as long.
 
     Returns
     -------
@@ -103,7 +104,7 @@ def faded(values: np.ndarray, free: Sequence[tuple[bool, bool]]) -> np.ndarray:
 def gain_of_time(
     time: Callable[[float], float], until: float, rate: float, lowest: float = 0.0
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """What a source's factor of time picks out of its waves: its spectrum at the frequency of each wavenumber.
+    """Factor on the waves of a source due to its time function: its spectrum at the frequency of each wavenumber.
 
     Parameters
     ----------
@@ -125,14 +126,14 @@ def gain_of_time(
 def gain_of_spectrum(
     spectrum: Callable[[np.ndarray], np.ndarray], longest: float, rate: float, lowest: float = 0.0
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """The same as `gain_of_time` of a signal whose spectrum is known.
+    """`gain_of_time` for a signal whose spectrum is known.
 
     Parameters
     ----------
     spectrum : callable
-        Of frequencies in cycles per time.
+        Spectrum as a function of frequencies in cycles per time.
     longest : float
-        Longest period that counts: the spectrum of a load that lasts is infinite at 0.
+        Longest period that counts: the spectrum of a permanent load is infinite at 0.
     rate : float
         Speed over spacing.
     lowest : float

@@ -1,5 +1,5 @@
-"""The thinnest lattice PML that keeps a wanted error, for the waves that a run has: by the error that
-`farhorizon.analysis.layers.returned` predicts of each that is tried.
+"""The thinnest lattice PML that keeps a target error for the waves of a run, by the error that
+`farhorizon.analysis.layers.returned` predicts for each candidate.
 """
 
 from __future__ import annotations
@@ -14,32 +14,33 @@ from farhorizon.analysis.layers.returned import Arrivals
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 
-# of the wanted error: at edges what two sides send back adds up, and the prediction knows one reflection
+# part of the target error: at edges the reflections from two sides add up, and the prediction covers one reflection
 _AIM = 0.4
-_AIM_CROWDED = 0.2  # of that, where waves that hardly move crowd
-MOST = 60  # nodes of a layer
-_NOT_WORTH = 16  # part of a layer that is not looked for any more
-_CHECKED = 3  # quarters of a layer that are tried in any case: an error need not fall as it should
-_SINGLY = 6  # nodes up to which all numbers are tried
+_AIM_CROWDED = 0.2  # part of that where waves that hardly move crowd
+MOST = 60  # largest number of nodes of a layer
+_NOT_WORTH = 16  # the search ends where fewer nodes would save at most a sixteenth of them
+_CHECKED = 3  # quarters of the nodes that are tried in any case: an error need not fall regularly
+_SINGLY = 6  # number of nodes up to which every number is tried
 
 
 @dataclass(frozen=True, repr=False)
 class Thickness:
-    """A layer and the error that it is predicted to make, or designed for.
+    """A layer and the error that is predicted for it, or for which it is designed.
 
     Attributes
     ----------
     name : str
-        Of its profile.
+        Name of its profile.
     layer : Layer
     predicted : float
         Largest error at the side, relative to the largest of the data.
     until : float
-        Length of the run that it is predicted for.
+        Length of the run for which it is predicted.
     designed : bool
-        Whether a formula made the layer for that error, and nothing was predicted of these data.
+        Whether a formula gave the layer for that error, without a prediction for these data.
     set_by : str
-        In words, of what most comes back: it sets the thickness. Empty where a formula counts all waves alike.
+        Description of the waves that are reflected most and therefore determine the thickness. Empty where a formula
+        treats all waves alike.
     """
 
     name: str
@@ -68,8 +69,9 @@ class Thickness:
 def predicted_error(
     layer: Layer, waves: Sequence[Arrivals], size: float, enough: float = np.inf, closely: bool = False
 ) -> float:
-    """Error that a layer makes of what arrives, relative to the largest of the data: of all types that a wave is turned
-    into together. Where it is more than `enough`, something that is, too; by a rough look unless `closely`.
+    """Error of a layer for the waves that arrive, relative to the largest of the data: the largest over the sets of
+    waves, each with all types that are reflected. Above `enough` the value is rough, but also above it, unless
+    `closely`.
     """
     found = []
     for side in waves:
@@ -88,39 +90,39 @@ def thinnest(
     too_few: int = 0,
     start: int = 0,
 ) -> Thickness:
-    """The fewest nodes with which some member of a family keeps an error at a side; of thick layers about a
-    sixteenth more may be taken.
+    """The layer with the fewest nodes with which some member of a family keeps an error at a side; thick layers may
+    have about a sixteenth more.
 
     Parameters
     ----------
     members : callable
-        Layers of so many nodes, by name.
+        Layers with a given number of nodes, by name.
     waves : sequence of Arrivals
-        What arrives there, each by itself.
+        What arrives at the side, each treated separately.
     wanted : float
-        Relative to `size`.
+        Target error, relative to `size`.
     size : float
         The largest of the data.
     beside : callable, optional
-        What a layer sends back besides, at most, which no waves of the medium show.
+        Upper estimate of what a layer reflects in addition, which the waves of the medium do not show.
     too_few : int, optional
-        Nodes that are known to be.
+        A number of nodes known to be insufficient.
     start : int, optional
-        Nodes that are tried first where not each node counts, such as those of another side.
+        Number of nodes to try first, such as that of another side; ignored if it is small, where every number is tried.
 
     Raises
     ------
     NotKept
-        No layer of up to 60 nodes keeps it; the least that it names is a rough one.
+        No layer of up to 60 nodes keeps it; the smallest target that it names is a rough one.
     """
     aim = _aim(waves) * wanted
     scalar = waves[0].medium.stencil.components == 1
     low, high, found = too_few, MOST + 1, None
-    error, reached = 1.0, 0.0  # of layers of so many nodes, the former roughly
+    error, reached = 1.0, 0.0  # errors at `low` and `high` nodes, the former a rough one
     nodes = max(2, too_few + 1, start if start >= _SINGLY else 0)
     while found is None or (high - low > 1 and high - nodes > high // _NOT_WORTH):
         every = members(nodes)
-        # of scalars: dampers take no box of all nodes, so that filters are for what these do not keep
+        # for scalars dampers come first, as they need no box of all nodes; filters where dampers do not keep the error
         light = {name: one for name, one in every.items() if one.tuned.size} if scalar else {}
         for some in filter(None, (light, {name: one for name, one in every.items() if name not in light})):
             name, layer = _quietest(some, waves)
@@ -137,11 +139,11 @@ def thinnest(
 
 
 def _next(low: int, error: float, high: int, reached: float, aim: float) -> int:
-    """Nodes to be tried between such as make an error above an aim and such as reach one below it, if some do: where a
-    straight line in the logarithm says that the aim is just reached, but no more than three quarters of those that do
-    as long as it is not known of so many.
+    """The next number of nodes to try, between `low`, with which the error is above the aim, and `high`, with which it
+    is below it if any such number is known. Interpolated linearly in the logarithm of the error, but at most three
+    quarters of `high` as long as these have not been tried.
     """
-    if high > MOST:  # one by one where each node counts, and where fewer may do what some more do not
+    if high > MOST:  # one by one where each node counts, then by half as many again
         return min(MOST, low + (1 if low < _SINGLY else low // 2))
     error, reached = max(error if np.isfinite(error) else np.inf, 1.1 * aim), max(reached, 1e-300)
     nodes = high - int((high - low) * np.log(aim / reached) / np.log(error / reached))
@@ -150,14 +152,14 @@ def _next(low: int, error: float, high: int, reached: float, aim: float) -> int:
 
 
 def _quietest(members: Mapping[str, Layer], waves: Sequence[Arrivals]) -> tuple[str, Layer]:
-    """The layer, with its name, that returns the least share of the waves."""
+    """The layer that reflects the smallest share of the waves, with its name."""
     if len(members) == 1:
         return next(iter(members.items()))
     return min(members.items(), key=lambda member: max(side.largest * side.share(member[1]) for side in waves))
 
 
 def _aim(waves: Sequence[Arrivals]) -> float:
-    """What waves may leave of a wanted error."""
+    """Part of a target error that the prediction for the waves may reach."""
     return _AIM * (_AIM_CROWDED if crowded(waves[0].medium.stencil) else 1.0)
 
 
@@ -168,7 +170,7 @@ def keeps(
     size: float,
     beside: Callable[[Layer], float] = lambda layer: 0.0,
 ) -> bool:
-    """Whether a layer of 60 nodes keeps an error; parameters as of `thinnest`."""
+    """Whether a layer of 60 nodes keeps an error; parameters as for `thinnest`."""
     _, layer = _quietest(members(MOST), waves)
     aim = _aim(waves) * wanted
     predicted = predicted_error(layer, waves, size, aim, closely=True)
@@ -181,7 +183,7 @@ def least(
     size: float,
     beside: Callable[[Layer], float] = lambda layer: 0.0,
 ) -> float:
-    """The smallest target that a layer of 60 nodes keeps; parameters as of `thinnest`."""
+    """The smallest target that a layer of 60 nodes keeps; parameters as for `thinnest`."""
     _, layer = _quietest(members(MOST), waves)
     predicted = predicted_error(layer, waves, size)
     return max(predicted / _aim(waves), predicted + beside(layer))
@@ -199,14 +201,14 @@ class NotKept(InputError):
     Attributes
     ----------
     least : float
-        The smallest target that one keeps.
+        The smallest target that a layer keeps.
     """
 
     least = np.inf
 
     @classmethod
     def of(cls, wanted: float, least: float) -> NotKept:
-        """The refusal of a target, which names the smallest one that is kept."""
+        """The refusal of a target, which names the smallest target that is kept."""
         least = _one_digit(least)
         refusal = cls(
             "no layer meets the target for these data",
@@ -227,6 +229,6 @@ def distance_to_side(values: Iterable[np.ndarray]) -> float:
 
 
 def along_normal(values: Iterable[np.ndarray]) -> list[np.ndarray]:
-    """Size of fields along their first axis; of those that are anything."""
+    """Sums of absolute values along the first axis of fields, for those that are not zero."""
     amounts = [np.abs(field).reshape(len(field), -1).sum(1) for field in values]
     return [amount for amount in amounts if amount.any()]

@@ -1,13 +1,15 @@
-"""Dampers that are tuned to the waves of a medium that run backward, see `farhorizon.engine.dampers`.
+"""Dampers that are tuned to the backward waves of a medium, see `farhorizon.engine.dampers`.
 
-In a layer a wave whose group velocity points against its phase velocity grows by ``sigma gamma`` per unit time, with
-gamma from the symbol (`Stencil.layer_growth`). All waves of positive kernels and of solids that do so are among the
-fastest of their medium: from 0.65 (bilinear elements) to 0.9 of the largest frequency on, ten times that of a wave of
-twenty nodes. A filter in space tells them from long waves by their wavelength, and in a thin layer, where long waves
-fall within a few nodes, takes part of these, too; dampers tell them by their frequency, which a layer does not change.
+In a layer a wave whose group velocity points against its phase velocity grows at the rate ``sigma gamma``, with gamma
+from the symbol (`Stencil.layer_growth`). For positive kernels and for solids all such waves are among the fastest of
+their medium: their frequencies are above 0.65 (bilinear elements) to 0.9 of the largest one, ten times that of a wave
+of twenty nodes. A filter in space distinguishes them from long waves by their wavelength, and in a thin layer, where
+long waves decay within a few nodes, also damps part of these. Dampers distinguish them by their frequency, which a
+layer does not change.
 
-Weak backward waves, as those of scalars in space, lie in a narrow band right below the largest frequency. There light
-dampers of that band do what the short filter does (`lightly_tuned`), node by node, without a box of all nodes.
+Weak backward waves, such as those of scalars in space, lie in a narrow band just below the largest frequency. There,
+light dampers of that band have the effect of the short filter (`lightly_tuned`), node by node, without a box of all
+nodes.
 """
 
 from __future__ import annotations
@@ -25,35 +27,36 @@ from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.medium.stencil import Stencil
 
-_APART = 0.5  # part of the largest frequency above which backward waves have to be
-# frequency of the springs from the slowest to the fastest of these, and width over that distance; the least over the
-# largest frequency, for waves that the layer has changed
+_APART = 0.5  # part of the largest frequency above which all backward waves have to lie
+# place of the springs' frequency between the slowest and the fastest of these, and width over the distance between
+# both; the smallest width over the largest frequency, for waves that the layer has changed
 _PLACE, _WIDTH, _LEAST_WIDTH = 0.5, 1.2, 0.2
-_REAL = 0.3  # real stretch over sigma: backward waves grow by less, and the fastest waves are slower
-_GRADUAL = 2.5  # nodes after the first in which the dampers may come in one power of the depth later
-# of light dampers: the least width over the largest frequency, for what a damper does to slow waves goes with its
-# width; the rate over what first order in sigma asks for, at the outer end, and the power of its ramp; and the most
-# nodes, beyond which filters send back less
+_REAL = 0.3  # real stretch over sigma, which reduces the growth of backward waves and slows the fastest waves
+_GRADUAL = 2.5  # nodes after the first for each power of the depth by which the dampers may enter later
+# light dampers: the smallest width over the largest frequency, since the effect of a damper on slow waves is
+# proportional to its width; the rate over that required by first order in sigma, at the outer end, and the power of its
+# ramp; and the largest number of nodes, beyond which filters reflect less
 _LIGHT_WIDTH, _LIGHT_RATE, _LIGHT_RAMP, _LIGHT_NODES = 0.1, 5.0, 2, 12
-# resolved waves, in nodes, their angles to the normal in degrees, and how many times as much of them may come back
+# lengths of resolved waves, in nodes, their angles to the normal in degrees, and the factor by which more of them may
+# be reflected
 _RESOLVED, _ANGLES, _MORE = (8.0, 12.0, 20.0, 40.0), (0.0, 45.0, 65.0), 1.05
 
 
 class _Family(NamedTuple):
-    """Profiles of media whose largest frequency is so many speeds / spacing at least.
+    """Profiles for media whose largest frequency is at least a given number of speeds / spacing.
 
-    The slower the fastest waves are the less is sigma a small part of their frequency, as the first order takes it, and
-    the more layers grow: these did not, by the eigenvalues of strips and from noise in boxes of few nodes, at 0.3 to
-    0.65 of the step limit.
+    The slower the fastest waves are, the larger sigma is in relation to their frequency, whereas first order assumes
+    that it is small, and the more layers grow. These did not grow, by the eigenvalues of strips and from noise in boxes
+    of few nodes, at 0.3 to 0.65 of the step limit.
 
     Attributes
     ----------
     least : float
     margin : float
-        Of the damping at the outer end over what first order in sigma asks for.
+        Damping at the outer end over that required by first order in sigma.
     profiles : tuple of (float, float, float, int, int)
-        Strength, power of sigma's ramp, power of the depth with which the damping comes in later than sigma, if there
-        are nodes enough, and the nodes from and to which it is taken.
+        Strength, power of sigma's ramp, power of the depth by which the damping enters later than sigma (less if there
+        are few nodes), and the smallest and largest number of nodes for which the profile is used.
     """
 
     least: float
@@ -89,7 +92,7 @@ class BackwardBand:
     highest : float
         Largest frequency of the medium.
     rate : float
-        Damping over sigma that stops all of them, where the dampers take most.
+        Damping rate over sigma that stops all backward waves, at the frequency that the dampers absorb most.
     """
 
     frequency: float
@@ -100,8 +103,8 @@ class BackwardBand:
 
 @lru_cache(maxsize=64)
 def backward_band(stencil: Stencil, least_width: float = _LEAST_WIDTH) -> BackwardBand | None:
-    """The band of a stencil, with dampers at least so wide over the largest frequency; None where there are no backward
-    waves, or some that are as slow as others.
+    """The band of a stencil, with dampers of at least a given width over the largest frequency; None if there are no
+    backward waves, or if some are as slow as other waves.
     """
     value, growth = stencil.zone_branches[1], stencil.layer_growth[1]
     backward = growth > 1e-6
@@ -118,7 +121,7 @@ def backward_band(stencil: Stencil, least_width: float = _LEAST_WIDTH) -> Backwa
 
 
 def tuned_layers(nodes: int, stencil: Stencil, pace: float, dt: float) -> dict[str, Layer]:
-    """Layers of so many nodes with tuned dampers, by name: those that do not grow.
+    """Layers with tuned dampers, by name, for a number of nodes: those that do not grow.
 
     Parameters
     ----------
@@ -147,10 +150,10 @@ def tuned_layers(nodes: int, stencil: Stencil, pace: float, dt: float) -> dict[s
 
 
 def lightly_tuned(layer: Layer, stencil: Stencil, pace: float, dt: float) -> Layer | None:
-    """The layer of a scalar in space with dampers of weak backward waves in place of its filter.
+    """The layer of a scalar in space, with dampers of weak backward waves in place of its filter.
 
-    None for vectors and in the plane; where there are no such waves; with more nodes, where filters send back less; and
-    where the step is too long.
+    None for vectors and in the plane; where there are no such waves; for more than 12 nodes, where filters reflect
+    less; and where the step is too long.
 
     Parameters
     ----------
@@ -173,8 +176,8 @@ def lightly_tuned(layer: Layer, stencil: Stencil, pace: float, dt: float) -> Lay
 
 
 def as_quiet(light: Layer, layer: Layer, medium: LatticeMedium) -> bool:
-    """Whether no more comes back from a layer than from another one of the waves that a lattice resolves, by the
-    largest share of any; not where these are too short for a wide stencil.
+    """Whether a layer with light dampers reflects no more than another layer, by the largest reflection of any resolved
+    wave; False where these waves are too short for a wide stencil.
     """
     try:
         waves = [medium.plane_wave(length, angle) for length in _RESOLVED for angle in _ANGLES]
@@ -188,7 +191,7 @@ def as_quiet(light: Layer, layer: Layer, medium: LatticeMedium) -> bool:
 
 
 def _is_steady(layer: Layer, highest: float, axes: int, dt: float) -> bool:
-    """Whether the step carries the fastest waves where layers meet: their nodes have less of their mass."""
+    """Whether the step is stable for the fastest waves where layers meet, since nodes have less mass for these."""
     keep, pull = springs_of(layer.tuned, dt)
     less = axes * strengths_of(layer.damping, keep, pull, dt).max() * response(np.array(-1.0), keep, pull)
     return bool((highest * dt / 2) ** 2 * (1 + less) <= 1)

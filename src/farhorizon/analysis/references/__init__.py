@@ -1,1 +1,1 @@
-"""Solutions in the infinite medium, to compare with."""
+"""Solutions in the infinite medium, for comparison."""

@@ -1,9 +1,9 @@
 """Solutions of the classical heat equation: the slab, products of slabs, the half-space, the infinite medium, the line
 source.
 
-Series are cut where a bound of everything left out falls below the wanted error. Lengths, times and temperatures in any
-consistent units. Carslaw and Jaeger (1959), chapters 2, 3 and 10; Bobaru and Duangpanya (2010), eqs 31 to 44, with the
-misprints of eqs 33, 38, 39 and 43 corrected.
+Series are truncated where a bound of the remainder falls below the target error. Lengths, times and temperatures are in
+any consistent units. Carslaw and Jaeger (1959), chapters 2, 3 and 10; Bobaru and Duangpanya (2010), eqs 31 to 44, with
+the misprints of eqs 33, 38, 39 and 43 corrected.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class End:
     Parameters
     ----------
     value : float
-        Temperature, or the slope dT/dx if `slope`: 0 for an insulated end.
+        Temperature, or the slope dT/dx if `slope` is set: 0 for an insulated end.
     slope : bool
     """
 
@@ -39,19 +39,19 @@ class End:
 
 @dataclass(frozen=True)
 class Slab:
-    """Slab ``0 < x < length`` whose ends are kept at a temperature or at a slope, from a piecewise constant start.
+    """Slab ``0 < x < length`` whose ends are kept at a temperature or at a slope, with a piecewise constant start.
 
     Parameters
     ----------
     length, diffusivity : float
     pieces : sequence of (float, float, float)
-        (lower, upper, temperature) of the start; 0 elsewhere.
+        (lower, upper, temperature) at the start; 0 elsewhere.
     left, right : End
 
     Raises
     ------
     InputError
-        Length or diffusivity not positive, a piece that does not lie in the slab.
+        The length or the diffusivity is not positive, or a piece does not lie in the slab.
     """
 
     length: float
@@ -81,28 +81,29 @@ class Slab:
         ----------
         x : array_like
         t : float
-            At 0 the start itself, between two pieces their mean.
+            At 0 the result is the start itself, between two pieces their mean.
         error : float
-            Bound of what the series leaves out, relative to the mean of |start less steady state|.
+            Bound of the truncation error of the series, relative to the mean of |start less steady state|.
         """
         return self._sum(np.asarray(x, float), t, error, 0)
 
     def gradient(self, x: ArrayLike, t: float, error: float = 1e-13) -> np.ndarray:
         """Slope dT/dx at positions x for t > 0; the heat flux is ``-conductivity`` times it.
 
-        `error` is relative to that of `temperature` by length.
+        `error` is relative to that mean divided by the length.
         """
         if t <= 0:
             raise InputError("the gradient of a start with jumps is not a function", value=t, limit="> 0", key="t")
         return self._sum(np.asarray(x, float), t, error, 1)
 
-    # The state is polynomial + drift t + sum of amplitude_n phi_n(x) exp(-diffusivity k_n^2 t), phi a sine where the
-    # left end is at a temperature.
+    # The state is polynomial + drift t + sum of amplitude_n phi_n(x) exp(-diffusivity k_n^2 t); phi is a sine where the
+    # left end is at a temperature, else a cosine.
 
     @property
     def _steady(self) -> tuple[np.ndarray, float]:
-        """Polynomial (c0, c1, c2) that meets both ends, and how fast it rises (two slopes that differ heat the
-        slab)."""
+        """Polynomial (c0, c1, c2) that satisfies both end conditions, and its rate of change (two different slopes heat
+        the slab).
+        """
         left, right, length = self.left, self.right, self.length
         if left.slope and right.slope:
             bend = (right.value - left.value) / (2 * length)
@@ -117,7 +118,7 @@ class Slab:
         return (start + np.arange(first, last)) * np.pi / self.length
 
     def _amplitudes(self, k: np.ndarray) -> np.ndarray:
-        """Coefficients of start less polynomial, by closed integrals of x^j exp(i k x)."""
+        """Coefficients of the start less the polynomial, by closed integrals of x^j exp(i k x)."""
         polynomial, _ = self._steady
         flat = k == 0
         wave = np.where(flat, 1.0, k)
@@ -142,7 +143,9 @@ class Slab:
         return share * (whole.real if self.left.slope else whole.imag)
 
     def _terms(self, t: float, error: float, derivative: int) -> int:
-        """Terms after which the bound ``sum of 2 (k length)^derivative exp(-diffusivity k^2 t)`` is below the error."""
+        """Number of terms after which the bound ``sum of 2 (k length)^derivative exp(-diffusivity k^2 t)`` is below the
+        error.
+        """
         count = 1
         step = np.pi / self.length
         while count < _MOST_TERMS:
@@ -159,7 +162,7 @@ class Slab:
         )
 
     def _beyond(self, x: np.ndarray, place: float) -> np.ndarray:
-        """1 beyond a place, 0 before it, 1/2 on it (to rounding)."""
+        """1 beyond a place, 0 before it, 1/2 at it (to rounding)."""
         gap = x - place
         return np.heaviside(np.where(np.abs(gap) < 1e-12 * self.length, 0.0, gap), 0.5)
 
@@ -193,15 +196,15 @@ def box(slabs: Sequence[Slab], axes: Sequence[ArrayLike], t: float, error: float
     Parameters
     ----------
     slabs : sequence of Slab
-        One an axis; their ends must be at temperature 0 or insulated, then the product of the solutions is the solution
-        for the product of the starts (Carslaw and Jaeger, section 1.15).
+        One per axis; their ends must be at temperature 0 or insulated, so that the product of the solutions is the
+        solution for the product of the starts (Carslaw and Jaeger, section 1.15).
     axes : sequence of array_like
     t, error : float
 
     Raises
     ------
     InputError
-        An end with a value.
+        An end has a nonzero value.
     """
     for slab in slabs:
         if slab.left.value or slab.right.value:
@@ -218,12 +221,12 @@ def box(slabs: Sequence[Slab], axes: Sequence[ArrayLike], t: float, error: float
 
 
 def half_space(x: ArrayLike, t: float, diffusivity: float, surface: float = 0.0, initial: float = 1.0) -> np.ndarray:
-    """Half-space x > 0 at `initial` whose surface is kept at `surface` from t = 0 on."""
+    """Half-space x > 0, initially at `initial`, whose surface is kept at `surface` from t = 0 on."""
     return surface + (initial - surface) * special.erf(np.asarray(x, float) / np.sqrt(4 * diffusivity * t))
 
 
 def half_space_flux(x: ArrayLike, t: float, diffusivity: float, conductivity: float, flux: float) -> np.ndarray:
-    """Half-space x > 0 at 0 that a constant flux enters at x = 0 (Carslaw and Jaeger, 2.9)."""
+    """Half-space x > 0, initially at 0, with a constant flux into it at x = 0 (Carslaw and Jaeger, 2.9)."""
     scaled = np.asarray(x, float) / np.sqrt(4 * diffusivity * t)
     return (
         flux
@@ -236,7 +239,8 @@ def half_space_flux(x: ArrayLike, t: float, diffusivity: float, conductivity: fl
 def half_space_convection(
     x: ArrayLike, t: float, diffusivity: float, conductivity: float, transfer: float
 ) -> np.ndarray:
-    """Half-space x > 0 at 0 beside a fluid at 1 with a coefficient of heat transfer (Carslaw and Jaeger, 2.7)."""
+    """Half-space x > 0, initially at 0, next to a fluid at 1, with a heat transfer coefficient (Carslaw and Jaeger,
+    2.7)."""
     x = np.asarray(x, float)
     scaled, biot = x / np.sqrt(4 * diffusivity * t), transfer / conductivity * np.sqrt(diffusivity * t)
     return special.erfc(scaled) - np.exp(-(scaled**2)) * special.erfcx(scaled + biot)
@@ -251,7 +255,7 @@ def gaussian(r: ArrayLike, t: float, diffusivity: float, width: float, dim: int)
 def line_source(
     r: ArrayLike, t: float, diffusivity: float, conductivity: float, power: float, width: float = 0.0
 ) -> np.ndarray:
-    """Infinite medium at 0 around a line that heats with constant power per length from t = 0 on.
+    """Infinite medium, initially at 0, around a line that heats it with constant power per length from t = 0 on.
 
     Parameters
     ----------
@@ -265,7 +269,7 @@ def line_source(
     late = squared / (width**2 + 4 * diffusivity * t)
     if not width:
         return power / (4 * np.pi * conductivity) * special.exp1(late)
-    # E1(a) - E1(b) = Ein(b) - Ein(a) + log(b / a): the logarithms of r cancel, so that the axis itself has a value
+    # E1(a) - E1(b) = Ein(a) - Ein(b) + log(b / a): the logarithms of r cancel, so that there is a value on the axis
     early = squared / width**2
     safe = np.where(squared > 0, 1.0, 0.0)
     smooth = np.where(

@@ -1,4 +1,4 @@
-"""The infinite lattice at rest, driven by forces on some of its nodes."""
+"""The infinite lattice, initially at rest, driven by forces on some of its nodes."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from farhorizon.machine import available_memory
 from farhorizon.medium.integrators import Integrator, Verlet
 from farhorizon.medium.stencil import Stencil
 
-_WIDEST = 1e5  # neighbours of the operator of a step
+_WIDEST = 1e5  # largest number of neighbours of a step's operator
 _FAINT = 1e-20  # weights below this part of the largest are rounding
 
 
 @dataclass(frozen=True)
 class Scheme:
-    """A uniform medium and how it is advanced, as one operator a step.
+    """A uniform medium and its time integration, as one operator per step.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Scheme:
     recursion : Recursion
     dt : float
     order : int
-        Of the equation in time.
+        Order of the equation in time.
     """
 
     stencil: Stencil
@@ -42,13 +42,13 @@ class Scheme:
 
     @classmethod
     def of(cls, stencil: Stencil, rate: float, integrator: Integrator, dt: float, damping: float = 0.0) -> Scheme:
-        """The scheme of an integrator. A step of several stages is one of forward Euler with the polynomial of the
-        operator that it is, which reaches as many times farther as it has stages.
+        """The scheme of an integrator. A step of several stages is represented as one of forward Euler with its
+        polynomial of the operator, whose reach is that of the stencil times the number of stages.
 
         Raises
         ------
         InputError
-            So many stages that the polynomial couples more nodes than can be worked with.
+            There are so many stages that the polynomial couples too many nodes.
         """
         if isinstance(integrator, Verlet):
             return cls(stencil, rate, Recursion.of(integrator, dt, damping), dt, 2)
@@ -75,7 +75,7 @@ class Scheme:
         return cls(whole, 1.0, Recursion(0.0, 1.0, 1.0), dt, 1)
 
     def travel(self, steps: int) -> float:
-        """Nodes that a disturbance has passed after so many steps, but for parts below rounding."""
+        """Number of nodes that a disturbance has travelled after some steps, apart from what is below rounding."""
         if self.order == 2:
             found = largest_speed(self.stencil) * np.sqrt(self.rate) * steps * self.dt
             found += 20 * max(self.stencil.reach) + 10 * np.cbrt(found)  # the front has an Airy tail ahead of it
@@ -87,10 +87,10 @@ class Scheme:
 
 
 class DrivenLattice:
-    """What forces radiate on the infinite lattice, exactly as the scheme computes it: fully discrete.
+    """The field that forces radiate on the infinite lattice, exactly as the fully discrete scheme computes it.
 
-    Every wave with a whole number of lengths on a periodic lattice is advanced by itself, and the lattice is so large
-    that nothing has come round to a receiver by the last step.
+    Each Fourier mode of a periodic lattice is advanced separately, and the lattice is so large that nothing that wraps
+    around reaches a receiver by the last step.
 
     Parameters
     ----------
@@ -98,14 +98,14 @@ class DrivenLattice:
     last : int
         Number of steps.
     nodes : ndarray of int, shape (W, dim)
-        Those that forces act on.
+        Nodes on which forces act.
     receivers : ndarray of int, shape (P, dim)
-        Those at which the field is wanted.
+        Nodes at which the field is computed.
 
     Raises
     ------
     InputError
-        A periodic lattice that does not fit into memory.
+        The periodic lattice does not fit into memory.
 
     Examples
     --------
@@ -142,7 +142,7 @@ class DrivenLattice:
         Parameters
         ----------
         forces : iterable of ndarray, shape (components * W,), components first
-            At each step, from the first on; as many as there are steps.
+            Forces at each step, one array for each.
 
         Returns
         -------
@@ -164,7 +164,7 @@ class DrivenLattice:
         return found[:, 0] if self._components == 1 else found.swapaxes(1, 2)
 
     def _spectrum(self, force: np.ndarray) -> np.ndarray:
-        """Fourier coefficients of forces on the nodes; axis by axis, for all but a few rows are zero."""
+        """Fourier coefficients of forces on the nodes, axis by axis, because all but a few rows are zero."""
         block = np.zeros((self._components, *self._shape))
         block[(slice(None), *self._nodes)] = force.reshape(self._components, -1)
         found = fft.rfft(block, self.box[-1])
@@ -173,8 +173,8 @@ class DrivenLattice:
         return found
 
     def _seen(self, value: np.ndarray) -> np.ndarray:
-        """The field at the receivers, shape (components, P); axis by axis, for only a few rows are wanted."""
-        place = np.zeros(len(self._receivers), int)  # of each receiver among the rows that are left
+        """The field at the receivers, shape (components, P), axis by axis, because only a few rows are needed."""
+        place = np.zeros(len(self._receivers), int)  # of each receiver among the remaining rows
         value = value[:, None]
         for axis, count in enumerate(self.box[:-1]):
             value = fft.ifft(value, axis=2)

@@ -1,7 +1,7 @@
-"""What point sources send through a homogeneous, isotropic medium without ends, by the classical equations.
+"""Fields of point sources in a homogeneous, isotropic, unbounded medium, by the classical equations.
 
 Aki and Richards (2002), Quantitative Seismology, eqs 4.23 and 4.29, and the scalar wave in the plane (Morse and
-Feshbach 1953, section 7.3). What a line source sends through space is what a point source sends through the plane.
+Feshbach 1953, section 7.3). The field of a line source in space is that of a point source in the plane.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_POINTS = 64  # of a quadrature, for signals with a few oscillations over its length
-_RATE = 1e-4  # step of the difference that stands for the derivative of a signal, over the time given for its scale
+_POINTS = 64  # points of a quadrature, for signals with a few oscillations over its length
+_RATE = 1e-4  # step of the difference that approximates the derivative of a signal, over the given time scale
 
 Signal = Callable[[np.ndarray], np.ndarray]
 
@@ -31,7 +31,7 @@ def scalar_wave_in_the_plane(distance: float, times: np.ndarray, signal: Signal,
 
 @dataclass(frozen=True)
 class FullSpace:
-    """An elastic medium that fills space.
+    """An unbounded elastic medium.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class FullSpace:
     density: float
 
     def of_force(self, at: np.ndarray, times: np.ndarray, force: np.ndarray, signal: Signal) -> np.ndarray:
-        """Displacement that a force at the origin causes (Aki and Richards, eq 4.23).
+        """Displacement due to a force at the origin (Aki and Richards, eq 4.23).
 
         Parameters
         ----------
@@ -59,7 +59,7 @@ class FullSpace:
         times : ndarray, shape (n,)
         force : ndarray, shape (3,)
         signal : callable
-            Of times of any shape, zero before zero.
+            Function of times of any shape, zero before zero.
 
         Returns
         -------
@@ -76,7 +76,7 @@ class FullSpace:
     def of_moment(
         self, at: np.ndarray, times: np.ndarray, moment: np.ndarray, signal: Signal, scale: float
     ) -> np.ndarray:
-        """Displacement that a symmetric moment tensor at the origin causes (Aki and Richards, eq 4.29).
+        """Displacement due to a symmetric moment tensor at the origin (Aki and Richards, eq 4.29).
 
         Parameters
         ----------
@@ -84,9 +84,9 @@ class FullSpace:
         times : ndarray, shape (n,)
         moment : ndarray, shape (3, 3)
         signal : callable
-            Of times of any shape, zero before zero.
+            Function of times of any shape, zero before zero.
         scale : float
-            Time in which the signal changes; its derivative is a difference over a small part of it.
+            Time scale of the signal; its derivative is approximated by a difference over a small part of it.
 
         Returns
         -------

@@ -38,10 +38,10 @@ def undisturbed(stencil: Stencil, rate: float, order: int, until: float) -> int:
 
 
 class InfiniteLattice:
-    """States of the scheme on the infinite lattice, from data that vanish outside a box.
+    """States of the scheme on the infinite lattice, for data that vanish outside a box.
 
-    The update is diagonal in Fourier space; the periodic box is made so large that nothing that wraps around is
-    back in time (waves) or above rounding (diffusion).
+    The update is diagonal in Fourier space; the periodic box is so large that nothing that wraps around returns in time
+    (waves) or exceeds rounding (diffusion).
 
     Parameters
     ----------
@@ -51,15 +51,15 @@ class InfiniteLattice:
     integrator : Verlet, Euler or RungeKutta4
     dt : float
     last : int
-        Largest number of steps that will be asked for.
+        Largest number of steps that will be requested.
     u, v : ndarray
-        Initial values (less the background) and velocities; of vectors the components come first.
+        Initial values (less the background) and velocities; for vectors the components come first.
     damping : float
 
     Raises
     ------
     InputError
-        A time so late that the box does not fit into memory.
+        The time is so late that the box does not fit into memory.
     """
 
     def __init__(
@@ -110,12 +110,12 @@ class InfiniteLattice:
         return np.moveaxis(np.maximum(values, 0.0), -1, 0), modes
 
     def _transform(self, field: np.ndarray) -> np.ndarray:
-        """Fourier coefficients, of vectors those of the modes."""
+        """Fourier coefficients; for vectors those of the modes."""
         found = fft.rfftn(field, self.box, axes=range(-len(self.box), 0))
         return found if self.modes is None else np.einsum("...ij,i...->j...", self.modes.conj(), found)
 
     def after(self, steps: int) -> np.ndarray:
-        """The state after a number of steps, shape of the data."""
+        """The state after a number of steps, in the shape of the data."""
         if steps > self.last:
             raise InputError("later than the box was made for", value=steps, limit=self.last)
         end = self._after(steps)

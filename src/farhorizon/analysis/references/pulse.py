@@ -1,5 +1,5 @@
-"""Plane pulses that solve the equations of an undamped lattice exactly: a signal in time, carried along a direction by
-the lattice's own waves.
+"""Plane pulses that solve the equations of an undamped lattice exactly: a signal in time, carried in a direction by the
+lattice's own waves.
 """
 
 from __future__ import annotations
@@ -13,26 +13,27 @@ from farhorizon.errors import InputError
 from farhorizon.machine import available_memory
 from farhorizon.medium.stencil import Stencil
 
-_SAMPLES = 1024  # wavenumbers at which a branch is looked at before its equation is solved
+_SAMPLES = 1024  # wavenumbers at which a branch is sampled before its equation is solved
 _NEWTON = 8
-_LONG = 1e-5  # below this wavenumber times spacing a wave's polarisation is that of this one
+_LONG = 1e-5  # below this wavenumber times spacing, polarisations are those of this wave
 _LOST = 1e-12  # frequencies below this share of the largest amplitude are left out
 _SLOW = 0.1  # group speed, relative to that of long waves, below which a lattice does not carry a wave
-# part of the signal, relative to its largest value, that may lie above what the lattice carries: it is left out
+# largest part of the signal, relative to its largest value, at frequencies that the lattice does not carry, which is
+# left out
 _CARRIED = 1e-2
-_MOST_STEPS = 10**7  # of a signal: more than a pulse has, and samples that memory holds
-_LATE = 1e-10  # and those above this share must have passed before the pulse is over
-# of the interpolation in space: nodes for each radian of the shortest wave, and nodes that a value is taken from
+_MOST_STEPS = 10**7  # of a signal: more than a pulse has, and few enough samples for memory
+_LATE = 1e-10  # frequencies above this share must have passed before the pulse is over
+# interpolation in space: nodes per radian of the shortest wave, and nodes used for a value
 _GRID, _POINTS = 6.0, 14
 
 
 def sampled(signal: Callable[[float], float], duration: float, dt: float) -> np.ndarray:
-    """A signal at the time steps of its duration.
+    """Samples of a signal at the time steps within its duration.
 
     Raises
     ------
     InputError
-        It is not finite, or zero, or lasts too many steps.
+        The signal is not finite, or zero, or lasts too many steps.
     """
     if not duration <= _MOST_STEPS * dt:
         raise InputError(
@@ -42,7 +43,7 @@ def sampled(signal: Callable[[float], float], duration: float, dt: float) -> np.
             key="incident.duration",
             remedy="how long the signal itself lasts, in the unit of time of the run",
         )
-    steps = int(np.ceil(duration / dt - 1e-9)) + 1  # a whole number of steps is one in all units
+    steps = int(np.ceil(duration / dt - 1e-9)) + 1  # rounding must not add a step in some units
     samples = np.array([float(signal(t)) for t in dt * np.arange(steps)])
     if not np.isfinite(samples).all():
         raise InputError("the signal must be finite", value=samples[~np.isfinite(samples)][0], key="incident.signal")
@@ -54,8 +55,8 @@ def sampled(signal: Callable[[float], float], duration: float, dt: float) -> np.
 
 
 def harmonics(samples: np.ndarray, dt: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies w (rad per time) and complex amplitudes a of which ``Re sum a exp(i w t)`` is the signal and then
-    zero, over `count` steps.
+    """Frequencies w (rad per time) and complex amplitudes a for which ``Re sum a exp(i w t)`` is the signal, followed
+    by zeros, over `count` steps.
     """
     spectrum = np.fft.rfft(samples, count) * 2 / count
     spectrum[0] /= 2
@@ -65,17 +66,19 @@ def harmonics(samples: np.ndarray, dt: float, count: int) -> tuple[np.ndarray, n
 
 
 def felt(amplitudes: np.ndarray) -> np.ndarray:
-    """Which of the waves of a pulse are not left out for their smallness."""
+    """Which of the waves of a pulse are large enough not to be left out."""
     return np.asarray(np.abs(amplitudes) > _LOST * np.abs(amplitudes).max())
 
 
 def steps_of(time: float, dt: float) -> int:
-    """Steps of the period of what has passed at a time."""
+    """Number of steps in the period of a pulse that has passed at a given time."""
     return int(np.ceil(time / dt - 1e-9)) + 2
 
 
 def check_lost(lost: float, limit: float) -> None:
-    """InputError where a lattice does not carry too large a part of a signal, above a frequency."""
+    """Raise an InputError if too large a part of a signal is at frequencies, above a limit, that the lattice does not
+    carry.
+    """
     if lost > _CARRIED:
         raise InputError(
             "the signal has frequencies which the lattice does not carry",
@@ -90,9 +93,10 @@ class PlanePulse:
     """``u(x, t) = sum_j Re a_j p_j exp(i (w_j t - k_j s))``, s = n . (x - x0), with the dispersion of the lattice and
     of velocity Verlet.
 
-    At x0 it is the signal to rounding; of vectors the signal times the polarisation, less what this shares with waves
-    of the other type, for on a lattice P and S waves are so only nearly. It repeats itself after `period`, by when it
-    has passed the distance that it was made for.
+    At x0 it is the signal to rounding. For vectors it is the signal times the polarisation, except for the part of the
+    latter that belongs to waves of the other type, since on a lattice P and S waves are polarised only approximately
+    along and across the direction. It is periodic with `period`, by which time it has passed the distance for which it
+    was made.
 
     Parameters
     ----------
@@ -102,13 +106,12 @@ class PlanePulse:
     direction : ndarray, shape (dim,)
         Unit vector n.
     polarisation : ndarray, shape (dim,), or None
-        Unit vector of the displacement, for fields of vectors: along the direction for P waves, else at right angles to
-        it.
+        Unit vector of the displacement, for vector fields: along the direction for P waves, else at right angles to it.
     signal : callable
-        Of t, zero outside 0 to `duration`.
+        Function of t, zero outside 0 to `duration`.
     duration, distance : float
     period : float, optional
-        As long as all waves that count take to pass unless given.
+        By default, the time in which all significant waves pass.
 
     Attributes
     ----------
@@ -120,13 +123,13 @@ class PlanePulse:
         Group speed of the longest wave.
     distance : float
     lost : float
-        Part of the signal, relative to its largest value, in frequencies that the lattice does not carry: it is left
+        Part of the signal, relative to its largest value, in frequencies that the lattice does not carry, which is left
         out.
 
     Raises
     ------
     InputError
-        A signal that is not finite, or with frequencies which the lattice does not carry.
+        The signal is not finite, or has frequencies that the lattice does not carry.
     """
 
     def __init__(
@@ -157,7 +160,7 @@ class PlanePulse:
             self._set_waves(samples, steps_of(passed, dt))
 
     def _set_waves(self, samples: np.ndarray, count: int) -> None:
-        """The waves whose sum is the signal and then zero, over `count` steps."""
+        """Determine the waves whose sum is the signal, followed by zeros, over `count` steps."""
         frequencies, spectrum = harmonics(samples, self.dt, count)
         wanted = 2 / (self.dt * self._rate) * np.sin(frequencies * self.dt / 2)
         most = min(branch.most for branch in self._branches)
@@ -173,7 +176,7 @@ class PlanePulse:
         self._slopes, self.polarisations = np.concatenate(slopes), np.concatenate(polarisations)
 
     def _group_speeds(self) -> np.ndarray:
-        """dw/dk of each wave, and at k = 0 that of the fastest."""
+        """dw/dk of each wave; at k = 0, that of the fastest."""
         rise = 2 / self.dt * np.sin(self.frequencies * self.dt)
         moves = rise > 0
         speeds = self._rate**2 * self._slopes * self.spacing / np.where(moves, rise, 1.0)
@@ -181,12 +184,12 @@ class PlanePulse:
 
     @property
     def waves(self) -> TravellingWaves:
-        """The waves, of which the pulse is the sum."""
+        """The waves whose sum is the pulse."""
         shapes = (self.amplitudes[:, None] * self.polarisations)[:, None]
         return TravellingWaves(self.frequencies, self.wavenumbers, shapes, self.spacing)
 
     def at(self, places: np.ndarray) -> Callable[[float], np.ndarray]:
-        """The pulse at places s along its way, shape (n,): a function of t that gives the displacement, shape
+        """The pulse at distances s along its path, shape (n,): a function of t that gives the displacement, shape
         (components, n).
         """
         return self.waves.at(places)
@@ -209,15 +212,15 @@ class TravellingWaves:
     spacing: float
 
     def at(self, places: np.ndarray, rows: np.ndarray | None = None) -> Callable[[float], np.ndarray]:
-        """The displacement at places s, shape (n,), and rows, the first one unless given: a function of t, of shape
-        (components, n).
+        """The displacement at places s, shape (n,), and rows, by default the first: a function of t with values of
+        shape (components, n).
 
-        Where places are many the waves are summed on a line of points, and interpolated.
+        If there are many places, the waves are summed on a line of points, and interpolated.
 
         Raises
         ------
         InputError
-            So many waves at so many places that they do not fit into memory.
+            The waves at all places do not fit into memory.
         """
         from scipy import sparse
 
@@ -264,15 +267,15 @@ class TravellingWaves:
 
 
 def _count(polarisation: np.ndarray | None, direction: np.ndarray) -> int:
-    """Branches that a pulse is made of: as many as there are S waves, else one."""
+    """Number of branches of which a pulse consists: as many as there are S waves, else one."""
     return 1 if polarisation is None or abs(polarisation @ direction) > 0.5 else direction.size - 1
 
 
 class _Branch:
     """One branch of the symbol along a direction, from k = 0 to where its waves become slow.
 
-    Of vectors the P wave, whose displacement is most along the direction, or one of the others, by `number` in the
-    order of their frequencies.
+    For vectors it is the P wave, whose displacement is most nearly along the direction, or one of the others, by
+    `number` in the order of their frequencies.
 
     Attributes
     ----------
@@ -289,7 +292,7 @@ class _Branch:
         self._angles, self._roots, self.most = angles[:rise], roots[:rise], float(roots[rise - 1])
 
     def at(self, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Value, slope, and what the branch has of the polarisation, at wavenumbers times spacing."""
+        """Value, slope, and projection of the polarisation on the branch, at wavenumbers times spacing."""
         along = [np.maximum(angle, _LONG) * n for n in self._direction]
         slope = np.sum([n * self._stencil.symbol_gradient(a, *along) for a, n in enumerate(self._direction)], axis=0)
         symbol = self._stencil.symbol(*along)
@@ -309,7 +312,9 @@ class _Branch:
         return np.where(moves, value, 0), slope, mode * (mode.conj() @ self._polarisation)[:, None]
 
     def solve(self, roots: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Wavenumbers times spacing at which the branch has the squares of `roots`, slopes and polarisations there."""
+        """Wavenumbers times spacing at which the values of the branch are the squares of `roots`, with slopes and
+        polarisations there.
+        """
         angle = np.interp(roots, self._roots, self._angles)
         for _ in range(_NEWTON):
             value, slope, _ = self.at(angle)
@@ -318,7 +323,9 @@ class _Branch:
 
 
 def _lagrange(place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes 0, 1, 2, .. about each place, and their weights in polynomial interpolation; both of shape (n, _POINTS)."""
+    """Nodes 0, 1, 2, .. around each place, and their weights in polynomial interpolation; both of shape (n,
+    _POINTS).
+    """
     first = np.floor(place).astype(int) - (_POINTS // 2 - 1)
     index = first[:, None] + np.arange(_POINTS)
     difference = place[:, None] - index

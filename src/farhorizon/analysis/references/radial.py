@@ -1,5 +1,5 @@
-"""A cylindrically symmetric wave in the infinite elastic plane: the local closed form, and the nonlocal medium by a
-Hankel integral.
+"""A cylindrically symmetric wave in the infinite elastic plane: in closed form for the local medium, and by a Hankel
+integral for the nonlocal one.
 
 The radial displacement obeys ``u_tt = c^2 (u_rr + u_r / r - u / r^2)`` and starts, at rest, as ``b (r/a) (1 +
 (r/a)^2)^(-3/2)``.
@@ -19,8 +19,8 @@ _DECAYED = 40.0  # exp(-40) is below rounding
 def radial_wave(r: ArrayLike, t: ArrayLike, speed: float, amplitude: float = 1.0, width: float = 1.0) -> np.ndarray:
     """Radial displacement of the local medium.
 
-    Wildman and Gazonas (2012), eq. 3-3, reads ``b r / (sqrt(2) a R^6) sqrt(R^2 + alpha) (2 alpha - R^2)``: as printed,
-    with the last factor under the root, it is neither the initial value nor a solution.
+    It is Wildman and Gazonas (2012), eq. 3-3, read as ``b r / (sqrt(2) a R^6) sqrt(R^2 + alpha) (2 alpha - R^2)``. As
+    printed, with the last factor under the root, it neither has the initial value nor is a solution.
 
     Parameters
     ----------
@@ -54,15 +54,15 @@ def nonlocal_radial_wave(
     amplitude: float = 1.0,
     width: float = 1.0,
 ) -> np.ndarray:
-    """The same in a nonlocal medium whose gradient has the symbol g, ``integral of k b a^2 exp(-k a) J1(k r) cos(c g(k)
-    t) dk``.
+    """Radial displacement of a nonlocal medium whose gradient has the symbol g, ``integral of k b a^2 exp(-k a) J1(k r)
+    cos(c g(k) t) dk``.
 
     Parameters
     ----------
     r, t : array_like
         Broadcast.
     speed, amplitude, width : float
-        As of `radial_wave`.
+        As for `radial_wave`.
     symbol : callable
         g(k), e.g. `gaussian_symbol`; the identity gives `radial_wave`.
 
@@ -72,7 +72,7 @@ def nonlocal_radial_wave(
     """
     r, t = np.broadcast_arrays(np.asarray(r, float), np.asarray(t, float))
     last = _DECAYED / width
-    # three points or more a turn of the fastest of J1 and cos, never below 400
+    # at least three points per oscillation of the fastest of J1 and cos, and at least 400
     panels = int(20 + last * (r.max(initial=0.0) + speed * t.max(initial=0.0)) / (2 * np.pi))
     points, weights = np.polynomial.legendre.leggauss(20)
     edges = np.linspace(0, last, panels + 1)
