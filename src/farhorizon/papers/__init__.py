@@ -1,1 +1,1 @@
-"""Published tables and figures, computed anew: one module a paper, each result beside the printed one."""
+"""Published tables and figures recomputed: one module per paper, with each result next to the printed one."""

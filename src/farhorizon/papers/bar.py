@@ -1,5 +1,4 @@
-"""A bar, the smallest near field there is, on plain arrays: it verifies the exact boundary and computes the published
-examples.
+"""A one-dimensional bar on plain arrays, which verifies the exact boundary and computes the published examples.
 
 `Bar` advances a row of nodes whose ends are free or continue into a half-infinite chain.
 """
@@ -16,19 +15,19 @@ from farhorizon.analysis.exact.exponential_sum import ExponentialSum
 from farhorizon.errors import InputError
 from farhorizon.papers.bar_loops import BarEnds, HeldNodes, bar_acceleration, bar_steps
 
-_CHUNK = 1024  # steps between two returns to Python without a convolution
+_CHUNK = 1024  # steps per call of the compiled loop if there is no convolution
 
 
 def bonds_of(weights: np.ndarray, nodes: int, coefficient: np.ndarray | None = None) -> np.ndarray:
-    """Bonds of a row of nodes: entry (k - 1, i) joins i and i + k, zero where i + k is beyond the end; shape (K,
-    nodes).
+    """Bonds of a row of nodes, shape (K, nodes): entry (k - 1, i) joins i and i + k, and is 0 if i + k is beyond the
+    end.
 
     Parameters
     ----------
     weights : ndarray, shape (K,)
     nodes : int
     coefficient : ndarray, shape (nodes,), optional
-        Multiplies a bond with the smaller of its ends' values.
+        Multiplies each bond by the smaller of the values at its two nodes.
     """
     bonds = np.zeros((weights.size, nodes))
     for k in range(1, min(weights.size, nodes - 1) + 1):
@@ -44,28 +43,28 @@ class Bar:
     Parameters
     ----------
     weights : ndarray, shape (K,)
-        Stencil of the medium beyond the ends, a_1 .. a_K.
+        Stencil a_1 .. a_K of the medium beyond the ends.
     recursion : Recursion
     u : ndarray, shape (N,)
-        Initial values; beyond exact ends they are zero.
+        Initial values; zero beyond exact ends.
     increment : ndarray, shape (N,), optional
         Initial velocity times dt.
     bonds : ndarray, shape (K, N), optional
-        `bonds_of` a homogeneous bar unless given.
+        `bonds_of` a homogeneous bar if not given.
     ends : pair, left and right
-        None: free. A force kernel (`chain.force_form`) of shape (steps + 1, K, K): convolution in blocks. An
-        `ExponentialSum`.
+        None for a free end; a force kernel (`chain.force_form`) of shape (steps + 1, K, K), which is convolved in
+        blocks; or an `ExponentialSum`.
     held : mapping of int to callable, optional
-        Nodes with prescribed values and their values as a function of the step; see also `release`.
+        Nodes with prescribed values, each with its value as a function of the step; see also `release`.
     first : float, optional
-        Weight of the sample at step 0, `recursion.first` unless given.
+        Weight of the sample at step 0; `recursion.first` if not given.
     block : int or None
-        Steps in a block of the convolutions.
+        Number of steps per block of the convolutions.
 
     Raises
     ------
     InputError
-        Fewer nodes than the stencil reaches.
+        The bar has fewer nodes than the reach of the stencil.
     """
 
     def __init__(
@@ -103,7 +102,7 @@ class Bar:
             self._set_velocity(np.zeros(u.size) if increment is None else increment)
 
     def _modes(self, reach: int) -> tuple[np.ndarray, ...]:
-        """Poles, vectors and states of both ends as arrays of one shape, filled up with zeros."""
+        """Poles, input and output vectors and zero states of both ends, padded with zeros to a common shape."""
         most = max((s.modes for s in self.sums if s is not None), default=0)
         poles, states = np.zeros((2, 2, most), complex)
         inputs, outputs = np.zeros((2, 2, most, reach), complex)
@@ -114,7 +113,7 @@ class Bar:
         return poles, inputs, outputs, states
 
     def acceleration(self) -> np.ndarray:
-        """A u without the past beyond the ends, shape (N,)."""
+        """A u without the contribution of the past beyond the ends, shape (N,)."""
         out = np.empty(self.u.size)
         bar_acceleration(self.u, self.bonds, out)
         left, right = self._ends.grounds
@@ -123,18 +122,19 @@ class Bar:
         return out
 
     def _set_velocity(self, increment: np.ndarray) -> None:
-        """Increment of step 0 such that the first step is ``u + (1 - d dt) dt v + dt^2/2 A u``."""
+        """Set the increment at step 0 such that the first step is ``u + (1 - d dt) dt v + dt^2/2 A u``."""
         r = self.recursion
         self.d = 2 * r.first * increment + (r.first - 1) * r.scale / r.keep * self.acceleration()
 
     def exchange(self, sums: Sequence[ExponentialSum | None], histories: Sequence[np.ndarray]) -> None:
-        """Go on with sums of more steps, given what the drivers did until now.
+        """Replace the sums by ones that hold for more steps, given the history of the drivers so far.
 
         Parameters
         ----------
         sums : pair of ExponentialSum or None
         histories : pair of ndarray, shape (step, K)
-            Values at steps 0 .. step - 1, counted from the end inwards; the first times its weight.
+            Values of the K drivers, numbered from the end inwards, at steps 0 .. step - 1; the first multiplied by its
+            weight.
         """
         self.sums = list(sums)
         names = ("poles", "inputs", "outputs", "states")
@@ -145,18 +145,18 @@ class Bar:
                 self._ends.states[side, : found.modes] = found.replay(histories[side])
 
     def release(self, node: int, increment: float) -> None:
-        """Let a held node that is no driver go, with a velocity given times dt."""
+        """Release a held node that is not a driver; `increment` is its velocity times dt."""
         del self.held[node]
         r = self.recursion
         self.d[node] = 2 * r.first * increment + (r.first - 1) * r.scale / r.keep * self.acceleration()[node]
 
     def run(self, steps: int) -> np.ndarray:
-        """Advance; returns u, shape (N,).
+        """Advance by a number of steps and return u, shape (N,).
 
         Raises
         ------
         InputError
-            More steps than a kernel or a sum was made for.
+            The run exceeds the number of steps of a kernel or a sum.
         """
         limit = min(
             [s.steps for s in self.sums if s is not None] + [h.steps for h in self.histories if h is not None],
@@ -178,7 +178,7 @@ class Bar:
         return self.u
 
     def _advance(self, offset: int, count: int) -> None:
-        """`count` steps within the current block, from its step `offset` on."""
+        """Advance by `count` steps within the current block, starting at its step `offset`."""
         for side, history in enumerate(self.histories):
             if history is not None and offset == 0:
                 if self.step:

@@ -1,7 +1,8 @@
-"""Compiled loops of the published one-dimensional boundary on plain arrays: a bar with a history at its ends.
+"""Compiled loops of the one-dimensional exact boundary on plain arrays: a bar whose ends have a history.
 
 Every scheme here is the recursion ``d <- keep d + scale A u, u <- u + d`` in increments
-(`farhorizon.analysis.exact.chain.Recursion`), with the bonds A in differences, so that rounding does not drift.
+(`farhorizon.analysis.exact.chain.Recursion`). The bonds A are applied as differences, so that rounding errors do not
+drift.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from farhorizon.engine.rows.compiled import njit
 
 @njit(cache=True, error_model="numpy")
 def bar_acceleration(u: np.ndarray, bonds: np.ndarray, out: np.ndarray) -> None:
-    """``out = A u`` for bonds[k - 1, i] between the nodes i and i + k (0 where there is none), in differences."""
+    """Set ``out = A u``, in differences; bonds[k - 1, i] joins the nodes i and i + k (0 where there is no bond)."""
     out[:] = 0
     for k in range(1, bonds.shape[0] + 1):
         count = u.size - k
@@ -28,13 +29,13 @@ def bar_acceleration(u: np.ndarray, bonds: np.ndarray, out: np.ndarray) -> None:
 
 
 class HeldNodes(NamedTuple):
-    """Nodes of a bar that follow values.
+    """Nodes of a bar with prescribed values.
 
     Attributes
     ----------
     nodes : ndarray of int, shape (h,)
     values : ndarray, shape (count, h)
-        After each step.
+        Values after each step.
     """
 
     nodes: np.ndarray
@@ -42,20 +43,21 @@ class HeldNodes(NamedTuple):
 
 
 class BarEnds(NamedTuple):
-    """What lies beyond a bar. Side 0 is the left end, side 1 the right, node m of a side the m-th from its end.
+    """Response of what lies beyond a bar: side 0 is the left end, side 1 the right; node m of a side is the m-th from
+    its end.
 
     Attributes
     ----------
     grounds : ndarray, shape (2, K)
-        Weights of the bonds of the end nodes that reach beyond the bar, summed.
+        Sum of the weights of the bonds of each end node that reach beyond the bar.
     heads : ndarray, shape (2, B, K, K)
-        Force kernel at lags 0 .. B - 1, for the samples of this block; B = 1 without.
+        Force kernel at lags 0 .. B - 1, for the samples of the current block; B = 1 if there is no kernel.
     past : ndarray, shape (2, B, K)
-        Force of all earlier blocks at each step's beginning.
+        Force of all earlier blocks at the beginning of each step.
     samples : ndarray, shape (2, B, K)
-        Written: the end nodes' values at each step's beginning.
+        Output: the values of the end nodes at the beginning of each step.
     poles, inputs, outputs, states : ndarray of complex, shapes (2, P), (2, P, K), (2, P, K), (2, P)
-        Sums of exponentials; the states in place.
+        Sums of exponentials; the states are updated in place.
     """
 
     grounds: np.ndarray
@@ -81,18 +83,18 @@ def bar_steps(
     offset: int,
     count: int,
 ) -> None:
-    """Advance a bar by `count` steps, from step `offset` of a block on.
+    """Advance a bar by `count` steps, starting at step `offset` of a block.
 
     Parameters
     ----------
     u, d : ndarray, shape (N,)
-        State and increment, in place.
+        State and increment, updated in place.
     bonds : ndarray, shape (K, N)
     keep, scale : float
     held : HeldNodes
     ends : BarEnds
     first : float
-        Weight of this call's first sample.
+        Weight of the first sample of this call.
     offset, count : int
     """
     grounds, heads, past, samples, poles, inputs, outputs, states = ends
@@ -134,8 +136,8 @@ def bar_steps(
 
 @njit(cache=True, error_model="numpy")
 def _recursion_slope(state: np.ndarray, weights: np.ndarray, t: float, g: np.ndarray, out: np.ndarray) -> None:
-    """Time derivative of (g_0 .. g_(2K-1), their derivatives), closed by Ji et al. (2021), eq 27, at both ends; g is
-    work space of 3K.
+    """Time derivative of g_0 .. g_(2K-1) and of their rates, closed by the recursion of Ji et al. (2021), eq 27, for
+    the next K values; g is work space of size 3K.
     """
     reach = weights.size
     size = 2 * reach
@@ -156,8 +158,8 @@ def _recursion_slope(state: np.ndarray, weights: np.ndarray, t: float, g: np.nda
 
 @njit(cache=True, error_model="numpy")
 def recursive_impulse(weights: np.ndarray, dt: float, steps: int) -> np.ndarray:
-    """g_0 .. g_(2K-1) at 0, dt, .. by Runge-Kutta 4 and the recursion of Ji et al. (2021), eqs 23 to 27; shape (steps +
-    1, 2K).
+    """g_0 .. g_(2K-1) at t = 0, dt, .. by fourth-order Runge-Kutta and the recursion of Ji et al. (2021), eqs 23 to 27;
+    shape (steps + 1, 2K).
     """
     size = 2 * weights.size
     g = np.zeros((steps + 1, size))

@@ -1,19 +1,20 @@
 """Bobaru and Duangpanya (2010): the peridynamic formulation for transient heat conduction, figures 8 to 15.
 
-A bar between two ends, the temperature prescribed on the one node at an end, a flux on nodes beyond it (eq. 22). What
-the paper leaves open is chosen so that its statements come out:
+A bar with a temperature prescribed on the single node at an end, or a flux on nodes beyond it (eq. 22). What the paper
+leaves open is chosen such that its statements are reproduced:
 
 - the self term of the micro-conductivity is k(0), not k of the nearest neighbour as printed under eq. 18, and ``dx =
   L/N`` with N rounded;
 - the nodes of eq. 22 lie beyond the bar;
-- what figures 11 and 12 plot is ``1/N sqrt(sum of squared relative differences)``: the 1/N stays outside the root of
-  eq. 45. At the ends of example 1 the relative difference is 1 whatever the grid, hence the rate 1.01; the differences
-  in the bulk are of first order in both examples, and 1.5 is that plus 1/2 from the norm.
-- The classical solutions are those of `farhorizon.analysis.references.classical`; eqs 33, 38, 39 and 43 are misprinted.
+- figures 11 and 12 plot ``1/N sqrt(sum of squared relative differences)``: the 1/N is outside the root of eq. 45. At
+  the ends of example 1 the relative difference is 1 on every grid, which explains the rate 1.01; in the bulk the
+  differences are of first order in both examples, and the rate 1.5 is this order plus 1/2 from the norm.
+- the classical solutions are those of `farhorizon.analysis.references.classical`; eqs 33, 38, 39 and 43 are misprinted.
 
-Figure 10 is read by the paper as m-convergence. There is none for a temperature prescribed on one node: the operator's
-energy in 1D is that of half a derivative, a point has no capacity for it, and as m grows the end is lost, like log m.
-Given on a layer as wide as the horizon the temperature has a limit: `figure10` shows both.
+The paper interprets figure 10 as m-convergence. There is none if the temperature is prescribed on one node: in 1D the
+energy of the operator is that of half a derivative, for which a point has zero capacity, so that the condition at the
+end loses its effect like log m as m grows. If the temperature is prescribed on a layer as wide as the horizon, there is
+a limit; `figure10` shows both.
 """
 
 from __future__ import annotations
@@ -41,10 +42,10 @@ DIFFUSIVITY = 1.14
 TIMES = (0.1, 4.0, 8.0)
 DIVISIONS = (100, 200, 400, 800)  # horizons 3L/100 ..
 RATIOS = (2, 4, 8, 16)
-RATIO = 4  # of the profiles, figures 8, 9 and 15
+RATIO = 4  # m of the profiles, figures 8, 9 and 15
 KERNELS = {"constant": "constant", "triangular": "linear"}
-STEPS = 400  # of a study until 8 s: the error of the mid temperature is below 1e-5
-#: Slopes of figures 11 and 12, m = 2, 4, 8, 16.
+STEPS = 400  # time steps up to 8 s: their error in the mid temperature is below 1e-5
+#: Printed slopes of figures 11 and 12 for m = 2, 4, 8, 16.
 SLOPES = {
     (1, "constant"): (1.0104, 1.0132, 1.0109, 1.0104),
     (1, "triangular"): (1.0095, 1.0102, 1.0082, 1.0055),
@@ -71,7 +72,7 @@ class DiffusionExample:
 
     @property
     def classical(self) -> Slab:
-        """The classical problem, eqs 28 to 30, 35 to 37 and 40 to 42."""
+        """Corresponding classical problem, eqs 28 to 30, 35 to 37 or 40 to 42."""
         if self.number == 1:
             return Slab(10.0, DIFFUSIVITY, [(0, 10, 100.0)])
         if self.number == 2:
@@ -79,7 +80,7 @@ class DiffusionExample:
         return Slab(np.pi, DIFFUSIVITY, [], End(20.0), End(3.0, slope=True))
 
     def conditions(self, kind: str = "node") -> list[Constraint]:
-        """The paper's conditions; of kind "volume" the temperature is prescribed on a layer beyond the bar."""
+        """Conditions of the paper; with kind "volume" the temperature is prescribed on a layer beyond the bar."""
         if self.number == 1:
             return [Temperature("x-", 0.0, kind), Temperature("x+", 0.0, kind)]
         if self.number == 2:
@@ -96,17 +97,17 @@ class DiffusionExample:
         integrator: Integrator | None = None,
         kind: str = "node",
     ) -> tuple[Simulation, slice]:
-        """The bar on a grid, and which nodes are its own.
+        """The bar on a grid, and the slice of the nodes that belong to it.
 
         Parameters
         ----------
         kernel : {"constant", "triangular"}
         horizon : float
         ratio : int
-            m; the horizon is m spacings of the grid, which has ``L m / horizon`` nodes, rounded.
+            m, the number of grid spacings in the horizon; the grid has ``L m / horizon`` nodes, rounded.
         dt : float
         integrator : Integrator, optional
-            Runge-Kutta-Chebyshev with as many stages as dt needs unless given.
+            If not given, Runge-Kutta-Chebyshev with as many stages as dt requires.
         kind : {"node", "volume"}
         """
         nodes = round(self.length * ratio / horizon)
@@ -129,13 +130,13 @@ class DiffusionExample:
 
 
 def difference(found: np.ndarray, classical: np.ndarray) -> float:
-    """What the paper plots for eq. 45: 1/N times the norm of the relative differences."""
+    """Difference that the paper plots for eq. 45: 1/N times the norm of the relative differences."""
     return float(np.sqrt((((classical - found) / classical) ** 2).sum()) / found.size)
 
 
 @cache
 def studies(number: int, kernel: str) -> dict[str, Study]:
-    """Mid temperature ("middle") and difference ("difference") at 8 s over all horizons and m of the paper."""
+    """Mid temperature ("middle") and difference ("difference") at 8 s for all horizons and m of the paper."""
     example = DiffusionExample(number)
 
     def measure(horizon: float, ratio: int) -> dict[str, float]:
@@ -148,7 +149,7 @@ def studies(number: int, kernel: str) -> dict[str, Study]:
 
 
 def limits(kernel: str, ratios: tuple[int, ...] = (2, 4, 8, 16, 32, 64, 128), kind: str = "node") -> Study:
-    """Mid temperature of example 1 at 8 s, horizon 3L/100, for many nodes in the horizon."""
+    """Mid temperature of example 1 at 8 s for the horizon 3L/100, as a function of m."""
 
     def measure(horizon: float, ratio: int) -> dict[str, float]:
         sim, bar = DiffusionExample(1).simulation(kernel, horizon, ratio, 8.0 / STEPS, kind=kind)
@@ -160,7 +161,7 @@ def limits(kernel: str, ratios: tuple[int, ...] = (2, 4, 8, 16, 32, 64, 128), ki
 
 
 def _profiles(folder: Path, name: str, number: int) -> Outcome:
-    """Profiles at 0.1, 4 and 8 s, horizon 3L/800, m = 4."""
+    """Profiles at 0.1, 4 and 8 s for the horizon 3L/800 and m = 4."""
     from farhorizon.pictures.curves import curve_panels
 
     example = DiffusionExample(number)
@@ -207,13 +208,13 @@ def _profiles(folder: Path, name: str, number: int) -> Outcome:
 
 @reproduction("bobaru2010-fig8", PAPER, "example 1: temperature at 0.1, 4 and 8 s, classical and peridynamic")
 def figure8(folder: Path) -> Outcome:
-    """Both ends at 0."""
+    """Both ends are held at 0."""
     return _profiles(folder, "bobaru2010-fig8", 1)
 
 
 @reproduction("bobaru2010-fig9", PAPER, "example 2: temperature at 0.1, 4 and 8 s, classical and peridynamic")
 def figure9(folder: Path) -> Outcome:
-    """Insulated at the left, 100 at the right."""
+    """The left end is insulated, the right one is held at 100."""
     return _profiles(folder, "bobaru2010-fig9", 2)
 
 
@@ -221,7 +222,7 @@ def figure9(folder: Path) -> Outcome:
     "bobaru2010-fig10", PAPER, "m-convergence of the temperature in the middle at 8 s, and that it has no limit"
 )
 def figure10(folder: Path) -> Outcome:
-    """Mid temperatures, where their curves cross, and what becomes of them as m grows: one node held, and a layer
+    """Mid temperatures, the crossings of their curves, and their course as m grows, with one node and with a layer
     held."""
     from farhorizon.pictures.curves import curve_panels
 
@@ -308,7 +309,7 @@ def figure12(folder: Path) -> Outcome:
 
 
 def _fluxes(folder: Path, name: str, number: int, ratio: int) -> Outcome:
-    """Flux over conductivity, right to left as in the paper, horizon 3L/800."""
+    """Flux divided by conductivity, positive from right to left as in the paper, for the horizon 3L/800."""
     from farhorizon.pictures.curves import curve_panels
 
     example = DiffusionExample(number)
@@ -359,5 +360,5 @@ def figure14(folder: Path) -> Outcome:
 
 @reproduction("bobaru2010-fig15", PAPER, "example 3: temperature at 0.1, 4 and 8 s with a flux at the right end")
 def figure15(folder: Path) -> Outcome:
-    """20 at the left, a slope of 3 C/cm at the right."""
+    """The left end is held at 20, the right one at a slope of 3 C/cm."""
     return _profiles(folder, "bobaru2010-fig15", 3)

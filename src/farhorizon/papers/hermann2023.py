@@ -1,14 +1,14 @@
 """Hermann, Shojaei, Seleson, Cyron and Silling (2023): Dirichlet-type absorbing conditions for peridynamic scalar
 waves.
 
-Each example is run with the published condition in several readings, for the paper leaves some of its options open (the
-radius of clouds in example 1, the thinning elsewhere), with what repairs it, with Higdon's and the first-order
-condition, and with a lattice PML. The paper prints pictures and no errors; ours are the largest differences from the
-infinite lattice, same step, over the near field.
+Each example is run with the published condition in several readings, because the paper does not state some of its
+options (the radius of the clouds in example 1, the thinning elsewhere). It is also run with repaired versions of this
+condition, with Higdon's and the first-order condition, and with a lattice PML. The paper prints pictures but no errors;
+the errors here are the largest differences over the near field from the infinite lattice with the same time step.
 
-Read with these corrections: "2 d w" in eqs 13 to 27 is "2 i d w"; the frequency of eq 35 has the sign of the
-wavenumber, or half of the modes come in; the initial data have |x|^2 in the exponent; the cone of eq 54 is closed. The
-damped relation of one step is that of eq 42 in terms of u alone.
+The paper is read with these corrections: "2 d w" in eqs 13 to 27 is "2 i d w"; the frequency of eq 35 has the sign of
+the wavenumber, since otherwise half of the modes are incoming; the initial data have |x|^2 in the exponent; the cone of
+eq 54 is closed. The relation for one step with damping is that of eq 42 written in terms of u alone.
 """
 
 from __future__ import annotations
@@ -48,21 +48,21 @@ PAPER = (
     "two-dimensional viscous media"
 )
 RADIUS, DAMPING = 26.0, 0.0125
-TIMES = (20.0, 30.0, 40.0, 50.0)  # of the fields
-COURSE = tuple(np.arange(2.0, 50.1, 2.0).tolist())  # of the errors
+TIMES = (20.0, 30.0, 40.0, 50.0)  # at which fields are shown
+COURSE = tuple(np.arange(2.0, 50.1, 2.0).tolist())  # at which errors are measured
 PROBE = (20.0, 10.0)
-_SMALL = 8.0  # radius of the near fields whose stability is examined
+_SMALL = 8.0  # radius of the small near fields used to determine stability
 _CROSSINGS = 20
 INFINITE = "infinite medium"
-LAST = 2500.0  # end of figure 10, right: 5e6 steps of 5e-4
-_SHORTEST = 3.4  # wavenumber beyond which the wide pulse has less than 1e-16
-_START = np.pi / 2  # energy of the wide pulse
-_OPEN = 44.0  # degrees: the open cone of eq 54, without its diagonals
+LAST = 2500.0  # end of the right part of figure 10: 5e6 steps of 5e-4
+_SHORTEST = 3.4  # wavenumber above which the spectrum of the wide pulse is below 1e-16
+_START = np.pi / 2  # initial energy of the wide pulse
+_OPEN = 44.0  # degrees; stands for the open cone of eq 54, which excludes the diagonals
 
 
 def published(radius: float, **options: Any) -> PlaneWave:
-    """The paper's condition: collocation on continuous-time modes, wavenumbers to 1 in five steps, eleven angles to 45
-    degrees.
+    """The condition of the paper: collocation on continuous-time modes, five wavenumbers up to 1, eleven angles up to
+    45 degrees.
     """
     return PlaneWave(
         **{
@@ -90,7 +90,7 @@ def narrow_pulse(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def square(half: float, dt: float) -> dict[str, Any]:
-    """Example 1: lumped bilinear elements of edge 0.5 on a square whose outermost nodes are the condition's."""
+    """Example 1: lumped bilinear elements of edge 0.5 on a square whose outermost nodes belong to the condition."""
     spacing = 0.5
     lattice = Lattice(spacing, (spacing - half,) * 2, (half - spacing,) * 2)
     return {
@@ -102,7 +102,7 @@ def square(half: float, dt: float) -> dict[str, Any]:
 
 
 def disc(radius: float, reach: int, dt: float) -> dict[str, Any]:
-    """Examples 2 and 3: a disc of peridynamic nodes, the outermost horizon of which is the condition's."""
+    """Examples 2 and 3: a disc of peridynamic nodes; its outermost horizon belongs to the condition."""
     spacing = 0.25
     lattice = Lattice(spacing, window=Disc(radius - reach * spacing))
     kernel = Kernel(reach * spacing, 2, calibrate=False)
@@ -121,8 +121,8 @@ def _outcome(
     course: Sequence[float],
     times: Sequence[float],
 ) -> tuple[Outcome, dict[str, Measured], list[np.ndarray]]:
-    """Rows of an example in a homogeneous medium: errors at the times, and the stability of a small near field; the
-    runs, and the exact fields.
+    """Rows of an example in a homogeneous medium (errors at `times`, stability of the set-up `small`), the runs, and
+    the exact fields at `times`.
     """
     exact = infinite(setup, course[-1])
     fields = [exact(round(t / setup["dt"])) for t in times]
@@ -153,7 +153,8 @@ def _pictures(
     shown: Sequence[str],
     apart: Sequence[str],
 ) -> None:
-    """Fields of some runs beside the reference, one row a time; how far some are from it at the end; errors of all."""
+    """Draw the fields of the runs `shown` and of the reference, the last differences of those `apart`, and all
+    errors."""
     from farhorizon.pictures.fields import field_table
 
     axes, cracks = setup["lattice"].axes, [np.array(notch) for notch in NOTCHES] if "cracks" in setup else []
@@ -171,7 +172,7 @@ def _pictures(
     full="minutes",
 )
 def example_1(folder: Path, full: bool = False) -> Outcome:
-    """Square of 105^2 nodes; the step is 20 times the paper's unless `full`."""
+    """Square of 105^2 nodes; without `full` the time step is 20 times that of the paper."""
     dt = 5e-4 if full else 0.01
     setup = square(RADIUS, dt)
     conditions: dict[str, Side] = {
@@ -208,7 +209,7 @@ def energy(u: np.ndarray, v: np.ndarray, spacing: float) -> float:
     Parameters
     ----------
     u, v : ndarray, shape (n, n)
-        Values and their rates.
+        Values and their time derivatives.
     spacing : float
     """
     across, along = np.diff(u, axis=0), np.diff(u, axis=1)
@@ -221,15 +222,15 @@ def energy(u: np.ndarray, v: np.ndarray, spacing: float) -> float:
 
 
 class Continuum:
-    """Example 1 in the infinite continuum: a gaussian in a viscous membrane, as a Hankel integral.
+    """Example 1 in the infinite continuum: a Gaussian in a viscous membrane, as a Hankel integral.
 
-    Until the wave front has left the near field dispersion makes the elements differ from it, later next to nothing.
+    Dispersion makes the elements differ from it until the wave front has left the near field, hardly afterwards.
 
     Parameters
     ----------
     lattice : Lattice
     until : float
-        Latest time; the integrand oscillates as fast as this is late.
+        Latest time, on which the number of quadrature points depends: later integrands oscillate faster.
     """
 
     def __init__(self, lattice: Lattice, until: float) -> None:
@@ -238,7 +239,7 @@ class Continuum:
         squares, self._place = np.unique(
             np.round((x**2 + y**2) / lattice.spacing**2).astype(np.int64), return_inverse=True
         )
-        panels = int(_SHORTEST * (until + 60) / (6 * np.pi)) + 4  # three oscillations in each
+        panels = int(_SHORTEST * (until + 60) / (6 * np.pi)) + 4  # with three oscillations each
         points, gauss = np.polynomial.legendre.leggauss(24)
         self._k = (_SHORTEST * (np.arange(panels)[:, None] + (points + 1) / 2) / panels).ravel()
         width = np.log(2) / 9
@@ -262,7 +263,7 @@ class Continuum:
         return u[self._place].reshape(self._shape), v[self._place].reshape(self._shape)
 
 
-#: Conditions of figure 10: what the paper calls proposed (for three sizes of cloud) and conventional, and ours.
+#: Conditions of figure 10: the paper's proposed (with three sizes of clouds) and conventional ones, and a lattice PML.
 LONG: dict[str, Side] = {
     "published, 1 spacing": published(0.5),
     "published, 2 spacings": published(1.0),
@@ -270,12 +271,11 @@ LONG: dict[str, Side] = {
     "first order, A13": FirstOrder(),
     "lattice PML": LatticePML(nodes=30),
 }
-FRONT = 200.0  # by then the wave front has left the near field for long
+FRONT = 200.0  # by then the wave front has long left the near field
 
 
 def relative_energies(setup: Mapping[str, Any], boundary: Side, times: np.ndarray) -> np.ndarray:
-    """Energy of the near field at some times, nan from an overflow on, over that of the initial data; shape
-    (times,)."""
+    """Energy of the near field over the initial energy at given times, nan after an overflow; shape (times,)."""
     sim = Simulation(**{**setup, "boundary": boundary})
     spacing, found = sim.lattice.spacing, np.full(len(times), np.nan)
     near = tuple(
@@ -296,7 +296,7 @@ def relative_energies(setup: Mapping[str, Any], boundary: Side, times: np.ndarra
 
 
 def exact_energies(setup: Mapping[str, Any], times: np.ndarray) -> np.ndarray:
-    """The same of the infinite medium: on the lattice until the front has left, later of the continuum."""
+    """Relative energies in the infinite medium: on the lattice until the wave front has left, then of the continuum."""
     dt, lattice = setup["dt"], setup["lattice"]
     early = times[times <= FRONT]
     exact, later = infinite(setup, early[-1] + dt), Continuum(lattice, times[-1])
@@ -319,7 +319,7 @@ def exact_energies(setup: Mapping[str, Any], times: np.ndarray) -> np.ndarray:
     full="minutes",
 )
 def figure_10(folder: Path, full: bool = False) -> Outcome:
-    """Left: three models. Right: 1e5 steps of 0.025, with `full` the published 5e6 steps of 5e-4."""
+    """Left: history with three conditions. Right: 1e5 steps of 0.025, with `full` the published 5e6 of 5e-4."""
     from farhorizon.pictures.curves import curve_panels, error_history
 
     paths = [folder / f"hermann2023-fig10-{side}.png" for side in ("left", "right")]
@@ -357,7 +357,7 @@ def figure_10(folder: Path, full: bool = False) -> Outcome:
         rows.append(
             Row(f"{label}, energy at t = {LAST:g} / initial", float(values[-1]), note="overflow" if ended else "")
         )
-    # what grows leaves the picture
+    # growing energies are cut off
     seen = {name: np.where(values < 100, values, np.nan) for name, values in courses.items()}
     error_history(
         {name: (times, values) for name, values in seen.items()},
@@ -370,7 +370,7 @@ def figure_10(folder: Path, full: bool = False) -> Outcome:
 
 
 def disc_conditions(reach: int) -> dict[str, Side]:
-    """What is run on discs: readings of the published condition, its repairs, and the others."""
+    """Conditions that are run on discs: readings of the published condition, its repaired version, and others."""
     horizon = 0.25 * reach
     thin: dict[str, Any] = {"thin": 2, "cone": 45.0 if reach == 6 else _OPEN}
     readings: dict[str, Side] = {
@@ -390,7 +390,7 @@ def disc_conditions(reach: int) -> dict[str, Side]:
 
 
 def _disc_counts(reach: int) -> list[Row]:
-    """Node numbers of the paper's discs: every lattice point within the radius, the fringe in it."""
+    """Numbers of nodes of the discs in the paper: all lattice points within the radius, which includes the fringe."""
     grid = np.arange(-504, 505)
     square_of_radius = np.add.outer(grid**2, grid**2)
     inside, large = (int((square_of_radius <= (r * 4) ** 2).sum()) for r in (RADIUS, 126))
@@ -410,7 +410,7 @@ def _disc_counts(reach: int) -> list[Row]:
     "minutes",
 )
 def example_2(folder: Path, full: bool = False) -> Outcome:
-    """Disc of radius 26; the step is 500 times the paper's, with `full` 20 times."""
+    """Disc of radius 26; the time step is 500 times that of the paper, with `full` 20 times."""
     dt = 2e-3 if full else 0.05
     whole = Outcome(_disc_counts(6))
     for reach, names in (
@@ -431,17 +431,17 @@ def example_2(folder: Path, full: bool = False) -> Outcome:
 
 
 NOTCHES = [[(-7.0, -7.0), (7.0, -7.0)], [(0.0, 10.0), (7.0, 10.0)]]
-_ASIDE = 1e-3 * 0.25  # the notches run through nodes; they are moved this far off them
+_ASIDE = 1e-3 * 0.25  # the notches run through nodes and are moved off them by this distance
 
 
 def notched(radius: float, dt: float) -> dict[str, Any]:
-    """Example 3."""
+    """Set-up of example 3."""
     cracks = [[(x, y + _ASIDE) for x, y in notch] for notch in NOTCHES]
     return {**disc(radius, 3, dt), "cracks": cracks}
 
 
 def large_domain(setup: Mapping[str, Any], until: float) -> Reference:
-    """The near field of a set-up with cracks, on a square from whose ends nothing returns."""
+    """Reference for a set-up with cracks: its near field on a square so large that nothing returns from the edges."""
     lattice = setup["lattice"]
     half = lattice.spacing * (lattice.shape[0] // 2 + int(0.5 * until / lattice.spacing) + 40)
     sim = Simulation(**{**setup, "lattice": Lattice(lattice.spacing, (-half,) * 2, (half,) * 2), "boundary": Fixed()})
@@ -465,7 +465,7 @@ def large_domain(setup: Mapping[str, Any], until: float) -> Reference:
     full="minutes",
 )
 def example_3(folder: Path, full: bool = False) -> Outcome:
-    """Radius 26 and 42 to t = 70; the step is 500 times the paper's, with `full` 50 times."""
+    """Radius 26 and 42 up to t = 70; the time step is 500 times that of the paper, with `full` 50 times."""
     from farhorizon.pictures.curves import curve_panels
 
     dt = 5e-3 if full else 0.05
@@ -526,8 +526,8 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
     full="minutes",
 )
 def appendix_b(folder: Path, full: bool = False) -> Outcome:
-    """2001 nodes, 150 000 steps; exact ends, whose kernel takes minutes at this step, at ten times the step unless
-    `full`.
+    """2001 nodes, 150 000 steps. Exact ends, whose kernel takes minutes at this step, use ten times the step, and with
+    `full` also this one.
     """
     from farhorizon.pictures.curves import curve_panels
 
@@ -577,7 +577,7 @@ def appendix_b(folder: Path, full: bool = False) -> Outcome:
 
 @reproduction("hermann2023-fig6", PAPER, "dispersion: numerical, Taylor and local")
 def figure_6(folder: Path) -> Outcome:
-    """Frequencies at a horizon of 2 without damping, on the lattice with 2 and 8 spacings in it, by series of order 4
+    """Undamped frequencies for a horizon of 2: on lattices with 2 and 8 spacings in the horizon, by series of order 4
     and 26, and local.
     """
     from farhorizon.pictures.curves import curve_panels

@@ -1,11 +1,11 @@
 """Ji, Pang, Zhang, Yang and Perdikaris (2021): exact artificial boundary conditions of 1D semi-discretized
 peridynamics.
 
-The paper's construction is continuous in time: the responses g_m of the infinite chain to an impulse, from them the
-kernels f of the half-infinite chain by an integral equation, and their convolution with the drivers by the trapezoidal
-rule. `analysis.exact.chain` has the kernels of the fully discrete scheme instead; both are run here. Two printed
-statements do not give the printed numbers and are corrected: the interface's soft part is |x| < 4 strictly, and the
-seismic pulse acts until t = 10, not 5.
+The construction of the paper is continuous in time: the responses g_m of the infinite chain to an impulse give the
+kernels f of the half-infinite chain by an integral equation, and these are convolved with the drivers by the
+trapezoidal rule. `analysis.exact.chain` computes the kernels of the fully discrete scheme instead; both are run here.
+Two printed statements do not lead to the printed numbers and are corrected: the soft part of the interface is |x| < 4
+strictly, and the seismic pulse acts until t = 10, not 5.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ SPACING, WIDTH, HORIZON = 0.1, 0.25, 0.75
 STEPS = (0.001, 0.002, 0.0025, 0.004, 0.005)
 BEAM = np.array([4.0, -1.0])  # Euler-Bernoulli, eq 29
 THEIRS, OURS = "Ji et al., trapezoidal rule", "fully discrete kernel"  # names of the boundaries
-LEFT, ORIGIN, RIGHT = 0, 100, 200  # nodes whose histories the paper shows
+LEFT, ORIGIN, RIGHT = 0, 100, 200  # nodes whose histories are shown in the paper
 State = tuple[np.ndarray, np.ndarray]
 
-# The kernels of the chain that is continuous in time
+# Kernels of the chain in continuous time
 
 
 def micromodulus(distance: np.ndarray) -> np.ndarray:
@@ -53,10 +53,10 @@ def bar_weights() -> np.ndarray:
 
 
 def impulse_response(weights: np.ndarray, dt: float, steps: int) -> np.ndarray:
-    """g_0 .. g_(2K-1) at 0, dt, .. of the infinite chain (eqs 22 to 24), exact in time.
+    """g_0 .. g_(2K-1) of the infinite chain at t = 0, dt, .. (eqs 22 to 24), exact in time.
 
-    The integral over wavenumbers by the trapezoidal rule is the response of a periodic chain; it is made so long that
-    what comes round is below rounding.
+    The trapezoidal rule for the integral over wavenumbers gives the response of a periodic chain, which is made so long
+    that waves that travel round it are below rounding.
 
     Parameters
     ----------
@@ -78,27 +78,27 @@ def impulse_response(weights: np.ndarray, dt: float, steps: int) -> np.ndarray:
     g = np.empty((steps + 1, 2 * weights.size))
     for start in range(0, steps + 1, 4096):
         t = dt * np.arange(start, min(start + 4096, steps + 1))
-        # the rigid motion is g = t / nodes
+        # the rigid motion contributes t / nodes
         g[start : start + t.size] = np.sin(np.multiply.outer(t, omega)) @ waves + t[:, None] / nodes
     return g
 
 
 def recursive_response(weights: np.ndarray, dt: float, steps: int) -> np.ndarray:
-    """g_0 .. g_(2K-1) by the paper's own way, Runge-Kutta 4 closed by the recursion of eq 27; shape (steps + 1, 2K).
+    """g_0 .. g_(2K-1) by the paper's method, Runge-Kutta 4 closed by the recursion of eq 27; shape (steps + 1, 2K).
 
-    It serves K = 2 (the paper's test). For other stencils the closed system has growing solutions, at the rate ``max
-    |Im w(c)|`` over the complex critical points of the symbol, so that it is of no use beyond short times: 0.41 for the
-    bar.
+    It works for K = 2 (the paper's test). For other stencils the closed system has solutions that grow at the rate
+    ``max |Im w(c)|`` over the complex critical points of the symbol (0.41 for the bar), so that it is useless beyond
+    short times.
     """
     return recursive_impulse(weights, dt, steps)
 
 
 def semi_discrete_kernel(weights: np.ndarray, g: np.ndarray, dt: float) -> np.ndarray:
-    """Ghost kernels f of the half-infinite chain by the trapezoidal rule, eq 34, as a quotient of power series in the
+    """Ghost kernels f of the half-infinite chain by the trapezoidal rule (eq 34), as a quotient of power series in the
     shift by dt.
 
     With P[a, n, l] = sum over k > l of a_k g_|k + n - l| and R[a, n, m - 1] = sum over k of a_(k + m) g_|k - n|, eq 34
-    reads ``f + dt P * f = R``: (I + dt P) is inverted by Newton's method on series, each product by FFT.
+    reads ``f + dt P * f = R``. (I + dt P) is inverted by Newton's method for power series, with products by FFT.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def semi_discrete_kernel(weights: np.ndarray, g: np.ndarray, dt: float) -> np.nd
     Returns
     -------
     ndarray, shape (steps + 1, K, K)
-        f of ghost -n (n = 0 .. K - 1) and driver m = 1 .. K.
+        f of the ghosts -n (n = 0 .. K - 1) and the drivers m = 1 .. K.
     """
     reach = weights.size
     left, right = np.zeros((2, len(g), reach, reach))
@@ -143,8 +143,8 @@ def _inverse(series: np.ndarray) -> np.ndarray:
 
 @cache
 def _paper_kernel(dt: float, steps: int) -> np.ndarray:
-    """Force kernel of the paper's boundary for the bar; its first sample weighs 1/2, the end of the trapezoidal rule
-    (eq 42).
+    """Force kernel of the paper's boundary for the bar; its first sample has the weight 1/2 of the trapezoidal rule (eq
+    42).
     """
     weights = bar_weights()
     return dt * force_form(semi_discrete_kernel(weights, impulse_response(weights, dt, steps), dt), weights)
@@ -158,11 +158,11 @@ def _discrete_kernel(dt: float, steps: int) -> np.ndarray:
 
 
 def beam_kernel(t: float) -> np.ndarray:
-    """f of the Euler-Bernoulli beam (K = 2) at one time, exact; shape (2, 2): ghosts 0, -1 and drivers 1, 2.
+    """Exact f of the Euler-Bernoulli beam (K = 2) at one time, shape (2, 2): ghosts 0, -1 and drivers 1, 2.
 
-    The two roots that decay, on the cut s = i w + 0 with w = 4 sin^2(x/2), are exp(-i x) and ``1 + w/2 - sqrt(w +
-    w^2/4)``; the first ghost is (sum of roots, -product of roots), the next one the square of their companion matrix,
-    and f(t) = -2/pi int Im(f~) sin(w t) dw. The one in the corner is ``2 J_1(2t) sin(2t)/t``.
+    On the cut s = i w + 0 with w = 4 sin^2(x/2), the two decaying roots are exp(-i x) and ``1 + w/2 - sqrt(w +
+    w^2/4)``. The first ghost has (sum of roots, -product of roots), the next one the square of their companion matrix,
+    and f(t) = -2/pi int Im(f~) sin(w t) dw. The first entry is ``2 J_1(2t) sin(2t)/t``.
     """
     panels = int(10 + t)
     points, gauss = np.polynomial.legendre.leggauss(20)
@@ -185,16 +185,17 @@ class BarExample:
     Attributes
     ----------
     soft : float
-        Factor beta of the bonds of |x| < 4 (eq 44); 1: a homogeneous bar.
+        Factor beta of the bonds in |x| < 4 (eq 44); 1 for a homogeneous bar.
     seismic : bool
-        At rest, with a Ricker pulse at the origin until t = 10 and a free right end, instead of the gaussian of eq 36.
+        If True, the bar starts at rest with a Ricker pulse at the origin until t = 10 and a free right end, instead of
+        the Gaussian of eq 36.
     """
 
     soft: float = 1.0
     seismic: bool = False
 
     def coordinates(self, pad: int = 0) -> np.ndarray:
-        """Nodes, `pad` more of them beyond each exact end."""
+        """Coordinates of the nodes, with `pad` more of them beyond each exact end."""
         return SPACING * np.arange(-100 - pad, 101 + (0 if self.seismic else pad))
 
     def setup(self, pad: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -208,9 +209,9 @@ class BarExample:
     def run(
         self, dt: float, times: Sequence[float], kernel: np.ndarray | None, first: float | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """u and u_t on the near field at some times by velocity Verlet; shapes (times, 201).
+        """u and u_t in the near field at given times by velocity Verlet; shapes (times, 201).
 
-        `kernel` and `first` belong to the boundary; without a kernel, on a chain so long that nothing returns.
+        `kernel` and `first` specify the boundary; without a kernel the chain is so long that nothing returns.
         """
         weights, recursion = bar_weights(), Recursion.of(Verlet(), dt)
         steps = [round(t / dt) for t in times]
@@ -236,10 +237,9 @@ class BarExample:
         return np.array([u for u, _ in found]), np.array([v for _, v in found])
 
     def reference(self, times: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-        """u and u_t on the near field, of the chain that is discrete in space and exact in time; shapes (times,
-        201)."""
+        """u and u_t in the near field for the chain discrete in space and exact in time; shapes (times, 201)."""
         weights = bar_weights()
-        # the fastest wave passes 10 nodes a time unit, there and back
+        # the fastest wave travels 10 nodes per unit of time, and must not return
         pad = int(5.2 * times[-1] + 12 * np.cbrt(times[-1]) + 60)
         u, bonds = self.setup(pad)
         operator = np.zeros((u.size, u.size))
@@ -273,7 +273,7 @@ _DELAY = 5.0
 
 
 def ricker(t: float) -> float:
-    """Displacement of the origin, eq 45."""
+    """Displacement of the origin (eq 45)."""
     q = _PULSE * (t - _DELAY) ** 2
     return float((1 - 2 * q) * np.exp(-q))
 
@@ -285,9 +285,9 @@ def ricker_rate(t: float) -> float:
 
 
 def _forced(u: np.ndarray, bonds: np.ndarray, node: int, times: Sequence[float]) -> tuple[list[State], State]:
-    """u and u_t at some times before the end of the pulse, and at its end, of the chain whose `node` follows it.
+    """u and u_t of the chain whose `node` follows the pulse, at given times before its end, and at its end.
 
-    By Dormand and Prince's method of order 8.
+    By the Dormand-Prince method of order 8.
     """
     size = u.size
     force = np.empty(size)
@@ -309,8 +309,8 @@ def _forced(u: np.ndarray, bonds: np.ndarray, node: int, times: Sequence[float])
 
 
 def solution(x: np.ndarray, t: float) -> State:
-    """u and u_t of the bar of eq 36 in the continuum, eq 37, by Gauss-Legendre; the integrand is below 1e-20 beyond k =
-    14.
+    """u and u_t of the bar of eq 36 in the continuum (eq 37), by Gauss-Legendre quadrature up to k = 14, where the
+    integrand is below 1e-20.
     """
     points, gauss = np.polynomial.legendre.leggauss(400)
     k, weight = 7 * (points + 1), 7 * gauss
@@ -323,14 +323,14 @@ def solution(x: np.ndarray, t: float) -> State:
 
 
 def _printed(lines: str) -> np.ndarray:
-    """The paper's lines of a table, shape (times, steps + 1): errors, and the rate last."""
+    """Printed lines of a table, shape (times, steps + 1): the errors, and the rate in the last column."""
     return np.array([[float(word) for word in line.split()] for line in lines.strip().splitlines()])
 
 
 def _rows(
     times: Sequence[float], errors: np.ndarray, printed: np.ndarray, misprints: dict[tuple[int, int], tuple[float, str]]
 ) -> list[Row]:
-    """Rows of a table of errors, shape (times, steps), and of its convergence rates."""
+    """Rows for a table of errors, shape (times, steps), and for its convergence rates."""
     rows = []
     for i, t in enumerate(times):
         for j, dt in enumerate(STEPS):
@@ -343,7 +343,7 @@ def _rows(
 
 
 def _errors(example: BarExample, times: Sequence[float], velocity: bool = False) -> np.ndarray:
-    """Errors of the paper's boundary against the solution exact in time, shape (times, steps)."""
+    """Errors of the paper's boundary against the solution that is exact in time, shape (times, steps)."""
     exact = example.reference(times)[int(velocity)]
     errors = np.empty((len(times), len(STEPS)))
     for j, dt in enumerate(STEPS):
@@ -361,7 +361,7 @@ def _table(
     misprints: dict[tuple[int, int], tuple[float, str]],
     velocity: bool = False,
 ) -> Outcome:
-    """A table of errors and the figure of its convergence: ours with the printed values."""
+    """Table of errors, and the figure of its convergence with the computed and the printed values."""
     from farhorizon.pictures.curves import log_panels
 
     errors, printed = _errors(example, times, velocity), _printed(lines)
@@ -379,7 +379,7 @@ def _table(
 
 
 def _boundary_errors(example: BarExample, times: Sequence[float]) -> dict[str, float]:
-    """Largest error of both boundaries at the largest step, against a chain from which nothing returns and with the
+    """Largest error of each boundary at the largest step, against a chain from whose ends nothing returns, with the
     same step.
     """
     dt, steps = STEPS[-1], round(times[-1] / STEPS[-1]) + 1
@@ -395,17 +395,17 @@ _BEAM_TIMES = (3, 18, 300, 3000)  # in units of pi
 
 
 def _beam_kernels(division: int, last: int) -> np.ndarray:
-    """f of the beam by the paper's way with dt = 3 pi / division, until last * pi."""
+    """f of the beam by the paper's method with dt = 3 pi / division, up to last * pi."""
     dt = 3 * np.pi / division
     return semi_discrete_kernel(BEAM, recursive_response(BEAM, dt, last * division // 3), dt)
 
 
 @reproduction("ji2021-table1", PAPER, "kernels of the Euler-Bernoulli beam: error and convergence")
 def table1(folder: Path) -> Outcome:
-    """Error of f by Runge-Kutta 4, recursion and trapezoidal rule, largest over the four kernels.
+    """Largest error over the four kernels f by fourth-order Runge-Kutta, recursion and trapezoidal rule.
 
-    The printed errors are differences from the same method at half the smallest step, as the numbers show; both are
-    listed.
+    As the numbers show, the printed errors are differences from the same method at half the smallest step; these and
+    the true errors are listed.
     """
     from farhorizon.pictures.curves import log_panels
 
@@ -475,7 +475,7 @@ def table3(folder: Path) -> Outcome:
 
 @reproduction("ji2021-table4", PAPER, "interface, beta = 0.5: error of the displacement (and figure 10: convergence)")
 def table4(folder: Path) -> Outcome:
-    """Displacement of the composite bar, half as stiff within |x| < 4."""
+    """Displacement of the composite bar, which is half as stiff within |x| < 4."""
     printed = """
         2.33e-07 9.34e-07 1.46e-06 3.73e-06 5.84e-06 2.00
         6.39e-07 2.55e-06 3.99e-06 1.02e-05 1.59e-05 2.00
@@ -487,7 +487,7 @@ def table4(folder: Path) -> Outcome:
 
 @reproduction("ji2021-table5", PAPER, "interface, beta = 0.1: error of the displacement (and figure 11: convergence)")
 def table5(folder: Path) -> Outcome:
-    """Displacement of the composite bar, a tenth as stiff within |x| < 4."""
+    """Displacement of the composite bar, which is a tenth as stiff within |x| < 4."""
     printed = """
         2.44e-08 9.76e-08 1.52e-07 3.90e-07 6.10e-07 2.00
         7.90e-08 3.16e-07 4.93e-07 1.26e-06 1.97e-06 2.00
@@ -498,8 +498,8 @@ def table5(folder: Path) -> Outcome:
 
 @reproduction("ji2021-table6", PAPER, "seismic source: error of the displacement (and figure 14: convergence)")
 def table6(folder: Path) -> Outcome:
-    """Displacement of the half-infinite bar after a Ricker pulse at the origin; largest over all nodes, not at the left
-    end as the text says.
+    """Displacement of the half-infinite bar with a Ricker pulse at the origin; the largest error over all nodes, not
+    that at the left end as the text says.
     """
     printed = """
         8.46e-07 3.38e-06 5.29e-06 1.35e-05 2.11e-05 2.00
@@ -514,7 +514,7 @@ def table6(folder: Path) -> Outcome:
 
 @reproduction("ji2021-fig2", PAPER, "kernel f_0^1 of the Euler-Bernoulli beam at large times, numerical and analytical")
 def figure2(folder: Path) -> Outcome:
-    """f_0^1 on [2990 pi, 3000 pi] by the paper's way, beside ``2 J_1(2t) sin(2t)/t``."""
+    """f_0^1 on [2990 pi, 3000 pi] by the paper's method, compared with ``2 J_1(2t) sin(2t)/t``."""
     from farhorizon.pictures.curves import curve_panels
 
     division = _BEAM_DIVISIONS[0]
@@ -544,7 +544,7 @@ _TIMES = (5.0, 10.0, 15.0, 40.0)  # of figures 3 and 4
 
 
 def _snapshots(folder: Path, figure: int, velocity: bool) -> Outcome:
-    """The bar at four times with both boundaries, beside the continuum, eq 37."""
+    """The bar at four times with both boundaries, compared with the continuum (eq 37)."""
     from farhorizon.pictures.curves import curve_panels
 
     example, dt, field = BarExample(), STEPS[-1], int(velocity)
@@ -589,9 +589,9 @@ def figure4(folder: Path) -> Outcome:
 
 @cache
 def histories(example: BarExample, until: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Times from 0 on, shape (n,), and u on the near field then, shape (n, 201).
+    """Times from 0 on, shape (n,), and u in the near field at these times, shape (n, 201).
 
-    Of the chain that is exact in time ("reference"), and with both boundaries at the paper's largest step.
+    u is given for the chain that is exact in time ("reference"), and for both boundaries at the paper's largest step.
     """
     times = tuple(0.2 * np.arange(round(until / 0.2) + 1))
     dt, steps = STEPS[-1], round(until / STEPS[-1]) + 1
@@ -607,8 +607,8 @@ _BETAS, _LONG = (1.0, 0.5, 0.1), 100.0
     "ji2021-fig8", PAPER, "interface: displacement of the origin and of the right end over time, beta = 1, 0.5, 0.1"
 )
 def figure8(folder: Path) -> Outcome:
-    """To t = 100; the largest hump and hollow beside those of a local bar, in which the soft part reflects (sqrt(beta)
-    - 1)/(sqrt(beta) + 1).
+    """Histories up to t = 100. The largest maximum and minimum are compared with those of a local bar, in which the
+    soft part has the reflection coefficient (sqrt(beta) - 1)/(sqrt(beta) + 1).
     """
     from farhorizon.pictures.curves import curve_panels
 
@@ -657,8 +657,8 @@ def figure8(folder: Path) -> Outcome:
     "interface: error of the displacement of the origin and of the right end over time, beta = 1, 0.5, 0.1",
 )
 def figure9(folder: Path) -> Outcome:
-    """Differences from the chain that is exact in time, at the paper's largest step: its error and that of its
-    boundary, to t = 100.
+    """Differences from the chain that is exact in time up to t = 100, at the paper's largest step: they contain the
+    errors of the time step and of the boundary.
     """
     from farhorizon.pictures.curves import log_panels
 
@@ -686,8 +686,8 @@ def figure9(folder: Path) -> Outcome:
 
 @reproduction("ji2021-fig13", PAPER, "seismic source: displacement of the origin, the right and the left end over time")
 def figure13(folder: Path) -> Outcome:
-    """To t = 60, beside the chain that is exact in time; humps beside those of a local bar, whose free end doubles the
-    pulse and sends it back.
+    """Histories up to t = 60, compared with the chain that is exact in time; maxima are compared with those of a local
+    bar, whose free end doubles the pulse and reflects it.
     """
     from farhorizon.pictures.curves import curve_panels
 

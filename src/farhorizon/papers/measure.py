@@ -1,4 +1,4 @@
-"""What the reproductions of absorbing conditions measure: errors against the infinite medium, and stability."""
+"""Measurements for reproductions of absorbing conditions: errors against the infinite medium, and stability."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from farhorizon.checks.certificate import UNDECIDED
 from farhorizon.errors import UnstableError
 from farhorizon.simulation.simulation import Simulation
 
-_SECONDS = 8.0  # that a certificate may take
-_CLOSELY = 200  # first steps, after each of which the norm is taken: fast growth is over soon
+_SECONDS = 8.0  # time limit of a certificate
+_CLOSELY = 200  # number of first steps after each of which the norm is recorded: fast growth soon overflows
 
 Reference = Callable[[int], np.ndarray]
 
 
 @dataclass
 class Measured:
-    """One condition's run.
+    """Results of a run with one condition.
 
     Attributes
     ----------
     errors : ndarray, shape (times,)
-        Largest difference from the infinite medium over the near field; infinite from the time on at which the run
-        overflowed.
+        Largest difference from the infinite medium over the near field at each time; infinite from the overflow of the
+        run on.
     fields : list of ndarray
-        The near field at the times at which it is kept.
+        Field in the near field at those times at which it is kept.
     history : ndarray, shape (times,)
-        At one node; nan without one, and from the overflow on.
+        Values at one node; nan if no node was given, and from the overflow on.
     """
 
     errors: np.ndarray
@@ -43,8 +43,7 @@ class Measured:
 
 
 def infinite(setup: Mapping[str, Any], until: float) -> Reference:
-    """The field of a homogeneous set-up after a number of steps, on the infinite lattice by FFT; nan outside a
-    window."""
+    """Field of a homogeneous set-up on the infinite lattice after a number of steps, by FFT; nan outside a window."""
     sim = Simulation(**setup)
     rate = sim.model.coefficient / sim.lattice.spacing**2
     last = round(until / sim.dt) + 1
@@ -69,13 +68,13 @@ def measured_run(
         Arguments of `Simulation`.
     boundary : Side
     times : sequence of float
-        At which it is compared.
+        Times at which they are compared.
     reference : callable
-        The infinite medium after a number of steps.
-    kept : sequence of float, optional
-        Those of the times at which the field is kept, all unless given.
+        Field of the infinite medium after a number of steps.
+            kept : sequence of float, optional
+        Times, a subset of `times`, at which the field is kept; all if not given.
     probe : tuple of int, optional
-        Node of which the history is recorded.
+        Node whose history is recorded.
     """
     sim = Simulation(**{**setup, "boundary": boundary})
     found = Measured(np.full(len(times), np.inf), history=np.full(len(times), np.nan))
@@ -95,11 +94,11 @@ def measured_run(
 
 
 def growth_from_noise(setup: Mapping[str, Any], boundary: Side, until: float) -> float:
-    """Rate at which the near field grows from white noise: slope of the logarithm of its norm over the last third of
-    the run.
+    """Growth rate of the near field from white noise: slope of the logarithm of its norm over the last third of the
+    run.
 
-    A measurement, no proof: growth that is slow against the run, or that noise does not excite, goes unseen. A run that
-    overflows is judged by the last third of what there is of it.
+    This is a measurement, not a proof: growth that is slow compared with the run, or that noise does not excite,
+    remains undetected. For a run that overflows, the last third of the time before the overflow counts.
     """
     lattice = setup["lattice"]
     noise = np.random.default_rng(1).standard_normal(lattice.shape)
@@ -123,16 +122,16 @@ def growth_from_noise(setup: Mapping[str, Any], boundary: Side, until: float) ->
 
 
 def stability(setup: Mapping[str, Any], boundary: Side, until: float) -> tuple[float, str]:
-    """Spectral radius of the complete step, less 1, and how it is known: from the certificate, or measured where that
-    is undecided within seconds.
+    """Spectral radius of the complete step minus 1, and how it was determined: by the certificate, or by measurement if
+    the certificate remains undecided within seconds.
 
     Parameters
     ----------
     setup : mapping
-        Arguments of `Simulation`; a small near field, for which a certificate is soon made.
+        Arguments of `Simulation`; the near field should be small, so that a certificate is computed quickly.
     boundary : Side
     until : float
-        End of the run from white noise in which growth is measured.
+        End of the run from white noise that measures the growth.
     """
     sim = Simulation(**{**setup, "boundary": boundary, "initial": None})
     found = sim.certificate(_SECONDS)
@@ -144,7 +143,7 @@ def stability(setup: Mapping[str, Any], boundary: Side, until: float) -> tuple[f
 
 
 def stability_note(setup: Mapping[str, Any], boundary: Side, until: float) -> str:
-    """The words of `stability` for a row."""
+    """Result of `stability` as the note of a row."""
     less_one, how = stability(setup, boundary, until)
     return (
         f"spectral radius less 1: {less_one:+.1e} ({how})"
@@ -154,7 +153,7 @@ def stability_note(setup: Mapping[str, Any], boundary: Side, until: float) -> st
 
 
 def errors_picture(path: Path, times: Sequence[float], runs: Mapping[str, Measured]) -> None:
-    """Errors over time of all runs."""
+    """Draw the errors of all runs over time."""
     from farhorizon.pictures.curves import error_history
 
     ylabel = r"largest $|u - u_\infty|$ in the near field"
@@ -171,7 +170,7 @@ def differences_picture(
     runs: Mapping[str, Measured],
     cracks: Sequence[np.ndarray] = (),
 ) -> None:
-    """How far the fields of those runs that reach the last time are from the infinite medium."""
+    """Draw the last difference from the infinite medium for each run that reaches the last time."""
     from farhorizon.pictures.fields import field_panels
 
     panels = [

@@ -1,4 +1,4 @@
-"""Published tables and figures, computed anew: one module a paper, each result beside the printed one."""
+"""Published tables and figures recomputed: one module per paper, with each result next to the printed one."""
 
 from farhorizon.studies.collection import Collection
 
@@ -8,5 +8,5 @@ REPRODUCTIONS = Collection(
     ("bobaru2010", "hermann2023", "ji2021", "shojaei2020", "shojaei2020_corrosion", "wildman2012"),
     "printed",
 )
-#: Decorator that enters a function into the list.
+#: Decorator that registers a function as a reproduction.
 reproduction = REPRODUCTIONS.enter

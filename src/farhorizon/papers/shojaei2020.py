@@ -1,10 +1,10 @@
-"""Shojaei, Hermann, Seleson and Cyron (2020): Dirichlet absorbing conditions for classical and peridynamic diffusion;
+"""Shojaei, Hermann, Seleson and Cyron (2020): Dirichlet absorbing conditions for classical and peridynamic diffusion,
 example 1 and table 1.
 
-The paper leaves the largest wavenumber of its modes, Delta kappa, open; eq 47 allows up to 11.3 in example 1, which is
-as bad as a value held at zero. Some per cent at best are reached with a few over half the extent of the near field. Eq
-50 relates the error of the energy to the initial energy, of which 1.5 % are left at t = 250, and so flatters by that
-factor; we give the error relative to what is left, too.
+The paper does not state the largest wavenumber of its modes, Delta kappa. Eq 47 allows up to 11.3 in example 1, which
+is no better than a value held at zero. The smallest errors, a few per cent, are reached with a few times the reciprocal
+of half the extent of the near field. Eq 50 relates the error of the energy to the initial energy, of which 1.5 % is
+left at t = 250, and so understates it by that factor; the error relative to the energy that is left is also given here.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ _ALLOWED = 11.3  # 1 / (sqrt(1/2) spacing), eq 47
 
 
 def line(operator: Kernel | Stencil, layer: int) -> dict[str, Any]:
-    """Example 1: the domain of 481 nodes on -30 .. 30, of which the outermost `layer` at each end are the
-    condition's."""
+    """Set-up of example 1: 481 nodes on -30 .. 30, of which the outermost `layer` at each end belong to the
+    condition."""
     half = 30 - layer * SPACING
     return {
         "lattice": Lattice(SPACING, (-half,), (half,)),
@@ -45,7 +45,7 @@ def line(operator: Kernel | Stencil, layer: int) -> dict[str, Any]:
 
 
 def published(wavenumber: float, radius: int = 2, layer: int | None = None) -> PlaneWave:
-    """The paper's condition: 20 wavenumbers, clouds of `radius` spacings, local modes."""
+    """The condition of the paper: 20 wavenumbers, clouds with a radius of `radius` spacings, local modes."""
     return PlaneWave(
         radius=radius * SPACING, wavenumber=wavenumber, wavenumbers=20, layer=None if layer is None else layer * SPACING
     )
@@ -64,8 +64,8 @@ def _conditions(radius: int) -> dict[str, Side]:
 
 
 def _errors(found: Measured, exact: list[np.ndarray], first: float) -> tuple[float, float, float]:
-    """Largest error of the energy over the run relative to the initial one (eq 50); at the end relative to what is
-    left; of the field likewise.
+    """Largest error of the energy over the run relative to the initial energy (eq 50), its error at the end relative to
+    the exact energy then, and the error of the field at the end relative to the largest exact value then.
     """
     if len(found.fields) < len(exact):
         return np.inf, np.inf, np.inf
@@ -86,7 +86,7 @@ def _example(
     full: bool,
     shown: tuple[str, ...],
 ) -> Outcome:
-    """Rows and pictures: energies and fields to t = 250, with `full` the energy left at t = 4000, too."""
+    """Rows and pictures: energies and fields up to t = 250, and with `full` also the energy left at up to t = 4000."""
     from farhorizon.pictures.curves import curve_panels, error_history
 
     times = list(np.linspace(10, END, 25))
@@ -149,7 +149,7 @@ def _example(
     "shojaei2020-ex1-fem", PAPER, "diffusion on a line, linear finite elements: figures 7 to 9", full="minutes"
 )
 def example_1_elements(folder: Path, full: bool = False) -> Outcome:
-    """The published grid and step to t = 250; to t = 4000 with `full`."""
+    """The published grid and step up to t = 250, or t = 4000 with `full`."""
     shown = ("published, wavenumbers to 11.3 (eq 47)", "published, to 1", "lattice PML")
     return _example("shojaei2020-ex1-fem", folder, line(Stencil.finite_element(1), 1), _conditions(3), full, shown)
 
@@ -161,14 +161,15 @@ def example_1_elements(folder: Path, full: bool = False) -> Outcome:
     full="minutes",
 )
 def example_1_peridynamic(folder: Path, full: bool = False) -> Outcome:
-    """The published grid and step to t = 250; to t = 4000 with `full`."""
+    """The published grid and step up to t = 250, or t = 4000 with `full`."""
     shown = ("published, wavenumbers to 11.3 (eq 47)", "published, to 1", "lattice PML")
     return _example("shojaei2020-ex1-pd", folder, line(Kernel(4 * SPACING, 1), 4), _conditions(2), full, shown)
 
 
 @reproduction("shojaei2020-ex1-layers", PAPER, "the same with layers thinner than the horizon: figures 12, 13")
 def example_1_layers(folder: Path) -> Outcome:
-    """Layers of 4, 3, 2 and 1 spacings, the bonds beyond them absent, for four largest wavenumbers."""
+    """Layers of 4, 3, 2 and 1 spacings without the bonds that reach beyond them, for four values of the largest
+    wavenumber."""
     from farhorizon.pictures.curves import curve_panels
 
     rows, errors, panels = [], {}, []
@@ -222,7 +223,7 @@ TABLE_1 = [  # dim, exponent p of J_p, influence, printed c delta^(dim + 2 - p) 
     (3, 1, "linear", 30 / np.pi),
     (3, 2, "linear", 18 / np.pi),
 ]
-# dim, p, and terms of omega / (chi kappa)^2
+# dim, p, equation, and terms of omega / (chi kappa)^2
 SERIES = [(2, 1, "eq 26", (3 / 80, 1 / 1344)), (3, 1, "eq 56", (6 / 180, 6 / 10080))]
 
 
@@ -230,7 +231,7 @@ SERIES = [(2, 1, "eq 26", (3 / 80, 1 / 1344)), (3, 1, "eq 56", (6 / 180, 6 / 100
     "shojaei2020-table1", PAPER, "constants of the micro-diffusivity in 1D, 2D and 3D, and the series of eqs 26 and 56"
 )
 def table_1(folder: Path) -> Outcome:
-    """All 14 entries, and the terms that the equations print."""
+    """All 14 entries, and the terms printed in the equations."""
     rows = [
         Row(
             f"{dim}D, J_{p}, {influence}: c horizon^{dim + 2 - p} / diffusivity",
@@ -240,7 +241,7 @@ def table_1(folder: Path) -> Outcome:
         for dim, p, influence, printed in TABLE_1
     ]
     for dim, p, name, terms in SERIES:
-        ours = Kernel(1.0, p).series(dim, 2) * [-1, 1]  # of modes that grow: the wavenumber is imaginary
+        ours = Kernel(1.0, p).series(dim, 2) * [-1, 1]  # the modes grow in space: their wavenumber is imaginary
         rows += [
             Row(f"{dim}D, J_{p}, {name}: term (kappa horizon)^{2 * j + 2}", float(ours[j]), terms[j]) for j in range(2)
         ]

@@ -1,18 +1,18 @@
-"""Shojaei, Hermann, Seleson and Cyron (2020): diffusion in unbounded domains, examples 2 and 3: letters and a sphere
-that corrode.
+"""Shojaei, Hermann, Seleson and Cyron (2020): diffusion in unbounded domains, examples 2 and 3, corroding letters and a
+corroding sphere.
 
-What the paper leaves open is chosen so that its statements come out:
+What the paper leaves open is chosen such that its statements are reproduced:
 
-- The constants c_liq = 7957.7 and c_int = 795.77 are those of the exponent p = 2 with the diffusivity 10 in the plane,
-  not of the declared p = 1. With p = 2 the letters have dissolved long before t = 0.085, when "the concentration level
-  of the near field reaches almost a zero state", and the sphere just before the paper's last step; with p = 1 the
-  letters take six times as long as that.
-- The letters are DejaVu Sans Bold with capitals of height 1.
-- A solid node dissolves at the end of the step in which it has fallen below the saturation, and keeps its
-  concentration.
+- The constants c_liq = 7957.7 and c_int = 795.77 are those of the exponent p = 2 with the diffusivity 10 in 2D, not of
+  the declared p = 1. With p = 2 the letters have dissolved long before t = 0.085, when "the concentration level of the
+  near field reaches almost a zero state", and the sphere just before the paper's last step; with p = 1 the letters take
+  six times as long.
+- The letters are set in DejaVu Sans Bold with capitals of height 1.
+- A solid node dissolves at the end of the step in which its concentration has fallen below the saturation, and keeps
+  this concentration.
 
-The reference of the paper is a larger domain; here it is one from which nothing returns while there is metal and, in
-the plane, the exact solution on the infinite lattice from then on. Each way to close the near field is an entry of
+The reference in the paper is a larger domain. Here it is a domain so large that nothing returns while there is metal;
+in 2D, it is the exact solution on the infinite lattice from then on. Each way to close the near field is an entry of
 `CLOSURES`.
 """
 
@@ -45,16 +45,16 @@ LIQUID, INTERFACE, SATURATION = 7957.70, 795.77, 0.8  # micro-diffusivities and 
 
 
 def _published(spacing: float, region: Shape, wavenumber: float) -> dict[str, Any]:
-    """The paper's condition: clouds of the nearest neighbours, 11 angles and 5 wavenumbers, fitted nodes over two
-    horizons (2D) or one (3D).
+    """The condition of the paper: clouds of nearest neighbours, 11 angles, 5 wavenumbers, fitted nodes in a layer of
+    two horizons (2D) or one (3D).
     """
     layer = (4 if region.dim == 2 else 2) * spacing
     boundary = PlaneWave(radius=spacing, layer=layer, wavenumber=wavenumber, wavenumbers=5, angles=11)
     return {"lattice": Lattice(spacing, window=region), "boundary": boundary}
 
 
-#: How the near field is closed: name, and the arguments of `Simulation` for a spacing and a region. The paper gives no
-#: wavenumbers.
+#: Ways to close the near field: name, and a function that gives the arguments of `Simulation` for a spacing and a
+#: region. The paper does not state its wavenumbers.
 CLOSURES: list[tuple[str, Callable[[float, Shape], dict[str, Any]]]] = [
     ("LatticePML", lambda dx, region: {"lattice": Lattice(dx, window=region), "boundary": LatticePML(target=1e-6)}),
     ("plane waves as published, wavenumbers to 2", lambda dx, region: _published(dx, region, 2.0)),
@@ -67,11 +67,11 @@ CLOSURES: list[tuple[str, Callable[[float, Shape], dict[str, Any]]]] = [
     ),
 ]
 
-_SHOWN = {"LatticePML": "lattice PML"}  # what pictures call a closure otherwise than the tables
+_SHOWN = {"LatticePML": "lattice PML"}  # names of closures in pictures where they differ from those in tables
 
 
 def _body(spacing: float, region: Shape) -> Lattice:
-    """The nodes of a window as a body that ends there."""
+    """Lattice of the nodes in a region, as a body that ends there."""
     window = Lattice(spacing, window=region)
     return Lattice(spacing, window.lower, window.upper, body=region)
 
@@ -83,19 +83,19 @@ class CorrosionExample:
     Attributes
     ----------
     region, metal : Shape
-        The near field and the specimen.
+        Near field and specimen.
     concentration : float
-        Of the metal.
+        Concentration of the metal.
     horizon : float
-        As published, two spacings.
+        Published horizon, two spacings.
     dt : float
-        Step at the published spacing: some thirty times (2D) and a thousand times (3D) the paper's.
+        Time step at the published spacing: some thirty times (2D) and a thousand times (3D) that of the paper.
     exponent : int
-        p of the kernel.
+        Exponent p of the kernel.
     far : float
-        Half the width of the domain from which nothing returns.
+        Half the width of the large domain from whose edges nothing returns.
     coarser : int
-        Factor on the horizon and the spacing, its square on the step, at the same diffusivity.
+        Factor that multiplies the horizon and the spacing, and its square the time step, at the same diffusivity.
     """
 
     region: Shape
@@ -109,7 +109,7 @@ class CorrosionExample:
 
     @property
     def spacing(self) -> float:
-        """Distance of nodes."""
+        """Distance between neighbouring nodes."""
         return self.coarser * self.horizon / 2
 
     def _parts(self, threads: int | None = None) -> dict[str, Any]:
@@ -124,7 +124,7 @@ class CorrosionExample:
         }
 
     def closed(self, most: int | None = None) -> dict[str, Simulation]:
-        """The near field with each closure, or with the first `most`."""
+        """Simulations of the near field with each closure, or with the first `most` of them."""
         threads = 1 if self.region.dim == 2 else None
         return {
             name: Simulation(**self._parts(threads), **closure(self.spacing, self.region), balance=True)
@@ -132,7 +132,7 @@ class CorrosionExample:
         }
 
     def medium(self) -> OpenMedium:
-        """The infinite medium."""
+        """Reference for the near field in the infinite medium."""
         half = self.spacing * np.round(self.far / self.spacing)
         lattice = Lattice(self.spacing, [-half] * self.region.dim, [half] * self.region.dim)
         return OpenMedium(
@@ -146,7 +146,7 @@ class OpenMedium:
     Parameters
     ----------
     far : Simulation
-        On a domain from which nothing returns: in the plane while there is metal, in space to the end.
+        Run on a domain from whose edges nothing returns: in 2D while there is metal, in 3D up to the end.
     near : Lattice
     """
 
@@ -158,7 +158,7 @@ class OpenMedium:
         self._exact: InfiniteLattice | None = None
 
     def after(self, step: int, last: int) -> np.ndarray:
-        """The field after a number of steps, at most `last`; nan outside the window. Steps may not go back."""
+        """Field after `step` steps, at most `last`; nan outside the window. Steps must not decrease."""
         far = self.far
         if self._exact is None:
             while far.step_count < step and (far.lattice.dim == 3 or self._metal()):
@@ -180,34 +180,34 @@ class OpenMedium:
         return bool(self.far.fields["solid"].any())
 
     def dissolved(self) -> np.ndarray:
-        """Time at which each node of the near field has become liquid so far; nan outside the window and in the
-        metal."""
+        """Time at which each node of the near field became liquid; nan outside the window and in the metal."""
         return np.where(self._shown, self.far.fields["dissolved"][self._near], np.nan)
 
 
 LETTERS = CorrosionExample(Disc(2.0), Text("HZG", 1.0, bold=True), 2.0, 0.04, 1e-5, 8.0)
-# 523 155 nodes: those on the sphere of radius 5 do not count
+# 523 155 nodes: nodes on the sphere of radius 5 itself are excluded
 SPHERE = CorrosionExample(Ball(4.999), Ball(3.33), 1.0, 0.2, 4e-5, 11.0)
 
 
 @dataclass
 class Course:
-    """How the near fields and the infinite medium went.
+    """Course of the runs with each closure and of the infinite medium.
 
     Attributes
     ----------
     times : list of float
     peak, energy : list of float
-        Largest concentration, and integral of its square over the near field (eq. 48), in the infinite medium.
+        Largest concentration in the infinite medium, and integral of its square over the near field (eq. 48).
     errors, energies : dict of str to list of float
-        Per closure: the largest difference from the infinite medium over its largest concentration at that time; the
-        integral.
+        For each closure, the largest difference from the infinite medium divided by `peak`, and the integral of the
+        square.
     fields : dict of str to list of ndarray
-        Kept at the times asked for, those of the infinite medium first.
+        Fields at the requested times, those of the infinite medium first.
     shifted : dict of str to (int, int)
-        Per closure: how many nodes dissolve at another step than in the infinite medium, and by how many steps at most.
+        For each closure, the number of nodes that dissolve at another step than in the infinite medium, and the largest
+        difference in steps.
     dissolved : ndarray
-        Times of dissolution of the first closure.
+        Times of dissolution with the first closure.
     """
 
     times: list[float]
@@ -220,7 +220,7 @@ class Course:
     dissolved: np.ndarray
 
     def largest_errors(self) -> dict[str, float]:
-        """Per closure the largest error of all times, over the largest initial concentration."""
+        """Largest error over all times for each closure, relative to the largest initial concentration."""
         return {
             name: max(e * p for e, p in zip(errors, self.peak, strict=True)) / self.peak[0]
             for name, errors in self.errors.items()
@@ -230,17 +230,17 @@ class Course:
 def follow(
     example: CorrosionExample, runs: dict[str, Simulation], times: list[float], shown: tuple[float, ...]
 ) -> Course:
-    """Run all closures beside the infinite medium.
+    """Run all closures and compare them with the infinite medium.
 
     Parameters
     ----------
     example : CorrosionExample
     runs : dict of str to Simulation
-        `CorrosionExample.closed`, at their start.
+        Result of `CorrosionExample.closed`, before the first step.
     times : list of float
-        Ascending; `shown` are among them.
+        Ascending times, which include `shown`.
     shown : tuple of float
-        When to keep the fields.
+        Times at which the fields are kept.
     """
     medium, cell = example.medium(), example.spacing**example.region.dim
     dt = medium.far.dt
@@ -284,8 +284,8 @@ def follow(
 def _rows(
     course: Course, runs: dict[str, Simulation], example: CorrosionExample, shown: tuple[float, ...]
 ) -> list[Row]:
-    """A page: a row for each question and closure, the largest of its values at the times shown; for the first closure
-    a row for each time.
+    """Rows for each quantity and closure with the largest value over the times shown; the error of the first closure
+    has a row for each time.
     """
     at = [int(np.argmin(np.abs(np.array(course.times) - time))) for time in shown]
 
@@ -332,10 +332,10 @@ def _rows(
 
 
 def outward_share(u: np.ndarray, axes: Sequence[np.ndarray], example: CorrosionExample) -> float:
-    """Part of the nodes beside the surface of a disc or ball about 0 where the gradient, by central differences, points
-    inwards.
+    """Fraction of the nodes next to the surface of a disc or ball about 0 at which the gradient, by central
+    differences, points inwards.
 
-    In the paper all arrows along the surface of figures 16 and 20 do.
+    In figures 16 and 20 of the paper all arrows along the surface do so.
     """
     slopes = np.gradient(u, example.spacing)
     places = np.meshgrid(*axes, indexing="ij")
@@ -383,7 +383,7 @@ def _pictures(
 
 
 def last_dissolution(example: CorrosionExample) -> float:
-    """When the last metal dissolves, with a LatticePML."""
+    """Time at which the last metal dissolves, with a LatticePML."""
     (sim,) = example.closed(1).values()
     while (sim.fields["solid"] > 0).any():
         sim.step(20)
@@ -392,7 +392,8 @@ def last_dissolution(example: CorrosionExample) -> float:
 
 @reproduction("shojaei2020-ex2", PAPER, "example 2: letters that corrode in an infinite electrolyte, 2D, full size")
 def example2(folder: Path) -> Outcome:
-    """Concentration, its gradient, error and energy (figures 15 to 18); the time that p = 1 would take."""
+    """Concentration, its gradient, error and energy (figures 15 to 18), and the time of the last dissolution with p = 2
+    and p = 1."""
     shown = (0.006, 0.016, 0.076, 0.266)
     runs = LETTERS.closed()
     rows = [Row("nodes of the near field", runs["LatticePML"].lattice.nodes, 31417)]
@@ -407,7 +408,7 @@ def example2(folder: Path) -> Outcome:
 
 
 def asymmetry(u: np.ndarray) -> float:
-    """Largest difference of a cubic array from its mirror images and from those with axes exchanged, nan aside."""
+    """Largest difference of a cubic array from its mirror images and from those with axes exchanged, without nan."""
     images = [np.flip(u, axis) for axis in range(u.ndim)] + [np.swapaxes(u, 0, axis) for axis in range(1, u.ndim)]
     return max(float(np.nanmax(np.abs(u - image))) for image in images)
 
@@ -416,8 +417,8 @@ def asymmetry(u: np.ndarray) -> float:
     "shojaei2020-ex3", PAPER, "example 3: a sphere that corrodes in an infinite electrolyte, 3D", full="minutes"
 )
 def example3(folder: Path, full: bool = False) -> Outcome:
-    """Concentration, its gradient and energy (figures 20, 21), and what the paper could not have, a reference; spacing
-    0.1 with `full`, else 0.2.
+    """Concentration, its gradient and energy (figures 20, 21), compared with a reference, which the paper lacks; the
+    spacing is 0.1 with `full`, otherwise 0.2.
     """
     shown = (0.005, 0.02, 0.05)
     example = SPHERE if full else replace(SPHERE, coarser=2)

@@ -1,9 +1,9 @@
-"""The scheme of Wildman and Gazonas (2012) itself: forward Euler on split fields, in plain numpy.
+"""The original scheme of Wildman and Gazonas (2012), forward Euler on split fields, in plain NumPy.
 
 Displacements and time integrals of the stress are sums of parts, one for each direction of the derivatives that drive
-them, each of which fades at the rate phi of its direction. Two steps at a time these are eqs 2-30 and 2-31. It grows
-everywhere by half of frequency^2 dt, and knows no loads and no damage: the same layer without either is a side of
-`Simulation` (`farhorizon.boundaries.nonlocal_pml`).
+them. Each part decays at the rate phi of its direction. Two successive steps combine to eqs 2-30 and 2-31. All waves
+grow at half of frequency^2 dt, and the scheme handles neither loads nor damage; the same layer without these
+restrictions is a side of `Simulation` (`farhorizon.boundaries.nonlocal_pml`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from farhorizon.medium.stencil import Stencil
 
 
 class Gradient:
-    """Derivatives on a box of nodes beyond which all is zero: ``sum_k g_kb u(i + o_k)``, shape tensors being 1.
+    """Derivatives ``sum_k g_kb u(i + o_k)`` on a box of nodes; values beyond the box are zero, and shape tensors are 1.
 
     Parameters
     ----------
@@ -30,13 +30,13 @@ class Gradient:
 
     def __init__(self, kernel: Kernel, spacing: float, dim: int) -> None:
         offsets, weights = Stencil.family(kernel, spacing, dim)
-        half = [tuple(offset) > (0,) * dim for offset in offsets.tolist()]  # of two opposite bonds the sum has one
+        half = [tuple(offset) > (0,) * dim for offset in offsets.tolist()]  # one of each pair of opposite bonds
         self.offsets = offsets[half]
         self.vectors = (weights[:, None] * offsets / (weights * offsets[:, 0] ** 2).sum() / spacing)[half]
         self.reach = int(np.abs(offsets).max())
 
     def along(self, axis: int, values: np.ndarray) -> np.ndarray:
-        """Derivative of values, shape (..., *box), along an axis."""
+        """Derivative along an axis of values of shape (..., *box)."""
         dim, m = self.offsets.shape[1], self.reach
         wide = np.pad(values, [(0, 0)] * (values.ndim - dim) + [(m, m)] * dim)
         found = np.zeros(values.shape)
@@ -47,7 +47,7 @@ class Gradient:
         return found
 
     def _moved(self, offset: np.ndarray, box: tuple[int, ...]) -> tuple[Any, ...]:
-        """Where the neighbours of all nodes are on the box with one reach around it."""
+        """Index of the neighbours of all nodes in the box padded by one reach on each side."""
         inner = (slice(self.reach + o, self.reach + o + n) for o, n in zip(offset.tolist(), box, strict=True))
         return (..., *inner)
 
@@ -57,18 +57,18 @@ class Gradient:
 
 
 class SplitFields:
-    """A box of nodes with layers on all sides, and fixed beyond them.
+    """A box of nodes with layers on all sides, beyond which the displacement is zero.
 
     Parameters
     ----------
     kernel : Kernel
     spacing : float
     u : ndarray, shape (dim, *box)
-        Initial displacements, layers included; at rest.
+        Initial displacements including the layers; the initial velocity is zero.
     layer : NonlocalPML
     dt : float
     young, poisson : float
-        In plane strain in two dimensions; the density is 1.
+        Plane strain in two dimensions; the density is 1.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class SplitFields:
             lines[..., : layer.nodes] += outwards[::-1]
             lines[..., -layer.nodes :] += outwards
         self.phi = self.phi + layer.cross * (self.phi.sum(0) - self.phi)
-        self.parts = np.repeat(u[None], self.dim, 0) / self.dim  # by the direction that drives them, and component
+        self.parts = np.repeat(u[None], self.dim, 0) / self.dim  # indices: driving direction, component, node
         self.histories = np.zeros((self.dim, self.dim, *u.shape))
 
     @property
@@ -100,7 +100,7 @@ class SplitFields:
         return np.asarray(self.parts.sum(0))
 
     def step(self, count: int) -> None:
-        """Advance by some steps."""
+        """Advance by `count` steps."""
         for _ in range(count):
             slopes, stress = self.gradient(self.u), self.histories.sum(0)
             forces = [self.gradient.along(b, stress[:, b]) for b in range(self.dim)]

@@ -1,24 +1,24 @@
 """Wildman and Gazonas (2012): a perfectly matched layer for peridynamics in two dimensions, figures 2 to 5, 7 and 9.
 
-What the paper leaves open is chosen so that its statements come out:
+What the paper leaves open is chosen such that its statements are reproduced:
 
-- The layer lies inside the square of section 3A, from x = 0.3 on, where figure 4 has its probe; in figure 5 the square
-  is [-1, 1]^2. The 1e-6 at the foot of its ramp is relative to the top.
-- The energies of figure 2 are those of the whole square, the layer included, over the initial one. The values that the
-  paper names are no floors: the energy falls like a power of time and passes both at about t = 6.
+- The layer lies inside the square of section 3A, starting at x = 0.3, where the probe of figure 4 is; in figure 5 the
+  square is [-1, 1]^2. The 1e-6 at the foot of the ramp is relative to its top.
+- The energies of figure 2 are those of the whole square, including the layer, relative to the initial energy. The
+  values that the paper states are not floors: the energy falls like a power of time and passes both at about t = 6.
 - Eq. 3-3 is misprinted (`analysis.references.radial`). In eq. 2-3 the extension is divided by the length of the bond,
   not by that of the relative displacement.
-- Section 3B: the critical stretch is ``sqrt(4 pi G0 / (9 E spacing))``, which is exactly the printed one: the formula
-  of bond-based plane stress for a horizon of one spacing; so the kernel is taken to be the Gaussian one with delta =
-  one spacing. As the model is another one, it is a number.
-- "N" in the plane needs a thickness, and the drag a time: 0.156 spacings, and D/dt = 1e7 per second, make 250 N give
-  the crack of the paper. The load acts on the 21 nodes of the surface between the precracks. These pass the two
-  uppermost rows of nodes and end just below the second; cut half a spacing deeper they grow by a node more on each
-  side, and want twice the drag.
-- K is recomputed from the bonds that are left. A node is part of a crack if it has lost bonds in the run and more than
-  15 % of them altogether.
+- Section 3B: the critical stretch is ``sqrt(4 pi G0 / (9 E spacing))``, which is exactly the printed one. This is the
+  formula of bond-based plane stress for a horizon of one spacing; so the kernel is taken to be the Gaussian one with
+  delta = one spacing. Since the model here is a different one, the value is no more than a number.
+- In 2D a load in N requires a thickness, and the drag requires a time: with 0.156 spacings and D/dt = 1e7 per second,
+  250 N produces the crack of the paper. The load acts on the 21 surface nodes between the precracks. The precracks pass
+  the two uppermost rows of nodes and end just below the second; if cut half a spacing deeper, they grow by one more
+  node on each side, and twice the drag is required.
+- K is recomputed from the remaining bonds. A node is part of a crack if it has lost bonds during the run and more than
+  15 % of its bonds in total.
 
-Times are run by velocity Verlet; the forward Euler of the paper is unstable and needs the tiny steps that it took
+The runs use velocity Verlet; forward Euler, as in the paper, is unstable and requires its tiny steps
 (`split_energies`).
 """
 
@@ -49,23 +49,23 @@ SPACING = 0.01
 LAYER = 30  # nodes, of which the outermost third is the plateau
 STRENGTH = 50.0  # 1/s
 STEP = 5e-3  # a fifth of the limit
-# errors are looked at so long: what a fixed square has sent back has crossed the near field several times
+# end of the comparison: what a fixed square reflects has crossed the near field several times by then
 COMPARED = 2.2
 LOADS = (140.0, 200.0, 250.0, 320.0, 400.0, 500.0)
 THICKNESS = 0.156  # spacings
 DRAG = 1e7  # 1/s
 FIT = (8.49e-3, 1.16, 8.15)  # of eq. 3-5: A in mm/N^s, s, B in mm
-_SURFACE = 10  # nodes under load on either side of the middle
-_THRESHOLD = 0.15  # of damage
+_SURFACE = 10  # loaded nodes on either side of the middle
+_THRESHOLD = 0.15  # damage of the nodes of a crack
 
 
 def gaussian_kernel(width: float) -> Kernel:
-    """The Gaussian kernel of eq. 2-5, cut off where it is below a millionth."""
+    """Gaussian kernel of eq. 2-5, cut off where it falls below a millionth."""
     return Kernel(width * np.sqrt(np.log(1e6)), 0, "gaussian", width, volume="full")
 
 
 def constant_kernel(horizon: float) -> Kernel:
-    """The constant kernel."""
+    """Constant kernel."""
     return Kernel(horizon, 0, volume="full")
 
 
@@ -73,7 +73,7 @@ KERNELS = {"Gaussian": gaussian_kernel(1.1 * SPACING), "Heaviside": constant_ker
 
 
 def solid(kernel: Kernel) -> Correspondence:
-    """The solid of section 3A."""
+    """Solid of section 3A."""
     return Correspondence(kernel, 1.0, 0.25)
 
 
@@ -81,11 +81,11 @@ SPEED = solid(KERNELS["Gaussian"]).p_speed
 
 
 def published(**options: Any) -> NonlocalPML:
-    """The layer of section 3A."""
+    """Layer of section 3A."""
     return NonlocalPML(**{"nodes": LAYER, "ramp": "gaussian", "strength": STRENGTH, **options})
 
 
-#: The square without a layer: the same nodes, of which none beyond the edge moves or carries a stress.
+#: The square without a layer: the same nodes, beyond which nothing moves or carries stress.
 CLAMPED = published(strength=0.0)
 #: Ways to close the near field, all of which end at the edge of the square.
 ABSORBERS: dict[str, Any] = {
@@ -108,13 +108,13 @@ def pulse(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def plate(kernel: Kernel, boundary: Any, dt: float = STEP, room: int = 0) -> Simulation:
-    """The square of section 3A: 101 x 101 nodes, layers included; with a near field that reaches `room` nodes farther,
-    as many more.
+    """The square of section 3A, 101 x 101 nodes including the layers; `room` nodes are added to each side of the near
+    field.
     """
     inside = (LAYER - room) * SPACING * boundary.endless
     lattice = Lattice(SPACING, (inside, inside), (1 - inside, 1 - inside))
     start: Any = (pulse, 0.0)
-    if boundary.damped:  # as values: a sponge is made for data that vanish beyond the near field
+    if boundary.damped:  # as arrays, since a sponge expects data that vanish beyond the near field
         x, y = lattice.coordinates()
         start = np.stack([pulse(x, y), 0 * x])
     return Simulation(lattice, solid(kernel), boundary, {"u": start}, dt=dt)
@@ -130,7 +130,7 @@ def displacements(sim: Simulation) -> np.ndarray:
 
 
 def strain_energy(sim: Simulation) -> float:
-    """Strain energy of the near field with its layers, beyond which nothing moves: -u . L u / 2."""
+    """Strain energy -u . L u / 2 of the near field with its layers, beyond which nothing moves."""
     engine = sim.engine
     level = engine.current.copy()
     work = float((engine.core.view(level) * engine.core.view(engine.apply_core(level))).sum())
@@ -146,8 +146,8 @@ def energy_inside(kernel: Kernel, square: np.ndarray) -> float:
 
 
 def strain_energies(kernel: Kernel, boundary: Any, times: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Strain energy of the square and of its inner part at some times, over the initial one of the square; shape (2,
-    n).
+    """Strain energy of the square and of its inner part at given times, relative to the initial energy of the square;
+    shape (2, n).
     """
     sim, found = plate(kernel, boundary), []
     start = strain_energy(sim)
@@ -158,7 +158,7 @@ def strain_energies(kernel: Kernel, boundary: Any, times: Sequence[float] | np.n
 
 
 def split_energies(kernel: Kernel, dt: float, times: Sequence[float] | np.ndarray) -> np.ndarray:
-    """The same by the paper's own scheme, forward Euler on split fields, which grows by half of frequency^2 dt."""
+    """As `strain_energies`, by the paper's forward Euler on split fields, which grows at half of frequency^2 dt."""
     x, y = SPACING * np.mgrid[0:101, 0:101]
     fields, still = (
         SplitFields(kernel, SPACING, np.stack([pulse(x, y), 0 * x]), published(), dt),
@@ -180,7 +180,7 @@ def split_energies(kernel: Kernel, dt: float, times: Sequence[float] | np.ndarra
 
 
 class Infinite:
-    """The infinite lattice on the inner part of the square, 0.3 <= x, y <= 0.7, every other step until `COMPARED`."""
+    """Infinite lattice on the inner part of the square, 0.3 <= x, y <= 0.7, at every other step until `COMPARED`."""
 
     def __init__(self, kernel: Kernel) -> None:
         square = plate(kernel, Fixed())
@@ -191,11 +191,11 @@ class Infinite:
         self.states = [exact.after(step)[self._inner].copy() for step in range(0, last + 1, 2)]
 
     def error(self, boundary: Any) -> float:
-        """Largest difference of a run from it, over the initial maximum, which is 1."""
+        """Largest difference of a run with a boundary, relative to the initial maximum, which is 1."""
         return self.error_of(plate(self.kernel, boundary))
 
     def error_of(self, run: Simulation) -> float:
-        """The same of a run at its start, whose near field is the inner part or reaches beyond it evenly."""
+        """Largest difference of a run at its start, whose near field is the inner part or extends evenly beyond it."""
         worst = 0.0
         for state in self.states[1:]:
             run.step(2)
@@ -207,7 +207,7 @@ class Infinite:
 
 
 def passes(times: np.ndarray, values: np.ndarray, level: float) -> float:
-    """When a falling curve passes a level for the last time, by logarithmic interpolation; nan if it does not."""
+    """Time at which a falling curve last passes a level, by logarithmic interpolation; nan if it does not."""
     above = np.flatnonzero(values > level)
     if above.size == 0 or above[-1] + 1 == values.size:
         return float("nan")
@@ -222,7 +222,7 @@ def passes(times: np.ndarray, values: np.ndarray, level: float) -> float:
     "strain energy of a pulse in a square with the layer, both kernels, and what other sides send back",
 )
 def figure_2(folder: Path) -> Outcome:
-    """Energies to t = 10; errors of all absorbers against the infinite lattice; the paper's own integrator."""
+    """Energies up to t = 10, errors of all absorbers against the infinite lattice, and the paper's own integrator."""
     from farhorizon.pictures.curves import error_history
 
     times = np.round(np.arange(0.05, 10.001, 0.05), 10)
@@ -262,14 +262,14 @@ def figure_2(folder: Path) -> Outcome:
     return Outcome(rows, errors, [folder / "wildman2012-fig2.png"])
 
 
-_ROOM = 10  # nodes by which the near field below reaches beyond the inner part: there the pulse has fallen to 1e-8
+_ROOM = 10  # nodes by which the near field is extended: at its border the pulse has fallen to 1e-8
 
 
 def lattice_plate(kernel: Kernel) -> Simulation:
-    """The pulse on 61 x 61 nodes of the same material, as one stencil, in a lattice PML of as many nodes as the paper's
-    layer.
+    """The pulse on 61 x 61 nodes of the same material, as one stencil, in a lattice PML with as many nodes as the
+    paper's layer.
 
-    A lattice PML continues a medium that is at rest at the start; at the border of the inner part the pulse is still
+    A lattice PML continues a medium that is initially at rest, but at the border of the inner part the pulse is still
     3e-4.
     """
     return plate(kernel, LatticePML(nodes=LAYER), room=_ROOM)
@@ -282,7 +282,7 @@ def lattice_plate(kernel: Kernel) -> Simulation:
     takes="a minute",
 )
 def lattice_layer(folder: Path) -> Outcome:
-    """Errors until t = 2.2 on the inner part against the infinite lattice, and energies of the near field to t =
+    """Errors on the inner part up to t = 2.2 against the infinite lattice, and energies of the near field up to t =
     100."""
     from farhorizon.pictures.curves import error_history
 
@@ -319,7 +319,7 @@ def lattice_layer(folder: Path) -> Outcome:
 
 @reproduction("wildman2012-fig3", PAPER, "displacements along y = 0.5 over time, through the layer")
 def figure_3(folder: Path) -> Outcome:
-    """Waterfall to t = 1, the Gaussian kernel, and the stretch."""
+    """Waterfall plot up to t = 1 with the Gaussian kernel, and the stretch."""
     from farhorizon.pictures.curves import waterfall
 
     sim = plate(KERNELS["Gaussian"], published())
@@ -346,7 +346,7 @@ def figure_3(folder: Path) -> Outcome:
 
 @reproduction("wildman2012-fig4", PAPER, "displacement at the edge of the layer, and in a fixed square")
 def figure_4(folder: Path) -> Outcome:
-    """|u_x| at (0.3, 0.5) to t = 5: the same until the fixed edge has sent the wave back."""
+    """|u_x| at (0.3, 0.5) up to t = 5: both agree until the reflection from the fixed edge arrives."""
     from farhorizon.pictures.curves import error_history
 
     times = STEP * 2 * np.arange(1, 501)
@@ -380,7 +380,7 @@ def figure_4(folder: Path) -> Outcome:
 
 
 def radial_plate(boundary: Any, width: float = 0.1, dt: float = STEP) -> Simulation:
-    """The square of figure 5, 201 x 201 nodes with the layers: the radial displacement of eq. 3-2."""
+    """The square of figure 5, 201 x 201 nodes with the layers, with the radial displacement of eq. 3-2."""
     inside = LAYER * SPACING * boundary.endless
     lattice = Lattice(SPACING, (inside - 1,) * 2, (1 - inside,) * 2)
 
@@ -393,7 +393,7 @@ def radial_plate(boundary: Any, width: float = 0.1, dt: float = STEP) -> Simulat
 
 @reproduction("wildman2012-fig5", PAPER, "a cylindrical wave against the exact solution, local and nonlocal")
 def figure_5(folder: Path) -> Outcome:
-    """u_x at (0.5, 0) to t = 2: dispersion of the nonlocal medium, and what is left."""
+    """u_x at (0.5, 0) up to t = 2: dispersion of the nonlocal medium, and the remaining error."""
     from farhorizon.pictures.curves import curve_panels
 
     width, r = 0.1, 0.5
@@ -446,10 +446,10 @@ def figure_5(folder: Path) -> Outcome:
 
 
 def amplitudes(kernel: Kernel, boundary: Any, until: float = 100.0, dt: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
-    """Times and the root of the strain energy over its initial value, from white noise on 21 x 21 nodes and in a layer
-    around them.
+    """Times, and the square root of the strain energy over its initial value, for white noise on 21 x 21 nodes in a
+    layer.
 
-    What grows a millionfold ends its run before `until`.
+    Runs that grow a millionfold end before `until`.
     """
     lattice = Lattice(SPACING, (-10 * SPACING,) * 2, (10 * SPACING,) * 2)
     noise = list(np.random.default_rng(1).standard_normal((2, *lattice.shape)))
@@ -467,14 +467,14 @@ def amplitudes(kernel: Kernel, boundary: Any, until: float = 100.0, dt: float = 
 
 
 def late_growth(times: np.ndarray, values: np.ndarray) -> float:
-    """Rate (1/s) of a course over its last half: the slope of its logarithm."""
+    """Growth rate (1/s): slope of the logarithm of the values over the last half of the times."""
     late = times >= times[-1] / 2
     return float(np.polyfit(times[late], np.log(values[late]), 1)[0])
 
 
 _QUADRATIC: dict[str, Any] = {"nodes": 10, "ramp": "quadratic", "strength": 150.0}
-_CLAMPED_FACE = published(strength=0.0, nodes=1)  # of a fixed face, which carries stress, the nodes are held, too
-#: Set-ups whose growth is measured: kernel, and what closes the near field.
+_CLAMPED_FACE = published(strength=0.0, nodes=1)  # the nodes of a `Fixed` face are also held, but it carries stress
+#: Set-ups whose growth is measured: kernel, and sides of the near field.
 LONG: dict[str, tuple[str, Any]] = {
     "Gaussian, as published, 10 nodes": ("Gaussian", published(nodes=10)),
     "Gaussian, quadratic": ("Gaussian", NonlocalPML(**_QUADRATIC)),
@@ -497,7 +497,7 @@ LONG: dict[str, tuple[str, Any]] = {
 
 @reproduction("wildman2012-growth", PAPER, "what grows in the layer long after the paper's figures end", "a minute")
 def long_times(folder: Path) -> Outcome:
-    """Rates from white noise to t = 200; the paper's figures end at t = 1 and some 6."""
+    """Growth rates from white noise up to t = 200; the figures of the paper end at t = 1 and about 6."""
     from farhorizon.pictures.curves import error_history
 
     rows, curves = [], {}
@@ -515,13 +515,13 @@ YOUNG, ENERGY_RELEASE = 65e9, 204.0
 
 
 def loaded_half_space(load: float, dt: float = 20e-9) -> Simulation:
-    """The half-space of section 3B under a load in N: 141 x 71 nodes with the layers.
+    """Half-space of section 3B under a load in N: 141 x 71 nodes with the layers.
 
     Parameters
     ----------
     load : float
     dt : float
-        The paper's is 1 ns, two hundred times below the limit.
+        Time step; that of the paper is 1 ns, a two-hundredth of the limit.
     """
     lattice = Lattice(GRID, (-40 * GRID, -40 * GRID), (40 * GRID, 0.0))
     edge = (_SURFACE + 0.5) * GRID
@@ -547,12 +547,12 @@ def loaded_half_space(load: float, dt: float = 20e-9) -> Simulation:
 
 
 def critical_stretch() -> float:
-    """The printed stretch, ``sqrt(4 pi G0 / (9 E spacing))``."""
+    """Critical stretch as printed, ``sqrt(4 pi G0 / (9 E spacing))``."""
     return float(np.sqrt(4 * np.pi * ENERGY_RELEASE / (9 * YOUNG * GRID)))
 
 
 def crack_extent(before: np.ndarray, after: np.ndarray) -> tuple[int, int]:
-    """Nodes by which the cracks have grown outwards and downwards from the precracks, from the damage before and
+    """Numbers of nodes by which the cracks grew outwards and downwards from the precracks, given the damage before and
     after."""
     column, row = np.nonzero((after > _THRESHOLD) & (after > before))
     if column.size == 0:
@@ -562,7 +562,7 @@ def crack_extent(before: np.ndarray, after: np.ndarray) -> tuple[int, int]:
 
 
 def indent(load: float, dt: float, until: float = 10e-6) -> tuple[Simulation, np.ndarray]:
-    """Run the half-space; the simulation, and the damage at the start."""
+    """Run the half-space; return the simulation and the damage at the start."""
     sim = loaded_half_space(load, dt)
     before = sim.fields["damage"]
     sim.step(round(until / dt))
@@ -571,7 +571,7 @@ def indent(load: float, dt: float, until: float = 10e-6) -> tuple[Simulation, np
 
 @reproduction("wildman2012-fig7", PAPER, "cracks from an indented half-space, 250 N (and figure 8)", full="minutes")
 def figure_7(folder: Path, full: bool = False) -> Outcome:
-    """Damage after 10 microseconds; the step is 20 times the paper's unless `full`."""
+    """Damage after 10 microseconds; without `full` the time step is 20 times that of the paper."""
     from farhorizon.pictures.fields import field_panels
     from farhorizon.pictures.style import DAMAGE, counted_in
 
@@ -615,14 +615,14 @@ def figure_7(folder: Path, full: bool = False) -> Outcome:
 
 
 def fitted(load: np.ndarray) -> np.ndarray:
-    """The paper's fit of the separation of the crack tips (mm), eq. 3-5."""
+    """The paper's fit (eq. 3-5) of the separation of the crack tips in mm."""
     a, s, b = FIT
     return a * np.asarray(load, float) ** s + b
 
 
 @reproduction("wildman2012-fig9", PAPER, "separation of the crack tips over the load", full="minutes")
 def figure_9(folder: Path, full: bool = False) -> Outcome:
-    """140 to 500 N; the step is 20 times the paper's unless `full`."""
+    """Loads from 140 to 500 N; without `full` the time step is 20 times that of the paper."""
     from farhorizon.pictures.curves import curve_panels
 
     loads = np.array(LOADS)

@@ -1,1 +1,1 @@
-"""Arrays to PNG files."""
+"""Pictures and films of arrays and results files."""

@@ -1,4 +1,4 @@
-"""Curves: histories of errors, comparisons with papers, reflection over angles, lines over time."""
+"""Pictures of curves: error histories, comparisons with papers, reflection over angles, waterfall plots."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from farhorizon.errors import InputError
 from farhorizon.pictures.style import COLORS, figure_at
 
-# A logarithmic axis shows at most so many decades below its maximum; double precision resolves 16.
+# Largest number of decades of a logarithmic axis below its maximum; double precision resolves 16.
 DECADES = 20
-_ROUNDING = 1e-13  # of a wave that comes in: no more is sent back of it but by rounding
+_ROUNDING = 1e-13  # relative to the incident wave: smaller reflections are due to rounding
 
 
 def lines(
@@ -28,8 +28,10 @@ def lines(
     limits: tuple[float, float] | None = None,
     decades: int = DECADES,
 ) -> Any:
-    """Draw curves (name, x, y) into one axes, the legend beside it, and thin lines across at `places`; a logarithmic
-    axis reaches so many decades below the largest value. Returns the figure.
+    """Draw curves (name, x, y) into one axes, with the legend beside it and thin vertical lines at `places`, and return
+    the figure.
+
+    With `log`, the axis reaches at most `decades` decades below the largest value.
     """
     columns = -(-len(curves) // 16)
     widest = max((len(name) for name, _, _ in curves), default=0) if len(curves) > 1 else 0
@@ -57,10 +59,10 @@ def lines(
 def error_history(
     curves: Mapping[str, tuple[np.ndarray, np.ndarray]], path: str | Path, ylabel: str, title: str, *, xlabel: str = "t"
 ) -> None:
-    """Draw errors over time on a logarithmic axis, one line a boundary.
+    """Draw errors over time on a logarithmic axis, one line per boundary.
 
-    A logarithmic axis has no zero: where an error is zero the line has a gap, and a curve of zeros only is marked in
-    the legend, as is one that becomes infinite.
+    Where an error is zero the line has a gap. Curves that are zero everywhere, and curves that become infinite, are
+    marked in the legend.
 
     Parameters
     ----------
@@ -72,7 +74,7 @@ def error_history(
     Raises
     ------
     InputError
-        There are no curves, times and errors do not match, or there is no such directory.
+        There are no curves, times and errors do not match, or the directory does not exist.
     """
     if not curves:
         raise InputError("a picture of errors needs one curve or more")
@@ -96,27 +98,26 @@ def curve_panels(
     reference: str | None = None,
     equal: Sequence[int] = (),
 ) -> None:
-    """Draw panels of curves that are to be compared: the reference a broad pale line, the others thin ones on top of
-    it.
+    """Draw panels of curves for comparison: the reference as a broad pale line, the others as thin lines on top of it.
 
     Parameters
     ----------
     panels : sequence of (title, curves)
-        Curves are (name, x, y); one name has one style in all panels. A single curve is named at its axis, several in
-        one legend. Values with gaps between all of them are drawn as points.
+        Curves are (name, x, y); a name has the same style in all panels. A single curve is named at its axis, several
+        in a common legend. Values of which no two neighbours are finite are drawn as points.
     path : str or Path
         The PNG file.
     xlabel, ylabel : str or sequence of str
-        One for all panels, or one a panel.
+        One label for all panels, or one per panel.
     reference : str, optional
-        Name of the curve that the others are held against; the first one unless given.
+        Name of the curve to which the others are compared; the first one if not given.
     equal : sequence of int
-        Panels whose axes have one scale: those of places, where angles are to be seen as they are.
+        Panels whose two axes have the same scale, such as those of positions, where angles should be true.
 
     Raises
     ------
     InputError
-        There are no panels, a panel without curves, or no such directory.
+        There are no panels, a panel has no curves, or the directory does not exist.
     """
     if not panels or not all(curves for _, curves in panels):
         raise InputError("a picture of curves needs one panel or more, each with a curve")
@@ -128,7 +129,7 @@ def curve_panels(
         for name in dict.fromkeys(name for _, curves in panels if len(curves) > 1 for name, _, _ in curves)
         if name != broad
     ]
-    # all of them different, for in grey the colours are not
+    # all different, since the colours cannot be told apart in grey
     dashes: list[dict[str, Any]] = [
         {},
         {"dashes": (3, 3)},
@@ -144,7 +145,7 @@ def curve_panels(
         for i, name in enumerate(names)
     }
     styles[broad] = {"color": COLORS[5], "linewidth": 3.4}
-    # all axes are of one quantity
+    # all axes show the same quantity
     shared = isinstance(ylabel, str) and all(len(curves) > 1 for _, curves in panels)
     with figure_at(path, (6.4, 0.7 + 2.0 * rows)) as figure:
         legend: dict[str, Any] = {}
@@ -168,7 +169,7 @@ def curve_panels(
         if shared:
             figure.supylabel(ylabel, fontsize=axes.yaxis.label.get_size())
         if legend:
-            # characters across the figure, and those that a line's sample takes
+            # number of entries in a row: 100 characters fit, and the sample of a line takes 7
             fit = max(1, 100 // (max(map(len, legend)) + 7))
             figure.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=min(len(legend), fit, 4))
 
@@ -182,24 +183,24 @@ def log_panels(
     order: float | None = None,
     printed: Sequence[Sequence[np.ndarray]] = (),
 ) -> None:
-    """Draw panels of curves on a logarithmic axis, one below the other, each with its legend beside it.
+    """Draw panels of curves with a logarithmic y axis, one below the other, each with its legend beside it.
 
     Parameters
     ----------
     panels : sequence of (title, curves)
-        Curves are (name, x, y); what is not positive and finite has a gap.
+        Curves are (name, x, y); values that are not positive and finite leave a gap.
     path : str or Path
         The PNG file.
     xlabel, ylabel : str
     order : float, optional
-        Of a convergence plot: both axes are logarithmic, the points are marked, and a dashed line has this slope.
+        For a convergence plot: both axes are logarithmic, the points are marked, and a dashed line shows this slope.
     printed : sequence of sequences of ndarray
-        For each curve of each panel the values that a paper prints at the same x, drawn as circles.
+        For each panel and each of its curves, the values that a paper prints at the same x, drawn as circles.
 
     Raises
     ------
     InputError
-        There are no panels, a panel without curves, or no such directory.
+        There are no panels, a panel has no curves, or the directory does not exist.
     """
     if not panels or not all(curves for _, curves in panels):
         raise InputError("a picture of curves needs one panel or more, each with a curve")
@@ -261,11 +262,11 @@ def reflection_picture(
     Raises
     ------
     InputError
-        There are no curves, or no such directory.
+        There are no curves, or the directory does not exist.
     """
     if not curves:
         raise InputError("a picture of reflection needs one curve or more")
-    shown = [(name, np.where(values > _ROUNDING, values, np.nan)) for name, values in curves]  # zeros leave a gap
+    shown = [(name, np.where(values > _ROUNDING, values, np.nan)) for name, values in curves]  # zeros leave gaps
     levels = [(name, angles, 20 * np.log10(values)) for name, values in shown]
     lines(levels, path, xlabel="angle of incidence (degrees)", ylabel="reflection (dB)", title=title)
 
@@ -280,7 +281,7 @@ def waterfall(
     ylabel: str,
     backdrop: tuple[str, np.ndarray],
 ) -> None:
-    """Draw a field on a line at many times, the latest farthest back.
+    """Draw a field along a line at many times, the latest farthest back.
 
     Parameters
     ----------
@@ -291,12 +292,12 @@ def waterfall(
         The PNG file.
     xlabel, ylabel : str
     backdrop : (str, ndarray of shape (n,))
-        Name and values of what is drawn behind the last line, scaled to the field.
+        Name and values of a curve that is drawn behind the last line, scaled to the field.
 
     Raises
     ------
     InputError
-        There is no such directory.
+        The directory does not exist.
     """
     name, values = backdrop
     gap = np.ptp(lines[0]) / 4  # from one line to the next

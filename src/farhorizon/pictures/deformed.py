@@ -1,4 +1,4 @@
-"""Deformed lattices: each node where it has moved to, so that cracks open before one's eyes."""
+"""Pictures of deformed lattices, with each node at its displaced position, which shows how cracks open."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from farhorizon.pictures.fields import panel_grid
 from farhorizon.pictures.images import cell_edges
 from farhorizon.pictures.style import SEQUENTIAL, figure_at, with_unit, wrapped
 
-_TORN = 0.5  # of a spacing: neighbours that move apart by more, as drawn, have edges of their own
-_PART = 0.05  # of the extent of the near field that the largest displacement takes, unless a factor is given
+_TORN = 0.5  # of a spacing: neighbours whose drawn displacements differ by more share no corners
+_PART = 0.05  # largest drawn displacement over the extent of the near field, unless a factor is given
 
 
 def chosen_factor(displacements: Sequence[np.ndarray], length: float) -> float:
-    """A round factor (1, 2 or 5 times a power of ten) with which the largest displacement is a twentieth of a length,
-    or less.
+    """Largest round factor (1, 2 or 5 times a power of ten) for which the largest displacement is at most a twentieth
+    of a length.
     """
     top = max(float(np.nanmax(np.hypot(*u), initial=0.0)) for u in displacements)
     if top == 0:
@@ -32,13 +32,13 @@ def chosen_factor(displacements: Sequence[np.ndarray], length: float) -> float:
 def deformed_cells(moves: np.ndarray, axes: Sequence[np.ndarray]) -> np.ndarray:
     """Corners of the cells of displaced nodes, shape (nx, ny, 4, 2), counterclockwise.
 
-    A corner moves by the mean of the nodes around it that move along with the cell's own, so that cells stay together
-    where the lattice is whole, and come apart where it is torn.
+    A corner is displaced by the mean over those of its neighbouring nodes that move along with the node of the cell, so
+    that cells stay together where the lattice is intact and separate where it is torn.
 
     Parameters
     ----------
     moves : ndarray, shape (2, nx, ny)
-        Displacements as they are drawn; nan where there is no node.
+        Displacements as drawn, multiplied by the factor; nan where there is no node.
     axes : sequence of ndarray
         Coordinates of the nodes along the two axes.
     """
@@ -67,22 +67,22 @@ def deformed_panels(
     title: str = "",
     colors: str = SEQUENTIAL,
 ) -> Any:
-    """Draw lattices with their nodes displaced, side by side, as `deformed_cells`.
+    """Draw lattices with displaced nodes side by side, as the cells of `deformed_cells`.
 
     Parameters
     ----------
     frames : sequence of (title, displacements of shape (2, nx, ny), values of shape (nx, ny))
-        Nan where there is no node; values give the colours.
+        Nan where there is no node; the values determine the colours.
     axes : sequence of ndarray
         Coordinates of the nodes along the two axes.
     path : str or Path
-        The file, of which the ending of the name is the format.
+        File name, whose ending determines the format.
     factor : float
-        Of the displacements; chosen unless positive.
+        Factor of the displacements; 0 chooses it (`chosen_factor`).
     label, title : str
-        Of the colours, and of the whole picture, where the factor stands, too.
+        Label of the colours, and title of the whole picture, which also states the factor.
     colors : str
-        Matplotlib's colour map, from zero.
+        Colour map of Matplotlib, starting at zero.
 
     Returns
     -------
@@ -91,7 +91,7 @@ def deformed_panels(
     Raises
     ------
     InputError
-        There are no frames, or no such directory.
+        There are no frames, or the directory does not exist.
     """
     from matplotlib.collections import PolyCollection
 
@@ -108,7 +108,7 @@ def deformed_panels(
             empty.remove()
         for panel, (name, u, values) in zip(panels, frames, strict=False):
             there = np.isfinite(u).all(0)
-            # smoothed edges would leave seams between cells
+            # antialiased edges would leave seams between cells
             nodes = PolyCollection(list(deformed_cells(factor * u, axes)[there]), edgecolors="none", antialiaseds=False)
             nodes.set(array=values[there], cmap=colors, clim=(0.0, largest))
             nodes.set_rasterized(True)

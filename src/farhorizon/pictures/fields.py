@@ -1,4 +1,4 @@
-"""Fields as images, side by side: at several times, of several runs, with cracks, solids and arrows."""
+"""Pictures of fields as images side by side, with cracks, solids and arrows."""
 
 from __future__ import annotations
 
@@ -23,16 +23,19 @@ from farhorizon.pictures.style import (
     wrapped,
 )
 
-_ARROWS = 18  # along an axis
-_LINE = 0.16  # inches, of a title
-_ROOM = 5.0  # how much larger than in the first column values may be in the others without leaving the colours
+_ARROWS = 18  # number of arrows along an axis
+_LINE = 0.16  # height in inches of a line of a title
+_ROOM = 5.0  # largest value on the colour scale of `field_table` over that of the first column
 _SHARED = 0.2  # panels whose largest values differ by more than this factor have colour scales of their own
 
 
 def panel_grid(number: int, ratio: float, bars: bool = False) -> tuple[int, int, float, float]:
-    """Rows, columns and size in inches of `number` panels of height / width = `ratio`, or with `bars` of their own."""
-    four = 2 if ratio < 0.6 or (bars and number == 4) else 4  # bars make a row of four too long
-    most = 1 if ratio < 0.35 else 3 if number in (3, 5, 6, 9) else four  # few places stay empty
+    """Rows, columns, and panel width and height in inches, for `number` panels with height / width = `ratio`.
+
+    With `bars`, each panel has a colour bar.
+    """
+    four = 2 if ratio < 0.6 or (bars and number == 4) else 4  # with bars a row of four is too long
+    most = 1 if ratio < 0.35 else 3 if number in (3, 5, 6, 9) else four  # leaves few places empty
     columns = min(number, most)
     width = min(5.5 / columns + 0.8, 3.4)
     if ratio < 0.35:
@@ -59,7 +62,7 @@ def field_panels(
     regions: Regions | None = None,
     beyond: str | None = None,
 ) -> Any:
-    """Draw fields side by side: lines in one axes in 1D, images in 2D, a slice in 3D.
+    """Draw fields side by side: as lines in common axes in 1D, as images in 2D, as slices in 3D.
 
     Parameters
     ----------
@@ -68,34 +71,33 @@ def field_panels(
     axes : sequence of ndarray
         Coordinates of the nodes along each axis.
     path : str or Path, optional
-        The file, of which the ending of the name is the format; without one nothing is written.
+        File name, whose ending determines the format; if not given, nothing is written.
     shared_scale : bool
-        One colour scale for all panels, with one colour bar; otherwise each has its own.  Without meaning in 1D.
+        Use one colour scale for all panels, with one colour bar; otherwise each panel has its own. Ignored in 1D.
     cracks : sequence of ndarray, each of shape (n, dim)
         Polylines, drawn as thin dark lines; in 3D their projection onto the slice.
     label : str
-        Name of what is drawn.
+        Name of the quantity.
     solids : sequence of ndarray of bool
-        For each field the nodes that are solid: their outline is drawn as cracks are. Without meaning in 1D.
+        Solid nodes of each field; their outline is drawn like cracks. Ignored in 1D.
     colors : str, optional
-        Matplotlib's colour map, from zero; diverging or sequential as the values are, unless given. Without meaning in
-        1D.
+        Colour map of Matplotlib, starting at zero; if not given, a diverging or sequential one, depending on the
+        values. Ignored in 1D.
     plane : (int, int), optional
-        In 3D the axis that the slice is normal to, and its index along it; the middle of z unless given.
+        In 3D, the axis normal to the slice, and the index of the slice along it; the middle of z if not given.
     limits : (float, float), optional
-        Of the colour scale, in 1D of the axis of values.
+        Limits of the colour scale, in 1D of the axis of values.
     title : str
-        Of the whole picture.
+        Title of the whole picture.
     smooth : bool
-        Values between the nodes of a coarse lattice, of at most 100 nodes along an axis, are linearly interpolated.
-        Without meaning in 1D.
+        Interpolate linearly between the nodes of a coarse lattice, with at most 100 nodes along an axis. Ignored in 1D.
     broken : sequence of ndarray
-        For each field the part of a node's bonds that is broken: drawn over it, dark. Without meaning in 1D.
+        For each field, the fraction of broken bonds at each node, drawn over it in dark. Ignored in 1D.
     regions : Regions, optional
-        Of what the nodes are made: outlines are drawn, the names of materials stand in the first panel. Without
-        meaning in 1D.
+        Regions of the nodes: their outlines are drawn, with the names of materials in the first panel. Ignored in 1D.
     beyond : {"neither", "min", "max", "both"}, optional
-        Ends at which a common colour bar has an arrow; where values lie beyond it unless given. Without meaning in 1D.
+        Ends at which a common colour bar has an arrow; if not given, those beyond which there are values. Ignored in
+        1D.
 
     Returns
     -------
@@ -104,7 +106,7 @@ def field_panels(
     Raises
     ------
     InputError
-        There are no fields, shapes do not match, or there is no such directory.
+        There are no fields, shapes do not match, or the directory does not exist.
     """
     coordinates = [np.asarray(axis, dtype=float) for axis in axes]
     shape, dim = tuple(axis.size for axis in coordinates), len(coordinates)
@@ -159,7 +161,7 @@ def field_panels(
 
 
 def shown_plane(shape: Sequence[int], plane: tuple[int, int] | None) -> tuple[int, int]:
-    """The slice of a lattice in space that is drawn: its axis and index; the middle of z unless given."""
+    """Axis and index of the slice of a 3D lattice that is drawn; the middle of z if not given."""
     return plane or (2, shape[2] // 2)
 
 
@@ -171,7 +173,7 @@ def _overlays(
     regions: Regions | None,
     smooth: bool,
 ) -> list[Overlay]:
-    """Those of several fields: names in the first one alone."""
+    """Overlays of several fields; only the first one has names."""
     return [
         Overlay(cracks, solids[k] if solids else None, broken[k] if broken else None, regions, k == 0, smooth)
         for k in range(count)
@@ -193,12 +195,12 @@ def slice_panels(
     broken: Sequence[np.ndarray] = (),
     regions: Regions | None = None,
 ) -> Any:
-    """Draw fields in space on the three planes through the middle: a row for each field.
+    """Draw fields in 3D on the three planes through the middle, with one row per field.
 
     Parameters
     ----------
     fields, axes, path, shared_scale, cracks, label, colors, limits, title, smooth, broken, regions
-        As of `field_panels`; cracks are projected onto the slices.
+        As in `field_panels`; cracks are projected onto the slices.
 
     Returns
     -------
@@ -252,19 +254,19 @@ def gradient_panels(
     solids: Sequence[np.ndarray],
     label: str = "|grad u|",
 ) -> None:
-    """Draw gradients outside solids side by side, by central differences: magnitudes as colours, downhill directions as
+    """Draw gradients by central differences outside solids side by side: magnitudes as colours, downhill directions as
     arrows.
 
     Parameters
     ----------
     fields : sequence of (title, ndarray)
-        Fields of the lattice shape (nx, ny[, nz]), nan outside a window; of nz slices the one in the middle.
+        Fields of the lattice shape (nx, ny[, nz]), nan outside a window; in 3D the slice in the middle of z is drawn.
     axes : sequence of ndarray
-        Coordinates of the nodes along each axis, equally far apart.
+        Evenly spaced coordinates of the nodes along each axis.
     path : str or Path
         The PNG file.
     solids : sequence of ndarray of bool
-        For each field the nodes that are solid: they are left blank, and their outline is drawn.
+        Solid nodes of each field; they are left blank, and their outline is drawn.
     label : str
         Name of the magnitude.
     """
@@ -287,7 +289,7 @@ def gradient_panels(
 
 
 def _arrows(panel: Any, vectors: np.ndarray, axes: Sequence[np.ndarray]) -> None:
-    """Directions of vectors (2, nx, ny) as arrows of one length, some `_ARROWS` along an axis."""
+    """Draw the directions of vectors (2, nx, ny) as arrows of equal length, about `_ARROWS` along an axis."""
     every = max(1, max(vectors.shape[1:]) // _ARROWS)
     thin = (slice(every // 2, None, every),) * 2
     length = np.hypot(*vectors)[thin]
@@ -322,7 +324,7 @@ def _images(
     title: str = "",
     beyond: str | None = None,
 ) -> Any:
-    """Draw checked 2D fields as images; returns the figure."""
+    """Draw 2D fields, already checked, as images and return the figure."""
     left, right, bottom, top = cell_edges(axes)
     rows, columns, width, height = panel_grid(len(arrays), (top - bottom) / (right - left), not shared_scale)
     bar = 0.9 if shared_scale else 0.9 * columns
@@ -335,7 +337,7 @@ def _images(
             empty.remove()
         seen = [unhidden(array, overlay.broken) for array, overlay in zip(arrays, overlays, strict=True)]
         scale = scale_of(seen, limits, colors, usual=True)
-        # one colour map for all panels, whatever the scales
+        # one colour map for all panels, even if their scales differ
         signed = any(color_range([array])["cmap"] == DIVERGING for array in seen)
         for number, (array, head) in enumerate(zip(arrays, heads, strict=True)):
             panel = panels[number]
@@ -351,7 +353,7 @@ def _images(
             panel.set(xlabel=with_unit(names[0]) if lowest else "", ylabel=with_unit(names[1]) if first else "")
             panel.locator_params(nbins=4 if width < 2 else 6)
             if not shared_scale:
-                # within a row it would be taken for that of the next panel's axis
+                # within a row it would be mistaken for the label of the next panel's axis
                 said = label if (number + 1) % columns == 0 or number + 1 == len(arrays) else ""
                 figure.colorbar(image, ax=panel, label=said, extend=extent_beyond([seen[number]], limits, scale))
         if shared_scale:
@@ -371,29 +373,29 @@ def field_table(
     cracks: Sequence[np.ndarray] = (),
     label: str = "u",
 ) -> None:
-    """Draw 2D fields as a table of images: what is compared side by side, times one below the other.
+    """Draw 2D fields as a table of images: fields to compare side by side, times one below the other.
 
-    Each row has one colour scale, which reaches up to five times the largest value of the first column; what is larger
-    has the colour of the end.
+    Each row has one colour scale, which reaches at most five times the largest value of the first column; larger values
+    have the colour of its end.
 
     Parameters
     ----------
     rows : sequence of str
         Names of the rows.
     columns : sequence of (title, fields)
-        One field of shape (nx, ny) a row; fewer where a run has ended.
+        One field of shape (nx, ny) per row; fewer if a run ended early.
     axes : sequence of ndarray
         Coordinates of the nodes along the two axes.
     path : str or Path
         The PNG file.
     cracks : sequence of ndarray, each of shape (n, 2)
     label : str
-        Name of what is drawn.
+        Name of the quantity.
 
     Raises
     ------
     InputError
-        No rows or columns, a first column that is not complete, or no such directory.
+        There are no rows or columns, the first column is incomplete, or the directory does not exist.
     """
     if not rows or not columns or len(columns[0][1]) < len(rows):
         given = f"{len(rows)} rows, {len(columns)} columns"
@@ -424,9 +426,7 @@ def field_table(
 
 
 def comparable(fields: Sequence[np.ndarray]) -> bool:
-    """Whether one colour scale shows something in every panel: the largest values of the fields that are not zero are
-    alike.
-    """
+    """Whether a common colour scale shows every field: the largest values of the nonzero fields are similar."""
     peaks = [peak for peak in (float(np.nanmax(np.abs(f), initial=0.0)) for f in fields) if peak > 0]
     return not peaks or min(peaks) >= _SHARED * max(peaks)
 
@@ -437,7 +437,7 @@ def magnitude(field: np.ndarray) -> np.ndarray:
 
 
 def mode_picture(mode: np.ndarray, spacing: float, title: str, path: str | Path) -> None:
-    """Draw a growing mode on the nodes of the near field, scaled to 1: its real and imaginary part.
+    """Draw the real and imaginary parts of a growing mode on the nodes of the near field, scaled to 1.
 
     Parameters
     ----------
@@ -451,7 +451,7 @@ def mode_picture(mode: np.ndarray, spacing: float, title: str, path: str | Path)
     Raises
     ------
     InputError
-        There is no such directory.
+        The directory does not exist.
     """
     values = np.squeeze(mode)
     values = values / values.flat[np.argmax(np.abs(values))]

@@ -1,4 +1,4 @@
-"""Fronts of a corrosion: when each node dissolved."""
+"""Pictures of corrosion fronts: the time at which each node dissolved."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from farhorizon.pictures.style import figure_at, number_text, with_unit
 
 
 def _around(axis: np.ndarray, wanted: np.ndarray) -> tuple[float, float]:
-    """Part of an axis with the wanted nodes and a tenth of their extent, at least two cells, on either side; all of it
-    without any.
+    """Part of an axis that contains the wanted nodes, with a margin on either side of a tenth of their extent, at least
+    two cells; all of it if there are none.
     """
     found = axis[wanted] if wanted.any() else axis
     more = max(0.1 * np.ptp(found), 2 * (axis[1] - axis[0]))
@@ -32,14 +32,14 @@ def front(
     cracks: Any = (),
     plane: tuple[int, int] | None = None,
 ) -> None:
-    """Draw how metal has dissolved: the time at which each node became liquid, the fronts at even times, and the metal
-    that is left.
+    """Draw the dissolution of metal: the time at which each node became liquid, fronts at evenly spaced times, and the
+    remaining metal.
 
     Parameters
     ----------
     dissolved : ndarray, shape (nx, ny[, nz])
-        `Simulation.fields["dissolved"]`: nan in the metal, 0 where it was liquid from the start. In 3D a
-        slice is drawn.
+        `Simulation.fields["dissolved"]`: nan in the metal, 0 where there was liquid from the start. In 3D a slice is
+        drawn.
     axes : sequence of ndarray
         Coordinates of the nodes along each axis, two or three.
     path : str or Path
@@ -47,14 +47,14 @@ def front(
     outside : ndarray of bool, optional
         Nodes outside a window, left blank.
     cracks : sequence of ndarray, each of shape (n, dim)
-        Drawn as lines.
+        Polylines, drawn as lines.
     plane : (int, int), optional
-        In 3D the axis that the slice is normal to, and its index along it; the middle of z unless given.
+        In 3D, the axis normal to the slice, and the index of the slice along it; the middle of z if not given.
 
     Raises
     ------
     InputError
-        Another number of axes, or no such directory.
+        The number of axes is not two or three or does not match the field, or the directory does not exist.
     """
     from matplotlib.colors import ListedColormap
 

@@ -1,4 +1,4 @@
-"""What a results file has over time: probes, receivers, spectra, the energy and the balance."""
+"""Pictures of the histories in a results file: probes, receivers, spectra, energy and balance."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ if TYPE_CHECKING:
     from farhorizon.files.records import Recorded
     from farhorizon.files.results import Results
 
-_MOMENT = 0.05  # of a record: what was seen for no longer is not drawn
-_FALL = 100.0  # of an energy, from which on its axis is logarithmic
-_DECADES = 6  # of that axis: less than a millionth of the largest energy is nobody's concern
-_MEASURED = {"position": "length", "advance": "length"}  # in the unit of something else
+_MOMENT = 0.05  # of the duration of a record: what was seen for no longer is not drawn
+_FALL = 100.0  # fall of an energy from which on its axis is logarithmic
+_DECADES = 6  # of that axis: less than a millionth of the largest energy is irrelevant
+_MEASURED = {"position": "length", "advance": "length"}  # quantities with the unit of another one
 _ACCOUNTS = {side: f"through {side}".replace("-", "\N{MINUS SIGN}") for side in ("x-", "x+", "y-", "y+", "z-", "z+")}
 _LEVELS = {"intensity": "energy per frequency and angle", "cross_section": "scattering cross section per angle"}
 
 
 def history_pictures(results: Results, directory: Path, ending: str, words: Mapping[str, str]) -> list[Path]:
-    """Draw what was recorded over time: probes, receivers, energy, balance.
+    """Draw everything that was recorded over time: probes, receivers, energy and balance.
 
     Parameters
     ----------
     results : Results
     directory : Path
     ending : str
-        The format.
+        Format, the ending of the file names.
     words : mapping of str to str
-        What quantities are called in the case.
+        Names of quantities in the case.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def _probes(results: Results, path: Path, words: Mapping[str, str]) -> list[Path
 
 
 def _records(one: Recorded, directory: Path, ending: str, words: Mapping[str, str]) -> list[Path]:
-    """Draw what one recorder has, a picture for each component of each quantity."""
+    """Draw the records of one recorder, with a picture for each component of each quantity."""
     written = []
     for quantity in one.data if len(one.times) > 1 and not one.medium else ():
         measured = _MEASURED.get(quantity, quantity)
@@ -97,8 +97,8 @@ def _records(one: Recorded, directory: Path, ending: str, words: Mapping[str, st
 
 
 def _followed(one: Recorded, values: np.ndarray) -> tuple[list[tuple[str, np.ndarray, np.ndarray]], str]:
-    """Curves of what was seen for more than a moment, such as tips of cracks, and a title: what stands alone, and how
-    many others there were.
+    """Curves of what was seen for more than a moment, such as crack tips, and a title: the name of a single curve, and
+    the number of those left out.
     """
     first = next(iter(one.data.values())).reshape(len(one.times), len(one.points), -1)
     seen = np.isfinite(first).all(2).mean(0)
@@ -108,7 +108,7 @@ def _followed(one: Recorded, values: np.ndarray) -> tuple[list[tuple[str, np.nda
         if share > _MOMENT and np.isfinite(column).any()
     ]
     brief = int(((seen > 0) & (seen <= _MOMENT)).sum())
-    alone = curves[0][0] if len(curves) == 1 else ""  # which has no legend
+    alone = curves[0][0] if len(curves) == 1 else ""  # a single curve has no legend
     return curves, ", ".join(filter(None, (alone, f"without {brief} seen for a moment" if brief else "")))
 
 
@@ -121,7 +121,7 @@ def _energies(results: Results, directory: Path, ending: str, words: Mapping[str
         log = _falls_far(energies)
         written.append(directory / f"energy.{ending}")
         label, top = axis_label("energy", "energy", words), 1.05 * float(energies.max())
-        limits = (0.0, top) if not log and energies.min() >= 0 < top else None  # small changes look small
+        limits = (0.0, top) if not log and energies.min() >= 0 < top else None  # so that small changes look small
         scale: dict[str, Any] = {"log": log, "limits": limits, "decades": _DECADES}
         lines([("energy", moments, energies)], written[-1], xlabel=time, ylabel=label, **scale)
     if results.balance:
@@ -134,15 +134,15 @@ def _energies(results: Results, directory: Path, ending: str, words: Mapping[str
 
 
 def _falls_far(energies: np.ndarray) -> bool:
-    """Whether energies are seen on a logarithmic axis alone: after the largest, before which they may rise from nothing
-    in any way.
+    """Whether energies require a logarithmic axis: only those after the largest one count, since before it they may
+    rise from zero.
     """
     after = energies[int(energies.argmax()) :]
     return bool(after.min() > 0 and after[0] > _FALL * after.min())
 
 
 def _distinct(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The components of a quantity without those below the diagonal of a tensor that is symmetric: "stress_yx"."""
+    """The components of a quantity without those below the diagonal of a symmetric tensor, such as "stress_yx"."""
     found: dict[str, np.ndarray] = {}
     for name, values in columns.items():
         quantity, _, letters = name.rpartition("_")
@@ -153,7 +153,7 @@ def _distinct(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def _pattern(records: Recorded, path: Path) -> list[Path]:
-    """Draw the levels of a pattern over its directions; on a line there are but two."""
+    """Draw the levels of a pattern over its directions; nothing in 1D, where there are only two."""
     if records.dim == 1:
         return []
     levels = {name: values for name, values in records.spectra.items() if name.startswith(tuple(_LEVELS))}
@@ -165,6 +165,6 @@ def _pattern(records: Recorded, path: Path) -> list[Path]:
 
 
 def _recorded(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows of a history in which a value was recorded."""
+    """Times and values of a history at which a value was recorded."""
     kept = np.isfinite(values)
     return times[kept], values[kept]

@@ -1,7 +1,7 @@
-"""Surfaces on which a field in space has given values, drawn without a screen.
+"""Pictures of the surfaces on which a 3D field has given values.
 
-The surfaces are those of marching cubes [1]_, by scikit-image; Matplotlib draws them, as it draws all other pictures,
-so that nothing of OpenGL is needed.
+The surfaces are computed by marching cubes [1]_ from scikit-image. Matplotlib draws them, as it does all other
+pictures, so that neither a screen nor OpenGL is needed.
 
 References
 ----------
@@ -21,15 +21,15 @@ from farhorizon.errors import InputError
 from farhorizon.pictures.fields import comparable
 from farhorizon.pictures.style import color_range, figure_at, with_unit, wrapped
 
-SHARES = (0.2, 0.5)  # of the largest magnitude, on both sides of zero, where no levels are given
-_FINEST = 80  # cells along an axis of which surfaces are made
+SHARES = (0.2, 0.5)  # default levels over the largest magnitude, on both sides of zero
+_FINEST = 80  # cells along an axis; finer fields are thinned
 _LIGHT = np.array([0.35, -0.6, 0.72])
 _ALPHA = 0.55
-_SLACK = 1e-6  # of a cell: single precision
+_SLACK = 1e-6  # of a cell: tolerance for single precision
 
 
 def chosen_levels(fields: Sequence[np.ndarray]) -> list[float]:
-    """Some values that all fields together have on both sides, or above, of zero."""
+    """Default levels for several fields, on both sides of zero if there are negative values, otherwise above it."""
     top = max(float(np.nanmax(np.abs(field), initial=0.0)) for field in fields)
     low = min(float(np.nanmin(field, initial=0.0)) for field in fields)
     above = [share * top for share in SHARES]
@@ -37,14 +37,14 @@ def chosen_levels(fields: Sequence[np.ndarray]) -> list[float]:
 
 
 def isosurface(field: np.ndarray, axes: Sequence[np.ndarray], level: float) -> np.ndarray:
-    """Triangles of the surface on which a field has a value, shape (n, 3, 3); none where it has it nowhere.
+    """Triangles of the surface on which a field has the value `level`, shape (n, 3, 3); empty if it has it nowhere.
 
     Parameters
     ----------
     field : ndarray, shape (nx, ny, nz)
-        nan outside a window.
+        Values; nan outside a window.
     axes : sequence of ndarray
-        Coordinates of the nodes along each axis, equally far apart.
+        Evenly spaced coordinates of the nodes along each axis.
     level : float
 
     Raises
@@ -64,7 +64,7 @@ def isosurface(field: np.ndarray, axes: Sequence[np.ndarray], level: float) -> n
     step = max(1, max(field.shape) // _FINEST)
     corners, faces, *_ = marching_cubes(np.where(there, field, level - 1.0), level, step_size=step)
     last = np.array(field.shape) - 1
-    # a corner lies on an edge between two nodes, both of which must be there
+    # a corner lies on an edge between two nodes, both of which must exist
     before, behind = np.floor(corners / step + _SLACK), np.ceil(corners / step - _SLACK)
     one, other = (there[tuple(np.clip(step * end, 0, last).astype(int).T)] for end in (before, behind))
     first, spacing = np.array([axis[0] for axis in axes]), np.array([axis[1] - axis[0] for axis in axes])
@@ -81,7 +81,7 @@ def isosurface_panels(
     label: str = "u",
     title: str = "",
 ) -> Any:
-    """Draw the surfaces of fields in space side by side, those of one value in one colour.
+    """Draw the isosurfaces of 3D fields side by side, with one colour per value.
 
     Parameters
     ----------
@@ -90,14 +90,14 @@ def isosurface_panels(
     axes : sequence of ndarray
         Coordinates of the nodes along each axis.
     path : str or Path, optional
-        The file, of which the ending of the name is the format; without one nothing is written.
+        File name, whose ending determines the format; if not given, nothing is written.
     levels : sequence of float, optional
-        A fifth and a half of the largest magnitude on both sides of zero unless given: of all fields, or, where their
-        largest magnitudes are not `comparable`, of each field, whose title has its levels then.
+        If not given, a fifth and a half of the largest magnitude, on both sides of zero: of that of all fields or,
+        where these are not `comparable`, of that of each field, whose title then states its levels.
     cracks : sequence of ndarray, each of shape (n, 3)
         Rims of cracks, drawn as lines.
     label, title : str
-        Of what is drawn, and of the whole picture.
+        Name of the quantity, and title of the whole picture.
 
     Returns
     -------
@@ -106,7 +106,7 @@ def isosurface_panels(
     Raises
     ------
     InputError
-        A field that is not one in space, a level that none of them has, or scikit-image is not installed.
+        The fields are not 3D, none of them has one of the levels, or scikit-image is not installed.
     """
     from matplotlib import colormaps
     from matplotlib.patches import Patch
@@ -129,7 +129,7 @@ def isosurface_panels(
             _draw(panel, surfaces, axes, colors, cracks)
             seen = ", ".join(f"{level * top:.3g}" for level, triangles in surfaces.items() if own and len(triangles))
             head = "\n".join(wrapped(line, 3.4) for line in (name, seen and f"surfaces at {seen}") if line)
-            panel.set_title(head, y=0.96)  # the layout takes no account of what is above a box in space
+            panel.set_title(head, y=0.96)  # the layout ignores what is above a 3D box
         called = "" if own else f"{label} = "
         there = [level for level in wanted if any(len(some[level]) for some in found)] or wanted
         figure.legend(
@@ -144,7 +144,7 @@ def isosurface_panels(
 
 
 def _check_seen(levels: Sequence[float], found: Sequence[Any], arrays: Sequence[np.ndarray]) -> None:
-    """Refuse levels that no field has."""
+    """Raise InputError for levels that no field has."""
     for level in levels:
         if not any(len(some[level]) for some in found):
             low, high = (float(end([end(one[np.isfinite(one)]) for one in arrays])) for end in (np.min, np.max))
@@ -153,7 +153,7 @@ def _check_seen(levels: Sequence[float], found: Sequence[Any], arrays: Sequence[
 
 
 def _draw(panel: Any, surfaces: Any, axes: Sequence[np.ndarray], colors: Any, cracks: Sequence[np.ndarray]) -> None:
-    """All surfaces in one collection, for Matplotlib sorts the triangles of one by their depth."""
+    """Draw all surfaces as one collection, because Matplotlib sorts triangles by depth only within a collection."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     shown = [(level, triangles) for level, triangles in surfaces.items() if len(triangles)]
@@ -162,7 +162,7 @@ def _draw(panel: Any, surfaces: Any, axes: Sequence[np.ndarray], colors: Any, cr
         painted = np.concatenate([np.tile(colors[level], (len(some), 1)) for level, some in shown])
         normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         lengths = np.linalg.norm(normals, axis=1)
-        lit = np.abs(normals @ _LIGHT) / np.where(lengths > 0, lengths, np.inf)  # seen from both sides
+        lit = np.abs(normals @ _LIGHT) / np.where(lengths > 0, lengths, np.inf)  # lit from both sides
         painted[:, :3] *= (0.55 + 0.45 * lit)[:, None]
         painted[:, 3] = _ALPHA
         panel.add_collection3d(Poly3DCollection(triangles, facecolors=painted, edgecolors="none"))

@@ -1,4 +1,4 @@
-"""Films of a field: a GIF by Pillow, an MP4 by imageio-ffmpeg where that is installed."""
+"""Films of a field: GIF by Pillow, and MP4 by imageio-ffmpeg if that is installed."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from farhorizon.pictures.fields import field_panels, shown_plane
 from farhorizon.pictures.images import unhidden
 from farhorizon.pictures.style import extent_beyond
 
-_SECONDS = 8.0  # of a film; between the two rates
-_RATES = (5, 25)  # frames a second
+_SECONDS = 8.0  # duration of a film, as far as the range of rates allows
+_RATES = (5, 25)  # smallest and largest number of frames per second
 _DPI = 110
-_DECAYED = 0.2  # of the largest value of all: what is more is cut off where most frames are fainter
+_DECAYED = 0.2  # of the largest value of all: the scale reaches at least that far even if most frames are fainter
 
 
 @dataclass(frozen=True, repr=False)
 class Film:
-    """A film, which notebooks show.
+    """A film, which notebooks display.
 
     Attributes
     ----------
     data : bytes
-        Of the file.
+        Contents of the file.
     format : {"gif", "mp4"}
     frames : int
     """
@@ -49,7 +49,7 @@ class Film:
         return film(self.data, self.format)
 
     def save(self, path: Path) -> Path:
-        """Write the file, in place of an older one."""
+        """Write the file, replacing an existing one."""
         with replacing(path) as draft:
             draft.write_bytes(self.data)
         return path
@@ -68,10 +68,10 @@ def made_film(
     title: str = "",
     broken: Sequence[np.ndarray] = (),
 ) -> Film:
-    """Draw a film, each frame as `field_panels` draws it, on one scale.
+    """Draw a film with frames as in `field_panels`, all on the same scale.
 
-    Unless limits are given, the scale of images reaches as far as the median of the largest values of the frames, or a
-    fifth of the largest of all: a wave that leaves is seen to its end.
+    Unless limits are given, the scale of images reaches up to the median of the largest values of the frames, and at
+    least to a fifth of the largest of all, so that a wave that leaves remains visible to the end.
 
     Parameters
     ----------
@@ -81,14 +81,14 @@ def made_film(
         Coordinates of the nodes along each axis.
     kind : {"gif", "mp4"}
     label, limits, cracks, colors, plane, title, broken
-        As of `field_panels`.
+        As in `field_panels`.
 
     Raises
     ------
     InputError
-        There is one frame, or none.
+        There are fewer than two frames.
     ImportError
-        An MP4 where imageio-ffmpeg is not installed.
+        An MP4 is requested, and imageio-ffmpeg is not installed.
     """
     if len(frames) < 2:
         raise InputError(
@@ -105,7 +105,7 @@ def made_film(
     if len(axes) == 3:
         normal, index = shown_plane([axis.size for axis in axes], plane)
         seen = [values.take(index, normal) for values in seen]
-    look["beyond"] = extent_beyond(seen, limits)  # an arrow that comes and goes would move the picture
+    look["beyond"] = extent_beyond(seen, limits)  # an arrow that appears and disappears would move the picture
     drawn = (
         _pixels(name, values, axes, **look, title=title, broken=broken[k : k + 1])
         for k, (name, values) in enumerate(frames)
@@ -114,19 +114,19 @@ def made_film(
 
 
 def movie(frames: Sequence[tuple[str, np.ndarray]], axes: Sequence[np.ndarray], path: Path, **look: Any) -> list[Path]:
-    """Draw a film as `made_film` does into files: ``.gif``, and ``.mp4`` if imageio-ffmpeg is installed.
+    """Write a film drawn by `made_film` to files: ``.gif``, and ``.mp4`` if imageio-ffmpeg is installed.
 
     Parameters
     ----------
     frames, axes, look
-        As of `made_film`.
+        As in `made_film`.
     path : Path
-        Without an ending; those of the formats are added. Its folder is made.
+        Path without an ending; those of the formats are appended. Its folder is created.
 
     Raises
     ------
     InputError
-        There is one frame, or none.
+        There are fewer than two frames.
     """
     first = made_film(frames, axes, "gif", **look)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -137,7 +137,7 @@ def movie(frames: Sequence[tuple[str, np.ndarray]], axes: Sequence[np.ndarray], 
 
 
 def _limits(values: Sequence[np.ndarray], cut: bool) -> tuple[float, float]:
-    """One scale for all frames; it may `cut` off what is much more than most of them have."""
+    """One scale for all frames; with `cut`, it may cut off values that are much larger than in most of them."""
     peaks = [float(np.nanmax(np.abs(one), initial=0.0)) for one in values]
     top = (max(float(np.median(peaks)), _DECAYED * max(peaks)) if cut else 1.02 * max(peaks)) or 1.0
     low = min(float(np.nanmin(one, initial=np.inf)) for one in values)
@@ -148,7 +148,7 @@ def _limits(values: Sequence[np.ndarray], cut: bool) -> tuple[float, float]:
 
 
 def _pixels(name: str, values: np.ndarray, axes: Sequence[np.ndarray], **look: Any) -> np.ndarray:
-    """One frame, shape (height, width, 3), both even, as films want it."""
+    """Pixels of one frame, shape (height, width, 3), with even height and width, as encoders require."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure = field_panels([(name, values)], axes, None, **look)
@@ -169,12 +169,12 @@ def _gif(frames: Iterator[np.ndarray], rate: int) -> bytes:
 
 
 def _mp4(frames: Iterator[np.ndarray], rate: int) -> bytes:
-    """Raises ImportError where imageio-ffmpeg is not installed."""
+    """Encode an MP4; raises ImportError if imageio-ffmpeg is not installed."""
     from imageio_ffmpeg import write_frames
 
     first = next(frames)
     with TemporaryDirectory() as folder:
-        path = Path(folder, "film.mp4")  # ffmpeg wants a file, whose ending tells the format
+        path = Path(folder, "film.mp4")  # ffmpeg requires a file whose ending determines the format
         film = write_frames(str(path), first.shape[1::-1], fps=rate, macro_block_size=2, quality=8)
         film.send(None)
         film.send(first)
@@ -188,7 +188,7 @@ _MAKERS = {"gif": _gif, "mp4": _mp4}
 
 
 def film_format(path: Path, key: str) -> str:
-    """The format of a film by the ending of its name; InputError for others, or where what makes it is missing."""
+    """Format of a film from the ending of its name; InputError if it is unknown or its encoder is missing."""
     kind = path.suffix.lower().lstrip(".")
     if kind not in _MAKERS:
         raise InputError("unknown format of films", value=path.name, limit=", ".join(_MAKERS), key=key)

@@ -1,4 +1,4 @@
-"""Patterns over directions, as polar plots."""
+"""Polar plots of patterns over directions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from farhorizon.pictures.style import figure_at, number_text, with_unit
 
-_MOST = 4  # frequencies that are drawn
+_MOST = 4  # largest number of frequencies drawn
 _FLAT = 1e-9
 PLANES = ((0, 1), (1, 2), (2, 0))
 
@@ -22,8 +22,9 @@ def polar_picture(
     path: str | Path | None,
     label: str = "",
 ) -> Any:
-    """Draw levels over directions, one line a wave, one panel a frequency; in space one row of panels for each of the
-    planes xy, yz and zx that has directions.
+    """Draw levels over directions, with one line per wave and one panel per frequency.
+
+    In 3D there is one row of panels for each of the planes xy, yz and zx that contains directions.
 
     Parameters
     ----------
@@ -32,10 +33,10 @@ def polar_picture(
     frequencies : ndarray, shape (F,)
         Up to four of them are drawn.
     levels : mapping of str to ndarray
-        By wave, of shape (F, D), not negative.
+        Non-negative levels of each wave, shape (F, D).
     path : str or Path, optional
     label : str
-        What the levels are.
+        Name of the levels.
 
     Returns
     -------
@@ -67,7 +68,7 @@ def polar_picture(
 
 
 def _within(directions: np.ndarray, plane: tuple[int, int]) -> np.ndarray:
-    """Which directions lie in a plane."""
+    """Indices of the directions that lie in a plane."""
     if directions.shape[1] == 2:
         return np.arange(len(directions)) if plane == (0, 1) else np.zeros(0, int)
     (normal,) = {0, 1, 2} - set(plane)

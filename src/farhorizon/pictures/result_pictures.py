@@ -1,4 +1,4 @@
-"""Pictures of a results file: its fields at some times, its probes, its energies."""
+"""Pictures of a results file: fields at given times, probes and other histories."""
 
 from __future__ import annotations
 
@@ -26,42 +26,42 @@ from farhorizon.pictures.words import axis_label, in_words
 if TYPE_CHECKING:
     from farhorizon.files.results import Results
 
-_FAINT = 1e-6  # of the largest value that is shown: a panel of no more shows rounding and tails
-_MARKS = "*\N{DAGGER}\N{DOUBLE DAGGER}\N{SECTION SIGN}"  # of what makes a field doubtful
-_FEW_REGIONS = 8  # whose outlines do not cover the field
+_FAINT = 1e-6  # of the largest value that is shown: fainter panels show only rounding and tails
+_MARKS = "*\N{DAGGER}\N{DOUBLE DAGGER}\N{SECTION SIGN}"  # marks of the cautions that make a field doubtful
+_FEW_REGIONS = 8  # largest number of regions whose outlines do not hide the field
 
 
 def plot_results(
     results: Results, out_dir: str | Path, view: View | None = None, say: Callable[[str], None] = lambda text: None
 ) -> list[Path]:
-    """Draw a results file: each field at some times, the probes and the energy.
+    """Draw a results file: each field at given times, the probes and the energy.
 
-    The pictures of a field share one colour scale unless its largest value changes more than fivefold between them.
-    Panels of zeros are left out.
+    The panels of a field share one colour scale unless its largest value changes more than fivefold between them.
+    Panels in which a field is zero are left out.
 
     Parameters
     ----------
     results : Results
     out_dir : str or Path
-        Directory of the pictures; made if there is none.
+        Directory of the pictures, created if it does not exist.
     view : View, optional
-        What is drawn, and how.
+        What to draw, and how.
     say : callable, optional
-        Told in words what is drawn otherwise than asked for.
+        Called with a message about each deviation from what was requested.
 
     Returns
     -------
     list of Path
-        ``FIELD.png`` for every field, of vectors their length beside ``FIELD_x.png`` and so on (``front.png`` for the
-        times of dissolution), ``probes.png``, of receivers ``NAME_QUANTITY.png``, of a far field ``NAME_pattern.png``,
-        ``energy.png`` and ``balance.png`` where they were recorded; ``deformed.png``; ``FIELD.gif`` and ``FIELD.mp4``
-        of a movie.
+        ``FIELD.png`` for each field, which for vectors shows their length, next to ``FIELD_x.png`` and so on for the
+        components (``front.png`` for the times of dissolution); ``probes.png``, ``NAME_QUANTITY.png`` for receivers,
+        ``NAME_pattern.png`` for a far field, ``energy.png`` and ``balance.png`` if they were recorded;
+        ``deformed.png``; ``FIELD.gif`` and ``FIELD.mp4`` for a movie.
 
     Raises
     ------
     InputError
-        A field that the file does not have, a slice outside, a deformed shape of what is no elastic run in 2D, a movie
-        of one output.
+        The file does not contain a field, a slice lies outside, a deformed shape is requested of a run that is not
+        elastic and 2D, or a movie of a single output.
     FileFormatError
         The results file is damaged.
     """
@@ -70,7 +70,7 @@ def plot_results(
 
 
 def _drawn(results: Results, directory: Path, view: View, say: Callable[[str], None]) -> list[Path]:
-    """Draw what a view asks for."""
+    """Draw what a view requests."""
     chosen, parts, slices = view.chosen(results, say), wanted_scalars(results, view.fields), view.slices(results)
     if view.deformed is not None:
         frames = [(_moment(results, k), *_strained(results, k)) for k in chosen]
@@ -88,7 +88,7 @@ def _drawn(results: Results, directory: Path, view: View, say: Callable[[str], N
             colors=DAMAGE if named == "damage" else SEQUENTIAL,
         )
         return [path]
-    first = parts if view.fields else parts[:1]  # the others where they are asked for: films take their time
+    first = parts if view.fields else parts[:1]  # the others only on request, since films take time
     if view.isosurfaces is not None:
         return [path for part in first for path in _surfaces(results, directory, view, chosen, part)]
     if view.movie:
@@ -127,8 +127,8 @@ def _panels(
     regions: Regions | None,
     say: Callable[[str], None],
 ) -> list[Path]:
-    """Draw one part of a field at the chosen times; nothing if it is zero at all of them."""
-    drawn = chosen if part.name != "dissolved" else chosen[-1:]  # the last one tells all
+    """Draw one scalar at the chosen times; nothing if it is zero at all of them."""
+    drawn = chosen if part.name != "dissolved" else chosen[-1:]  # the last one contains all times
     found = {k: part.of(results.field(part.field, k)) for k in drawn}
     empty = [k for k, values in found.items() if not np.nan_to_num(values).any()]
     if len(empty) == len(found):
@@ -148,7 +148,7 @@ def _panels(
     if view.decibels:
         shown, limits = view.levels(shown), limits or (FLOOR, 0.0)
     label = _label(part, view)
-    broken = part.name == "damage"  # shows the cracks, those cut in advance among them
+    broken = part.name == "damage"  # damage shows the cracks, including initial ones
     over = _broken(results, kept, view, part)
     seen = [unhidden(values, hidden) for values, hidden in zip(shown, over, strict=True)] if over else shown
     given: dict[str, Any] = {
@@ -171,7 +171,7 @@ def _panels(
 
 
 def _regions(results: Results) -> Regions | None:
-    """Of what nodes are made, where a picture can tell it."""
+    """Regions of the nodes, if there are few enough to draw, otherwise None."""
     few = 1 < len(results.region_names) <= _FEW_REGIONS and results.dim > 1 and "dissolved" not in results.field_names
     return Regions(results.regions, results.region_names) if few else None
 
@@ -179,7 +179,7 @@ def _regions(results: Results) -> Regions | None:
 def _movie(
     results: Results, directory: Path, view: View, chosen: Sequence[int], part: Scalar, one: Slice
 ) -> list[Path]:
-    """Draw the chosen outputs one after the other."""
+    """Draw the chosen outputs one after the other as a film."""
     values = [part.of(results.field(part.field, k)) for k in chosen]
     label, limits = _label(part, view), view.limits
     if view.decibels and any(np.nan_to_num(one).any() for one in values):
@@ -201,7 +201,7 @@ def _movie(
 
 
 def _surfaces(results: Results, directory: Path, view: View, chosen: Sequence[int], part: Scalar) -> list[Path]:
-    """Draw surfaces of one part of a field at the chosen times but those at which it is zero."""
+    """Draw isosurfaces of one scalar at the chosen times, except those at which it is zero."""
     found = {k: part.of(results.field(part.field, k)) for k in chosen}
     fields = [(_moment(results, k), values) for k, values in found.items() if np.nan_to_num(values).any()]
     figure = isosurface_panels(
@@ -220,7 +220,7 @@ def _surfaces(results: Results, directory: Path, view: View, chosen: Sequence[in
 
 
 def _strained(results: Results, index: int) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements of an output, and the values that colour them: damage, or their lengths."""
+    """Displacements of an output, and the values for their colours: damage, or their lengths."""
     if results.dim != 2 or results.components.get("u") != 2:
         raise InputError(
             "only a run in 2D with displacements has a deformed shape",
@@ -233,29 +233,30 @@ def _strained(results: Results, index: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _label(part: Scalar, view: View) -> str:
-    """What the colours of a scalar show."""
+    """Label of the colours of a scalar."""
     if view.decibels:
         return f"{in_words(part.label, view.quantities)} (dB below the largest)"
     return axis_label(part.label, part.quantity, view.quantities)
 
 
 def _moment(results: Results, index: int) -> str:
-    """The title of a panel: its time, and the marks of what makes the field doubtful by then."""
+    """Title of a panel: its time, and the marks of the cautions that apply by then."""
     time = float(results.times[index])
     marks = (mark for mark, caution in zip(_MARKS, results.cautions, strict=False) if caution.time <= time)
     return f"t = {time_text(time)}{''.join(marks)}"
 
 
 def _doubts(results: Results, chosen: Sequence[int]) -> str:
-    """What the marks at some times say."""
+    """Explanation of the marks at the chosen times."""
     last = float(results.times[list(chosen)].max(initial=-np.inf))
     marked = zip(_MARKS, results.cautions, strict=False)
     return "; ".join(f"{mark} {caution.brief}" for mark, caution in marked if caution.time <= last)
 
 
 def _broken(results: Results, chosen: Sequence[int], view: View, part: Scalar) -> list[np.ndarray]:
-    """Part of the bonds of each node that is broken, at some times, to be drawn over a scalar that does not show it:
-    without those of cracks from the start that are drawn as lines.
+    """Fraction of broken bonds of each node at the chosen times, to be drawn over a scalar that does not show it.
+
+    Bonds of initial cracks that are drawn as lines do not count.
     """
     if part.name == "damage" or "damage" not in results.field_names:
         return []
@@ -265,6 +266,6 @@ def _broken(results: Results, chosen: Sequence[int], view: View, part: Scalar) -
 
 
 def _solid(results: Results, index: int) -> np.ndarray:
-    """Which nodes of an output are solid: those without a time of dissolution that lie in the window."""
+    """Solid nodes of an output: nodes in the window without a time of dissolution."""
     metal = np.isnan(results.field("dissolved", index))
     return metal & np.isfinite(results.field("u", index)) if "u" in results.field_names else metal

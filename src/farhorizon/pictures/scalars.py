@@ -1,4 +1,5 @@
-"""Scalars that are drawn of the fields of a results file: components of vectors, lengths, what follows from them."""
+"""Scalars drawn from the fields of a results file: components and lengths of vectors, and quantities derived from
+them."""
 
 from __future__ import annotations
 
@@ -19,19 +20,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Scalar:
-    """A scalar that is drawn: a field, the length of a vector field, a component of it, or what follows from it.
+    """A scalar that is drawn: a field, the length or a component of a vector field, or a quantity derived from it.
 
     Attributes
     ----------
     name : str
-        In names of files, and by which it is asked for.
+        Name in file names, and in requests.
     label : str
-        As it is written in plain text.
+        Name in plain text.
     field : str
     of : callable
-        Gives its values from those of the field.
+        Computes the values from those of the field.
     pure : bool
-        A number without a unit.
+        Whether it is a number without a unit.
     """
 
     name: str
@@ -42,7 +43,7 @@ class Scalar:
 
     @property
     def quantity(self) -> str:
-        """What it is measured as."""
+        """Quantity whose unit it has; empty without a unit."""
         if self.field.startswith("stress_"):
             return "stress"
         return "" if self.pure else "time" if self.field == "dissolved" else self.field
@@ -60,7 +61,8 @@ def _parts(results: Results) -> Iterator[Scalar]:
 
 
 def _derived(results: Results) -> Iterator[Scalar]:
-    """What is drawn of displacements in the plane and in space when it is asked for: of waves the P and the S part."""
+    """Scalars of vector fields in 2D and 3D that are drawn on request: divergence and curl, which show P and S
+    waves."""
     for name in results.field_names:
         if results.components[name] == results.dim > 1:
             yield Scalar(f"{name}_divergence", f"div {name}", name, partial(_divergence, results.spacing), True)
@@ -68,7 +70,7 @@ def _derived(results: Results) -> Iterator[Scalar]:
 
 
 def _slopes(spacing: float, values: np.ndarray) -> np.ndarray:
-    """Derivatives of a vector field along the axes by differences of second order, shape (dim, dim, ...)."""
+    """Derivatives of a vector field along the axes by second-order differences, shape (dim, dim, ...)."""
     axes = tuple(range(len(values)))
     order: Literal[1, 2] = 2 if min(values.shape[1:]) > 2 else 1
     return np.stack([np.stack(np.gradient(one, spacing, axis=axes, edge_order=order)) for one in values])
@@ -79,19 +81,19 @@ def _divergence(spacing: float, values: np.ndarray) -> np.ndarray:
 
 
 def _curl(spacing: float, values: np.ndarray) -> np.ndarray:
-    """In the plane the component across it, in space the length."""
+    """Curl: in 2D its component normal to the plane, in 3D its length."""
     slopes = _slopes(spacing, values)
     parts = [slopes[i, j] - slopes[j, i] for i, j in ((1, 0), (2, 1), (0, 2))[: 1 if len(values) == 2 else 3]]
     return parts[0] if len(parts) == 1 else magnitude(np.stack(parts))
 
 
 def wanted_scalars(results: Results, names: Sequence[str] | None) -> list[Scalar]:
-    """Those of some names, or of all fields without any.
+    """Scalars with the given names, or those of all fields if `names` is None.
 
     Raises
     ------
     InputError
-        No field and no component has this name.
+        No scalar has this name.
     """
     plain = {part.name: part for part in _parts(results)}
     parts = plain | {part.name: part for part in _derived(results)}

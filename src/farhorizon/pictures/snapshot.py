@@ -1,4 +1,4 @@
-"""A run in pictures: at one moment, and a film of it."""
+"""Pictures of a run: snapshots and films."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from farhorizon.pictures.words import in_words
 
 
 def scalars(fields: Mapping[str, np.ndarray], dim: int) -> dict[str, tuple[str, np.ndarray]]:
-    """Label and values of what can be drawn of fields: of vectors their length and each component."""
+    """Label and values of each scalar that can be drawn from fields: for vectors, their length and each component."""
     found = {}
     for name, values in fields.items():
         if values.ndim == dim:
@@ -29,7 +29,7 @@ def scalars(fields: Mapping[str, np.ndarray], dim: int) -> dict[str, tuple[str, 
 
 
 def chosen(fields: Mapping[str, np.ndarray], name: str, dim: int) -> tuple[str, np.ndarray]:
-    """Label and values of one of several fields; InputError for a name that there is not."""
+    """Label and values of one of several fields; InputError for an unknown name."""
     known = scalars(fields, dim)
     if kinds.text(name, "name") not in known:
         raise InputError("there is no such field", value=name, limit=", ".join(known), key="name")
@@ -37,7 +37,7 @@ def chosen(fields: Mapping[str, np.ndarray], name: str, dim: int) -> tuple[str, 
 
 
 def scale_limits(limits: tuple[float, float] | None) -> tuple[float, float] | None:
-    """Limits of a scale, checked."""
+    """Check the limits of a scale."""
     if limits is None:
         return None
     low, high = kinds.array(limits, "limits", shape=(2,)).tolist()
@@ -68,16 +68,16 @@ def snapshot(
 
 
 class Frames:
-    """One of several fields at several moments, for a film; in three dimensions the slice in the middle of z.
+    """Frames of a film: one field at several times; in 3D, its slice in the middle of z.
 
     Parameters
     ----------
     name : str
-        As of `snapshot`.
+        As in `snapshot`.
     axes : sequence of ndarray
         Coordinates of the nodes along each axis.
     path : str or Path, optional
-        The film; its ending is the format.
+        File name of the film, whose ending determines the format.
     limits : (float, float), optional
     cracks : sequence of ndarray, each of shape (n, dim)
         Polylines, drawn over the field.
@@ -85,7 +85,7 @@ class Frames:
     Raises
     ------
     InputError
-        Another format, no such directory, an empty range.
+        The format is unknown, the directory does not exist, or the range is empty.
     """
 
     def __init__(
@@ -102,13 +102,13 @@ class Frames:
         self._label, self._frames = "", []  # type: str, list[tuple[str, np.ndarray]]
 
     def add(self, fields: Mapping[str, np.ndarray], title: str) -> None:
-        """Take the field as it is now; InputError for a name that there is not."""
+        """Add the current field as a frame; InputError for an unknown name."""
         label, values = chosen(fields, self._name, len(self._axes))
         self._label = in_words(label)
         self._frames.append((title, values if values.ndim < 3 else values[..., values.shape[2] // 2, None].copy()))
 
     def film(self) -> Film:
-        """The film, which is written if it has a path."""
+        """Make the film, and write it if there is a path."""
         axes = [axis if number < 2 else axis[[axis.size // 2]] for number, axis in enumerate(self._axes)]
         colors = DAMAGE if self._name == "damage" else None
         look: dict[str, Any] = {"label": self._label, "limits": self._limits, "colors": colors, "cracks": self._cracks}

@@ -1,6 +1,6 @@
-"""What all pictures have in common: figures in one style, colours that the colour-blind tell apart, numbers as text.
+"""Common parts of all pictures: style of figures, colours that colour-blind readers can distinguish, numbers as text.
 
-matplotlib is imported when a picture is made; pyplot is not used, so that no display is needed and no figure stays
+Matplotlib is imported when a picture is made. Pyplot is not used, so that no display is needed and no figure stays
 open.
 """
 
@@ -21,7 +21,7 @@ import numpy as np
 from farhorizon.errors import InputError
 
 _TITLE = 9.5  # points
-_FILLED = 0.94  # of a panel's width by a line of its title: pixels make letters wider
+_FILLED = 0.94  # of the width of a panel that a line of its title may fill: rendering makes letters wider
 _STYLE = {
     "font.size": 9.0,
     "axes.titlesize": _TITLE,
@@ -42,31 +42,31 @@ _SAVED: dict[str, Any] = {
     "dpi": 150,
     "bbox_inches": "tight",
     "pad_inches": 0.05,
-}  # no strips that a layout has left empty
-# Okabe and Ito's colours, which the colour-blind can tell apart; their yellow is left out, as it does not show on
-# white.
+}  # trims the strips that a layout leaves empty
+# Colours of Okabe and Ito, which colour-blind readers can distinguish; their yellow is left out because it is hardly
+# visible on white.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _DASHES = ("-", "--", "-.", ":")
-RIM = (("white", 1.5), ("0.1", 0.8))  # a light rim shows a line on dark colours
-# Maps that the colour-blind read: two hues on either side of white, and lightness that rises evenly.
+RIM = (("white", 1.5), ("0.1", 0.8))  # a light rim makes a line visible on dark colours
+# Maps that colour-blind readers can read: two hues on either side of white, and evenly rising lightness.
 DIVERGING, SEQUENTIAL = "RdBu_r", "viridis"
 DAMAGE = "magma_r"  # light where nothing is broken
 FORMATS = ("png", "pdf", "svg")
-_FEW = 8  # nodes whose values may lie beyond the colours
-_MORE = 1.75  # if the largest is more than so many times that of the others
-_SMALL = 400  # nodes of a field that is shown whole
-_BEYOND = 0.02  # of the range of colours: what is further beyond is told by an arrow
-_SHADES = 256  # of a part of a colour map
-_WORD = re.compile(r"(?:\$[^$]*\$|\S)+")  # formulas are not broken
+_FEW = 8  # largest number of nodes whose values may lie beyond the colours
+_MORE = 1.75  # if the largest value is more than this many times that of the other nodes
+_SMALL = 400  # largest number of nodes of a field whose colours always cover all values
+_BEYOND = 0.02  # of the range of colours: an arrow indicates values further beyond it
+_SHADES = 256  # number of shades in a part of a colour map
+_WORD = re.compile(r"(?:\$[^$]*\$|\S)+")  # formulas are kept whole
 _CELSIUS = re.compile(r"\bdegC\b")
-_MICRO = re.compile(r"\bu(?=[a-zA-Z])")  # of us and um
+_MICRO = re.compile(r"\bu(?=[a-zA-Z])")  # as in us and um
 _ROOT = re.compile(r"(\w+)\^\(1/2\)")
 _UNITS: ContextVar[Mapping[str, str]] = ContextVar("units", default=MappingProxyType({}))
 
 
 @lru_cache(maxsize=1)
 def _picture() -> Any:
-    """A figure that notebooks show without pyplot, and that is saved without empty edges."""
+    """Class of figures that notebooks show without pyplot, and that are saved without empty margins."""
     from matplotlib.figure import Figure
 
     class Picture(Figure):
@@ -83,7 +83,7 @@ def _picture() -> Any:
 
 @contextmanager
 def figure_at(path: str | Path | None, size: tuple[float, float], layout: str = "constrained") -> Iterator[Any]:
-    """Yield an empty figure in our style, and save it as `path`, if there is one, at the end: the ending of its name is
+    """Yield an empty figure in the common style, and save it at the end if there is a `path`, whose ending determines
     the format.
     """
     import matplotlib
@@ -91,7 +91,7 @@ def figure_at(path: str | Path | None, size: tuple[float, float], layout: str = 
 
     if path is not None and not Path(path).parent.is_dir():
         raise InputError(f"{path}: there is no directory {Path(path).parent}", remedy="create it first")
-    # coprime: all combinations
+    # the two numbers are coprime, so that all combinations occur
     styles = [(_DASHES[i % len(_DASHES)], COLORS[i % len(COLORS)]) for i in range(len(_DASHES) * len(COLORS))]
     cycle = cycler(linestyle=[dash for dash, _ in styles]) + cycler(color=[color for _, color in styles])
     settings: dict[Any, Any] = {**_STYLE, "axes.prop_cycle": cycle}
@@ -104,7 +104,7 @@ def figure_at(path: str | Path | None, size: tuple[float, float], layout: str = 
 
 @contextmanager
 def counted_in(units: Mapping[str, str]) -> Iterator[None]:
-    """Within it pictures name the units of what they show: of "length", "time" and fields, as far as they are given."""
+    """Within this context, pictures state units: those given for "length", "time" and fields."""
     token = _UNITS.set(units)
     try:
         yield
@@ -113,39 +113,39 @@ def counted_in(units: Mapping[str, str]) -> Iterator[None]:
 
 
 def with_unit(name: str, *measured: str) -> str:
-    """The label of what is measured in a unit of `counted_in`, or in a product of these; by default of a coordinate."""
+    """Label of a quantity with its unit from `counted_in`, or with a product of units; that of a length by default."""
     units = [_unit_of(one) for one in measured or ("length",)]
     return f"{name} ({' '.join(units)})" if all(units) else name
 
 
 def _unit_of(measured: str) -> str:
-    """The unit of what is measured, with the signs of micro, of degrees and of roots; empty without one."""
+    """Unit of a quantity, with the signs for micro, degrees and roots; empty if it has none."""
     text = _CELSIUS.sub("\N{DEGREE SIGN}C", _UNITS.get().get(measured, ""))
     return _ROOT.sub(r"√\1", _MICRO.sub("\N{MICRO SIGN}", text))
 
 
 def speed_text(value: float) -> str:
-    """A speed with its unit."""
+    """Text of a speed with its unit."""
     known = _UNITS.get()
     both = known.get("length"), known.get("time")
     return f"{value:.4g}" + (f" {both[0]}/{both[1]}" if all(both) else "")
 
 
 def length_text(value: float) -> str:
-    """A length with three digits and its unit."""
+    """Text of a length with three digits and its unit."""
     return f"{value:.3g} {_unit_of('length')}".rstrip()
 
 
 def number_text(value: float, scale: float) -> str:
-    """Text of a coordinate, free of round-off and with a true minus sign; `scale` is the size of coordinates that
-    matter.
+    """Text of a coordinate, without rounding errors and with a proper minus sign; `scale` is the order of magnitude of
+    coordinates.
     """
     return f"{value if abs(value) > 1e-9 * scale else 0.0:g}".replace("-", "\N{MINUS SIGN}")
 
 
 def reach(field: np.ndarray) -> float:
-    """Magnitude up to which the colours of a field reach: its largest, unless no more than a few nodes come near it, as
-    at the corners of a hole, which would dim all others.
+    """Magnitude up to which the colours of a field reach: its largest one, unless only a few nodes come near it, as at
+    the corners of a hole, and would make all others pale.
     """
     sizes = np.abs(field[np.isfinite(field)]).ravel()
     if sizes.size <= _SMALL:
@@ -156,11 +156,11 @@ def reach(field: np.ndarray) -> float:
 
 
 def color_range(fields: Sequence[np.ndarray], signed: bool | None = None, usual: bool = False) -> dict[str, Any]:
-    """Colour map and limits of some fields: symmetric and diverging if they have both signs, sequential otherwise; of
-    what is `usual` up to what more than a few nodes `reach`.
+    """Colour map and limits for several fields: symmetric and diverging if they have both signs, otherwise sequential;
+    with `usual`, limited to what more than a few nodes `reach`.
 
-    Negative values below a hundredth of the largest value are taken for undershoot, not for a sign, unless `signed` is
-    given.
+    Negative values smaller than a hundredth of the largest value count as undershoot rather than as a sign, unless
+    `signed` is given.
     """
     values = np.concatenate([field[np.isfinite(field)].ravel() for field in fields])
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
@@ -182,7 +182,8 @@ def scale_of(
     signed: bool | None = None,
     usual: bool = False,
 ) -> dict[str, Any]:
-    """Colour map and norm of some fields: what `color_range` finds, or `limits`, about zero if they have both signs."""
+    """Colour map and limits for several fields: those of `color_range`, or `limits`, with white at zero if it is
+    inside."""
     if limits is not None:
         from matplotlib.colors import Normalize
 
@@ -194,7 +195,7 @@ def scale_of(
 
 
 def _about_zero(low: float, high: float) -> Any:
-    """The diverging colours from one limit to the other: those of equal magnitudes are equally dark."""
+    """Diverging colours from one limit to the other; equal magnitudes are equally dark."""
     if low == -high:
         return DIVERGING
     from matplotlib import colormaps
@@ -208,7 +209,7 @@ def _about_zero(low: float, high: float) -> Any:
 def extent_beyond(
     arrays: Sequence[np.ndarray], limits: tuple[float, float] | None, scale: Mapping[str, Any] | None = None
 ) -> str:
-    """At which ends a colour bar has an arrow: values lie beyond the limits, or well beyond those of a scale."""
+    """Ends at which a colour bar has an arrow because values lie beyond the limits, or well beyond those of a scale."""
     if limits is None:
         if scale is None:
             return "neither"
@@ -220,7 +221,7 @@ def extent_beyond(
 
 
 def time_text(time: float) -> str:
-    """A time with four digits and its unit; powers of ten where there are many zeros."""
+    """Text of a time with four digits and its unit, with a power of ten if there are many zeros."""
     text, unit = f"{time:.4g}", _unit_of("time")
     if "e" in text:
         digits, power = text.split("e")
@@ -229,7 +230,7 @@ def time_text(time: float) -> str:
 
 
 def wrapped(text: str, inches: float) -> str:
-    """A title on as many lines as it takes to be no wider than its panel; a word that is wider stays whole."""
+    """A title broken into lines no wider than its panel; words that are wider are kept whole."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath
 

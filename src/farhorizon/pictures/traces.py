@@ -1,4 +1,4 @@
-"""What receivers record, drawn: as wiggles, as a section (position against time) and as spectra."""
+"""Pictures of the records of receivers: wiggles, sections (position against time) and spectra."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from farhorizon.pictures.style import COLORS, figure_at, number_text, scale_of, 
 _MOST_WIGGLES = 41
 _LEAST_IN_SECTION = 8
 _MOST_CURVES = 7
-_AT_REST, _SMOOTH = 0.02, 4  # of the largest value; times the length of a record to take the spectrum of
-_STRAIGHT = 1e-6  # of a line's length: points further from it do not lie on it
+_AT_REST, _SMOOTH = 0.02, 4  # relative amplitude below which a record ends at rest; padding factor for spectra
+_STRAIGHT = 1e-6  # of the length of a line: points further away do not lie on it
 
 
 def trace_picture(
@@ -26,22 +26,24 @@ def trace_picture(
     label: str,
     measured: str = "",
 ) -> Any:
-    """Draw traces, and the amplitudes of their spectra: up to seven as curves over time, more of them beside their
-    receivers, time downwards, and as an image.
+    """Draw traces and the amplitudes of their spectra.
+
+    Up to seven traces are drawn as curves over time, more as wiggles at the positions of their receivers, with time
+    downwards, and as an image.
 
     Parameters
     ----------
     points : ndarray, shape (n, dim)
-        Places of the receivers.
+        Positions of the receivers.
     times : ndarray, shape (rows,)
-        Even ones.
+        Evenly spaced times.
     values : ndarray, shape (rows, n)
     path : str or Path, optional
-        The file; without one nothing is written.
+        File name; if not given, nothing is written.
     label : str
-        What the values are, with their unit.
+        Name of the values, with their unit.
     measured : str
-        What they are measured as: the spectrum has that unit times that of time.
+        Quantity whose unit they have; the spectrum has this unit times that of time.
 
     Returns
     -------
@@ -50,7 +52,7 @@ def trace_picture(
     Raises
     ------
     InputError
-        There is no such directory.
+        The directory does not exist.
     """
     name, places = positions(points)
     many = len(points) >= _LEAST_IN_SECTION
@@ -78,7 +80,7 @@ def spectrum_picture(
     measured: str = "",
     labels: Sequence[str] = (),
 ) -> Any:
-    """Draw amplitudes of spectra: up to seven points over frequency, more of them over their places, a curve a
+    """Draw amplitudes of spectra: up to seven points over frequency, more points over their positions, one curve per
     frequency.
 
     Parameters
@@ -86,20 +88,20 @@ def spectrum_picture(
     points : ndarray, shape (n, dim)
     frequencies : ndarray, shape (F,)
     values : ndarray, shape (F, n)
-        Complex; real ones are drawn with their signs, as what flows through surfaces.
+        Complex values; real ones, such as flows through surfaces, are drawn with their signs.
     path : str or Path, optional
-        The file; without one nothing is written.
+        File name; if not given, nothing is written.
     label : str
-        What the values are, without a unit.
+        Name of the values, without a unit.
     measured : str
-        What they are measured as: the spectrum has that unit times that of time.
+        Quantity whose unit they have; the spectrum has this unit times that of time.
     labels : sequence of str
-        What the points stand for where they are no places.
+        Names of the points if these are not positions.
 
     Raises
     ------
     InputError
-        There is no such directory.
+        The directory does not exist.
     """
     name, places = positions(points)
     with figure_at(path, (6.4, 3.6)) as figure:
@@ -123,9 +125,9 @@ def spectrum_picture(
 
 
 def positions(points: np.ndarray) -> tuple[str, np.ndarray]:
-    """How far each point is along a line: what that is called, and the values; numbers of points that lie on none.
+    """Name and values of the positions of points along a line; the numbers of the points if they do not lie on one.
 
-    Along an axis it is the coordinate, else the distance from the first point.
+    For a line along an axis the position is the coordinate, otherwise the distance from the first point.
     """
     numbers = np.arange(len(points), dtype=float)
     apart = points - points[0]
@@ -144,7 +146,7 @@ def positions(points: np.ndarray) -> tuple[str, np.ndarray]:
 
 
 def _wiggles(axes: Any, places: np.ndarray, times: np.ndarray, values: np.ndarray, name: str) -> None:
-    """Traces beside their receivers, all or every n-th, on one scale: the largest is as wide as two are apart."""
+    """Draw all or every n-th trace at its receiver on one scale, on which the largest is as wide as two are apart."""
     some = np.arange(0, len(places), -(-len(places) // _MOST_WIGGLES))
     gap = np.abs(np.diff(places[some])).min() if len(some) > 1 else 1.0
     largest = float(np.abs(values[np.isfinite(values)]).max(initial=0.0)) or 1.0
@@ -167,7 +169,7 @@ def _wiggles(axes: Any, places: np.ndarray, times: np.ndarray, values: np.ndarra
 def _section(
     figure: Any, axes: Any, places: np.ndarray, times: np.ndarray, values: np.ndarray, name: str, label: str
 ) -> None:
-    """An image of position against time, as a B-scan."""
+    """Draw an image of position against time (a B-scan)."""
     edges = [_edges(one) for one in (places, times)]
     image = axes.pcolormesh(*edges, values, rasterized=True, **scale_of([values], None, None))
     axes.set(xlabel=name, ylabel=with_unit("t", "time"))
@@ -176,7 +178,7 @@ def _section(
 
 
 def _edges(middles: np.ndarray) -> np.ndarray:
-    """Edges between values, half-way, and beyond the first and the last as far as inside."""
+    """Edges half-way between values, and as far outside the first and the last value as inside."""
     if len(middles) < 2:
         return middles[0] + np.array([-0.5, 0.5])
     halves = (middles[1:] + middles[:-1]) / 2
@@ -184,8 +186,8 @@ def _edges(middles: np.ndarray) -> np.ndarray:
 
 
 def _spectra(axes: Any, points: np.ndarray, times: np.ndarray, values: np.ndarray) -> None:
-    """Amplitudes over frequency, to where the largest of all has fallen to a hundredth for good; records that end at
-    rest go on with zeros, which makes the curves smooth.
+    """Draw amplitudes over frequency, up to the last one that exceeds a hundredth of the largest; records that end at
+    rest are padded with zeros, which makes the curves smooth.
     """
     if len(times) < 2:
         axes.set_axis_off()
@@ -208,7 +210,7 @@ def _frequency_label() -> str:
 
 
 def _curves(axes: Any, points: np.ndarray, x: np.ndarray, values: np.ndarray, labels: Sequence[str] = ()) -> None:
-    """Values at some of the receivers, which the legend names by their places, or by labels."""
+    """Draw values at some of the receivers, named in the legend by position or by label."""
     some = np.unique(np.linspace(0, len(points) - 1, min(len(points), _MOST_CURVES)).round().astype(int))
     size = float(np.abs(points).max()) or 1.0
     for number in some:

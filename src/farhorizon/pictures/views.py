@@ -1,4 +1,4 @@
-"""What is drawn of a results file, and how: its times, its slices, its scale."""
+"""Selection of what is drawn from a results file, and how: times, slices and scales."""
 
 from __future__ import annotations
 
@@ -14,49 +14,49 @@ from farhorizon.pictures.style import FORMATS
 if TYPE_CHECKING:
     from farhorizon.files.results import Results
 
-FLOOR = -60.0  # decibels, unless a range is given
+FLOOR = -60.0  # lower limit in decibels, unless a range is given
 
 
 @dataclass(frozen=True)
 class View:
-    """What is drawn of a results file, and how.
+    """What to draw from a results file, and how.
 
     Parameters
     ----------
     times : sequence of float, optional
-        The nearest outputs are drawn; up to four evenly spaced ones unless given.
+        Times, for which the nearest outputs are drawn; up to four evenly spaced outputs if not given.
     fields : sequence of str, optional
-        Names of fields, of vectors of components, too ("u_x"), and of displacements their divergence and curl
-        ("u_divergence", "u_curl"), and "stress" for all its components that there are; all fields, and the histories,
-        unless given.
+        Names of fields, of components of vectors ("u_x"), of the divergence and curl of displacements ("u_divergence",
+        "u_curl"), or "stress" for all its components in the file; all fields and the histories if not given.
     planes : sequence of (str, float)
-        Of lattices in 3D the axis that a slice is normal to, and where it lies: the nearest plane of nodes. Several
-        have pictures of their own; the middle of z unless given.
+        For 3D lattices, the axis normal to each slice and its position, for which the nearest plane of nodes is drawn.
+        Each slice has its own pictures. If not given, the three planes through the middle are drawn, and the middle of
+        z in films and of corroding metal.
     limits : (float, float), optional
-        Of the colour scale; of decibels where these are drawn.
+        Limits of the colour scale, in decibels if these are drawn.
     decibels : bool
         Draw magnitudes in decibels below the largest of the drawn times.
     deformed : float, optional
-        Draw the deformed lattice of an elastic run in 2D in place of the fields, displacements times this factor; 0
-        chooses it.
+        Draw the deformed lattice of a 2D elastic run instead of the fields, with displacements multiplied by this
+        factor; 0 chooses it.
     movie : bool
-        All outputs one after the other, in place of panels.
+        Draw all outputs one after the other as a film, instead of panels.
     isosurfaces : sequence of float, optional
-        Of fields in space draw the surfaces on which they have these values in place of slices; without any values a
-        fifth and a half of the largest magnitude, of each time where these are far apart.
+        Draw the surfaces on which 3D fields have these values, instead of slices; an empty sequence stands for a fifth
+        and a half of the largest magnitude, at each time separately if these magnitudes differ much.
     format : {"png", "pdf", "svg"}
     suffix : str
-        What the names of the pictures of fields end in, before that of the format.
+        End of the file names of the pictures of fields, before that of the format.
     cracks : sequence of ndarray, each of shape (n, dim)
         Polylines, drawn over the fields.
     quantities : mapping of str to str
-        What a case calls them ("temperature"), at colour bars and axes.
+        Names of quantities in the case ("temperature"), for colour bars and axes.
 
     Raises
     ------
     InputError
-        Times, a slice or a range that are not finite, an empty range, an unknown format; more than one of the deformed
-        shape, isosurfaces and a film.
+        Times, a factor, levels or a range are not finite; the range is empty; the format is unknown; or more than one
+        of deformed shape, isosurfaces and film is requested.
     """
 
     times: Sequence[float] | None = None
@@ -88,7 +88,7 @@ class View:
             raise InputError("unknown format", value=self.format, limit=", ".join(FORMATS), key="--format")
 
     def chosen(self, results: Results, say: Callable[[str], None] = lambda text: None) -> list[int]:
-        """The outputs that are drawn; says where they are not at the times asked for."""
+        """Indices of the outputs that are drawn; `say` is told which requested times are not stored."""
         outputs = results.times
         if self.times is None or not outputs.size:
             some = outputs.size if self.movie else min(outputs.size, 4)
@@ -100,12 +100,12 @@ class View:
         return sorted(set(found))
 
     def slices(self, results: Results) -> list[Slice]:
-        """The slices that are drawn.
+        """Slices that are drawn.
 
         Raises
         ------
         InputError
-            One lies outside, or the lattice is not three-dimensional.
+            A slice lies outside the near field, or the lattice is not three-dimensional.
         """
         if self.planes and results.dim != 3:
             raise InputError("only a 3D lattice can be sliced", value=f"{results.dim}D", limit="3D", key="--slice")
@@ -124,7 +124,7 @@ class View:
         return found or [Slice(None, self.suffix)]
 
     def levels(self, values: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """Magnitudes in decibels below the largest of them, which is not zero."""
+        """Magnitudes in decibels relative to the largest of them, which must not be zero."""
         top = max(float(np.nanmax(np.abs(one), initial=0.0)) for one in values)
         low = self.limits[0] if self.limits else FLOOR
         with np.errstate(divide="ignore"):
@@ -132,14 +132,14 @@ class View:
 
 
 class Slice(NamedTuple):
-    """A slice of a lattice in space.
+    """A slice of a 3D lattice.
 
     Attributes
     ----------
     plane : (int, int) or None
-        Its axis and index; None for all of the lattice.
+        Axis and index of the slice; None for the default planes.
     suffix : str
-        What the names of its pictures end in.
+        End of the file names of its pictures.
     """
 
     plane: tuple[int, int] | None

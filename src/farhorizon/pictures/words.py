@@ -1,4 +1,4 @@
-"""What quantities are called at axes and colour bars: words and symbols for their names in files."""
+"""Names of quantities at axes and colour bars: words and symbols for their names in files."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ _NONE: Mapping[str, str] = MappingProxyType({})
 
 
 class Name(NamedTuple):
-    """How a quantity is called.
+    """Name of a quantity.
 
     Attributes
     ----------
     words : str
     symbol : str
-        As TeX; empty where words are enough.
+        Symbol in TeX; empty if words suffice.
     """
 
     words: str
@@ -63,15 +63,15 @@ _NAMES = {
 
 
 def in_words(name: str, words: Mapping[str, str] = _NONE) -> str:
-    """A name as it is read: "u_x" as "displacement" and its symbol, "|u|" with bars, "div u" as it is written in
-    formulas; names that nobody knows stay as they are, with spaces.
+    """Name of a quantity in words with its symbol: "u_x" as "displacement" with its symbol, "|u|" with bars, "div u" as
+    in formulas. Unknown names remain, with spaces for underscores.
 
     Parameters
     ----------
     name : str
-        Of a quantity, a component "u_x", a length "|u|", or what follows from displacements, "div u" and "curl u".
+        Name of a quantity, a component ("u_x"), a length ("|u|"), a divergence ("div u") or a curl ("curl u").
     words : mapping of str to str
-        What quantities are called in a case, over what they are called anyway.
+        Names of quantities in the case, which override the default ones.
 
     Examples
     --------
@@ -95,5 +95,5 @@ def in_words(name: str, words: Mapping[str, str] = _NONE) -> str:
 
 
 def axis_label(name: str, measured: str, words: Mapping[str, str] = _NONE) -> str:
-    """What a name is called, with the unit in which it is measured."""
+    """Name of a quantity in words, with the unit of `measured`."""
     return with_unit(in_words(name, words), measured)

@@ -1,1 +1,1 @@
-"""Problems of unbounded media whose exact solutions are known."""
+"""Problems in unbounded media with known exact solutions."""

@@ -1,9 +1,9 @@
-"""A crack that branches, with edges and without: does it need echoes?
+"""A branching crack with and without edges: does branching require echoes?
 
-Two bands beside a short crack are pulled apart for good. Its ends run, faster and faster, until they split. In the
-infinite medium nothing comes back to them; in a plate with free edges the first echo does, at a known time. Bobaru and
-Hu (2012) found in smaller and larger plates that branching needs no waves from the edges: what is compared here is one
-and the same crack with no edges at all.
+Two bands beside a short crack are pulled apart permanently. Its tips run faster and faster until they branch. In the
+infinite medium no wave returns to them; in a plate with free edges the first echo arrives at a known time. Bobaru and
+Hu (2012) found with smaller and larger plates that branching needs no waves from the edges. Here the same crack is
+computed without any edges.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from farhorizon.validation.validations import validation
 
 BRANCHING = "Bobaru and Hu (2012), The meaning, selection, and use of the peridynamic horizon"
 SPACING = 0.125
-HALF, WIDER = 16.0, 18.0  # of the near field
-BAND = 9.0  # where it is pulled
+HALF, WIDER = 16.0, 18.0  # half widths of two near fields
+BAND = 9.0  # distance of the pulled bands from the crack
 END = 36.0
 TOUGHNESS = 3e-5
-RAYLEIGH = 0.9194  # over the speed of S waves, for a Poisson's ratio of 1/4
+RAYLEIGH = 0.9194  # Rayleigh wave speed over S wave speed for a Poisson's ratio of 1/4
 
 
 def running(boundary: Side, half: float, spacing: float = SPACING, reach: int = 3) -> tuple[Simulation, CrackTips]:
-    """A crack that has run and branched, and its tips; the horizon is so many spacings."""
+    """Run of a crack until it has branched, and its tips; the horizon is `reach` spacings."""
     edge = half - spacing / 2
     lattice = Lattice(spacing, (-half, -edge), (half, edge))
     model = Elastic(Kernel(reach * spacing, exponent=1), young=1.0, fracture_energy=TOUGHNESS)
@@ -43,33 +43,33 @@ def running(boundary: Side, half: float, spacing: float = SPACING, reach: int = 
 
 
 def time_of_branching(tips: CrackTips) -> float:
-    """When more than the two tips that there were at the start are seen first."""
+    """First time at which there are more than the two initial tips; infinite if there never are."""
     seen = np.isfinite(tips.data["position"][..., 0])
     return float(tips.times[np.argmax(seen[:, 2:].any(1))]) if seen[:, 2:].any() else np.inf
 
 
 def angle_of_branches(tips: CrackTips, place: np.ndarray) -> float:
-    """Degrees between the two tips that are farthest to the right, seen from there."""
+    """Angle in degrees at `place` between the two tips that are farthest to the right."""
     last = tips.now.tips[np.argsort(tips.now.tips[:, 0])[-2:]]
     return float(np.ptp(np.degrees(np.arctan2(*(last - place).T[::-1]))))
 
 
 def time_of_parting(tips: CrackTips, others: CrackTips) -> float:
-    """From when on the first tips of two runs are a quarter of a horizon apart."""
+    """First time at which the first tips of two runs are a quarter of a horizon apart; infinite if they never are."""
     one, other = (found.data["position"][:, 0] for found in (tips, others))
     apart = np.linalg.norm(one - other, axis=1) > 0.75 * SPACING
     return float(tips.times[np.argmax(apart)]) if apart.any() else np.inf
 
 
 def _drawn(cracks: CrackPaths) -> np.ndarray:
-    """Lines of cracks as one, with gaps; shape (n, 2)."""
+    """Paths of the cracks as one line with gaps, shape (n, 2)."""
     gap = np.full((1, 2), np.nan)
     return np.concatenate([part for path in cracks.paths for part in (path, gap)])
 
 
 @validation("branching", BRANCHING, "a crack that branches in the infinite medium, and in a plate with free edges")
 def branching(folder: Path) -> Outcome:
-    """Times of branching and of the first echo, speeds, and angles."""
+    """Times of branching and of the first echo, speeds and angles."""
     from farhorizon.pictures.curves import curve_panels
 
     sim, tips = running(LatticePML(nodes=24), HALF)

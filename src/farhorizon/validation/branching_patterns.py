@@ -1,8 +1,8 @@
-"""The crack of `validate branching` at several horizons and spacings, in the infinite medium.
+"""The crack of `validate branching` in the infinite medium at several horizons and spacings.
 
-No exact solution has its speed or its branches. What is known is a bound: a crack in mode I takes up no energy at the
-speed of Rayleigh waves (Freund, 1990, Dynamic fracture mechanics), so that no tip is faster. What is looked at besides
-is whether the pattern stays the same as the lattice becomes finer under a horizon, and as the horizon shrinks.
+There is no exact solution for its speed and its branches, only a bound: no energy flows into the tip of a mode I crack
+at the Rayleigh wave speed (Freund, 1990, Dynamic fracture mechanics), so that no tip is faster. The runs also show
+whether the pattern stays the same as the spacing decreases at a fixed horizon, and as the horizon decreases.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from farhorizon.validation.validations import validation
 
 SPEEDS = "Freund (1990), Dynamic fracture mechanics; Ha and Bobaru (2010), Int. J. Fract. 162, 229"
 HORIZONS = (0.5, 0.25)
-SMALLEST = 0.125  # horizon, of the full size
-REACHES = (2, 3, 4)  # spacings in a horizon
-HALF = 16.5  # of the near field: a whole number of all spacings
-SHOWN = 13.0, 3.5  # half edges of the part that is drawn
+SMALLEST = 0.125  # smallest horizon, with `full`
+REACHES = (2, 3, 4)  # numbers of spacings in the horizon
+HALF = 16.5  # half width of the near field, a multiple of all spacings
+SHOWN = 13.0, 3.5  # half widths of the part that is drawn
 
 
 def pattern(horizon: float, reach: int) -> tuple[Simulation, CrackTips]:
-    """The crack at the end, and its tips."""
+    """Run of the crack up to the end, and its tips."""
     return running(LatticePML(nodes=24), HALF, horizon / reach, reach)
 
 
 def speeds(sim: Simulation, tips: CrackTips) -> np.ndarray:
-    """Of the fastest tip at each record, over that of Rayleigh waves; nan where none is known."""
+    """Speed of the fastest tip at each record relative to the Rayleigh wave speed; nan where no speed is known."""
     assert isinstance(sim.model, Elastic)
     fastest: np.ndarray = np.fmax.reduce(tips.data["speed"], axis=1)
     return fastest / (RAYLEIGH * sim.model.s_speed)
 
 
 def measured(sim: Simulation, tips: CrackTips, name: str) -> list[Row]:
-    """What is known of one crack."""
+    """Rows for one crack."""
     first, speed = time_of_branching(tips), speeds(sim, tips)
     branches = tips.now.branches[tips.now.branches[:, 0] > 0]
     spent = (tips.dissipated[-1] - tips.dissipated[0]) / (tips.length[-1] - tips.length[0])
@@ -59,7 +59,7 @@ def measured(sim: Simulation, tips: CrackTips, name: str) -> list[Row]:
 
 
 def draw_patterns(found: dict[tuple[float, int], Simulation], picture: Path) -> None:
-    """Draw the damage of all cracks at the end: a row a horizon, a column a number of spacings in it."""
+    """Draw the final damage of all cracks, with one row per horizon and one column per number of spacings in it."""
     from farhorizon.pictures.images import cell_edges
     from farhorizon.pictures.style import figure_at
 
@@ -88,7 +88,7 @@ def draw_patterns(found: dict[tuple[float, int], Simulation], picture: Path) -> 
     full="minutes",
 )
 def branching_patterns(folder: Path, full: bool = False) -> Outcome:
-    """Two horizons with two, three and four spacings in each; three horizons with `full`."""
+    """Two horizons, or three with `full`, with two, three and four spacings in each."""
     from farhorizon.pictures.curves import curve_panels
 
     rows, found, panels = [], {}, []

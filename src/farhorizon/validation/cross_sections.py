@@ -1,16 +1,16 @@
-r"""Cross sections of what scatters a plane wave, over frequency, against the series of separated variables.
+r"""Scattering cross sections over frequency, compared with series obtained by separation of variables.
 
-Each scattered field is a sum over orders n of outgoing waves with factors :math:`A_n` that the condition on the
-scatterer's face gives. With :math:`\varepsilon_0 = 1` and :math:`\varepsilon_n = 2` the cross section of a cylinder is
-:math:`\frac{4}{k} \sum \varepsilon_n |A_n|^2`, and by the optical theorem :math:`-\frac{4}{k} \sum \varepsilon_n
-\mathrm{Re} A_n`.
+Each scattered field is a sum over orders n of outgoing waves with factors :math:`A_n` that follow from the condition on
+the face of the scatterer. With :math:`\varepsilon_0 = 1` and :math:`\varepsilon_n = 2` the cross section of a cylinder
+is :math:`\frac{4}{k} \sum \varepsilon_n |A_n|^2`, and by the optical theorem
+:math:`-\frac{4}{k} \sum \varepsilon_n \mathrm{Re} A_n`.
 
-- A soft and a rigid cylinder of radius a: :math:`A_n = -J_n(ka)/H_n(ka)`, of the rigid one with derivatives.
-- A cavity in a solid, on which P waves fall (Pao and Mow, 1973, chapter 3): potentials of P and of S waves with
-  factors :math:`A_n` and :math:`B_n` that cancel both stresses on its face; :math:`|B_n|^2` is added to
+- A soft and a rigid cylinder of radius a: :math:`A_n = -J_n(ka)/H_n(ka)`, with derivatives for the rigid one.
+- A cavity in a solid with incident P waves (Pao and Mow, 1973, chapter 3): potentials of P and S waves with factors
+  :math:`A_n` and :math:`B_n` that make the normal and the shear stress on its face vanish; :math:`|B_n|^2` is added to
   :math:`|A_n|^2`.
-- A crack, on which scalar waves fall at a right angle: Mathieu functions of the elliptic cylinder of no thickness,
-  :math:`\frac{8}{k} \sum |A_n|^2 \mathrm{se}_n(\pi/2)^2` with the radial functions' derivatives on the crack,
+- A crack with normally incident scalar waves: Mathieu functions of an elliptic cylinder of zero thickness,
+  :math:`\frac{8}{k} \sum |A_n|^2 \mathrm{se}_n(\pi/2)^2` with the derivatives of the radial functions on the crack,
   :math:`A_n = -Ms_n^{(1)\prime}(0) / Ms_n^{(3)\prime}(0)` (Bowman, Senior and Uslenghi, 1969, chapter 4).
 """
 
@@ -47,7 +47,7 @@ EVEN = np.where(ORDERS == 0, 1.0, 2.0)  # epsilon_n
 
 
 def solid(spacing: float) -> Elastic:
-    """Bond-based."""
+    """Bond-based solid."""
     return Elastic(Kernel(2 * spacing, exponent=1), young=1.0, density=1.0)
 
 
@@ -55,19 +55,19 @@ P_SPEED, S_SPEED = solid(1.0).p_speed, solid(1.0).s_speed
 
 
 def cylinder(frequency: float, rigid: bool) -> np.ndarray:
-    """Factors of a cylinder in scalar waves of speed 1."""
+    """Factors of a cylinder for scalar waves of speed 1."""
     x = 2 * np.pi * frequency * RADIUS
     inner, outer = (special.jvp, special.h1vp) if rigid else (special.jv, special.hankel1)
     return np.asarray(-inner(ORDERS, x) / outer(ORDERS, x))
 
 
 def cavity(frequency: float) -> tuple[np.ndarray, np.ndarray]:
-    """Factors of P and of S waves of a cavity on which P waves fall."""
+    """Factors of the P and S waves that a cavity scatters from incident P waves."""
     p, s = (2 * np.pi * frequency * RADIUS / c for c in (P_SPEED, S_SPEED))
     n, bend = ORDERS, ORDERS**2 + ORDERS - s**2 / 2
 
     def pressed(z: Callable[..., Any]) -> list[np.ndarray]:
-        """Normal and shear stress of a P wave, a^2 / (2 mu) times."""
+        """Normal and shear stress of a P wave, multiplied by a^2 / (2 mu)."""
         return [bend * z(n, p) - p * z(n - 1, p), n * ((n + 1) * z(n, p) - p * z(n - 1, p))]
 
     outer = special.hankel1
@@ -78,7 +78,7 @@ def cavity(frequency: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def crack(frequency: float) -> np.ndarray:
-    """``|A_n|^2 se_n(pi/2)^2`` of a free crack of half length a in scalar waves of speed 1, odd orders."""
+    """``|A_n|^2 se_n(pi/2)^2`` of a free crack of half length a for scalar waves of speed 1, for odd orders."""
     q = (np.pi * frequency * RADIUS) ** 2
     found = []
     for n in range(1, 20, 2):
@@ -88,7 +88,7 @@ def crack(frequency: float) -> np.ndarray:
 
 
 def exact(kind: str) -> np.ndarray:
-    """Cross sections at the frequencies."""
+    """Exact cross sections at the frequencies."""
     k = 2 * np.pi * FREQUENCIES
     if kind == "crack":
         return 8 / k * np.array([crack(f).sum() for f in FREQUENCIES])
@@ -99,11 +99,11 @@ def exact(kind: str) -> np.ndarray:
 
 
 def run(kind: str, spacing: float) -> FarField:
-    """What a burst with all frequencies leaves behind, recorded around the scatterer."""
+    """Far field of the scattered wave of a burst that contains all frequencies."""
     far = FarField(frequencies=FREQUENCIES, history=False)
     disc, everywhere = Disc(RADIUS), Box((-99.0, -99.0), (99.0, 99.0))
     shape = everywhere - disc if kind in ("rigid", "cavity") else None
-    # the crack and its tips are half-way between nodes
+    # the crack and its tips lie half-way between nodes
     corner = 7.0 + (spacing / 2 if kind == "crack" else 0.0)
     sim = Simulation(
         Lattice(spacing, (-corner, -corner), (corner, corner), body=shape),
@@ -119,7 +119,7 @@ def run(kind: str, spacing: float) -> FarField:
 
 
 def compared(folder: Path, name: str, kinds: tuple[str, ...]) -> Outcome:
-    """Each kind of scatterer at both spacings."""
+    """Compare each kind of scatterer at both spacings with the exact cross section."""
     from farhorizon.pictures.curves import curve_panels
 
     rows, panels = [], []
@@ -143,17 +143,17 @@ def compared(folder: Path, name: str, kinds: tuple[str, ...]) -> Outcome:
 
 @validation("cylinders", SERIES, "cross sections of a soft and of a rigid cylinder over frequency", "ten seconds")
 def cylinders(folder: Path) -> Outcome:
-    """Nodes that are held at zero, and a hole."""
+    """The soft cylinder consists of nodes held at zero, the rigid one is a hole."""
     return compared(folder, "cylinders", ("soft", "rigid"))
 
 
 @validation("crack-scattering", SERIES, "cross section of a crack over frequency", "ten seconds")
 def crack_scattering(folder: Path) -> Outcome:
-    """Scalar waves, as shear waves out of the plane are."""
+    """Scalar waves, such as out-of-plane shear waves."""
     return compared(folder, "crack-scattering", ("crack",))
 
 
 @validation("cavity", CAVITY, "cross section of a cylindrical cavity in a solid over frequency", "half a minute")
 def cavity_scattering(folder: Path) -> Outcome:
-    """P waves, scattered as P and S waves."""
+    """P waves, which are scattered as P and S waves."""
     return compared(folder, "cavity", ("cavity",))

@@ -1,13 +1,13 @@
-r"""Steel that dissolves, controlled by diffusion: under an open electrolyte, and in a pencil electrode.
+r"""Diffusion-controlled dissolution of steel under an open electrolyte and in a pencil electrode.
 
-The metal, which holds :math:`C_m`, dissolves where the liquid is below its saturation :math:`C_s`; what comes free
-diffuses away. From a plane face the front moves by :math:`2p\sqrt{Dt}` (the Stefan problem; Scheiner and Hellmich,
-2007, Stable pitting corrosion of stainless steel as diffusion-controlled dissolution process), with
+Metal of concentration :math:`C_m` dissolves where the liquid is below its saturation :math:`C_s`, and the dissolved
+metal diffuses away. From a plane face the front moves by :math:`2p\sqrt{Dt}` (the Stefan problem; Scheiner and
+Hellmich, 2007, Stable pitting corrosion of stainless steel as diffusion-controlled dissolution process), with
 
 .. math:: \sqrt\pi\,p\,e^{p^2}\,\mathrm{erfc}(-p) = \frac{C_s}{C_m - C_s}
 
-where the electrolyte goes on for ever, and with :math:`\mathrm{erf}(p)` in place of :math:`\mathrm{erfc}(-p)` where the
-mouth of the pit, at the metal's first surface, is kept free of metal.
+for an unbounded electrolyte, and with :math:`\mathrm{erf}(p)` in place of :math:`\mathrm{erfc}(-p)` if the mouth of the
+pit, at the initial surface of the metal, is kept free of dissolved metal.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ HORIZONS = (4e-6, 2e-6)  # m
 
 
 def parameter(right: Callable[[float], float]) -> float:
-    """p of the Stefan problem whose error function is `right`."""
+    """Parameter p of the Stefan problem with the error function `right`."""
     supply = SATURATION / (METAL - SATURATION)
     return float(brentq(lambda p: np.sqrt(np.pi) * p * np.exp(p**2) * right(p) - supply, 1e-4, 2.0))
 
 
 def run(horizon: float, open_: bool) -> Simulation:
-    """A bar of metal at x < 0, beside liquid that goes on for ever or ends in the mouth, before its first step."""
+    """A bar of metal at x < 0 next to liquid that is unbounded or ends at the mouth, before its first step."""
     spacing, depth = horizon / 2, 400e-6 if not open_ else 100e-6
     lattice = Lattice(spacing, -depth + spacing / 2, (20.5 if open_ else -0.5) * spacing)
     model = Corrosion(Kernel(horizon), diffusivity=DIFFUSIVITY, saturation=SATURATION, interface=1.0, limited=True)
@@ -54,7 +54,7 @@ def run(horizon: float, open_: bool) -> Simulation:
 
 
 def front(sim: Simulation) -> float:
-    """How far the front has come: where the metal that is left would end, in m."""
+    """Distance in m that the front has moved, such that a sharp front would leave the same amount of metal."""
     solid = sim.fields["solid"] > 0
     depth = -(sim.lattice.lower[0] - sim.lattice.spacing / 2)
     return float(depth - sim.fields["u"][solid].sum() * sim.lattice.spacing / METAL)
@@ -95,11 +95,11 @@ def _outcome(folder: Path, name: str, open_: bool, right: Callable[[float], floa
 
 @validation("pencil-electrode", PITS, "steel dissolves in a pit whose mouth is kept clean")
 def pencil(folder: Path) -> Outcome:
-    """The pencil electrode of 304 stainless steel."""
+    """Pencil electrode of 304 stainless steel."""
     return _outcome(folder, "pencil-electrode", False, erf)
 
 
 @validation("open-electrolyte", PITS, "steel dissolves under an electrolyte that goes on for ever")
 def electrolyte(folder: Path) -> Outcome:
-    """Two horizons of liquid and a layer in place of the electrolyte."""
+    """The near field contains a little liquid; a layer replaces the rest of the electrolyte."""
     return _outcome(folder, "open-electrolyte", True, lambda p: float(erfc(-p)))

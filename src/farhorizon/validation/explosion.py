@@ -1,15 +1,15 @@
-r"""A centre of dilatation in an infinite solid, from its first wave to the static field that it leaves.
+r"""Centre of dilatation in an infinite solid, from its first wave to the static field that remains.
 
 The body force is the gradient of a Gaussian, :math:`b = -M(t)\,\nabla g`, whose integral is M. Then
-:math:`u = \nabla\Phi` with :math:`\rho\Phi_{tt} = \rho\alpha^2\Delta\Phi - M g`, a spherical field: by the Fourier
+:math:`u = \nabla\Phi` with :math:`\rho\Phi_{tt} = \rho\alpha^2\Delta\Phi - M g`, a spherical field. By the Fourier
 integral over k
 
 .. math:: u_r = \frac{1}{2\pi^2\rho}\int_0^\infty k^3 j_1(kr)\,\hat g(k) \int_0^t M(s)\,
    \frac{\sin\alpha k(t-s)}{\alpha k}\,ds\,dk .
 
-Outside the Gaussian that is :math:`u_r = \frac{1}{4\pi\rho\alpha^2}\left(\frac{M(t-r/\alpha)}{r^2} +
-\frac{\dot M(t-r/\alpha)}{\alpha r}\right)` (Aki and Richards, 2002, Quantitative Seismology, chapter 4), and
-for good :math:`M/(4\pi\rho\alpha^2r^2)`.
+Outside the Gaussian this is :math:`u_r = \frac{1}{4\pi\rho\alpha^2}\left(\frac{M(t-r/\alpha)}{r^2} + \frac{\dot
+M(t-r/\alpha)}{\alpha r}\right)` (Aki and Richards, 2002, Quantitative Seismology, chapter 4), and eventually
+:math:`M/(4\pi\rho\alpha^2r^2)`.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ CENTRE = "Aki, Richards (2002), Quantitative Seismology"
 BREADTH = 1.0  # standard deviation of the Gaussian
 RISE = 2.0  # time in which M rises to 1
 MOMENT = Step(RISE)
-HALF = 6.0  # half the near field
+HALF = 6.0  # half width of the near field
 SPACINGS = (0.6, 0.3)
-PASSING = 6.0  # the front is on its way through the near field
+PASSING = 6.0  # time at which the front is inside the near field
 STATIC = 40.0
 
 
 def exact(r: np.ndarray, t: float, speed: float, density: float) -> np.ndarray:
-    """Radial displacement at the distances r."""
+    """Exact radial displacement at the distances r."""
     nodes, weights = np.polynomial.legendre.leggauss(600)
     highest = 9.0 / BREADTH
     k, dk = (nodes + 1) * highest / 2, weights * highest / 2
     s, ds = (nodes + 1) * min(t, RISE) / 2, weights * min(t, RISE) / 2
-    # after the rise M is 1, and the integral over s from there on is elementary
+    # after the rise M is 1, and the rest of the integral over s is elementary
     response = np.sin(speed * np.multiply.outer(k, t - s)) @ (ds * MOMENT(s)) / (speed * k)
     if t > RISE:
         response += (1 - np.cos(speed * k * (t - RISE))) / (speed * k) ** 2
@@ -61,7 +61,7 @@ def far(r: np.ndarray, speed: float, density: float) -> np.ndarray:
 
 
 def run(model: Elastic, spacing: float) -> Simulation:
-    """The solid before its first step."""
+    """Simulation of the solid before its first step."""
     lattice = Lattice(spacing, (-HALF,) * 3, (HALF,) * 3)
     points = lattice.coordinates()
     gauss = np.exp(-sum(x**2 for x in points) / (2 * BREADTH**2)) / (2 * np.pi * BREADTH**2) ** 1.5
@@ -70,7 +70,7 @@ def run(model: Elastic, spacing: float) -> Simulation:
 
 
 def radial(sim: Simulation) -> tuple[np.ndarray, np.ndarray]:
-    """Distances from the centre and radial displacements of all nodes but the centre."""
+    """Distances from the centre, and radial displacements, of all nodes except the centre."""
     points = np.array(sim.lattice.coordinates())
     r = np.sqrt((points**2).sum(0))
     there = r > 0
@@ -84,8 +84,10 @@ def against_exact(
     note: str = "",
     nearest: float = 0.0,
 ) -> tuple[list[Row], list[Any]]:
-    """Radial displacements on two lattices, of these spacings, at some times against exact ones: rows of their largest
-    differences and of the order by which these fall, and curves of the last.
+    """Compare radial displacements of runs on two lattices with the exact ones at given times.
+
+    Returns rows with the largest differences and their order in the spacing, and panels of curves of the last run.
+    Nodes at distances below `nearest` are left out.
     """
     rows, errors = [], []
     for spacing, sim, exact in runs:

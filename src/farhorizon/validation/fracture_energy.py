@@ -1,12 +1,12 @@
-r"""What a running crack spends on new area, over the fracture energy that it is given.
+r"""Energy that running cracks spend on new area, relative to the specified fracture energy.
 
 In the infinite plane a crack follows a pair of forces, straight and as fast as they move
-(`farhorizon.studies.toughness`). The energy of the bonds that break for each new length is to be the fracture energy of
-the material, whatever the forces and at any angle of the crack to the lattice; the critical stretch is that of
-`calibrated_stretch`, from two cracks. It goes up with the speed, for nodes that are let go swing and break
-bonds beside the plane. Beside it stands what flows into the tip, by the domain J integral of displacements, velocities
-and accelerations around it. No tip in mode I is faster than Rayleigh waves, at whose speed there is no energy left for
-it (Freund, 1990, Dynamic Fracture Mechanics).
+(`farhorizon.studies.toughness`). The energy of the broken bonds per new length should be the fracture energy of the
+material, for any forces and at any angle of the crack to the lattice; the critical stretch is that of
+`calibrated_stretch`, determined from two cracks. The energy increases with the speed, because released nodes oscillate
+and break bonds beside the plane of the crack. It is compared with the energy flux into the tip, computed by the domain
+J integral of displacements, velocities and accelerations around it. No tip in mode I is faster than Rayleigh waves, at
+whose speed no energy flows into it (Freund, 1990, Dynamic Fracture Mechanics).
 """
 
 from __future__ import annotations
@@ -24,29 +24,29 @@ from farhorizon.validation.validations import validation
 
 FREUND = "Freund (1990), Dynamic Fracture Mechanics; Griffith (1921)"
 ENERGY = 2e-4
-START = 3.0  # of the picture, in horizons of way
-#: With the nodes in their horizon, of which a correspondence crack needs one more to spend as much at all angles. A
-#: stronger stabilisation makes short waves faster than long ones.
+START = 3.0  # of the curves: distance travelled by the tip, in horizons
+#: Materials with the number of nodes in their horizon; cracks in a correspondence material need one more to spend as
+#: much at all angles. A stronger stabilisation would make short waves faster than long ones.
 MATERIALS: dict[str, tuple[int, dict[str, Any]]] = {
     "bond-based": (3, {}),
     "state-based": (3, {"material": "state-based", "poisson": 0.3}),
     "correspondence": (4, {"material": "correspondence", "poisson": 0.3, "stabilisation": 0.2}),
 }
-#: Speed over that of Rayleigh waves, angle to the lattice, forces over those expected.
+#: Speed relative to the Rayleigh wave speed, angle to the lattice, forces relative to those expected.
 SLOW = ((0.2, 0.0, 1.3), (0.3, 0.4, 1.2))
-FINER = (0.3, 0.0, 1.3)  # with a node more in the horizon
+FINER = (0.3, 0.0, 1.3)  # with one more node in the horizon
 FAST = (0.4, 0.0, 1.2)
 
 
 def material(name: str, nodes: int) -> tuple[Elastic, float]:
-    """One whose cracks spend the fracture energy, and the spacing of its lattice."""
+    """A material whose cracks spend the fracture energy, and the spacing of its lattice."""
     kernel, spacing = Kernel(1.0, exponent=1), 1.0 / nodes
     stretch = calibrated_stretch(Elastic(kernel, young=1.0, **MATERIALS[name][1]), spacing, ENERGY)
     return Elastic(kernel, young=1.0, critical_stretch=stretch, **MATERIALS[name][1]), spacing
 
 
 def pulled(model: Elastic, spacing: float, speed: float, turn: float, push: float) -> tuple[RunningCrack, float]:
-    """A crack that has run, and the largest speed of its tips over that of Rayleigh waves."""
+    """A crack that has run, and the largest speed of its tips relative to the Rayleigh wave speed."""
     found = running_crack(model, spacing, ENERGY, speed, turn, push)
     fastest = float(np.nanmax(found.tips.data["speed"]))
     return found, fastest / rayleigh_speed(model.lame, model.shear, model.density)
@@ -60,9 +60,7 @@ def pulled(model: Elastic, spacing: float, speed: float, turn: float, push: floa
     full="minutes",
 )
 def fracture_energy(folder: Path, full: bool = False) -> Outcome:
-    """Energy of broken bonds for each new length, the flux of energy into the tip, and speeds; on a finer lattice, too,
-    with `full`.
-    """
+    """Energy of broken bonds per new length, flux into the tip, and speeds; with `full` also on a finer lattice."""
     from farhorizon.pictures.curves import curve_panels
 
     rows, panels, largest = [], [], 0.0

@@ -1,14 +1,15 @@
-r"""A crack that runs through the square lattice with a constant speed: load against speed, exact.
+r"""Crack that runs through the square lattice at a constant speed: exact relation between load and speed.
 
-The nodes of a square lattice of spacing 1 obey :math:`\ddot u = \Delta u + f` with the differences of five points;
-waves have the speed 1. The bonds between the rows y = 0 and y = -1 open one after the other, that at x = n at the time
-n/v, and forces that are opposite on both rows follow the tip. All nodes of a row go through the same, one 1/v after the
-other. With velocity Verlet of M steps in that time what row 0 does is one sequence :math:`U_j`, j/M being how far the
-tip has still to go to a node. Of the transforms :math:`\sum U_j z^j` the rows away from the crack leave
+The nodes of a square lattice of spacing 1 obey :math:`\ddot u = \Delta u + f` with the five-point difference operator;
+waves have the speed 1. The bonds between the rows y = 0 and y = -1 open one after the other, the one at x = n at the
+time n/v, and opposite forces on the two rows follow the tip. All nodes of a row have the same history, each 1/v after
+its neighbour. With M steps of velocity Verlet in this time, the motion of row 0 is a single sequence :math:`U_j`, where
+j/M is the distance that the tip still has to travel to a node. With the transforms :math:`\sum U_j z^j` the rows away
+from the crack are eliminated by
 
 .. math:: h = 2 - z^M - z^{-M} + \frac{z - 2 + 1/z}{\Delta t^2} , \qquad \lambda + \frac1\lambda = 2 + h ,
 
-and the bonds that hold (:math:`U_+`, j > 0) and that do not (:math:`U_-`) under the force P on row 0
+and intact bonds (:math:`U_+`, j > 0) and open bonds (:math:`U_-`) under the force P on row 0 obey
 
 .. math::
 
@@ -16,26 +17,27 @@ and the bonds that hold (:math:`U_+`, j > 0) and that do not (:math:`U_-`) under
     L = \frac{1 + \lambda}{1 - \lambda} = \sqrt{\frac{h + 4}{h}} = L_+ L_-
 
 (Slepyan, 1981, Sov. Phys. Dokl. 26, 538; 2002, Models and Phenomena in Fracture Mechanics). Both h and h + 4 are
-polynomials in z and 1/z. :math:`L_+` has their zeros outside the unit circle, :math:`L_-` those inside; one on the
-circle is on the side to which a small damping moves it. Hence, with the part [...]_+ of positive powers,
+polynomials in z and 1/z. :math:`L_+` has their zeros outside the unit circle, :math:`L_-` those inside; a zero on the
+circle belongs to the side to which a small damping moves it. Hence, with the part [...]_+ of positive powers,
 
 .. math:: U_+ = \frac{[P L_+]_+}{2 L_+}, \qquad U_- = \frac{L_- [P L_+]_- - P}{2} .
 
-**Load against speed.** Of a load far behind the tip there is the square root field of a crack in a continuum with its
-energy release rate G. The bond that opens has the energy :math:`G_0 = 2 U^2` of its elongation 2U, and zeros off the
-circle cancel:
+**Load against speed.** A load far behind the tip causes the square root field of a crack in a continuum with the energy
+release rate G. The bond that opens has the elongation 2U and the energy :math:`G_0 = 2 U^2`. Zeros off the circle
+cancel:
 
 .. math:: \frac{G_0}{G} = \prod \frac{\sin(\theta_-/2)}{\sin(\theta_+/2)}
 
-over the real wavenumbers :math:`\theta` where h changes its sign, or h + 4: :math:`\theta_-` where the product of both
+over the real wavenumbers :math:`\theta` at which h or h + 4 changes sign: :math:`\theta_-` where the product of both
 becomes negative, :math:`\theta_+` where it becomes positive again. With short steps these are Slepyan's ratios of
-wavenumbers k with :math:`4\sin^2(k/2) - k^2 v^2` between -4 and 0. U is the geometric mean of the values one step
-before the bond opens and as it is first missing.
+wavenumbers k with :math:`4\sin^2(k/2) - k^2 v^2` between -4 and 0. U is the geometric mean of the values in the last
+step with the bond and in the first without it.
 
-At rest a crack stays where it is from :math:`G_0/G = \sqrt2 - 1`, below which the next bond breaks, to
-:math:`\sqrt2 + 1`, above which the last one would heal: it is trapped by the lattice. A running crack is one only if no
-bond ahead is longer before than when it opens, which forbids low speeds; where bonds along the faces get longer than
-that, others break beside the crack (Marder and Gross, 1995, J. Mech. Phys. Solids 43, 1).
+A crack at rest stays where it is from :math:`G_0/G = \sqrt2 - 1`, below which the next bond breaks, to
+:math:`\sqrt2 + 1`, above which the last one would heal: it is trapped by the lattice. The solution for a running crack
+is valid only if no bond is longer at any time before it opens than when it opens, which forbids low speeds. Where bonds
+along the faces become longer than that, bonds beside the crack break as well (Marder and Gross, 1995, J. Mech. Phys.
+Solids 43, 1).
 """
 
 from __future__ import annotations
@@ -60,25 +62,25 @@ from farhorizon.validation.validations import validation
 STEADY = "Slepyan (1981), Dynamics of a crack in a lattice"
 SPEEDS = (0.25, 0.4, 0.5, 0.6, 0.7, 0.75)
 DRAWN = (0.25, 0.5, 0.75)
-LONGEST = 0.3  # step
-DISTANCE = 10.0  # of the load from the tip, about
-FARTHER = 30.0  # of that of a crack at rest
-FARTHEST = 7.0  # of these distances, where the load is 1e-6 of its largest value
+LONGEST = 0.3  # largest time step
+DISTANCE = 10.0  # approximate distance of the load from the tip
+FARTHER = 30.0  # the same for a crack at rest
+FARTHEST = 7.0  # extent of the load over these distances: there it is 1e-6 of its largest value
 ROWS = 8  # of the near field on either side of the crack
-AHEAD, BEHIND = 6, 4  # bonds of the history that is looked at
-RISE = (60.0, 15.0)  # when the load comes, and how slowly: short waves of its coming leave a fast tip late
-CIRCLE = 1e-7  # what is so near to the unit circle lies on it
+AHEAD, BEHIND = 6, 4  # numbers of bonds in the compared history
+RISE = (60.0, 15.0)  # time and duration of the rise of the load: short waves from it stay near a fast tip for long
+CIRCLE = 1e-7  # zeros this close to the unit circle are taken to lie on it
 
 
 class Zeros(NamedTuple):
-    """Zeros of h or h + 4: those that belong to ``L_+`` and to ``L_-``."""
+    """Zeros of h or h + 4 that belong to ``L_+`` (outer) and to ``L_-`` (inner)."""
 
     outer: np.ndarray
     inner: np.ndarray
 
 
 def zeros(speed: float, steps: int, level: float) -> Zeros:
-    """Of ``h + level``; of h one of the two at z = 1 belongs to either side."""
+    """Zeros of ``h + level``; for h, one of the two zeros at z = 1 belongs to each side."""
     rate = (speed * steps) ** 2
     h = np.zeros(2 * steps + 1)
     h[[0, -1]] = -1
@@ -97,7 +99,7 @@ def zeros(speed: float, steps: int, level: float) -> Zeros:
 
 
 def powers(above: np.ndarray, below: np.ndarray, count: int) -> np.ndarray:
-    """Coefficients of ``prod (1 - z/a)^(1/2) / prod (1 - z/b)^(1/2)``."""
+    """Power series coefficients of ``prod (1 - z/a)^(1/2) / prod (1 - z/b)^(1/2)``."""
     n = np.arange(1, count)
     rates = ((below[:, None] ** -n).sum(0) - (above[:, None] ** -n).sum(0)).real / 2
     found = np.ones(count)
@@ -107,15 +109,15 @@ def powers(above: np.ndarray, below: np.ndarray, count: int) -> np.ndarray:
 
 
 def history(speed: float, steps: int, load: np.ndarray, ahead: int) -> tuple[np.ndarray, np.ndarray]:
-    """What row 0 does under a load.
+    """Motion of row 0 under a load.
 
     Parameters
     ----------
     speed : float
     steps : int
-        In the time from one bond to the next.
+        Time steps between the openings of two neighbouring bonds.
     load : ndarray, shape (n,)
-        The force on row 0 at j = 0, -1, ...
+        Force on row 0 at j = 0, -1, ...
     ahead : int
 
     Returns
@@ -136,7 +138,7 @@ def history(speed: float, steps: int, load: np.ndarray, ahead: int) -> tuple[np.
 
 
 def ratio_of_steps(speed: float, steps: int) -> float:
-    """G0/G of a load far away, with the steps."""
+    """G0/G for a load far away, with finite time steps."""
     high, low = zeros(speed, steps, 4.0), zeros(speed, steps, 0.0)
 
     def product(z: np.ndarray) -> float:
@@ -146,7 +148,7 @@ def ratio_of_steps(speed: float, steps: int) -> float:
 
 
 def ratio(speed: float) -> float:
-    """G0/G of a load far away in continuous time (Slepyan, 1981)."""
+    """G0/G for a load far away in continuous time (Slepyan, 1981)."""
     k = np.linspace(0.0, 3 / speed, 4000 + int(400 / speed))[1:]  # h + 4 is below zero beyond 2 sqrt(2) / v
 
     def product(k: np.ndarray) -> np.ndarray:
@@ -159,22 +161,24 @@ def ratio(speed: float) -> float:
 
 
 def load(behind: np.ndarray, distance: float = DISTANCE) -> np.ndarray:
-    """Force behind the tip, about at a distance. Its integral over the distance to the power 3/2 vanishes, so that what
-    it lacks of one far away falls with the square of the distance.
+    """Force at the distances `behind` the tip, concentrated around `distance`.
+
+    The integral of force / behind^(3/2) vanishes, so that the difference from a load far away falls with the square of
+    the distance.
     """
     s = np.maximum(behind, 0.0) / distance
     return np.where(s < FARTHEST, s**4 * (s - 7 / 8) * np.exp(4 - 4 * s), 0.0)
 
 
 def release_rate(speed: float, distance: float = DISTANCE) -> float:
-    """G of this load in a continuum: ``(integral of load / sqrt(distance))^2 / (pi sqrt(1 - v^2))``."""
+    """G of the load in a continuum: ``(integral of load / sqrt(distance))^2 / (pi sqrt(1 - v^2))``."""
     integral = np.exp(4) * gamma(4.5) * np.sqrt(distance) / 4**5.5
     return float(integral**2 / (np.pi * np.sqrt(1 - speed**2)))
 
 
 def exact_rows(speed: float, steps: int) -> np.ndarray:
-    """Displacements of two nodes that are neighbours in row 0 while the tip comes and passes: AHEAD bonds, whose last
-    step is that before the bond of the first node opens, and BEHIND; shape (2, steps of that time).
+    """Displacements of two neighbouring nodes of row 0 as the tip approaches and passes: over AHEAD bonds, up to the
+    last step before the bond of the first node opens, and over BEHIND bonds; shape (2, number of these steps).
     """
     given = load(np.arange(int(FARTHEST * DISTANCE) * steps) / steps)
     behind, ahead = history(speed, steps, given, (AHEAD + 1) * steps)
@@ -183,8 +187,8 @@ def exact_rows(speed: float, steps: int) -> np.ndarray:
 
 
 def computed_rows(speed: float, steps: int) -> np.ndarray:
-    """The same in a run, of nodes that the tip passes near its end."""
-    # a load at s is felt after s / (1 - v)
+    """The same from a run, for nodes that the tip passes near its end."""
+    # a load at the distance s acts on the tip after s / (1 - v)
     place = int(np.ceil(speed * (RISE[0] + 4 * RISE[1] + FARTHEST * DISTANCE / (1 - speed)) + AHEAD))
     until = (place + BEHIND + 1) / speed
     lattice = Lattice(1.0, (-FARTHEST * DISTANCE, -ROWS), (place + 2 * AHEAD, ROWS - 1))
@@ -198,7 +202,7 @@ def computed_rows(speed: float, steps: int) -> np.ndarray:
 def pulled(
     lattice: Lattice, speed: float, opening: list[Crack], dt: float, until: float, distance: float = DISTANCE
 ) -> Simulation:
-    """A crack whose tip is at x = 0 at first, under the load that follows it with a speed."""
+    """A crack whose tip is initially at x = 0, under a load that follows it at a given speed."""
 
     def force(x: np.ndarray, y: np.ndarray, t: float) -> np.ndarray:
         sign = np.where(y == 0, 1.0, np.where(y == -1, -1.0, 0.0))
@@ -215,8 +219,8 @@ def pulled(
 
 
 class Found(NamedTuple):
-    """Of a history: the mean displacement as the bond opens, the largest one before over that, and the largest
-    elongation of the bond along the face over that of the bond that opens.
+    """Results from a history: mean displacement as the bond opens, largest earlier displacement relative to it, and
+    largest elongation of the bond along the face relative to that of the bond that opens.
     """
 
     opening: float
@@ -225,7 +229,7 @@ class Found(NamedTuple):
 
 
 def read(rows: np.ndarray, steps: int) -> Found:
-    """What is asked of a history."""
+    """Evaluate a history."""
     first = AHEAD * steps
     opening = float(np.sqrt(rows[0, first - 1] * rows[0, first]))
     before, beside = rows[0, :first].max(), np.abs(rows[0] - rows[1]).max() / 2
@@ -233,7 +237,7 @@ def read(rows: np.ndarray, steps: int) -> Found:
 
 
 def at_rest() -> tuple[float, float]:
-    """G0/G at which a crack at rest goes on, and at which it heals."""
+    """G0/G at which a crack at rest advances, and at which it heals."""
     far = FARTHEST * FARTHER
     until = RISE[0] + 4 * RISE[1] + 2 * far
     sim = pulled(Lattice(1.0, (-far, -ROWS), (2 * AHEAD, ROWS - 1)), 0.0, [], LONGEST, until, FARTHER)
@@ -246,7 +250,7 @@ def at_rest() -> tuple[float, float]:
     "lattice-fracture", STEADY, "load against speed of a crack that runs through the square lattice", "a minute"
 )
 def lattice_fracture(folder: Path) -> Outcome:
-    """Loads, the bonds ahead and beside, and the crack at rest."""
+    """Load against speed, bonds ahead of the tip and along the faces, and the crack at rest."""
     from farhorizon.pictures.curves import curve_panels
 
     rows, found, panels, in_time = [], [], [], "{:.5g} in continuous time"

@@ -1,15 +1,15 @@
-r"""A load that moves faster than the waves it makes: Mach cones.
+r"""Mach cones of a load that moves faster than the waves that it excites.
 
-A Gaussian load of the velocity v along x begins to act at t = 0. Of the wave equation with the source
+A Gaussian load that moves along x with the velocity v begins to act at t = 0. For the wave equation with the source
 :math:`g(x - vt)` each Fourier component is an oscillator,
 
 .. math:: \hat u_{tt} + c^2k^2\,\hat u = \hat g\,e^{-i\kappa t}, \qquad \kappa = k_x v,
 
 .. math:: \hat u = \hat g\,\frac{e^{-i\kappa t} - \cos ckt + \frac{i\kappa}{ck}\sin ckt}{c^2k^2 - \kappa^2},
 
-and the field is its inverse transform on so large a period that nothing comes round. In an elastic medium the parts of
-the load along k and across it make P and S waves (Cole and Huth, 1958, Stresses produced in a half plane by moving
-loads, for the cones). The angle of a cone to the path is :math:`\arcsin(c/v)`.
+and the field is the inverse transform on a period so large that nothing travels round it. In an elastic medium the
+components of the load along and normal to k excite P and S waves (Cole and Huth, 1958, Stresses produced in a half
+plane by moving loads, for the cones). The angle of a cone to the path is :math:`\arcsin(c/v)`.
 """
 
 from __future__ import annotations
@@ -30,27 +30,27 @@ from farhorizon.validation.validations import validation
 
 CONES = "Cole, Huth (1958), Stresses produced in a half plane by moving loads"
 BREADTH = 1.0  # standard deviation of the load
-HALF = 18.0  # half the near field
-START = -12.0  # where the load begins to act
+HALF = 18.0  # half width of the near field
+START = -12.0  # initial position of the load
 UNTIL = 16.0
 SPACINGS = (0.5, 0.25)
 
 
 def oscillators(k: np.ndarray, kappa: np.ndarray, speed: float, t: float) -> np.ndarray:
-    """Response of each Fourier component to a unit load that moves, from rest at t = 0."""
+    """Response of each Fourier component to a moving unit load, from rest at t = 0."""
     omega = speed * k
     gap = omega**2 - kappa**2
     close = np.abs(gap) < 1e-9 * (omega**2 + kappa**2 + 1)
-    sine = t * np.sinc(omega * t / np.pi)  # over the frequency
+    sine = t * np.sinc(omega * t / np.pi)  # sin(omega t) / omega
     forced = np.exp(-1j * kappa * t) - np.cos(omega * t) + 1j * kappa * sine
-    # in resonance the limit kappa -> omega; without any frequency the load accelerates for ever
+    # at resonance, the limit kappa -> omega; at zero frequency the load accelerates forever
     resonant = 1j * (t * np.exp(-1j * kappa * t) - sine) / np.where(kappa == 0, 1.0, 2 * kappa)
     limit = np.where(omega == 0, t**2 / 2, resonant)
     return np.where(close, limit, forced / np.where(close, 1.0, gap))
 
 
 def exact(lattice: Lattice, velocity: float, t: float, speeds: tuple[float, ...]) -> np.ndarray:
-    """The field of the load on the nodes; with two speeds displacements, of a force along y."""
+    """Exact field of the load on the nodes; for two speeds, the displacements due to a force along y."""
     h = lattice.spacing
     n = 2 ** int(np.ceil(np.log2(2 * (HALF + max(max(speeds), velocity) * t + 8 * BREADTH) / h)))
     kx, ky = np.meshgrid(*[2 * np.pi * np.fft.fftfreq(n, h)] * 2, indexing="ij")
@@ -72,7 +72,7 @@ def exact(lattice: Lattice, velocity: float, t: float, speeds: tuple[float, ...]
 
 
 def run(model: LatticeModel, velocity: float, spacing: float, speeds: tuple[float, ...]) -> Simulation:
-    """The run to its end."""
+    """Simulation run up to its end."""
     lattice = Lattice(spacing, (-HALF, -HALF / 2), (HALF, HALF / 2))
 
     def load(x: np.ndarray, y: np.ndarray, t: float) -> np.ndarray:
@@ -84,8 +84,9 @@ def run(model: LatticeModel, velocity: float, spacing: float, speeds: tuple[floa
 
 
 def ridge(lattice: Lattice, field: np.ndarray, head: float, limits: tuple[float, float]) -> float:
-    """Angle between the path and the ridge of a field in degrees: of the straight line through the steepest place of
-    each row between two distances from the path.
+    """Angle in degrees between the path and the ridge of a field.
+
+    The ridge is the straight line fitted to the steepest place of each row between two distances from the path.
     """
     x, y = lattice.axes
     rows = np.flatnonzero((y >= limits[0]) & (y <= limits[1]))
@@ -127,7 +128,7 @@ def _outcome(
 
 @validation("mach-cone", CONES, "the cone behind a load that moves at 1.5 times the speed of waves")
 def scalar(folder: Path) -> Outcome:
-    """A membrane."""
+    """Scalar waves in a membrane."""
     velocity = 1.5
     outcome, sim = _outcome(folder, "mach-cone", Wave(Stencil.finite_element(2)), velocity, (1.0,), lambda u: u)
     angle = ridge(sim.lattice, sim.fields["u"], START + velocity * sim.time, (3.0, 5.5))

@@ -1,15 +1,15 @@
-r"""Waves in the peridynamic bar, plane and solid with a Gaussian micromodulus, whose dispersion is known in closed
-form.
+r"""Waves in a peridynamic bar, plane and solid with a Gaussian micromodulus, whose dispersion relation is known in
+closed form.
 
 With :math:`C(\xi) = a\,e^{-\xi^2/w^2}` a wave of wavenumber k has the frequency
 
 .. math:: \omega^2 = \frac{4c^2}{w^2}\left(1 - e^{-k^2w^2/4}\right)
 
-in any dimension: short waves stand still with the frequency 2c/w. A field that is released at rest is an integral over
-its Fourier transform (Weckner and Abeyaratne, 2005, The effect of long-range forces on the dynamics of a bar; in space
-Weckner, Brunk, Epton, Silling and Askari, 2009, Proc. R. Soc. A 465, 3463). The sums over the nodes of a lattice with
-two nodes in w are these integrals to 1e-15, so that what is left of the difference is what ends, edges of an extended
-domain and layers send back, and the time step: velocity Verlet turns :math:`\omega` into
+in any dimension: short waves have zero group velocity and the frequency 2c/w. A field that is released at rest is an
+integral over its Fourier transform (Weckner and Abeyaratne, 2005, The effect of long-range forces on the dynamics of a
+bar; in 3D Weckner, Brunk, Epton, Silling and Askari, 2009, Proc. R. Soc. A 465, 3463). The sums over the nodes of a
+lattice with two spacings in w equal these integrals to 1e-15, so that the remaining difference is due to reflections
+from ends, edges of an extended domain and layers, and to the time step: velocity Verlet turns :math:`\omega` into
 :math:`\frac{2}{\Delta t}\arcsin\frac{\omega\Delta t}{2}`.
 """
 
@@ -37,21 +37,21 @@ STEPS = (0.4, 0.2)
 
 
 def frequency(k: np.ndarray) -> np.ndarray:
-    """Of waves in the medium, for the speed 1."""
+    """Frequency of waves in the medium, for the speed 1."""
     return 2 / WIDTH * np.sqrt(-np.expm1(-((k * WIDTH) ** 2) / 4))
 
 
 def stepped(omega: np.ndarray, dt: float) -> np.ndarray:
-    """Frequency that velocity Verlet makes of one."""
+    """Frequency into which velocity Verlet turns omega."""
     return 2 / dt * np.arcsin(omega * dt / 2)
 
 
 def released(r: np.ndarray, t: float, dim: int, dt: float = 0.0, breadth: float = BREADTH) -> np.ndarray:
-    """A Gaussian of height 1 that was released at rest, at the distances r; with the frequencies of a time step if one
-    is given.
+    """Gaussian of height 1 released at rest, at the distances r and the time t; with the frequencies of a time step if
+    dt is given.
     """
     nodes, weights = np.polynomial.legendre.leggauss(400 + 4 * round(t + np.abs(r).max()))
-    highest = 9.0 / breadth  # where its transform is 1e-17
+    highest = 9.0 / breadth  # there the transform is 1e-17
     k, weights = (nodes + 1) * highest / 2, weights * highest / 2
     omega = frequency(k) if dt == 0 else stepped(frequency(k), dt)
     spectrum = breadth**dim * weights * np.exp(-((k * breadth) ** 2) / 2) * np.cos(omega * t)
@@ -64,8 +64,8 @@ def released(r: np.ndarray, t: float, dim: int, dt: float = 0.0, breadth: float 
 def run(
     dim: int, size: float, boundary: Side, until: float, dt: float, breadth: float = BREADTH
 ) -> tuple[Simulation, np.ndarray, list[float]]:
-    """A run of the released Gaussian, the distances of its nodes from the middle, and its largest differences from the
-    exact solution with the frequencies of its time step and of continuous time, at ten times.
+    """Run of the released Gaussian, distances of the nodes from the middle, and the largest differences over ten times
+    from the exact solutions with the frequencies of the time step and with those of continuous time.
     """
     lattice = Lattice(1.0, (-size,) * dim, (size,) * dim)
     r = np.sqrt(sum(x**2 for x in lattice.coordinates()))
@@ -84,7 +84,7 @@ def run(
 def _outcome(
     folder: Path, name: str, dim: int, size: float, boundary: Side, until: float, breadth: float = BREADTH
 ) -> Outcome:
-    """Rows: the difference with the time step's own frequencies, that from continuous time, and its order."""
+    """Rows with the difference for the frequencies of the time step, that for continuous time, and its order."""
     from farhorizon.pictures.curves import curve_panels
 
     coarse, fine = (run(dim, size, boundary, until, dt, breadth) for dt in STEPS)
@@ -106,13 +106,13 @@ def _outcome(
 
 @validation("gaussian-bar", BAR, "a Gaussian released in an infinite peridynamic bar, between exact ends")
 def bar(folder: Path) -> Outcome:
-    """Two crossings."""
+    """The run lasts two crossings."""
     return _outcome(folder, "gaussian-bar", 1, 20.0, Exact(), 80.0)
 
 
 @validation("gaussian-plane", BAR, "the same in an infinite peridynamic plane, in an extended domain and in layers")
 def plane(folder: Path) -> Outcome:
-    """Two crossings. Layers made for 1e-6 are refused: beside so long bonds they grow."""
+    """The run lasts two crossings. Layers for a target of 1e-6 are refused: with such long bonds they grow."""
     size, until = 20.0, 80.0
     outcome = _outcome(folder, "gaussian-plane", 2, size, Extended(target=1e-10, until=until), until)
     layered = run(2, size, LatticePML(target=1e-4, until=until), until, STEPS[1])[2][0]
@@ -122,5 +122,5 @@ def plane(folder: Path) -> Outcome:
 
 @validation("gaussian-solid", BAR, "the same in an infinite peridynamic solid, in an extended domain", "a minute")
 def solid(folder: Path) -> Outcome:
-    """A narrower Gaussian, while it parts into a wave and what stays."""
+    """A narrower Gaussian, while it splits into a wave and a part that stays."""
     return _outcome(folder, "gaussian-solid", 3, 15.0, Extended(target=1e-10), 4.0, NARROW)

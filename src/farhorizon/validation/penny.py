@@ -1,13 +1,13 @@
-r"""Heat that flows around an insulating penny-shaped crack in an infinite body.
+r"""Heat flow around an insulating penny-shaped crack in an infinite body.
 
-Far away the temperature rises by g over a unit of length along the crack's normal. What the crack adds to it is the
-field of a disc of radius a whose faces give off and take up the heat that would cross it. Its steady state is the
-harmonic function of an elliptic disc, whose faces differ by
+Far away the temperature has the gradient g along the normal of the crack. The disturbance is the field of a disc of
+radius a whose faces emit and absorb the heat that would cross it. Its steady state is a harmonic function with the
+elliptic jump between the faces
 
 .. math:: [T](r) = \frac{4g}{\pi}\sqrt{a^2 - r^2}
 
-(Carslaw and Jaeger, 1959, Conduction of heat in solids, and the same in mode I: Sneddon, 1946). It is reached by the
-diffusion of the disturbance into the body, of which only what is beside the crack is computed.
+(Carslaw and Jaeger, 1959, Conduction of heat in solids; Sneddon, 1946, for the same potential in mode I). It is reached
+by diffusion of the disturbance into the body, of which only the neighbourhood of the crack is computed.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ SPACINGS = (0.1, 0.05)
 
 
 def steady(r: np.ndarray, radius: float) -> np.ndarray:
-    """Exact jump of the temperature at the distances r from the middle, for a unit gradient."""
+    """Exact steady jump of the temperature at the distances r from the middle, for a unit gradient."""
     return 4 / np.pi * np.sqrt(np.maximum(radius**2 - r**2, 0.0))
 
 
 def jump(spacing: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """Distances from the middle of the nodes beside the crack, the jump across it in the end, and the radius of a disc
-    that is as large as what is cut of the lattice.
+    """Distances from the middle of the nodes beside the crack, final jump across it, and radius of a disc with the area
+    of the cut in the lattice.
     """
     lattice = Lattice(spacing, (-0.8, -0.8, spacing / 2 - 0.5), (0.8, 0.8, 0.5 - spacing / 2))
     x, y, z = lattice.coordinates()
@@ -57,7 +57,7 @@ def jump(spacing: float) -> tuple[np.ndarray, np.ndarray, float]:
     ).run(UNTIL, progress=False)
     middle = lattice.shape[2] // 2
     u = sim.fields["u"]
-    # the faces lie half a spacing beyond the nodes, with the unit gradient between
+    # the faces lie half a spacing beyond the nodes, and the unit gradient is added between
     cut = spacing * np.sqrt((r[:, :, 0] < RADIUS).sum() / np.pi)
     return r[:, :, 0], u[:, :, middle] - u[:, :, middle - 1] + spacing, float(cut)
 
@@ -70,7 +70,7 @@ def draw_profile(
     what: str,
     picture: Path,
 ) -> None:
-    """Draw what is found at the distances r from the middle of a disc beside what is exact, over that in the middle."""
+    """Draw computed and exact values at the distances r from the middle of a disc, over the exact value there."""
     from farhorizon.pictures.curves import curve_panels
 
     places, first = np.unique(np.round(r, 9), return_index=True)
@@ -84,7 +84,7 @@ def draw_profile(
 
 @validation("penny-crack", HEAT, "heat that flows around an insulating penny-shaped crack")
 def penny(folder: Path) -> Outcome:
-    """The jump in the middle, and along the radius."""
+    """The jump in the middle and along the radius."""
     ratios = []
     for spacing in SPACINGS:
         r, found, radius = jump(spacing)

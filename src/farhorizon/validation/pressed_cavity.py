@@ -1,14 +1,15 @@
-r"""A spherical cavity in an infinite solid under a pressure that comes to stay: its wave, and the static field.
+r"""Spherical cavity in an infinite solid under a permanent pressure: the wave and the static field.
 
-Under a pressure p that begins at once the displacement is radial,
+Under a pressure p that is applied suddenly the displacement is radial,
 
 .. math:: u_r = -\frac{\dot F(T)}{c r} - \frac{F(T)}{r^2}, \quad T = t - \frac{r - a}{c}, \quad
    F = -\frac{p\,a}{\rho(\alpha^2 + \omega^2)}\left[1 - e^{-\alpha T}\left(\cos\omega T +
    \frac{\alpha}{\omega}\sin\omega T\right)\right],
 
-with :math:`\alpha = \frac{c}{a}\frac{1 - 2\nu}{1 - \nu}` and :math:`\omega = \frac{c}{a}\frac{\sqrt{1 - 2\nu}}{1 -
-\nu}` (Sharpe, 1942, Geophysics 7, 144; Blake, 1952, J. Acoust. Soc. Am. 24, 211), and for good
-:math:`p\,a^3/(4\mu r^2)`. The pressure here rises smoothly, which is a sum of such steps.
+with :math:`\alpha = \frac{c}{a}\frac{1 - 2\nu}{1 - \nu}` and
+:math:`\omega = \frac{c}{a}\frac{\sqrt{1 - 2\nu}}{1 - \nu}` (Sharpe, 1942, Geophysics 7, 144; Blake, 1952, J. Acoust.
+Soc. Am. 24, 211), and eventually :math:`p\,a^3/(4\mu r^2)`. Here the pressure rises smoothly, which is a superposition
+of such steps.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ SHARPE = "Sharpe (1942), The production of elastic waves by explosion pressures"
 RADIUS = 1.0
 RISE = 1.0  # time in which the pressure rises to 1
 PRESSURE = Step(RISE)
-HALF = 2.25  # half the near field
-NEAREST = 1.5  # distance from which on the field is looked at: a horizon of the coarse lattice beyond the rim
+HALF = 2.25  # half width of the near field
+NEAREST = 1.5  # smallest distance at which the field is compared: a horizon of the coarse lattice beyond the rim
 SPACINGS = (1 / 6, 1 / 12)
 PASSING, STATIC = 2.5, 16.0
 
@@ -45,9 +46,9 @@ def exact(r: np.ndarray, t: float, model: Elastic, radius: float) -> np.ndarray:
     speed, share = model.p_speed, 1 - 2 * model.poisson
     decay, frequency = speed / radius * np.array([share, np.sqrt(share)]) / (1 - model.poisson)
     nodes, weights = np.polynomial.legendre.leggauss(80)
-    began = np.clip(t - (r - radius) / speed, 0.0, RISE)[:, None] / 2  # steps that have come to r
+    began = np.clip(t - (r - radius) / speed, 0.0, RISE)[:, None] / 2  # steps that have arrived at r
     steps = (nodes + 1) * began
-    share_of = weights * began * (1 - np.cos(2 * np.pi * steps / RISE)) / RISE  # the rate of the pressure
+    share_of = weights * began * (1 - np.cos(2 * np.pi * steps / RISE)) / RISE  # rate of the pressure
     late = t - (r[:, None] - radius) / speed - steps
     fading = np.exp(-decay * late)
     size = -radius / (model.density * (decay**2 + frequency**2))
@@ -57,13 +58,13 @@ def exact(r: np.ndarray, t: float, model: Elastic, radius: float) -> np.ndarray:
 
 
 def solid(spacing: float) -> Elastic:
-    """Of all materials this one has the stiffest faces."""
+    """Correspondence solid: of all materials it has the stiffest faces."""
     kernel = Kernel(1.5 * spacing, exponent=1)
     return Elastic(kernel, young=1.0, poisson=0.3, material="correspondence", stabilisation=0.5)
 
 
 def run(spacing: float) -> tuple[Simulation, float]:
-    """The solid before its first step, and the radius of a ball as large as what is missing of the lattice."""
+    """Simulation before its first step, and radius of a ball with the volume of the hole in the lattice."""
     half = (round(HALF / spacing) - 0.5) * spacing
     hole = Ball(RADIUS)
     lattice = Lattice(spacing, (-half,) * 3, (half,) * 3, body=Box((-2 * HALF,) * 3, (2 * HALF,) * 3) - hole)
@@ -76,7 +77,7 @@ def run(spacing: float) -> tuple[Simulation, float]:
 
 @validation("pressed-cavity", SHARPE, "a spherical cavity that is pressed open, to the static limit", "a minute")
 def pressed_cavity(folder: Path) -> Outcome:
-    """A correspondence solid; the rim of the cavity is a staircase."""
+    """The solid is a correspondence material, and the rim of the cavity is a staircase."""
     from farhorizon.pictures.curves import curve_panels
 
     runs = []

@@ -1,6 +1,6 @@
-r"""Cracks that are held open by a pressure on their faces, until all waves have left.
+r"""Cracks held open by a pressure on their faces, until all waves have left.
 
-A straight crack of length 2a in the plane, and a penny-shaped one of radius a in space, open elliptically:
+A straight crack of length 2a in 2D and a penny-shaped one of radius a in 3D open elliptically:
 
 .. math:: \frac{4 (1 - \nu^2)\,p}{E}\sqrt{a^2 - x^2}, \quad K_I = p\sqrt{\pi a}; \qquad
    \frac{8 (1 - \nu^2)\,p}{\pi E}\sqrt{a^2 - r^2}, \quad K_I = 2p\sqrt{a / \pi}
@@ -32,24 +32,24 @@ from farhorizon.validation.validations import validation
 
 SNEDDON = "Griffith (1921); Sneddon (1946), The distribution of stress in the neighbourhood of a crack"
 SIZE = 4.0  # half length, and radius
-TURN = 0.4  # of the straight crack against the lattice
+TURN = 0.4  # angle of the straight crack to the lattice, in radians
 YOUNG, POISSON = 1.0, 0.25  # bond-based, plane strain
 SPACINGS = (0.25, 0.125)
-COARSE = (1.0, 0.5)  # of the penny
+COARSE = (1.0, 0.5)  # spacings for the penny-shaped crack
 
 
 def griffith_opening(x: np.ndarray) -> np.ndarray:
-    """Exact opening at the distances x from the middle, under a unit pressure."""
+    """Exact opening of the straight crack at the distances x from the middle, under a unit pressure."""
     return np.asarray(4 * (1 - POISSON**2) / YOUNG * np.sqrt(np.maximum(SIZE**2 - x**2, 0.0)))
 
 
 def penny_opening(r: np.ndarray, radius: float) -> np.ndarray:
-    """Exact opening at the distances r from the middle, under a unit pressure."""
+    """Exact opening of the penny-shaped crack at the distances r from the middle, under a unit pressure."""
     return np.asarray(8 * (1 - POISSON**2) / (np.pi * YOUNG) * np.sqrt(np.maximum(radius**2 - r**2, 0.0)))
 
 
 def straight(spacing: float) -> tuple[Simulation, Polyline, StressIntensity, StressIntensity]:
-    """A straight crack at rest under a unit pressure, and what was recorded between two pairs of circles."""
+    """A straight crack at rest under a unit pressure, and K recorded between two pairs of circles."""
     half = 2 * SIZE - spacing / 2
     lattice = Lattice(spacing, (-half, -half), (half, half))
     model = Elastic(Kernel(2 * spacing, exponent=1), young=YOUNG)
@@ -100,8 +100,8 @@ def griffith(folder: Path) -> Outcome:
 
 
 def penny_at_rest(spacing: float, **material: Any) -> tuple[np.ndarray, np.ndarray, float]:
-    """Distances from the middle of the nodes beside a penny-shaped crack, how far its faces are apart there, and the
-    radius of a disc as large as what is cut of the lattice; of bonds, or of such a material.
+    """Distances from the middle of the nodes beside a penny-shaped crack, its opening there, and the radius of a disc
+    with the area of the cut in the lattice; the solid is bond-based unless a material is given.
     """
     model = Elastic(Kernel(2 * spacing, exponent=1), young=YOUNG, **material)
     reach = spacing * model.stencil(spacing, 3).reach[2]
@@ -120,7 +120,7 @@ def penny_at_rest(spacing: float, **material: Any) -> tuple[np.ndarray, np.ndarr
 
 @validation("penny-pressure", SNEDDON, "a pressurised penny-shaped crack, to the static limit")
 def penny_pressure(folder: Path) -> Outcome:
-    """The opening in the middle, and K from it."""
+    """The opening in the middle, and K derived from the opening."""
     rows = []
     for spacing in COARSE:
         r, found, radius = penny_at_rest(spacing)

@@ -1,19 +1,19 @@
-r"""Cracks that a wave hits: the stress intensity factor from the first moment to the static one.
+r"""Cracks hit by a wave: the stress intensity factor from the first moment to the static limit.
 
-A wave whose stress :math:`\tau(t)` rises within a short time falls at right angles on a crack of length 2a. What the
-crack adds to it is the field of a crack whose faces are loaded with that stress. Until a signal of the other tip
-arrives, each tip is that of a half-plane crack, and its K under a step :math:`\tau` is
+A wave whose stress :math:`\tau(t)` rises within a short time is normally incident on a crack of length 2a. The
+scattered field is that of a crack whose faces are loaded with this stress. Until a signal of the other tip arrives,
+each tip behaves as that of a half-plane crack, and its K under a step :math:`\tau` is
 
 .. math:: K_{III} = 2\tau\sqrt{\frac{2ct}{\pi}}, \qquad
    K_I = \frac{2\sqrt{1 - 2\nu}}{1 - \nu}\,\tau\sqrt{\frac{c_Pt}{\pi}}
 
-(Freund, 1990, Dynamic fracture mechanics; Achenbach, 1973, Wave propagation in elastic solids). In mode III even the
-faces are known: by Chaplygin's transformation each moves with
+(Freund, 1990, Dynamic fracture mechanics; Achenbach, 1973, Wave propagation in elastic solids). In mode III the motion
+of the faces is also known: by Chaplygin's transformation each moves with the velocity
 
-.. math:: \dot w(r, t) = \frac{2c}{\pi\mu}\arcsin\sqrt{\min(1, r/ct)} .
+.. math:: \dot w(r, t) = \frac{2c\,\tau}{\pi\mu}\arcsin\sqrt{\min(1, r/ct)} .
 
-When all waves have left, :math:`K = \tau\sqrt{\pi a}`: what no run with edges comes to, and here needs no artificial
-damping.
+When all waves have left, :math:`K = \tau\sqrt{\pi a}`. A run with edges does not reach this limit; here it is reached
+without artificial damping.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ YOUNG, POISSON = 1.0, 0.25  # bond-based, plane strain
 
 
 def opening(r: np.ndarray, t: float) -> np.ndarray:
-    """Exact distance between the faces at the distances r from a tip that knows nothing of the other one."""
+    """Exact opening at the distances r from a tip before a signal of the other one arrives."""
     nodes, weights = np.polynomial.legendre.leggauss(400)
     s, ds = (nodes + 1) * t / 2, weights * t / 2
     late = np.maximum(t - s, 1e-300)
@@ -56,7 +56,7 @@ def opening(r: np.ndarray, t: float) -> np.ndarray:
 
 
 def intensity(t: float, step: Callable[[np.ndarray], np.ndarray]) -> float:
-    """Exact K of such a tip under the stress, from that under a step of stress by superposition."""
+    """Exact K of such a tip under the stress, by superposition of the K under steps of stress."""
     nodes, weights = np.polynomial.legendre.leggauss(400)
     s, ds = (nodes + 1) * min(t, RISE) / 2, weights * min(t, RISE) / 2
     rate = (1 - np.cos(2 * np.pi * s / RISE)) / RISE
@@ -64,22 +64,22 @@ def intensity(t: float, step: Callable[[np.ndarray], np.ndarray]) -> float:
 
 
 def shear_step(t: np.ndarray) -> np.ndarray:
-    """K of mode III under a step of unit stress, for unit modulus and speed."""
+    """K of mode III under a step of unit stress, for unit shear modulus and wave speed."""
     return 2 * np.sqrt(2 * t / np.pi)
 
 
 def pressure_step(way: np.ndarray) -> np.ndarray:
-    """K of mode I under a step of unit stress when P waves have come so far."""
+    """K of mode I under a step of unit stress after P waves have travelled the distance `way`."""
     return 2 * np.sqrt(1 - 2 * POISSON) / (1 - POISSON) * np.sqrt(way / np.pi)
 
 
 def measured_intensity(r: np.ndarray, found: np.ndarray, stiffness: float = 2.0) -> float:
-    """K from the opening of the quarter of the half length next to the tip; of mode III unless a stiffness is given."""
+    """K from the opening within a quarter of the half length of the tip; of mode III unless a stiffness is given."""
     return opening_intensity(r, found, stiffness, (3 * abs(r[1] - r[0]), HALF_LENGTH / 4))
 
 
 def sheared(spacing: float, until: float) -> Simulation:
-    """A crack in a membrane before its faces are loaded; it runs between two rows of nodes."""
+    """Crack between two rows of nodes of a membrane, before its faces are loaded."""
     lattice = Lattice(spacing, (-HALF_LENGTH - 2.0, spacing / 2 - 4.0), (HALF_LENGTH + 2.0, 4.0 - spacing / 2))
     x, y = lattice.coordinates()
     loaded = (np.abs(x) <= HALF_LENGTH + 1e-9) & (np.abs(y) < spacing)
@@ -94,8 +94,8 @@ def sheared(spacing: float, until: float) -> Simulation:
 
 
 def faces(sim: Simulation) -> tuple[np.ndarray, np.ndarray]:
-    """Distances from the right tip of the nodes along the crack, and how far the rows of nodes on both sides of it are
-    apart, in the direction in which the load moves them.
+    """Distances from the right tip of the nodes along the crack, and the displacement jump between the rows of nodes on
+    both sides of it, in the direction of the load.
     """
     x, y = sim.lattice.axes
     middle = len(y) // 2
@@ -106,18 +106,18 @@ def faces(sim: Simulation) -> tuple[np.ndarray, np.ndarray]:
 
 @validation("mode-three", CRACK, "a shear wave hits a crack: K to the static limit", "a minute")
 def mode_three(folder: Path) -> Outcome:
-    """Opening before the tips know of each other, and K at several times."""
+    """Opening before the tips interact, and K at several times."""
     from farhorizon.pictures.curves import curve_panels
 
     rows, errors, limits, panels = [], [], [], []
-    times = (4.0, 8.0, 12.0)  # a signal of the other tip takes 16
+    times = (4.0, 8.0, 12.0)  # a signal of the other tip arrives at 16
     for spacing in SPACINGS:
         sim, apart = sheared(spacing, STATIC), []
         for t in times:
             sim.run(t, progress=False)
             r, found = faces(sim)
             since = sim.time
-            found += spacing * STRESS(since)  # the faces lie half a spacing beyond the rows, with the load between
+            found += spacing * STRESS(since)  # the faces lie half a spacing beyond the rows, and the load acts between
             wanted = opening(r, since)
             alone = r < 2 * HALF_LENGTH - since
             apart.append(np.abs(found - wanted)[alone & (r > HALF_LENGTH / 8)].max() / wanted.max())
@@ -146,10 +146,10 @@ def mode_three(folder: Path) -> Outcome:
 
 
 def opened(spacing: float, half: tuple[float, float]) -> tuple[Simulation, float]:
-    """A crack in a bond-based solid before its faces are pressed apart, in a near field of such half edges, and the
-    speed of P waves.
+    """Crack in a bond-based solid before its faces are pressed apart, in a near field with the half widths `half`, and
+    the speed of P waves.
 
-    What presses them is the incident wave's stress for a strain along its way alone.
+    The load is the stress of the incident wave, whose only strain is that along its direction.
     """
     model = Elastic(Kernel(2 * spacing, exponent=1), young=YOUNG)
     lattice = Lattice(spacing, (-half[0], spacing / 2 - half[1]), (half[0], half[1] - spacing / 2))
@@ -166,9 +166,9 @@ def pulled_intensity(sim: Simulation) -> float:
 
 @validation("mode-one", CRACK, "a pressure wave hits a crack: K to the static limit", "a minute")
 def mode_one(folder: Path) -> Outcome:
-    """K at several times, in the end, and how little of it the near field's size decides.
+    """K at several times and at the end, and its dependence on the size of the near field.
 
-    K is read off the quarter of the half length next to the tip; before ct = 6 Rayleigh waves have not passed it.
+    K is determined from the quarter of the half length next to the tip, which Rayleigh waves have passed by ct = 6.
     """
     from farhorizon.pictures.curves import curve_panels
 

@@ -1,26 +1,28 @@
-r"""Waves at the free surface of a half-space, from a source below it and from one on it.
+r"""Waves at the free surface of a half-space, from a source below it and from a source on it.
 
-Garvin's problem. At the depth h below the surface z = 0 of a half-plane a line of charges goes off, the body force
-:math:`b = -M(t)\,\nabla\delta`. Its P wave and what the surface sends back are sums of plane waves
-:math:`e^{s(ipx - ah)}` of slowness p, with :math:`a = \sqrt{p^2 + \alpha^{-2}}`,
-:math:`b = \sqrt{p^2 + \beta^{-2}}` and the Rayleigh function :math:`R = (p^2 + b^2)^2 - 4p^2ab`.
-In Laplace's s the surface is displaced by
+Garvin's problem. A line of charges explodes at the depth h below the surface z = 0 of a half-plane, which is the body
+force :math:`b = -M(t)\,\nabla\delta`. Its P wave and the waves that the surface reflects are sums of plane waves
+:math:`e^{s(ipx - ah)}` of slowness p, with :math:`a = \sqrt{p^2 + \alpha^{-2}}`, :math:`b = \sqrt{p^2 + \beta^{-2}}`
+and the Rayleigh function :math:`R = (p^2 + b^2)^2 - 4p^2ab`. In terms of the Laplace variable s the displacement of the
+surface is
 
 .. math:: \begin{pmatrix} \bar u_x \\ \bar u_z \end{pmatrix} = \frac{s\bar M}{4\pi\rho\alpha^2\beta^2}
    \int_{-\infty}^\infty \frac{2}{R} \begin{pmatrix} -2ipb \\ p^2 + b^2 \end{pmatrix} e^{s(ipx - ah)}\,dp ,
 
-z and :math:`u_z` upwards. On the path on which :math:`ah - ipx = t` is real,
+with z and :math:`u_z` upwards. On the path on which :math:`ah - ipx = t` is real,
 
 .. math:: p = \frac{ixt + h\sqrt{t^2 - r^2/\alpha^2}}{r^2}, \qquad r^2 = x^2 + h^2 ,
 
 the integral is a Laplace transform by inspection, and the displacement is :math:`\dot M` convolved with twice the real
-part of the integrand times :math:`dp/dt` (Garvin, 1956, by the method of Cagniard and de Hoop). With
-:math:`t = (r/\alpha)\cosh\theta` it is smooth. For good it is :math:`4(1 - \nu)` times that of the infinite solid.
+part of the integrand times :math:`dp/dt` (Garvin, 1956, by the method of Cagniard and de Hoop). The substitution
+:math:`t = (r/\alpha)\cosh\theta` makes the integrand smooth. The static displacement is :math:`4(1 - \nu)` times that
+in the infinite solid.
 
-Lamb's problem. A point of the surface of a half-space in three dimensions is pressed with the force :math:`P(t)`. With
-Poisson's ratio 1/4 a step of it moves the surface at the distance r by :math:`\frac{P}{\mu r}\,G(\beta t/r)`, where G
-is algebraic between the arrivals of P, S and Rayleigh waves, the last at :math:`q_R = \sqrt{3/4 + \sqrt3/4}`
-(Pekeris, 1955): see `pressed_step`. Its root before :math:`q_R` becomes smooth by :math:`q = q_R - v^2`.
+Lamb's problem. The force :math:`P(t)` presses on a point of the surface of a half-space in three dimensions. For
+Poisson's ratio 1/4, a step of it displaces the surface at the distance r by :math:`\frac{P}{\mu r}\,G(\beta t/r)`,
+where G is algebraic between the arrivals of P, S and Rayleigh waves, the last at :math:`q_R = \sqrt{3/4 + \sqrt3/4}`
+(Pekeris, 1955): see `pressed_step`. The substitution :math:`q = q_R - v^2` removes its root singularity before
+:math:`q_R`.
 """
 
 from __future__ import annotations
@@ -42,29 +44,29 @@ from farhorizon.studies.collection import Outcome, Row
 from farhorizon.validation.validations import validation
 
 BLAST = "Garvin (1956), Exact transient solution of the buried line source problem"
-DEPTH = 1.0  # of the charge
-RISE = 1.0  # time in which its moment rises to 1; S waves run a depth in it
-PLACES = (0.0, 0.5, 1.0, 2.0, 3.0, 4.0)  # along the surface, from the point above it
-MARGIN = 0.6  # of the near field around them
+DEPTH = 1.0  # of the charges, h
+RISE = 1.0  # time in which their moment rises to 1, and S waves travel the distance h
+PLACES = (0.0, 0.5, 1.0, 2.0, 3.0, 4.0)  # x of the receivers on the surface; x = 0 is above the charges
+MARGIN = 0.6  # of the near field around charges and receivers
 UNTIL = 8.0
-SPACINGS = (0.05, 0.025)  # 20 and 40 nodes on the way of S waves in the rise
-#: Rows of nodes below a free surface, which is half a spacing above the first, and what extrapolates them to it.
+SPACINGS = (0.05, 0.025)  # S waves travel 20 and 40 nodes during the rise
+#: Weights that extrapolate the first rows of nodes to the free surface, which is half a spacing above the first row.
 SURFACE = np.array([15.0, -10.0, 3.0]) / 8
 
 
 def solid(kernel: Kernel, stabilisation: float) -> Elastic:
-    """Of Poisson's ratio 1/4, with S waves of speed 1 and density 1; its surfaces are of second order."""
+    """Solid with Poisson's ratio 1/4, S wave speed 1 and density 1, whose free surfaces are of second order."""
     return Elastic(kernel, shear=1.0, poisson=0.25, material="correspondence", stabilisation=stabilisation)
 
 
 def rising(t: np.ndarray) -> np.ndarray:
-    """Rate of the load at times within its rise."""
+    """Rate of the load at times during its rise."""
     return (1 - np.cos(2 * np.pi * t / RISE)) / RISE
 
 
 def buried_blast(x: float, times: np.ndarray, speeds: tuple[float, float], density: float) -> np.ndarray:
-    """Horizontal and upward displacement of the surface at the distance x, shape (2, n), from the speeds of P and S
-    waves.
+    """Exact horizontal and upward displacement of the surface at the distance x, shape (2, n); `speeds` are those of P
+    and S waves.
     """
     alpha, beta = speeds
     distance = np.hypot(x, DEPTH)
@@ -85,7 +87,7 @@ def buried_blast(x: float, times: np.ndarray, speeds: tuple[float, float], densi
 
 
 def run_blast(spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times, and displacements of the surface at the places, shape (places, 2, times)."""
+    """Times, and displacements of the surface at PLACES, shape (places, 2, times)."""
     top = -spacing / 2
     rows = top - spacing * np.arange(len(SURFACE))
     points = [(x, z) for x in PLACES for z in rows]
@@ -101,7 +103,7 @@ def run_blast(spacing: float) -> tuple[np.ndarray, np.ndarray]:
 
 @validation("garvin", BLAST, "the surface of a half-space above a buried line of charges", "ten seconds")
 def garvin(folder: Path) -> Outcome:
-    """All waves at the surface: P, the S waves that it becomes, and Rayleigh waves."""
+    """All waves at the surface: P waves, the S waves converted from them, and Rayleigh waves."""
     from farhorizon.pictures.curves import curve_panels
 
     rows, errors = [], []
@@ -123,14 +125,14 @@ def garvin(folder: Path) -> Outcome:
 
 
 LAMB = "Pekeris (1955), The seismic surface pulse"
-AWAY = 1.0  # distance along the surface from the load: as far as S waves run in the rise
-PRESSED = 2.4  # time until which it is pressed
+AWAY = 1.0  # distance along the surface from the load, which S waves travel during the rise
+PRESSED = 2.4  # end of the run
 ROOT = np.sqrt(3.0)
 RAYLEIGH = float(np.sqrt(0.75 + ROOT / 4))  # slowness of Rayleigh waves over that of S waves
 
 
 def pressed_step(q: np.ndarray) -> np.ndarray:
-    """G at times q of S waves from the load to the place."""
+    """G at times q, in units of the travel time of S waves."""
     square = np.asarray(q, float) ** 2
 
     def root(constant: float, distance: np.ndarray) -> np.ndarray:
@@ -143,14 +145,15 @@ def pressed_step(q: np.ndarray) -> np.ndarray:
 
 
 def pressed(r: float, times: np.ndarray) -> np.ndarray:
-    """Displacement of the surface along the force, at the distance r, for unit force, modulus and speed of S waves."""
+    """Exact displacement of the surface along the force at the distance r, for unit force, shear modulus and S wave
+    speed."""
     nodes, weights = np.polynomial.legendre.leggauss(200)
     part, weights = (1 - nodes) / 2, weights / 2
     found = np.zeros(len(times))
     for start, end in ((1 / ROOT, 1.0), (1.0, RAYLEIGH), (RAYLEIGH, np.inf)):
         first = np.maximum(start, (times - RISE) / r)[:, None]
         last = np.maximum(np.minimum(end, times / r)[:, None], first)
-        # the points lie closer towards the end, so that the root there becomes smooth
+        # the points are denser towards the end, where the integrand has a root singularity
         q = last - (last - first) * part**2
         step = (last - first) * 2 * part * weights
         found += (rising(times[:, None] - r * q) * pressed_step(q) * step).sum(1)
@@ -158,16 +161,16 @@ def pressed(r: float, times: np.ndarray) -> np.ndarray:
 
 
 def run_pressed(spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times, and displacement of the surface along the force."""
+    """Times, and computed displacement of the surface along the force."""
     wide, top = round(0.25 / spacing) * spacing, -spacing / 2
     rows = top - spacing * np.arange(len(SURFACE))
     surface = Receivers([(AWAY, 0.0, z) for z in rows], interpolation="linear")
     lattice = Lattice(spacing, (-wide, -wide, top - 1.6 * wide), (AWAY + wide, wide, top))
     force = np.zeros((3, *lattice.shape))
-    # what extrapolates the field to the surface is, by reciprocity, a force on the surface
+    # by reciprocity, the weights that extrapolate the field to the surface also represent a force on it
     force[(2, *lattice.index((0.0, 0.0, top))[:2])][-1 : -1 - len(SURFACE) : -1] = -SURFACE / spacing**3
     sides = {"all": LatticePML(nodes=10), "z+": Free()}
-    model = solid(Kernel(spacing, exponent=0), 4 / 9)  # at which S waves have no dispersion of second order
+    model = solid(Kernel(spacing, exponent=0), 4 / 9)  # cancels the second-order dispersion of S waves
     source = Source(force, time=Step(RISE))
     Simulation(lattice, model, sides, sources=[source], observe=[surface]).run(PRESSED, progress=False)
     return surface.times, -surface.data["u"][..., 2] @ SURFACE
@@ -175,7 +178,7 @@ def run_pressed(spacing: float) -> tuple[np.ndarray, np.ndarray]:
 
 @validation("pekeris", LAMB, "the surface of a half-space beside a point that is pressed, in 3D", "a minute")
 def pekeris(folder: Path) -> Outcome:
-    """The displacement along the force, while the Rayleigh wave passes and apart from it."""
+    """Displacement along the force, while the Rayleigh wave passes, and before and after."""
     from farhorizon.pictures.curves import curve_panels
 
     rows, errors = [], []

@@ -1,16 +1,17 @@
-r"""The face of a half-space is heated at once: the wave that runs ahead of the heat.
+r"""Sudden heating of the face of a half-space: the wave that runs ahead of the heat.
 
-From t = 0 on the face x = 0, free of stress, is at the temperature :math:`T_0`; the heat diffuses inwards,
-:math:`T = T_0\,\mathrm{erfc}(x / 2\sqrt{\kappa t})`, and the solid, too inert to grow at once, sends out a wave of
-compression (Danilovskaya, 1950, Prikl. Mat. Mekh. 14, 316; without the heat that the deformation sets free). In units
-of the length :math:`\kappa / c`, of the time :math:`\kappa / c^2` and of the displacement :math:`\gamma T_0 \kappa / (M
-c)`, with the speed c of P waves, :math:`M = \rho c^2` and :math:`\gamma = E \alpha / (1 - 2\nu)`, the Laplace transform
-of the displacement is
+From t = 0 on, the stress-free face x = 0 has the temperature :math:`T_0`. The heat diffuses inwards,
+:math:`T = T_0\,\mathrm{erfc}(x / 2\sqrt{\kappa t})`, and the solid, whose inertia prevents immediate expansion, emits a
+compression wave (Danilovskaya, 1950, Prikl. Mat. Mekh. 14, 316; without the heat released by the deformation). In units
+of the length :math:`\kappa / c`, of the time :math:`\kappa / c^2` and of the displacement
+:math:`\gamma T_0 \kappa / (M c)`, with the speed c of P waves, :math:`M = \rho c^2` and
+:math:`\gamma = E \alpha / (1 - 2\nu)`, the Laplace transform of the displacement is
 
 .. math:: \hat u = \frac{e^{-px} - e^{-x\sqrt p} / \sqrt p}{p\,(1 - p)}
 
-With it, and the coupling constant :math:`\epsilon = \gamma^2 T_a / \rho c M` of the absolute temperature :math:`T_a`,
-there are two waves in the place of sound and heat, of the roots of :math:`(k^2 - p^2)(k^2 - p) = \epsilon\,p\,k^2`:
+With the heat released by the deformation, and the coupling constant :math:`\epsilon = \gamma^2 T_a / \rho c M` at the
+absolute temperature :math:`T_a`, two coupled waves replace sound and heat. They belong to the roots of
+:math:`(k^2 - p^2)(k^2 - p) = \epsilon\,p\,k^2`:
 
 .. math:: \hat u = -\frac{k_1 e^{-k_1 x} - k_2 e^{-k_2 x}}{p\,(k_1^2 - k_2^2)}
 """
@@ -35,19 +36,19 @@ from farhorizon.validation.validations import validation
 
 SHOCK = "Danilovskaya (1950), Thermal stresses in an elastic half-space due to a sudden heating of its boundary"
 POISSON = 0.25
-YOUNG = (1 + POISSON) * (1 - 2 * POISSON) / (1 - POISSON)  # so that M, and with the density 1 the speed c, are 1
+YOUNG = (1 + POISSON) * (1 - 2 * POISSON) / (1 - POISSON)  # so that M is 1, and with the density 1 also the speed c
 STRAIN = 1e-3  # gamma T0 / M
 EXPANSION = STRAIN * (1 - 2 * POISSON) / YOUNG
-DEPTH, UNTIL = 80.0, 100.0  # the front has left, the heat has come to the 4th part
+DEPTH, UNTIL = 80.0, 100.0  # by then the front has left, and the heat has reached a quarter of the depth
 SPACINGS = (0.4, 0.2)
-EARLY = 20.0  # the front is within
+EARLY = 20.0  # time at which the front is inside
 COUPLING, ABSOLUTE = 0.5, 300.0
-_TERMS, _FAR = 1 << 15, 9.2  # of the inverse transform, whose line is so far to the right that the next period is 1e-8
-_EVERY = 4  # nodes from one depth to the next at which the coupled solution is summed
+_TERMS, _FAR = 1 << 15, 9.2  # of the inverse transform: terms, and abscissa times `period` (aliases are 1e-8)
+_EVERY = 4  # nodes between the depths at which the coupled solution is computed
 
 
 def displacement(x: np.ndarray, t: float) -> np.ndarray:
-    """The exact one, in its unit.
+    """Exact displacement, in its unit.
 
     Parameters
     ----------
@@ -58,14 +59,14 @@ def displacement(x: np.ndarray, t: float) -> np.ndarray:
     """
     root, spread = np.sqrt(t), np.exp(-(x**2) / (4 * t))
     near, far = root - x / (2 * root), root + x / (2 * root)
-    # in erfcx of positive numbers, for exp(t) grows out of bounds; behind the front the exponentials cancel
+    # erfcx of positive numbers avoids exp(t), which overflows; behind the front the exponentials cancel
     beside = spread * erfcx(np.abs(near)) / 2
     wave = np.where(x < t, beside - 1, np.where(near > 0, beside - np.exp(np.minimum(t - x, 0)), -beside))
     return -(2 * root / np.sqrt(np.pi) * spread - x * erfc(x / (2 * root)) + wave + spread * erfcx(far) / 2)
 
 
 def coupled_displacement(x: np.ndarray, t: float, coupling: float) -> np.ndarray:
-    """The exact one where what is deformed heats, in its unit: the inverse transform along a line, to 1e-5.
+    """Exact displacement with coupling, in its unit: inverse Laplace transform along a line, accurate to 1e-5.
 
     Parameters
     ----------
@@ -90,7 +91,7 @@ def coupled_displacement(x: np.ndarray, t: float, coupling: float) -> np.ndarray
 
 
 def coupled_run(spacing: float, coupling: float = COUPLING) -> Simulation:
-    """The same layer of the half-space as `run`, as one model of both fields, whose face is heated at once."""
+    """The part of the half-space of `run` as one model of both fields, whose face is suddenly heated."""
     lattice, sides, kernel = _layer(spacing, -1.5 * spacing)
     capacity = ABSOLUTE * STRAIN**2 / coupling
     heat = Heat(kernel, specific_heat=capacity, conductivity=capacity, integrator="rk4")
@@ -99,7 +100,8 @@ def coupled_run(spacing: float, coupling: float = COUPLING) -> Simulation:
 
 
 def _layer(spacing: float, lower: float) -> tuple[Lattice, dict[str, Side], Kernel]:
-    """Its nodes from a depth on, its sides, and the bonds that conduct."""
+    """Lattice of the part of the half-space from the depth `lower` on, its sides, and the kernel of the conducting
+    bonds."""
     lattice = Lattice(spacing, (lower, -4 * spacing), (DEPTH - spacing / 2, 4 * spacing))
     return lattice, {"x-": Free(), "x+": LatticePML(nodes=24), "y": Periodic()}, Kernel(2 * spacing)
 
@@ -109,15 +111,15 @@ def _solid(spacing: float) -> Elastic:
 
 
 def run(spacing: float, computed: bool = False) -> Simulation:
-    """A layer of the half-space, periodic along its face, before its first step.
+    """Part of the half-space, periodic along its face, before the first step.
 
     Parameters
     ----------
     spacing : float
     computed : bool
-        The temperature is a run of its own, whose outermost nodes are held, not the exact one.
+        Compute the temperature in a run of its own, whose outermost nodes are held, instead of using the exact one.
     """
-    lower = -1.5 * spacing if computed else spacing / 2  # the wall is the inner edge of two layers that are held
+    lower = -1.5 * spacing if computed else spacing / 2  # the wall is the inner edge of two layers of held nodes
     lattice, sides, kernel = _layer(spacing, lower)
     heat = Setup(lattice, Diffusion(kernel, 1.0), sides, constraints=[Temperature("x-", 1.0)])
     load = ThermalLoad(heat if computed else temperature, EXPANSION, 0.0)
@@ -125,12 +127,12 @@ def run(spacing: float, computed: bool = False) -> Simulation:
 
 
 def temperature(x: np.ndarray, y: np.ndarray, t: float) -> np.ndarray:
-    """The exact one."""
+    """Exact temperature."""
     return np.asarray(erfc(x / (2 * np.sqrt(max(t, 1e-12)))) + 0 * y)
 
 
 def compared(sim: Simulation, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Run to a time; depths, the displacement there in its unit, and the exact one."""
+    """Run up to a time; return depths, and the computed and exact displacements there in their unit."""
     sim.run(time, progress=False)
     x = sim.lattice.axes[0]
     return x[x > 0], sim.fields["u"][0, x > 0, 4] / STRAIN, displacement(x[x > 0], sim.time)
@@ -138,8 +140,8 @@ def compared(sim: Simulation, time: float) -> tuple[np.ndarray, np.ndarray, np.n
 
 @validation("thermal-shock", SHOCK, "the face of a half-space is heated at once")
 def shock(folder: Path) -> Outcome:
-    """Bonds in plane strain; at t = 20 the front is inside, at t = 100 it has left through the layer. Then both fields
-    as one model, where the solid cools as it is stretched.
+    """Bond-based solid in plane strain: at t = 20 the front is inside, at t = 100 it has left through the layer. Then
+    both fields as one model, in which the solid cools as it is stretched.
     """
     from farhorizon.pictures.curves import curve_panels
 

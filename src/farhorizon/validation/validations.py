@@ -1,4 +1,4 @@
-"""Problems of unbounded media, computed beside their exact solutions: one module a kind of problem."""
+"""Problems in unbounded media compared with their exact solutions: one module per kind of problem."""
 
 from farhorizon.studies.collection import Collection
 
@@ -26,5 +26,5 @@ VALIDATIONS = Collection(
     ),
     "exact",
 )
-#: Decorator that enters a function into the list.
+#: Decorator that registers a function as a validation.
 validation = VALIDATIONS.enter

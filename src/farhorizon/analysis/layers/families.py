@@ -7,14 +7,14 @@ towards the side:
 - *steep*: little alpha. Travelling waves are reflected least: best below 1e-6 and in short runs.
 - *thin*: sigma as depth^(3/4), alpha rising as depth^4 to the outer end. The fewest nodes for 1e-3 to 1e-6.
 - *tuned*: for stencils with strong backward waves, as thin as the thin ones. Dampers absorb the backward waves by their
-frequency, which requires one medium along the whole side. For the weak backward waves of scalars in space, the other
-families with light dampers.
+  frequency, which requires one medium along the whole side. For the weak backward waves of scalars in space, the other
+  families with light dampers.
 - *short*: for the same stencils, whose damping by wavelength determines the reflection. sigma and damping rise
-together, and the filter of the damping reads few neighbours.
+  together, and the filter of the damping reads few neighbours.
 - *late*: made for the length T of a run. On the line Re s = 1/T a travelling, grazing, evanescent or static wave is one
-number C in (0, 1], and an edge with ``sigma = 2c/(h a)``, ``alpha = (1/a^2 - 1)/T`` reflects ``|C - a|/(C + a)``. The
-points a are those of Zolotarev's problem on the interval of the C that reach the side within T: for waveguides, long
-boxes, long runs.
+  number C in (0, 1], and an edge with ``sigma = 2c/(h a)``, ``alpha = (1/a^2 - 1)/T`` reflects ``|C - a|/(C + a)``. The
+  points a are those of Zolotarev's problem on the interval of the C that reach the side within T: for waveguides, long
+  boxes, long runs.
 """
 
 from __future__ import annotations
