@@ -122,7 +122,9 @@ class Waves:
         return np.array(found)
 
 
-def extent(medium: Waves, data: Sequence[Datum], sizes: Sequence[float], mirror: int, wanted: float) -> Extent:
+def extent(
+    medium: Waves, data: Sequence[Datum], sizes: Sequence[float], mirror: int, wanted: float, given: int | None = None
+) -> Extent:
     """The smallest number of nodes beyond a side for which a fixed edge at their end reflects less than an error.
 
     Parameters
@@ -138,6 +140,8 @@ def extent(medium: Waves, data: Sequence[Datum], sizes: Sequence[float], mirror:
         The opposite side: 1 free, -1 fixed, 0 open.
     wanted : float
         Target error.
+    given : int, optional
+        Number of nodes whose reflection is predicted, instead of the smallest one.
 
     Returns
     -------
@@ -145,14 +149,14 @@ def extent(medium: Waves, data: Sequence[Datum], sizes: Sequence[float], mirror:
     """
     until = medium.steps * medium.dt
     if medium.travel > _LONGEST:
-        return Extent(undisturbed(medium.stencil, medium.rate, medium.order, until), until)
+        return Extent(given or undisturbed(medium.stencil, medium.rate, medium.order, until), until)
     returns = np.zeros(1)
     for datum, size in zip(data, sizes, strict=True):
         found = _far(medium, datum, size, mirror, wanted)
         returns = np.maximum(*(np.pad(one, (0, max(found.size, returns.size) - one.size)) for one in (found, returns)))
     farthest = np.maximum.accumulate(returns[::-1])[::-1]  # the largest value at or beyond each place
     beyond = int(np.argmax(np.append(farthest, 0.0) <= _AIM * wanted))
-    nodes = max(1, -(-beyond // 2))
+    nodes = given or max(1, -(-beyond // 2))
     return Extent(nodes, until, float(np.append(farthest, 0.0)[min(2 * nodes, farthest.size)]))
 
 

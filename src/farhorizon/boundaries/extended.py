@@ -26,7 +26,8 @@ class Extended(Side):
         Desired error, for waves relative to the largest value, for diffusion relative to the largest value at the same
         time; unless given, that of the model: 1e-5, for elasticity 1e-4.
     nodes : int, optional
-        Fixes the number of nodes beyond the side.
+        Fixes the number of nodes beyond the side. Together with a target and the length of the run it is assessed: a
+        note tells how much may return if that is more than the target.
     until : float, optional
         Length of the run: in a case file its end, otherwise that of the first `run`.
 

@@ -305,7 +305,7 @@ def assembled(
     warm = frozenset() if share is not None else warm_sides(setup, sides, near.dt)
     everywhere = bool(found.waves or drives.unsplit or warm)  # a hot spot may be anywhere
     emitters = Emitters(near, sides, start, tuple(driving), everywhere, partial(heat_front, setup, warm))
-    around = extend(setup, found.around, emitters)
+    around = extend(setup, found.around, emitters, beyond.notes)
 
     states = states_of(setup, sides, near.variation.moduli is not None)
     margins = _margins(found, around, start, states, warm, team) | dict(margins_given or {})

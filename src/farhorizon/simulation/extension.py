@@ -13,7 +13,7 @@ from farhorizon.analysis.layers.side_data import Datum
 from farhorizon.machine import available_memory
 from farhorizon.simulation.drives import Drive
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.setup import Key, Setup, Sides
+from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.start import Start
 from farhorizon.simulation.surroundings import Surroundings, enlarged, memory_needed, too_large
 
@@ -42,7 +42,9 @@ class Emitters:
     everywhere: bool
     front: Callable[[float, float], int]
 
-    def extents_for(self, wanted: Mapping[Key, float], until: float) -> dict[Key, Extent]:
+    def extents_for(
+        self, wanted: Mapping[Key, float], until: float, given: Mapping[Key, int] | None = None
+    ) -> dict[Key, Extent]:
         """Return how far the medium must be computed beyond some sides so that nothing returns during a run.
 
         Parameters
@@ -51,6 +53,8 @@ class Emitters:
             Wanted error of each side.
         until : float
             Length of the run.
+        given : mapping of (axis, side) to int, optional
+            Numbers of nodes for which it is predicted what returns, instead of those that are needed.
 
         Raises
         ------
@@ -61,7 +65,8 @@ class Emitters:
         steps = max(1, int(np.ceil(until / near.dt - 1e-9)))
         fastest = near.fastest_rate * (1 + (0.0 if near.coupling is None else near.coupling.stiffening))
         medium = Waves(stencil, fastest, model.integrator, near.dt, model.damping, steps)
-        least = {key: max(0, int(medium.front - lattice.shape[key[0]]) // 2) for key in wanted}
+        fixed = given or {}
+        least = {key: max(0, int(medium.front - lattice.shape[key[0]]) // 2) for key in wanted if key not in fixed}
         if enlarged(lattice.shape, least) * stencil.components * 16 > available_memory():
             raise too_large(lattice.shape, least, stencil.components, 8)
         data = self._data(medium)
@@ -72,12 +77,16 @@ class Emitters:
             turned = [datum.turned(axis, side) for datum in data]
             mirror = self.sides[axis, -side].image
             normal = stencil.along(axis)
-            like = error, mirror, normal, *(datum.values.tobytes() for datum in turned)
+            like = error, mirror, normal, fixed.get((axis, side)), *(datum.values.tobytes() for datum in turned)
             if like not in known:
                 known[like] = replace(
-                    extent(replace(medium, stencil=normal), turned, sizes, mirror, error), until=until
+                    extent(replace(medium, stencil=normal), turned, sizes, mirror, error, fixed.get((axis, side))),
+                    until=until,
                 )
             one = known[like]
+            if (axis, side) in fixed:
+                found[axis, side] = one
+                continue
             # where absent bonds can close, they do so one reach before a fixed end, and waves are reflected there
             unclosed = stencil.reach[axis] if model.bond_law is not None and model.bond_law.contact else 0
             found[axis, side] = replace(one, nodes=max(one.nodes + unclosed, self.front(until, error)))
@@ -109,8 +118,9 @@ class Emitters:
         return found or [Datum(np.ones(lattice.shape), "u")]
 
 
-def extend(setup: Setup, around: Surroundings, emitters: Emitters) -> Surroundings:
-    """Choose how far the medium is computed beyond the sides that extend it.
+def extend(setup: Setup, around: Surroundings, emitters: Emitters, notes: list[str]) -> Surroundings:
+    """Choose how far the medium is computed beyond the sides that extend it, and assess numbers of nodes that are given
+    together with a target: `notes` receives warnings.
 
     Raises
     ------
@@ -119,13 +129,38 @@ def extend(setup: Setup, around: Surroundings, emitters: Emitters) -> Surroundin
     """
     near = emitters.near
     extended = {key: b for key, b in around.sides.items() if b.extended}
-    extents = {key: Extent(b.nodes, b.until or np.inf) for key, b in extended.items() if b.nodes is not None}
-    wanted = {key: b.wanted(near.model.target) for key, b in extended.items() if b.nodes is None}
+    given = {key: b for key, b in extended.items() if b.nodes is not None}
+    extents = {key: Extent(b.nodes, b.until or np.inf) for key, b in given.items()}
+    wanted = {key: b.wanted(near.model.target) for key, b in extended.items() if key not in given}
     lengths = {extended[key].until or near.crossing for key in wanted}
     if lengths:
         extents |= emitters.extents_for(wanted, max(lengths))
-    found = replace(around, extents=extents)
+    doubts = _too_near({key: b for key, b in given.items() if b.target and b.until}, emitters)
+    notes += doubts
+    found = replace(around, extents=extents, doubts=around.doubts + doubts)
     if extended and memory_needed(setup, near.stencil, found) > available_memory():
         nodes = {key: one.nodes for key, one in extents.items()}
         raise too_large(near.lattice.shape, nodes, near.stencil.components, np.dtype(setup.dtype).itemsize)
     return found
+
+
+def _too_near(given: Sides, emitters: Emitters) -> list[str]:
+    """Return a warning for each number of nodes from whose end more may return than the target of their sides."""
+    missed: dict[tuple[int, float, float], list[Key]] = {}
+    predicted: dict[Key, float] = {}
+    for until in sorted({b.until for b in given.values()}):
+        wanted = {key: b.target for key, b in given.items() if b.until == until}
+        fixed = {key: given[key].nodes for key in wanted}
+        for key, one in emitters.extents_for(wanted, until, fixed).items():
+            if one.predicted > wanted[key]:
+                missed.setdefault((one.nodes, wanted[key], until), []).append(key)
+                predicted[key] = one.predicted
+    doubts = []
+    for (nodes, target, until), keys in missed.items():
+        enough = emitters.extents_for(dict.fromkeys(keys, target), until)
+        doubts.append(
+            f"extended domain of {nodes} nodes ({', '.join(side_name(*key) for key in keys)}): "
+            f"up to {max(predicted[key] for key in keys):.1g} of the largest value may return, more than the target "
+            f"{target:g}; {max(one.nodes for one in enough.values())} nodes would meet it"
+        )
+    return doubts
