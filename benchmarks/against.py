@@ -1,10 +1,10 @@
-"""How long a step takes against another checkout, case by case, in one run.
+"""Time of a step compared with another checkout, case by case, in one run.
 
     python benchmarks/against.py ../other
     python benchmarks/against.py ../other "bar" --threads 2
 
-A process of each checkout holds the same set-ups; they advance in turn, a slice of a tenth of a second each, and the
-least time of each counts. A ratio below one says that this checkout is the faster one.
+One process per checkout holds the same set-ups. They advance in turn, by slices of a tenth of a second, and the
+smallest time of each counts. A ratio below one means that this checkout is faster.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-SLICE = 0.1  # seconds of one turn
+SLICE = 0.1  # seconds per turn
 
 
 def main() -> None:
@@ -43,7 +43,7 @@ def main() -> None:
 
 
 class _Worker:
-    """A process that advances set-ups with the sources of one checkout."""
+    """Process that advances set-ups with the sources of one checkout."""
 
     def __init__(self, checkout: Path, threads: int) -> None:
         env = os.environ | {"PYTHONPATH": str(checkout / "src"), "NUMBA_NUM_THREADS": str(threads)}
@@ -57,7 +57,7 @@ class _Worker:
         )
 
     def ask(self, name: str, steps: int) -> float:
-        """Seconds of some steps."""
+        """Seconds that a number of steps takes."""
         assert self.process.stdin is not None and self.process.stdout is not None
         self.process.stdin.write(f"{name};{steps}\n")
         self.process.stdin.flush()

@@ -1,10 +1,10 @@
 """Does the stability certificate agree with long runs from white noise?
 
 Random set-ups (boundaries, kernels, scalar fields and solids, dimensions, steps) are certified, then run from noise in
-the whole state. Two mistakes count: a certified set-up whose state grows, and a growing one that is certified;
-undecided ones are a weakness. Noise grows if the norm of the whole state, rigid motions of bodies that nothing holds
-taken out, is larger at the end than at two thirds of the run; where it grows by less than twofold the run goes on,
-since modes that are nearly alike add up before they decay.
+the whole state. A certified set-up whose noise grows and a not certified one whose noise decays are mistakes; undecided
+ones are a weakness. Noise grows if the norm of the whole state, without rigid motions of unsupported bodies, is larger
+at the end than at two thirds of the run. If it grows by less than a factor of two the run continues, since nearly equal
+modes may add up before they decay.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from farhorizon.engine.state import State
 
 SEED = 2026
 CASES = 72
-CROSSINGS = 200  # of a run, at least
-BUDGET = 60.0  # seconds a certificate; two threads that others share need most of them
-LONGEST = 20.0  # seconds that a run whose noise grows by little goes on
+CROSSINGS = 200  # least number in a run
+BUDGET = 60.0  # seconds per certificate; two threads on a shared machine need most of them
+LONGEST = 20.0  # seconds by which a run continues if its noise grows slowly
 
 
 def random_setup(random: np.random.Generator, dim: int) -> dict[str, Any]:
-    """A small set-up: wave, diffusion or elasticity of a kernel or a table, a boundary an axis or one for the whole
-    outline, a step.
+    """A small set-up: waves, diffusion or elasticity with a kernel or a stencil, a boundary for each axis or one for
+    the whole outline, and a time step.
     """
     reach = int(random.integers(1, {1: 9, 2: 5, 3: 3}[dim]))
     order = 1 if random.random() < 0.25 else 2
@@ -53,7 +53,7 @@ def random_setup(random: np.random.Generator, dim: int) -> dict[str, Any]:
     m = max(model.stencil(1.0, dim).reach)
     shape = [int(random.integers(2 * m + 1, {1: 40, 2: 2 * m + 8, 3: 2 * m + 4}[dim])) for _ in range(dim)]
     boundary: Any = {axis: random_side(random, dim, order, m, vectors) for axis in "xyz"[:dim]}
-    if not vectors and random.random() < 0.1:  # conditions along an outline close it all around
+    if not vectors and random.random() < 0.1:  # conditions along an outline enclose it completely
         shape = [n + 8 for n in shape]
         boundary = [fh.PlaneWave(), fh.Higdon(angles=(0, 45)), fh.FirstOrder()][random.integers(3)]
     return {
@@ -65,7 +65,7 @@ def random_setup(random: np.random.Generator, dim: int) -> dict[str, Any]:
 
 
 def random_solid(random: np.random.Generator, reach: int) -> fh.Elastic:
-    """Bonds, state-based material or finite elements."""
+    """A bond-based or state-based material, or finite elements."""
     material = str(random.choice(["bond-based", "state-based", "finite-element"]))
     poisson = None if material == "bond-based" else float(random.uniform(0.0, 0.4))
     kernel = (
@@ -77,7 +77,7 @@ def random_solid(random: np.random.Generator, reach: int) -> fh.Elastic:
 
 
 def random_side(random: np.random.Generator, dim: int, order: int, m: int, vectors: bool) -> Any:
-    """Mostly a layer: of default or, for scalar fields, random profile; else a plain side."""
+    """In most cases a layer, with the default profile or, for scalar fields, a random one; otherwise a plain side."""
     kind = random.choice(
         ["layer", "profile", "exact" if dim == 1 and order == 2 else "layer", "plain"], p=[0.45, 0.25, 0.1, 0.2]
     )
@@ -99,8 +99,9 @@ def random_side(random: np.random.Generator, dim: int, order: int, m: int, vecto
 
 
 def grows(sim: fh.Simulation) -> tuple[bool, float]:
-    """Whether noise grows over the last third of a long run, and the rate there; what grows by little is run on, as it
-    may be about to turn.
+    """Whether noise grows over the last third of a long run, and its growth rate there.
+
+    A run that grows slowly continues, because it may still turn to decay.
     """
     state = State(sim.engine)
     part = max(1, CROSSINGS * crossing_rounds(sim) // 6)
@@ -119,7 +120,7 @@ def grows(sim: fh.Simulation) -> tuple[bool, float]:
 
 
 def size(sim: fh.Simulation, state: State, x: np.ndarray) -> float:
-    """Norm of a state; a body that nothing holds drifts, and is measured without its mean."""
+    """Norm of a state; an unsupported body drifts, and its mean is subtracted."""
     if not all(isinstance(b, fh.Free | fh.Periodic) for b in sim.sides.values()):
         return float(np.linalg.norm(x))
     field = state.field(x)
@@ -127,7 +128,7 @@ def size(sim: fh.Simulation, state: State, x: np.ndarray) -> float:
 
 
 def make(setup: dict[str, Any]) -> fh.Simulation:
-    """The simulation; its dt is a part of the stable limit."""
+    """Simulation of a set-up, whose dt is given as a fraction of the step limit."""
     share = setup["dt"]
     limit = fh.Simulation(**{**setup, "dt": None}).step_limit
     sim = fh.Simulation(**{**setup, "dt": share * limit}, threads=1)
@@ -136,7 +137,7 @@ def make(setup: dict[str, Any]) -> fh.Simulation:
 
 
 def agreement(options: argparse.Namespace) -> list[dict[str, Any]]:
-    """One row a verdict: how many, how many grew, mistakes."""
+    """One row per verdict: numbers of set-ups whose noise grew and did not, and seconds."""
     random = np.random.default_rng(SEED)
     rows = {
         v: {"verdict": v, "set-ups": 0, "noise grew": 0, "did not": 0, "seconds": 0.0}

@@ -1,10 +1,10 @@
 """How long does `farhorizon check` take on the examples?
 
-Each example is checked with an empty cache of certificates and with compiled programs that are there (a first check
-makes them). To set it up takes as long for a run, the choice of its layers included. What the examination takes beyond
-that is set against the run: at most as long as that, or 5 seconds, and never above 30. The time of the run is that
-which `check` extrapolates from a few steps. "skipped" is how many parts of the certificate there was no time for;
-"known" what the first line of the report says of stability.
+Each example is checked with an empty cache of certificates, but with compiled programs (a first check compiles them).
+The set-up, including the choice of layers, takes as long for a run. The time of the check beyond that is compared with
+the run: it may take at most as long as the run, or 5 seconds, and never more than 30. The time of the run is the one
+that `check` extrapolates from a few steps. "skipped" is the number of parts of the certificate for which there was no
+time; "known" is the statement on stability in the first line of the report.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ NAMES = (
 
 
 def measure(options: argparse.Namespace) -> list[dict[str, Any]]:
-    """One row an example."""
+    """One row per example."""
     rows = []
     for name in NAMES:
         if not (EXAMPLES / f"{name}.toml").exists():

@@ -1,4 +1,4 @@
-"""What the benchmarks share: interleaved timing, bare engines, plain text tables and the --json option."""
+"""Common parts of the benchmarks: interleaved timing, bare engines, plain text tables and the --json option."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from farhorizon import Kernel, Stencil
 from farhorizon.engine.engine import Engine
 from farhorizon.medium.integrators import Verlet
 
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # for the triad, the only loop that OpenMP shares out
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # for the triad, the only loop that OpenMP distributes
 
-SLICE = 0.08  # seconds one timed call takes at least: long against the clock and a wake-up, short against load swings
+SLICE = 0.08  # shortest timed call in seconds: much longer than clock and wake-up, much shorter than changes of load
 
 
 def arguments(doc: str | None, *choices: str) -> argparse.Namespace:
@@ -43,10 +43,10 @@ def arguments(doc: str | None, *choices: str) -> argparse.Namespace:
 def run_parts(
     doc: str | None, parts: Mapping[str, tuple[str, Callable[[argparse.Namespace], list[dict[str, Any]]]]]
 ) -> None:
-    """The main function of a benchmark: runs the parts that the command line names, prints a table of each, writes the
-    JSON file.
+    """Main function of a benchmark: run the parts named on the command line, print a table of each, and write the JSON
+    file.
 
-    A part is a title and a function of the command line's options that returns rows.
+    A part is a title and a function that takes the options of the command line and returns rows.
     """
     given = arguments(doc, *parts)
     results: list[dict[str, Any]] = []
@@ -59,7 +59,7 @@ def run_parts(
 
 
 def machine() -> dict[str, Any]:
-    """What a reader needs to place absolute numbers, which mean little by themselves."""
+    """Facts about the machine, without which absolute numbers mean little."""
     return {
         "cpus": os.cpu_count(),
         "load": os.getloadavg()[0],
@@ -69,7 +69,7 @@ def machine() -> dict[str, Any]:
 
 
 def save(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write rows as JSON if a file is wanted."""
+    """Write rows as JSON if a file is given."""
     if path is not None:
         path.write_text(json.dumps({"machine": machine(), "rows": list(rows)}, indent=1) + "\n")
 
@@ -95,8 +95,8 @@ def interleaved(
 ) -> dict[str, list[float]]:
     """Seconds per step of each case, one list entry per round; every round runs every case once.
 
-    A case is called with a number of steps. On a busy machine ``clock=time.process_time`` leaves out what others take,
-    for one thread. The first calls warm up and set the number so that one takes `SLICE`.
+    A case is called with a number of steps. On a busy machine ``clock=time.process_time`` excludes the time of other
+    processes, for one thread. The first calls warm up, and set this number such that a call takes `SLICE`.
     """
     counts = {}
     for name, case in cases.items():
@@ -118,7 +118,7 @@ def interleaved(
 
 
 def ratio(times: Mapping[str, list[float]], above: str, below: str) -> float:
-    """Median over rounds of the ratio of two cases: load that lasts a round cancels."""
+    """Median over rounds of the ratio of two cases; load that lasts for a round cancels."""
     return statistics.median(a / b for a, b in zip(times[above], times[below], strict=True))
 
 
@@ -135,8 +135,8 @@ def kernel_stencil(dim: int, m: int, volume: str = "ramp") -> Stencil:
 def bare_engine(
     stencil: Stencil, core: Sequence[int], threads: int, real: str = "float64", lasting: bool = False
 ) -> Engine:
-    """Wave engine without layers, cuts and sources; half the stable step, noise as data so that nothing becomes
-    denormal.
+    """Wave engine without layers, cuts and sources, with half the stable step and noise as data, which prevents
+    denormal numbers.
     """
     lead = 3 - stencil.dim
     offsets = np.zeros((len(stencil.weights), 3), int)
@@ -158,7 +158,7 @@ def bare_engine(
 
 
 def steps(engine: Engine) -> Callable[[int], None]:
-    """The engine's compiled loop as a timing case: no sources."""
+    """Compiled loop of an engine without sources as a timing case."""
     nodes, fields = np.zeros(0, np.int64), np.zeros((0, 0), engine.dtype)
 
     def run(count: int) -> None:

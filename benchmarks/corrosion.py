@@ -1,19 +1,18 @@
-"""What a corrosion step costs beside that of plain diffusion.
+"""Cost of a corrosion step compared with that of plain diffusion.
 
 Measures, in one process with interleaved repeats (medians of the ratios of a round), one forward Euler step in 2D, m =
 2 (20 neighbours, the linear volume correction), on periodic squares:
 
-- share: metal around a disc of liquid that holds 10 %, 30 % or 60 % of the nodes, against the same square all liquid.
-  Target for 10 %: 0.6.
-- fronts: the letters of Shojaei et al. (2020), example 2, whose 201^2 nodes are nearly all within reach of a front, and
-  a field of small discs: what bonds looked at one by one cost. And what phases cost where all is liquid, against
-  `Diffusion`.
+- share: metal around a disc of liquid that contains 10 %, 30 % or 60 % of the nodes, against the same square without
+  metal. Target for 10 %: 0.6.
+- fronts: squares with one disc (201^2 nodes) and with many small discs (1000^2 nodes), for the cost of bonds that are
+  processed one by one, and a square that is all liquid, for the cost of phases, against `Diffusion`.
 
-- sphere: what example 3 of the paper, 523 155 nodes in space with a layer around them, holds in memory and needs for a
-  while, as counted by tracemalloc, and how symmetric it is after 20 steps. Targets: 2 GB, 1e-12.
+- sphere: memory that example 3 of Shojaei et al. (2020), 523 155 nodes in 3D with a layer around them, holds and
+  temporarily needs, as counted by tracemalloc, and its asymmetry after 20 steps. Targets: 2 GB, 1e-12.
 
-In the first two metal is kept from dissolving by a saturation far below all values, so that every round does the same
-work; looking for metal to dissolve is part of the step.
+In the first two, a saturation far below all values keeps metal from dissolving, so that every round does the same work;
+the search for metal to dissolve is part of the step.
 
 Run: ``python benchmarks/corrosion.py [share] [fronts] [sphere] [--json FILE] [--repeats N]``. Takes a minute.
 """
@@ -32,8 +31,8 @@ from farhorizon.papers.shojaei2020_corrosion import SPHERE, asymmetry
 
 
 def simulation(n: int, solid: np.ndarray | None, threads: int) -> Simulation:
-    """A periodic square whose values are noise, so that nothing becomes denormal, with metal on the solid nodes; plain
-    diffusion without a mask.
+    """Periodic square with noise as values, which prevents denormal numbers, and metal on the solid nodes; plain
+    diffusion if there is no mask.
     """
     u = np.random.default_rng(1).uniform(1, 2, (n, n))
     lattice, kernel = Lattice(1.0, (0.0, 0.0), (n - 1.0, n - 1.0)), Kernel(2.0)
@@ -43,13 +42,13 @@ def simulation(n: int, solid: np.ndarray | None, threads: int) -> Simulation:
 
 
 def radius_mask(n: int, share: float) -> np.ndarray:
-    """Nodes outside a disc in the middle that holds a share of all."""
+    """Nodes outside a disc in the middle that contains a fraction of all nodes."""
     x = np.arange(n) - (n - 1) / 2
     return np.hypot(*np.meshgrid(x, x, indexing="ij")) > n * np.sqrt(share / np.pi)
 
 
 def share_of_liquid(repeats: int) -> list[dict[str, Any]]:
-    """Steps of squares that are partly metal against all liquid."""
+    """Steps of squares that are partly metal compared with squares of liquid."""
     rows = []
     for n in (400, 1000):
         for threads in sorted({1, available_threads()}):
@@ -77,7 +76,7 @@ def share_of_liquid(repeats: int) -> list[dict[str, Any]]:
 
 
 def fronts(repeats: int) -> list[dict[str, Any]]:
-    """Steps where most nodes are near a front, and where none is, against plain diffusion on as many nodes."""
+    """Steps with few or many nodes near a front compared with plain diffusion on as many nodes."""
     rows = []
     for n, name in ((201, "one disc"), (1000, "all liquid"), (1000, "400 discs")):
         x = np.arange(n) - (n - 1) / 2
@@ -107,8 +106,8 @@ def fronts(repeats: int) -> list[dict[str, Any]]:
 
 
 def sphere() -> list[dict[str, Any]]:
-    """Memory of the paper's sphere with its layer."""
-    simulation(50, None, 1).step(1)  # the compiled program and its tables are loaded before counting
+    """Memory of the sphere in the paper with its layer."""
+    simulation(50, None, 1).step(1)  # loads the compiled program and its tables before counting
     tracemalloc.start()
     (sim,) = SPHERE.closed(1).values()
     held, set_up = tracemalloc.get_traced_memory()

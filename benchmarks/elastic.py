@@ -1,35 +1,36 @@
-"""Speed, memory and accuracy of elastic steps: matrix stencils and bonds that break against the machine's
-multiply-adds, layers against the infinite lattice.
+"""Speed, memory and accuracy of elastic steps: matrix stencils and breaking bonds against the multiply-adds of the
+machine, layers against the infinite lattice.
 
 - speed: near fields on one thread in double precision. Useful multiply-adds are those of the plain stencil, one for
-  each entry of a bond's matrix that is not zero (the centre and the time update are not counted); the compiled rows
-  need fewer, for they combine mirror images first, so that a share above 100 % is possible. The peak is measured beside
-  it: independent multiply-adds on whole vectors in registers. Targets: 40 % of the peak; in 3D with m = 3 ten times the
-  rates of particle codes, which do 1e6 nodes/s (linear bond-based) and 0.36e6 nodes/s (ordinary state-based); 150 bytes
-  a node.
-- breaking: the same near fields with bonds that are nonlinear and may break, beside a step of the linear stencil in the
-  same run: whole; with straight cracks all through that have cut 1 and 5 % of all bonds; and with every tile looked at
-  bond by bond, as damage scattered everywhere would have it; of bonds that soften the same, and with every bond that
-  is longer than in the beginning beyond its limit. The share of the peak counts the arithmetic instructions
-  of the law, 5 dim + 7 a bond, a root and a division among them, each as long as a multiply-add. Target: 5e6 nodes/s in
-  3D with m = 3, five times the rate of particle codes.
-- passes: state-based and correspondence materials as two passes over the stencil that is their convolution, both in
-  periodic boxes, compiled rows on one thread; the rate with bonds that may break, on one; with free faces all around,
-  and with a hole, over the periodic box, on two threads.
-  Targets in 3D with m = 3: 1.5 times the rate of the convolution (state-based), twice (stabilised correspondence); 3e6
-  nodes/s with bonds that may break (state-based); free faces and holes add 10 %; 200 bytes a node.
-- closing: state-based and correspondence materials with a crack from side to side whose faces close, over a crack that
-  stays open, where bonds last and where they may break; and how much longer steps may be without contact.
-- strained: a correspondence body whose bonds may break by their energy, evenly stretched to so much of the critical
-  stretch, over one that stays whole; with free faces.
+  each nonzero entry of the matrix of a bond (the centre and the time update are not counted). The compiled rows need
+  fewer, since they combine mirror images first, so that more than 100 % is possible. The peak is measured in the same
+  run: independent multiply-adds on whole vectors in registers. Targets: 40 % of the peak; in 3D with m = 3 ten times
+  the rates of particle codes, which reach 1e6 nodes/s (linear bond-based) and 0.36e6 nodes/s (ordinary state-based);
+  150 bytes per node.
+- breaking: the same near fields with nonlinear bonds that may break, compared with a step of the linear stencil in the
+  same run: intact; with straight cracks through the body that cut 1 and 5 % of all bonds; and with every tile processed
+  bond by bond, as if damage were scattered everywhere. The same with softening bonds, also with every elongated bond
+  beyond its limit. The fraction of the peak counts the arithmetic instructions of the law, 5 dim + 7 per bond,
+  including a root and a division, each as one multiply-add. Target: 5e6 nodes/s in 3D with m = 3, five times the rate
+  of particle codes.
+- passes: state-based and correspondence materials as two passes, relative to the single stencil that is their
+  convolution, both in periodic boxes on one thread; the rate with bonds that may break, on one thread; and with free
+  faces on all sides, and with a hole, relative to the periodic box, on two threads. Targets in 3D with m = 3: 1.5 times
+  the rate of the convolution (state-based), twice the rate (stabilised correspondence); 3e6 nodes/s with bonds that may
+  break (state-based); free faces and holes add 10 %; 200 bytes per node.
+- closing: state-based and correspondence materials with a crack from side to side whose faces may close, relative to
+  one without contact, with permanent bonds and with bonds that may break; and the ratio of the step limits without and
+  with contact.
+- strained: a correspondence body with free faces whose bonds may break by their energy, uniformly stretched to 0.05 and
+  0.5 of the critical stretch, relative to one with permanent bonds.
 - layers: largest error of the near field against the infinite lattice, relative to the largest initial value, over four
-  crossings of the P wave; pulses of all components that meet sides and corners. Targets in 3D: 1e-5 with 10 nodes, 1e-7
-  with 20.
-- heated: a step of a solid and its temperature with the heat of deformation, over one without; and beside layers that
-  both fields share, over one beside layers of their own.
-- warm: largest error of displacements and temperature against a domain so large that nothing comes back from its ends,
-  over the largest value then or at the start: heat that reaches the sides, and coupled waves that leave; where both
-  fields share their layers, and where each has its own. Targets of those that are shared: that of the model, 1e-4.
+  crossings of the P wave; pulses of all components that reach sides and corners. Targets in 3D: 1e-5 with 10 nodes,
+  1e-7 with 20.
+- heated: a step of a solid and its temperature with the heat of deformation, relative to one without; and with layers
+  that both fields share, relative to separate layers.
+- warm: largest error of displacements and temperature against a domain so large that nothing returns from its ends,
+  relative to the largest value so far, for heat that reaches the sides and for coupled waves that leave, with shared
+  and with separate layers. Target with shared layers: that of the model, 1e-4.
 
 Run: ``python benchmarks/elastic.py [speed] [breaking] [passes] [closing] [strained] [heated] [layers] [warm]
 [--json FILE] [--repeats N]``. Takes seven minutes and 2 GB.
@@ -69,9 +70,9 @@ from farhorizon.engine.bonds import DAMAGED
 from farhorizon.engine.engine import Engine, Zone, available_threads
 from farhorizon.engine.rows.vectors import I64, Vectors
 
-CHAINS = 16  # independent sums: more than a multiply-add takes cycles, times how many begin in one
-PEAK_STEP = 100_000  # rounds of all chains in a timed step
-#: The last node along each axis, how many of them have layers, and the time; along the others the fields repeat.
+CHAINS = 16  # independent sums: more than the latency of a multiply-add in cycles times those issued per cycle
+PEAK_STEP = 100_000  # rounds of all chains per timed step
+#: Last node along each axis, number of axes with layers (the others are periodic), and end of the run.
 WARM = {
     "along an axis": ((24.0, 4.0), 1, 200.0),
     "in the plane": ((24.0, 24.0), 2, 60.0),
@@ -116,7 +117,8 @@ LAYERS = {
 
 @intrinsic
 def _multiply_adds(typingctx, rounds, like):  # type: ignore[no-untyped-def]
-    """`rounds` multiply-adds in each of `CHAINS` independent vectors; their sum, so that none is left out."""
+    """`rounds` multiply-adds in each of `CHAINS` independent vectors; returns their sum, so that none is optimised
+    away."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         vectors = Vectors.of(builder, "float64")
@@ -140,12 +142,12 @@ def _peak(rounds, like):  # type: ignore[no-untyped-def]
 
 
 def peak_case(count: int) -> None:
-    """Multiply-adds that nothing holds up, as a timing case."""
+    """Independent multiply-adds as a timing case."""
     _peak(PEAK_STEP * count, 0.5)
 
 
 def speed(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """One row a material."""
+    """One row per material."""
     rows = []
     for name, (dim, n, m, volume, material) in SPEED.items():
         model = Elastic(
@@ -175,11 +177,11 @@ def speed(given: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def cut_planes(engine: Engine, share: float) -> None:
-    """Cut at least this share of all bonds by planes across the second last axis, evenly spaced."""
+    """Cut at least this fraction of all bonds by evenly spaced planes normal to the second last axis."""
     nodes, offsets = engine.core.node_indices(), engine.offsets
     count = nodes.shape[1]
     planes = np.arange(count) * np.ceil(share * count * len(offsets) / np.abs(offsets[:, 1]).sum()) / count
-    # the slice between two cracks that a node lies in
+    # number of the slice between two cracks that contains each node
     here = np.broadcast_to(np.floor(planes)[None, :, None], nodes.shape)
     found = []
     for offset in offsets:
@@ -192,7 +194,7 @@ def cut_planes(engine: Engine, share: float) -> None:
 
 
 def breaking(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """One row a state of the bonds."""
+    """One row per state of the bonds."""
     rows = []
     for dim, n in ((2, 1000), (3, 100)):
         model = Elastic(Kernel(3.0, 1, volume="full"), 1.0, nonlinear=True, critical_stretch=0.1)
@@ -222,7 +224,7 @@ def breaking(given: argparse.Namespace) -> list[dict[str, Any]]:
             if name.startswith("contact"):
                 more = {"contact": True}
             if name == "softening, all beyond":
-                limit = 1e-12  # nearly each bond that is longer than before
+                limit = 1e-12  # exceeded by nearly every elongated bond
             engine.bonds.set(stiffness, 1.0, zone, nonlinear, limit, **more)
             if name == "linear, not calm":
                 engine.tables.bonds.limit[1] = 0
@@ -258,7 +260,7 @@ def breaking(given: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def layers(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """One row a material and thickness."""
+    """One row per material and thickness."""
     rows = []
     for name, (dim, kernel, options, thicknesses) in LAYERS.items():
         half, width = (14.0, 3.0) if dim == 2 else (9.0, 1.9)
@@ -289,7 +291,7 @@ def layers(given: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def passes(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """One row a material."""
+    """One row per material."""
     rows, threads = [], min(2, available_threads())
     for name, (dim, n, options) in PASSES.items():
         model = Elastic(Kernel(3.0, 1, volume="full"), 1.0, 0.3, **options)
@@ -332,7 +334,7 @@ def passes(given: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def closing(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """One row a material."""
+    """One row per material."""
     rows = []
     for name, (dim, n, options) in PASSES.items():
         box, middle = Lattice(1.0, (0.0,) * dim, (n - 1.0,) * dim), n / 2 - 0.4
@@ -363,7 +365,7 @@ def closing(given: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def strained(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """One row a lattice: how close to breaking its bonds are decides how many are looked at."""
+    """One row per lattice; the number of bonds that are checked depends on how close they are to breaking."""
     rows, options, stretch = [], {"material": "correspondence", "stabilisation": 0.3}, 1e-5
     for dim, n in ((2, 300), (3, 48)):
         box = Lattice(1.0, (0.0,) * dim, (n - 1.0,) * dim)
@@ -383,8 +385,8 @@ def strained(given: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def heated(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """One row a lattice: a solid and its temperature, with the heat of deformation and without; with it beside layers
-    of 12 nodes that both share, over some of their own.
+    """One row per lattice: with the heat of deformation relative to without; with shared layers of 12 nodes relative to
+    separate ones.
     """
     rows = []
     for n in (61, 201):
@@ -410,7 +412,7 @@ def heated(given: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def warm(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """One row a lattice, data and sides."""
+    """One row per lattice, data and kind of layers."""
     rows = []
     for name, (last, axes, until) in WARM.items():
         dim, kernel = len(last), Kernel(1.5 if len(last) > 2 else 2.0, 1)
@@ -419,7 +421,7 @@ def warm(given: argparse.Namespace) -> list[dict[str, Any]]:
         model = Thermoelastic(solid, Heat(kernel, 1.2, 2 / 1.2, 0.6), expansion, 300.0)
         radius = " + ".join(f"{axis}**2" for axis in "xyz"[:axes])
         bump, upper = f"exp(-({radius})/5)", np.array(last)
-        far = int(0.6 * until * 1.3 * solid.p_speed)  # the adiabatic waves are so much faster, at most
+        far = int(0.6 * until * 1.3 * solid.p_speed)  # 1.3: upper bound of the speed of adiabatic P waves
         open_ended = np.arange(dim) < axes
         for kind, initial in (("heat", {"T": f"300 + {bump}"}), ("wave", {"u": [f"x*{bump}", *["0*x"] * (dim - 1)]})):
             for shared in (True, False):
@@ -441,11 +443,11 @@ def warm(given: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def _apart(near: Simulation, large: Simulation, part: tuple[slice, ...], until: float) -> dict[str, float]:
-    """The largest errors of two fields, over the largest value that each had by then."""
+    """Largest errors of both fields, relative to the largest value of each so far."""
     sizes, found = {"u": 0.0, "T": 0.0}, {"u": 0.0, "T": 0.0}
     for moment in (0.0, 0.01, 0.03, 0.1, 0.3, 0.6, 1.0):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that strains are missed beside layers of their own
+            warnings.simplefilter("ignore")  # that separate layers miss strains
             for sim in (near, large):
                 sim.run(moment * until, progress=False)
         for field, base in (("u", 0.0), ("T", 300.0)):
@@ -456,7 +458,8 @@ def _apart(near: Simulation, large: Simulation, part: tuple[slice, ...], until: 
 
 
 def _warm_sides(dim: int, axes: int, shared: bool) -> dict[str, Any]:
-    """Layers along some axes, periodic sides along the others; those of the temperature are others if not shared."""
+    """Layers along the first `axes` axes, periodic sides along the others; if not shared, those of the temperature are
+    thicker."""
     both = {
         field: {
             axis: LatticePML(nodes=16 + 4 * (field == "T" and not shared)) if i < axes else Periodic()
@@ -468,7 +471,7 @@ def _warm_sides(dim: int, axes: int, shared: bool) -> dict[str, Any]:
 
 
 def _far_crack(n: int) -> list[list[tuple[float, float]]]:
-    """A crack that cuts a bond or two, for which both passes are worked off in the plane, too."""
+    """A crack that cuts a bond or two, which enforces two passes in 2D as well."""
     return [[(n / 2 + 0.4, n / 2 + 0.6), (n / 2 + 0.6, n / 2 + 0.6)]]
 
 

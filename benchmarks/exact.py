@@ -1,12 +1,12 @@
-"""What the exact boundary adds to a step of the bar of Ji et al. (2021): 201 nodes, K = 7, exact on both ends.
+"""Cost of the exact boundary per step of the bar of Ji et al. (2021): 201 nodes, K = 7, both ends exact.
 
 Measures, in one process with interleaved repeats (medians of the ratios of a round), a step of the engine
 
-- with fixed ends, the interior alone;
+- with fixed ends, which is the interior alone;
 - with both ends compressed to 1e-6, 1e-9, 1e-12 until T = 400, dt = 0.02. Target: at most 1.6 times the interior;
-- on the extended domain, of as few nodes a side as keep the same error at T = 400 (to a dozen nodes): the error of the
-  compressed ends is measured against a domain from which nothing returns. Target: at least twice the time of the
-  compressed ends.
+- on the smallest extended domain (to a dozen nodes) with the same error at T = 400, where the error of the compressed
+  ends is measured against a domain from whose ends nothing returns. Target: at least twice the time of the compressed
+  ends.
 
 Run: ``python benchmarks/exact.py [step] [--json FILE] [--repeats N]``. Takes a minute.
 """
@@ -23,11 +23,11 @@ from farhorizon import Exact, Fixed, Lattice, Simulation, Stencil, Wave
 from farhorizon.papers.ji2021 import SPACING, bar_weights
 
 DT, STEPS = 0.02, 20_000
-FAR = 2200  # nodes a side from which nothing returns: the fastest waves, 10 nodes a time unit, come to 2000 and back
+FAR = 2200  # nodes per side from which nothing returns: the fastest waves (10 nodes per time unit) turn back at 2000
 
 
 def bar(boundary: Exact | Fixed, beyond: int = 0) -> Simulation:
-    """The bar with noise as data, at rest beyond."""
+    """The bar with noise as data and zeros beyond."""
     offsets = np.concatenate([np.arange(1, 8), -np.arange(1, 8)])[:, None]
     model = Wave(Stencil(offsets, np.tile(bar_weights(), 2)), speed=SPACING)
     lattice = Lattice(SPACING, -10 - beyond * SPACING, 10 + beyond * SPACING)
@@ -36,8 +36,7 @@ def bar(boundary: Exact | Fixed, beyond: int = 0) -> Simulation:
 
 
 def timed(sim: Simulation) -> Callable[[int], None]:
-    """The engine's loop as a timing case. The clock is put back: timing goes on for longer than the sums are good
-    for."""
+    """Loop of the engine as a timing case; its clock is reset, since timing takes longer than the sums hold."""
     run = steps(sim.engine)
 
     def call(count: int) -> None:
@@ -48,14 +47,14 @@ def timed(sim: Simulation) -> Callable[[int], None]:
 
 
 def end_of_run(boundary: Exact | Fixed, beyond: int = 0) -> np.ndarray:
-    """The bar at T = 400."""
+    """Field of the bar at T = 400."""
     sim = bar(boundary, beyond)
     sim.run(STEPS * DT, progress=False)
     return sim.fields["u"][beyond : beyond + 201]
 
 
 def smallest(error: float, infinite: np.ndarray) -> int:
-    """Nodes a side of the smallest domain whose fixed edges keep an error, to a dozen."""
+    """Nodes per side, to a dozen, of the smallest domain with fixed edges whose error is at most `error`."""
     low, high = 1700, FAR
     while high - low > 12:
         middle = (low + high) // 2

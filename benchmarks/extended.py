@@ -1,26 +1,27 @@
-"""What the layer saves: the truncated run against the extended domain at equal error.
+"""Savings by the layer: the truncated run compared with the extended domain at equal error.
 
-Both compute the same near field to the same end with the same step. The truncated run has the layer that the program
-chooses for the goal, ``LatticePML(target=goal, until=...)``. The extended domain has a fixed edge, so far out that no
-more comes back than the *measured* error of the truncated run: the fewest nodes on every side, by bisection below what
-``Extended`` would take; where that would be more than three million nodes it is a tenth fewer than ``Extended`` takes,
-and the column "its error" shows that they are too few. Errors are the largest |u - u_infinite| over the near field and
-the output times, of waves relative to the largest value of the run, of diffusion to that of the same time; u_infinite
-is the exact solution on the infinite lattice, of elasticity the extended domain for a thousandth of the goal.
+Both compute the same near field up to the same end with the same step. The truncated run has the layer that the program
+chooses for the goal, ``LatticePML(target=goal, until=...)``. The extended domain has a fixed edge so far out that its
+error does not exceed the *measured* error of the truncated run. The smallest number of nodes on every side is found by
+bisection below the number that ``Extended`` would use; if that leads to more than three million nodes, a tenth fewer
+than ``Extended`` uses are taken, and the column "its error" shows that they are too few. Errors are the largest |u -
+u_infinite| over the near field and the output times, for waves relative to the largest initial value, for diffusion to
+that at the same time; u_infinite is the exact solution on the infinite lattice, for elasticity the extended domain for
+a thousandth of the goal.
 
-- wave1d: 201 nodes, wave2d: 49^2, large2d: 209^2, wave3d: 25^3; kernel |xi|^-2 over 3 (3D: 2) spacings, a pulse of 2.8
-  spacings off the centre; two, five and ten crossings of the near field (large2d two).
-- elastic2d, elastic3d: 49^2 and 17^3, bond-based, kernel |xi|^-1 over 2 spacings, a displacement along a diagonal; two
-  and five crossings of P waves.
-- diffusion2d: 25^2 nodes, kernel |xi|^-1 over 3 spacings, forward Euler, to R^2/diffusivity and to ten times that, R
-  half the near field.
+- wave1d: 201 nodes, wave2d: 49^2, large2d: 209^2, wave3d: 25^3; kernel |xi|^-2 over 3 (3D: 2) spacings, an off-centre
+  pulse of 2.8 spacings; two, five and ten crossings of the near field (large2d two).
+- elastic2d, elastic3d: 49^2 and 17^3, bond-based, kernel |xi|^-1 over 2 spacings, an oblique displacement; two and five
+  crossings of P waves.
+- diffusion2d: 25^2 nodes, kernel |xi|^-1 over 3 spacings, forward Euler, up to R^2/diffusivity and ten times that, with
+  R half the width of the near field.
 
-"times" are extended over truncated, of nodes computed, bytes of the engine and time of a step. Times are medians of
-ratios of processor time in interleaved rounds on one thread, with noise as data so that nothing becomes denormal.
-"aim": 2 in time (waves in space at ten crossings 10, diffusion 1).
+Columns "times ..." are ratios of extended over truncated for computed nodes, bytes of the engine and time per step.
+Times are medians of ratios of processor time in interleaved rounds on one thread, with noise as data, which prevents
+denormal numbers. "aim": 2 in time (10 for waves in 3D and ten crossings, 1 for diffusion).
 
 Run: ``python benchmarks/extended.py [wave1d] [wave2d] [large2d] [wave3d] [elastic2d] [elastic3d] [diffusion2d] [--json
-FILE] [--repeats N]``. Takes ten minutes, of which ten crossings in space take five.
+FILE] [--repeats N]``. Takes ten minutes, of which ten crossings in 3D take five.
 """
 
 from __future__ import annotations
@@ -39,13 +40,13 @@ from farhorizon.analysis.references.infinite import InfiniteLattice
 
 GOALS = (1e-4, 1e-6)
 OUTPUTS = {1: 40, 2: 40, 3: 8}
-CENTRE = (0.3, -0.2, 0.1)  # of the pulse, in half widths of the near field
-LARGE = 3_000_000  # nodes of a domain that is run once only
+CENTRE = (0.3, -0.2, 0.1)  # centre of the pulse, in half widths of the near field
+LARGE = 3_000_000  # nodes of a domain above which it is run only once
 
 
 @dataclass
 class Problem:
-    """A pulse in a near field that is seen until a time.
+    """A pulse in a near field, and the end of the run.
 
     Attributes
     ----------
@@ -60,7 +61,7 @@ class Problem:
 
     @cached_property
     def u0(self) -> np.ndarray:
-        """The pulse; of vectors along a diagonal."""
+        """The pulse; for vectors, a displacement in an oblique direction."""
         half, dx = float(self.lattice.upper[0]), self.lattice.spacing
         places = zip(self.lattice.coordinates(), CENTRE, strict=False)
         pulse = np.exp(-sum(((x - c * half) / (2.8 * dx)) ** 2 for x, c in places))
@@ -72,17 +73,17 @@ class Problem:
         )
 
     def run(self, boundary: LatticePML | Extended, noise: bool = False) -> Simulation:
-        """The near field with a boundary on all sides."""
+        """Simulation of the near field with a boundary on all sides."""
         sim = Simulation(self.lattice, self.model, boundary, {"u": self.u0}, threads=1)
         if noise:
             core, rng = sim.engine.core, np.random.default_rng(1)
-            for level in sim.engine.levels:  # layers begin at rest: noise in them would be a load that stays
+            for level in sim.engine.levels:  # layers stay at rest: noise in them would act as a permanent load
                 values = core.view(level)
                 values[...] = rng.standard_normal(values.shape)
         return sim
 
     def reference(self, goal: float) -> dict[int, np.ndarray]:
-        """The infinite medium after some steps."""
+        """The infinite medium after the steps of the output times."""
         sim = self.run(
             Extended(1e-3 * goal, until=self.until) if isinstance(self.model, Elastic) else Extended(nodes=1)
         )
@@ -99,7 +100,7 @@ class Problem:
         return found
 
     def error(self, sim: Simulation, exact: dict[int, np.ndarray], enough: float = np.inf) -> float:
-        """Largest relative error; stops early once it is above `enough`."""
+        """Largest relative error; stops early once it exceeds `enough`."""
         peak, worst = float(np.abs(self.u0).max()), 0.0
         for number, reference in exact.items():
             sim.step(number - sim.step_count)
@@ -110,13 +111,13 @@ class Problem:
         return worst
 
     def domain_for(self, error: float, exact: dict[int, np.ndarray]) -> tuple[int, float]:
-        """Fewest additional nodes on every side with which a fixed edge makes no larger an error, and theirs."""
+        """Smallest number of additional nodes per side for which a fixed edge has at most this error, and its error."""
         high = max(found.nodes for found in self.run(Extended(max(error, 1e-12), until=self.until)).extents.values())
         if np.prod([n + 1.8 * high for n in self.lattice.shape]) > LARGE:
             fewer = int(0.9 * high)
             return fewer, self.error(self.run(Extended(nodes=fewer)), exact)
         low = high // 2
-        # to 2 %: the cost of a domain at the goal is known no better than its error
+        # to 2 %: the error does not determine the size more accurately
         while high - low > max(1, high // 50):
             middle = (low + high) // 2
             low, high = (
@@ -126,12 +127,12 @@ class Problem:
 
 
 def computed(sim: Simulation) -> int:
-    """Nodes of the box that a step sweeps over: the near field and the layers or the larger domain around it."""
+    """Number of nodes in the box that a step sweeps: the near field with the layers or the larger domain around it."""
     return int(np.prod(sim.engine.layout.box.nodes))
 
 
 def rows(name: str, problems: dict[float, Problem], aims: dict[float, float], repeats: int) -> list[dict[str, Any]]:
-    """One row a length of the run and goal."""
+    """One row per length of the run and goal."""
     found = []
     for length, problem in problems.items():
         for goal in GOALS:
@@ -196,7 +197,7 @@ PARTS: dict[str, tuple[str, Callable[[float], Problem], tuple[float, ...], dict[
 
 
 def part(name: str) -> tuple[str, Callable[[Any], list[dict[str, Any]]]]:
-    """A part of the command line."""
+    """Title and function of a part of the command line."""
     unit, make, lengths, aims = PARTS[name]
     title = f"{name}: extended domain over truncated run at equal error"
     return title, lambda given: rows(unit, {n: make(n) for n in lengths}, aims, given.repeats)

@@ -1,8 +1,9 @@
-"""What free faces add to a step in space.
+"""Cost of free faces per step in 3D.
 
-A box of 80^3 nodes, six free faces against six fixed ones, whose halo of zeros costs nothing: a scalar stencil of reach
-3 and an elastic one of reach 2, on one thread and on two. Target: a step with free faces takes at most 1.3 times one
-with fixed faces. `memory` says what the free faces hold, in bytes a node within one reach of them.
+A box of 80^3 nodes with six free faces is compared with one with six fixed faces, whose halo of zeros costs nothing: a
+scalar stencil of reach 3 and an elastic one of reach 2, on one thread and on two. Target: a step with free faces takes
+at most 1.3 times as long as one with fixed faces. `memory` is that of the free faces, in bytes per node within one
+reach of them.
 
 Run: ``python benchmarks/faces.py [--json FILE] [--repeats N]``. Takes about two minutes.
 """
@@ -28,7 +29,7 @@ MODELS = {
 
 
 def box(model: LatticeModel, side: Free | Fixed, threads: int) -> fh.Simulation:
-    """A box on white noise, so that nothing becomes denormal."""
+    """A box with white noise, which prevents denormal numbers."""
     lattice = fh.Lattice(1.0, (0.0,) * 3, (NODES - 1.0,) * 3)
     components = 1 if isinstance(model, fh.Wave) else 3
     shape = lattice.shape if components == 1 else (components, *lattice.shape)
@@ -37,7 +38,7 @@ def box(model: LatticeModel, side: Free | Fixed, threads: int) -> fh.Simulation:
 
 
 def faces(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """Step with free faces over step with fixed ones."""
+    """Time of a step with free faces over that with fixed faces."""
     rows = []
     for name, make in MODELS.items():
         for threads in sorted({1, min(2, available_threads())}):

@@ -1,8 +1,9 @@
-"""What a far field adds to a wave step.
+"""Cost of a far field per wave step.
 
 Measures, in one process with interleaved repeats, the processor time of `Simulation.step` on 1000^2 nodes, m = 3, one
-thread, with a far field over that without (medians of the ratios of a round): sums at 20 frequencies on the shell of
-the widest box (24 000 nodes) and of one of 200^2, aim: at most 10 % more; and the history of the widest one's shell.
+thread, with a far field relative to without (medians of the ratios of a round): sums at 20 frequencies on the shell of
+the widest box (24 000 nodes) and of one of 200^2 nodes, aim: at most 10 % more; and the history on the shell of the
+widest box.
 
 Run: ``python benchmarks/far_field.py [shell] [--json FILE] [--repeats N]``. Takes about a minute.
 """
@@ -25,13 +26,13 @@ class Passing(fh.FarField):
     """A far field whose history is dropped, so that a long measurement fits into memory."""
 
     def add(self, step: int, heard: Any) -> None:
-        """As `FarField` takes them."""
+        """Add a step as `FarField` does, and drop the history."""
         super().add(step, heard)
         self._rows = []
 
 
 def simulation(*observe: Any) -> fh.Simulation:
-    """Noise in the middle, so that nothing becomes denormal."""
+    """Simulation with noise in the middle, which prevents denormal numbers."""
     noise = np.random.default_rng(SEED).standard_normal((int(2 * HALF) + 1,) * 2)
     lattice = fh.Lattice(1.0, (-HALF, -HALF), (HALF, HALF))
     x, y = lattice.coordinates()
@@ -41,7 +42,7 @@ def simulation(*observe: Any) -> fh.Simulation:
 
 
 def shell(repeats: int) -> list[dict[str, Any]]:
-    """Far fields over none."""
+    """Time of a step with far fields over that without."""
     frequencies, small = np.linspace(0.005, 0.1, 20), fh.Box((-100.0, -100.0), (100.0, 100.0))
     cases: dict[str, tuple[fh.FarField, float | None]] = {
         "20 frequencies, widest box": (fh.FarField(frequencies=frequencies, history=False), 10.0),

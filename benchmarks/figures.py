@@ -1,12 +1,12 @@
-"""The figures of README.md and docs/: measured by the commands that users have, kept in docs/figures.json, written
-where they are marked.
+"""Figures of README.md and docs/: measured by the commands that users have, kept in docs/figures.json, and written into
+the documents where they are marked.
 
-A document marks a figure as ``<!-- figure: KEY -->VALUE<!-- end -->``. This script runs the commands that it is asked
-for, takes the figures of each from what it writes with ``--json``, and keeps them with the command, the date and the
-processor; then it rewrites all marked places. ``tests/test_documents.py`` compares the places with the file, and in its
-slow tier the file with what some commands print now.
+A document marks a figure as ``<!-- figure: KEY -->VALUE<!-- end -->``. This script runs the given commands, takes the
+figures of each from the output of its ``--json`` option, and keeps them with the command, the date and the processor;
+then it rewrites all marked places. ``tests/test_documents.py`` compares the places with the file, and in its slow tier
+the file with the current output of some commands.
 
-Run: ``python benchmarks/figures.py [NAME...]``; without a name it only rewrites the places. ``--list`` tells names and
+Run: ``python benchmarks/figures.py [NAME...]``; without a name it only rewrites the places. ``--list`` prints names and
 commands.
 """
 
@@ -27,26 +27,27 @@ from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 STORE = ROOT / "docs" / "figures.json"
-WRITTEN = ("generated", "gallery", "api")  # by the build of the site
+WRITTEN = ("generated", "gallery", "api")  # folders that the build of the site writes
 DOCUMENTS = [ROOT / "README.md", *(p for p in sorted((ROOT / "docs").rglob("*.md")) if p.parent.name not in WRITTEN)]
 PLACE = re.compile(r"<!-- figure: (\S+) -->(.*?)<!-- end -->")
-PICTURE_COLOURS = 256  # of docs/demo.png: a palette takes a third of the space
+PICTURE_COLOURS = 256  # of docs/demo.png: with a palette it has a third of the size
 
 
 class Measurement(NamedTuple):
-    """A command, and what is read off the JSON that it writes: one number a figure, or the least and the largest."""
+    """A command, and functions that read figures from its JSON: one number per figure, or the smallest and the
+    largest."""
 
     command: tuple[str, ...]
     figures: dict[str, Callable[[Any], float | tuple[float, float]]]
 
 
 def reproduced(name: str, wanted: dict[str, tuple[str, str]]) -> Measurement:
-    """Errors of a reproduction: of each key the boundaries whose names begin with a text, all of them or the "best"."""
+    """Errors of a reproduction: for each key, the range or the "best" over boundaries whose names begin with a text."""
 
     def reader(start: str, how: str) -> Callable[[Any], float | tuple[float, float]]:
         def read(found: Any) -> float | tuple[float, float]:
             given = [value for boundary, value in found["infinite_error"].items() if boundary.startswith(start)]
-            # JSON has no infinity: what overflowed is null
+            # JSON has no infinity: an overflow is null
             errors = [float("inf") if value is None else value for value in given]
             return min(errors) if how == "best" else (min(errors), max(errors))
 
@@ -57,8 +58,8 @@ def reproduced(name: str, wanted: dict[str, tuple[str, str]]) -> Measurement:
 
 
 def validated(name: str, *, ours: dict[str, int] | None = None, off: dict[str, int] | None = None) -> Measurement:
-    """Numbers of a problem with an exact solution, by their place in its table: as they are, or how far they are off
-    the exact ones, of these.
+    """Numbers of a problem with an exact solution, by their row in its table: the numbers themselves (`ours`), or their
+    relative differences from the exact ones (`off`).
     """
 
     def number(row: int, found: Any) -> float:
@@ -73,21 +74,21 @@ def validated(name: str, *, ours: dict[str, int] | None = None, off: dict[str, i
 
 
 def ends(found: Any, what: str) -> tuple[float, float]:
-    """The least and the largest number of those rows of a table that are of this."""
+    """Smallest and largest number over the rows of a table whose name contains a text."""
     given = [float(row["ours"]) for row in found["rows"] if what in row["what"]]
     return min(given), max(given)
 
 
 def reach(m: int, nodes: int) -> Callable[[Any], float]:
-    """Error of a layer beside a stencil of this reach."""
+    """Error with a layer of `nodes` nodes for a stencil of reach m."""
     return lambda found: next(
         row[f"{nodes} nodes/initial"] for row in found["rows"] if row["2D wave to t=60"] == f"m={m}"
     )
 
 
 def spread(case: str, column: str, word: str = "", percent: bool = False) -> Callable[[Any], tuple[float, float]]:
-    """The least and the largest of a column of a benchmark, over the rows whose case has a word, or all; in per cent
-    what ratios are above 1.
+    """Smallest and largest value in a column of a benchmark, over the rows whose case contains a word; with `percent`,
+    the excess of ratios over 1 in per cent.
     """
 
     def read(found: Any) -> tuple[float, float]:
@@ -236,7 +237,7 @@ MEASUREMENTS = {
 
 
 def written(value: float | tuple[float, float]) -> str:
-    """A figure as the documents have it: two digits, a range as "a to b" where these differ."""
+    """Text of a figure in the documents: two digits, and a range as "a to b" if these differ."""
     if isinstance(value, tuple):
         ends = written(value[0]), written(value[1])
         return ends[0] if ends[0] == ends[1] else " to ".join(ends)
@@ -251,7 +252,7 @@ def written(value: float | tuple[float, float]) -> str:
 
 
 def processor() -> str:
-    """Name of the processor, where the operating system tells it."""
+    """Name of the processor, if the operating system provides it."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
@@ -260,7 +261,7 @@ def processor() -> str:
 
 
 def measure(name: str, picture: Path | None = None) -> dict[str, dict[str, Any]]:
-    """Run one command and read its figures; the demo's picture goes to `picture`."""
+    """Run one command and read its figures; the picture of the demo is written to `picture`."""
     import farhorizon
 
     command, figures = MEASUREMENTS[name]
@@ -282,7 +283,7 @@ def measure(name: str, picture: Path | None = None) -> dict[str, dict[str, Any]]
 
 
 def shrink(source: Path, target: Path) -> None:
-    """The picture with a palette, which a document can carry."""
+    """Write the picture with a palette, which makes it small enough for a document."""
     from PIL import Image
 
     with Image.open(source) as image:
@@ -290,7 +291,7 @@ def shrink(source: Path, target: Path) -> None:
 
 
 def rewrite(figures: dict[str, dict[str, Any]]) -> None:
-    """Put the figures where the documents mark them."""
+    """Write the figures where the documents mark them."""
     for path in DOCUMENTS:
         text = path.read_text(encoding="utf-8")
         new = PLACE.sub(
@@ -304,7 +305,7 @@ def rewrite(figures: dict[str, dict[str, Any]]) -> None:
 
 
 def main() -> None:
-    """The command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(MEASUREMENTS)}, or all")
     parser.add_argument("--list", action="store_true", help="names and commands")

@@ -1,8 +1,8 @@
-"""The film of the README: the demo's membrane as the infinite medium moves, with farhorizon's layer, with a fixed edge.
+"""Film of the README: the membrane of the demo in the infinite medium, with a layer and with a fixed edge.
 
     python benchmarks/film.py            # writes docs/demo.webp, in two minutes
 
-The infinite medium is a box so large that nothing comes back from its edge before the end.
+The infinite medium is a box so large that nothing returns from its edge before the end.
 """
 
 from __future__ import annotations
@@ -22,19 +22,20 @@ from farhorizon.case.case import Case
 from farhorizon.pictures.fields import field_panels
 
 PLACE = Path(__file__).parents[1] / "docs" / "demo.webp"
-EVERY = 0.5  # time from one picture to the next
-RATE = 12  # pictures a second
-LARGEST = 0.12  # of the colours; the initial maximum is 1, but what spreads over the plane is soon no more than that
+EVERY = 0.5  # time between frames
+RATE = 12  # frames per second
+LARGEST = 0.12  # limit of the colours; the initial maximum is 1, but the spreading wave soon falls below this value
 DPI = 100
 QUALITY = 55
 
 
 def runs(case: Case) -> tuple[dict[str, fh.Simulation], tuple[slice, ...]]:
-    """The run in the infinite medium, that of the case, and that with a fixed edge; where the first has the window."""
+    """Runs in the infinite medium, with the layer and with a fixed edge, and the slices of the window in the first
+    one."""
     setup = case.setup
     lattice, mine = setup.lattice, fh.Simulation.of(setup)
     radius = float(lattice.axes[0][-1])
-    # from the pulse to the edge of the box and back to the window takes longer than the film
+    # waves from the pulse to the edge of the box and back to the window take longer than the film
     more = round((case.end - radius) / 2 / lattice.spacing) + round(0.3 * radius / lattice.spacing)
     edge = radius + more * lattice.spacing
     large = replace(setup, lattice=fh.Lattice(lattice.spacing, (-edge,) * 2, (edge,) * 2), boundary=fh.Fixed())
@@ -43,7 +44,7 @@ def runs(case: Case) -> tuple[dict[str, fh.Simulation], tuple[slice, ...]]:
 
 
 def frames(case: Case) -> Iterator[Image.Image]:
-    """The pictures, one after the other."""
+    """Yield the frames one after the other."""
     shown, inside = runs(case)
     lattice = case.setup.lattice
     steps = round(EVERY / shown["farhorizon"].dt)
@@ -53,11 +54,11 @@ def frames(case: Case) -> Iterator[Image.Image]:
                 sim.step(steps)
         fields = [(name, sim.fields["u"][inside if name == "infinite medium" else ...]) for name, sim in shown.items()]
         within = [(name, np.where(lattice.mask, u, np.nan).clip(-LARGEST, LARGEST)) for name, u in fields]
-        yield drawn(within, case, shown["farhorizon"].time)  # cut, so that the bar looks alike at all times
+        yield drawn(within, case, shown["farhorizon"].time)  # clipped, so that the colour bar has no arrows
 
 
 def drawn(fields: list[tuple[str, np.ndarray]], case: Case, time: float) -> Image.Image:
-    """One picture: the fields side by side on one scale."""
+    """Draw one frame: the fields side by side on one scale."""
     title = f"waves around two notches, t = {time:.1f}"
     look = {"cracks": case.polylines, "limits": (-LARGEST, LARGEST), "title": title}
     figure = field_panels(fields, case.setup.lattice.axes, None, **look)

@@ -1,23 +1,23 @@
-"""What the absorbing layers add to a wave step.
+"""Cost of the absorbing layers per wave step.
 
 Measures, in one process with interleaved repeats (medians of the ratios of a round):
 
 - square: a 12-node LatticePML on all sides of a 1000^2 near field, m = 3, with one and two threads, against an engine
-  of the near field alone, with neither layers nor cuts. Target: at most 30 % more time a step.
-- bar: the same for a 1D bar of 201 nodes, m = 3, in microseconds a step; and `Simulation.step` on top of the engine's
-  loop. Target: layers add at most 1.6 microseconds a step.
-- cube: 3D 100^3, m = 3, for information; and, where there are two threads, a step of one over that of both. Target: at
-  least 1.6.
-- thin: layers of 4, 8 and 12 nodes for a target of 1e-4 in five crossings around both, one thread: the step over that
-  of the bare engine, the same with layers that remember in full, that of the bare stencil on all nodes over it (what
-  layers would take that cost nothing), and the memory that layers take, in near fields. Aims: 1.08, 1.15 and 1.3 around
-  the square, 1.8, 2.6 and 4.5 around the cube; memory there 2, 4 and 10.
-- chosen: layers that choose themselves for a target, one thread: the step over that of the bare engine. Around the
-  cube for 1e-4 in a run of five crossings, aim 2.4; around an elastic cube of 64^3 with a horizon of two nodes for 1e-3
-  and 1e-4, aims 2.2 and 3.5; around the half-space of the examples for 1e-4, aim 1.8.
+  of the near field alone, with neither layers nor cuts. Target: at most 30 % more time per step.
+- bar: the same for a 1D bar of 201 nodes, m = 3, in microseconds per step; and `Simulation.step` in addition to the
+  loop of the engine. Target: layers add at most 1.6 microseconds per step.
+- cube: 3D 100^3, m = 3, for information; and, if there are two threads, a step on one thread over that on two. Target:
+  at least 1.6.
+- thin: layers of 4, 8 and 12 nodes around both, for a target of 1e-4 in five crossings, on one thread: the step over
+  that of the bare engine, the same for layers with full memory, that of the bare stencil on all nodes (the cost of
+  layers if they were free), and the memory of the layers in units of near fields. Aims: 1.08, 1.15 and 1.3 around the
+  square, 1.8, 2.6 and 4.5 around the cube; memory there 2, 4 and 10.
+- chosen: layers chosen for a target, on one thread: the step over that of the bare engine. Around the cube for 1e-4 in
+  a run of five crossings, aim 2.4; around an elastic cube of 64^3 with a horizon of two nodes for 1e-3 and 1e-4, aims
+  2.2 and 3.5; around the half-space of the examples for 1e-4, aim 1.8.
 
-Run: ``python benchmarks/layer.py [square] [bar] [cube] [thin] [chosen] [--json FILE] [--repeats N]``. Takes some
-five minutes, two and a half of them to judge the layers of `thin` around the square.
+Run: ``python benchmarks/layer.py [square] [bar] [cube] [thin] [chosen] [--json FILE] [--repeats N]``. Takes about five
+minutes, two and a half of them to assess the layers of `thin` around the square.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 def simulation(
     dim: int, n: int, threads: int, nodes: int = 12, target: float | None = None, until: float | None = None
 ) -> Simulation:
-    """Window of n^dim nodes with layers on all sides, made for data in the middle; then there is noise everywhere, so
-    that nothing becomes denormal.
+    """Near field of n^dim nodes with layers on all sides, set up with data in the middle, which noise then replaces to
+    prevent denormal numbers.
     """
     pulse = "*".join(f"exp(-({axis} - {n / 2})**2)" for axis in "xyz"[:dim])
     lattice = Lattice(1.0, (0.0,) * dim, (n - 1.0,) * dim)
@@ -51,8 +51,8 @@ def simulation(
 
 
 def measure(dim: int, n: int, counts: Sequence[int], repeats: int) -> tuple[Simulation, dict[str, list[float]]]:
-    """Times of the step with and without layers, and of `Simulation.step`, by numbers of threads; one of the
-    simulations.
+    """Last simulation, and times of the step with and without layers and of `Simulation.step`, for several numbers of
+    threads.
     """
     cases: dict[str, Callable[[int], None]] = {}
     for threads in counts:
@@ -67,7 +67,7 @@ def measure(dim: int, n: int, counts: Sequence[int], repeats: int) -> tuple[Simu
 
 
 def large(dim: int, n: int, repeats: int, target: float | None, gain: float | None = None) -> list[dict[str, Any]]:
-    """Relative cost of the layers, and what a second thread gains where `gain` is asked of it."""
+    """Relative cost of the layers, and the gain by a second thread if an aim for it is given."""
     counts = sorted({1, min(2, available_threads())})
     sim, times = measure(dim, n, counts, repeats)
     nodes, rows = np.prod(sim.engine.layout.box.nodes) / np.prod(sim.lattice.shape), []
@@ -129,7 +129,7 @@ def thin(repeats: int) -> list[dict[str, Any]]:
 
 
 def chosen(repeats: int) -> list[dict[str, Any]]:
-    """Steps beside layers that choose themselves."""
+    """Steps with layers that are chosen for a target."""
     bonds, rows = Elastic(Kernel(2.0, 1), young=1.0), []
     for name, make, aim in (
         ("100^3, 1e-4", lambda: enclosed(100, Wave(Kernel(3.0)), 1e-4), 2.4),
@@ -166,21 +166,21 @@ def enclosed(n: int, model: Any, target: float) -> Simulation:
 
 
 def half_space(target: float) -> Simulation:
-    """The example's, with layers for a target."""
+    """The half-space of the examples, with layers for a target."""
     case = read_case(EXAMPLES / "half_space.toml")
     layer = LatticePML(target=target, until=case.end)
     return noisy(case.simulation(boundary={"x": layer, "y-": layer, "y+": Free()}, threads=1))
 
 
 def noisy(sim: Simulation) -> Simulation:
-    """The simulation with noise in its core, so that nothing becomes denormal."""
+    """The simulation with noise in its core, which prevents denormal numbers."""
     core = sim.engine.core.view(sim.engine.current)
     core[...] = np.random.default_rng(1).standard_normal(core.shape)
     return sim
 
 
 def bar(repeats: int) -> list[dict[str, Any]]:
-    """Absolute cost for a short bar, where nothing else counts."""
+    """Absolute cost for a short bar."""
     _, times = measure(1, 201, [1], repeats)
     added = [1e6 * (a - b) for a, b in zip(times["layers 1"], times["bare 1"], strict=True)]
     over = sorted(added)[len(added) // 2]

@@ -1,8 +1,8 @@
-"""What media that vary cost: a step over that of the uniform medium, on one thread.
+"""Cost of media that vary: a step over that of the uniform medium, on one thread.
 
 Strata (a third of the lattice is another medium), inclusions (balls of a tenth of its width, a seventh of its volume),
-and a medium that varies from node to node; of waves, bonds and states, in the plane and in space, between fixed sides
-and, as "layers", in absorbing ones of eight nodes.
+and a medium that varies from node to node; for waves, bonds and states, in 2D and 3D, between fixed sides and, as
+"layers", with absorbing layers of eight nodes.
 
 Run: ``python benchmarks/media.py [--json FILE] [--repeats N]``. Takes about two minutes.
 """
@@ -20,7 +20,7 @@ NODES = {2: 300, 3: 60}
 
 
 def media(dim: int) -> dict[str, np.ndarray]:
-    """Young's modulus, or the speed, at the nodes."""
+    """Young's modulus, or the wave speed, at the nodes for each medium."""
     n, random = NODES[dim], np.random.default_rng(4)
     at = np.indices((n,) * dim)
     balls = np.ones((n,) * dim)
@@ -34,7 +34,7 @@ def media(dim: int) -> dict[str, np.ndarray]:
 
 
 def models(dim: int, value: Any) -> dict[str, Any]:
-    """Those that are looked at."""
+    """Models that are measured."""
     wide, solid = fh.Kernel(3.0), fh.Kernel(2.0, exponent=1)
     return {
         "waves": fh.Wave(wide, value),
@@ -44,7 +44,7 @@ def models(dim: int, value: Any) -> dict[str, Any]:
 
 
 def simulation(dim: int, model: Any, boundary: Any) -> fh.Simulation:
-    """At noise, so that nothing becomes denormal."""
+    """Simulation with noise, which prevents denormal numbers."""
     lattice = fh.Lattice(1.0, (0.0,) * dim, (NODES[dim] - 1.0,) * dim)
     sim = fh.Simulation(lattice, model, boundary, threads=1)
     field = sim.engine.core.view(sim.engine.current)
@@ -53,7 +53,7 @@ def simulation(dim: int, model: Any, boundary: Any) -> fh.Simulation:
 
 
 def measure(repeats: int) -> list[dict[str, Any]]:
-    """Ratios of times."""
+    """Ratios of the times of steps."""
     rows = []
     for dim in (2, 3):
         for sides, boundary in (("fixed", fh.Fixed()), ("layers", fh.LatticePML(nodes=8))):

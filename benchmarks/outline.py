@@ -1,7 +1,7 @@
-"""What conditions along an outline add to a step.
+"""Cost of conditions along an outline per step.
 
 Measures, in one process with interleaved repeats (medians of the ratios of a round): the step of a near field closed by
-each condition against the same engine without it, which sweeps the same nodes. One thread, but for the disc.
+each condition against the same engine without it, which sweeps the same nodes. One thread, except for the disc.
 
 - disc: examples 2 and 3 of Hermann et al. (2023), radius 26, spacing 0.25, horizon 3 and 6 spacings, one and two
   threads. Target: a `PlaneWave` whose clouds have 10 nodes adds at most one step of the near field. For comparison a
@@ -31,7 +31,7 @@ from farhorizon.models import LatticeModel
 
 
 def simulation(lattice: fh.Lattice, model: LatticeModel, boundary: Side, threads: int = 1) -> fh.Simulation:
-    """Starts from noise, so that nothing becomes denormal; a tiny step, so that nothing overflows either."""
+    """Simulation with noise, which prevents denormal numbers, and a tiny time step, which prevents overflow."""
     sim = fh.Simulation(lattice, model, boundary, threads=threads, dt=1e-6)
     for level in range(model.order):
         sim.engine.core.view(sim.engine.levels[level])[...] = np.random.default_rng(1).standard_normal(
@@ -49,10 +49,10 @@ def measure(
     target: str = "",
     threads: int = 1,
 ) -> list[dict[str, Any]]:
-    """One row a condition; `target` names the one that must add at most one step."""
+    """One row per condition; `target` names the one that may add at most one step."""
     sims = {name: simulation(lattice, model, boundary, threads) for name, boundary in conditions.items()}
     cases = {name: steps(sim.engine) for name, sim in sims.items()}
-    # all have margins of one reach
+    # like all the others it has margins of one reach
     bare = simulation(lattice, model, fh.Higdon() if model.order == 2 else fh.PlaneWave(), threads)
     none = np.zeros(0, np.int64)
     nothing = fringe_table(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)

@@ -1,40 +1,37 @@
-"""Is the error of a run below the target that its layers were asked for, and could they be thinner?
+"""Is the error of a run below the target of its layers, and could these be thinner?
 
-Random set-ups that nobody tuned on, of a printed seed: waves (reach 1 to 6, exponent 0 to 3, all influences and
-volumes, finite elements), elastic materials in the plane, diffusion; pulses of 6 to 30 nodes a wave, in the middle and
-near sides, near fields up to 4 : 1, waveguides, 2 to 40 crossings (3D: 2 to 5), steps from 0.3 to 0.95 of the limit.
-The error is the largest difference from the infinite lattice over near field and run, over the initial maximum, in
-diffusion over the largest value at that time. With sources or walls it is that from a domain so large that nothing
-returns, over the largest value of the run. Refused is what cannot be set up, and what a run refuses as it begins,
-because it grows. Asked: below the target in 95 %, below three targets or refused before the run in all others. Two
-shares of those that keep their target are printed, each with its verdict: "of all" is that of all set-ups drawn, of
-which those that are refused do not keep it, and "of run" that of those that run, where refused ones are left out.
-Neither counts as drawn what is left out because its run takes longer than ``--longest``, and what is not judged because
-its infinite lattice does not fit into memory or the domain from which nothing returns takes too long; how many there
-are is printed, too. Of the misses, those that a note told before the run; alarms are such notes where the target was
-kept.
+Random set-ups of a printed seed, on which nothing was tuned: waves (reach 1 to 6, exponent 0 to 3, all influences and
+volumes, finite elements), elastic materials in 2D, diffusion; pulses of 6 to 30 nodes per wave, in the middle and near
+sides, near fields up to 4 : 1, waveguides, 2 to 40 crossings (3D: 2 to 5), steps from 0.3 to 0.95 of the limit. The
+error is the largest difference from the infinite lattice over near field and run, relative to the largest value of the
+run, for diffusion to the largest value at that time. With sources or walls the reference is a domain so large that
+nothing returns. A set-up is refused if it cannot be set up, or if the run refuses it at its beginning because it grows.
+Goal: below the target in 95 %, below three targets or refused before the run in all others. Two fractions that meet
+their target are printed with verdicts: "of all" counts refused set-ups as missed, "of run" leaves them out. Both leave
+out set-ups whose run takes longer than ``--longest``, and those that cannot be judged because the infinite lattice does
+not fit into memory or the larger domain takes too long; the numbers of these are printed. "told" counts the misses that
+a note announced before the run, "alarms" the notes where the target was met.
 
-Sources: the same with sources in place of data at the start, spread over a bell or at one node, anywhere and beside
-sides. Walls: of those in the plane, one side or both across is free or holds the nodes beyond it, with sources in a
-quarter of them. Space: of the second, those of waves of a scalar in space.
+Sources: the same with sources instead of initial data, with the shape of a bell or at one node, anywhere and next to
+sides. Walls: 2D set-ups with one free or fixed side or two, and with sources in a quarter of them. Space: scalar waves
+in 3D.
 
-Solids: elastic materials in the plane and in space (2 to 5 crossings): bonds, state-based, stabilised correspondence
-and finite elements, of reach 1 to 6 (in space 3), exponent 0 to 3, all influences and volumes, Poisson's ratio 0.1 to
-0.4.
+Solids: elastic materials in 2D and 3D (2 to 5 crossings): bond-based, state-based, stabilised correspondence and finite
+elements, of reach 1 to 6 (in 3D 3), exponent 0 to 3, all influences and volumes, Poisson's ratio 0.1 to 0.4.
 
-Long: what comes back late, of random stencils of reach 1 to 3 and looked at in even steps of the logarithm of time.
-Waveguides of 41 x 20 nodes, which are periodic, free or hold the nodes beyond them across, for 300 to 1000 crossings,
-against the infinite guide; waves in boxes of 10 : 1, for 20 to 100 crossings of the short side, because the infinite
-lattice of longer runs does not fit into memory; diffusion on a line and in the plane to 1000 R^2/D, R half of the box.
+Long: waves that return late, with random stencils of reach 1 to 3, compared at times evenly spaced in their logarithm.
+Waveguides of 41 x 20 nodes with periodic, free or fixed walls, for 300 to 1000 crossings, against the infinite guide;
+waves in boxes of 10 : 1, for 20 to 100 crossings of the short side, because the infinite lattice of longer runs does
+not fit into memory; diffusion in 1D and 2D up to 1000 R^2/D, where R is half the box.
 
-Thickness: of set-ups that keep their target, and whose layers are chosen and whose runs done within a time (`LONGEST`),
-the nodes of all layers over those of the thinnest that keep it, too. Of layers of so many nodes those count that are
-chosen when larger targets are asked for. Asked: at most 1.3, of the median and of the worst.
+Thickness: for set-ups that meet their target, and for which the choice of layers and the run take at most `LONGEST`,
+the number of nodes of all layers relative to the thinnest ones that also meet it, among layers that are chosen for
+larger targets. Goal: at most 1.3, for the median and for the worst.
 
-Run: ``python benchmarks/promise.py [first] [second] [default] [sources] [walls] [space] [solids] [long]
-[thickness] [--json FILE]``: 200 set-ups each; ``--count N`` for fewer, ``--first N`` to begin with a later one,
-``--longest S`` to leave out longer runs (0: layers are chosen, and nothing runs), ``--seed N`` for another seed.
-How long setting up took is printed, too.
+Run: ``python benchmarks/promise.py [first] [second] [default] [sources] [walls] [space] [solids] [long] [thickness]
+[--json FILE]``: 200 set-ups each; ``--count N`` for fewer, ``--first N`` to begin with a later one, ``--longest S`` to
+leave out longer runs (0: layers are chosen, and nothing runs), ``--seed N`` for another seed. The time of the set-up is
+also printed.
 """
 
 from __future__ import annotations
@@ -68,14 +65,14 @@ SEEDS = {
 }
 TARGETS = (1e-3, 1e-4, 1e-5, 1e-6)
 MOMENTS = 60
-LOOKS = 8  # between two of them, at how large the field is
-SENT = {"sources": 1.0, "walls": 0.25}  # share of set-ups with sources, by part
-LONGEST_REFERENCE = 120.0  # seconds that the domain may take from which nothing returns
-LONGEST = 20.0  # seconds that the choice of layers and a run may take where their thickness is looked at
+LOOKS = 8  # samples of the largest value between two of them
+SENT = {"sources": 1.0, "walls": 0.25}  # fraction of set-ups with sources, by part
+LONGEST_REFERENCE = 120.0  # largest time in seconds of a domain from whose edges nothing returns
+LONGEST = 20.0  # largest time in seconds for the choice of layers and the run in the part `thickness`
 COUNTED = ("cases", "kept", "refused", "above 3", "told", "alarms", "left out", "not judged")
-KEPT = 0.95  # share that is to keep its target
-FARTHEST = 3.0  # targets that the others may leave
-THICKEST = 1.3  # nodes of layers over those of the thinnest that keep the target, at most
+KEPT = 0.95  # goal for the fraction that meets its target
+FARTHEST = 3.0  # largest error of the others, in targets
+THICKEST = 1.3  # largest number of nodes over that of the thinnest layers that meet the target
 
 
 def random_model(random: np.random.Generator, dim: int) -> Any:
@@ -101,7 +98,7 @@ def random_solid(random: np.random.Generator, dim: int) -> fh.Elastic:
     """An elastic material on unit spacing."""
     material = str(random.choice(["bond-based", "bond-based", "state-based", "correspondence", "finite-element"]))
     kernel = None if material == "finite-element" else random_kernel(random, dim, 6 if dim < 3 else 3)
-    if material == "bond-based":  # Poisson's ratio follows
+    if material == "bond-based":  # it determines Poisson's ratio
         return fh.Elastic(kernel, young=1.0, material=material)
     poisson = float(random.uniform(0.1, 0.4))
     stabilisation = float(random.uniform(0.2, 1.0)) if material == "correspondence" else 0.0
@@ -109,7 +106,7 @@ def random_solid(random: np.random.Generator, dim: int) -> fh.Elastic:
 
 
 def random_kernel(random: np.random.Generator, dim: int, most: int) -> fh.Kernel:
-    """A kernel of a reach of 1 to so many nodes."""
+    """A kernel with a reach of 1 to `most` nodes."""
     reach, influence = float(random.integers(1, most + 1)), str(random.choice(["constant", "linear", "gaussian"]))
     volume = str(random.choice(["ramp", "ramp", "full"]))
     exponent = int(random.integers(0, 4 if dim > 1 else 3))
@@ -117,7 +114,7 @@ def random_kernel(random: np.random.Generator, dim: int, most: int) -> fh.Kernel
 
 
 def random_setup(random: np.random.Generator, part: str = "second") -> tuple[dict[str, Any], float, bool]:
-    """A set-up, its end, and whether it is a guide that is periodic across."""
+    """A set-up, its end, and whether it is a guide with periodic sides."""
     solid = part == "solids"
     dim = int(random.choice([2, 2, 3] if solid else [1, 2, 2, 2, 3]))
     model = random_solid(random, dim) if solid else random_model(random, dim)
@@ -159,7 +156,7 @@ def random_setup(random: np.random.Generator, part: str = "second") -> tuple[dic
 
 
 def long_setup(random: np.random.Generator) -> tuple[dict[str, Any], float, bool]:
-    """A set-up in which waves come back late, its end, and whether it is a guide."""
+    """A set-up in which waves return late, its end, and whether it is a guide."""
     kind = random.choice(["guide", "guide", "guide", "box", "line", "plane"])
     dim, guide = 1 if kind == "line" else 2, bool(kind == "guide")
     kernel = random_kernel(random, dim, 3)
@@ -197,7 +194,7 @@ def long_setup(random: np.random.Generator) -> tuple[dict[str, Any], float, bool
 
 
 def random_source(random: np.random.Generator, setup: dict[str, Any], bell: np.ndarray, until: float) -> Any:
-    """A source over a bell, or at a node, often beside a side; in diffusion it goes on and on."""
+    """A source with the shape of a bell or at a node, often next to a side; for diffusion it is permanent."""
     lattice, model = setup["lattice"], setup["model"]
     length = min(random.uniform(6.0, 30.0), until * np.sqrt(model.coefficient) / 6)
     frequency = np.sqrt(model.coefficient) / length
@@ -218,10 +215,10 @@ def random_source(random: np.random.Generator, setup: dict[str, Any], bell: np.n
 
 
 class Guide:
-    """The infinite guide along the second axis, with any sides across: as `InfiniteLattice`.
+    """The infinite guide along the second axis with any walls; used like `InfiniteLattice`.
 
-    To each wave along it belongs a matrix of the nodes across, whose modes are followed each. Stencils are the same
-    mirrored at an axis.
+    Each wavenumber along it has a matrix over the nodes across, whose modes are followed. Stencils must be
+    mirror-symmetric.
     """
 
     def __init__(self, sim: fh.Simulation, across: Any, last: int, u: np.ndarray) -> None:
@@ -254,9 +251,7 @@ class Guide:
 
 
 class Spread:
-    """Diffusion on the infinite lattice at any time, at late ones of the long waves that are left: as
-    `InfiniteLattice`.
-    """
+    """Diffusion on the infinite lattice, at late times of the remaining long waves; used like `InfiniteLattice`."""
 
     def __init__(self, sim: fh.Simulation, u: np.ndarray) -> None:
         self.sim, self.u = sim, u
@@ -266,7 +261,7 @@ class Spread:
     def _growth(self, angles: list[np.ndarray]) -> np.ndarray:
         """Factor of one step."""
         model = self.sim.model
-        integrator: Any = model.integrator  # of those for diffusion
+        integrator: Any = model.integrator  # one of those for diffusion
         symbol = self.sim.stencil.symbol(*np.ix_(*angles)) * model.coefficient
         return np.asarray(integrator.growth(symbol, self.sim.dt))
 
@@ -274,7 +269,7 @@ class Spread:
         way = 13 * np.sqrt(self.sim.model.coefficient * steps * self.sim.dt) + 12 * max(self.sim.stencil.reach)
         left, angles, found = np.nonzero(self.growth**steps > 1e-18), [], self.u.astype(complex)
         for axis, nodes in enumerate(self.u.shape):
-            box = int(nodes + way) // 2 * 2 + 1  # an odd number, so that each wave has its opposite
+            box = int(nodes + way) // 2 * 2 + 1  # odd, so that each wave has its opposite
             highest = np.abs(self.angles[left[axis]]).max() + self.angles[1]
             count = min(box // 2, int(highest * box / (2 * np.pi)) + 1)
             angles.append(2 * np.pi / box * np.arange(-count, count + 1))
@@ -288,7 +283,7 @@ class Spread:
 
 
 class Enlarged:
-    """The same set-up in a domain so large that nothing returns: as `InfiniteLattice`.
+    """The same set-up in a domain so large that nothing returns; used like `InfiniteLattice`.
 
     Raises
     ------
@@ -311,9 +306,10 @@ class Enlarged:
 def error(
     sim: fh.Simulation, reference: Any, largest: float, until: float, enough: float = np.inf, late: bool = False
 ) -> float:
-    """Largest error over the run, of waves over the largest value of it and of `largest`; ends early above `enough`.
+    """Largest error over the run, for waves relative to the largest value of the run and `largest`; ends early above
+    `enough`.
 
-    Diffusion, and waves that come back late, are looked at in even steps of the logarithm of time.
+    Diffusion, and waves that return late, are compared at times evenly spaced in their logarithm.
     """
     last, worst, waves = int(until / sim.dt), 0.0, sim.model.order == 2
     even = waves and not late
@@ -331,27 +327,27 @@ def error(
 
 
 def sides(setup: dict[str, Any]) -> dict[str, fh.LatticePML]:
-    """The layers of a set-up by their key."""
+    """Layers of a set-up by their key."""
     return {key: side for key, side in setup["boundary"].items() if isinstance(side, fh.LatticePML)}
 
 
 def unasked(setup: dict[str, Any]) -> dict[str, Any]:
-    """The set-up with layers that are asked for nothing but to last for the run."""
+    """The set-up with layers without a target, for the length of the run only."""
     return with_sides(setup, {key: fh.LatticePML(until=layer.until) for key, layer in sides(setup).items()})
 
 
 def with_sides(setup: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
-    """The set-up with some sides in place of its own."""
+    """The set-up with some of its sides replaced."""
     return setup | {"boundary": setup["boundary"] | others}
 
 
 def empty(kind: str) -> dict[str, Any]:
-    """The row of a kind of set-ups before the first."""
+    """Row of a kind of set-ups before the first one."""
     return {"set-up": kind, **dict.fromkeys(COUNTED, 0), "worst": 0.0, "nodes": []}
 
 
 def drawn(seed: int, count: int, first: int, part: str) -> Iterator[tuple[int, dict[str, Any], float, bool]]:
-    """Number, set-up, end and whether it is a guide, of so many random set-ups, as far as they belong to a part."""
+    """Number, set-up, end and whether it is a guide, for those random set-ups that belong to a part."""
     belongs = {"walls": walled, "space": in_space}.get(part, lambda setup: True)
     for number in range(first, count):
         try:
@@ -359,23 +355,23 @@ def drawn(seed: int, count: int, first: int, part: str) -> Iterator[tuple[int, d
             setup, until, guide = long_setup(random) if part == "long" else random_setup(random, part)
             if belongs(setup):
                 yield number, setup, until, guide
-        except fh.InputError as refusal:  # a kernel that makes no solid
+        except fh.InputError as refusal:  # e.g. a kernel that makes no solid
             print(f"{number}: not judged, {refusal}", flush=True)
 
 
 def walled(setup: dict[str, Any]) -> bool:
-    """Whether a side is free or holds the nodes beyond it."""
+    """Whether a side is free or fixed."""
     return any(isinstance(side, fh.Free | fh.Fixed) for side in setup["boundary"].values())
 
 
 def in_space(setup: dict[str, Any]) -> bool:
-    """Whether a scalar has waves in space."""
+    """Whether a set-up has scalar waves in 3D."""
     model = setup["model"]
     return bool(setup["lattice"].dim == 3 and model.order == 2 and model.stencil(1.0, 3).components == 1)
 
 
 def kind_of(setup: dict[str, Any], guide: bool) -> str:
-    """What rows of a table are of."""
+    """Kind of a set-up, the name of its row."""
     shape = setup["lattice"].shape
     if guide:
         where = f"{type(setup['boundary']['x']).__name__.lower()} guide"
@@ -395,12 +391,12 @@ def measured(
     enough: float = np.inf,
     late: bool = False,
 ) -> float:
-    """Error of a run in targets; ends early above `enough`. Late: as in `error`.
+    """Error of a run in units of the target; ends early above `enough`, and `late` is that of `error`.
 
     Raises
     ------
     InputError
-        The infinite lattice does not fit into memory, or a domain from which nothing returns takes too long.
+        The infinite lattice does not fit into memory, or the larger domain takes too long.
     """
     model, last = setup["model"], int(until / sim.dt)
     try:
@@ -424,16 +420,16 @@ def measured(
 
 
 def columns(sim: fh.Simulation) -> list[int]:
-    """Nodes of the layers."""
+    """Number of nodes of each layer."""
     return [layer.columns for layer in sim.engine.layers.values()]
 
 
 def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
-    """How many keep their target, by kind of set-up."""
+    """Numbers of set-ups that meet their target, by kind."""
     seed = SEEDS[part] if options.seed is None else options.seed
     print(f"seed {seed}")
     rows: dict[str, dict[str, Any]] = {}
-    spent: list[float] = []  # in setting up
+    spent: list[float] = []  # by the set-up
     for number, setup, until, guide in drawn(seed, options.count, options.first, part):
         setup = unasked(setup) if part == "default" else setup
         (target,) = {b.wanted(setup["model"].target) for b in sides(setup).values()}
@@ -458,7 +454,7 @@ def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
             continue
         try:
             found = measured(sim, setup, until, guide, target, late=part == "long")
-        except fh.InputError as refusal:  # of the reference: nothing can be said
+        except fh.InputError as refusal:  # by the reference
             row["cases"] -= 1
             row["not judged"] += 1
             print(f"{number}: {kind} {target:g}: not judged, {refusal}", flush=True)
@@ -497,15 +493,15 @@ def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
 
 
 def loosened(setup: dict[str, Any], factor: float) -> dict[str, Any]:
-    """The set-up with layers that are asked for an error so many times as large."""
+    """The set-up with layers for a target `factor` times as large."""
     return with_sides(setup, {key: replace(b, target=factor * b.target) for key, b in sides(setup).items()})
 
 
 def thinnest(setup: dict[str, Any], until: float, guide: bool, target: float, found: float) -> tuple[list[int], float]:
-    """The thinnest layers with which a run still keeps a target, of those that are chosen for larger ones, and what it
-    leaves; by halving the logarithm of the factor.
+    """Nodes of the thinnest layers, among those chosen for larger targets, with which a run still meets its target, and
+    its error; by bisection of the logarithm of the factor.
     """
-    most = int(np.log2(0.1 / target))  # no target is larger
+    most = int(np.log2(0.1 / target))  # the largest target is 0.1
     low, high, best = 0, most + 1, ([], found)
     known = {}
     while high - low > 1:
@@ -523,9 +519,7 @@ def thinnest(setup: dict[str, Any], until: float, guide: bool, target: float, fo
 
 
 def thickness(options: argparse.Namespace) -> list[dict[str, Any]]:
-    """How thick the layers that keep their target are over the thinnest ones that do, of set-ups that run no longer
-    than a time.
-    """
+    """Thickness of layers that meet their target relative to the thinnest ones that do, for set-ups with short runs."""
     seed = SEEDS["thickness"] if options.seed is None else options.seed
     print(f"seed {seed}")
     ratios: dict[str, list[float]] = {}
@@ -542,7 +536,7 @@ def thickness(options: argparse.Namespace) -> list[dict[str, Any]]:
                 print(f"{number}: {kind} {target:g}: left out, takes about {spent:.0f} s", flush=True)
                 continue
             found = measured(sim, setup, until, guide, target)
-        except fh.InputError:  # refused, or nothing can be said
+        except fh.InputError:  # refused, or not judged
             continue
         if found > 1:
             print(f"{number}: {kind} {target:g}: left out, error {found:.2g} targets", flush=True)
@@ -562,7 +556,7 @@ def thickness(options: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def over_thinnest(kind: str, ratios: list[float]) -> dict[str, Any]:
-    """The row of a kind of set-ups: nodes of layers over those of the thinnest."""
+    """Row of a kind of set-ups: nodes of layers relative to the thinnest."""
     row: dict[str, Any] = {"set-up": kind, "cases": len(ratios), "aim": THICKEST}
     row["within"] = float(np.mean(np.array(ratios) <= THICKEST)) if ratios else "-"
     for name, of in (("median", np.median), ("worst", np.max)):

@@ -1,14 +1,13 @@
-"""What receivers and spectra add to a wave step.
+"""Cost of receivers and spectra per wave step.
 
-Measures the processor time of `Simulation.step` on 1000^2 nodes, m = 3, one thread: of one simulation whose recorder is
-there and taken away in turn, so that both have the same pages of memory. The figure is the median of the ratios of
-neighbouring turns, with its quartiles. A turn is long enough for what Python does at the end of a call to count as
-little as in a run.
+Measures the processor time of `Simulation.step` on 1000^2 nodes, m = 3, one thread, for one simulation with and without
+its recorder in turn, so that both use the same pages of memory. The result is the median of the ratios of neighbouring
+turns, with quartiles. A turn is so long that the work of Python at the end of a call matters as little as in a run.
 
 - points: 1000 receivers at every step, in a line along x, in a line along y and scattered, on nodes and between them
   (windowed sinc, linear). Aim: at most 5 % more.
-- shell: sums at 20 frequencies on all nodes within one reach of the edge of a box of 900^2, over every step and over
-  every third one, which is enough for all waves on the lattice. Aim: at most 10 % more.
+- shell: sums at 20 frequencies on all nodes within two reaches of the edge of a box of 900^2 nodes, over every step and
+  over every third one, which suffices for all waves on the lattice. Aim: at most 10 % more.
 - power: through the edge of that box, for information.
 
 Run: ``python benchmarks/receivers.py [points] [shell] [power] [--json FILE] [--repeats N]``. Takes some minutes.
@@ -26,12 +25,12 @@ import farhorizon as fh
 from farhorizon.simulation.recording import Recording
 
 NODES, REACH = 1000, 3
-STEPS = 20  # of a turn; a run makes 200 of this size before it returns to Python
+STEPS = 20  # steps per turn; a run makes 200 steps of this size before it returns to Python
 SEED = 20261123
 
 
 def simulation(*observe: Any) -> fh.Simulation:
-    """Noise, so that nothing becomes denormal, between fixed edges."""
+    """Simulation with noise, which prevents denormal numbers, between fixed edges."""
     noise = np.random.default_rng(SEED).standard_normal((NODES, NODES))
     lattice = fh.Lattice(1.0, (0.0, 0.0), (NODES - 1.0, NODES - 1.0))
     return fh.Simulation(
@@ -47,7 +46,7 @@ def turns(sim: fh.Simulation, rounds: int) -> np.ndarray:
         for i, recording in enumerate(recordings):
             recording._lay()
             sim._recording = recording
-            sim.step(1)  # what is new in the tables is looked at once
+            sim.step(1)  # checks new tables once
             begin = time.thread_time()
             sim.step(STEPS)
             row[i] = (time.thread_time() - begin) / STEPS
@@ -55,7 +54,7 @@ def turns(sim: fh.Simulation, rounds: int) -> np.ndarray:
 
 
 def measure(cases: dict[str, Any], aim: float | None, repeats: int) -> list[dict[str, Any]]:
-    """What each recorder adds to a step."""
+    """Cost of each recorder per step."""
     rows = []
     for name, recorder in cases.items():
         times = turns(simulation(recorder), 20 * repeats)
@@ -75,7 +74,7 @@ def measure(cases: dict[str, Any], aim: float | None, repeats: int) -> list[dict
 
 
 def points(repeats: int) -> list[dict[str, Any]]:
-    """1000 receivers."""
+    """Measure 1000 receivers."""
     along, across = np.linspace(20.0, 979.0, 1000), np.full(1000, 500.3)
     scattered = np.random.default_rng(SEED).uniform(20, 979, (1000, 2))
     places = {
@@ -90,12 +89,12 @@ def points(repeats: int) -> list[dict[str, Any]]:
 
 
 def box() -> fh.Box:
-    """The box of 900^2 nodes."""
+    """Box of 900^2 nodes."""
     return fh.Box((50.0, 50.0), (NODES - 51.0, NODES - 51.0))
 
 
 def shell(repeats: int) -> list[dict[str, Any]]:
-    """20 frequencies on a shell of two reaches."""
+    """Measure sums at 20 frequencies on a shell of two reaches."""
     inner = fh.Box((50.0 + 2 * REACH,) * 2, (NODES - 51.0 - 2 * REACH,) * 2)
     frequencies = np.linspace(0.01, 0.2, 20)
     cases = {
@@ -105,7 +104,7 @@ def shell(repeats: int) -> list[dict[str, Any]]:
 
 
 def power(repeats: int) -> list[dict[str, Any]]:
-    """Power through the edge of a box."""
+    """Measure the power through the edge of a box."""
     return measure({"power through the box": fh.PowerThrough(box())}, None, repeats)
 
 

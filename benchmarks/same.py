@@ -1,8 +1,8 @@
-"""Whether two checkouts compute the same, bit for bit: every example and some set-ups that none of them has.
+"""Do two checkouts compute the same, bit for bit? Every example, and some set-ups that none of them contains.
 
     python benchmarks/same.py ../other --steps 60
 
-Each case is advanced by some steps in both, and the fields and all that a checkpoint holds are compared.
+Each case is advanced by some steps in both, and the fields and the contents of a checkpoint are compared.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def main() -> None:
 
 
 def _marks_of(checkout: Path, steps: int) -> dict[str, str]:
-    """Sums of all cases as the sources of a checkout compute them."""
+    """Hashes of all cases, computed with the sources of a checkout."""
     env = os.environ | {"PYTHONPATH": str(checkout / "src"), "NUMBA_NUM_THREADS": "2"}
     command = [sys.executable, __file__, "--steps", str(steps)]
     lines = subprocess.run(command, env=env, check=True, stdout=subprocess.PIPE, text=True).stdout.splitlines()
@@ -59,7 +59,7 @@ def _marks(steps: int) -> Iterator[tuple[str, str]]:
 
 
 def _mark(make: Callable[[], Any], steps: int) -> str:
-    """Hash of the fields and of what a checkpoint holds after some steps."""
+    """Hash of the fields and of the contents of a checkpoint after some steps."""
     from farhorizon.files.checkpoint_format import read_checkpoint
 
     run, mark = make(), hashlib.sha256()
@@ -74,7 +74,7 @@ def _mark(make: Callable[[], Any], steps: int) -> str:
 
 
 def _more() -> dict[str, Callable[[], Any]]:
-    """What no example has: other precisions, integrators, sides and their combinations."""
+    """Set-ups that no example contains: other precisions, integrators, sides and combinations."""
     import farhorizon as fh
 
     def lattice(*shape: int, **more: Any) -> Any:

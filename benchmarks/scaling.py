@@ -1,20 +1,21 @@
-"""A run on several processes, beside threads of one: weak and strong scaling, and what is sent.
+"""Runs on several processes compared with threads of one: weak and strong scaling, and messages.
 
 Each part starts programs one after the other, round by round, and prints medians of the ratios of a round:
 
-- weak: waves of reach 3 with fixed sides, as many nodes for each thread, 2000^2 and 200^3 (with `--quick` 500^2 and
-  60^3): time of a step on one thread over that on two processes of one thread each, and over that on two threads of one
-  process. Target: processes reach 95 % of what threads reach, and the exchange takes 5 % of a step.
-- strong: waves in 100^3 nodes with layers, one thread over two processes of one. Target: 1.8.
-- overlap: a step on two processes that sweeps nodes while messages travel over one that waits for them first, how much
-  of the latter an exchange takes, and how much of the exchange that hides: the least of many times in turns.
-- messages: what one message takes between two processes, in both directions at once, packed and unpacked: the least
-  of many times for messages of 168 bytes and of 24 MB; and what is left of that beside other work. `check --details`
-  predicts efficiencies from them (`farhorizon.simulation.sent`).
-- curves: both over numbers of processes of one thread each, those of `--processes`: a table of the efficiencies and of
-  the bytes that a process sends, and a plot of it with `--plot FILE`. Not among those that run unless asked for.
+- weak: waves of reach 3 with fixed sides and equally many nodes for each thread, 2000^2 and 200^3 (with `--quick` 500^2
+  and 60^3): time of a step on one thread over that on two processes of one thread each, and over that on two threads of
+  one process. Target: processes reach 95 % of the efficiency of threads, and the exchange takes 5 % of a step.
+- strong: waves in 100^3 nodes with layers, one thread over two processes of one thread each. Target: 1.8.
+- overlap: time of a step on two processes that sweeps nodes while messages travel, relative to one that waits for them
+  first; the fraction of the latter that an exchange takes, and the fraction of the exchange that is hidden. Smallest of
+  many times in turns.
+- messages: time of one message between two processes, in both directions at once, including packing and unpacking: the
+  smallest of many times for messages of 168 bytes and of 24 MB; and the part of it that is not hidden by other work.
+  `check --details` predicts efficiencies from these (`farhorizon.simulation.sent`).
+- curves: weak and strong scaling over the numbers of processes (of one thread each) in `--processes`: a table of the
+  efficiencies and of the bytes that a process sends, and with `--plot FILE` a plot. Runs only on request.
 
-It says how many bytes a process sends in each step. All want a quiet machine.
+The number of bytes that a process sends in each step is printed. All parts require a quiet machine.
 
 Run: ``python benchmarks/scaling.py [weak] [strong] [overlap] [messages] [curves] [--quick] [--rounds N]
 [--processes 1 2 4 8] [--plot FILE]``; it needs mpi4py and mpiexec.
@@ -33,7 +34,7 @@ from typing import Any
 
 
 def made(kind: str, size: int, dim: int, threads: int, parts: int) -> Any:
-    """Waves on these processes, cut across the first axis."""
+    """Simulation of waves on these processes; for weak scaling, it is divided across the first axis."""
     from mpi4py import MPI
 
     import farhorizon as fh
@@ -51,7 +52,7 @@ def made(kind: str, size: int, dim: int, threads: int, parts: int) -> Any:
 
 
 def seconds_of(work: Any, count: int) -> float:
-    """Of one of so many pieces of work, on the slowest process."""
+    """Seconds per unit of `count` units of work, on the slowest process."""
     from mpi4py import MPI
 
     world = MPI.COMM_WORLD
@@ -62,7 +63,7 @@ def seconds_of(work: Any, count: int) -> float:
 
 
 def measure(kind: str, size: int, dim: int, threads: int, parts: int) -> None:
-    """Print the time of a step on these processes, and of an exchange, in seconds."""
+    """Print the times of a step on these processes and of an exchange, in seconds."""
     from mpi4py import MPI
 
     engine = made(kind, size, dim, threads, parts).engine
@@ -80,8 +81,8 @@ def measure(kind: str, size: int, dim: int, threads: int, parts: int) -> None:
 
 
 def measure_overlap(kind: str, size: int, dim: int) -> None:
-    """Print the time of a step that sweeps nodes while messages travel, of one that waits for them first, and of an
-    exchange: the least of many that are measured in turns, for a few thousandths of a second each.
+    """Print the times of a step that sweeps nodes while messages travel, of one that waits for them first, and of an
+    exchange: the smallest of many that are measured in turns, for a few milliseconds each.
     """
     import numpy as np
     from mpi4py import MPI
@@ -102,7 +103,7 @@ def measure_overlap(kind: str, size: int, dim: int) -> None:
 
 
 def overlap(quick: bool, rounds: int) -> None:
-    """A step with and without what is swept while messages travel."""
+    """Compare steps with and without sweeping while messages travel."""
     cases = [("weak", 500, 2), ("weak", 60, 3), ("strong", 60, 3)]
     for kind, size, dim in cases if quick else [*cases, ("weak", 2000, 2), ("weak", 200, 3)]:
         every = [started(2, "overlap", kind, size, dim) for _ in range(rounds)]
@@ -119,8 +120,8 @@ def overlap(quick: bool, rounds: int) -> None:
 
 
 def measure_messages(size: int) -> None:
-    """Print the bytes of a message along a line of so many nodes, the least time that one takes, and what of it is left
-    where a process computes meanwhile and lets messages move on now and then, in seconds.
+    """Print the bytes of a message along a line of `size` nodes, its smallest time, and the part of it that remains if
+    a process computes meanwhile and lets messages progress now and then, in seconds.
     """
     from mpi4py import MPI
 
@@ -137,7 +138,7 @@ def measure_messages(size: int) -> None:
         world.Barrier()
         began = time.perf_counter()
         exchange.fill(level, 1, count)
-        least = min(least, (time.perf_counter() - began) / count / 2)  # one to either side
+        least = min(least, (time.perf_counter() - began) / count / 2)  # one message to either side
     seconds = world.allreduce(least, MPI.MAX)
     left = min(left_of(exchange, level, 4 * seconds) / 2 for _ in range(max(20, 8 * count)))
     left = world.allreduce(left, MPI.MAX)
@@ -146,8 +147,8 @@ def measure_messages(size: int) -> None:
 
 
 def left_of(exchange: Any, level: Any, meanwhile: float) -> float:
-    """Seconds of an exchange along the first axis of the plane, but for those in which the process does something else,
-    as long as is given.
+    """Seconds of an exchange along the first axis, without the `meanwhile` seconds in which the process does other
+    work.
     """
     from mpi4py import MPI
 
@@ -176,7 +177,7 @@ def left_of(exchange: Any, level: Any, meanwhile: float) -> float:
 
 
 def messages(rounds: int) -> None:
-    """Latency and bandwidth, and what is left of both beside other work."""
+    """Measure latency and bandwidth, and what remains of both next to other work."""
     found = [(size, [started(2, "messages", size) for _ in range(rounds)]) for size in (7, 1_000_000)]
     (few, many), words = (every[0]["bytes"] for _, every in found), []
     for name in ("seconds", "left"):
@@ -190,14 +191,14 @@ def messages(rounds: int) -> None:
 
 
 def started(processes: int, *words: object) -> dict[str, float]:
-    """What `measure` prints on so many processes."""
+    """Run `measure` on a number of processes and return what it prints."""
     command = ["mpiexec", "-n", str(processes), sys.executable, __file__, "--measure", *map(str, words)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
 def weak(size: int, dim: int, rounds: int) -> None:
-    """Two times the nodes on two processes, and on two threads."""
+    """Measure twice the nodes on two processes, and on two threads."""
     ratios: dict[str, list[float]] = {"processes": [], "threads": [], "exchange": []}
     for _ in range(rounds):
         one, two, both = (
@@ -215,7 +216,7 @@ def weak(size: int, dim: int, rounds: int) -> None:
 
 
 def strong(size: int, rounds: int) -> None:
-    """The same nodes on two processes."""
+    """Measure the same nodes on two processes."""
     found = [
         started(1, "strong", size, 3, 1, 1)["step"] / started(2, "strong", size, 3, 1, 1)["step"] for _ in range(rounds)
     ]
@@ -223,7 +224,7 @@ def strong(size: int, rounds: int) -> None:
 
 
 def curves(counts: list[int], quick: bool, rounds: int, plot: str | None) -> None:
-    """Efficiencies over numbers of processes, the first of them taken for 1."""
+    """Measure efficiencies over numbers of processes, relative to the first number."""
     sizes = dict.fromkeys(("weak", "strong"), (60, 3) if quick else (200, 3))
     found: dict[str, list[float]] = {kind: [] for kind in sizes}
     print("processes  weak  strong  bytes sent by one (weak, strong)")
@@ -252,7 +253,7 @@ def curves(counts: list[int], quick: bool, rounds: int, plot: str | None) -> Non
 
 
 def main() -> None:
-    """The command line."""
+    """Run the command line."""
     if sys.argv[1:3] == ["--measure", "messages"]:
         measure_messages(int(sys.argv[3]))
         return

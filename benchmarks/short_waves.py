@@ -1,9 +1,10 @@
-"""Are layers stable for every kernel, and what does the damping of short waves cost in accuracy?
+"""Are layers stable for every kernel, and how does the damping of short waves affect accuracy?
 
-For each stencil with backward waves: the damping that is chosen, the fastest mode between two sides over tangential
-wavenumbers (all eigenvalues; negative: it decays), and the error against the infinite lattice of a Gaussian pulse whose
-spectrum has fallen to 1.5e-5 at 8 nodes a wave or at 60 % of the first backward wavenumber, over four crossings, all
-sides and corners, relative to its maximum. Asked: decay, 1e-6 with 16 nodes or 4 horizons, 1e-8 with 30 nodes.
+For each stencil with backward waves: the damping that is chosen, the fastest growing mode between two sides over
+tangential wavenumbers (all eigenvalues; negative means decay), and the error against the infinite lattice of a Gaussian
+pulse whose spectrum has fallen to 1.5e-5 at 8 nodes per wave or at 60 % of the first backward wavenumber, over four
+crossings, with all sides and corners, relative to its maximum. Goals: decay, 1e-6 with 16 nodes or 4 horizons, 1e-8
+with 30 nodes.
 """
 
 from __future__ import annotations
@@ -27,11 +28,11 @@ from farhorizon.checks.side_modes import Strip
 
 ALONG = [0.005, 0.02, 0.1, 0.3, 0.6, 1.0, 1.4, 1.8, 2.0, 2.4, np.pi]  # tangential wavenumbers times spacing
 CROSSINGS = 4
-TRIALS = 12  # of each medium beside walls
+TRIALS = 12  # trials for each medium next to walls
 
 
 def growth(model: Any, dim: int, nodes: int, spatial: int = 4) -> float:
-    """Largest rate of a mode between two sides, per speed over spacing."""
+    """Largest growth rate of a mode between two sides, in units of speed / spacing."""
     reach = max(model.stencil(1.0, dim).reach)
     width = float(max(12, 2 * reach))
     strip = Strip(
@@ -45,7 +46,7 @@ def growth(model: Any, dim: int, nodes: int, spatial: int = 4) -> float:
 
 
 def error(model: Any, dim: int, nodes: int) -> float:
-    """Largest error of the pulse, of its initial maximum."""
+    """Largest error of the pulse, relative to its initial maximum."""
     stencil = model.stencil(1.0, dim)
     width = 4.71 / min(np.pi / 4, 0.6 * high_pass(stencil).first)
     half = float(np.ceil(7.5 * width)) if dim < 3 else float(np.ceil(4.5 * width))
@@ -65,7 +66,7 @@ def error(model: Any, dim: int, nodes: int) -> float:
 
 
 def measure(cases: list[tuple[str, int, Any]]) -> list[dict[str, Any]]:
-    """One row a stencil with backward waves; prints the names of those without."""
+    """One row per stencil with backward waves; prints the names of those without."""
     rows, without = [], []
     for name, dim, model in cases:
         stencil = model.stencil(1.0, dim)
@@ -105,7 +106,7 @@ def measure(cases: list[tuple[str, int, Any]]) -> list[dict[str, Any]]:
 def scalar(
     dim: int, reaches: list[int], exponents: tuple[int, ...], influences: tuple[str, ...]
 ) -> list[tuple[str, int, Any]]:
-    """Wave models over a table of kernels."""
+    """Wave models for a table of kernels."""
     return [
         (f"m={m} p={p} {i}", dim, fh.Wave(fh.Kernel(float(m), p, i)))
         for p in exponents
@@ -116,8 +117,8 @@ def scalar(
 
 
 def certified(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """Wide kernels on a line with 4 horizons: the certificate, and what comes back of waves as long as three horizons
-    and more.
+    """Wide kernels in 1D with layers of 4 horizons: the certificate, and the reflection of waves of three horizons and
+    more.
     """
     rows = []
     for name, _, model in scalar(1, list(range(4, 13)), (0, 1, 2), ALL):
@@ -141,8 +142,7 @@ def certified(given: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def returned(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """Layers of 4 horizons of wide kernels: what comes back of plane waves along the normal, by the exact
-    reflection."""
+    """Layers of 4 horizons for wide kernels: exact reflection of plane waves along the normal."""
     rows = []
     for dim, exponent, reaches in ((1, 1, range(7, 13)), (2, 1, range(7, 13)), (1, 0, (6, 8, 10, 11))):
         for reach in reaches:
@@ -165,23 +165,23 @@ ALL = ("constant", "linear", "gaussian")
 
 
 def line(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """1D."""
+    """Waves in 1D."""
     return measure(scalar(1, [1, 2, 3], (0,), ALL) + scalar(1, [2, 4, 6, 8, 12], (1, 2), ALL))
 
 
 def plane(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """2D, reach up to 7."""
+    """Waves in 2D, reach up to 7."""
     cases = scalar(2, [1, 2, 3], (0,), ALL) + scalar(2, [1, 2, 3, 4, 5, 6, 7], (1, 2), ALL)
     return measure([*cases, ("bilinear elements", 2, fh.Wave(fh.Stencil.finite_element(2)))])
 
 
 def wide(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """2D, reach 8 and 12."""
+    """Waves in 2D, reach 8 and 12."""
     return measure(scalar(2, [8, 12], (1, 2), ("constant", "linear")))
 
 
 def space(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """3D."""
+    """Waves in 3D."""
     return measure(
         [
             *scalar(3, [1, 2, 3], (0, 1, 2), ("constant",)),
@@ -191,7 +191,7 @@ def space(given: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def elastic(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """Matrix weights, 2D."""
+    """Elastic waves in 2D."""
     kernels = [(m, i) for m in (2, 3) for i in ("constant", "linear")]
     cases: list[tuple[str, int, Any]] = [
         (f"bond-based m={m} {i}", 2, fh.Elastic(fh.Kernel(float(m), 1, i), young=1.0)) for m, i in kernels
@@ -201,8 +201,8 @@ def elastic(given: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def uniform_growth(stencil: fh.Stencil, sigma: float, axes: int, count: int = 9) -> float:
-    """Largest rate, per speed over spacing, at which a wave of real wavenumbers grows in a uniform region in space that
-    is stretched by ``1 + sigma/(i w)`` along some axes: the roots of ``w^2 = symbol``, followed from sigma = 0.
+    """Largest growth rate, in units of speed / spacing, of waves with real wavenumbers in a uniform 3D region that is
+    stretched by ``1 + sigma/(i w)`` along some axes: the roots of ``w^2 = symbol`` are followed from sigma = 0.
     """
     line = np.pi * (np.arange(count) + 0.5) / count
     tangents = np.tan(np.stack([one.ravel() for one in np.meshgrid(line, line, line, indexing="ij")]) / 2)
@@ -226,7 +226,7 @@ def uniform_growth(stencil: fh.Stencil, sigma: float, axes: int, count: int = 9)
 
 
 def corners(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """What grows where layers meet in space."""
+    """Growth where layers meet in 3D."""
     return [
         {"stretched axes": axes, "reach": reach}
         | {
@@ -239,13 +239,13 @@ def corners(given: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def kernel_stencil(reach: int) -> fh.Stencil:
-    """In space, exponent 2 with constant influence."""
+    """Stencil in 3D of exponent 2 with constant influence."""
     return fh.Wave(fh.Kernel(float(reach))).stencil(1.0, 3)
 
 
 def pulse_error(model: Any, layer: Any, wave: int) -> float:
-    """Largest error in the plane of a pulse whose spectrum has its peak at so many nodes a wave, nearer to two sides,
-    over four crossings of P waves, of its initial maximum."""
+    """Largest error in 2D of a pulse, nearer to two of the sides, whose spectrum has its peak at `wave` nodes per wave,
+    over four crossings of P waves, relative to its initial maximum."""
     half, pace = 2.0 * wave, float(np.sqrt(model.coefficient))
     lattice = fh.Lattice(1.0, (-half, -half), (half, half))
     x, y = lattice.coordinates()
@@ -262,7 +262,7 @@ def pulse_error(model: Any, layer: Any, wave: int) -> float:
 
 
 def dampers(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """Solids of strong backward waves in the plane, by what takes these: dampers, a short filter, a long one."""
+    """Errors in 2D solids with strong backward waves, damped by dampers, a short filter or a long one."""
     solids = {
         "elements": fh.Elastic(young=1.0, poisson=0.3, material="finite-element"),
         "linear m=2": fh.Elastic(fh.Kernel(2.0, 1, "linear"), young=1.0),
@@ -293,8 +293,8 @@ def dampers(given: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def told_and_found(random: np.random.Generator, solid: bool) -> tuple[float, float]:
-    """What layers of given nodes beside a wall say to send back of a short pulse in a long run, and what it is against
-    a domain from which nothing returns.
+    """Predicted error of layers with given nodes next to a wall, for a short pulse in a long run, and the error against
+    a domain from whose edges nothing returns.
     """
     kernel = fh.Kernel(float(random.integers(2, 4 if solid else 5)), 1, volume=str(random.choice(["ramp", "full"])))
     model, shape = fh.Elastic(kernel, 1.0) if solid else fh.Wave(kernel), random.integers(30, 45, 2)

@@ -1,15 +1,15 @@
-"""How long a user waits: importing, the first run of a new stencil, and a second process.
+"""Waiting times of a user: import, first run of a new stencil, and a second process.
 
 Measures in fresh processes, medians of the repeats:
 
-- import: ``import farhorizon`` in a process that has only the interpreter, and the modules that take most of it.
-- cold: the first `farhorizon check`, `run` and `demo` of a fresh install, by the wall clock (empty caches), beside the
-  second.
-- compile: the first simulation and step ever (empty ``FARHORIZON_CACHE``: the time loop is compiled, too), of a new
-  stencil where another one on as many axes has run before, and of the same in a second process that finds everything
-  there. Target for a new stencil: 5 s.
+- import: ``import farhorizon`` in a fresh interpreter, and the packages that take most of this time.
+- cold: the first `farhorizon check`, `run` and `demo` of a fresh install (empty caches), and the second ones, by the
+  wall clock.
+- compile: the first simulation and step ever (empty ``FARHORIZON_CACHE``, so that the time loop is also compiled),
+  those of a new stencil after another one on as many axes, and the same in a second process that finds everything
+  compiled. Target for a new stencil: 5 s.
 
-Wall-clock seconds here mean this machine; the ratio of first to second run is what the cache gains.
+Wall-clock times depend on the machine; the ratio of the first to the second run is the gain by the cache.
 
 Run: ``python benchmarks/startup.py [import] [cold] [compile] [--json FILE] [--repeats N]``. Takes about four minutes.
 """
@@ -55,16 +55,14 @@ def python(code: str, cache: str, *options: str) -> subprocess.CompletedProcess[
 
 
 def empty_caches(folder: str) -> dict[str, str]:
-    """The environment with all compiled code in a folder: that of generated programs and that of the package's own
-    modules.
-    """
+    """Environment with the compiled code of generated programs and of the package's own modules in a folder."""
     return {**os.environ, "FARHORIZON_CACHE": folder, "NUMBA_CACHE_DIR": f"{folder}/numba"}
 
 
 def import_time(repeats: int) -> list[dict[str, Any]]:
-    """Seconds of the import, and of the heaviest packages within it (their own modules, from -X importtime)."""
+    """Seconds of the import, and of the slowest packages within it (their own modules, from -X importtime)."""
     with tempfile.TemporaryDirectory() as cache:
-        python(_IMPORT, cache)  # writes the byte code
+        python(_IMPORT, cache)  # writes the bytecode
         total = statistics.median(float(python(_IMPORT, cache).stdout) for _ in range(repeats))
         trace = python("import farhorizon", cache, "-X", "importtime").stderr
     own: dict[str, float] = {}
@@ -78,7 +76,7 @@ def import_time(repeats: int) -> list[dict[str, Any]]:
 
 
 def cold_start(repeats: int) -> list[dict[str, Any]]:
-    """Seconds of whole commands by the wall clock, from empty caches and again."""
+    """Seconds of whole commands by the wall clock, with empty caches and again."""
     rows = []
     for name in ("check", "run", "demo"):
         times: list[list[float]] = [[], []]
@@ -98,14 +96,14 @@ def cold_start(repeats: int) -> list[dict[str, Any]]:
 
 
 def compile_time(repeats: int) -> list[dict[str, Any]]:
-    """Seconds to the first step with nothing, the time loop, or everything compiled on disk."""
+    """Seconds to the first step if nothing, the time loop, or everything is already compiled on disk."""
     rows = []
     for dim, m, n in ((1, 3, 201), (2, 3, 100), (2, 3, 1000), (2, 6, 100), (3, 2, 20), (3, 3, 20)):
         code = _RUN.format(dim=dim, m=m, n=n)
         fresh, firsts, seconds = [], [], []
         for _ in range(repeats):
             with tempfile.TemporaryDirectory() as cache:
-                other = _RUN.format(dim=dim, m=4, n=20)  # has the operations of these axes
+                other = _RUN.format(dim=dim, m=4, n=20)  # compiles the operations for these axes
                 fresh.append(float(python(other, cache).stdout.split()[1]))
                 firsts.append([float(x) for x in python(code, cache).stdout.split()])
                 seconds.append([float(x) for x in python(code, cache).stdout.split()])
@@ -130,7 +128,7 @@ if __name__ == "__main__":
         __doc__,
         {
             "import": ("Import time in a fresh process", lambda given: import_time(given.repeats)),
-            # compiling is slow and steady: fewer repeats
+            # compilation is slow, and its time varies little: fewer repeats
             "cold": ("Commands of a fresh install", lambda given: cold_start(max(1, given.repeats // 9))),
             "compile": (
                 "From a new stencil to its first step, import not counted",

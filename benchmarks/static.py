@@ -1,21 +1,21 @@
-"""Loads that stay: what do layers do to static and slow far fields?
+"""Permanent loads: how accurate are static and slow fields with layers?
 
 A load is switched on within 40 h/c (h the spacing, c the largest speed) and stays; the near field is compared with that
-of the extended domain, from whose end less than 1e-9 comes back. Errors are the largest |u - u_extended| over the near
+of the extended domain, from whose end less than 1e-9 returns. Errors are the largest |u - u_extended| over the near
 field, relative to the largest value at the same time.
 
-- wave2d, wave3d, elastic2d, elastic3d: a force, in the plane u goes on growing like log t; waves with a kernel of reach
-  2, elasticity bond-based of reach 2; 25^2 and 13^3 nodes, to t = 600, 80, 400 and 60 h/c.
-- crack2d: two opposite forces hold a crack open, without a net force; to t = 400 h/c. crack3d: the same on a square
-  crack, to t = 60.
+- wave2d, wave3d, elastic2d, elastic3d: a force, for which u in 2D keeps growing like log t; waves with a kernel of
+  reach 2, bond-based elasticity of reach 2; 25^2 and 13^3 nodes, up to t = 600, 80, 400 and 60 h/c.
+- crack2d: two opposite forces hold a crack open, without a net force, up to t = 400 h/c. crack3d: the same for a square
+  crack, up to t = 60.
 
 - rest: a force on one node of the cubic lattice (finite differences, 9^3 nodes) until ``run("static", tolerance=1e-4)``
-  ends, beside the exact static field ``integral of exp(-6 t) I I I (2 t) dt``, which is 1 / 4 pi r far away: the part
-  of the largest value by which it is missed, and how many crossings of the near field it took.
+  ends, compared with the exact static field ``integral of exp(-6 t) I I I (2 t) dt``, which is 1 / 4 pi r far away: the
+  error relative to the largest value, and the number of crossings of the near field.
 
-Columns: "nodes" of the layers; "error" the largest from t = 60 h/c (3D: 30) to the end T; "drift" the same without its
-mean over the near field; "at 4 T" in space, where fields come to rest, the difference of the run at four times T from
-the extended domain at T: there a layer that was chosen for T need not keep its target.
+Columns: "nodes" of the layers; "error", the largest from t = 60 h/c (3D: 30) up to the end T; "drift", the same without
+its mean over the near field; "at 4 T" in 3D, where fields come to rest, the difference of the run at four times T from
+the extended domain at T: a layer that was chosen for T need not meet its target there.
 
 Run: ``python benchmarks/static.py [wave2d] [wave3d] [elastic2d] [elastic3d] [crack2d] [crack3d] [rest] [--json FILE]``.
 Takes six minutes.
@@ -37,18 +37,18 @@ TARGETS = (None, 1e-3, 1e-4, 1e-5, 1e-6)
 
 
 def ramp(t: float) -> float:
-    """The load in time."""
+    """Load as a function of time."""
     return float(np.sin(np.pi / 2 * min(t / RISE, 1.0)) ** 2)
 
 
 def force(lattice: fh.Lattice, centre: float, width: float = 3.0) -> np.ndarray:
-    """A gaussian, off the middle along x."""
+    """A Gaussian force, off the middle along x."""
     x = lattice.coordinates()
     return np.asarray(np.exp(-((x[0] - centre) ** 2 + sum(y**2 for y in x[1:])) / width**2))
 
 
 def setup(dim: int, elastic: bool, crack: bool) -> dict[str, Any]:
-    """Spacing and largest speed are 1."""
+    """Set-up of a part; spacing and largest speed are 1."""
     half = 12.0 if dim == 2 else 6.0
     lattice = fh.Lattice(1.0, (-half,) * dim, (half,) * dim)
     width = 3.0 if dim == 2 else 1.8
@@ -61,7 +61,7 @@ def setup(dim: int, elastic: bool, crack: bool) -> dict[str, Any]:
     model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, plane="strain" if dim == 2 else None)
     model = fh.Elastic(fh.Kernel(2.0, 1), 1.0 / model.p_modulus, plane="strain" if dim == 2 else None)
     vector = np.zeros((dim, *lattice.shape))
-    if crack:  # in the plane x = 1/2, pulled apart
+    if crack:  # on the plane x = 1/2, pulled apart
         vector[0] = force(lattice, 3.0, 1.5) - force(lattice, -2.0, 1.5)
         plane = (
             [(0.5, -4.3), (0.5, 4.3)] if dim == 2 else fh.Rectangle((0.5, -3.3, -3.3), (0.0, 6.6, 0.0), (0.0, 0.0, 6.6))
@@ -72,7 +72,7 @@ def setup(dim: int, elastic: bool, crack: bool) -> dict[str, Any]:
 
 
 def rows(dim: int, elastic: bool, crack: bool, until: float) -> list[dict[str, Any]]:
-    """One row a target."""
+    """One row per target."""
     given = setup(dim, elastic, crack)
     first = 60.0 if dim == 2 else 30.0
     far = fh.Simulation(**given, boundary=fh.Extended(1e-9, until=until))
@@ -105,7 +105,7 @@ def rows(dim: int, elastic: bool, crack: bool, until: float) -> list[dict[str, A
 
 
 def lattice_potential(n: tuple[int, int, int]) -> float:
-    """Static field of a unit force on the infinite cubic lattice, n nodes away."""
+    """Static field of a unit force on the infinite cubic lattice, at the offset n in nodes."""
 
     def integrand(s: float) -> float:
         t = s / (1 - s)
@@ -115,7 +115,7 @@ def lattice_potential(n: tuple[int, int, int]) -> float:
 
 
 def rest_rows(_: Any) -> list[dict[str, Any]]:
-    """One row a target."""
+    """One row per target."""
     cube = fh.Lattice(1.0, (-4.0,) * 3, (4.0,) * 3)
     load = np.zeros(cube.shape)
     load[4, 4, 4] = 1.0
@@ -138,7 +138,7 @@ def rest_rows(_: Any) -> list[dict[str, Any]]:
 
 
 def part(dim: int, elastic: bool, crack: bool, until: float) -> tuple[str, Callable[[Any], list[dict[str, Any]]]]:
-    """A part of the command line."""
+    """Title and function of a part of the command line."""
     what = (
         "a crack held open" if crack else "a force that stays"
     ) + f", {'elasticity' if elastic else 'waves'} in {dim}D, T = {until:g} h/c"

@@ -2,16 +2,17 @@
 
 Measures, in one process with interleaved repeats (medians of the ratios of a round):
 
-- triad: 2D m = 3 on 4000^2 nodes with all threads as a fraction of the bandwidth of the update ``A += s*C``. That
-  update moves the same 24 bytes a node as the step must at least (read u, read and write the older level), is compiled
-  by Numba with the same threads and thread layer, and runs on arrays of as many nodes. Targets: 68 % for the 36
+- triad: 2D m = 3 on 4000^2 nodes with all threads as a fraction of the bandwidth of the update ``A += s*C``. This
+  update moves 24 bytes per node, the least that a step must move (read u, read and write the older level), is compiled
+  by Numba with the same threads and threading layer, and runs on arrays of as many nodes. Targets: 68 % for the 36
   neighbours of volume="ramp", 75 % for the 28 of volume="full".
 - csr: one thread per node against the product of the same operator as a scipy CSR matrix with a vector (no time
   update): 2D m = 3 on 1000^2 nodes; 3D m = 3, 200^3 nodes against a matrix on 96^3 nodes (200^3 would need 17 GB).
   Target: 15 x.
-- float32: how many times faster single precision is, 2D m = 3. Target: 1.6 x.
-- memory: what a 2D 1000^2 near field with its default layers holds and what its set-up needs for a while, in fields of
-  8 bytes a node, as counted by tracemalloc. Target: the run holds at most 5.
+- float32: speed-up by single precision, 2D m = 3. Target: 1.6 x.
+- memory: memory that near fields of 1000^2 and 100^3 nodes, with fixed sides and with layers, hold, and that their
+  set-up and run temporarily need, in fields of 8 bytes per node, as counted by tracemalloc. Target with fixed sides:
+  the run holds at most 5.
 
 Run: ``python benchmarks/step.py [triad] [csr] [float32] [memory] [--json FILE] [--repeats N]``.
 Takes one to two minutes and 3 GB.
@@ -51,7 +52,7 @@ def triad_case(nodes: int, threads: int) -> Any:
 
 
 def matrix(stencil: Stencil, n: int) -> sp.csr_matrix:
-    """The operator on n^dim nodes with zeros beyond, int32 indices, rows of whole lines at a time."""
+    """Operator on n^dim nodes with zeros beyond, with int32 indices, built for one offset at a time."""
     shape = (n,) * stencil.dim
     index = np.arange(n**stencil.dim, dtype=np.int32).reshape(shape)
     offsets = np.vstack([stencil.offsets, np.zeros((1, stencil.dim), int)])
@@ -109,7 +110,7 @@ def bandwidth(repeats: int) -> list[dict[str, Any]]:
 
 
 def against_matrix(repeats: int) -> list[dict[str, Any]]:
-    """One-thread step per node against the CSR product per node."""
+    """One-thread step per node compared with the CSR product per node."""
     rows = []
     for dim, n, n_matrix, volume in (
         (2, 1000, 1000, "ramp"),
@@ -139,7 +140,7 @@ def against_matrix(repeats: int) -> list[dict[str, Any]]:
 
 
 def single_precision(repeats: int) -> list[dict[str, Any]]:
-    """float32 against float64, 2D m = 3."""
+    """Single compared with double precision, 2D m = 3."""
     rows = []
     for n, threads in ((1000, 1), (4000, 1), (1000, available_threads()), (4000, available_threads())):
         stencil = kernel_stencil(2, 3)
@@ -163,14 +164,14 @@ def single_precision(repeats: int) -> list[dict[str, Any]]:
 
 
 def memory() -> list[dict[str, Any]]:
-    """Fields that a simulation holds, and those that its set-up and its running need for a while."""
+    """Memory that a simulation holds, and that its set-up and run temporarily need, in fields."""
     rows = []
     for dim, n, layers in ((2, 1000, False), (3, 100, False), (2, 1000, True), (3, 100, True)):
         lattice = Lattice(1.0, (0.0,) * dim, (n - 1.0,) * dim)
         field = 8 * n**dim
         boundary = LatticePML(nodes=12) if layers else Fixed(0.0)
         small = Simulation(Lattice(1.0, (0.0,) * dim, (15.0,) * dim), Wave(Kernel(3.0)), boundary)
-        small.step(1)  # the compiled program and its tables are loaded before counting
+        small.step(1)  # loads the compiled program and its tables before counting
         gc.collect()
         tracemalloc.start()
         u = np.zeros(lattice.shape)

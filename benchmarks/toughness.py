@@ -1,12 +1,12 @@
-"""What running cracks spend over the fracture energy that their material is given.
+"""Energy that running cracks spend relative to the specified fracture energy of their material.
 
-Random cracks in the infinite plane: their angle to the lattice, the speed of the pair of forces that they follow, and
-how hard it pulls (`farhorizon.studies.toughness.running_crack`). A crack that does not follow its forces is counted,
-and not weighed. The critical stretch is the calibrated one.
+Cracks in the infinite plane with random angles to the lattice, and random speeds and strengths of the pair of forces
+that they follow (`farhorizon.studies.toughness.running_crack`). Cracks that do not follow their forces are counted, but
+their energy is not. The critical stretch is the calibrated one.
 
-- bonds, states, correspondence: three, three and four nodes in the horizon, 0.2 to 0.3 of the speed of Rayleigh waves.
+- bonds, states, correspondence: three, three and four nodes in the horizon, 0.2 to 0.3 of the Rayleigh wave speed.
   Target: all within 5 %.
-- coarse: correspondence with three nodes. fast: with four, 0.35 to 0.4 of that speed.
+- coarse: correspondence with three nodes. fast: with four, at 0.35 to 0.4 of that speed.
 
 Run: ``python benchmarks/toughness.py [PART ...] [--count N] [--seed S] [--json FILE]``. Ten cracks take a minute.
 """
@@ -31,7 +31,7 @@ MOST_ANGLE = np.pi / 4
 
 
 def drawn(material: str, random: np.random.Generator) -> dict[str, Any]:
-    """Options of a material."""
+    """Random options of a material."""
     found: dict[str, Any] = {"kernel": Kernel(1.0, int(random.integers(0, 2)))}
     if material == "bond-based":
         return found
@@ -44,7 +44,7 @@ def drawn(material: str, random: np.random.Generator) -> dict[str, Any]:
 def cracks(
     material: str, nodes: int, speeds: tuple[float, float], given: argparse.Namespace, each: int = 4
 ) -> list[dict[str, Any]]:
-    """One row a material drawn, of some cracks each."""
+    """One row per random material, with `each` cracks."""
     seed = np.random.SeedSequence().entropy % 2**32 if given.seed is None else given.seed
     print(f"seed {seed}", flush=True)
     random, rows = np.random.default_rng(seed), []
@@ -85,7 +85,7 @@ def cracks(
 def part(
     material: str, nodes: int, speeds: tuple[float, float] = SLOW
 ) -> tuple[str, Callable[[argparse.Namespace], list[dict[str, Any]]]]:
-    """A part of the benchmark."""
+    """Title and function of a part of the benchmark."""
     title = f"{material}, {nodes} nodes in the horizon, {speeds[0]:g} to {speeds[1]:g} c_R"
     return title, partial(cracks, material, nodes, speeds)
 

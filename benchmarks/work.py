@@ -1,10 +1,12 @@
-"""What nodes cost that lack bonds, or whose bonds are swept one by one, over those of a plain stencil: the constants of
-`farhorizon.simulation.work`, by which a lattice is cut into boxes for several processes.
+"""Cost of nodes that lack bonds, or whose bonds are processed one by one, relative to nodes of a plain stencil.
+
+These are the constants of `farhorizon.simulation.work`, by which a lattice is divided into boxes for several processes.
 
     NUMBA_NUM_THREADS=1 python benchmarks/work.py
 
-A table of processor times per step and node, the least of several, on one thread, and what a node beside a crack, at a
-rim, at an interface or between metal and liquid adds, in plain nodes. About five minutes, mostly of compiling.
+Prints processor times per step and node, the smallest of several, on one thread, and the additional cost of a node next
+to a crack, at a rim, at an interface or between metal and liquid, in units of plain nodes. Takes about five minutes,
+mostly for compilation.
 """
 
 import time
@@ -24,7 +26,7 @@ def lattice(dim, body=None):
 
 
 def seconds(setup):
-    """Of a step, in processor time."""
+    """Processor time of a step in seconds."""
     engine, found = fh.Simulation.of(setup).engine, []
     for _ in range(12):
         before = time.process_time()

@@ -1,14 +1,17 @@
-"""The scattering cross sections of a soft and of a rigid cylinder, over frequency, against the Hankel series.
+"""Scattering cross sections of a soft and of a rigid cylinder over frequency, compared with the Hankel series.
 
-Physics: scalar waves of speed 1 fall on a cylinder of radius 2, soft (the field is held at zero on it) or rigid (a hole
-with a free rim). The cross section per length is ``4/k sum |J_n(ka) / H_n(ka)|^2``, of a rigid one with derivatives;
-both go to twice the shadow, 8, for short waves, from above and from below.
+Physics: scalar waves of speed 1 are incident on a cylinder of radius 2, either soft (the field is held at zero in it)
+or rigid (a hole with a free rim). The cross section per length is ``4/k sum |J_n(ka) / H_n(ka)|^2``, with derivatives
+for the rigid one. For short waves both tend to twice the shadow, 8, the soft one from above and the rigid one from
+below.
 
-Grid: a square of side 14 that holds the box of the incident wave, at two spacings with horizons of two spacings. One
-burst has all frequencies; what goes out through a box around that one is summed at five of them.
+Grid: a square of side 14 around the box of the incident wave, with two spacings and horizons of two spacings. One burst
+contains all frequencies; the waves that leave through a box around that of the incident wave are summed at five of
+them.
 
-Prints the total cross section (optical theorem, from what is sent straight on), what leaves the box over it, and the
-error. The rim is a staircase of nodes, whose radius is one to a spacing: the error halves with the spacing.
+Prints the total cross section (by the optical theorem, from the forward scattered wave), the relative difference of the
+energy that leaves the box, and the error. The rim is a staircase of nodes, whose radius is defined to within a spacing:
+the error halves with the spacing.
 
 Run: ``python examples/cylinders.py``; about 5 seconds.
 """
@@ -25,14 +28,14 @@ ORDERS = np.arange(-40, 41)
 
 
 def series(frequency: float, rigid: bool) -> float:
-    """The exact cross section."""
+    """Exact cross section."""
     k = 2 * np.pi * frequency
     inner, outer = (special.jvp, special.h1vp) if rigid else (special.jv, special.hankel1)
     return float(4 / k * (np.abs(inner(ORDERS, k * RADIUS) / outer(ORDERS, k * RADIUS)) ** 2).sum())
 
 
 def measured(spacing: float, rigid: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Scattering and total cross section at the frequencies."""
+    """Scattering and total cross sections at the frequencies."""
     far = fh.FarField(frequencies=FREQUENCIES, history=False)
     burst = fh.IncidentWave((1.0, 0.0), "sin(2*pi*(t-24)/8)*exp(-((t-24)/5)**2)", duration=48.0)
     disc, everywhere = fh.Disc(RADIUS), fh.Box((-99.0, -99.0), (99.0, 99.0))
@@ -49,7 +52,7 @@ def measured(spacing: float, rigid: bool) -> tuple[np.ndarray, np.ndarray]:
 
 
 def main() -> None:
-    """Both cylinders at both spacings."""
+    """Compute both cylinders at both spacings."""
     for rigid in (False, True):
         exact = np.array([series(frequency, rigid) for frequency in FREQUENCIES])
         for spacing in SPACINGS:

@@ -1,12 +1,12 @@
-"""A double couple in full space, and its four lobes of P and of S waves.
+"""A double couple in full space, with its four lobes of P waves and of S waves.
 
-Physics: slip on a vertical fault in rock that fills space, a strike-slip earthquake. On a circle about it in the
-horizontal plane the radial displacement is proportional to ``sin(2 phi)``, the one along the circle to ``cos(2 phi)``:
-four lobes each, those of S waves between those of P waves. Finite elements, which have no horizon, in a cube of 49^3
-nodes that absorbing layers close; neither the source nor the receivers lie on nodes.
+Physics: slip on a vertical fault in unbounded rock, a strike-slip earthquake. On a horizontal circle around it, the
+radial displacement is proportional to ``sin(2 phi)`` and that along the circle to ``cos(2 phi)``: four lobes each, with
+those of S waves between those of P waves. Finite elements, which have no horizon, in a cube of 49^3 nodes with
+absorbing layers; neither the source nor the receivers lie on nodes.
 
-Prints the largest displacements on the circle beside those of Aki and Richards (2002), eq 4.29. Units: density and
-speed of S waves are 1, that of P waves is sqrt(3).
+Prints the largest displacements on the circle next to those of Aki and Richards (2002), eq 4.29. Units: the density and
+the speed of S waves are 1, that of P waves is sqrt(3).
 
 Run: ``python examples/double_couple.py``; about half a minute.
 """
@@ -17,7 +17,7 @@ import farhorizon as fh
 from farhorizon.analysis.references.full_space import FullSpace
 
 AT, RADIUS, UNTIL = np.array([0.1, -0.05, 0.08]), 4.0, 12.0
-RISE = 5.0  # in which the fault slips
+RISE = 5.0  # duration of the slip
 ANGLES = np.radians(np.arange(0.0, 360.0, 5.0))
 OUT = np.stack([np.cos(ANGLES), np.sin(ANGLES), 0 * ANGLES], axis=1)
 ALONG = np.stack([-np.sin(ANGLES), np.cos(ANGLES), 0 * ANGLES], axis=1)
@@ -25,7 +25,7 @@ FAULT = fh.MomentTensor(AT, 1.0, fh.Step(RISE), strike=0.0, dip=90.0, rake=0.0) 
 
 
 def quake(spacing: float = 0.25, until: float = UNTIL) -> tuple[fh.Simulation, fh.Receivers]:
-    """The run, and what the circle received."""
+    """Run the simulation; return it and the receivers on the circle."""
     rock = fh.Elastic(None, shear=1.0, poisson=0.25, density=1.0, material="finite-element")
     circle = fh.Receivers(AT + RADIUS * OUT)
     sim = fh.Simulation(
@@ -39,7 +39,7 @@ def quake(spacing: float = 0.25, until: float = UNTIL) -> tuple[fh.Simulation, f
 
 
 def lobes(displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Largest radial displacement at each angle and largest one along the circle, each with its sign, of courses of
+    """Largest radial displacement at each angle, and largest one along the circle, with their signs, from histories of
     shape (rows, angles, 3).
     """
     parts = [np.einsum("tni,ni->tn", displacement, way) for way in (OUT, ALONG)]
@@ -48,7 +48,7 @@ def lobes(displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def exact(times: np.ndarray) -> np.ndarray:
-    """The displacement of Aki and Richards on the circle, shape (rows, angles, 3)."""
+    """Displacement on the circle according to Aki and Richards, shape (rows, angles, 3)."""
     medium = FullSpace(p_speed=np.sqrt(3.0), s_speed=1.0, density=1.0)
     moment = FAULT.tensor(3)
     courses = [medium.of_moment(RADIUS * way, times, moment, fh.Step(RISE), scale=RISE) for way in OUT]
@@ -56,7 +56,7 @@ def exact(times: np.ndarray) -> np.ndarray:
 
 
 def errors(circle: fh.Receivers) -> tuple[float, float]:
-    """Largest differences from the exact lobes of P and of S waves, each as a part of its largest value."""
+    """Largest differences from the exact lobes of P and of S waves, relative to the largest value of each."""
     pairs = zip(lobes(circle.data["u"]), lobes(exact(circle.times)), strict=True)
     p, s = (float(np.abs(np.abs(ours) - np.abs(known)).max() / np.abs(known).max()) for ours, known in pairs)
     return p, s

@@ -1,11 +1,11 @@
-"""A brittle half-space under a sudden pressure between two notches: cracks, and where the work of the load goes.
+"""A brittle half-space under a sudden pressure between two notches: cracks, and the energy balance.
 
-Physics: linear correspondence elasticity in plane strain, bonds that break for good beyond a critical stretch, waves
-that leave through layers on three sides. Scaling: spacing, Young's modulus and density are 1, so a longitudinal wave
-crosses a spacing in about one time unit. The set-up is that of Wildman and Gazonas (2012), section 3B (`farhorizon
-reproduce wildman2012-fig7` has their units), with a load that rises smoothly.
+Physics: linear correspondence elasticity in plane strain, with bonds that break permanently beyond a critical stretch,
+and waves that leave through layers on three sides. Scaling: spacing, Young's modulus and density are 1, so a
+longitudinal wave crosses a spacing in about one time unit. The set-up is that of Wildman and Gazonas (2012), section 3B
+(`farhorizon reproduce wildman2012-fig7` uses their units), with a load that rises gradually.
 
-Run: ``python examples/indentation.py``. Takes some ten seconds.
+Run: ``python examples/indentation.py``. Takes about ten seconds.
 """
 
 import farhorizon as fh
@@ -25,14 +25,14 @@ def half_space(pressure: float, rise: float = 10.0) -> fh.Simulation:
 
 
 def share(sim: fh.Simulation) -> dict[str, float]:
-    """Energies over the work of the load, with what has left through the layers as "lost"."""
+    """Energies divided by the work of the load; "lost" is the energy that left through the layers."""
     found = sim.balance()
     work = found.pop("work")
     return {name: value / work for name, value in found.items()}
 
 
 def main() -> None:
-    """Two pressures: the notches hold, or cracks start from them."""
+    """Apply two pressures: under the smaller one the notches hold, under the larger one cracks start from them."""
     for pressure in (0.002, 0.006):
         sim = half_space(pressure)
         for note in sim.notes:

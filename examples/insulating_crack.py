@@ -1,17 +1,16 @@
-"""A plate with an insulating crack against refined finite elements.
+"""A plate with an insulating crack, compared with refined finite elements.
 
-Physics: the square |x|, |y| < 1, kept at -1 on the left and +1 on the right, insulated above and below, with an
-insulating crack on x = 0,
-|y| < 0.4. Steady state. At the tips the classical flux is singular like 1/sqrt(r).
+Physics: steady state of the square |x|, |y| < 1, kept at -1 on the left and +1 on the right, insulated at the top and
+bottom, with an insulating crack on x = 0, |y| < 0.4. At the tips the classical flux is singular like 1/sqrt(r).
 
 The temperature is odd in x and even in y, so that the finite elements (scikit-fem, quadratic triangles, refined towards
-the tip) need a quarter: 0 on x = 0 beyond the crack, nothing on the crack, 1 on x = 1. The peridynamic plate has the
-whole crack: bonds across it are cut.
+the tip) need only a quarter: 0 on x = 0 beyond the crack, no condition on the crack, 1 on x = 1. The peridynamic plate
+contains the whole crack: bonds across it are cut.
 
-Prints, for shrinking horizons at three nodes in each, the largest difference two horizons and more from the tips,
-relative to 1. It is on the crack's faces as near to a tip as is looked at: there it follows the temperature of the
-singularity, the square root of the horizon, and is below 1 % at the smallest. A fixed distance from the tips it falls
-in proportion to the horizon.
+Prints, for decreasing horizons with three nodes in each, the largest difference at two horizons and more from the tips,
+relative to 1. It occurs on the faces of the crack, as near to a tip as is compared. There it varies like the
+temperature of the singularity, as the square root of the horizon, and is below 1 % for the smallest. At a fixed
+distance from the tips it is proportional to the horizon.
 
 Run: ``python examples/insulating_crack.py``; about half a minute; needs scikit-fem.
 """
@@ -26,7 +25,7 @@ RATIO = 3
 
 
 def finite_elements(x: np.ndarray, y: np.ndarray, levels: int = 12) -> np.ndarray:
-    """Temperature at points (flat arrays), elements at the tip halved `levels` times."""
+    """Temperature at points (flat arrays), with elements at the tip halved `levels` times."""
     from skfem import Basis, ElementTriP2, MeshTri, condense, solve
     from skfem.models.poisson import laplace
 
@@ -46,7 +45,7 @@ def finite_elements(x: np.ndarray, y: np.ndarray, levels: int = 12) -> np.ndarra
 
 
 def plate(horizon: float) -> fh.Simulation:
-    """The peridynamic plate in its steady state; nodes are cell centres, the layers of the mirror conditions lie beyond
+    """The peridynamic plate in its steady state; nodes are cell centres, and the mirror conditions have layers beyond
     |x| = 1.
     """
     spacing = horizon / RATIO
@@ -65,9 +64,7 @@ def plate(horizon: float) -> fh.Simulation:
 
 
 def differences(horizon: float) -> tuple[float, float]:
-    """Largest difference from the finite elements two horizons and more from the tips, and a fixed distance of 0.3 and
-    more.
-    """
+    """Largest difference from the finite elements at more than two horizons from the tips, and at more than 0.3."""
     sim = plate(horizon)
     x, y = sim.lattice.coordinates()
     distance = np.min([np.hypot(x - tip[0], y - tip[1]) for tip in TIPS], axis=0)
@@ -77,7 +74,7 @@ def differences(horizon: float) -> tuple[float, float]:
 
 
 def main() -> None:
-    """Three horizons."""
+    """Compare three horizons."""
     for horizon in (0.06, 0.03, 0.015):
         near, far = differences(horizon)
         print(

@@ -1,13 +1,14 @@
 """A finite-element mesh closed by plane waves: a pulse in a disc of triangles with a hole that scatters it.
 
-u_tt = laplace u in the plane, speed 1, by linear triangles (scikit-fem) with lumped masses and explicit steps. The near
-field is what lies within radius 1 of a mesh; the hole's rim is free. The nodes on the outer rim get the values that
-`update_matrix` fits to outgoing plane waves; it needs nodes and normals, no lattice. Wider clouds with normals turned
-to multiples of 45 degrees reflect less, but only where the nodes are about regular, as here; among others they grow.
-The same mesh, three times as wide, is the infinite medium until something comes back from its rim.
+u_tt = laplace u in 2D, with the speed 1, by linear triangles (scikit-fem) with lumped masses and explicit steps. The
+near field is the part of a mesh within radius 1; the rim of the hole is free. The nodes on the outer rim have the
+values that `update_matrix` fits to outgoing plane waves, which requires nodes and normals but no lattice. Wider clouds
+with normals rotated to multiples of 45 degrees reflect less, but only if the nodes are nearly regular, as here;
+otherwise they lead to growth. A mesh three times as wide represents the infinite medium until waves return from its
+rim.
 
-Prints the largest error beside that of a fixed and of a free rim. Takes some seconds: ``python
-examples/mesh_scatterer.py``.
+Prints the largest error next to those of a fixed and of a free rim. Takes some seconds:
+``python examples/mesh_scatterer.py``.
 """
 
 import numpy as np
@@ -19,13 +20,13 @@ from skfem.helpers import dot, grad
 import farhorizon as fh
 from farhorizon.boundaries.plane_wave import Medium, update_matrix
 
-WIDE, NEAR, HOLE = 3.0, 1.0, (0.35, 0.0, 0.2)  # radii; place and radius of the hole
+WIDE, NEAR, HOLE = 3.0, 1.0, (0.35, 0.0, 0.2)  # radii of the meshes; position and radius of the hole
 PULSE, WIDTH = (-0.35, 0.1), 0.12
 TIMES = (1.0, 1.5, 2.0, 2.5, 3.0)
 
 
 def mesh(radius):
-    """Triangles of one large disc whose middle lies within a radius and outside the hole."""
+    """Mesh of those triangles of a large disc whose centres lie within a radius and outside the hole."""
     whole = MeshTri.init_circle(6).scaled(WIDE)
     x, y = whole.p[:, whole.t].mean(1)
     inside = (np.hypot(x, y) < radius) & (np.hypot(x - HOLE[0], y - HOLE[1]) > HOLE[2])
@@ -33,7 +34,7 @@ def mesh(radius):
 
 
 def operator(triangles):
-    """Acceleration as a matrix: minus stiffness over lumped mass."""
+    """Matrix of the acceleration: minus stiffness over lumped mass."""
     basis = Basis(triangles, ElementTriP1())
     stiffness = BilinearForm(lambda u, v, _: dot(grad(u), grad(v))).assemble(basis)
     mass = BilinearForm(lambda u, v, _: u * v).assemble(basis)
@@ -46,12 +47,12 @@ def outer_nodes(triangles):
     return rim[np.hypot(*triangles.p[:, rim]) > 0.5 * (NEAR + np.hypot(*HOLE[:2]))]
 
 
-SPACING = WIDE / 64  # of the nodes inside
+SPACING = WIDE / 64  # of interior nodes
 CLOSED = {
     "plane waves": fh.PlaneWave(),
     "plane waves, wide clouds": fh.PlaneWave(radius=3 * SPACING, normals="lattice"),
 }
-STEP = 0.004  # an eighth of the limit
+STEP = 0.004  # an eighth of the step limit
 
 
 def run(triangles, rim="free"):
@@ -73,7 +74,7 @@ def run(triangles, rim="free"):
 
 
 def errors():
-    """Largest error over the near field at each time, relative to the largest initial value, by rim."""
+    """Largest error over the near field at each time, relative to the largest initial value, for each rim."""
     near, wide = mesh(NEAR), mesh(WIDE)
     _, same = cKDTree(wide.p.T).query(near.p.T)
     exact = run(wide)

@@ -1,14 +1,14 @@
-"""A penny-shaped crack in the ground through which heat flows.
+"""A penny-shaped crack across a heat flow in the ground.
 
-Physics: far away the temperature rises by 1 over a unit of height, for ever and everywhere. At t = 0 a crack of radius
-0.5 opens across that flow; a tenth of the bonds' conductivity is left, or none. Heat goes round it, and the faces part
-in temperature. What is computed is what the crack adds to the temperature: it is nothing far away, so that a block of
-1.6 x 1.6 x 1 with absorbing layers on all sides is the infinite body. The heat that the cut bonds would carry is given
-off on one face and taken up on the other.
+Physics: far away the temperature always rises by 1 per unit of height. At t = 0 a crack of radius 0.5 opens across this
+flow; its bonds retain a tenth of their conductivity, or nothing. Heat flows around it, and a jump of the temperature
+between the faces develops. Only the disturbance of the temperature by the crack is computed. It vanishes far away, so
+that a block of 1.6 x 1.6 x 1 with absorbing layers on all sides represents the infinite body. The heat that the cut
+bonds would carry is released on one face and absorbed on the other.
 
-Prints, until all is at rest, the jump of the temperature at the centre beside ``4 radius / pi`` and its integral over
-the crack beside ``8 radius^3 / 3``, those of an insulating penny in an infinite body (the harmonic function of an
-elliptic disc). The horizon, a fifth of the radius, is what they differ by.
+Prints, up to the steady state, the jump of the temperature at the centre and its integral over the crack, next to
+``4 radius / pi`` and ``8 radius^3 / 3``, those of an insulating penny-shaped crack in an infinite body (the harmonic
+function of an elliptic disc). They differ because of the horizon, which is a fifth of the radius.
 
 Run: ``python examples/penny_crack.py``; about 10 seconds.
 """
@@ -22,7 +22,7 @@ TIMES = (0.02, 0.1, 0.5)  # in radius^2 / diffusivity: 0.08, 0.4, 2
 
 
 def ground(factor: float) -> fh.Simulation:
-    """The disturbance by a crack that conducts `factor` of what the ground does."""
+    """The disturbance by a crack whose bonds have `factor` times the conductivity of the ground."""
     lattice = fh.Lattice(SPACING, (-0.775, -0.775, -0.475), (0.775, 0.775, 0.475))
     model = fh.Heat(fh.Kernel(HORIZON), integrator=fh.RungeKuttaChebyshev(10))
     disc = fh.DiscCut((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), RADIUS)
@@ -35,8 +35,8 @@ def ground(factor: float) -> fh.Simulation:
 
 
 def jumps(sim: fh.Simulation) -> tuple[float, float]:
-    """The jump of the temperature across the crack at the centre, and its integral over the crack: between the two
-    layers of nodes beside it, the constant gradient between them included.
+    """Jump of the disturbance across the crack at the centre, and its integral over the crack, between the two layers
+    of nodes beside it.
     """
     x, y, _ = sim.lattice.coordinates()
     half = sim.lattice.shape[2] // 2
@@ -47,7 +47,7 @@ def jumps(sim: fh.Simulation) -> tuple[float, float]:
 
 
 def main() -> None:
-    """On the way, and at rest: a crack that conducts a little, and an insulating one."""
+    """Follow a crack that conducts a little, and an insulating one, up to the steady state."""
     print(f"exact, insulating: jump {4 * RADIUS / np.pi:.4f}, integral {8 * RADIUS**3 / 3:.4f}")
     for factor in (0.1, 0.0):
         sim = ground(factor)

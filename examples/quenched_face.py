@@ -1,19 +1,20 @@
-"""A hot half-space whose face is quenched: cracks run in from the face, and some outrun the others.
+"""A hot half-space whose face is quenched: cracks grow from the face, and some outrun the others.
 
-Physics: a solid in plane stress, free of stress while it is hot. Its face is cooled by one unit from t = 0 on, over a
-short ramp, and the cold runs into the depth as ``erfc(depth / (2 sqrt(D t)))``. What is cold would shrink, but is held
-by what lies beneath it, so that the face is under tension: there the bonds, whose strengths scatter by some percent,
-break, and the cracks grow as deep as the cold lets them. The longer they are the farther they unload the solid beside
-them, so that some of them stop while the others go on, at larger and larger distances, as in quenched ceramics.
+Physics: a solid in plane stress, free of stress while it is hot. From t = 0 on, its face is cooled by one unit over a
+short ramp, and the change of the temperature penetrates as ``erfc(depth / (2 sqrt(D t)))``. The cold part would shrink,
+but the solid beneath holds it, so that the face is under tension. There the bonds, whose strengths scatter by a few per
+cent, break, and cracks grow as deep as the cooling allows. The longer they are, the farther they unload the solid
+beside them. Some of them therefore stop while the others continue at increasing distances, as in quenched ceramics.
 
 Scaling: lengths in spacings; Young's modulus and the density are 1, so that waves cross a spacing in about 1. The cold
-needs some hundred of these times for ten spacings: it is slow beside the waves, though far less so than in ceramics.
+needs some hundred of these times for ten spacings: it is slow compared with the waves, though far less so than in
+ceramics.
 
-Sides: periodic along the face; beneath, a layer for the heat and one for the waves. Displacements and temperature are
-one model, without the heat of deformation, which would be small.
+Sides: periodic along the face; at the bottom, one layer for the heat and one for the waves. Displacements and
+temperature are one model, without the heat of deformation, which would be small.
 
-Prints how deep the cold and the cracks are, how many of them there are near the face, and how many half as deep as the
-deepest one; draws ``quenched_face.png``.
+Prints the depths of the cold and of the cracks, the number of cracks near the face, and the number at half the depth of
+the deepest one; draws ``quenched_face.png``.
 
 Run: ``python examples/quenched_face.py``; about 10 seconds.
 """
@@ -26,12 +27,12 @@ import farhorizon as fh
 
 WIDTH, DEPTH = 200, 90
 DIFFUSIVITY, RAMP = 0.08, 60.0
-SHRINKAGE, STRENGTH = 0.015, 0.0075  # strain of the whole change of the temperature; stretch at which bonds break
+SHRINKAGE, STRENGTH = 0.015, 0.0075  # strain of the full change of the temperature; stretch at which bonds break
 TIMES = (300.0, 1000.0, 2500.0)
 
 
 def solid(width: int = WIDTH, depth: int = DEPTH) -> fh.Simulation:
-    """The solid with its temperature; each field has its own layer beneath."""
+    """The solid with its temperature; each field has its own layer at the bottom."""
     lattice = fh.Lattice(1.0, (0.0, -float(depth)), (width - 1.0, 0.0))
     bonds = fh.Elastic(
         fh.Kernel(3.0, exponent=1),
@@ -51,14 +52,14 @@ def solid(width: int = WIDTH, depth: int = DEPTH) -> fh.Simulation:
 
 
 def cracked(sim: fh.Simulation) -> np.ndarray:
-    """Of each row of nodes, from the face on, how many cracks cross it."""
+    """Number of cracks that cross each row of nodes, starting at the face."""
     broken = sim.fields["damage"] > 0.35
     first = broken & ~np.roll(broken, 1, axis=0)
     return first.sum(0)[::-1]
 
 
 def drawn() -> Figure:
-    """Run, tell and draw."""
+    """Run, print the results and draw the figure."""
     sim = solid()
     figure, panels = plt.subplots(len(TIMES), 1, figsize=(7.0, 7.0), sharex=True, layout="constrained")
     for panel, time in zip(panels, TIMES, strict=True):
@@ -81,7 +82,7 @@ def drawn() -> Figure:
 
 
 def main() -> None:
-    """The picture as a file."""
+    """Write the figure to a file."""
     drawn().savefig("quenched_face.png", dpi=150)
 
 

@@ -2,10 +2,11 @@
 
 Physics: an air gun 10 m below the surface of the sea, whose pressure is zero, and a streamer of hydrophones 12.5 m
 apart at the same depth. Below 280 m of water lie two layers of sediment and an anticline of rock. The ground is an
-array of speeds on the nodes, as it comes from a file; sound of constant density.
+array of speeds on the nodes, such as one read from a file; the density is constant.
 
-Neither the gun nor the hydrophones stand on columns of nodes. Prints what `check` says of the shortest wave, how much
-the direct wave and its image in the surface differ from the exact ones, and when the sea floor is heard.
+Neither the gun nor the hydrophones lie on columns of nodes. Prints what `check` reports about the shortest wave, the
+difference of the direct wave and its image in the surface from the exact ones, and the time of the echo from the sea
+floor.
 
 Run: ``python examples/shot_record.py``; about ten seconds.
 """
@@ -23,7 +24,7 @@ OFFSETS = np.arange(100.0, 1700.1, 12.5)
 
 
 def ground(lattice: fh.Lattice) -> np.ndarray:
-    """Speed of sound in m/s on the nodes."""
+    """Speed of sound in m/s at the nodes."""
     x, y = lattice.coordinates()
     fold = np.exp(-(((x - 1250.0) / 300.0) ** 2))
     depths = [FLOOR, 480.0, 800.0 - 180.0 * fold]
@@ -31,8 +32,8 @@ def ground(lattice: fh.Lattice) -> np.ndarray:
 
 
 def shot(until: float = UNTIL) -> tuple[fh.Simulation, fh.Receivers]:
-    """The run, and what the streamer received."""
-    lattice = fh.Lattice(SPACING, (0.0, -1100.0), (2400.0, -SPACING))  # nodes at the surface lie beyond, and are held
+    """Run the simulation; return it and the receivers of the streamer."""
+    lattice = fh.Lattice(SPACING, (0.0, -1100.0), (2400.0, -SPACING))  # held nodes at the surface lie beyond
     streamer = fh.Receivers(np.column_stack([GUN[0] + OFFSETS, np.full(OFFSETS.size, -DEPTH)]))
     sim = fh.Simulation(
         lattice,
@@ -45,8 +46,8 @@ def shot(until: float = UNTIL) -> tuple[fh.Simulation, fh.Receivers]:
 
 
 def direct(streamer: fh.Receivers) -> tuple[np.ndarray, np.ndarray]:
-    """What the first hydrophones received before the echo from the sea floor came, and the exact direct wave less its
-    image in the surface there; zeros later. Both of shape (rows, hydrophones).
+    """Records of the first hydrophones before the echo from the sea floor arrives, and the exact direct wave minus its
+    image in the surface; zeros later. Both have the shape (rows, hydrophones).
     """
     near = OFFSETS < 300.0
     times, offsets = streamer.times, OFFSETS[near]

@@ -1,11 +1,11 @@
-"""An ultrasonic A-scan of a steel block with a side-drilled hole, by a phased array (SI units).
+"""An ultrasonic A-scan of a steel block with a side-drilled hole by a phased array (SI units).
 
-Physics: sixteen elements on the free surface of a block push one after the other, so that their longitudinal waves meet
-in a hole of 3 mm, drilled across the plane 20 mm below. What comes back is received by the same elements and added with
-the same delays. The block goes on at its sides and below. A state of plane strain of a state-based material, which has
-the Poisson's ratio of steel, 0.29.
+Physics: sixteen elements on the free surface of a block push one after the other, such that their longitudinal waves
+meet in a hole of 3 mm, drilled across the plane 20 mm below. The same elements receive the echoes, which are added with
+the same delays. The block is unbounded at its sides and at the bottom. It is in plane strain, of a state-based material
+with Poisson's ratio of steel, 0.29.
 
-Prints when the echo of the hole comes, beside the way to its top and back over the speed of longitudinal waves.
+Prints the arrival time of the echo from the hole, next to the travel time of longitudinal waves to its top and back.
 
 Run: ``python examples/side_drilled_hole.py``; about half a minute.
 """
@@ -25,7 +25,7 @@ ARRAY = fh.PhasedArray(
 
 
 def block(hole: bool = True, until: float = UNTIL) -> tuple[fh.Simulation, fh.Receivers]:
-    """The run, and what the elements received, in their middle."""
+    """Run the simulation; return it and the receivers in the middle of the elements."""
     lower, upper = (-18.0 * MM, -26.1 * MM), (18.0 * MM, 0.0)
     around = fh.Box(lower, upper)
     body = around - fh.Disc(RADIUS, HOLE) if hole else None
@@ -41,7 +41,7 @@ def block(hole: bool = True, until: float = UNTIL) -> tuple[fh.Simulation, fh.Re
 
 
 def a_scan(probe: fh.Receivers) -> np.ndarray:
-    """Normal velocity of the elements, each as much later as it pushed later, added up; shape (rows,)."""
+    """Sum of the normal velocities of the elements, each delayed as much as its push; shape (rows,)."""
     normal = probe.data["v"][:, :, 1]
     late = [
         np.interp(probe.times - d, probe.times, one, left=0.0) for d, one in zip(ARRAY.delays, normal.T, strict=True)
@@ -50,8 +50,8 @@ def a_scan(probe: fh.Receivers) -> np.ndarray:
 
 
 def echo(scan: np.ndarray, times: np.ndarray) -> tuple[float, float]:
-    """When the largest echo comes, by its envelope, and when it should: all elements are as far from the focus as their
-    delays say.
+    """Arrival time of the largest echo, from its envelope, and the expected time; the delays compensate for the
+    different distances of the elements from the focus.
     """
     from scipy.signal import hilbert
 
