@@ -6,9 +6,10 @@ between the faces develops. Only the disturbance of the temperature by the crack
 that a block of 1.6 x 1.6 x 1 with absorbing layers on all sides represents the infinite body. The heat that the cut
 bonds would carry is released on one face and absorbed on the other.
 
-Prints, up to the steady state, the jump of the temperature at the centre and its integral over the crack, next to
-``4 radius / pi`` and ``8 radius^3 / 3``, those of an insulating penny-shaped crack in an infinite body (the harmonic
-function of an elliptic disc). They differ because of the horizon, which is a fifth of the radius.
+Prints, up to the steady state, the jump of this disturbance between the nodes beside the crack, at its centre, and the
+integral of the jump over the crack. Next to them are ``4 radius / pi`` and ``8 radius^3 / 3``, those between the faces
+of an insulating penny-shaped crack in an infinite body (the harmonic function of an elliptic disc). They differ because
+of the horizon, which is a fifth of the radius, and because the nodes lie half a spacing from the faces.
 
 Run: ``python examples/penny_crack.py``; about 10 seconds.
 """

@@ -1,4 +1,4 @@
-"""A browser without a window, asked over its debugging pipe: what a page shows once it is loaded, what it misses."""
+"""Headless browser driven through its debugging pipe: what a page shows once loaded, and what it fails to load."""
 
 import contextlib
 import functools
@@ -13,7 +13,7 @@ import threading
 import time
 
 PROGRAM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-_PATIENCE = 60.0  # seconds for one answer, on a machine that is busy
+_PATIENCE = 60.0  # seconds to wait for an answer, on a busy machine
 
 
 class Browser:
@@ -47,27 +47,27 @@ class Browser:
             self._ask(f"{domain}.enable")
 
     def close(self):
-        """End the browser."""
+        """Terminate the browser."""
         self._process.kill()
         self._process.wait()
         os.close(self._write)
         os.close(self._read)
 
     def open(self, address):
-        """Load a page, with all that belongs to it."""
+        """Load a page with all its resources."""
         self.errors, self._loaded = [], False
         self._ask("Page.navigate", url=address)
         while not self._loaded:
             self._take(self._message())
 
     def ask(self, expression):
-        """The value of an expression of JavaScript on the page."""
+        """Return the value of a JavaScript expression on the page."""
         found = self._ask("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         assert "exceptionDetails" not in found, found
         return found["result"].get("value")
 
     def wait(self, expression):
-        """The first value of an expression that is true."""
+        """Wait until an expression is true and return its value."""
         end = time.monotonic() + _PATIENCE
         while not (value := self.ask(expression)):
             assert time.monotonic() < end, f"never: {expression}"
@@ -108,14 +108,14 @@ class Browser:
             self._miss(f"{told['entry']['text']} {told['entry'].get('url', '')}")
 
     def _miss(self, what):
-        """Note what is missing but the icon of a tab, for which the browser asks by itself."""
+        """Record a missing resource, except for the tab's icon, which the browser requests of its own accord."""
         if not what.endswith("/favicon.ico"):
             self.errors.append(what)
 
 
 @contextlib.contextmanager
 def served(folder):
-    """The address of a folder, served on this machine alone."""
+    """Serve a folder on this machine only and yield its address."""
 
     class Quiet(http.server.SimpleHTTPRequestHandler):
         def log_message(self, *given):

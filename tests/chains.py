@@ -1,4 +1,4 @@
-"""What the tests of the exact boundary share: stencils, and a domain from which nothing returns."""
+"""Stencils for the tests of the exact boundary, and a domain so long that nothing returns from its ends."""
 
 import numpy as np
 
@@ -8,8 +8,8 @@ from farhorizon.papers.bar import Bar, bonds_of
 
 
 def gaussian_weights(reach, spacing=None):
-    """Micromodulus of Ji et al. (2021), eq 35, width 0.25, cut off at 0.75; `reach` nodes, spacing 0.75 / reach unless
-    given.
+    """Return the micromodulus of Ji et al. (2021), eq 35, of width 0.25, cut off at 0.75, for `reach` nodes; the
+    spacing is 0.75 / reach unless given.
     """
     spacing = 0.75 / reach if spacing is None else spacing
     r = spacing * np.arange(1, reach + 1)
@@ -21,7 +21,9 @@ BEAM = np.array([4.0, -1.0])  # Euler-Bernoulli, eq 29
 
 
 def recursion_at(weights, kind, share):
-    """Recursion at a share of the step limit; kind "wave", "damped" (2 d u_t with d = 0.5) or "diffusion"."""
+    """Return the recursion at a fraction of the step limit; kind is "wave", "damped" (2 d u_t with d = 0.5) or
+    "diffusion".
+    """
     largest = symbol(weights, np.linspace(0, np.pi, 4097)).max()
     if kind == "diffusion":
         return Recursion.of(Euler(), share * 2 / largest)
@@ -29,7 +31,7 @@ def recursion_at(weights, kind, share):
 
 
 def long_chain(weights, recursion, u, steps, increment=None, coefficient=None, left=True, right=True, **options):
-    """Bar on a domain so long that nothing returns; the near field is ``slice(pad, pad + u.size)``."""
+    """Return a bar on a domain so long that nothing returns, and the slice of the near field in it."""
     pad = int(fronts(weights, recursion, steps)[-1]) // 2 + 20
     pads = (pad if left else 0, pad if right else 0)
 

@@ -1,4 +1,4 @@
-"""A case whose result is doubtful from some time on: its crack runs into a rim that cannot break."""
+"""A case whose result becomes doubtful at some time: its crack runs into a rim that cannot break."""
 
 CRACK_AT_THE_RIM = """
 [lattice]

@@ -1,4 +1,4 @@
-"""Fields to draw, and whether a file is a picture."""
+"""Checks of files with pictures."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def is_picture(path):
-    """Whether a file is a PNG with more than one colour."""
+    """Return whether a file is a PNG with more than one colour."""
     from matplotlib.image import imread
 
     return path.read_bytes().startswith(PNG) and np.ptp(imread(path)) > 0

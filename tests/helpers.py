@@ -1,4 +1,4 @@
-"""Plain numpy counterparts of what the engine computes, and short cuts to set it up."""
+"""Plain numpy counterparts of what the engine computes, and shortcuts for setting it up."""
 
 import itertools
 
@@ -9,7 +9,7 @@ from farhorizon.engine.engine import Engine
 from farhorizon.medium.integrators import Euler
 from farhorizon.studies.compare import compare
 
-#: Factor of a bond from the coefficients of its ends.
+#: Factor of a bond as a function of the coefficients at its ends.
 RULES = {
     "both": np.minimum,
     "arithmetic": lambda a, b: (a + b) / 2,
@@ -18,17 +18,17 @@ RULES = {
 
 
 def kernel_stencil(dim, reach, exponent=1, **options):
-    """Stencil of a kernel whose horizon is `reach` nodes of unit spacing."""
+    """Return the stencil of a kernel whose horizon is `reach` nodes of unit spacing."""
     return Stencil.from_kernel(Kernel(horizon=float(reach), exponent=exponent, **options), 1.0, dim)
 
 
 def lattice_of(shape, spacing=1.0):
-    """Lattice of given node counts that starts at the origin."""
+    """Return a lattice with the given numbers of nodes that starts at the origin."""
     return Lattice(spacing, lower=np.zeros(len(shape)), upper=spacing * (np.array(shape) - 1))
 
 
 def roll_apply(u, offsets, weights, coefficient=None, rule="both"):
-    """The operator on a periodic lattice, one np.roll a bond; of vectors the components come first."""
+    """Apply the operator on a periodic lattice, with one np.roll per bond; a vector field has its components first."""
     total = np.zeros(u.shape)
     axes = tuple(range(-offsets.shape[1], 0))
     for o, w in zip(offsets, weights, strict=True):
@@ -40,9 +40,9 @@ def roll_apply(u, offsets, weights, coefficient=None, rule="both"):
 
 
 def dense_operator(shape, offsets, weights, whole=None, coefficient=None, rule="both"):
-    """Matrix of the operator with the bonds that leave the lattice absent.
+    """Return the matrix of the operator without the bonds that leave the lattice.
 
-    `whole(i, j)` tells which bonds between the nodes (rows of indices) i and j exist; `coefficient` has the lattice's
+    `whole(i, j)` tells which bonds between the nodes i and j (rows of indices) exist; `coefficient` has the lattice's
     shape.
     """
     nodes = np.array(list(itertools.product(*map(range, shape))))
@@ -60,7 +60,7 @@ def dense_operator(shape, offsets, weights, whole=None, coefficient=None, rule="
 
 
 def engine_apply(engine, u):
-    """The engine's operator on core values, halos filled first; an array of u's shape."""
+    """Fill the halos and apply the engine's operator to values of the core; the result has the shape of u."""
     level = np.zeros(engine.levels.shape[1], engine.dtype)
     view = engine.core.view(level)
     view[...] = np.reshape(u, view.shape)
@@ -69,7 +69,7 @@ def engine_apply(engine, u):
 
 
 def periodic_engine(shape, stencil, stages, dt, coefficient=None, **options):
-    """Engine on a lattice that closes on itself along every axis."""
+    """Return an engine on a lattice that is periodic along every axis."""
     lead = 3 - len(shape)
     offsets = np.pad(stencil.offsets, ((0, 0), (lead, 0)))
     core = (1,) * lead + tuple(shape)
@@ -84,8 +84,8 @@ TOLERANCE = {"float64": 1e-13, "float32": 3e-5}
 
 
 def check_apply(shape, stencil, stages=None, real="float64", coefficient=None, rule="both", threads=1):
-    """The engine's operator on white noise against np.roll; errors relative to the sum of the weights. Returns the
-    engine.
+    """Compare the engine's operator on white noise with np.roll, to within the tolerance times the sum of the
+    weights, and return the engine.
     """
     u = np.random.default_rng(3).uniform(-1, 1, shape if stencil.components == 1 else (stencil.components, *shape))
     engine = periodic_engine(
@@ -98,13 +98,13 @@ def check_apply(shape, stencil, stages=None, real="float64", coefficient=None, r
 
 
 def fitted_rate(sizes, errors):
-    """Order p of errors ~ size^p by least squares."""
+    """Return the order p of errors ~ size^p, fitted by least squares."""
     return np.polyfit(np.log(sizes), np.log(errors), 1)[0]
 
 
 def half_space_error(model, nodes, cracks=()):
-    """Largest error, of the initial maximum, of an elastic half-space whose surface runs into layers: of the surface
-    wave that leaves through a side and all others, against a domain so large that nothing returns.
+    """Return the largest error, relative to the initial maximum, of an elastic half-space whose surface runs into
+    layers, while a surface wave and all others leave. The reference is a domain so large that nothing returns.
     """
     layer = LatticePML(nodes=nodes)
     setup = {

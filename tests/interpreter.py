@@ -1,8 +1,8 @@
-"""A plain numpy program that works off the same table of operations as the compiled loop (`farhorizon.engine.loop`):
-the reference of the tests, and a pattern for other machines.
+"""Plain numpy program that executes the same table of operations as the compiled loop (`farhorizon.engine.loop`): the
+reference of the tests, and a model for implementations on other machines.
 
-It goes by the definitions: each bond one after the other, each stretched shift written out with a memory of its own for
-every offset of the stencil. It is slow, and keeps the layers' memory to itself.
+It follows the definitions: each bond by itself, and each stretched shift written out, with its own memory for every
+offset of the stencil. It is slow, and keeps the layers' memory to itself.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from stretched_shifts import StretchedShifts
 
 
 class Interpreter:
-    """Advances an engine whose layers remember nothing yet.
+    """Advances an engine whose layers have no memory yet.
 
     Parameters
     ----------
@@ -47,9 +47,9 @@ class Interpreter:
         engine.loop = self.run
         self.methods: dict[int, Callable[..., None]] = {
             op.COPY: self._copy,
-            op.SEND: lambda number: None,  # `receive` has it where it is
+            op.SEND: lambda number: None,  # `receive` reads the values where they are
             op.RECEIVE: self.receive,
-            op.AHEAD: lambda: None,  # `_sweep` does all
+            op.AHEAD: lambda: None,  # `_sweep` sweeps all rows
             op.MELT: self._melt,
             op.DAMP_OLD: self._damp_old,
             op.LINES: lambda: None,  # `_stretch` continues the field itself
@@ -78,7 +78,7 @@ class Interpreter:
         }
 
     def run(self, steps: int, phase: int, levels: np.ndarray, tables: op.Tables, inputs: Inputs) -> None:
-        """As `loop.run`; with another memory than that of the engine, the layers' own is left as it is."""
+        """Advance as `loop.run` does; given a memory other than the engine's, leave that of the layers as it was."""
         kept = (
             None
             if np.shares_memory(tables.layers.memory, self.engine.memory)
@@ -111,11 +111,11 @@ class Interpreter:
     # --- levels ------------------------------------------------------------------------------------------------
 
     def split(self, level: np.ndarray) -> np.ndarray:
-        """A level by component; shares memory."""
+        """Return a level by component, as a view."""
         return level.reshape(self.components, -1)
 
     def _set(self, nodes: np.ndarray, values: np.ndarray) -> None:
-        """Give nodes their values at the new step."""
+        """Set nodes to their values at the new step."""
         stage = self.stage
         stage.out[nodes] = values
         if stage.increments:
@@ -132,7 +132,7 @@ class Interpreter:
         self._set(nodes, values)
 
     def add(self, values: np.ndarray, nodes: np.ndarray | None = None) -> None:
-        """Add to the new step what nodes gain, shape (components, nodes), of all nodes unless they are given."""
+        """Add increments of shape (components, nodes) to the new step, at all nodes unless some are given."""
         nodes = self.nodes if nodes is None else nodes
         for level in (self.stage.out, self.stage.base)[: 1 + self.stage.increments]:
             for component, gains in zip(self.split(level), values, strict=True):
@@ -143,7 +143,7 @@ class Interpreter:
         _copy(levels, self.tables.copies)
 
     def receive(self, number: int, levels: np.ndarray | None = None) -> None:
-        """Where a process is its own neighbour: there are no others here. Slots are not used."""
+        """Copy values where a process is its own neighbour: there are no other processes here. Slots are not used."""
         assert self.engine.exchange is not None
         levels, (kind, axis) = self.split(self.stage.src) if levels is None else levels, divmod(number, 3)
         messages = self.engine.exchange.messages[kind].along(axis)
@@ -168,11 +168,11 @@ class Interpreter:
     # --- bonds -------------------------------------------------------------------------------------------------
 
     def factors(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
-        """Factors of bonds from the coefficients of their ends."""
+        """Return the factors of bonds from the coefficients at their ends."""
         return factors_of(self.tables.material, nodes, others)
 
     def _gaps(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
-        """Differences of the values at the ends of bonds, shape (components, bonds)."""
+        """Return the differences between the values at the ends of bonds, shape (components, bonds)."""
         src, material = self.split(self.stage.src), self.tables.material
         here, there = src[:, nodes], src[:, others]
         if material.rule == PHASES:
@@ -201,7 +201,7 @@ class Interpreter:
             out[:, nodes] = stage.a_difference * src[:, nodes] + stage.b * base[:, nodes] + total
 
     def _released(self) -> np.ndarray:
-        """What bonds to places without a node have taken of the nodes' own values."""
+        """Return the contributions of bonds to places without a node, which the sweep has included."""
         exists, nodes = self.engine.absent.exists, self.nodes
         found = np.zeros((self.components, nodes.size))
         zone = self.zone() if self.tables.bonds.places.size else np.zeros(nodes.size, bool)
@@ -211,14 +211,14 @@ class Interpreter:
         return found
 
     def zone(self) -> np.ndarray:
-        """Which nodes have bonds that are looked at one by one."""
+        """Return which nodes have bonds that are handled one by one."""
         zone = self.tables.bonds.zone
         at = np.indices(self.box.nodes).reshape(3, -1)
         return np.asarray(((at >= zone[6:9, None]) & (at < zone[9:, None])).all(0))
 
     def stretches(self) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-        """Of each bond of the nodes in the zone: its number, the nodes, which of them have it and may lose it, whether
-        it follows the law, its vector with the part of its ends' displacements that counts, and its strain e.
+        """Yield for each bond of the nodes in the zone: its number, the nodes, at which of them it is present, where
+        it follows the law, its vector, deformed where the law is nonlinear, and its strain e.
         """
         bonds, src, d = self.tables.bonds, self.split(self.stage.src), self.components
         inside = np.flatnonzero(self.zone())
@@ -233,22 +233,22 @@ class Interpreter:
             yield bond, nodes, alive, curved, xi + bent, (eta * (2 * xi + bent)).sum(0) * inverse - 2 * warm
 
     def warmth(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
-        """What heat strains bonds: the mean of their ends."""
+        """Return the thermal strains of bonds: the mean over their ends."""
         warmth = np.broadcast_to(self.tables.bonds.warmth, self.engine.layout.size)
         return np.asarray((warmth[nodes] + warmth[others]) / 2)
 
     def limits(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
-        """Largest strain e of bonds that do not break."""
+        """Return the largest strain e at which bonds do not break."""
         bonds = self.tables.bonds
         strength = np.broadcast_to(bonds.strength, self.engine.layout.size)
         return np.asarray(bonds.limit[0] * np.minimum(strength[nodes], strength[others]))
 
     def clear(self, bond: int, nodes: np.ndarray) -> None:
-        """A bond breaks at some nodes."""
+        """Remove a bond at some nodes."""
         self.tables.bonds.alive[bond >> 6, nodes] &= ~(np.uint64(1) << np.uint64(bond & 63))
 
     def _pull_bonds(self, total: np.ndarray) -> None:
-        """The forces of bonds with a law of their own, in the place of those of the stencil; some break."""
+        """Replace the forces of the stencil by those of bonds with a law of their own, and break bonds."""
         bonds, d = self.tables.bonds, self.components
         inside = np.flatnonzero(self.zone())
         total[:, inside] = 0
@@ -271,7 +271,7 @@ class Interpreter:
             total[:, inside] += np.where(pushes, 1.0, (alive & ~gone) * left) * c * e * pull * ahead
 
     def _count_broken(self, nodes: np.ndarray, place: int, xi: np.ndarray, stiffness: np.ndarray) -> None:
-        """Half the energy of bonds whose stiffness falls by so much, from their elongations now and a step ago."""
+        """Add half the energy that bonds lose with this stiffness, from their elongations now and a step ago."""
         length = np.sqrt((xi**2).sum())
         stretched = []
         for level in (self.stage.src, self.stage.base):
@@ -298,8 +298,8 @@ class Interpreter:
         return self.stretched(axis, self.split(self.stage.src), self.matrices, op.SPRINGS)
 
     def stretched(self, axis: int, level: np.ndarray, matrices: np.ndarray, number: int) -> np.ndarray:
-        """What stretched shifts along an axis add to plain ones, where later axes have theirs: the sums of a pass, of a
-        level by component.
+        """Return stretched less plain shifts along an axis, with later axes stretched, as sums of a pass over a
+        level.
         """
         engine = self.engine
         if axis == max(a for a in range(3) if self.shifts.serve(a)):
@@ -316,11 +316,11 @@ class Interpreter:
         return total
 
     def _factors_of_pass(self, number: int, others: np.ndarray) -> np.ndarray | float:
-        """Factors of the bonds of all nodes in a pass: those of states and of drag have none."""
+        """Return the factors of the bonds of all nodes in a pass; those of states and of drag have none."""
         return 1.0 if number in (op.GATHER, op.SCATTER, op.NEIGHBOURS) else self.factors(self.nodes, others)
 
     def present(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
-        """Which bonds are there, by the absent ones and by the places without a node."""
+        """Return which bonds are present, considering absent bonds and places without a node."""
         engine, tables = self.engine, self.tables
         cuts = tables.cuts if engine.passes is None else tables.gather.cuts
         size = engine.layout.size
@@ -504,13 +504,13 @@ class Interpreter:
 
 
 def _copy(values: np.ndarray, copies: np.ndarray) -> None:
-    """Periodic copies of values by place, shape (..., places)."""
+    """Copy values across periodic axes; shape (..., places)."""
     for to, source, count in copies.T:
         values[..., to : to + count] = values[..., source : source + count]
 
 
 def _passed(tables: Filter, values: np.ndarray) -> np.ndarray:
-    """What a filter takes of the values of one component."""
+    """Return what a filter takes from the values of one component."""
     taps, steps, box, strengths, runs, copies, cut_nodes, cut_ends, cut_places, cut_weights, *_ = tables
     index = [(place + i, node + i, first + i) for place, node, first, count in runs[:, :4] for i in range(count)]
     places, nodes, entries = np.array(index).T
@@ -530,7 +530,7 @@ def _passed(tables: Filter, values: np.ndarray) -> np.ndarray:
 
 
 class _Heat:
-    """The operations of strains that heat brings.
+    """Operations of thermal strains.
 
     Parameters
     ----------
@@ -541,7 +541,7 @@ class _Heat:
         self.loop = loop
 
     def push_springs(self) -> None:
-        """Springs beside states lose what heat strains them."""
+        """Subtract the thermal strains of the springs of state-based media."""
         loop = self.loop
         bonds, nodes = loop.tables.bonds, loop.nodes[loop.zone()]
         for bond, distance in enumerate(bonds.places[:, 0]):
@@ -549,7 +549,7 @@ class _Heat:
             self._push(loop.tables.heat.vectors[bond], there * loop.warmth(nodes, nodes + distance), nodes)
 
     def push_beyond(self) -> None:
-        """So do bonds without a law of their own, and springs, on all nodes."""
+        """Do so at all nodes for springs, and for bonds without a law of their own."""
         loop = self.loop
         bonds, at = loop.tables.bonds, np.indices(loop.box.nodes).reshape(3, -1)
         for bond, (distance, *offset) in enumerate(bonds.places):
@@ -563,7 +563,7 @@ class _Heat:
         self.loop.add(-self.loop.stage.scale * np.multiply.outer(vector, strains), nodes)
 
     def stretch(self, axis: int, which: int) -> None:
-        """What layers add to pushes, or to traces."""
+        """Add the contribution of the layers to thermal forces, or to traces."""
         loop = self.loop
         assert loop.engine.warm_layers is not None
         weights, heat = loop.engine.warm_layers.weights[which - op.PUSHES], loop.tables.heat
@@ -575,12 +575,12 @@ class _Heat:
             heat.traces[loop.nodes] += found[0]
 
     def warm_up(self) -> None:
-        """The strains of the next step."""
+        """Advance the thermal strains to the next step."""
         self.loop.tables.heat.warmth[:] += self.loop.tables.heat.rate
 
 
 class _States:
-    """The operations of materials whose forces take two passes; the sums are those over the bonds that are there.
+    """Operations of materials whose forces take two passes; the sums are over the bonds that are present.
 
     Parameters
     ----------
@@ -592,15 +592,15 @@ class _States:
         self.loop, self.passes, self.raw = loop, passes, False
 
     def _distances(self) -> np.ndarray:
-        """How far neighbours lie in a level."""
+        """Return the distances between nodes and their neighbours in a level."""
         return np.asarray(self.loop.engine.offsets @ self.loop.box.stride)
 
     def run(self, operation: int, number: int, which: int) -> None:
-        """An operation of the two passes. The sums are those over the bonds that are there, so that none is cut."""
+        """Execute an operation of the two passes; the sums are over the bonds that are present: no bonds are cut."""
         law, passes, scale = self.loop.tables.gather.sweep.law, self.passes, self.loop.stage.scale
         states = law.values.reshape(len(law.intact), -1)
         levels = (self.loop.split(self.loop.stage.src), states, self.loop.split(self.loop.stage.out))
-        # the loop may have done it node by node
+        # the loop may have done so node by node
         if self.raw and (which == op.SCATTER or operation == op.RELEASE):
             states[:, self.loop.nodes] -= self._strained(self.loop.nodes).T
             odd = np.einsum("sab,bs->as", law.matrices[law.numbers], states[:, law.nodes])
@@ -651,19 +651,19 @@ class _States:
             levels[which][:, self.loop.nodes] += (1 if which == op.GATHER else scale) * found.reshape(len(found), -1)
 
     def _remembered(self, values: np.ndarray, key: str, begins: bool) -> np.ndarray:
-        """What stretching adds to derivatives, by component and axis, shape (dim^2, nodes): the trapezoidal rule."""
+        """Return what stretching adds to derivatives, shape (dim^2, nodes), by the trapezoidal rule."""
         keep, gain = (
             np.tile(table, (self.loop.components, 1))
             for table in (self.loop.tables.stretches.keep, self.loop.tables.stretches.gain)
         )
         added, old = self.loop.memory.get(key, np.zeros((2, *values.shape)))
         added = 0 * values if begins else keep * added + gain * (old + values)
-        # where it begins the next step, which has the same values, adds nothing
+        # if the memory begins here, the next step, which has the same values, adds nothing
         self.loop.memory[key] = np.stack([added, -values if begins else values])
         return added
 
     def _parts(self, states: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-        """Forces on some nodes by component and by the axis of the derivative, over the bonds that are there."""
+        """Return the forces on some nodes by component and axis of the derivative, from the bonds present."""
         found = np.zeros((len(states), len(nodes)))
         for distance, weight in zip(self._distances(), self.passes.sums.divergence, strict=True):
             both = self.loop.present(nodes, nodes + distance) * (states[:, nodes + distance] + states[:, nodes])
@@ -671,47 +671,49 @@ class _States:
         return found
 
     def _strained(self, nodes: np.ndarray) -> np.ndarray:
-        """States of nodes that are strained as heat strains them, shape (S, n)."""
+        """Return the states of nodes whose strain is the thermal strain, shape (S, n)."""
         law, shapes = self.loop.tables.gather.sweep.law, self._shapes(nodes)
         units = np.trace(shapes, axis1=1, axis2=2)[:, None] if len(law.unit) == 1 else shapes.reshape(len(nodes), -1)
         return np.asarray(law.spacing * self.loop.warmth(nodes, nodes)[:, None] * units)
 
     def _given_way(self, nodes: np.ndarray, distances: np.ndarray) -> np.ndarray:
-        """What bonds are longer by, shape (K, dim, nodes), that heat strains as the mean of nodes some places apart."""
+        """Return the thermal elongations of bonds, shape (K, dim, nodes), from the mean strain of nodes at
+        `distances`.
+        """
         arms = self.loop.tables.gather.sweep.law.arms
         warmth = np.stack([self.loop.warmth(nodes, nodes + distance) for distance in distances])
         return np.asarray(arms[:, :, None] * warmth[:, None] if arms.size else 0 * warmth[:, None])
 
     def _lost_bonds(self) -> np.ndarray:
-        """Nodes that exist and lack bonds, cut, broken or beyond an edge."""
+        """Return the nodes that exist and lack bonds, which are cut, broken or beyond an edge."""
         bonds, nodes = self.loop.tables.bonds, self.loop.nodes[self.loop.engine.absent.exists[self.loop.nodes]]
         return np.asarray(nodes[(bonds.alive[:, nodes] != bonds.full[:, None]).any(0)])
 
     def _laws(self, nodes: np.ndarray) -> np.ndarray:
-        """Matrices by which nodes that lack bonds make something of their states."""
+        """Return the matrices of the law, by which the states are multiplied, of nodes that lack bonds."""
         passes, law = self.passes, self.loop.tables.gather.sweep.law
         moduli, numbers = passes.moduli_at(nodes), np.zeros(law.values.size // len(law.intact), np.int64)
         numbers[law.nodes] = law.numbers
-        first = numbers[nodes]  # 0 of nodes that had all their bonds
+        first = numbers[nodes]  # 0 for nodes that had all their bonds
         if law.kept:
             return np.where(first[:, None, None] > 0, law.matrices[first], self._whole_laws(moduli))
         shapes = self._shapes(nodes)
-        if len(law.unit) > 1:  # else the law does not go by the shape tensor
+        if len(law.unit) > 1:  # otherwise the law does not depend on the shape tensor
             moduli[:, :2] *= stress_left(shapes, law.firmness[first])[:, None]
         return passes.sums.law(shapes, moduli)
 
     def _whole_laws(self, moduli: np.ndarray) -> np.ndarray:
-        """Those of nodes with all their bonds."""
+        """Return the matrices of nodes with all their bonds."""
         dim = self.passes.sums.shapes.shape[1]
         return self.passes.sums.law(np.broadcast_to(np.eye(dim), (len(moduli), dim, dim)), moduli)
 
     def _shapes(self, nodes: np.ndarray) -> np.ndarray:
-        """Their shape tensors."""
+        """Return the shape tensors of nodes."""
         there = np.stack([self.loop.present(nodes, nodes + distance) for distance in self._distances()])
         return np.einsum("ks,kab->sab", there, self.passes.sums.shapes)
 
     def _states_at(self, nodes: np.ndarray) -> np.ndarray:
-        """What the bonds of some nodes make of their states, shape (S, n)."""
+        """Return the states of some nodes, summed over their bonds, shape (S, n)."""
         u, distances = self.loop.split(self.loop.stage.src), self._distances()
         there = np.stack([self.loop.present(nodes, nodes + distance) for distance in distances])
         eta = np.stack([u[:, nodes + distance] - u[:, nodes] for distance in distances])
@@ -719,7 +721,7 @@ class _States:
         return np.asarray(np.einsum("ks,kqa,kas->sq", there, self.passes.weights[0], eta))
 
     def _released(self, bond: int, nodes: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """Energy that is lost with a bond of some nodes, more than that at which it breaks."""
+        """Return by how much the energy lost with a bond of some nodes exceeds the energy at which it breaks."""
         passes, bonds, scale = self.passes, self.loop.tables.bonds, self.loop.stage.scale
         distance, u = self._distances()[bond], self.loop.split(self.loop.stage.src)
         xi = bonds.table[bond, : self.loop.components, None]
@@ -736,10 +738,8 @@ class _States:
         return np.asarray(energy - critical**2 * (moduli @ bonds.released[bond]))
 
     def _break_bonds(self, breaks: Callable[[int, np.ndarray, np.ndarray], np.ndarray]) -> list[tuple[int, np.ndarray]]:
-        """Bonds beyond their limit break; what the energy of their nodes loses is added up.
-
-        `breaks` says of a bond of some nodes, which is strained so much, whether it is. Returns bonds with the nodes
-        that lose them.
+        """Break the bonds that are beyond their limit, add up the energy that their nodes lose, and return these
+        bonds and nodes. `breaks` tells, for a bond of some nodes and its strains there, where it breaks.
         """
         bonds, before = self.loop.tables.bonds, self.loop.tables.bonds.alive.copy()
         gone = [
@@ -755,7 +755,7 @@ class _States:
         return gone
 
     def _push_apart(self) -> None:
-        """Absent bonds push their ends apart where they are shorter than in the beginning."""
+        """Let absent bonds push their ends apart where they are shorter than initially."""
         bonds, d = self.loop.tables.bonds, self.loop.components
         hard = self.loop.tables.material._replace(coefficient=bonds.hardness)
         for bond, nodes, alive, curved, ahead, e in self.loop.stretches():
@@ -764,7 +764,7 @@ class _States:
             self.loop.split(self.loop.stage.out)[:, nodes] += pushes * c * e / 2 * ahead
 
     def _energies(self, nodes: np.ndarray) -> float:
-        """Energy of some nodes, from the displacements now and a step ago, in units of the update."""
+        """Return the energy of some nodes, from the displacements now and a step ago, in units of the update."""
         passes, total = self.passes, np.zeros(len(nodes))
         now, ago = self.loop.split(self.loop.stage.src), self.loop.split(self.loop.stage.base)
         distances = self._distances()
@@ -779,13 +779,13 @@ class _States:
 
 
 def _follow_law(zone: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """At which places, shape (3, n), bonds within the zone follow the law."""
+    """Return the places, shape (3, n), at which bonds within the zone follow the law."""
     within = at - zone[LAW_FIRST : LAW_FIRST + 3, None]
     return ((within >= 0) & (within < zone[LAW_EXTENT : LAW_EXTENT + 3, None])).all(0)
 
 
 def _lasts(bonds: Bonds, bond: int, nodes: np.ndarray) -> np.ndarray:
-    """Whether a bond of some nodes carries compression, absent or not."""
+    """Return at which nodes a bond carries compression even when absent."""
     bits = bonds.closing[bond >> 6, nodes] if bonds.closing.size else np.zeros(len(nodes), np.uint64)
     return np.asarray(bits & np.uint64(1) << np.uint64(bond & 63) != 0)
 
@@ -793,11 +793,11 @@ def _lasts(bonds: Bonds, bond: int, nodes: np.ndarray) -> np.ndarray:
 def _shares(
     bonds: Bonds, softening: str | None, nodes: np.ndarray, others: np.ndarray, e: np.ndarray, limit: np.ndarray
 ) -> np.ndarray:
-    """What strains beyond the limit leave of the stiffness of bonds."""
+    """Return the fractions of the bonds' stiffness that remain at strains beyond the limit."""
     if softening is None:
         return np.zeros(len(nodes))
     final = np.minimum(bonds.final[nodes], bonds.final[others])
-    with np.errstate(divide="ignore", invalid="ignore"):  # of bonds below the limit, whose shares do not count
+    with np.errstate(divide="ignore", invalid="ignore"):  # for bonds below the limit, whose values are not used
         stretch, onset = (np.sqrt(1 + x) - 1 if bonds.nonlinear else x / 2 for x in (e, limit))
         if softening == "linear":
             falls = (final - stretch) / (final - onset)

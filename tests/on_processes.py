@@ -1,8 +1,8 @@
-"""What several processes compute together, beside what one computes:
-`mpiexec -n 2 python on_processes.py FOLDER SIZE PART ...`.
+"""Comparison of what several processes compute together with what one computes: `mpiexec -n 2 python on_processes.py
+FOLDER SIZE PART ...`.
 
-The first process prints a line of JSON for each case; files go into the folder. Set-ups are tiny; of the size `slow`
-are more, some of them larger, than of the size `all`, and of the size `few` there is one of a kind.
+The first process prints a line of JSON for each case; files go into the folder. The set-ups are tiny; SIZE is `few`
+for one of each kind, `all`, or `slow`, which has more of them, some larger.
 """
 
 import io
@@ -31,7 +31,7 @@ SPACE = {2: [[2, 1, 1], [1, 2, 1], [1, 1, 2]], 4: [[2, 2, 1], [1, 2, 2]]}[WORLD.
 
 
 def lattice(*shape):
-    """A box around the origin."""
+    """Return a box around the origin."""
     first = [-0.3 * (n // 2) for n in shape]
     return fh.Lattice(0.3, first, [low + 0.3 * (n - 1) for low, n in zip(first, shape, strict=True)])
 
@@ -41,7 +41,7 @@ def pulse(dim):
 
 
 def plane(model=WAVE, sides=FOUR, shape=(47, 49), **more):
-    """A set-up in the plane."""
+    """Return a set-up in the plane."""
     given = {"initial": {"u": pulse(2)}} | more
     return fh.Setup(lattice(*shape), model, sides, **given)
 
@@ -51,7 +51,7 @@ def drawn(shape):
 
 
 def bell(shape):
-    """An array, of which each process has its part."""
+    """Return an array with a pulse, of which each process takes its part."""
     return np.exp(-sum((i - n // 2) ** 2 for i, n in zip(np.indices(shape), shape, strict=True)) / 9)
 
 
@@ -59,7 +59,7 @@ def uneven(shape):
     return np.random.default_rng(7).uniform(0.5, 2, shape)
 
 
-#: Set-ups, and the grids of boxes on which they are computed.
+#: Set-ups and the grids of boxes on which they are computed.
 CASES = {
     "wave": (plane(), ALONG_Y),
     "single precision": (plane(dtype="float32"), ALONG_X),
@@ -116,7 +116,7 @@ ARRIVES = "sin(2*t)*sin(pi*t/6)**2"
 
 
 def torn(shape=(79, 81), **model):
-    """A short crack between two bands that are pulled apart."""
+    """Return a set-up with a short crack between two bands that are pulled apart."""
     pull = fh.BodyForce([0.0, "0.02*(exp(-(y - 2)**2) - exp(-(y + 2)**2))*exp(-x**2/4)"], "1 - exp(-t)")
     cracks = [[(-2.0, 0.13), (0.7, 0.13)]]
     return plane(fh.Elastic(KERNEL, **{"young": 1.0} | model), initial={}, cracks=cracks, loads=[pull], shape=shape)
@@ -179,7 +179,7 @@ CASES |= {
         ),
         ALONG_X + ALONG_Y,
     ),
-    "heated by a run": (  # on fewer nodes, and on other boxes
+    "heated by a run": (  # with fewer nodes and different boxes
         plane(SOLID, initial={}, loads=[fh.ThermalLoad(WARM, expansion=0.01, reference=0.0)], shape=(79, 81)),
         ALONG_X + ALONG_Y,
     ),
@@ -192,7 +192,7 @@ CASES |= {
         torn(critical_stretch=0.004, fracture_energy="6e-5*(1.2 + 0.1*sin(x))", softening="linear", nonlinear=True),
         ALONG_X,
     ),
-    "states that break": (  # four boxes along x, each wider than the filter of layers, which takes 24 nodes
+    "states that break": (  # four boxes along x, each wider than the filter of the layers, which takes 24 nodes
         torn((99, 81), critical_stretch=0.005, poisson=0.3, material="state-based"),
         ALONG_Y,
     ),
@@ -218,7 +218,7 @@ CASES |= {
             initial={},
             specimens=[
                 fh.Specimen(fh.Disc(4.0, (0.3, 0.2)) - fh.Disc(1.0, (2.0, 2.0))),
-                fh.Specimen(fh.Disc(0.9, (-5.0, -5.0)), 1.1),  # in the box of one process
+                fh.Specimen(fh.Disc(0.9, (-5.0, -5.0)), 1.1),  # within the box of one process
             ],
             sources=[fh.Source("where((x + 5)**2 + (y - 5)**2 < 1, 0.02, 0)", "sin(t)**2")],
             balance=True,
@@ -230,7 +230,7 @@ CASES |= {
         ALONG_Y,
     ),
 }
-#: One of a kind.
+#: One case of each kind.
 FEW = ("wave", "breaking, nonlinear", "metal that corrodes", "space")
 STATES = fh.Elastic(KERNEL, young=1.0, poisson=0.3, material="state-based")
 CORRESPONDENCE = fh.Correspondence(KERNEL, 1.0, 0.3, stabilisation=0.3)
@@ -259,7 +259,7 @@ SLOW = {
         ),
         ALONG_X + ALONG_Y,
     ),
-    "states that close": (  # faces that are pressed together, of two solids
+    "states that close": (  # faces of two different solids that are pressed together
         plane(
             fh.Elastic(KERNEL, "where(y > 1, 2, 1)", 0.3, material="state-based", contact=True),
             initial={"v": ["-0.1*x*exp(-2*(x**2 + y**2))", "-0.1*y*exp(-2*(x**2 + y**2))"]},
@@ -387,37 +387,37 @@ SLOW = {
 
 
 def asleep_until_all_are_here():
-    """The first process computes alone meanwhile, and there may be fewer processors than processes."""
+    """Sleep until all processes are here: one computes alone meanwhile, and there may be fewer processors."""
     waiting = WORLD.Ibarrier()
     while not waiting.Test():
         time.sleep(0.001)
 
 
 def really_sent(engine):
-    """Bytes that the messages of a step have, without those of the filter of layers."""
+    """Return the number of bytes of the messages of a step, without those of the layers' filter."""
     numbers, values = numbers_sent(engine), [messages.volume for messages in engine.exchange.messages]
     stages = len(engine.stages.numbers)
     return engine.dtype.itemsize * (values[0] * sum(numbers) + sum(values[1:-1]) * stages)
 
 
 def apart(one, other):
-    """The largest difference of energies, over the largest of them."""
+    """Return the largest difference between energies, relative to the largest energy."""
     assert one.keys() == other.keys()
     return max(abs(one[name] - value) for name, value in other.items()) / max(map(abs, other.values()))
 
 
 def relative(one, other):
-    """The largest difference of two fields, over the largest value."""
+    """Return the largest difference between two fields, relative to the largest value."""
     return float(np.nanmax(np.abs(one - other)) / max(np.nanmax(np.abs(other)), 1e-300))
 
 
 def sums_of(run):
-    """Energies, and what is balanced of them or of what diffuses."""
+    """Return the energies, and the terms of the balance if there is one."""
     return run.energies() | (run.balance() if run.setup.balance else {})
 
 
 def compared():
-    """Each case against one process: whether fields are the same to the last bit, and the error of the energy."""
+    """Compare each case with one process: whether the fields are equal to the last bit, and the error of the energy."""
     names = {"few": FEW, "all": CASES, "slow": CASES | SLOW}[SIZE]
     for name in names:
         setup, grids = (CASES | SLOW)[name]
@@ -448,16 +448,16 @@ def compared():
             asleep_until_all_are_here()
 
 
-#: Points between the nodes, on both sides of all cuts, one of them on a node.
+#: Points between the nodes, on both sides of all cuts; one is a node.
 POINTS = [(0.0, 0.0), (0.1, 0.13), (-2.2, 1.9), (2.15, -2.0)]
 
 
 def files():
-    """Results files, receivers and probes of runs on all processes, and of the same on one."""
+    """Compare results files, receivers and probes of runs on all processes with those of runs on one."""
     strata = plane(fh.Elastic(KERNEL, "where(y > 1, 1.5, 1)"), dt=0.1, **WIDE)
     kinds = {"waves": (plane(dt=0.1), POINTS), "solid": (SMALL_SOLID, [(*point, 0.1) for point in POINTS[:2]])}
     kinds |= {"strata": (strata, POINTS)}
-    if SIZE != "few":  # stresses beside cracks, broken bonds, holes and heat
+    if SIZE != "few":  # stresses beside cracks, broken bonds, holes and heating
         kinds |= {
             name: (replace(CASES[name][0], dt=0.1), POINTS[2:3])
             for name in ("breaking, nonlinear", "a body", "pumped and heated")
@@ -470,7 +470,7 @@ def files():
             run = fh.Simulation.of(setup, [receivers], communicator=WORLD if together else None)
             run.record(points)
             path = FOLDER / f"{name}-{'together' if together else 'alone'}.h5"
-            for until in (0.5, 1.5):  # the file goes on
+            for until in (0.5, 1.5):  # the file is continued
                 run.run(until, every=0.5, output=path)
             run.write(path.with_suffix(".now.h5"), ["v", *["stress"] * setup.model.mechanical])
             heard.append({"probes": run.probes.values, **receivers.data})
@@ -481,13 +481,13 @@ def files():
 
 
 def heard(setup, communicator=None, topology=None):
-    """A run with a receiver in the middle."""
+    """Return a run with a receiver in the middle."""
     return fh.Simulation.of(setup, [fh.Receivers(np.zeros((1, setup.lattice.dim)))], communicator, topology)
 
 
 def kept():
-    """Runs that go on from checkpoints on other boxes and on fewer processes, beside those that were not interrupted;
-    from those of several processes and of one.
+    """Compare runs that are continued from checkpoints, on other boxes and on fewer processes, with uninterrupted
+    ones; the checkpoints are those of several processes and of one.
     """
     for name in {"few": KEPT[:1], "all": KEPT, "slow": KEPT + KEPT_SLOWLY}[SIZE]:
         setup, path = (CASES | SLOW)[name][0], FOLDER / f"{name}.ckpt"
@@ -538,8 +538,8 @@ def kept():
 
 
 def adopted():
-    """A run goes on with the layers that were chosen for its length, by one process or by several; one that is restored
-    is given what the file has.
+    """Compare runs that are continued with the layers that were chosen for their length, by one process or by
+    several; a restored run takes them from the file.
     """
     setup, path = plane(sides=fh.LatticePML(target=1e-4, until=4.0)), FOLDER / "adopted.ckpt"
     if WORLD.rank == 0:
@@ -564,7 +564,7 @@ def adopted():
 
 
 def tips():
-    """Where a crack runs, as all processes record it and as one does."""
+    """Compare the path of a crack recorded by all processes with that recorded by one."""
     setup, told = torn(critical_stretch=0.005, nonlinear=True), []
     for together in (True, False) if WORLD.rank == 0 else (True,):
         tips = fh.CrackTips(every=5)
@@ -582,7 +582,7 @@ def tips():
 
 
 def recorded():
-    """What recorders have of runs on all processes, and on one."""
+    """Compare the data of recorders in runs on all processes with those in runs on one."""
     pull = fh.Source("0.5*y*exp(-y**2 - x**2/4)", fh.Step(2.0))
     crack = [(-2.0, 0.13), (1.9, 0.13)]
     disc = fh.Disc(2.5, (0.4, 0.3))
@@ -633,7 +633,7 @@ def recorded():
             asleep_until_all_are_here()
 
 
-#: Of so many processes, in so many dimensions: boxes from which a run goes on on others.
+#: Boxes of a run, and those on which it is continued, by number of processes and of dimensions.
 OTHER_BOXES = {
     (2, 2): ([2, 1], [1, 2]),
     (4, 2): ([2, 2], [4, 1]),
@@ -654,7 +654,7 @@ SMALL_SOLID = fh.Setup(
 
 
 def commands():
-    """What the command line prints and returns on each process."""
+    """Return what the command line prints and returns on each process."""
     for words in (
         ["run", "case.toml", "--out", "together", "--no-report", "--json", "together.json"],
         ["run", "case.toml", "--out", "together"],
@@ -688,13 +688,13 @@ PLACES = ("static", "together", "blocked", "goes_on", "one", "from_one")
 
 
 class Unshared(fh.Spectra):
-    """A recorder that looks at one process alone."""
+    """A recorder that works on one process only."""
 
     shared = False
 
 
 def refused():
-    """What is refused on all processes, with one message."""
+    """Check that all processes refuse a set-up with the same message."""
     for what, make in {
         "wet": lambda: plane(
             fh.Corrosion(KERNEL, saturation=0.8),
@@ -735,7 +735,7 @@ def refused():
 
 
 def unstable():
-    """A run that explodes on one process ends on all."""
+    """Check that a run that diverges on one process ends on all of them."""
     run = fh.Simulation.of(plane(sides=fh.Fixed()), communicator=WORLD)
     if WORLD.rank == WORLD.size - 1:
         run.engine.current[run.engine.core.origin] = np.inf

@@ -1,4 +1,4 @@
-"""What a command wrote with --json, held against its schema."""
+"""Validation of what commands write with --json."""
 
 import json
 from functools import cache
@@ -11,7 +11,7 @@ from farhorizon.cli.outputs import output_schema
 
 @cache
 def validator(command):
-    """Of what a command writes; the schema itself is one."""
+    """Return the validator of a command's output, after checking the schema itself."""
     Draft202012Validator.check_schema(output_schema(command))
     return Draft202012Validator(output_schema(command))
 
@@ -21,7 +21,7 @@ def _refused(word):
 
 
 def written(path, command):
-    """The figures in a file that a command wrote: strict JSON, as the schema says."""
+    """Return the content of a file that a command wrote, checked to be strict JSON and to follow the schema."""
     found = json.loads(Path(path).read_text(), parse_constant=_refused)
     validator(command).validate(found)
     return found

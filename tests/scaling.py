@@ -1,4 +1,4 @@
-"""Cases in other units of length, time and mass: every key of a case file has a dimension."""
+"""Case files converted to other units of length, time and mass: every key has a dimension."""
 
 import json
 import re
@@ -24,7 +24,7 @@ LENGTHS = (
     "wavelengths",
 )
 VARIABLES = r"\b[xyzt]\b"
-_MODELS = {  # constants by model: powers of length, time, mass; with the defaults that have a unit
+_MODELS = {  # constants by model: powers of length, time, mass; including the defaults that have a unit
     "wave": {"speed": (1, -1, 0)},
     "beam": {"stiffness": (4, -2, 0)},
     "diffusion": {"diffusivity": (2, -1, 0)},
@@ -40,7 +40,8 @@ _RATES = ("damping", "drag", "strength", "shift", "sigma", "alpha", "frequencies
 
 
 def in_units(text: str, length: float, time: float, mass: float) -> str:
-    """A case file in units so many times smaller: all its numbers and expressions, so that the problem stays the same.
+    """Return a case file in other units, of which the old ones are these multiples, with all its numbers and
+    expressions, so that the problem stays the same.
 
     Displacements of solids are lengths; scalar fields have no unit.
     """
@@ -68,7 +69,7 @@ def in_units(text: str, length: float, time: float, mass: float) -> str:
         return found
 
     def dimension(path: tuple[str, ...]) -> tuple[int, int, int] | None:
-        """That of a key, None for pure numbers and words."""
+        """Return the dimension of a key, None for pure numbers and words."""
         key, room = path[-1], path[0]
         if key in ("without", "text", "file", "font", "bold", "type", "direction", "polarisation", "side"):
             return None
@@ -118,7 +119,9 @@ def in_units(text: str, length: float, time: float, mass: float) -> str:
 
 
 def numbers(case: dict) -> dict:
-    """A case with plain numbers in its own units in place of those with a unit, and without the table of units."""
+    """Return a case with plain numbers, in its own units, in place of values with a unit, and without the table of
+    units.
+    """
     units = Units(case.get("units", {}))
 
     def plain(value):
@@ -133,7 +136,7 @@ def numbers(case: dict) -> dict:
 
 
 def toml(case: dict) -> str:
-    """Plain data as TOML: each table in one line."""
+    """Return plain data as TOML, with each table on one line."""
 
     def shown(value) -> str:
         if isinstance(value, dict):

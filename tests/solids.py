@@ -1,4 +1,4 @@
-"""A correspondence solid as another program would do it: one matrix entry a bond."""
+"""A correspondence solid computed independently, with one matrix entry per bond."""
 
 import itertools
 
@@ -15,13 +15,13 @@ MATERIAL = {"young": 1.0, "poisson": 0.25}
 
 
 def lame_constants(young, poisson):
-    """Lame's constants in plane strain and in space, numbers or arrays."""
+    """Return Lame's constants in plane strain and in 3D, as numbers or arrays."""
     shear = young / (2 * (1 + poisson))
     return 2 * shear * poisson / (1 - 2 * poisson), shear
 
 
 def solid(name, **options):
-    """A correspondence solid of one of the kernels."""
+    """Return a correspondence solid with one of the kernels."""
     return Correspondence(**{"kernel": KERNELS[name], **MATERIAL, **options})
 
 
@@ -30,14 +30,14 @@ def box(*nodes, lower=0.0):
 
 
 class Dense:
-    """The same solid with one matrix entry a bond: free where held nodes do not surround it, which do not move; where
-    they do, as many rows of them as two reaches have, so that those next to it have all their bonds.
+    """The same solid with one matrix entry per bond. It is free, or surrounded by `around` rows of held nodes; with
+    two reaches of them the nodes next to them have all their bonds.
 
-    Weights are read off the kernel's own influence function and volumes, and scaled so that K of a complete family is
-    1. `material` gives Young's modulus, Poisson's ratio and density at given coordinates, beyond the shape those at its
-    edge. Bonds break by their stretch, or `by_energy`; shape tensors are those of the bonds that are left, of those at
-    first if `by_energy`, or of all that the body has without cracks if `kept`. Nodes with few bonds bear less of their
-    stress, or all of it if `unweakened`.
+    Weights are taken from the kernel's own influence function and volumes, and scaled so that K of a complete family
+    is 1. `material` gives Young's modulus, Poisson's ratio and density at given coordinates; beyond the shape the
+    values at its edge apply. Bonds break by their stretch, or by their energy if `by_energy`; shape tensors are those
+    of the remaining bonds, of the initial bonds if `by_energy`, or of all bonds of the uncracked body if `kept`.
+    Nodes with few bonds carry less of their stress, or all of it if `unweakened`.
     """
 
     def __init__(
@@ -108,14 +108,14 @@ class Dense:
         return self.left * self.law(e, self.lame, self.shear) @ self.inverse - self.pull * e
 
     def lost(self, eta, p):
-        """Energy that is lost with each bond, from elongations and the states of its first end."""
+        """Return the energy lost with each bond, from elongations and the states of its first end."""
         own = self.w[..., None, None] * eta[..., :, None] * self.xi[..., None, :]
         lame, shear, pull = (value[:, None] + value[None] for value in (self.lame, self.shear, self.pull))
         states = p + np.swapaxes(p, 0, 1) - (self.law(own, lame, shear) - pull * own) / 2
         return (own * states).sum((2, 3)) + self.w * pull[..., 0, 0] * (eta**2).sum(2) / 2
 
     def beyond(self):
-        """Which bonds break: by energy as in an intact body that is stretched evenly, where all get as much longer."""
+        """Return which bonds break; by energy, the limit is that of an intact body under uniform dilatation."""
         eta, lengths = self.u[None] - self.u[:, None], np.linalg.norm(self.xi, axis=2)
         longer = (eta * self.xi).sum(2)
         if not self.by_energy:

@@ -1,8 +1,8 @@
-"""What a process looks at and holds as a run on several is set up: `mpiexec -n 2 python start_on_processes.py`.
+"""Work and memory of each process while a run on several is set up: `mpiexec -n 2 python start_on_processes.py`.
 
-There are as many nodes for each process, however many these are. The first one prints a line of JSON for each set-up:
-over this number how often functions of the coordinates are evaluated, and the bytes that are held at most as the
-whole is shared out, and in all.
+The number of nodes per process does not depend on the number of processes. The first one prints a line of JSON for
+each set-up: per node of a process, the number of evaluations of functions of the coordinates, the largest number of
+bytes held while the whole is shared out, and the largest number held in all.
 """
 
 import json
@@ -19,11 +19,11 @@ WORLD, NODES = MPI.COMM_WORLD, 240
 KERNEL = fh.Kernel(2.0)
 LAYERS = fh.LatticePML(nodes=6)
 BOX = fh.Box((20.0, 20.0), (220.0, 220.0))
-lattices._AT_ONCE = 0  # bodies and windows as those of large lattices are looked at
+lattices._AT_ONCE = 0  # treats bodies and windows as in large lattices
 
 
 class Counted:
-    """A function of the coordinates that counts where it is evaluated."""
+    """A function of the coordinates that counts the points at which it is evaluated."""
 
     points = 0
 
@@ -36,7 +36,7 @@ class Counted:
 
 
 class CountedDisc(fh.Disc):
-    """A disc that counts the points that it is asked for."""
+    """A disc that counts the points for which it is evaluated."""
 
     def contains(self, points):
         Counted.points += points[..., 0].size
@@ -52,7 +52,7 @@ def layered(x, y):
 
 
 def lattice(**more):
-    """As many nodes for each process, along x."""
+    """Return a lattice with the same number of nodes for each process, along x."""
     return fh.Lattice(1.0, (0.0, 0.0), (NODES * WORLD.size - 1.0, NODES - 1.0), **more)
 
 
@@ -133,7 +133,7 @@ def main():
         return found
 
     assembly.shared = watched
-    fh.Simulation.of(CASES["initial data"](), communicator=WORLD)  # loads modules, which nobody counts
+    fh.Simulation.of(CASES["initial data"](), communicator=WORLD)  # loads modules, which are not to be counted
     for name in [*CASES, *OBSERVED]:
         Counted.points = 0
         tracemalloc.start()

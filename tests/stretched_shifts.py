@@ -8,7 +8,7 @@ from farhorizon.engine.engine import Engine
 
 
 class StretchedShifts:
-    """Shifts a level over the box of an engine.
+    """Shifts of levels over the box of an engine.
 
     Parameters
     ----------
@@ -23,8 +23,8 @@ class StretchedShifts:
         self.begin(0, np.zeros((0, engine.layout.size)))  # a step begins with a level
 
     def begin(self, number: int, level: np.ndarray) -> None:
-        """Shift a level from now on, by component; the number tells the memory of one of a step's levels from that of
-        another.
+        """Set the level to shift from now on, by component; the number distinguishes the memories of the levels of a
+        step.
         """
         self.number = number
         self.fields: dict[tuple[int, ...], np.ndarray] = {}
@@ -32,7 +32,7 @@ class StretchedShifts:
             self.fields[0, 0, 0] = np.stack([self.box.all(u).astype(float) for u in level])
 
     def _edges(self, axis: int) -> tuple[np.ndarray, ...]:
-        """The recursion on the edges of an axis with its halo; edge i lies between the nodes i - 1 and i."""
+        """Return the recursion on the edges of an axis with its halo; edge i lies between the nodes i - 1 and i."""
         engine, m = self.engine, self.box.reach[axis]
         tables = np.zeros((3, self.box.nodes[axis] + 2 * m + 1))
         for (a, side), layer in engine.layers.items():
@@ -45,7 +45,9 @@ class StretchedShifts:
         return tables[0], tables[1], tables[2]
 
     def _shift(self, u: np.ndarray, axis: int, sign: int, key: object) -> np.ndarray:
-        """A field on the box and its halo, one node on along an axis: ``v(p) = u(p + 1) + r (u(p) - v(p + 1)) - N``."""
+        """Return a field on the box and its halo, one node further along an axis: ``v(p) = u(p + 1) + r (u(p) - v(p +
+        1)) - N``.
+        """
         r, e, f = (t if sign > 0 else t[::-1] for t in self.edges[axis])
         u = np.moveaxis(u, axis, 0)[::sign]
         past = self.memory.setdefault(key, np.zeros((len(u) + 1, *u.shape[1:])))
@@ -58,7 +60,9 @@ class StretchedShifts:
         return np.moveaxis(v[::sign], 0, axis)
 
     def along(self, offset: tuple[int, ...], axis: int) -> np.ndarray:
-        """The field shifted along this axis and later ones by stretched shifts, shape (components, *box and halo)."""
+        """Return the field shifted along this axis and later ones by stretched shifts, shape (components, *box and
+        halo).
+        """
         stretched = tuple(o if a >= axis else 0 for a, o in enumerate(offset))
         if self.fields.get(stretched) is None:
             first = next(a for a in range(3) if stretched[a])
@@ -70,11 +74,11 @@ class StretchedShifts:
         return self.fields[stretched]
 
     def serve(self, axis: int) -> bool:
-        """Whether layers stand along an axis."""
+        """Return whether there are layers along an axis."""
         return any(a == axis for a, _ in self.engine.layers)
 
     def at_nodes(self, field: np.ndarray, offset: list[int], axis: int) -> np.ndarray:
-        """The nodes' values of a field that is shifted plainly along the axes before this one."""
+        """Return the nodes' values of a field, with plain shifts along the axes before this one."""
         parts = [
             slice(m + (o if a < axis else 0), m + (o if a < axis else 0) + n)
             for a, (o, m, n) in enumerate(zip(offset, self.box.reach, self.box.nodes, strict=True))

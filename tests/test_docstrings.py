@@ -1,6 +1,4 @@
-"""The docstrings of all public names: there is one each, of what it offers, too, with an example that gives what it
-says.
-"""
+"""Docstrings of all public names: each name and each of its members has one, and the examples give what they say."""
 
 import doctest
 import inspect
@@ -21,7 +19,9 @@ def test_example(name, tmp_path, monkeypatch):
 
 
 def undocumented(name):
-    """Public methods and properties of a public name, those it inherits from us among them, without a docstring."""
+    """Yield the public methods and properties of a public name, including those inherited from this package, that
+    have no docstring.
+    """
     thing = getattr(fh, name)
     for member, value in inspect.getmembers(thing) if inspect.isclass(thing) else ():
         given = value.fget if isinstance(value, property) else value
@@ -33,7 +33,7 @@ def undocumented(name):
 
 
 def _text(thing, member):
-    """What is said of a member, by the class or by one that it derives from."""
+    """Return whether a member has a docstring, in the class or in one from which it derives."""
     return any((inspect.getdoc(base.__dict__[member]) or "").strip() for base in thing.__mro__ if member in vars(base))
 
 

@@ -1,4 +1,4 @@
-"""README and docs/: what they show runs, what they link to is there, and the figures that they mark are those that were
+"""README and docs/: what they show runs, what they link to exists, and the figures that they mark are those that were
 measured.
 """
 
@@ -22,7 +22,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def _script(name):
-    """A script of benchmarks/ as a module."""
+    """Return a script of benchmarks/ as a module."""
     spec = importlib.util.spec_from_file_location(name, ROOT / "benchmarks" / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -44,7 +44,7 @@ def test_readme_is_a_door():
 
 
 def test_the_film_shows_what_it_says():
-    """Short and small; the layer looks as the infinite medium does at the end, the fixed edge does not."""
+    """The film is short and small; at its end the layer looks like the infinite medium, and the fixed edge does not."""
     film = ROOT / "docs" / "demo.webp"
     assert "(docs/demo.webp)" in README and film.stat().st_size < 2_000_000
     with Image.open(film) as moving:
@@ -52,7 +52,7 @@ def test_the_film_shows_what_it_says():
         picture = np.asarray(moving.convert("RGB"), float)
         assert 10_000 < moving.info["timestamp"] + moving.info["duration"] <= 15_000  # milliseconds
     infinite, ours, fixed = (picture[60:300, first : first + 250] for first in (68, 347, 626))  # within the axes
-    assert np.abs(infinite - ours).mean() < 2  # of 255, what is lost in packing
+    assert np.abs(infinite - ours).mean() < 2  # of 255: what is lost in compression
     assert np.abs(infinite - fixed).mean() > 10
 
 
@@ -61,7 +61,7 @@ def test_case_and_python_of_the_readme_are_one_run(capsys):
     names = {}
     exec(compile(program, "README.md", "exec"), names)
     assert "layers chosen to reflect" in capsys.readouterr().out
-    # a case has outputs besides, which its own step divides
+    # the case also has outputs, which its own step has to divide
     sim = fh.Simulation.of(replace(Case(case).setup, dt=names["sim"].dt))
     sim.run(until=30.0)
     assert names["sim"].step_count == sim.step_count and np.abs(sim.fields["u"]).max() > 1e-4
@@ -136,8 +136,8 @@ def test_figures_as_they_are_written(value, words):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["demo", "square", "wide"])
 def test_figures_are_what_the_commands_print_now(name):
-    """Within a factor of 2, errors below 1e-9 within 10: of those some are rounding, which differs from processor to
-    processor. No times.
+    """Measured figures are within a factor of 2 of those stored; errors below 1e-9 within a factor of 10, because
+    some of them are rounding errors, which differ between processors. Times are not compared.
     """
     for key, entry in figures.measure(name).items():
         now, then = (np.array([float(word) for word in e["value"].split(" to ")]) for e in (entry, STORED[key]))

@@ -1,4 +1,4 @@
-"""The scripts among the examples: what they print is right; and those of bonds that break, on coarser lattices."""
+"""Results of the example scripts, and examples with bonds that break on coarser lattices."""
 
 import runpy
 from pathlib import Path
@@ -13,13 +13,13 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
 def script(name):
-    """Names of an example script, not run."""
+    """Return the names of an example script, which is not run as a program."""
     return runpy.run_path(str(EXAMPLES / f"{name}.py"))
 
 
 def test_borehole_from_the_first_horizon_crossing_on():
-    """Within 0.1 % of the exact line source at every probe; the near field's own diffusion time is reached in the slow
-    test.
+    """Every probe is within 0.1 % of the exact line source; the slow test reaches the diffusion time of the near
+    field.
     """
     example = script("heated_borehole")
     dt, times = example["EARLY"]
@@ -35,7 +35,7 @@ def test_borehole_for_a_hundred_diffusion_times():
 
 @pytest.mark.slow
 def test_plate_with_an_insulating_crack():
-    """Towards refined finite elements, with half the horizon."""
+    """The difference from refined finite elements decreases when the horizon is halved."""
     differences = script("insulating_crack")["differences"]
     coarse, fine = (np.array(differences(h)) for h in (0.12, 0.06))
     assert (fine < coarse).all()
@@ -43,7 +43,9 @@ def test_plate_with_an_insulating_crack():
 
 @pytest.mark.slow
 def test_plate_with_an_insulating_crack_converges():
-    """To refined finite elements; both numbers fall, the one far from the tips by more than half in two halvings."""
+    """Both differences from refined finite elements decrease, the one far from the tips by more than half in two
+    halvings.
+    """
     differences = script("insulating_crack")["differences"]
     found = np.array([differences(h) for h in (0.12, 0.06, 0.03)])
     assert (found[1:] < found[:-1]).all()
@@ -53,14 +55,15 @@ def test_plate_with_an_insulating_crack_converges():
 
 @pytest.mark.slow
 def test_plate_with_an_insulating_crack_within_one_percent():
-    """Two horizons and more from the tips, at a horizon of 0.015."""
+    """At a distance of two horizons or more from the tips, with a horizon of 0.015."""
     assert script("insulating_crack")["differences"](0.015)[0] < 0.01
 
 
 @pytest.mark.slow
 def test_penny_crack_in_the_ground():
-    """At rest the insulating crack is that of the infinite body, but for its rim: a horizon is a fifth of the radius,
-    and the lattice of half of it knows the radius to half a spacing. One that conducts parts the faces less.
+    """At rest an insulating crack agrees with that in an infinite body, except for its rim: the horizon is a fifth of
+    the radius, and the lattice, with a spacing of half the horizon, resolves the radius to half a spacing. Across a
+    conducting crack the jump is smaller.
     """
     example = script("penny_crack")
     radius = example["RADIUS"]
@@ -73,9 +76,9 @@ def test_penny_crack_in_the_ground():
 
 
 def test_shot_record():
-    """The direct wave and its image in the surface are those of the plane, but for the dispersion of finite
-    differences, which is ``k L (k dx)^2 / 24 = 0.07`` radians for the frequency of the pulse at the last offset; the
-    sea floor is heard when its ray comes.
+    """The direct wave and its image in the surface agree with the exact solution in the plane, up to the dispersion
+    of finite differences, which is ``k L (k dx)^2 / 24 = 0.07`` radians for the frequency of the pulse at the last
+    offset; the echo of the sea floor arrives with its ray.
     """
     example = script("shot_record")
     sim, streamer = example["shot"](0.6)
@@ -85,13 +88,13 @@ def test_shot_record():
     offset = example["OFFSETS"][0]
     ray = np.hypot(offset, 2 * (example["FLOOR"] - example["DEPTH"])) / example["WATER"]
     echo = np.where(streamer.times > ray, np.abs(streamer.data["u"][:, 0]), 0.0)
-    # the ghosts of gun and hydrophone come 4 * 10 m / 1480 m/s later at most
+    # the ghosts of gun and hydrophone arrive at most 4 * 10 m / 1480 m/s later
     assert streamer.times[echo.argmax()] - ray == pytest.approx(example["PULSE"].delay + 0.0135, abs=0.0135)
 
 
 @pytest.mark.slow
 def test_quenched_face():
-    """Cracks run in with the cold, and fewer and fewer of them go on."""
+    """Cracks advance with the cold, and fewer and fewer of them continue."""
     example = script("quenched_face")
     sim, found = example["solid"](), []
     for time in example["TIMES"]:
@@ -107,7 +110,7 @@ def test_quenched_face():
 
 @pytest.mark.slow
 def test_double_couple():
-    """Its lobes are those of Aki and Richards to the dispersion of S waves of six nodes."""
+    """The lobes are those of Aki and Richards, up to the dispersion of S waves of six nodes per wavelength."""
     example = script("double_couple")
     p, s = example["errors"](example["quake"]()[1])
     assert p < 0.02 and s < 0.05
@@ -115,8 +118,8 @@ def test_double_couple():
 
 @pytest.mark.slow
 def test_side_drilled_hole():
-    """The echo comes when its ray does, to a quarter of a period; without the hole there is none: the surface waves
-    along the row do not add up with these delays.
+    """The echo arrives with its ray, to within a quarter of a period; without the hole there is none: the surface
+    waves along the row do not add up with these delays.
     """
     example = script("side_drilled_hole")
     _, probe = example["block"]()
@@ -130,7 +133,7 @@ def test_side_drilled_hole():
 
 @pytest.mark.parametrize("rigid", [False, True], ids=["soft", "rigid"])
 def test_cylinders(rigid):
-    """What is scattered is what is lost, and the error of a rim that is a staircase halves with the spacing."""
+    """The scattered power equals the power lost, and the error of a staircase rim is halved with the spacing."""
     example = script("cylinders")
     exact, errors = np.array([example["series"](frequency, rigid) for frequency in example["FREQUENCIES"]]), []
     for spacing in example["SPACINGS"]:
@@ -142,8 +145,8 @@ def test_cylinders(rigid):
 
 
 def test_mesh_closed_by_plane_waves():
-    """Scattered waves leave the mesh: at every time a few times less comes back than from a fixed or a free rim, with
-    wide clouds ten times.
+    """Scattered waves leave the mesh: at all times the error is less than a third of that of a fixed or a free rim,
+    and less than a tenth with wide clouds.
     """
     errors = {rim: np.array(values) for rim, values in script("mesh_scatterer")["errors"]().items()}
     rims = np.minimum(errors["fixed"], errors["free"])
@@ -152,7 +155,7 @@ def test_mesh_closed_by_plane_waves():
 
 
 def test_indentation():
-    """A weak pressure leaves the notches alone, a strong one does not; the shares of the work add up."""
+    """A weak pressure breaks no bonds at the notches, a strong one does; the shares add up to the work."""
     example = script("indentation")
     bonds = []
     for pressure in (0.001, 0.006):
@@ -165,8 +168,8 @@ def test_indentation():
 
 @pytest.mark.parametrize(("name", "until", "tips"), [("notch_blast", 16.0, 3.5), ("branching", 40.0, 8.0)])
 def test_cracks_grow_as_in_the_infinite_medium(name, until, tips):
-    """On a lattice of twice the spacing: cracks beyond the notch, as symmetric as the set-up, an error a thousand times
-    below that of a fixed edge.
+    """On a lattice of twice the spacing, cracks grow beyond the notch as symmetrically as the set-up is, with an
+    error a thousand times smaller than that of a fixed edge.
 
     A closed box drives the cracks on with its echoes.
     """
@@ -190,7 +193,7 @@ def test_cracks_grow_as_in_the_infinite_medium(name, until, tips):
 
 
 def test_an_inclusion_feels_no_box():
-    """What comes back through the layers, against a body from whose sides nothing returns until then."""
+    """What returns through the layers is measured against a body so large that nothing returns from its sides."""
     text = (EXAMPLES / "inclusion.toml").read_text()
     wide = text.replace("[-40.0, -30.0]", "[-110.0, -100.0]").replace("[40.0, 30.0]", "[110.0, 100.0]")
     wide = wide.replace('"nonlocal-pml", nodes = 20', '"fixed"')
@@ -209,8 +212,8 @@ def test_an_inclusion_feels_no_box():
 
 @pytest.mark.slow
 def test_surface_notch():
-    """The corner of notch and surface sends the burst back the way it came: all rays are twice as long as that to the
-    corner.
+    """The corner of notch and surface sends the burst back the way it came: all ray paths are twice as long as that
+    to the corner.
     """
     from scipy.signal import hilbert
 
@@ -223,19 +226,19 @@ def test_surface_notch():
     expected = way / sim.model.s_speed + 1.6  # the middle of the burst
     across = echo.values[:, 0] @ (-np.sqrt(0.5), np.sqrt(0.5))
     assert abs(echo.times[np.abs(hilbert(across)).argmax()] - expected) < 0.5 / 1.5
-    assert np.abs(across).max() > 0.3e-3  # of the burst
+    assert np.abs(across).max() > 0.3e-3  # relative to the burst
 
 
 @pytest.mark.slow
 def test_valley():
-    """Far from it the ground moves first as flat ground does: the coefficients of the lattice's surface are those of
-    the continuum but for (k dx)^2.
+    """Far from the valley the ground first moves as flat ground does: the coefficients of the lattice's surface are
+    those of the continuum, up to (k dx)^2.
     """
     case = Case((EXAMPLES / "valley.toml").read_text(encoding="utf-8"))
     sim = case.simulation()
     ground = sim.record([case.parts.output.probes[0]])
     sim.run(2.0, progress=False)
-    p, fast, slow = 0.342 / 1200, 1 / 2078.46, 1 / 1200  # slowness along the ground, of P and of S waves
+    p, fast, slow = 0.342 / 1200, 1 / 2078.46, 1 / 1200  # slowness along the ground, and of P and of S waves
     qp, qs = np.sqrt(fast**2 - p**2), np.sqrt(slow**2 - p**2)
     whole = (slow**2 - 2 * p**2) ** 2 + 4 * p**2 * qp * qs
     horizontal = 2 * slow * qs * (slow**2 - 2 * p**2) / whole  # Aki and Richards, section 5.2

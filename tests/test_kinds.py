@@ -1,4 +1,4 @@
-"""Whatever stands in the place of an argument, it is computed with or refused by an InputError that names it."""
+"""Odd values in the place of any argument are either used or refused by an InputError that names the argument."""
 
 import inspect
 
@@ -66,7 +66,7 @@ SETUP = {
     "specimens": (),
     "loads": (),
 }
-# Arguments of every public callable that are right.
+# Valid arguments of every public callable.
 RIGHT = {
     "Auto": {"target": None, "until": None},
     "Ball": {"radius": 1.0, "centre": (0.0, 0.0, 0.0)},
@@ -283,12 +283,12 @@ RIGHT = {
     },
     "tuned": {"sim": None, "angle": 60.0, "band": None, "budget": 1.0},
 }
-# a result, which nobody makes by hand, names of materials, and what boundaries, models and signals derive from
+# a result, which is not made by hand, names of materials, and base classes of boundaries, models and signals
 NOT_MADE = {"Certificate", "materials", "LatticeModel", "Side", "Signal"}
 
 
 def _or_input_error(call):
-    """What is called, or the InputError that it raises; anything else fails the test."""
+    """Return the result of a call, or the InputError that it raises; anything else fails the test."""
     try:
         return call()
     except fh.InputError as error:
@@ -298,7 +298,7 @@ def _or_input_error(call):
 
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path, monkeypatch):
-    """A text in place of a path is a file."""
+    """Run in an empty folder, because a text in place of a path becomes a file."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -318,8 +318,8 @@ def test_odd_arguments_are_refused_or_taken(name):
             _or_input_error(lambda key=key, value=value: getattr(fh, name)(**{**RIGHT[name], key: value}))
 
 
-# What a set-up makes of odd values that only it can judge: those of sources, of conditions, of fields that are read on
-# the lattice.
+# Calls that pass odd values which only a set-up can judge: those of sources, of conditions, and of fields that are
+# evaluated on the lattice.
 BOTH = fh.Thermoelastic(**RIGHT["Thermoelastic"])
 PLACES = {
     "initial": lambda v: fh.Simulation(LINE, fh.Wave(KERNEL), initial={"u": v}, threads=1),
@@ -422,7 +422,7 @@ def test_odd_arguments_of_methods():
 
 
 def test_values_far_beyond_everything():
-    """What once overflowed in arithmetic."""
+    """Values that once overflowed in the arithmetic are refused."""
     with pytest.raises(fh.InputError, match="outside the near field"):
         LINE.index([-1e308])
     with pytest.raises(fh.InputError, match="more steps than can be counted"):
@@ -434,7 +434,7 @@ def test_values_far_beyond_everything():
 
 
 def test_dollars_are_letters():
-    """Not the marks of mathematics, which would draw something else or fail."""
+    """Dollar signs are drawn as such and do not delimit mathematics, which would draw something else or fail."""
     assert (
         np.ptp(fh.Text("$5 and $6", 1.0).bounds(), axis=0)[0]
         > np.ptp(fh.Text("5 and 6", 1.0).bounds(), axis=0)[0] + 1.0

@@ -1,4 +1,4 @@
-"""What takes long says how far it is, where somebody looks on."""
+"""Long computations report their progress if stderr is a terminal."""
 
 import pytest
 
@@ -14,7 +14,7 @@ def small():
 
 @pytest.mark.parametrize("looked_at", [False, True])
 def test_runs_and_comparisons(looked_at, capsys, monkeypatch):
-    """Whether stderr is a terminal or not."""
+    """Progress is printed if stderr is a terminal, and only then."""
     monkeypatch.setattr("sys.stderr.isatty", lambda: looked_at)
     sim = small()
     sim.run(5.0)

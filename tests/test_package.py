@@ -1,4 +1,4 @@
-"""What is released: metadata that agree, and files that a wheel and a source distribution have to hold."""
+"""What is released: consistent metadata, and the files that a wheel and a source distribution have to contain."""
 
 import re
 import subprocess
@@ -31,7 +31,7 @@ def test_the_paper_cites_what_its_bibliography_has():
 
 @pytest.mark.slow
 def test_wheel_and_source_distribution_are_whole(tmp_path):
-    """The wheel is made of the source distribution, and holds all that is read at run time."""
+    """The wheel is built from the source distribution and contains everything that is read at run time."""
     pytest.importorskip("hatchling", reason="builds with what `python -m pip install hatchling` brings")
     for target, place in (("sdist", ROOT), ("wheel", tmp_path / "unpacked")):
         subprocess.run(

@@ -1,4 +1,4 @@
-"""The public names: one list, loaded late, seen by type checkers."""
+"""The public names: a single list, loaded lazily, visible to type checkers."""
 
 import ast
 import subprocess
@@ -12,7 +12,7 @@ from farhorizon import public
 
 
 def test_names_are_those_of_one_list():
-    """Each line of `public` hands one name on; nothing else of a module of it is seen."""
+    """The public names are `read_case` and those that `public` exports; nothing else of the modules is visible."""
     lines = ast.parse(Path(public.__file__).read_text()).body[1:]
     handed_on = [alias.asname for line in lines for alias in line.names]
     assert sorted([*handed_on, "read_case"]) == fh.__all__ == sorted(set(dir(fh)) - {"__version__"})

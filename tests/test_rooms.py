@@ -1,4 +1,4 @@
-"""The rooms of the package: each imports from those before it, and nothing goes in a circle."""
+"""The rooms of the package: each imports only from those before it, and there are no circular imports."""
 
 import ast
 import importlib
@@ -14,7 +14,7 @@ import pytest
 TESTS = Path(__file__).parent
 PACKAGE = TESTS.parent / "src" / "farhorizon"
 
-#: Each room imports from those above it; a single module of the root is named like a room.
+#: Each room imports from those above it; a single module at the root is named like a room.
 ORDER = (
     "errors",
     "kinds",
@@ -22,17 +22,17 @@ ORDER = (
     "files",  # formats on disk, no physics
     "pictures",  # arrays to PNG
     "engine.rows",
-    "engine",  # compiled loops over addresses, no physics either
+    "engine",  # compiled loops over addresses, no physics
     "geometry",  # where: regions, cuts, nodes
     "medium",  # the operator and its time step
     "analysis.exact",
     "analysis.references",
     "analysis.layers",
     "analysis.fracture",
-    "analysis",  # what the symbol tells
-    "models",  # a physics is one file
-    "boundaries",  # a side is one file
-    "inputs",  # what a user puts into a medium
+    "analysis",  # what follows from the symbol
+    "models",  # one file per physics
+    "boundaries",  # one file per type of side
+    "inputs",  # what a user adds to a medium
     "checks",  # questions about a set-up before its run
     "simulation",  # a set-up that runs
     "studies",  # several runs side by side
@@ -42,14 +42,14 @@ ORDER = (
     "validation",  # exact solutions of unbounded media
     "",
     "cli",
-    "__main__",  # the door: `farhorizon` itself, which loads public names late, and the command line
+    "__main__",  # the entry point: `farhorizon` itself, which loads public names lazily, and the command line
 )
-#: What a package's own file says before it imports anything, so that all may ask for it.
+#: Names that a package's own file defines before it imports anything, so that all modules may import them.
 GROUND = {("farhorizon", "__version__")}
 
 
 def modules():
-    """Path of each module by name, packages by theirs."""
+    """Return the path of each module by name; a package is represented by its own file."""
     found = {}
     for path in sorted(PACKAGE.rglob("*.py")):
         words = path.relative_to(PACKAGE.parent).with_suffix("").parts
@@ -58,7 +58,7 @@ def modules():
 
 
 def imports(source, name, known, package=False):
-    """Modules among the known ones that a module imports anywhere: at its top, in functions, for types."""
+    """Return the modules among the known ones that a module imports anywhere: at the top, in functions, for types."""
     found = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -76,7 +76,7 @@ def imports(source, name, known, package=False):
 
 
 def room_of(module):
-    """The room of a module: the longest name in `ORDER` that it stands in."""
+    """Return the room of a module: the longest name in `ORDER` to which it belongs."""
     inner = module.removeprefix("farhorizon").lstrip(".")
     rooms = [room for room in ORDER if inner == room or (room and inner.startswith(f"{room}."))]
     assert rooms, f"{module} stands in no room"
@@ -84,7 +84,7 @@ def room_of(module):
 
 
 def circle(arrows):
-    """Modules that import each other in a circle; empty if there is none."""
+    """Return modules that import each other in a circle; empty if there is none."""
     state, path = {}, []
 
     def visit(name):
@@ -103,7 +103,7 @@ def circle(arrows):
 
 
 def against_order(arrows):
-    """Imports of a room from a later one."""
+    """Return the imports of a room from a later one."""
     places = {room: place for place, room in enumerate(ORDER)}
     pairs = [(one, other) for one, others in arrows.items() for other in others]
     return sorted(f"{one} imports {other}" for one, other in pairs if places[room_of(one)] < places[room_of(other)])
@@ -125,7 +125,7 @@ def test_no_modules_import_each_other_in_a_circle(arrows):
 
 
 def test_no_module_imports_the_face_of_its_own_room(arrows):
-    """It would find the room half built: a circle that Python sees, though the names of modules do not show it."""
+    """The room would be only half loaded: a circular import, though the names of the modules do not show it."""
     doors = {"farhorizon.cli", "farhorizon.__main__"}
     pairs = [(one, other) for one, others in arrows.items() if one not in doors for other in others]
     inside = [(one, other) for one, other in pairs if one.startswith(f"{other}.")]
@@ -139,8 +139,8 @@ def test_every_room_is_there_and_says_what_it_is(arrows):
 
 
 def test_no_two_things_have_one_name():
-    """Modules, classes and public functions of modules; what reproduces a paper is called as the paper calls it, and
-    each exact solution has its own run.
+    """Module, class and public function names are unique, except that reproductions are named as in the papers, and
+    each exact solution has a run of its own.
     """
     apart = {"farhorizon.papers", "farhorizon.validation"}
     places = {"module": [], "class": [], "function": []}
@@ -160,7 +160,7 @@ def test_no_two_things_have_one_name():
 
 
 def test_tests_stand_in_rooms_of_the_same_names():
-    """Those of the whole program, of single modules of the root, of robustness and of what users define aside."""
+    """Except for tests of the whole program, of single modules at the root, of robustness and of user extensions."""
     folders = {path.parent.relative_to(TESTS).as_posix().replace("/", ".") for path in TESTS.rglob("test_*.py")}
     assert folders - {".", "robustness", "extensions"} <= set(ORDER)
     apart = sorted(path.stem for path in TESTS.glob("test_*.py"))
@@ -200,8 +200,8 @@ def test_rooms_of_rooms():
 
 
 def test_classes_are_composed_of_parts():
-    """No class has more than 40 methods and properties, those it inherits counted, or more than 500 lines of its own;
-    no file of a run is long.
+    """No class has more than 40 methods and properties, including inherited ones, or more than 500 lines of its own;
+    no file of `simulation` is long.
     """
     for path in (PACKAGE / "simulation").glob("*.py"):
         assert len(path.read_text().splitlines()) < 500, path.name

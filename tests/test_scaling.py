@@ -1,5 +1,6 @@
 """Nothing depends on units: the examples in SI (millimetres, microseconds) give the same fields and the same
-verdicts."""
+verdicts.
+"""
 
 from pathlib import Path
 
@@ -24,19 +25,19 @@ SOON = {
 
 @pytest.fixture(autouse=True)
 def fresh(tmp_path, monkeypatch):
-    """No certificate of an earlier run is recalled for one of the two."""
+    """No certificate of an earlier run is reused for one of the two."""
     monkeypatch.setattr("farhorizon.checks.certificate.cache_folder", lambda: tmp_path)
 
 
 def verdict(run, until):
-    """What is known of its stability, given time, and whether it is refused."""
+    """Return what the certificate states for a given time, and whether it refuses the run."""
     run.prepare(until)
     found = run.certificate(60.0, until)
     return found.verdict, found.grows_within(until)
 
 
 def in_both(path, share):
-    """The run of an example and the same in SI, and their ends at a share of its time."""
+    """Return the run of an example and the same in SI, each with its end at a fraction of the example's time."""
     text = path.read_text()
     cases = Case(text, path), Case(in_units(text, *SI), path)
     return [(case.run(), case.parts.run.until * share) for case in cases]
@@ -51,14 +52,14 @@ def in_both(path, share):
     ],
 )
 def test_examples_in_si(path, share, monkeypatch):
-    # more may be known of one from other runs
+    # other runs may have established more about one of the two
     monkeypatch.setattr("farhorizon.checks.certificate._recall", lambda path: None)
     (plain, until), (scaled, later) = in_both(path, share)
     known, refused = verdict(plain, until)
     assert verdict(scaled, later) == (known, refused)
     assert scaled.dt == pytest.approx(plain.dt * SI[1], rel=1e-12)
     length = SI[0] if plain.fields["u"].ndim > plain.lattice.dim else 1.0
-    largest = float(np.nanmax(np.abs(plain.fields["u"])))  # of the whole run: waves come and leave
+    largest = float(np.nanmax(np.abs(plain.fields["u"])))  # over the whole run: waves come and leave
     for part in () if refused else np.arange(1, 9) / 8:
         plain.run(part * until)
         largest = max(largest, float(np.nanmax(np.abs(plain.fields["u"]))))
@@ -66,6 +67,6 @@ def test_examples_in_si(path, share, monkeypatch):
         scaled.run(later)
     assert plain.step_count == scaled.step_count
     one, other = plain.fields["u"], scaled.fields["u"] / length
-    # of what layers remember in six digits other ones are cut off where u has another unit
+    # where layers keep six digits of their memory, rounding differs if u has another unit
     halves = length != 1 and plain.engine.kept != plain.engine.dtype
     np.testing.assert_allclose(other, one, rtol=0, atol=(1e-6 if halves else 1e-9) * largest)

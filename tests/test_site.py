@@ -1,4 +1,4 @@
-"""The documentation site: built without a warning, whole, without the network; what its pages are made of."""
+"""The documentation site: built without warnings, complete, without network access; and what its pages are made of."""
 
 import ast
 import fcntl
@@ -23,7 +23,7 @@ from farhorizon.case.schema import schema
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-SEEN = {  # pages that a browser looks at, and words of their titles
+SEEN = {  # pages that a browser opens, and words in their titles
     "index.html": "farhorizon",
     "tutorials/crack.html": "crack",
     "howto/read_check.html": "check",
@@ -36,7 +36,7 @@ PROGRAMS = sorted(p for p in (DOCS / "tutorials").iterdir() if p.suffix in (".py
 
 @pytest.fixture(scope="module")
 def keys():
-    """What makes the page of keys, as a module."""
+    """The extension that generates the page of keys, as a module."""
     sys.path.insert(0, str(DOCS / "_extensions"))
     try:
         yield importlib.import_module("keys")
@@ -46,21 +46,21 @@ def keys():
 
 @functools.cache
 def case_schema():
-    """The schema of case files, found valid."""
+    """Return the schema of case files, checked to be valid."""
     whole = schema()
     jsonschema.Draft202012Validator.check_schema(whole)
     return whole
 
 
 def properties():
-    """Table and key of all that a case file may hold."""
+    """Return table and key of everything that a case file may contain."""
     whole = case_schema()
     tables = {"CasePart": whole, **whole["$defs"]}
     return [(name, key) for name, table in tables.items() for key in table.get("properties", {})]
 
 
 def test_each_key_of_the_schema_is_on_the_page(keys):
-    """Under the heading of its table, with what it means and an example."""
+    """The page has each key of the schema, and a section for each table."""
     sections = dict(re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", keys.markdown(), re.MULTILINE | re.DOTALL))
     listed = [re.findall(r"^`(\w+)`$", text, re.MULTILINE) for text in sections.values()]
     assert sorted(key for names in listed for key in names) == sorted(key for _, key in properties())
@@ -88,14 +88,14 @@ def test_each_public_name_is_in_the_reference():
 
 
 def test_each_example_script_has_a_picture_of_its_own():
-    """The build draws them; this is told at once."""
+    """The build draws the pictures; this test fails early."""
     drawn = ast.parse((DOCS / "_extensions" / "scripts.py").read_text()).body
     names = {node.name for node in drawn if isinstance(node, ast.FunctionDef)}
     assert {path.stem for path in (ROOT / "examples").glob("*.py")} <= names
 
 
 def test_each_page_is_in_a_table_of_contents():
-    """The build warns of others, too; this is told at once."""
+    """The build warns of this, too; this test fails early."""
     listed = set()
     for page in DOCS.rglob("*.md"):
         for block in re.findall(r"```\{toctree\}\n(.*?)```", page.read_text(), re.DOTALL):
@@ -106,7 +106,9 @@ def test_each_page_is_in_a_table_of_contents():
 
 @pytest.mark.parametrize("path", PROGRAMS, ids=lambda path: path.name)
 def test_tutorials_are_short_and_shown(path):
-    """At most 40 lines, on a page, no private name, no workaround; a case is read, and two steps of it run."""
+    """A tutorial has at most 40 lines, is shown on a page and uses no private name; a case is read and advanced by
+    two steps.
+    """
     text = path.read_text(encoding="utf-8")
     assert len(text.splitlines()) <= 40
     pages = "".join(p.read_text(encoding="utf-8") for p in path.parent.glob("*.md"))
@@ -120,7 +122,7 @@ def test_tutorials_are_short_and_shown(path):
 
 
 class Page(HTMLParser):
-    """What a page names and what it links to."""
+    """The identifiers, links and assets of a page."""
 
     def __init__(self, path):
         super().__init__()
@@ -140,11 +142,11 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The site as the command of its documentation builds it: warnings are errors."""
+    """The site built with the documented command, in which warnings are errors."""
     pytest.importorskip("sphinx", reason="the site needs what `python -m pip install '.[docs]'` brings")
     made = tmp_path_factory.mktemp("site")
     with (tmp_path_factory.getbasetemp().parent / "site.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # workers that build it one after the other share what examples wrote
+        fcntl.flock(lock, fcntl.LOCK_EX)  # workers that build it one after the other share what the examples wrote
         done = subprocess.run(
             [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", str(DOCS), str(made)],
             cwd=ROOT,
@@ -192,7 +194,7 @@ def test_each_example_and_each_tutorial_has_its_picture(site):
     for path in [*PROGRAMS, *(p for p in (ROOT / "examples").iterdir() if p.suffix in (".py", ".toml"))]:
         name = path.stem if path in PROGRAMS else f"{path.stem}_{path.suffix[1:]}"
         text = (site / ("tutorials" if path in PROGRAMS else "gallery") / f"{name}.html").read_text()
-        # one prints its errors alone, the other is refused
+        # the first only prints its errors, the second is refused
         assert path.stem in ("new_boundary", "dispersive_pulse") or "../_images/" in text, path.name
         assert "on the machine on which this page was built" in text, path.name
 
@@ -200,7 +202,7 @@ def test_each_example_and_each_tutorial_has_its_picture(site):
 @pytest.mark.slow
 @pytest.mark.skipif(PROGRAM is None, reason="no Chromium to look at the pages")
 def test_a_browser_shows_the_site(site, tmp_path):
-    """Titles, every picture, formulas; nothing is missing; the search leads to pages."""
+    """Titles, all pictures and formulas are displayed, nothing is missing, and the search leads to pages."""
     browser = Browser(tmp_path / "profile")
     try:
         with served(site) as address:

@@ -1,4 +1,4 @@
-"""Threads that tell each other what processes do, for what needs no compiled loop."""
+"""Threads that exchange messages as processes do, for tests that need no compiled loop."""
 
 import threading
 
@@ -8,7 +8,7 @@ from farhorizon.simulation.team import Team
 
 
 class Threads(Team):
-    """A process of several that are threads, and gather what they tell."""
+    """One of several processes that are threads, gathering values from each other."""
 
     def __init__(self, number, told, barrier):
         super().__init__()
@@ -27,14 +27,16 @@ class Threads(Team):
 
 
 def on_threads(count, work):
-    """What work(team) returns on each of so many; raises what one of them does, and none waits for it."""
+    """Return what work(team) returns on each of `count` threads; raise the exception of one that fails, without
+    letting the others wait for it.
+    """
     told, barrier, found, failed = [None] * count, threading.Barrier(count, timeout=60), [None] * count, []
 
     def run(number):
         try:
             found[number] = work(Threads(number, told, barrier))
         except threading.BrokenBarrierError:
-            pass  # another one has failed
+            pass  # another thread has failed
         except Exception as error:
             failed.append(error)
             barrier.abort()

@@ -20,12 +20,12 @@ import numpy as np
 from farhorizon.errors import InputError, shown
 
 LARGEST = 1e60
-"""Of a constant; positive ones are at least its inverse. Products of five such numbers, as of the horizon's powers,
-stay finite.
+"""Largest magnitude of a constant; nonzero ones are at least its inverse. Products of five such numbers, such as powers
+of the horizon, stay finite.
 """
 _FINITE, _GAPS = "no nan, no inf", "see where it comes from: a division by zero, or a gap in a file"
 MOST_WHOLE = 1_000_000
-"""Of a whole number, unless it has another limit."""
+"""Largest whole number, unless another limit applies."""
 
 
 def number(

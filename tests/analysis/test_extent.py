@@ -1,4 +1,4 @@
-"""How far data come: against the infinite lattice and against runs."""
+"""How far data spread, against the infinite lattice and against runs."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def stencil(dim, reach=2, exponent=2):
 @pytest.mark.parametrize("reach", [1, 3])
 @pytest.mark.parametrize("integrator, dt, steps", [(Verlet(), 0.4, 200), (Euler(), 0.1, 2000)])
 def test_a_mirror_image_on_a_line(integrator, dt, steps, reach):
-    """What is predicted to come back is what the infinite lattice has at the mirror image's place, to the node."""
+    """The predicted return is the value of the infinite lattice at the place of the mirror image, to the node."""
     line = stencil(1, reach)
     start = np.exp(-((np.arange(60) - 30.0) ** 2) / 9)
     found = extent(medium(line, integrator, dt, steps), [Datum(start, "u")], [1.0], 0, 1e-4)
@@ -37,7 +37,7 @@ def test_a_mirror_image_on_a_line(integrator, dt, steps, reach):
     )
     assert found.predicted == pytest.approx(returned, rel=1e-6, abs=1e-12) and found.predicted < 1e-4
     fewer = max(np.abs(state[658 + 2 * found.nodes :]).max() / size for state, size in zip(states, scale, strict=True))
-    assert fewer > 0.3e-4  # of which 0.3 are aimed at
+    assert fewer > 0.3e-4  # 0.3 of the target is aimed at
 
 
 def test_the_extent_knows_no_units_and_no_amplitude():
@@ -49,8 +49,8 @@ def test_the_extent_knows_no_units_and_no_amplitude():
 
 @pytest.mark.parametrize("wall", [1, -1])
 def test_a_wall_opposite_sends_its_image_after_the_data(wall):
-    """A wall right behind the data that reflects them doubles what arrives or takes most of it away; one far behind
-    changes nothing.
+    """The image of a wall far behind the data changes nothing, and that of a wall right behind them at most one
+    node.
     """
 
     def nodes(place, mirror):
@@ -64,8 +64,8 @@ def test_a_wall_opposite_sends_its_image_after_the_data(wall):
 @pytest.mark.parametrize("dim", [1, 2, 3])
 @pytest.mark.parametrize("kind", ["v", "source"])
 def test_the_largest_value_is_estimated_from_below(dim, kind):
-    """Of velocities and of sources that come and go: not above what a run has, and not below a tenth of it. A steady
-    source goes on growing.
+    """For velocities and for sources that come and go the estimate lies between a tenth and 1.2 times the largest
+    value of a run. A steady source keeps growing.
     """
     lattice = fh.Lattice(1.0, (-12.0,) * dim, (12.0,) * dim)
     values = np.exp(-sum(x**2 for x in lattice.coordinates()) / 6)

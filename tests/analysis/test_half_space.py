@@ -1,4 +1,4 @@
-"""The half-infinite lattice against the half-space of the continuum, and the energy that goes in and out."""
+"""The half-infinite lattice against the half-space of the continuum, and its balance of energy."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ import farhorizon as fh
 from farhorizon.analysis.half_space import HalfSpace
 from farhorizon.medium.free_side import FreeSide
 
-_SOLID = fh.Elastic(fh.Kernel(2.5, influence="linear", exponent=1), young=1.0)  # unit P speed in units of the stencil
+_SOLID = fh.Elastic(fh.Kernel(2.5, influence="linear", exponent=1), young=1.0)  # P speed 1 in units of the stencil
 
 
 _SOLIDS = {
@@ -23,7 +23,9 @@ def _half_space(dim=2, side=1, solid=_SOLID):
 
 
 def _arriving(half_space, wavevector, number):
-    """Squared frequency, tangential part, factor upward and displacement of a plane wave: 0 for P."""
+    """Squared frequency, tangential wavenumbers, factor per node upwards and displacement of a plane wave; type 0 is
+    P.
+    """
     values, vectors = np.linalg.eigh(half_space.stencil.symbol(*wavevector))
     order = np.argsort(-np.abs(vectors.T @ wavevector))
     one = order[0] if number == 0 else np.sort(order[1:])[number - 1]
@@ -32,15 +34,15 @@ def _arriving(half_space, wavevector, number):
 
 
 def _sent(column):
-    """Sizes of the waves that travel down, the fastest first; the one that comes is the last of the column."""
+    """Sizes of the waves that travel down, the fastest first."""
     travels = np.isfinite(column.speeds)
     sizes = np.linalg.norm(column.vectors[travels], axis=1)
     return sizes[np.argsort(-column.speeds[travels])]
 
 
 def _aki_richards(p, s_speed):
-    """P to P, P to S, S to P, S to S of displacements at a slowness, for unit P speed: eqs 5.27, 5.28, 5.31, 5.32 (2nd
-    edition), in size.
+    """Reflection coefficients P to P, P to S, S to P and S to S of displacements at a slowness, for unit P speed, in
+    absolute value: eqs 5.27, 5.28, 5.31, 5.32 (2nd edition).
     """
     squared = s_speed**-2
     fast, slow = np.sqrt(1 - p**2 + 0j), np.sqrt(squared - p**2 + 0j)
@@ -54,7 +56,7 @@ def _aki_richards(p, s_speed):
 @pytest.mark.parametrize("number", [0, 1], ids=["P", "S"])
 @pytest.mark.parametrize("name", _SOLIDS)
 def test_reflection_coefficients_to_second_order(name, number, angle):
-    """Under refinement the waves become longer in nodes."""
+    """Refinement is by waves that become longer in nodes."""
     solid = _SOLIDS[name]
     half_space, s_speed = _half_space(solid=solid), 1 / solid.speed_ratio
     speed = (1.0, s_speed)[number]
@@ -62,23 +64,25 @@ def test_reflection_coefficients_to_second_order(name, number, angle):
     beyond = number == 1 and np.sin(angle) / speed > 1
     expected = [pp, ps] if number == 0 else [ss] if beyond else [sp, ss]
     errors = []
-    # the finest, of a thousand nodes, has rounding over its square; where nothing converges it tells nothing more
+    # rounding enters the finest, of a thousand nodes, with its square; it adds nothing where nothing converges
     for size in (0.05, 0.025, 0.0125, 0.00625)[: 3 if beyond else 4]:
         wave = _arriving(half_space, size * np.array([np.cos(angle), np.sin(angle)]), number)
         errors.append(np.abs(_sent(half_space.total(*wave)) - expected))
     errors = np.array(errors)
-    if beyond:  # nothing else travels: all comes back
+    if beyond:  # no other wave travels: everything is reflected
         assert errors.max() < 1e-10
         return
     for sizes in errors.T:
-        if sizes[0] > 1e-12:  # straight up nothing changes its type
+        if sizes[0] > 1e-12:  # at normal incidence there is no conversion
             assert 1.9 < np.log2(sizes[-2] / sizes[-1]) < 2.1
 
 
 @pytest.mark.parametrize(("dim", "side"), [(2, 1), (3, -1)])
 @pytest.mark.parametrize("name", _SOLIDS)
 def test_all_energy_comes_back(name, dim, side):
-    """At random directions and wavelengths down to six nodes: what comes is what the waves that travel take away."""
+    """At random directions and wavelengths down to six nodes, the incident flux equals that of the waves that travel
+    away.
+    """
     seed = 20261125
     rng, half_space = np.random.default_rng(seed), _half_space(dim, side, _SOLIDS[name])
     for _ in range(6):
@@ -101,8 +105,8 @@ def test_all_energy_comes_back(name, dim, side):
 
 @pytest.mark.parametrize(("name", "order"), [("bonds", 1), ("states", 1), ("correspondence", 2)])
 def test_rayleigh_speed(name, order):
-    """The surface of a lattice of bonds or states is softer than that of the continuum over one horizon; that of a
-    correspondence material, which knows gradients there, is not.
+    """The surface of a lattice of bonds or states is softer than that of the continuum within one horizon; that of a
+    correspondence material, which has gradients there, is not.
     """
     solid = _SOLIDS[name]
     ratio = solid.speed_ratio**2  # of squared speeds, P over S
@@ -120,7 +124,7 @@ def test_rayleigh_speed(name, order):
 
 
 def test_a_mode_obeys_the_column():
-    """The whole column as one banded Hermitian matrix, of which the surface wave is the lowest eigenvalue."""
+    """The whole column as one banded Hermitian matrix, whose lowest eigenvalue is the surface wave."""
     half_space, wavenumber = _half_space(), 0.6
     rows, d = 60, 2
     matrix = -half_space._system(np.array([wavenumber]), 0.0, rows)

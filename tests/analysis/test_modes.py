@@ -1,4 +1,4 @@
-"""Modes: their directions, factors in time, and what a fit to them gives."""
+"""Modes: their directions and factors in time, and the results of fits to them."""
 
 import numpy as np
 import pytest
@@ -21,14 +21,14 @@ def test_symbol_is_the_stencils():
 
 
 def test_symbol_of_modes_that_decay():
-    """At k = i kappa the stencil applied to the growing exponential itself."""
+    """At k = i kappa, against the stencil applied to the growing exponential itself."""
     a = np.array([0.7, -0.2])
     direct = -(STENCIL.weights @ (np.exp(-SPACING * STENCIL.offsets @ a) - 1)) / SPACING**2
     assert symbol(1j * a[None])[0] == pytest.approx(direct, rel=1e-12)
 
 
 def test_wave_factor_takes_one_step():
-    """Three levels of a plane wave fulfil velocity Verlet; the wave moves along k and decays by the damping."""
+    """Three levels of a plane wave satisfy velocity Verlet; the wave travels along k and decays by the damping."""
     s = symbol(K)
     factor = modes.factors(s, DT, 2, DAMPING)
     step = (1 + DAMPING * DT) * factor - 2 + (1 - DAMPING * DT) / factor
@@ -39,7 +39,7 @@ def test_wave_factor_takes_one_step():
 
 @pytest.mark.parametrize("order, damping", [(1, 0.0), (2, 0.0), (2, 0.3)])
 def test_continuous_factors_are_the_limit(order, damping):
-    """The difference of one step's factors falls like dt^2 (Euler) or dt^3 (Verlet); overdamped long waves included."""
+    """The difference of the factors falls like dt^2 (Euler) or dt^3 (Verlet), overdamped long waves included."""
     k = np.array([[0.05, 0.0], [1.0, 0.5]]) * (1 if order == 2 else 1j)
     steps = np.array([0.02, 0.01, 0.005])
     gaps = [
@@ -50,8 +50,8 @@ def test_continuous_factors_are_the_limit(order, damping):
 
 
 def test_ways_out():
-    """Unit vectors about the first axis; the rings in space have no preferred side, the published grid has and repeats
-    a direction.
+    """Unit vectors around the first axis. In space the rings are balanced, whereas the published grid is not and
+    repeats a direction.
     """
     for dim in (1, 2, 3):
         ways = modes.outward(dim, np.pi / 4, 9)
@@ -72,7 +72,7 @@ def test_frame():
 
 
 def test_fit_of_few_modes_is_exact():
-    """More values than modes: every mode goes on as it should."""
+    """With more values than modes every mode advances exactly."""
     places = SPACING * np.array([[0, 0], [-1, 0], [-2, 0], [-1, 1], [-1, -1], [-3, 0]])
     factor = modes.factors(symbol(K), DT, 2, DAMPING)
     shape = modes.phases(K, places)
@@ -82,7 +82,7 @@ def test_fit_of_few_modes_is_exact():
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_operator_fit_has_a_limit(order):
-    """Smaller steps: the same acceleration (rate) at the centre."""
+    """Smaller steps give the same acceleration (rate) at the centre."""
     places = SPACING * np.array([[0, 0], [-1, 0], [-2, 0], [-1, 1], [-1, -1], [-2, 1], [-2, -1]])
     k = K if order == 2 else 0.3j * K
     found = []
@@ -122,7 +122,7 @@ def test_published_series(dim, exponent, influence, terms):
 @pytest.mark.parametrize("influence", ["constant", "linear"])
 @pytest.mark.parametrize("dim, exponent", [(d, p) for d in (1, 2, 3) for p in range(4) if d + 2 > p + (d == 1)])
 def test_series_is_the_dispersion(dim, exponent, influence):
-    """Thirty terms against the closed form, to where it is far from its long-wave limit."""
+    """Thirty terms against the closed form, far beyond its long-wave limit."""
     kernel, k = fh.Kernel(0.7, exponent, influence), np.array([[0.5], [2.0], [5.0]])
     series = modes.series_symbol(k, 1.0, 0.7, kernel.series(dim, 30))
     assert np.allclose(series, kernel.dispersion(k[:, 0], dim), rtol=1e-9)

@@ -10,7 +10,7 @@ from farhorizon.analysis.stability import TOLERANCE, Growth, dense_growth, faste
 
 
 def with_factors(factors, seed=0):
-    """A matrix with given eigenvalues, real or in pairs, and eigenvectors that are not orthogonal."""
+    """A matrix with given eigenvalues, real or in conjugate pairs, and eigenvectors that are not orthogonal."""
     blocks = [
         np.array([[f.real, f.imag], [-f.imag, f.real]]) if np.imag(f) else np.array([[np.real(f)]]) for f in factors
     ]
@@ -24,7 +24,7 @@ INSIDE = [0.9 * np.exp(1j * a) for a in np.linspace(0.1, 3, 30)]
 
 @pytest.mark.parametrize("rate", [1e-2, 1e-6, 1e-9, -1e-9, -1e-6])
 def test_growth_of_known_size(rate):
-    """Resolved down to the tolerance for a mode that is well conditioned; time step 0.1."""
+    """A well-conditioned mode is resolved down to the tolerance; time step 0.1."""
     factor = (1 + 0.1 * rate) * np.exp(0.7j)
     growth = dense_growth(with_factors([factor, *INSIDE]), 0.1)
     assert growth.stable is (rate < 0)
@@ -35,7 +35,7 @@ def test_growth_of_known_size(rate):
 
 
 def test_a_double_factor_one_is_not_decided_by_rounding():
-    """A Jordan block at 1: rounding splits it by the root of machine epsilon, which must not pass for growth nor for
+    """Rounding splits a Jordan block at 1 by the root of machine epsilon, which must count neither as growth nor as
     decay.
     """
     matrix = with_factors([0.5, *INSIDE])
@@ -47,7 +47,7 @@ def test_a_double_factor_one_is_not_decided_by_rounding():
 
 @pytest.mark.parametrize("rate", [3e-2, 1e-4, -1e-4])
 def test_krylov_spaces_of_powers(rate):
-    """A mode that grows or decays slowly among many that decay little faster, in a map that is only applied."""
+    """A mode that grows or decays slowly among many that decay little faster, in a map that can only be applied."""
     angles = np.linspace(0.1, 3, 100)
     slow = [(1 - 1e-3 - 1e-3 * i) * np.exp(1j * a) for i, a in enumerate(angles)]
     matrix = with_factors([(1 + rate) * np.exp(0.7j), *slow])
@@ -63,7 +63,9 @@ def test_out_of_time_is_undecided():
 
 @pytest.mark.parametrize(("budget", "decided"), [(30.0, False), (60.0, True), (300.0, True)])
 def test_where_there_is_no_time_for_a_long_run_krylov_spaces_may_tell(monkeypatch, budget, decided):
-    """A second a crossing: noise takes 20, a space of 16 vectors as many, and the long run 100 more."""
+    """At one second per crossing noise takes 20 seconds, a Krylov space of 16 vectors the same, and the long run 100
+    more.
+    """
     matrix = with_factors([0.99 * np.exp(0.7j), *INSIDE])
     now = [0.0]
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
@@ -78,7 +80,7 @@ def test_where_there_is_no_time_for_a_long_run_krylov_spaces_may_tell(monkeypatc
 
 
 def test_the_clock_is_looked_at_within_a_crossing():
-    """Runs of steps so short that a crossing takes days: `check` of one never ended."""
+    """Regression test: with steps so short that a crossing takes days, `check` never ended."""
 
     def advance(x, steps):
         assert steps < 10**6
@@ -91,7 +93,7 @@ def test_the_clock_is_looked_at_within_a_crossing():
 
 
 def test_a_power_of_time_is_no_growth_when_time_is_up():
-    """Noise behind an outline rises as the square of time: a busy machine refused a run that an idle one began."""
+    """Noise behind an outline rises as the square of time: a busy machine refused a run that an idle one accepted."""
 
     def accelerated(state, steps):
         u, v, a = state.reshape(3, -1)

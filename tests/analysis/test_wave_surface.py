@@ -1,4 +1,4 @@
-"""Waves of one frequency and what a point force sends, against the lattice's Green function and closed forms."""
+"""Waves of one frequency and the radiation of a point force, against the lattice's Green function and closed forms."""
 
 import numpy as np
 import pytest
@@ -14,15 +14,15 @@ _FINITE = fh.Elastic(young=1.0, poisson=0.3, material="finite-element").stencil(
 
 
 def _anisotropic():
-    """A scalar that is faster along one direction across the axes than along the other."""
+    """A scalar stencil that is faster along one diagonal than along the other."""
     offsets = np.array([(1, 0), (0, 1), (1, 1), (1, -1)])
     weights = np.array([0.8, 0.6, 0.35, 0.1])
     return Stencil(np.concatenate([offsets, -offsets]), np.concatenate([weights, weights]))
 
 
 def _green(stencil, squared, points, nodes):
-    """The Green function of the infinite lattice, of a frequency that is damped so strongly that a torus of so many
-    nodes along each axis will do; shape (P, components, components).
+    """Green function of the infinite lattice at a frequency damped so strongly that a torus with `nodes` nodes along
+    each axis suffices; shape (P, components, components).
     """
     angles = np.ix_(*[2 * np.pi * np.fft.fftfreq(nodes)] * stencil.dim)
     size = stencil.components
@@ -44,8 +44,8 @@ def _green(stencil, squared, points, nodes):
     ids=["scalar", "reaction", "anisotropic", "bonds", "finite elements", "space"],
 )
 def test_far_away_a_point_force_sends_these_waves(stencil, squared, nodes, distances):
-    """Exactly on the lattice but for what falls off faster by 1/(k r), of vectors with beats of P and S in it; force
-    and direction are drawn.
+    """Exact on the lattice except for terms that fall off faster by 1/(k r); vector fields contain beats of P and S.
+    The force and the direction are random.
     """
     random = np.random.default_rng(20261123)
     direction = [(3, 4), (4, -3), (-3, 4)][random.integers(3)] if stencil.dim == 2 else (1, 2, 2)
@@ -59,7 +59,7 @@ def test_far_away_a_point_force_sends_these_waves(stencil, squared, nodes, dista
         phase = found.amplitudes * np.exp(1j * found.wave_vectors @ place) / r ** ((stencil.dim - 1) / 2)
         waves = (phase * (found.projections @ force))[..., None] * found.polarisations
         exact = _green(stencil, squared, place[None].astype(int), nodes)[0] @ force
-        # of the fastest wave, the least damped: what accompanies it may be larger than one that is damped more
+        # relative to the fastest wave, the least damped: its remainder may be larger than a wave that is damped more
         size = np.abs(phase[0, 0]) * np.linalg.norm(force)
         errors.append(np.linalg.norm(waves.sum((0, 1)) - exact) / size)
     assert errors[-1] < 0.1
@@ -97,13 +97,13 @@ def test_a_scalar_point_source_converges_to_the_closed_form(dim):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_point_force_and_centre_of_dilatation_converge_to_aki_and_richards(dim):
-    """Aki and Richards (2002), eqs 4.23 and 4.29 far away: P along the direction, S across; of a centre of dilatation P
-    alone. In two dimensions the same with Hankel functions. Of central forces c_P^2 = 3 c_S^2.
+    """Aki and Richards (2002), eqs 4.23 and 4.29 far away: P along the direction, S across it, and for a centre of
+    dilatation P alone. In two dimensions the same holds with Hankel functions. Central forces have c_P^2 = 3 c_S^2.
     """
     stencil, n = _BONDS[dim], _directions(dim)
     force = np.random.default_rng(2).normal(size=dim)
     errors, dilatations = [], []
-    for k in (0.2, 0.1, 0.05):  # of P waves; S waves are shorter by sqrt(3)
+    for k in (0.2, 0.1, 0.05):  # wavenumbers of P waves; S waves are shorter by sqrt(3)
         found = outgoing(stencil, k**2, n)
         waves = (found.amplitudes * (found.projections @ force))[..., None] * found.polarisations
         along_n = (n @ force)[:, None] * n
@@ -121,7 +121,7 @@ def test_point_force_and_centre_of_dilatation_converge_to_aki_and_richards(dim):
 
 @pytest.mark.parametrize("stencil", [_BONDS[2], _FINITE, _anisotropic(), _BONDS[3]])
 def test_energy_travels_along_the_direction(stencil):
-    """The gradient of the eigenvalue, from differences of it, points along the direction, and curves as it is said."""
+    """The gradient of the eigenvalue, by finite differences, points along the direction, and its size is the slope."""
     directions = _directions(stencil.dim)
     found, step = outgoing(stencil, 0.3, directions), 1e-5
     for number, vectors in enumerate(found.wave_vectors.real):
@@ -143,7 +143,9 @@ def test_along_is_the_wave_whose_phase_travels_so():
 
 
 def test_s_waves_along_a_plane_of_symmetry_are_at_right_angles():
-    """In the planes of its axes both S waves of this lattice are one: they are any two, but not one of them twice."""
+    """In its planes of symmetry both S waves of this lattice coincide: the polarisations are any two, but not one
+    twice.
+    """
     turns = 2 * np.pi * np.arange(12) / 12
     directions = np.stack([np.cos(turns), np.sin(turns), np.zeros(12)], -1)
     shapes = along(_TOUCHING, 0.2, directions).polarisations
@@ -152,7 +154,7 @@ def test_s_waves_along_a_plane_of_symmetry_are_at_right_angles():
 
 
 def test_s_waves_that_touch_are_one():
-    """Along an axis of symmetry both S waves are the same: what they send together does not jump there."""
+    """Along an axis of symmetry both S waves are the same, and their sum is continuous there."""
     axis = np.array([[1.0, 0.0, 0.0], [1.0, 1e-4, 0.0]])
     found = outgoing(_BONDS[3], 0.05, axis / np.linalg.norm(axis, axis=1)[:, None])
     dyads = np.einsum("bd,bdi,bdj->dij", found.amplitudes[1:], found.polarisations[1:], found.projections[1:])
@@ -160,13 +162,15 @@ def test_s_waves_that_touch_are_one():
 
 
 def test_the_band_of_differences():
-    """4 - 2 cos kx - 2 cos ky grows along each ray up to 4, at the middle of a side of the zone."""
+    """4 - 2 cos kx - 2 cos ky increases along each ray up to 4, reached at the middle of an edge of the Brillouin
+    zone.
+    """
     assert carried(Stencil.finite_difference(2)) == pytest.approx((0, 4))
     assert carried(Stencil.finite_difference(1).with_reaction(0.5)) == pytest.approx((0.5, 4.5))
 
 
 def test_surfaces_that_are_not_convex_are_refused():
-    """Springs that are strong across the axes and weak along them: S waves come to some places by three ways."""
+    """Springs that are strong across the axes and weak along them: S waves reach some places on three paths."""
     offsets = np.array([(1, 0), (0, 1), (1, 1), (1, -1)])
     unit = offsets / np.linalg.norm(offsets, axis=1)[:, None]
     weights = np.array([0.1, 0.1, 1.0, 1.0])[:, None, None] * unit[:, :, None] * unit[:, None, :]

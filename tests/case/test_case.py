@@ -39,7 +39,7 @@ def test_a_case_is_the_run_of_the_python_interface():
 
 
 def test_demo_is_the_published_example():
-    """The packaged demo is the example file, word for word."""
+    """The packaged demo is a copy of the example file."""
     root = Path(__file__).parents[2]
     assert (root / "examples" / "two_notches.toml").read_text() == (
         root / "src" / "farhorizon" / "case" / "demo.toml"
@@ -189,7 +189,7 @@ until = 3.0
 
 
 def test_elastic_case():
-    """Entries of a list are the components of a field."""
+    """The entries of a list are the components of a field."""
     sim = Case(ELASTIC).simulation().run(3.0, progress=False)
 
     def bump(x, y):
@@ -315,7 +315,7 @@ def test_a_run_to_the_static_state_has_a_latest_end():
 
 
 def test_sides_without_keys_have_their_defaults_without_a_word():
-    """A tuple as a default is a list in a file: nobody is told so in lines of Pydantic."""
+    """A tuple as a default is a list in a file, which must not cause a warning of Pydantic."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         case = Case(GOOD.replace("[run]", '[boundary]\nall = { type = "higdon" }\n[run]'))
@@ -369,7 +369,7 @@ probes = [[0.0, -8.0]]
 
 
 def test_body_case():
-    """The words of `fh.Correspondence` in a file are the same solid."""
+    """The keys of `fh.Correspondence` in a file give the same solid."""
     case = Case(BODY)
     assert case.fields == ("u", "damage")
     sim = case.run().run(30.0, progress=False)

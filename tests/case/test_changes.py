@@ -1,4 +1,4 @@
-"""Changes of a case by dotted keys, and the TOML that is written of it."""
+"""Changes of a case by dotted keys, and the TOML of the changed case."""
 
 import tomllib
 from pathlib import Path
@@ -74,7 +74,7 @@ def test_a_changed_case_is_that_of_the_changed_text():
     text = (EXAMPLES / "two_notches.toml").read_text(encoding="utf-8")
     case = Case(text, "case.toml", {"model.speed": 2.0, "run.until": 3.0, "crack[0].factor": 0.5})
     assert case.model.speed == 2.0 and case.setup.cracks[0].factor == 0.5
-    again = Case(case.text)  # what a results file keeps
+    again = Case(case.text)  # which is stored in a results file
     assert again.parts == case.parts and "speed = 2.0" in case.text
     assert Case(text, "case.toml", {}).text == text
     with pytest.raises(fh.InputError, match=r"case.toml: unknown key model.sped; did you mean 'speed'\?"):

@@ -1,4 +1,4 @@
-"""Pictures of what the nodes of a case are made of."""
+"""Pictures of the media of the nodes of a case."""
 
 import farhorizon.case.geometry_picture as drawing
 from farhorizon.case.case import Case

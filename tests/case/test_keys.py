@@ -1,4 +1,4 @@
-"""Keys of a case file explained at the prompt."""
+"""Explanations of the keys of a case file on the command line."""
 
 import tomllib
 from pathlib import Path
@@ -13,7 +13,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def paths(data, place=""):
-    """Dotted keys of a case, without the numbers of entries and the names of sides."""
+    """Return the dotted keys of a case, without the numbers of entries and the names of sides."""
     if isinstance(data, list):
         return {path for part in data for path in paths(part, place)}
     if not isinstance(data, dict):
@@ -29,7 +29,7 @@ def test_every_key_is_explained_and_every_key_of_the_examples_is_there():
     keys = all_keys()
     assert [key.path for key in keys if not key.text] == []
     used = set().union(*(paths(tomllib.loads(path.read_text(encoding="utf-8"))) for path in EXAMPLES.glob("*.toml")))
-    used = {path.replace(".without.", ".") for path in used}  # a region in a region has the same keys
+    used = {path.replace(".without.", ".") for path in used}  # a region within a region has the same keys
     used = {path for path in used if not path.startswith(("initial.", "crack.rectangle.", "crack.disc."))}
     used = {path.replace(".without.", ".") for path in used}  # regions that are taken out of regions
     assert used <= {key.path for key in keys} and len(used) > 40

@@ -1,5 +1,5 @@
-"""The messages that users met when the program was tried as they would: the worst, which were rewritten, and the best,
-which stay. One test a message; what is said is held word by word, what was said must not come back.
+"""Messages that users met when they tried the program: the worst, which were rewritten, and the best, which are kept.
+Each test compares the new text, and makes sure that the old one does not return.
 """
 
 import numpy as np
@@ -23,19 +23,19 @@ run = { until = 2.0 }
 
 
 def case(text, old="", new="", more=""):
-    """What reads and assembles a case that was changed."""
+    """Return a function that reads and assembles a changed case."""
     assert old in text
     return lambda: Case((text.replace(old, new) if old else text) + more).simulation()
 
 
 class PlainDisc(fh.Disc):
-    """As a user wrote one, whose nodes come as separate coordinates."""
+    """A disc as a user wrote it, with separate coordinates as arguments."""
 
     def contains(self, x, y, z):
         return x > 0
 
 
-#: What is done, what is said, and what was said before.
+#: What is done, the new message, and a part of the old one.
 WORST = {
     "speed by an array": (
         lambda: fh.Simulation(PLANE, fh.Wave(fh.Kernel(1.0), speed=np.ones((3, 3)))),

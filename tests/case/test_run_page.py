@@ -1,4 +1,4 @@
-"""The page about a run: one file that refers to nothing outside, and says what was computed."""
+"""The report of a run: one file without external references that says what was computed."""
 
 import base64
 import shlex
@@ -20,7 +20,7 @@ initial = { u = "where(x < 9, 1, 0)*exp(-9*(x**2 + y**2))" }
 run = { until = 2.0 }
 output = { probes = [[1.0, 0.0]] }
 """
-EMPTY = {"meta", "img"}  # elements without an end
+EMPTY = {"meta", "img"}  # elements without an end tag
 
 
 class Page(HTMLParser):
@@ -52,7 +52,7 @@ def there(tmp_path, monkeypatch):
 
 
 def test_the_page_stands_alone(there, capsys):
-    """Every picture is part of it; no script, link, style sheet or address; the case is shown as it is."""
+    """Every picture is embedded; there is no script, link, style sheet or address; the case is shown as it is."""
     assert main(["run", "a case.toml", "--threads", "1"]) == 0
     said = capsys.readouterr().out
     assert said.rstrip().endswith(f"report: {Path('a case/report.html')}")
@@ -69,7 +69,7 @@ def test_the_page_stands_alone(there, capsys):
     assert not any(word in rest.lower() for word in ("http:", "https:", "//", "url(", "@import"))
     assert "run.threads" not in rest and 'A <b>pulse</b> & "more"' not in rest
     case = open_results("a case.h5").case
-    assert found.texts["pre"] == [case] and "threads = 1" in case  # the changed case, which was run
+    assert found.texts["pre"] == [case] and "threads = 1" in case  # the changed case, as it was run
     assert found.texts["h2"] == [
         "Result",
         "Pictures",
@@ -123,7 +123,7 @@ def test_everything_is_escaped(tmp_path):
 @pytest.mark.slow
 @pytest.mark.skipif(PROGRAM is None, reason="no Chromium to look at the page")
 def test_a_browser_shows_it(there, tmp_path, capsys):
-    """With its title and every picture, and without asking for anything else."""
+    """The title and every picture are displayed, and nothing else is requested."""
     assert main(["run", "a case.toml"]) == 0
     browser = Browser(tmp_path / "profile")
     try:
@@ -134,6 +134,6 @@ def test_a_browser_shows_it(there, tmp_path, capsys):
         assert browser.ask("document.querySelector('pre').innerText").strip() == open_results("a case.h5").case.strip()
         assert browser.ask("document.documentElement.scrollWidth <= window.innerWidth")
         browser.open((tmp_path / "none.html").as_uri())
-        assert browser.errors  # what is missing is told
+        assert browser.errors  # missing resources are reported
     finally:
         browser.close()

@@ -20,13 +20,13 @@ def test_all_are_listed():
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_template_passes_check_and_runs(kind, tmp_path, monkeypatch, capsys):
-    """Within seconds, by the estimate of the check; something happens in it, and nothing of it is doubtful."""
+    """It takes seconds by the estimate of the check, something happens in it, and there are no cautions."""
     monkeypatch.chdir(tmp_path)
     assert main(["new", kind, "-o", f"{kind}.toml"]) == 0
     case = Case.read(f"{kind}.toml")
     sim = case.run()
     report = sim.check(case.parts.run.until, 0.1)
-    assert not report.refused and report.numbers["seconds"] < 20  # of a machine with other work
+    assert not report.refused and report.numbers["seconds"] < 20  # on a machine that has other work
     assert main(["run", f"{kind}.toml"]) == 0
     results = open_results(f"{kind}.h5")
     assert results.finished and not results.cautions and len(results.times) > 10

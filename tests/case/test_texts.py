@@ -1,4 +1,4 @@
-"""A text stands wherever a case file takes one: the run is that of the function which the text says."""
+"""Texts in case files in place of functions: the run is the same as with the function."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def heat(condition):
     return fh.Simulation(LINE, fh.Heat(fh.Kernel(0.5)), SIDES, constraints=[condition])
 
 
-# Each pair is the same set-up, with a text and with what says the same in Python.
+# Each pair is the same set-up, once with a text and once with its equivalent in Python.
 PAIRS = {
     "initial": (
         lambda: waves(initial={"u": "exp(-2*(x**2 + y**2))", "v": "x*exp(-2*(x**2 + y**2))"}),
@@ -118,7 +118,7 @@ def test_a_text_says_what_a_function_does(name, tmp_path):
     function.step(12)
     assert np.abs(function.fields["u"]).max() > 0
     assert np.allclose(text.fields["u"], function.fields["u"], rtol=0, atol=1e-13 * np.abs(function.fields["u"]).max())
-    text.save(tmp_path / "a.ckpt")  # and, unlike a function, it is kept in a checkpoint
+    text.save(tmp_path / "a.ckpt")  # unlike a function, it is stored in a checkpoint
     initial = {"initial": {"u": ["exp(-2*(x**2 + y**2))", 0.0]}} if name == "materials" else {}
     assert np.array_equal(
         type(text).restore(tmp_path / "a.ckpt", **initial).fields["u"], text.fields["u"], equal_nan=True
@@ -225,7 +225,7 @@ def test_errors_of_python_speak_the_words_of_the_user(make, message):
 
 
 class OwnShape(fh.Disc):
-    """As a user wrote one, whose nodes come as separate coordinates."""
+    """A disc as a user wrote it, with separate coordinates as arguments."""
 
     def __init__(self):
         super().__init__(1.0)
@@ -236,7 +236,7 @@ class OwnShape(fh.Disc):
 
 @pytest.mark.parametrize("place", [12.0, 20.0])
 def test_data_outside_are_said_to_lie_outside(place):
-    """Not only that a tiny number is above a tinier one."""
+    """The message does not merely say that one tiny number is above another."""
     setup = {"lattice": PLANE, "model": fh.Wave(fh.Kernel(1.0))}
     text = f"exp(-2*((x - {place})**2 + y**2))"
     with pytest.raises(

@@ -1,4 +1,4 @@
-"""Case files of a thermoelastic solid: what they stand for, and what is refused."""
+"""Case files of a thermoelastic solid: the set-ups that they describe, and what is refused."""
 
 import numpy as np
 import pytest
@@ -70,7 +70,7 @@ every = 0.5
 
 
 def given():
-    """The same in Python; numbers in mm, us, kg and K."""
+    """Return the same set-up in Python, with numbers in mm, us, kg and K."""
     lattice = fh.Lattice(0.5, (0.0, -4.0), (12.0, 4.0))
     solid = fh.Elastic(fh.Kernel(1.0, exponent=1), young=7e-5, density=2.7e-6)
     heat = fh.Heat(fh.Kernel(1.0), 2.7e-6, 9e-4, 2e-9, fh.RungeKuttaChebyshev(3))
@@ -86,7 +86,7 @@ def given():
 
 
 def test_a_case_is_its_set_up():
-    """Bit for bit, with sides, sources and coefficients by field."""
+    """Bitwise, with sides, sources and coefficients by field."""
     case = Case(CASE)
     ours, other = case.run(), fh.Simulation.of(given())
     other = fh.Simulation.of(fh.Setup(**{**given().arguments, "dt": ours.dt}))
@@ -107,7 +107,7 @@ def test_a_finer_case_has_as_many_nodes_in_both_horizons():
 
 @pytest.mark.slow
 def test_results_have_the_temperature(tmp_path):
-    """And a run that is stopped and goes on has the same."""
+    """A run that is interrupted and continued gives the same."""
     case = Case(CASE)
     whole, first = case.run(), case.run()
     whole.run(1.0, 0.5, progress=False, output=tmp_path / "whole.h5")

@@ -95,12 +95,12 @@ def test_inverse_units_that_are_none(text):
 def test_a_number_over_a_unit_says_how_it_is_written():
     with pytest.raises(fh.InputError, match=r'model\.damping: a number over a unit .* remedy: "0\.1 1/us"'):
         Case(PLATE, changes={"model.damping": "0.1/us"})
-    for text in ("11/(2+x)", "3/(1+x*x)", "1/max(x, 1)"):  # they stay expressions
+    for text in ("11/(2+x)", "3/(1+x*x)", "1/max(x, 1)"):  # these remain expressions
         assert Case(PLATE, changes={"model.young": text}).parts.model.young == text
 
 
 def test_a_case_with_units_is_the_case_in_si():
-    """The same plate in metres, seconds and pascals, in plain numbers."""
+    """The same plate in plain numbers in metres, seconds and pascals."""
     case = Case(PLATE)
     sim = case.simulation().run(2.0)
     same = fh.Simulation(
@@ -114,7 +114,7 @@ def test_a_case_with_units_is_the_case_in_si():
     assert sim.model.density == 7.85 and np.abs(sim.fields["u"]).max() > 5e-4
     recorded = {"stress": "GPa", "pressure": "GPa", "energy_flux": "GPa mm/us", "speed": "mm/us", "G": "GPa mm"}
     recorded |= {"K_I": "GPa mm^(1/2)", "K_II": "GPa mm^(1/2)"}
-    recorded |= {"energy": "GPa mm²", "power": "GPa mm²/us"}  # per thickness
+    recorded |= {"energy": "GPa mm²", "power": "GPa mm²/us"}  # per unit thickness
     assert case.unit_names == {"length": "mm", "time": "us", "frequency": "1/us", "u": "mm", "v": "mm/us", **recorded}
 
 
@@ -167,13 +167,13 @@ def test_a_number_with_a_unit_needs_units():
 
 
 def test_texts_stay_texts():
-    """What no number with a unit can stand for is not looked at."""
+    """Texts for which no number with a unit can stand are left alone."""
     case = Case(PLATE + 'threads = 1\n[lattice.body]\ntext = { text = "5 m", height = "8 mm" }')
     assert case.parts.lattice.body.text.text == "5 m" and case.parts.lattice.body.text.height == 8.0
 
 
 def test_each_number_has_a_unit_or_none():
-    """New keys of the schema have to be told apart."""
+    """New numeric keys of the schema need a unit or an entry in this list."""
     none = {
         "coefficient",
         "poisson",

@@ -1,4 +1,4 @@
-"""The stability certificate against what is known, and against runs from white noise."""
+"""The stability certificate against known results, and against runs from white noise."""
 
 import os
 from pathlib import Path
@@ -18,7 +18,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 @pytest.fixture(autouse=True)
 def fresh(tmp_path, monkeypatch):
-    """No certificate of an earlier run is recalled; compiled programs stay where they are."""
+    """No certificate of an earlier run is reused; the cache of compiled code is kept."""
     monkeypatch.setattr("farhorizon.checks.certificate.cache_folder", lambda: tmp_path)
 
 
@@ -31,7 +31,7 @@ def wave(reach, exponent=2, influence="constant", **options):
 
 
 def measured_rate(sim, steps):
-    """Growth of white noise in the whole state over the second half of a run; infinite where it overflowed."""
+    """Return the growth rate of white noise in the whole state in the second half of a run; infinity after overflow."""
     state = State(sim.engine)
     x, sizes = np.random.default_rng(0).standard_normal(state.size), []
     for _ in range(20):
@@ -45,7 +45,7 @@ def measured_rate(sim, steps):
 
 
 def undamped(nodes):
-    """A layer by hand, without damping of short waves: backward waves grow in it."""
+    """Return a layer with a given profile, without damping of short waves: backward waves grow in it."""
     return fh.LatticePML(nodes=nodes, profile={"sigma": np.linspace(0.1, 3.0, nodes + 1), "alpha": 0.001})
 
 
@@ -63,8 +63,8 @@ KINDS = [
     "dim, reach, exponent, influence", [*KINDS[:4], *(pytest.param(*k, marks=pytest.mark.slow) for k in KINDS[4:])]
 )
 def test_default_layers_do_not_grow(dim, reach, exponent, influence):
-    """Backward waves are strong for exponent 0 and 1, weak for exponent 2 in 3D and in 2D from reach 4 on; short waves
-    are damped.
+    """Backward waves are strong for exponents 0 and 1, and weak for exponent 2 in 3D, and in 2D from reach 4 on;
+    short waves are damped.
     """
     sim = fh.Simulation(box(*[2 * reach + 3] * dim), wave(reach, exponent, influence), boundary=fh.LatticePML(nodes=10))
     certificate = certify(sim, budget=60.0 if dim < 3 else 300.0)
@@ -87,18 +87,18 @@ def test_time_for_a_certificate_is_not_negative(budget):
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_rate_is_that_of_a_long_run(axis):
-    """Sides along one axis, the other periodic: the growing mode of the certificate is what is left of white noise."""
+    """With layers along one axis and the other periodic, the growing mode is what remains of white noise."""
     boundary = {"xy"[axis]: undamped(10), "xy"[1 - axis]: fh.Periodic()}
     shape = (9, 24) if axis == 0 else (24, 9)
     sim = fh.Simulation(box(*shape), fh.Wave(fh.Stencil.finite_element(2)), boundary=boundary)
     certificate = certify(sim)
     assert certificate.verdict == "not certified"
-    # 24 rows have the wavenumbers 2 pi n / 24 only, the certificate looks at all
+    # 24 rows have only the wavenumbers 2 pi n / 24, the certificate considers all
     assert certificate.rate == pytest.approx(measured_rate(sim, 6000), rel=0.1)
 
 
 def test_corners_can_grow_alone():
-    """The whole of a small set-up is looked at, corners included, and agrees with the run."""
+    """A small set-up is examined as a whole, including its corners, and the result agrees with the run."""
     sim = fh.Simulation(box(5, 5), fh.Wave(fh.Stencil.finite_element(2)), boundary=undamped(6))
     certificate = certify(sim)
     assert certificate.rate > 0
@@ -128,7 +128,7 @@ PROVED = {
 
 @pytest.mark.parametrize("name", PROVED)
 def test_proofs(name):
-    """One sentence in place of a computation; a run from noise agrees."""
+    """A proof in one sentence replaces the computation."""
     sim = fh.Simulation(**PROVED[name])
     certificate = certify(sim, budget=0.0)
     assert certificate.verdict == "certified" and not certificate.parts
@@ -136,16 +136,13 @@ def test_proofs(name):
 
 @pytest.mark.slow
 def test_no_proof_at_the_limit():
-    """At the very step limit the shortest wave grows linearly: the proof does not hold, and rounding decides
-    nothing."""
+    """Exactly at the step limit the shortest wave grows linearly: there is no proof, and rounding decides nothing."""
     loose = fh.Simulation(box(12), wave(1), boundary=fh.Periodic())
     assert certify(fh.Simulation(box(12), wave(1), boundary=fh.Periodic(), dt=loose.step_limit)).verdict != "certified"
 
 
 def test_exact_ends():
-    """Compressed to sums of exponentials: the complete update with all modes; before the sums are made nothing can be
-    said.
-    """
+    """With ends compressed to sums of exponentials all modes are examined, as soon as the sums have been made."""
     sim = fh.Simulation(box(60), wave(3), boundary=fh.Exact())
     assert certify(sim).verdict == "undecided"
     sim.prepare(200.0)
@@ -154,7 +151,9 @@ def test_exact_ends():
 
 
 def test_a_beam_with_exact_ends():
-    """It turns: a fourfold factor 1, which the error of the sums splits; they are made anew long before that shows."""
+    """A beam can rotate: the fourfold factor 1 is split by the error of the sums, which are renewed long before this
+    shows.
+    """
     sim = fh.Simulation(box(41), fh.Beam(), boundary=fh.Exact())
     sim.prepare(300.0)
     assert certify(sim).verdict == "certified"
@@ -162,9 +161,7 @@ def test_a_beam_with_exact_ends():
 
 @pytest.mark.slow
 def test_a_layer_without_shift_drifts():
-    """alpha = 0: a field of zero frequency is a double factor 1, from which a line drifts as fast as time; a small
-    shift ends that.
-    """
+    """With alpha = 0 a field of zero frequency has a double factor 1: a line drifts; a small shift prevents this."""
     profile = {"sigma": np.linspace(0.1, 2.0, 13) ** 2}
     drifting = certify(fh.Simulation(box(20), wave(3), boundary=fh.LatticePML(nodes=12, profile=profile)))
     assert drifting.verdict == "not certified" and "drifts" in drifting.reason and drifting.rate < 1e-3
@@ -181,7 +178,7 @@ def test_no_time_is_undecided_and_names_what_is_left():
 
 
 def test_a_certificate_is_recalled(tmp_path):
-    """The same map is not examined twice; another step is another map."""
+    """The same map is not examined twice; another time step gives another map."""
     make = lambda **options: fh.Simulation(box(30), wave(3, 0), boundary=undamped(10), **options)  # noqa: E731
     first = certify(make())
     again = certify(make(sources=[lambda x, t: np.exp(-((x - 15) ** 2))]), budget=0.0)
@@ -207,7 +204,9 @@ def test_examining_leaves_the_run_alone():
 
 
 def test_run_refuses_what_grows(tmp_path, monkeypatch, capsys):
-    """Exit code 2, the reason and the way round it, before anything is written; `check` draws the mode."""
+    """Exit code 2, with the reason and the option that overrides it, before anything is written; `check` draws the
+    mode.
+    """
     monkeypatch.chdir(tmp_path)
     case = "backward_waves.toml"
     text = (EXAMPLES / case).read_text()
@@ -226,7 +225,7 @@ def test_run_refuses_what_grows(tmp_path, monkeypatch, capsys):
 
 
 def test_check_prints_reflection_time_and_cost(tmp_path, monkeypatch, capsys):
-    """The page: predicted reflection by angle, time, the extended domain; the same as numbers, and a picture."""
+    """Predicted reflection by angle, time and the extended domain on the page and as numbers, and a picture."""
     monkeypatch.chdir(tmp_path)
     text = (EXAMPLES / "waveguide.toml").read_text().replace("target = 1e-5", "target = 1e-6")
     Path("guide.toml").write_text(text)
@@ -242,7 +241,7 @@ def test_check_prints_reflection_time_and_cost(tmp_path, monkeypatch, capsys):
 
 
 def test_steps_between_sides_of_a_wide_stencil_and_a_narrow_near_field():
-    """A near field that is wider than what is looked at is looked at in its own width before it is refused."""
+    """A near field wider than the distances examined is examined in its own width before it is refused."""
     sim = fh.Simulation(box(120), wave(3, 0), boundary=undamped(30))
     certificate = certify(sim)
     assert certificate.verdict == "not certified" and "near field of 120 nodes" in certificate.reason
@@ -259,8 +258,8 @@ def test_steps_between_sides_of_a_wide_stencil_and_a_narrow_near_field():
     ],
 )
 def test_closed_discs(radius, boundary, verdict):
-    """How the outline runs decides: single nodes at the poles, where the radius is a whole number of spacings, make a
-    fit grow.
+    """The shape of the outline decides: single nodes at the poles, where the radius is a whole number of spacings,
+    make a fit grow.
     """
     model = fh.Wave(fh.Kernel(0.75, 2), damping=0.0125)
     sim = fh.Simulation(fh.Lattice(0.25, window=fh.Disc(radius)), model, boundary, dt=0.05)
@@ -268,9 +267,7 @@ def test_closed_discs(radius, boundary, verdict):
 
 
 def test_proofs_of_conditions_along_an_outline():
-    """Nearest neighbours in diffusion: weights that are not negative; first-order sides: positive damping and
-    stiffness.
-    """
+    """Weights of nearest neighbours in diffusion are not negative; first-order sides add damping and stiffness."""
     crosses = fh.Simulation(
         fh.Lattice(0.1, (-1.0,) * 2, (1.0,) * 2), fh.Diffusion(fh.Kernel(0.2, 1)), fh.PlaneWave(wavenumber=0.1), dt=1e-3
     )
@@ -286,7 +283,7 @@ def test_proofs_of_conditions_along_an_outline():
 
 
 def test_check_predicts_reflection_of_vectors_by_type():
-    """A row for each pair of types; what does not travel is none, in JSON null."""
+    """There is a row for each pair of types; waves that do not propagate have None, null in JSON."""
     lattice = fh.Lattice(1.0, (-6.0, -6.0), (6.0, 6.0))
     model = fh.Elastic(None, 1.0, 0.25, material="finite-element")
     x, y = lattice.coordinates()
@@ -322,9 +319,7 @@ def _half_space(along):
 
 @pytest.mark.slow
 def test_long_surface_waves_grow_without_end_and_leave_through_the_sides():
-    """Between periodic sides they are refused, with reason; layers along them take them: noise decays for 100 crossing
-    times.
-    """
+    """Between periodic sides they are refused; through layers they leave: noise decays for 100 crossing times."""
     endless = _half_space(fh.Periodic()).certificate(120.0)
     assert endless.verdict == "not certified", str(endless)
     sim = _half_space(fh.LatticePML(nodes=16))
@@ -340,7 +335,7 @@ def test_long_surface_waves_grow_without_end_and_leave_through_the_sides():
 
 @pytest.mark.parametrize(("reach", "nodes", "warned"), [(8, None, True), (3, None, False), (3, 2, True)])
 def test_check_warns_of_a_layer_that_sends_much_back(reach, nodes, warned):
-    """Typical waves along the normal: more than ten times the target, or a thousandth where the thickness is given."""
+    """For typical waves along the normal: more than ten times the target, or a thousandth if the thickness is given."""
     lattice = fh.Lattice(1.0, (0.0,), (120.0,))
     model, u = fh.Wave(fh.Kernel(float(reach), int(reach < 8))), {"u": lambda x: np.exp(-((x - 60) ** 2) / 80)}
     sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=nodes), u)
@@ -348,9 +343,7 @@ def test_check_warns_of_a_layer_that_sends_much_back(reach, nodes, warned):
 
 
 def _of_units(length, time, mass):
-    """Set-ups of every boundary in units so many times smaller, by name: functions that make the run ready to be
-    certified.
-    """
+    """Return, by name, functions that make runs with every boundary, in units smaller by these factors."""
     speed, diffusivity, rate = length / time, length**2 / time, 1 / time
 
     def lattice(*nodes):
@@ -411,7 +404,7 @@ def _of_units(length, time, mass):
 UNITS = [
     tuple(10.0**power if axis == number else 1.0 for axis in range(3)) for number in range(3) for power in (-9, -6, 6)
 ]
-# seconds each; of the rest three scalings are fast
+# these take seconds each; of the others three scalings are fast
 _FAST = {"NonlocalPML": 1, "NonlocalPML, grows": 1, "LatticePML, elastic": 1}
 
 
@@ -426,7 +419,7 @@ def _scalings():
 @pytest.mark.sampled(8)
 @pytest.mark.parametrize("name, units", list(_scalings()))
 def test_certificates_know_no_units(name, units):
-    """The same problem in other units of length, time and mass: the same verdict and the same growth per crossing."""
+    """The same problem in other units has the same verdict and the same growth per crossing."""
     plain, scaled = (_of_units(*u)[name]() for u in ((1.0, 1.0, 1.0), units))
     one, other = plain.certificate(60.0), scaled.certificate(60.0)
     assert other.verdict == one.verdict != "undecided", f"{one}\n{other}"
@@ -437,7 +430,7 @@ def test_certificates_know_no_units(name, units):
 
 
 def test_layers_of_a_dragged_solid_are_certified():
-    """And its waves have left in a run that asks for no certificate."""
+    """Its waves also leave in a run."""
     model = fh.Correspondence(fh.Kernel(2.0, 1), 1.0, 0.3, stabilisation=0.5, drag=0.1)
     lattice, pulse = fh.Lattice(1.0, (-15.0, -15.0), (15.0, 15.0)), ["exp(-(x**2 + y**2)/8)", "0"]
     sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=8), {"u": pulse}, threads=1)
@@ -449,9 +442,7 @@ def test_layers_of_a_dragged_solid_are_certified():
 
 
 def test_run_refuses_what_grows_from_python_too():
-    """The same rule as on the command line: tenfold until the end is refused before a step is done, less is noted; the
-    way out runs it.
-    """
+    """As on the command line, tenfold growth by the end is refused at the start, and less noted; it can be allowed."""
     make = lambda: fh.Simulation(box(30), wave(3, 0), boundary=undamped(10))  # noqa: E731
     sim = make()
     with pytest.raises(fh.InputError, match=r"not stable.*white noise.*allow_unstable=True"):
@@ -464,9 +455,7 @@ def test_run_refuses_what_grows_from_python_too():
 
 
 def test_a_run_that_is_no_longer_than_its_noise_is_not_remarked():
-    """White noise for as long as the run tells what is to be known of it; of a longer one modes are examined. Examined
-    once, it is not again.
-    """
+    """White noise over the length of a run decides about it; modes are examined for longer ones. Results are kept."""
     sim = fh.Simulation(box(30, 30), wave(3), boundary=fh.LatticePML(nodes=12))
     first = sim.examine(40.0)
     assert first.verdict == "undecided" and first.quiet == 40.0 and not sim.notes and not first.remark(40.0)
@@ -480,7 +469,7 @@ def test_a_run_that_is_no_longer_than_its_noise_is_not_remarked():
 
 
 def test_a_check_examines_modes_whatever_noise_tells():
-    """Of a run that is no longer than its noise, and of one in which noise grows."""
+    """Both for a run that is no longer than its noise, and for one in which noise grows."""
     sim = fh.Simulation(box(30, 30), wave(3), boundary=fh.LatticePML(nodes=12))
     assert sim.check(until=40.0).certificate.verdict == "certified"
     grows = fh.Simulation(box(30), wave(3, 0), boundary=undamped(10))
@@ -500,7 +489,7 @@ def test_alike_sides_are_examined_once_those_that_are_closer():
 @pytest.mark.slow
 @pytest.mark.parametrize("case", range(20))
 def test_what_is_stable_between_close_sides_is_so_between_distant_ones(case):
-    """Alike sides are examined at their smallest distance: random kernels, profiles and extents."""
+    """Equal sides are examined at their smallest distance: random kernels, profiles and extents."""
     seed = int(os.environ.get("FARHORIZON_SEED", 77001))
     random = np.random.default_rng([seed, case])
     print("seed", seed)
@@ -518,9 +507,7 @@ def test_what_is_stable_between_close_sides_is_so_between_distant_ones(case):
 
 
 def test_what_grows_in_noise_is_refused_whatever_the_time():
-    """Stabilised correspondence with a profile by hand: a second is too short for modes, noise tells. So says a run
-    from noise.
-    """
+    """With a given profile and a budget too small for modes, growing noise is refused; it grows in a run, too."""
     random, depth = np.random.default_rng(1), (np.arange(13) + 0.5) / 13
     kappa = 1 + random.choice([0.0, 4.0]) * depth
     profile = {
@@ -536,8 +523,7 @@ def test_what_grows_in_noise_is_refused_whatever_the_time():
 
 
 def test_a_strip_that_grows_does_not_refuse_a_box_that_does_not():
-    """Between the layers at x a wave that runs along them without end grows slowly; here it runs into the layer at
-    y+."""
+    """A wave along infinitely long layers at x grows slowly; here it runs into the layer at y+."""
     model = fh.Wave(fh.Kernel(3.0, 2, volume="full"))
     sim = fh.Simulation(
         box(20, 21), model, {"x": fh.LatticePML(nodes=16), "y-": fh.Fixed(), "y+": fh.LatticePML(nodes=16)}
@@ -550,7 +536,9 @@ SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2*
 
 
 def largest_factor(sim):
-    """Largest of the factors by which the modes of the complete update, layers and all, change in a step."""
+    """Return the largest of the factors by which the modes of the complete update, including layers, change in a
+    step.
+    """
     complete = State(plain_twin(sim).engine)
     update = np.stack([complete.after(unit) for unit in np.eye(complete.size)], axis=1)
     return np.abs(np.linalg.eigvals(update)).max()
@@ -558,8 +546,8 @@ def largest_factor(sim):
 
 @pytest.mark.parametrize("number", range(3))
 def test_noise_agrees_with_what_a_longer_run_says(number):
-    """Random layers by hand on a line: what noise refuses within ten crossings grows in a run ten times as long, or by
-    the eigenvalues of the complete update, where that is too slow to be seen in such a run; printed with its seed.
+    """Random layers with given profiles on a line: what noise refuses within ten crossings grows in a run ten times
+    as long, or by the eigenvalues of the complete update if it grows too slowly to be seen in such a run.
     """
     random = np.random.default_rng([SEED, number])
     reach, nodes, n = int(random.integers(1, 7)), int(random.integers(6, 20)), int(random.integers(20, 50))
@@ -580,9 +568,7 @@ def test_noise_agrees_with_what_a_longer_run_says(number):
 @pytest.mark.parametrize("nodes", [3, 5, 8, 12])
 @pytest.mark.parametrize("reach", [1, 3])
 def test_bars_that_noise_makes_drift_are_not_refused(reach, nodes, share):
-    """Noise in thin layers moves a bar as a whole for a time 1/alpha: its size rises over ten crossings, but all
-    eigenvalues of the bar decay.
-    """
+    """Noise moves a bar as a whole for a time of 1/alpha: it rises over ten crossings, but all eigenvalues decay."""
     sim = fh.Simulation(box(121), wave(reach), fh.LatticePML(nodes=nodes))
     sim = sim.remade(dt=share * sim.step_limit)
     assert sim.certificate(8.0).verdict == "certified"

@@ -1,4 +1,4 @@
-"""What `check` says to people: the verdict, what to do, and no table unless it is asked for."""
+"""Text of `check`: the verdict, what to do, and no table unless it is requested."""
 
 import re
 from pathlib import Path
@@ -61,7 +61,7 @@ def test_the_time_in_all_is_the_sum_of_its_parts_and_no_trial_file_stays(tmp_pat
 
 
 def test_what_was_compiled_before_is_no_part_of_the_time(tmp_path, monkeypatch, capsys):
-    """Of another case that was checked in the same process: the time in all was below zero."""
+    """When another case was checked in the same process, the total time was once below zero."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(notice._NOTICE, "spent", 1000.0)
     Path("a.toml").write_text(CASE)
@@ -78,10 +78,11 @@ def test_fields_without_displacements_may_be_written(tmp_path, monkeypatch, caps
 
 @pytest.mark.parametrize("free", [{}, {"y+": fh.Free()}])
 def test_incident_waves_have_the_length_of_their_signal(free):
-    """Ricker's, whose spectrum is largest at 16 nodes a wave: of the energy, as k^6 exp(-2 (16 k / 2 pi)^2), half is in
-    waves longer than 12.7 nodes and a thousandth in those shorter than 6.5. No shorter ones are seen, of which layers
-    would send back all, though the field ends at the sides of the lattice, and at a free side. What fades it out on 61
-    nodes blurs wavenumbers by up to 4 pi / 61, a fifth of the shortest wave's.
+    """The spectrum of a Ricker signal is largest at 16 nodes per wave: of the energy, k^6 exp(-2 (16 k / 2 pi)^2),
+    half is in waves longer than 12.7 nodes and a thousandth in those shorter than 6.5. There are no shorter ones,
+    which layers would reflect completely, although the field ends at the sides of the lattice and at a free side. The
+    window that fades it out over 61 nodes blurs wavenumbers by up to 4 pi / 61, a fifth of the wavenumber of the
+    shortest wave.
     """
     signal = "(1-2*(pi*(t-24)/16)**2)*exp(-(pi*(t-24)/16)**2)"
     wave = fh.IncidentWave((0.3, 0.9), signal, duration=48.0, within=fh.Box((-20, -20), (20, 30 if free else 20)))
@@ -107,7 +108,7 @@ def test_speeds_have_the_units_of_the_case(tmp_path, monkeypatch, capsys):
 
 
 def test_prescribed_nodes_send_waves_as_long_as_their_course():
-    """Not as short as the node is wide, which the value they begin with would be, however small."""
+    """The waves are not as short as the node is wide, as the initial value would imply, however small it is."""
     ricker = fh.Prescribed([0.0], "(1-2*(0.2*pi*(t-5))**2)*exp(-(0.2*pi*(t-5))**2)", until=10.0)
     bar = fh.Lattice(0.1, -10, 10), fh.Wave(fh.Kernel(0.3)), fh.Exact()
     waves = content(fh.Simulation(*bar, constraints=[ricker]), 20.0)
@@ -122,7 +123,7 @@ def test_warnings_are_what_to_do():
 
 
 def test_waves_that_hardly_move_are_told_apart():
-    """Of two spacings, which no layer absorbs: a verdict is about the others."""
+    """Waves of two spacings, which no layer absorbs, are reported separately from the others."""
     lattice, pulse = fh.Lattice(0.5, (-4, -4), (4, 4)), fh.Expression("exp(-2*(x**2+y**2))", 2)
     report = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), fh.LatticePML(nodes=16), {"u": pulse}).check(1.0, 0.2)
     assert re.search(r"at most -\d\d+ dB up to 60 degrees, of the shortest 0 dB", report.headline)
@@ -140,7 +141,7 @@ def test_a_sponge_that_sends_back_much_is_not_fine():
 
 
 def test_the_cheapest_sides_are_recommended():
-    """In a short run in one dimension the extended domain, in a long one the layer."""
+    """In 1D, the extended domain for a short run, and the layer for a long one."""
     line = fh.Lattice(0.25, -4, 4)
     for until, said in ((1.0, 'type = "extended"'), (4000.0, "as given; extended would take")):
         sim = fh.Simulation(line, fh.Wave(fh.Kernel(0.25)), fh.LatticePML(nodes=12), {"u": "exp(-2*x**2)"})
@@ -149,7 +150,7 @@ def test_the_cheapest_sides_are_recommended():
 
 
 def test_layers_that_chose_themselves_are_told_by_what_is_predicted_of_the_data():
-    """Plane waves of a few nodes would tell of echoes that data do not have: the run keeps its target."""
+    """Plane waves of a few nodes would suggest echoes that do not occur with these data: the run meets its target."""
     lattice, model = fh.Lattice(0.5, (-4.0, -4.0), (4.0, 4.0)), fh.Wave(fh.Kernel(1.0))
     start, target = {"u": "exp(-2*x**2 - 2*y**2)"}, 1e-5
     sim, exact = (
@@ -166,7 +167,7 @@ def test_layers_that_chose_themselves_are_told_by_what_is_predicted_of_the_data(
         exact.step(1)
         worst = max(worst, float(np.abs(sim.fields["u"] - exact.fields["u"]).max()))
     assert worst <= target
-    moving = fh.Source("exp(-3*(x - sin(t))**2 - 3*y**2)")  # does not split: other data stand for it
+    moving = fh.Source("exp(-3*(x - sin(t))**2 - 3*y**2)")  # not separable: represented by other data
     assert (
         "returned" not in fh.Simulation(lattice, model, fh.LatticePML(target=target), sources=[moving]).check().numbers
     )

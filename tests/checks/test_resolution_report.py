@@ -1,4 +1,4 @@
-"""What `check` says of the shortest waves of signals."""
+"""What `check` reports about the shortest waves of signals."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def report(signal, **options):
 
 
 def test_a_signal_that_is_resolved():
-    """Ten nodes and more; no warning."""
+    """Ten nodes and more give no warning."""
     found = report(fh.Ricker(0.03))
     assert 10 < found.numbers["shortest_wave_nodes"] < 1 / fh.Ricker(0.03).highest_frequency
     assert "nodes, at 0.08625 cycles per time" in dict(found.rows)["shortest wave"]
@@ -24,7 +24,7 @@ def test_a_signal_that_is_resolved():
 
 
 def test_a_signal_that_is_not_resolved():
-    """The spacing that is advised has no warning."""
+    """The recommended spacing resolves the signal."""
     found = report(fh.Ricker(0.07))
     assert any("source.time are badly resolved" in warning for warning in found.warnings)
     spacing = found.numbers["resolving_spacing"]
@@ -37,7 +37,7 @@ def test_a_signal_that_is_not_resolved():
 
 @pytest.mark.parametrize(("unit", "told"), [(1.0, []), (10.0, ["notes"]), (1e3, ["warnings"])])
 def test_a_signal_that_goes_on_after_the_run(unit, told):
-    """Of samples in milliseconds a run of as many seconds has nearly nothing."""
+    """A run as long as the samples in other units covers almost nothing of a longer signal."""
     values = np.sin(2 * np.pi * np.arange(41) / 20) * np.hanning(41)
     sources = [fh.PointSource((0.2, 0.3), time=fh.Samples(values, unit))]
     found = fh.Simulation(LATTICE, MODEL, fh.Fixed(), sources=sources, threads=1).check(50.0, budget=0.1)
@@ -54,7 +54,7 @@ def test_the_slowest_part_of_the_medium_counts():
 
 
 def test_without_a_signal_nothing_is_said():
-    """Of expressions nothing is known, nor of diffusion."""
+    """Nothing is known about expressions, nor reported for diffusion."""
     assert "shortest_wave_nodes" not in report("sin(t)").numbers
     source = fh.PointSource((0.0, 0.0), time=fh.Ricker(0.1))
     sim = fh.Simulation(LATTICE, fh.Diffusion(fh.Kernel(2.0)), fh.Fixed(), sources=[source], threads=1)
@@ -62,8 +62,8 @@ def test_without_a_signal_nothing_is_said():
 
 
 def test_wavelengths_are_those_of_the_signal():
-    """A point has waves of all lengths; the signal picks out those of its frequencies, whether the end of the run is
-    known or not.
+    """A point source has waves of all lengths; the signal selects those of its frequencies, whether or not the end of
+    the run is known.
     """
     signal = fh.Ricker(0.05)
     sim = fh.Simulation(LATTICE, MODEL, fh.Fixed(), sources=[fh.PointSource((0.2, 0.3), time=signal)], threads=1)

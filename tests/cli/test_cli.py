@@ -1,4 +1,4 @@
-"""The command line, run as a user runs it."""
+"""The command line, run as users run it."""
 
 import json
 import os
@@ -26,7 +26,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 BOUNDED = EXAMPLES / "quenched_bar.toml"  # no side is open
-LARGE = [  # slow at full size, or like another one; tests/test_examples.py has those that break on coarser lattices
+LARGE = [  # slow at full size, or similar to another; tests/test_examples.py has some on coarser lattices
     EXAMPLES / f"{name}.toml"
     for name in (
         "branching",
@@ -52,9 +52,9 @@ LARGE = [  # slow at full size, or like another one; tests/test_examples.py has 
         "waveguide",
     )
 ]
-GROWING = EXAMPLES / "dispersive_pulse.toml"  # a kernel that the layer cannot absorb: it has a test of its own
+GROWING = EXAMPLES / "dispersive_pulse.toml"  # a kernel that the layer cannot absorb, with a test of its own
 BODY = EXAMPLES / "indentation.toml"
-ABSORBERS = {  # that are not a lattice PML, and the part of a fixed edge's error that is asserted
+ABSORBERS = {  # other than a lattice PML, and the fraction of a fixed edge's error that is asserted
     "exact_bar": ("exact", 1e-3),
     "closed_disc": ("plane wave", 1e-2),
     "indentation": ("nonlocal PML", 1e-2),
@@ -69,16 +69,14 @@ ABSORBERS = {  # that are not a lattice PML, and the part of a fixed edge's erro
     ids=lambda p: p.stem,
 )
 def test_examples_run_and_agree_with_the_infinite_medium(case, tmp_path, monkeypatch):
-    """Each example: results, pictures, and an error a thousand times below that of a fixed edge; of published
-    conditions a hundred times.
-    """
+    """Results, pictures, and an error 1000 times below that of a fixed edge, or 100 times with published conditions."""
     monkeypatch.chdir(tmp_path)
     assert main(["run", str(case), "--json", "run.json"]) == 0
     facts = written("run.json", "run")
     assert all(Path(p).stat().st_size > 10_000 for p in facts["pictures"])
     results = open_results(f"{case.stem}.h5")
     assert len(results.times) > 5 and np.isfinite(results.energy).all()
-    # later a bond of the blast breaks here and not there, as it is stretched by a millionth more or less
+    # later a bond of the blast breaks in one run and not in the other, because their stretches differ by a millionth
     times = {"notch_blast": ["--times", "8", "14"]}.get(
         case.stem, ["--times", "4", "8"] if case.stem.endswith("3d") else []
     )
@@ -90,22 +88,22 @@ def test_examples_run_and_agree_with_the_infinite_medium(case, tmp_path, monkeyp
 
 @pytest.mark.slow
 def test_dispersive_pulse_says_that_it_grows(tmp_path, monkeypatch, capsys):
-    """Appendix B of Hermann et al. (2023): warned of before the run, which stops soon after the front has arrived."""
+    """Appendix B of Hermann et al. (2023): a warning before the run, which stops soon after the front arrives."""
     monkeypatch.chdir(tmp_path)
-    assert main(["check", str(GROWING), "--json", "check.json"]) == 2  # as run does
+    assert main(["check", str(GROWING), "--json", "check.json"]) == 2  # as with run
     assert "run refuses this case" in capsys.readouterr().err
     checked = written("check.json", "check")
     assert any("backward waves" in w for w in checked["warnings"])
     assert checked["certificate"]["rate"] > 1
-    assert main(["run", str(GROWING), "--until", "9", "--allow-unstable"]) == 1  # it explodes, and stops
+    assert main(["run", str(GROWING), "--until", "9", "--allow-unstable"]) == 1  # it diverges, and stops
     assert "backward waves" in capsys.readouterr().err
     assert main(["compare", str(GROWING), "--json", "compare.json", "--times", "1", "2"]) == 0
-    # before the front arrives at speed 3.2 from 10 away
+    # before the front arrives from a distance of 10 at speed 3.2
     assert written("compare.json", "compare")["lattice PML"]["error"][0] < 1e-9
 
 
 def test_dispersive_pulse_leaves_through_the_sponge_of_its_comment(tmp_path):
-    """The remedy that the example names keeps what it says: 2e-2 of the pulse over the whole run, and no growth."""
+    """The remedy named in the example keeps its error: 2e-2 of the pulse over the whole run, and no growth."""
     lines = [line for line in GROWING.read_text().splitlines() if not line.startswith("all = ")]
     text = "\n".join(line.removeprefix("# ") if line.startswith("# all = ") else line for line in lines)
     assert text.count("all = {") == 1
@@ -118,7 +116,7 @@ def test_dispersive_pulse_leaves_through_the_sponge_of_its_comment(tmp_path):
 
 
 def test_two_notches_against_a_domain_from_which_nothing_returns(tmp_path):
-    """Example 3 of Hermann et al. (2023) at their times; their method: 1e-3 and slowly growing."""
+    """Example 3 of Hermann et al. (2023) at their times; the error of their method is 1e-3 and grows slowly."""
     out = tmp_path / "c.json"
     main(
         [
@@ -154,7 +152,7 @@ def test_demo(tmp_path, capsys):
 
 
 def test_compare_names_quantities_and_units(tmp_path, monkeypatch):
-    """Colours and times have the units of the case."""
+    """Colours and times are in the units of the case."""
     from farhorizon.pictures import curves, fields
 
     seen, whole = [], {"panels": fields.field_panels, "lines": curves.lines}
@@ -206,7 +204,7 @@ def test_plot_check_info(tmp_path, capsys, monkeypatch):
 
 
 def test_check_tunes_an_outline(tmp_path, capsys, monkeypatch):
-    """The line for the case file is one: it reads as the boundary that was found, and is certified."""
+    """The printed line for the case file gives the boundary that was found, and is certified."""
     monkeypatch.chdir(tmp_path)
     words = """[lattice]\nspacing = 0.25\nwindow = { disc = { radius = 5.12 } }
 [model]\ntype = "wave"\nspeed = 1.0\ndamping = 0.0125\nkernel = { horizon = 0.75, exponent = 2 }
@@ -296,7 +294,7 @@ MISTAKES = {
 
 @pytest.mark.parametrize(("old", "new", "key", "rest"), MISTAKES.values(), ids=MISTAKES)
 def test_wrong_cases_exit_with_2_and_say_where_and_what(old, new, key, rest, tmp_path, monkeypatch, capsys):
-    """The file, the key, the value, the limit and a remedy, and nothing written."""
+    """The message names the file, the key, the value, the limit and a remedy, and nothing is written."""
     monkeypatch.chdir(tmp_path)
     text = (EXAMPLES / "two_notches.toml").read_text()
     assert old in text
@@ -333,7 +331,7 @@ def test_damaged_and_foreign_files_are_refused_and_stay(tmp_path, monkeypatch, c
 
 
 def stopped(folder, number, *options):
-    """Standard error of a run of two notches that a signal reached in its loop, and its exit code."""
+    """Return the standard error and the exit code of a run of two notches that received a signal in its time loop."""
     text = (
         (EXAMPLES / "two_notches.toml")
         .read_text()
@@ -346,13 +344,13 @@ def stopped(folder, number, *options):
     while not list(folder.rglob("long.ckpt")):
         assert run.poll() is None, run.stderr.read()
         time.sleep(0.05)
-    time.sleep(0.3)  # it is in its loop, and a quick machine has not ended yet
+    time.sleep(0.3)  # it is in its loop, and even a fast machine has not finished
     os.kill(run.pid, number)
     return run.communicate()[1], run.returncode
 
 
 def test_interrupted_run_resumes_to_the_same_result(tmp_path, monkeypatch):
-    """Ctrl-C leaves a valid results file and a checkpoint; the command that it advises, taken literally, goes on
+    """Ctrl-C leaves a valid results file and a checkpoint; the command that is printed, taken literally, continues
     bitwise as the whole run.
     """
     words = "--until", "40", "--no-report"
@@ -372,7 +370,7 @@ def test_interrupted_run_resumes_to_the_same_result(tmp_path, monkeypatch):
 
 
 def test_a_batch_system_that_ends_a_run_loses_nothing(tmp_path):
-    """SIGTERM is Ctrl-C with another exit code: the checkpoint is of that moment."""
+    """SIGTERM acts like Ctrl-C, with another exit code: the checkpoint is of that moment."""
     said, code = stopped(tmp_path, signal.SIGTERM)
     assert code == 143 and "continue with: farhorizon run long.toml --resume" in said
     _, meta = read_checkpoint(tmp_path / "long.ckpt")
@@ -389,14 +387,14 @@ run = { until = 2.0 }
 
 @pytest.fixture
 def small(tmp_path, monkeypatch):
-    """A folder with a case of an instant."""
+    """Folder with a case that takes an instant."""
     monkeypatch.chdir(tmp_path)
     Path("small.toml").write_text(SMALL)
     return tmp_path
 
 
 def test_finished_results_are_overwritten_by_force_alone(small, capsys):
-    """Unfinished ones are; --resume goes on from finished ones whose checkpoint was kept."""
+    """Unfinished ones are overwritten without it; --resume continues finished ones whose checkpoint was kept."""
     assert main(["run", "small.toml", "--keep-checkpoint", "--set", "output.dtype=float32"]) == 0
     said, results = capsys.readouterr().out, open_results("small.h5")
     assert f"reached, {results.steps[-1]} steps and their files in" in said
@@ -415,7 +413,7 @@ def test_finished_results_are_overwritten_by_force_alone(small, capsys):
     assert main(["run", "small.toml"]) == 2 and "--resume" not in capsys.readouterr().err
     assert main(["run", "small.toml", "--force"]) == 0
     assert open_results("small.h5").times[-1] < 3
-    ResultsWriter.resume("small.h5", 1)  # as a run that was killed
+    ResultsWriter.resume("small.h5", 1)  # as in a run that was killed
     assert main(["run", "small.toml"]) == 0
 
 
@@ -441,7 +439,7 @@ def test_left_temporary_files_are_removed(small):
     [("initial.u='exp(-2*x**2)'", "initial"), ("output.probes=[[1.0]]", "output.probes"), ("output.compress=true", "")],
 )
 def test_a_changed_case_does_not_go_on(small, capsys, change, table):
-    """Its results would be told in the name of the first one; how they are written may change."""
+    """Its results would be attributed to the first case; the way in which they are written may change."""
     assert main(["run", "small.toml", "--keep-checkpoint"]) == 0
     assert main(["run", "small.toml", "--resume", "--until", "3", "--set", change]) == (2 if table else 0)
     said = capsys.readouterr().err
@@ -449,15 +447,13 @@ def test_a_changed_case_does_not_go_on(small, capsys, change, table):
 
 
 def test_a_disk_that_is_full_ends_a_run_in_one_line_and_blocks_nothing(small):
-    """At limits from before the first output to the last checkpoint: exit code 1, no crash; then the same command runs,
-    or --resume does.
-    """
+    """Limits from before the first output to the last checkpoint: exit code 1; then the command works, or --resume."""
     Path("small.toml").write_text(SMALL.replace("until = 2.0", "until = 12.0") + "output = { every = 0.2 }\n")
     assert main(["run", "small.toml", "--out", "whole", "--keep-checkpoint"]) == 0
     results, checkpoint = (Path(f"whole/small.{suffix}").stat().st_size // 1024 for suffix in ("h5", "ckpt"))
     assert results > checkpoint + 20
     whole = open_results("whole/small.h5")
-    # of 1024 bytes: no results, no checkpoint, no further output
+    # blocks of 1024 bytes: no results, no checkpoint, no further output
     limits = (4, False), (checkpoint - 2, False), (results - 10, True)
     for blocks, begun in limits:
         script = f"trap '' XFSZ; ulimit -f {blocks}; exec {sys.executable} -m farhorizon run small.toml"
@@ -499,7 +495,7 @@ def test_a_picture_folder_that_cannot_be_made_is_refused_before_the_run(small, c
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.6, 1.0, 1.5])
 def test_ctrl_c_while_modules_are_imported_is_one_line(small, delay):
-    """And wherever else it comes before the run begins; afterwards it is that of the run."""
+    """Likewise at any other time before the run begins; afterwards the message is that of the run."""
     script = (
         "import signal; from farhorizon.cli import process, _leave; signal.signal(signal.SIGINT, _leave); "
         'print("here", flush=True); process()'
@@ -511,9 +507,9 @@ def test_ctrl_c_while_modules_are_imported_is_one_line(small, delay):
     time.sleep(delay)
     os.kill(run.pid, signal.SIGINT)
     heard = run.communicate()[1].strip().splitlines()
-    # what was compiled is told, too
+    # compilation is reported, too
     said = "\n".join(line for line in heard if not line.startswith("farhorizon: compil"))
-    over = ((0, ""), (-signal.SIGINT, ""))  # Python itself had ended, or gave up its handlers to do so
+    over = ((0, ""), (-signal.SIGINT, ""))  # Python itself had ended, or had restored its handlers to do so
     assert (run.returncode, said) in ((130, "farhorizon: interrupted"), *over) or (
         run.returncode == 130 and said.startswith("interrupted at t = ")
     )
@@ -527,9 +523,7 @@ def test_check_warns_of_runs_that_nobody_can_mean(small, capsys):
 
 
 def test_corrosion_goes_on_after_an_interrupt(tmp_path, monkeypatch):
-    """Run half of it, resume: phases, times of dissolution and balance are bitwise those of one run; the front is
-    drawn.
-    """
+    """Phases, times of dissolution and balance of a resumed run are bitwise those of one run; the front is drawn."""
     monkeypatch.chdir(tmp_path)
     case = str(EXAMPLES / "pitting.toml")
     assert main(["run", case, "--out", "whole", "--until", "0.4"]) == 0
@@ -546,8 +540,7 @@ def test_corrosion_goes_on_after_an_interrupt(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_a_killed_run_of_a_breaking_body_goes_on(tmp_path, monkeypatch, capsys):
-    """Half of it, a resumed run that is killed, resumed again: displacements, damage, probes and balance are bitwise
-    those of one run.
+    """A run that is resumed, killed and resumed has bitwise the displacements, damage, probes and balance of one run.
     """
     monkeypatch.chdir(tmp_path)
     assert main(["run", str(BODY), "--out", "whole", "--json", "run.json"]) == 0
@@ -588,13 +581,13 @@ def test_version(capsys):
 
 
 def test_quiet_leaves_errors_and_the_result(small, capsys):
-    """Nothing of it depends on whether anything is compiled, noted or estimated on the way."""
+    """The output does not depend on what is compiled, noted or estimated meanwhile."""
     Path("small.toml").write_text(SMALL.replace("1-4*x**2)**2", "1-4*x**2)**2 + 1e-9*exp(-x**2/9)"))
     assert main(["run", "small.toml", "--quiet"]) == 0
     out, err = capsys.readouterr()
     assert out.startswith("results: small.h5") and out.count("\n") == 1 and err == ""
     assert main(["run", "small.toml", "--force"]) == 0
-    assert "note: " in capsys.readouterr().err  # what is not said
+    assert "note: " in capsys.readouterr().err  # which --quiet suppresses
     assert main(["check", "small.toml", "--quiet"]) == 0
     out, err = capsys.readouterr()
     assert out.startswith("small: ") and "certified" in out and out.count("\n") == 1 and err == ""
@@ -619,7 +612,7 @@ def test_a_doubtful_result_is_told_to_those_who_want_quiet(tmp_path, monkeypatch
 
 
 def test_set_changes_the_case_and_what_the_results_keep(small, capsys):
-    """And the advice of an interrupted run, so that it goes on with the same case."""
+    """A changed run is resumed with the same changes only; unknown keys are refused."""
     same = ["--set", "run.until=3.0", "--set", "model.speed=2"]
     assert main(["run", "small.toml", *same, "--keep-checkpoint", "--json", "run.json"]) == 0
     assert written("run.json", "run")["time"] >= 3
@@ -660,7 +653,7 @@ def test_what_a_command_does_not_have_is_told_with_its_own_usage(words, said, ca
 
 
 def test_threads(small, capsys, monkeypatch):
-    """Those of the case give way; more than there are, and less than one, are refused."""
+    """The option overrides the case; more threads than there are, or fewer than one, are refused."""
     import farhorizon.engine.engine as engine
 
     monkeypatch.setattr("numba.config.NUMBA_NUM_THREADS", 2)
@@ -715,7 +708,7 @@ def test_keys_are_explained_at_the_prompt(capsys):
 
 
 def test_shells_complete_commands(tmp_path):
-    """As bash asks: the answer comes on file descriptor 8."""
+    """As bash requests it: the answer arrives on file descriptor 8."""
     pytest.importorskip("argcomplete")
     asked = {"_ARGCOMPLETE": "1", "COMP_LINE": "farhorizon ch", "COMP_POINT": "13", "_ARGCOMPLETE_IFS": "\n"}
     script = f"exec 8>answer; {sys.executable} -m farhorizon"
@@ -729,7 +722,7 @@ def test_plot_draws_what_it_is_asked_for(small, capsys):
     whole = Path("small/u.png").read_bytes()
     assert main(["plot", "small.h5", "--field", "u", "--time", "0", "2", "--db"]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == "small/u-t=0,2-dB.png"
-    assert Path("small/u.png").read_bytes() == whole  # pictures of other times are not in its place
+    assert Path("small/u.png").read_bytes() == whole  # pictures of other times do not replace it
     assert main(["plot", "small.h5", "--field", "u", "--time", "1.001", "--range", "-1", "1", "--format", "pdf"]) == 0
     said = capsys.readouterr().out
     assert said.startswith("t = 1.001 is not stored") and said.splitlines()[1:] == ["small/u-t=1.001-range=-1,1.pdf"]
@@ -787,7 +780,7 @@ def test_check_draws_the_geometry(tmp_path, capsys):
 
 @pytest.mark.parametrize("command", ["run", "check", "compare"])
 def test_a_target_that_no_layer_keeps_is_refused_by_the_name_of_the_file(tmp_path, capsys, monkeypatch, command):
-    """All waves that a line carries, as one node holds them, for a long time; the refusal was a traceback once."""
+    """The data excite all waves of the line, over a long time; this was once a traceback."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "node.toml").write_text(
         "[lattice]\nspacing = 1.0\nlower = [-20.0]\nupper = [20.0]\n"

@@ -28,7 +28,7 @@ directions = 24
 
 
 def test_a_far_field_is_in_the_results_and_drawn(tmp_path, monkeypatch, capsys):
-    """Run whole and in two parts it has the same bits, those of a run in Python; so has what an earlier end left."""
+    """In one run and in two parts it is bitwise that of a run in Python."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.toml").write_text(CASE)
     assert main(["run", "a.toml", "--out", "whole", "--no-report"]) == 0
@@ -57,8 +57,8 @@ def test_a_far_field_is_in_the_results_and_drawn(tmp_path, monkeypatch, capsys):
 
 
 def test_a_far_field_is_the_same_in_si():
-    """Millimetres and two microseconds: fields have no unit, amplitudes that of time and of the root of a length,
-    energies that of length^2 / time beside a frequency.
+    """In millimetres and units of two microseconds: fields have no unit, amplitudes have that of time and of the root
+    of a length, energies that of length^2 / time per frequency.
     """
     length, time = 1e-3, 2e-6
     unit = length**2 / time

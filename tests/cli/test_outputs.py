@@ -1,4 +1,4 @@
-"""Every command that writes figures says what they are; the real ones are held against it here and in other tests."""
+"""Every command that writes figures has a schema, which its output follows here and in other tests."""
 
 import copy
 import json
@@ -25,7 +25,7 @@ def small(tmp_path, monkeypatch):
 
 
 def test_each_command_that_writes_figures_has_a_schema():
-    """And each key in it says what it is."""
+    """Each key in it has a description."""
     (commands,) = (one for one in command_parser()._actions if hasattr(one, "choices") and one.choices)
     writing = {name for name, sub in commands.choices.items() if "--json" in sub._option_string_actions}
     assert writing == set(OUTPUTS)
@@ -49,7 +49,7 @@ def test_schema_of_a_command_that_writes_none(capsys):
 
 @pytest.mark.parametrize("command", ["run", "check", "compare"])
 def test_what_is_written_fits_and_what_is_not_does_not(command, small):
-    """Nothing is written that the schema has not, nothing is in the schema that need not be written."""
+    """Only keys of the schema are written, and all of them are required."""
     assert main([command, "small.toml", "--quiet", "--json", "out.json"]) == 0
     found, holds = written("out.json", command), validator(command).is_valid
     table = found["fixed edge" if "fixed edge" in found else next(iter(found))] if command == "compare" else found
@@ -71,13 +71,13 @@ def test_list_of_reproductions(tmp_path, monkeypatch):
 
 
 def test_what_overflowed_is_null(tmp_path):
-    """JSON knows neither infinity nor nan."""
+    """JSON has neither infinity nor nan."""
     write_json(str(tmp_path / "a.json"), {"a": {"b": [1.0, float("inf")], "c": float("nan"), "d": 3}})
     assert json.loads((tmp_path / "a.json").read_text()) == {"a": {"b": [1.0, None], "c": None, "d": 3}}
 
 
 def test_several_processes_are_refused(small, monkeypatch, capsys):
-    """Each would compute the whole case, into the same files; `run` does without mpi4py."""
+    """Each process would compute the whole case and write the same files; `run` would do so without mpi4py."""
     monkeypatch.setenv("PMI_SIZE", "2")
     monkeypatch.setitem(sys.modules, "mpi4py", None)
     for command, word in {
@@ -86,7 +86,7 @@ def test_several_processes_are_refused(small, monkeypatch, capsys):
         "compare": "this command computes on one process",
         "sweep": "this command computes on one process",
     }.items():
-        for number in ("0", "1"):  # the first one alone says it
+        for number in ("0", "1"):  # only the first process reports it
             monkeypatch.setenv("PMI_RANK", number)
             assert main([command, "small.toml", *["model.speed=1.0,2.0"] * (command == "sweep")]) == 2
             assert (word in capsys.readouterr().err) == (number == "0")

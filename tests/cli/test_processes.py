@@ -1,4 +1,4 @@
-"""What goes wrong where several processes were started together: one of them says it, and all end."""
+"""Errors of runs on several processes: one of them reports the error, and all end."""
 
 import os
 import re
@@ -25,7 +25,7 @@ output = { every = 10.0 }
 """
 RUN = "import sys; from farhorizon.cli import main; sys.exit(main(sys.argv[1:]))"
 RANK = "import os; rank = int(os.environ['PMI_RANK']); "
-#: What a process does before it runs the case, its arguments, and what the one that speaks says.
+#: What a process does before it runs the case, its arguments, and the message of the reporting process.
 BAD = {
     "too many": ("", ["--set", "lattice.upper=[-5.1, -5.1]"], "cannot be cut into so many boxes"),
     "topology": ("", ["--set", "run.topology=[3, 1]"], "do not multiply to the number of processes"),
@@ -58,7 +58,7 @@ def started(folder, before="", *arguments):
     return subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-# that the processes do not fit is refused, in the fast tier, where boxes are too many, and by `tests/on_processes.py`
+# a number of processes that does not fit is tested in the fast tier by "too many", and by `tests/on_processes.py`
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("what", [pytest.param(w, marks=pytest.mark.slow) if w == "topology" else w for w in BAD])
 def test_bad_input_ends_all_processes(tmp_path, what):
@@ -70,7 +70,7 @@ def test_bad_input_ends_all_processes(tmp_path, what):
 
 
 def test_the_case_of_the_readme_runs_on_several_processes_and_on_one(tmp_path):
-    """Bit by bit alike; its layers are chosen for just as long as it takes."""
+    """The results are bitwise equal; the layers are chosen for the length of the run."""
     (text,) = re.findall(r"```toml\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
     fields = []
     for name, before in [("one", []), ("two", ["mpiexec", "-n", "2"])]:
@@ -84,12 +84,12 @@ def test_the_case_of_the_readme_runs_on_several_processes_and_on_one(tmp_path):
 
 
 def children(number):
-    """Processes that a process has started, and those of these."""
+    """Return the processes that a process has started, and their descendants."""
     found = []
     for one in Path("/proc").glob("[0-9]*/stat"):
         try:
             text = one.read_text()
-        except OSError:  # it has ended
+        except OSError:  # the process has ended
             continue
         if int(text.rpartition(")")[2].split()[1]) == number:
             found += [int(one.parent.name), *children(int(one.parent.name))]

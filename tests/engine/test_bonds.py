@@ -1,4 +1,4 @@
-"""Sweeps of bonds that follow a law of their own stretch and break, against plain numpy, bond by bond."""
+"""Sweeps of bonds that have a law of their own and break, against plain numpy, bond by bond."""
 
 import numpy as np
 import pytest
@@ -12,11 +12,11 @@ LAWS = {"linear": False, "nonlinear": True}
 
 
 class PairByPair:
-    """The same medium with one entry for each pair of nodes: free ends, or nodes at rest beyond fixed ones, whose bonds
-    are linear and last.
+    """The same medium with one entry per ordered pair of nodes, with free ends or with nodes at rest beyond fixed
+    ones.
 
-    Bonds of nodes within one reach of a fixed side are linear and do not break, either. Bonds that soften have their
-    largest stretch so far on the curve of the law, and unload from there to the origin.
+    Bonds of nodes within one reach of a fixed side are linear and do not break. For bonds that soften, the largest
+    stretch so far lies on the curve of the law, and they unload from there to the origin.
     """
 
     def __init__(self, sim, held=False, coefficient=None, rule="both", strength=None, final=None):
@@ -76,7 +76,7 @@ class PairByPair:
         return out * self.inner[:, None]
 
     def left(self, stretch):
-        """What is left of the stiffness of bonds, now that they have these stretches."""
+        """What is left of the stiffness of bonds once they have had these stretches."""
         if not self.softening:
             self.alive &= ~(self.law & (stretch > self.limit))
             return self.alive
@@ -84,7 +84,7 @@ class PairByPair:
         return self.secant(self.largest)
 
     def secant(self, stretch):
-        """Force over stretch on the curve of the law, over that of an intact bond."""
+        """Force over stretch on the curve of the law, relative to that of an intact bond."""
         onset, width = self.limit, self.final - self.limit
         if self.softening == "linear":
             force = onset * np.clip((self.final - stretch) / width, 0, None)
@@ -107,7 +107,7 @@ class PairByPair:
 
 
 def shaken(shape, nonlinear, sides=None, reach=2, speed=0.03, strength=0.04, contact=False, law=None, **options):
-    """A box whose nodes start at random velocities, so that bonds break here and there."""
+    """A box whose nodes start with random velocities, so that bonds break here and there."""
     dim = len(shape)
     v = speed * np.random.default_rng(5).standard_normal((dim, *shape))
     given = {"nonlinear": nonlinear, "critical_stretch": strength, "contact": contact}
@@ -116,8 +116,8 @@ def shaken(shape, nonlinear, sides=None, reach=2, speed=0.03, strength=0.04, con
 
 
 def assert_both_break_alike(sim, plain):
-    """Displacements to rounding and the same broken bonds after 40 steps; the shares that are left of those that soften
-    follow from strains, whose rounding the fall of the force multiplies.
+    """After 40 steps the displacements agree to rounding, and the same bonds are broken. The remaining shares of bonds
+    that soften follow from strains, whose rounding is amplified by the slope of the law.
     """
     for _ in range(40):
         plain.step()
@@ -126,14 +126,14 @@ def assert_both_break_alike(sim, plain):
     rounding = 1e-11 if plain.softening else 0
     np.testing.assert_allclose(sim.parts.breaking.left(), plain.bonds_left, rtol=0, atol=rounding)
     assert sim.broken_bonds == (~plain.alive).sum() // 2
-    assert (sim.broken_bonds > 20) == (plain.softening != "exponential")  # which never ends
+    assert (sim.broken_bonds > 20) == (plain.softening != "exponential")  # these never break
 
 
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 @pytest.mark.parametrize("held", [False, True], ids=["free", "fixed"])
 @pytest.mark.parametrize("shape", [(13, 19), (9, 7, 8)], ids=["2D", "3D"])
 def test_bonds_break_as_one_by_one(shape, held, nonlinear):
-    """Rows and planes that tiles do not divide."""
+    """Rows and planes that are not multiples of a tile."""
     sim = shaken(shape, nonlinear, Fixed() if held else None, reach=1 if held and len(shape) == 3 else 2)
     plain = PairByPair(sim, held)
     assert_both_break_alike(sim, plain)
@@ -143,9 +143,7 @@ def test_bonds_break_as_one_by_one(shape, held, nonlinear):
 @pytest.mark.parametrize(("held", "rule"), [(False, "both"), (True, "arithmetic"), (False, "harmonic")])
 @pytest.mark.parametrize("shape", [(13, 19), (9, 7, 8)], ids=["2D", "3D"])
 def test_bonds_of_coefficients_that_vary(shape, held, rule, nonlinear):
-    """The same with a factor of each bond from those of its ends, some of them zero; in a box of one material nothing
-    but the start is the same.
-    """
+    """With a factor of each bond from those of its ends, some of them zero."""
     coefficient = np.maximum(np.random.default_rng(8).random(shape) * 1.3 - 0.1, 0)
     reach = 1 if held and len(shape) == 3 else 2
     sim = shaken(shape, nonlinear, Fixed() if held else None, reach, coefficient=coefficient, rule=rule)
@@ -155,7 +153,7 @@ def test_bonds_of_coefficients_that_vary(shape, held, rule, nonlinear):
 
 @pytest.mark.parametrize(("shape", "held", "nonlinear"), [((13, 19), False, False), ((9, 7, 8), True, True)])
 def test_bonds_of_strengths_that_vary(shape, held, nonlinear):
-    """The same where each node has a strength of its own, and the weaker one of a bond counts."""
+    """With a strength for each node, of which the weaker one of a bond counts."""
     strength = np.random.default_rng(9).uniform(0.02, 0.08, shape)
     reach = 1 if held and len(shape) == 3 else 2
     sim = shaken(shape, nonlinear, Fixed() if held else None, reach, strength=strength)
@@ -166,7 +164,7 @@ def test_bonds_of_strengths_that_vary(shape, held, nonlinear):
 
 @pytest.mark.parametrize(("shape", "held", "nonlinear"), [((13, 19), True, False), ((9, 7, 8), False, True)])
 def test_broken_bonds_that_carry_compression(shape, held, nonlinear):
-    """The same where they do, and where they do not: with the linear law they do if it is said."""
+    """With and without contact; with the linear law it has to be requested."""
     runs = []
     for contact in (True, False):
         sim = shaken(shape, nonlinear, Fixed() if held else None, contact=contact)
@@ -177,8 +175,9 @@ def test_broken_bonds_that_carry_compression(shape, held, nonlinear):
 
 
 def held_at(stretch, dim, spacing=0.5, reach=2):
-    """Energy per area that bonds across a plane hold at a stretch; one that softens evenly up to so much more is to
-    take so many times that."""
+    """Energy per area of the bonds across a plane at a given stretch. A bond that softens linearly up to a multiple of
+    this stretch takes that multiple of the energy.
+    """
     model = Elastic(Kernel(spacing * reach, 1), 1.0)
     stencil = model.stencil(spacing, dim)
     return fracture_energy(spacing * stencil.offsets, model.bond_stiffness(stencil, spacing), stretch)
@@ -190,7 +189,7 @@ def held_at(stretch, dim, spacing=0.5, reach=2):
 @pytest.mark.parametrize("softening", SOFTENINGS)
 @pytest.mark.parametrize(("shape", "held"), [((13, 19), True), ((9, 7, 8), False)], ids=["2D", "3D"])
 def test_bonds_soften_as_one_by_one(shape, held, softening, nonlinear, contact):
-    """Loaded, unloaded and loaded again by the waves in the box."""
+    """Bonds are loaded, unloaded and loaded again by the waves in the box."""
     law = {"softening": softening, "fracture_energy": 2.5 * held_at(0.03, len(shape))}
     sim = shaken(shape, nonlinear, Fixed() if held else None, speed=0.06, strength=0.03, contact=contact, law=law)
     plain = PairByPair(sim, held, final=2.5 * 0.03)
@@ -201,8 +200,9 @@ def test_bonds_soften_as_one_by_one(shape, held, softening, nonlinear, contact):
 
 @pytest.mark.parametrize(("shape", "nonlinear", "rule"), [((13, 19), True, "harmonic"), ((9, 7, 8), False, "both")])
 def test_bonds_that_soften_where_all_varies(shape, nonlinear, rule):
-    """Stiffness, critical stretch and fracture energy of each node; of a bond the smaller limits count, of which each
-    may be that of another end."""
+    """Stiffness, critical stretch and fracture energy vary from node to node. The smaller limits of a bond count, each
+    of which may be that of the other end.
+    """
     random = np.random.default_rng(9)
     onset, more, coefficient = (random.uniform(*ends, shape) for ends in ((0.02, 0.05), (1.2, 4.0), (0.5, 1.0)))
     law = {"softening": "linear", "fracture_energy": held_at(1.0, len(shape)) * coefficient * more * onset**2}
@@ -213,7 +213,7 @@ def test_bonds_that_soften_where_all_varies(shape, nonlinear, rule):
 
 @pytest.mark.parametrize("softening", SOFTENINGS)
 def test_bonds_that_end_where_they_begin_to_soften_break_at_once(softening):
-    """The brittle law is the limit: the same bonds, and fields to rounding."""
+    """In the brittle limit the same bonds break, and the fields agree to rounding."""
     energy = held_at(0.03, 2) * (1 + 1e-12)
     runs = [
         shaken((23, 31), True, strength=0.03, law=law)
@@ -230,7 +230,7 @@ def test_bonds_that_end_where_they_begin_to_soften_break_at_once(softening):
 
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 def test_periodic_box_is_the_same_wherever_it_is_cut(nonlinear):
-    """Bonds across periodic sides follow the law and break: a shifted start gives the shifted result, bit by bit."""
+    """Bonds across periodic sides follow the law and break: a shifted start gives the shifted result, bitwise."""
     v = 0.03 * np.random.default_rng(2).standard_normal((2, 20, 24))
     model = Elastic(Kernel(1.0, 1), 1.0, nonlinear=nonlinear, critical_stretch=0.04)
     found = []
@@ -245,7 +245,7 @@ def test_periodic_box_is_the_same_wherever_it_is_cut(nonlinear):
 
 @pytest.mark.parametrize("shape", [(210, 200), (36, 34, 35)], ids=["2D", "3D"])
 def test_threads_agree_to_the_last_bit(shape):
-    """Fields, damage and the balance of energies; lattices large enough for two threads (40 000 nodes)."""
+    """Fields, damage and energies; the lattices are large enough for two threads (40 000 nodes)."""
     one, two = (shaken(shape, True, LatticePML(nodes=4), threads=n) for n in (1, 2))
     for sim in (one, two):
         sim.step(12)
@@ -256,7 +256,7 @@ def test_threads_agree_to_the_last_bit(shape):
 
 
 def test_threads_agree_on_the_work_of_sources():
-    """No thread writes over a level from which another still adds up work."""
+    """No thread overwrites a level whose work another thread is still adding up."""
     shape, found = (210, 200), []
     field = np.random.default_rng(4).standard_normal((2, *shape))
     for threads in (1, 2):
@@ -268,10 +268,10 @@ def test_threads_agree_on_the_work_of_sources():
     np.testing.assert_array_equal(*found)
 
 
-@pytest.mark.slow  # as all of single precision that takes the kernels of few runs: these compile for long
+@pytest.mark.slow  # single precision, for which few runs share the kernels: these compile for long
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 def test_single_precision(nonlinear):
-    """A run without breaking to the precision of float32."""
+    """A run without breaking agrees to the precision of float32."""
     runs = [shaken((17, 21), nonlinear, speed=0.003, dtype=real) for real in ("float64", "float32")]
     for sim in runs:
         sim.step(30)
@@ -281,7 +281,7 @@ def test_single_precision(nonlinear):
 
 
 def test_a_plain_tile_and_one_looked_at_bond_by_bond_give_the_same():
-    """Whether a tile is plain is a matter of speed: all tiles made damaged change nothing but rounding."""
+    """Plain tiles only save time: marking all tiles as damaged changes nothing but rounding."""
     one, two = (shaken((30, 41), True, speed=0.01) for _ in range(2))
     two.engine.tables.bonds.kinds[...] = 1
     for sim in (one, two):
@@ -291,8 +291,8 @@ def test_a_plain_tile_and_one_looked_at_bond_by_bond_give_the_same():
 
 
 def test_masks_cost_a_word_of_bits_for_64_bonds():
-    """With 122 neighbours two words a node, beside three components of each of three levels; kinds of tiles and books a
-    few per cent of that.
+    """With 122 neighbours the masks take two words per node, compared with three components of each of three levels;
+    kinds of tiles and records of energy take a few per cent of that.
     """
     model = Elastic(Kernel(3.0, 1, volume="full"), 1.0, nonlinear=True, critical_stretch=0.1)
     sim = Simulation(lattice_of((20, 20, 20)), model, Free())
@@ -304,8 +304,9 @@ def test_masks_cost_a_word_of_bits_for_64_bonds():
 
 @pytest.mark.parametrize("shape", [(60, 150), (26, 57, 40)], ids=["2D", "3D"])
 def test_calm_pieces_are_swept_by_the_stencil(shape):
-    """Where the slopes bound every stretch below the critical one the linear law takes the plain stencil: with a bound
-    of zero nothing but rounding changes, and a start whose bonds break somewhere breaks the same ones."""
+    """Where the slopes bound every stretch below the critical one, the linear law uses the plain stencil. With a bound
+    of zero only rounding changes, and the same bonds break.
+    """
     x = np.stack(np.meshgrid(*[np.arange(n) for n in shape], indexing="ij"))
     bump = np.exp(-sum((c - n / 3) ** 2 for c, n in zip(x, shape, strict=True)) / 20)
     model = Elastic(Kernel(1.0, 1), 1.0, critical_stretch=0.05)
@@ -320,4 +321,4 @@ def test_calm_pieces_are_swept_by_the_stencil(shape):
     np.testing.assert_allclose(one["u"], two["u"], rtol=0, atol=1e-12)
     np.testing.assert_array_equal(one["damage"], two["damage"])
     assert 0 < runs[0].broken_bonds
-    assert (one["u"] != two["u"]).any()  # the two ways are not the same
+    assert (one["u"] != two["u"]).any()  # the two paths are not the same

@@ -1,4 +1,4 @@
-"""Masses that hang on the nodes of layers, against their equations at one frequency."""
+"""Dampers, masses attached to the nodes of layers, against their equations at one frequency."""
 
 from dataclasses import replace
 
@@ -52,7 +52,7 @@ def simulation(name, boundary=None, nodes=11, **more):
 
 @pytest.mark.parametrize("name", MEDIA)
 def test_a_layer_sends_back_what_its_equations_say(name):
-    """The map of a step of the compiled loop against the force through the factor ``1 + strength g``."""
+    """The step of the compiled loop against the force through the factor ``1 + strength g``."""
     strip = Strip(simulation(name), 0, 11)
     asked = {1: (0.0, 0.0), 2: (35.0, 0.0), 3: (35.0, 20.0)}[MEDIA[name][1]]
     for kind in strip.types:
@@ -64,7 +64,7 @@ def test_a_layer_sends_back_what_its_equations_say(name):
 
 @pytest.mark.parametrize("dt", [0.05, 0.6, 1.2])
 def test_dampers_take_energy_at_every_frequency(dt):
-    """And leave slow waves alone, to second order in their frequency."""
+    """Slow waves are hardly affected, to second order in their frequency."""
     keep, pull = springs_of(np.array([1.4, 0.4]), dt)
     turn = np.linspace(1e-3, np.pi - 1e-3, 2001)
     taken = response(np.exp(1j * turn), keep, pull)
@@ -76,7 +76,9 @@ def test_dampers_take_energy_at_every_frequency(dt):
 
 @pytest.mark.parametrize("dt", [0.05, 0.6, 1.2])
 def test_waves_of_the_springs_decay_at_the_rate_that_is_asked_for(dt):
-    """Half of it, as that of a velocity does: the roots of the scheme of one node, by their polynomial."""
+    """Waves decay at half the rate, as with damping of the velocity: the roots of the scheme of one node, from their
+    polynomial.
+    """
     frequency, rate = 1.4, 1e-3
     keep, pull = springs_of(np.array([frequency, 0.4]), dt)
     strength = float(strengths_of(np.array([rate]), keep, pull, dt)[0])
@@ -117,7 +119,7 @@ def test_more_threads_change_nothing(name):
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("short", [False, True])
 def test_a_checkpoint_has_them(tmp_path, dtype, short):
-    """Beside layers that remember six digits, too."""
+    """This includes layers whose memory has six digits."""
     layer = fh.LatticePML(nodes=NODES, profile=Layer(**{**vars(TUNED), "short": short}))
     ahead, later = (simulation("space", layer, dtype=dtype) for _ in range(2))
     ahead.step(20)
@@ -132,7 +134,9 @@ def test_a_checkpoint_has_them(tmp_path, dtype, short):
 @pytest.mark.parametrize("name", ["space", "scalar in space"])
 @pytest.mark.parametrize(("layer", "most"), [(STILL, 1e-7), (TUNED, 1e-6)])
 def test_halves_of_states_miss_a_part_of_what_dampers_take(name, layer, most):
-    """Without stretch, and beside layers that remember six digits themselves; at all amplitudes alike."""
+    """The error without stretch, and beside layers whose memory has six digits, too; it is relative to the
+    amplitude.
+    """
     short, found = side(replace(layer, short=True)), []
     start = simulation(name, short).fields["u"].copy()
     for boundary, factor in ((side(layer), 1.0), (short, 1.0), (short, 2.0**-200), (short, 2.0**200)):
@@ -148,7 +152,7 @@ def test_halves_of_states_miss_a_part_of_what_dampers_take(name, layer, most):
 
 
 def test_each_node_of_the_layers_has_one_place():
-    """Where layers meet, too."""
+    """This includes nodes where layers meet."""
     sim = simulation("space")
     layout = sim.engine.layout
     assert sim.engine.dampers.size == np.prod(layout.box.nodes) - np.prod(layout.core) + 1
@@ -164,7 +168,7 @@ def test_single_precision():
 
 @pytest.mark.parametrize("name", ["line", "bonds", "space"])
 def test_they_belong_to_the_state(name):
-    """A state that is written and advanced goes on as the run it was read from."""
+    """A state that is written and advanced continues like the run it was read from."""
     one, other = simulation(name), simulation(name)
     one.step(12)
     after = State(other.engine).after(State(one.engine).read(), 9)

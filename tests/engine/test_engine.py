@@ -1,5 +1,5 @@
-"""The compiled engine against plain numpy: the operator, bond coefficients, free sides, the time loop, and what it
-conserves.
+"""The compiled engine against plain numpy: the operator, bond coefficients, free sides, the time loop, and conserved
+quantities.
 """
 
 import gc
@@ -41,12 +41,12 @@ EPS = np.finfo(float).eps
 
 
 def symmetric(dim, table):
-    """Stencil from half of its offsets."""
+    """A stencil from half of its offsets."""
     offsets = np.array(list(table))
     return Stencil(np.concatenate([offsets, -offsets]).reshape(-1, dim), np.tile(list(table.values()), 2))
 
 
-# Weights differ from axis to axis, reach too.
+# Weights differ from axis to axis, and so does the reach.
 ANISOTROPIC = {
     2: symmetric(2, {(1, 0): 1.0, (2, 0): 0.3, (3, 0): -0.05, (0, 1): 0.2, (1, 1): 0.11, (1, -1): 0.11}),
     3: symmetric(
@@ -77,7 +77,9 @@ SOME = {name: STENCILS[name] for name in ("1D m2", "2D m3", "3D m1", "skewed 2D"
 
 @pytest.mark.parametrize(("stencil", "shape"), STENCILS.values(), ids=STENCILS)
 def test_operator(stencil, shape):
-    """Sum of weights times differences over the family, in 1D, 2D and 3D, for every kind of stencil."""
+    """The operator is the sum of weights times differences over the family, in 1D, 2D and 3D, for every kind of
+    stencil.
+    """
     check_apply(shape, stencil)
 
 
@@ -102,7 +104,7 @@ def test_operator_does_not_depend_on_the_integrator(name, stages):
 @pytest.mark.parametrize("length", range(5, 21))
 @pytest.mark.parametrize("rows", [(), (5,), (6,), (7,), (8,)], ids=str)
 def test_row_lengths(length, rows):
-    """Rows that are no multiple of a vector."""
+    """Row lengths that are not multiples of a vector."""
     check_apply((*rows, length), kernel_stencil(1 + len(rows), 2))
 
 
@@ -115,8 +117,9 @@ def test_row_lengths_in_single_precision(length):
 @pytest.mark.parametrize("real", TOLERANCE)
 @pytest.mark.parametrize("length", [512, 513, 1285, 1300])
 def test_rows_longer_than_a_tile(length, real):
-    """Tiles hold 512 numbers of float64 for a reach of 3, 1024 of float32: seams, rests and rows that end with a
-    tile."""
+    """For a reach of 3 tiles hold 512 numbers of float64 or 1024 of float32: seams, remainders, and rows that end with
+    a tile.
+    """
     check_apply((9, length), kernel_stencil(2, 3), real=real)
 
 
@@ -125,7 +128,7 @@ def test_rows_longer_than_a_tile(length, real):
     ("real", "reach"), [("float64", 8), ("float64", 9), ("float32", 9), ("float32", 16), ("float32", 17)]
 )
 def test_reach_of_a_vector_and_beyond(real, reach):
-    """A sum moves along a row by a vector at most; wider stencils read each neighbour by itself."""
+    """A sum is shifted along a row by one vector at most; wider stencils read each neighbour separately."""
     check_apply((2 * reach + 1, 2 * reach + 20), kernel_stencil(2, reach), real=real)
 
 
@@ -152,21 +155,21 @@ def test_small_lattices_run_on_one_thread():
 @pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize(("stencil", "shape"), SOME.values(), ids=SOME)
 def test_bond_coefficients(stencil, shape, rule):
-    """Smaller, arithmetic and harmonic mean of the nodes at a bond's ends; voids included."""
+    """The smaller, arithmetic or harmonic mean of the values at a bond's ends, including voids."""
     coefficient = np.random.default_rng(5).uniform(0.1, 3, shape)
     coefficient[..., 2:4] = 0
     check_apply(shape, stencil, coefficient=coefficient, rule=rule)
 
 
 def test_bond_coefficients_in_single_precision():
-    """The same in float32, on more nodes than one chunk of a row."""
+    """In float32, on more nodes than one chunk of a row."""
     coefficient = np.random.default_rng(5).uniform(0.1, 3, (41, 405))
     check_apply((41, 405), kernel_stencil(2, 1), real="float32", coefficient=coefficient, rule="harmonic")
 
 
 @pytest.mark.parametrize("rule", RULES)
 def test_a_uniform_coefficient_is_a_factor(rule):
-    """Every rule keeps a constant."""
+    """Every rule preserves a constant."""
     stencil, shape = kernel_stencil(2, 2), (9, 12)
     u = RANDOM.normal(size=shape)
     plain, scaled = (periodic_engine(shape, stencil, EULER, 0.1, c, rule=rule) for c in (None, np.full(shape, 2.5)))
@@ -179,7 +182,7 @@ SHAPES = {1: (17,), 2: (11, 13), 3: (6, 5, 8)}
 
 
 def free_simulation(dim, model=Diffusion, reach=2, boundary=None, stencil=None, **options):
-    """A simulation on white noise with free sides, spacing 0.5, and its matrix without coefficient in it."""
+    """A simulation from white noise with free sides and spacing 0.5, and its initial values."""
     lattice = lattice_of(SHAPES[dim], 0.5)
     stencil = stencil or kernel_stencil(dim, reach, 1)
     u = np.random.default_rng(11).uniform(-1, 1, lattice.shape)
@@ -189,7 +192,7 @@ def free_simulation(dim, model=Diffusion, reach=2, boundary=None, stencil=None, 
 @pytest.mark.parametrize("dim", [1, 2, 3])
 @pytest.mark.parametrize("reach", [1, 2])
 def test_free_sides_have_no_bonds(dim, reach):
-    """The operator is the matrix in which bonds that leave the body are absent."""
+    """The operator is the matrix from which bonds that leave the body are absent."""
     sim, u = free_simulation(dim, reach=reach)
     matrix = dense_operator(u.shape, sim.stencil.offsets, sim.stencil.weights / 0.25)
     np.testing.assert_allclose(engine_apply(sim.engine, u).ravel(), matrix @ u.ravel(), rtol=0, atol=1e-12)
@@ -204,7 +207,7 @@ def test_free_sides_of_a_skewed_stencil():
 
 @pytest.mark.parametrize("rule", RULES)
 def test_free_sides_of_a_composite(rule):
-    """Absent bonds leave with the coefficient they had."""
+    """Absent bonds are subtracted with their coefficient."""
     coefficient = np.random.default_rng(5).uniform(0.1, 3, SHAPES[2])
     sim, u = free_simulation(2, coefficient=coefficient, rule=rule)
     matrix = dense_operator(
@@ -218,7 +221,7 @@ def test_free_and_periodic_sides(free):
     """A strip: bonds are absent along one axis and wrap along the other."""
     sim, u = free_simulation(2, boundary={"xy"[free]: Free(), "xy"[1 - free]: Periodic()})
     m = sim.stencil.reach[0]
-    # Free along `free` = the periodic operator on a lattice with a gap, in which a void takes the bonds away.
+    # Free along `free` equals the periodic operator on a lattice with a gap, whose void removes the bonds.
     pads = [(m, m) if a == free else (0, 0) for a in range(2)]
     wide, there = np.pad(u, pads), np.pad(np.ones(u.shape), pads)
     expected = roll_apply(wide, sim.stencil.offsets, sim.stencil.weights / 0.25, there, "both")
@@ -273,7 +276,7 @@ def loop(model, matrix, u, v, dt, steps, force):
     ids=["Euler", "RK4", "Verlet", "damped Verlet"],
 )
 def test_time_loop(dim, make, heterogeneous):
-    """Many steps in the compiled loop, with a crack-free body, a source and a composite, are the textbook's loop."""
+    """Many steps of the compiled loop, with a source and a coefficient that varies, equal the textbook loop."""
     random = np.random.default_rng(13)
     shape = SHAPES[dim]
     model = make(kernel_stencil(dim, 2, 1))
@@ -328,8 +331,8 @@ THREADED = {
 @pytest.mark.parametrize("threads", [2, 5])
 @pytest.mark.parametrize(("shape", "model", "boundary", "rest"), THREADED.values(), ids=THREADED)
 def test_threads_share_every_part_of_a_step(shape, model, boundary, rest, threads, monkeypatch):
-    """As many threads as cores or more: bitwise the serial run, boundary memory included, since the order of summation
-    does not change.
+    """With as many threads as cores or more the result, boundary memory included, is bitwise that of the serial run,
+    because the order of summation does not change.
     """
     monkeypatch.setattr("farhorizon.simulation.setup.available_threads", lambda: threads)
     lattice = lattice_of(shape)
@@ -344,7 +347,7 @@ def test_threads_share_every_part_of_a_step(shape, model, boundary, rest, thread
 
 
 def test_single_precision_run_follows_double():
-    """100 steps of float32 stay within rounding times steps of float64."""
+    """100 steps of float32 stay within rounding times the number of steps."""
     u = np.random.default_rng(19).uniform(-1, 1, SHAPES[2])
     runs = [
         Simulation(lattice_of(SHAPES[2]), Wave(kernel_stencil(2, 2, 2)), Free(), {"u": u}, dtype=t)
@@ -353,11 +356,11 @@ def test_single_precision_run_follows_double():
     for sim in runs:
         sim.step(100)
     assert runs[1].engine.current.dtype == np.float32
-    # 100 steps with a relative rounding of 6e-8 each, amplified at most linearly (bounded oscillators).
+    # 100 steps with a relative rounding of 6e-8 each, amplified at most linearly (bounded oscillators)
     np.testing.assert_allclose(*[sim.fields["u"] for sim in runs], rtol=0, atol=100 * 100 * 6e-8)
 
 
-# What is conserved
+# Conserved quantities
 
 
 @pytest.mark.parametrize("dim", [1, 2, 3])
@@ -374,7 +377,7 @@ def test_free_diffusion_conserves_the_sum(dim, integrator):
 @pytest.mark.parametrize("heterogeneous", [False, True])
 @pytest.mark.parametrize("boundary", [Free(), Periodic()])
 def test_undamped_verlet_conserves_energy(dim, heterogeneous, boundary):
-    """The discrete energy of a closed body is constant over 2000 steps to rounding, from time zero on."""
+    """The discrete energy of a closed body is constant over 2000 steps to rounding, from the start."""
     coefficient = np.random.default_rng(5).uniform(0.2, 1.5, SHAPES[dim]) if heterogeneous else None
     sim, _ = free_simulation(dim, Wave, coefficient=coefficient, rule="arithmetic", boundary=boundary)
     energies = [sim.energy()]
@@ -386,8 +389,7 @@ def test_undamped_verlet_conserves_energy(dim, heterogeneous, boundary):
 
 
 def test_damping_takes_energy_away():
-    """The energy of every mode falls; a uniform velocity decays by (1 - d dt)/(1 + d dt) a step (exact for symbol
-    0)."""
+    """The energy falls; a uniform velocity decays by (1 - d dt)/(1 + d dt) per step (exact for symbol 0)."""
     sim, _ = free_simulation(2, lambda s: Wave(s, damping=0.3))
     energies = []
     for _ in range(20):
@@ -409,12 +411,12 @@ def test_damping_takes_energy_away():
 @pytest.mark.parametrize("boundary", [Free(), Periodic()])
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_a_uniform_field_stays(dim, boundary):
-    """Differences vanish, in a composite too."""
+    """Differences vanish, also where coefficients vary."""
     coefficient = np.random.default_rng(5).uniform(0.2, 1.5, SHAPES[dim])
     u = np.full(SHAPES[dim], 2.0)
     sim = Simulation(lattice_of(SHAPES[dim]), Wave(kernel_stencil(dim, 2)), boundary, {"u": u}, coefficient=coefficient)
     sim.step(100)
-    # two levels: rounding in each step is a change of velocity
+    # two levels: the rounding of each step changes the velocity
     np.testing.assert_allclose(sim.fields["u"], 2.0, rtol=100**2 * EPS)
 
 
@@ -425,8 +427,8 @@ def test_a_near_field_thinner_than_the_stencil_is_refused():
 
 
 def test_an_engine_goes_as_soon_as_nobody_holds_it():
-    """Levels may take gigabytes, which must not wait for a collection of circles; the compiler, which makes some of its
-    own, has done its work before.
+    """Levels may take gigabytes, so they must not wait for the collection of reference cycles. The first run lets the
+    compiler create its own cycles beforehand.
     """
 
     def stepped():
@@ -447,15 +449,15 @@ def test_an_engine_goes_as_soon_as_nobody_holds_it():
 
 @pytest.mark.parametrize("table", ["history", "source_times", "held_values", "dependent_times"])
 def test_tables_without_room_are_refused_before_the_loop(table):
-    """The compiled loop looks at no bounds: a table that does not reach as far as the steps and stages is an
-    IndexError, and nothing has run.
+    """The compiled loop checks no bounds: a table that is too short for the steps and stages raises an IndexError, and
+    nothing runs.
     """
     stages = RungeKutta4.stages(0.1)
     engine = periodic_engine((12,), kernel_stencil(1, 2), stages, 0.1)
     steps, stage_count = 300, len(stages.numbers)
     times, held, tied = np.zeros((steps, stage_count, 1)), np.zeros((steps, 1)), np.zeros((steps, stage_count, 0))
     if table == "history":
-        engine.set_ends(ends_table(np.array([[0, 1]]), 1.0))  # its clock counts stages, and room is made for steps
+        engine.set_ends(ends_table(np.array([[0, 1]]), 1.0))  # counts stages, but there is room for steps only
     elif table == "source_times":
         times = times[:, :1]
     elif table == "held_values":

@@ -1,4 +1,4 @@
-"""Messages between processes, where a process is its own neighbour: what periodic sides are."""
+"""Messages between processes, with a process as its own neighbour, which amounts to periodic sides."""
 
 import ctypes
 from types import SimpleNamespace
@@ -15,7 +15,7 @@ ITSELF = Link((0, 0, 0, 0), 0, 0, False, 0)
 
 
 def periodic(dim=2, **more):
-    """Waves that cross a periodic side and run along layers."""
+    """Waves that cross a periodic side and travel along layers."""
     shape = (17, 19, 21)[:dim]
     sides = {"x": fh.Periodic(), "y": fh.LatticePML(nodes=4), "z": fh.LatticePML(nodes=4)}
     u = np.zeros(shape)
@@ -26,8 +26,9 @@ def periodic(dim=2, **more):
 
 
 class Mailbox:
-    """An MPI in whose world all processes are alike: what one sends to number 1 is what it is sent by number 1, and
-    comes no sooner than in MPI_Waitall, when it has been asked whether it is there often enough.
+    """An MPI whose processes are all alike: a message to number 1 arrives as the message from number 1.
+
+    Messages arrive in MPI_Waitall, and no sooner, once their arrival has been tested often enough.
 
     Parameters
     ----------
@@ -37,10 +38,10 @@ class Mailbox:
     Attributes
     ----------
     link : Link
-        Of a process whose number is 0.
+        The link of process 0.
     calls : list of str
     seen : list
-        What `look` found each time when messages were waited for.
+        What `look` returned each time messages were waited for.
     """
 
     def __init__(self, wide=False):
@@ -93,7 +94,7 @@ class Mailbox:
 
 
 def connected(sim, mailbox=None):
-    """The same with messages to itself in place of copies, or by a mailbox."""
+    """The same simulation with messages to itself, or through a mailbox, in place of copies."""
     sides = [(axis, side) for axis in sim.engine.layout.periodic for side in (-1, 1)]
     if mailbox is None:
         connect(sim.engine, ITSELF, dict.fromkeys(sides, 0))
@@ -103,12 +104,12 @@ def connected(sim, mailbox=None):
 
 
 def places_of(sim, low, high):
-    """Places of a level of the nodes in a box."""
+    """Indices into a level of the nodes in a box."""
     return sim.engine.layout.box.node_indices()[tuple(map(slice, low, high))]
 
 
 def waves(dim, **more):
-    """Waves across sides that are all periodic, from noise."""
+    """Waves from noise across sides that are all periodic."""
     shape = (53, 41, 37)[:dim]
     lattice = fh.Lattice(1.0, [0.0] * dim, [n - 1.0 for n in shape])
     u = np.random.default_rng(3).standard_normal(shape)
@@ -117,8 +118,8 @@ def waves(dim, **more):
 
 @pytest.mark.parametrize(("dim", "real"), [(2, "float64"), (2, "float32"), (3, "float64")])
 def test_rows_that_need_no_halo_are_swept_while_messages_travel(dim, real):
-    """Those along the last axis come first. When the last messages of a step are waited for, these rows have their new
-    values, the others have not.
+    """Messages along the last axis come first. When the last messages of a step are waited for, the rows that need no
+    halo have their new values, and the others do not.
     """
     mailbox = Mailbox()
     plain, other = waves(dim, dtype=real), connected(waves(dim, dtype=real), mailbox)
@@ -128,14 +129,14 @@ def test_rows_that_need_no_halo_are_swept_while_messages_travel(dim, real):
     free, every = places_of(other, (*low, 0), (*high, nodes[2])), places_of(other, (0, 0, 0), nodes)
     late = np.setdiff1d(every, free)
     for sim in (plain, other):
-        sim.step(2)  # from rest the first step comes back to the one before it
+        sim.step(2)  # from rest the first step returns to the level before it
     for _ in range(3):
         mailbox.seen.clear()
         plain.step(1)
         other.step(1)
         np.testing.assert_array_equal(other.fields["u"], plain.fields["u"])
         new = plain.engine.current
-        # of the waits of this step, one an axis, the share of those rows that are swept
+        # the share of these rows that are swept at each wait of this step, one wait per axis
         done = [max((level[free] == new[free]).mean() for level in found) for found in mailbox.seen]
         assert len(done) == dim and done[0] < 0.05 and done[-1] == 1 and (dim == 2 or 0.3 < done[1] < 0.7), done
         assert max((level[late] == new[late]).mean() for level in mailbox.seen[-1]) < 0.05
@@ -143,7 +144,9 @@ def test_rows_that_need_no_halo_are_swept_while_messages_travel(dim, real):
 
 @pytest.mark.parametrize("wide", [False, True], ids=["numbers", "pointers"])
 def test_calls_of_mpi(wide):
-    """Receives are there before anything is sent; MPI is called with each part of the box, and no message is left."""
+    """Receives are posted before anything is sent, MPI is tested after each part of the box, and no message is left
+    over.
+    """
     mailbox = Mailbox(wide)
     sim = connected(waves(2), mailbox)
     mailbox.calls.clear()
@@ -172,13 +175,13 @@ def dissolving(at=46.0, **model):
 
 
 def dissolving_across():
-    """The same across it, where nothing is swept ahead, by an integrator of several stages."""
+    """Metal across the periodic side, where nothing is swept ahead, with an integrator of several stages."""
     return dissolving(2.0, integrator=fh.RungeKuttaChebyshev(3))
 
 
 @pytest.mark.parametrize("make", [breaking, dissolving, dissolving_across], ids=lambda make: make.__name__)
 def test_parts_with_a_law_of_their_own_are_swept_whole(make):
-    """Bit by bit, and some of them while messages travel."""
+    """Fields agree bitwise, and some of the nodes are swept while messages travel."""
     mailbox = Mailbox()
     plain, other = make(), make()
     connected(other, mailbox)
@@ -203,7 +206,7 @@ def test_parts_with_a_law_of_their_own_are_swept_whole(make):
 
 
 def test_threads_share_what_is_swept_ahead():
-    """Messages are those of one thread, while the others sweep."""
+    """One thread handles the messages while the others sweep."""
     u = np.random.default_rng(4).standard_normal((331, 301))
     lattice = fh.Lattice(1.0, (0.0, 0.0), (330.0, 300.0))
     sides = {"x": fh.Periodic(), "y": fh.LatticePML(nodes=4)}
@@ -214,11 +217,11 @@ def test_threads_share_what_is_swept_ahead():
     for sim in (plain, other):
         sim.step(25)
     np.testing.assert_array_equal(other.fields["u"], plain.fields["u"])
-    assert mailbox.calls.count("wait") == 2 * 25  # of the field, and of what layers make of it
+    assert mailbox.calls.count("wait") == 2 * 25  # those of the field, and of the contributions of the layers
 
 
 def test_boxes_without_a_row_to_spare():
-    """Where all rows need a halo none is swept ahead; that along the last axis does not count."""
+    """Where all rows need a halo none is swept ahead; a halo along the last axis does not count."""
 
     def free(nodes, *sides):
         layout = SimpleNamespace(box=SimpleNamespace(nodes=nodes), reach=(2, 2, 2))
@@ -233,7 +236,7 @@ def test_boxes_without_a_row_to_spare():
 @pytest.mark.parametrize("mailbox", [None, Mailbox()], ids=["itself", "mailbox"])
 @pytest.mark.parametrize("more", [{}, {"dtype": "float32"}], ids=str)
 def test_messages_to_itself_are_periodic_sides(more, mailbox):
-    """Bit by bit, energies too."""
+    """Fields agree bitwise, and so do energies."""
     plain, other = periodic(**more), connected(periodic(**more), mailbox)
     for sim in (plain, other):
         sim.step(60)
@@ -243,7 +246,9 @@ def test_messages_to_itself_are_periodic_sides(more, mailbox):
 
 @pytest.mark.parametrize("model", [{}, {"integrator": fh.RungeKuttaChebyshev(3)}], ids=str)
 def test_metal_dissolves_beyond_a_side_as_before_it(model):
-    """Metal across a periodic side: the halo becomes liquid by the values that are sent, as periodic sides copy it."""
+    """Metal across a periodic side: nodes of the halo dissolve according to the values that are sent, as with periodic
+    copies.
+    """
 
     def corrosion():
         lattice = fh.Lattice(1.0, (0.0, 0.0), (16.0, 40.0))
@@ -288,7 +293,7 @@ def test_the_interpreter_does_the_same():
 
 
 def test_whom_messages_go_to():
-    """What would fill my halo if I were periodic fills that of my neighbour on the other side."""
+    """The values that would fill my halo if I were periodic fill that of my neighbour on the other side."""
     layout = periodic().engine.layout
     across = {(1, side): layout.across(1, side) for side in (-1, 1)}
     messages = Messages.between(Link((0, 0, 0, 0), 0, 0, False, 5), {(1, -1): 4, (1, 1): -1}, across)

@@ -12,7 +12,7 @@ from farhorizon.engine.filter import line_damping
 from farhorizon.engine.state import State
 
 FILTER = HighPass(5, 3, 1.0, 1.0)
-TAPS = FILTER.taps()  # farther than some near fields are wide
+TAPS = FILTER.taps()  # longer than some near fields are wide
 RATE = np.array([0.1, 0.4, 0.9, 1.5])
 
 
@@ -26,8 +26,9 @@ def simulation(boundary, shape, dtype="float64", threads=1, **more):
 
 
 def natural(engine):
-    """Coordinates and places of all nodes of a level, and the distance of each from the core along each axis, 0
-    inside."""
+    """Coordinates and indices of all nodes of a level, and the distance of each from the core along each axis, 0
+    inside.
+    """
     box, low = engine.layout.box, engine.layout.low
     place = np.stack(
         [i - n for i, n in zip(np.indices(box.nodes), low, strict=True)] + [box.node_indices()], -1
@@ -37,14 +38,15 @@ def natural(engine):
 
 
 def filter_matrix(nodes, shape, periodic=False, walls=None, cuts=()):
-    """Sum over the axes of the taps along each, between all nodes of a layered box; between walls the same function of
-    the second difference, whose row at a free end lacks a neighbour, and at one that holds has one at rest. Cuts of
-    lines along the second axis, after some nodes, are free ends of both sides.
+    """Sum over the axes of the filter along each, as a matrix between all nodes of a box with layers.
+
+    Between walls it is the same function of the second difference, whose row at a free end lacks a neighbour and at a
+    fixed end has one at rest. Cuts of lines along the second axis, after given nodes, are free ends on both sides.
     """
     dim, taps = len(shape), np.append(TAPS, np.zeros(100))
     filtered = np.zeros((len(nodes), len(nodes)))
     for axis in range(3 - dim, 3):
-        line = np.delete(nodes, axis, 1) @ (1000, 1)  # its number
+        line = np.delete(nodes, axis, 1) @ (1000, 1)  # the number of the line
         gap = np.subtract.outer(nodes[:, axis], nodes[:, axis])
         if walls and axis == 4 - dim:
             second = 2 * np.eye(shape[1]) - np.eye(shape[1], k=1) - np.eye(shape[1], k=-1)
@@ -55,7 +57,7 @@ def filter_matrix(nodes, shape, periodic=False, walls=None, cuts=()):
             across = modes * special.betainc(FILTER.rise, FILTER.fall, np.clip(values, 0, 1)) @ modes.T
             filtered += np.where(line[:, None] == line, across[nodes[:, axis][:, None], nodes[:, axis]], 0.0)
             continue
-        images = shape[1] * np.arange(-5, 6) if periodic and axis == 4 - dim else (0,)  # all that the taps reach
+        images = shape[1] * np.arange(-5, 6) if periodic and axis == 4 - dim else (0,)  # all images within reach
         found = sum(taps[np.minimum(np.abs(gap + turn), 99)] for turn in images)
         filtered += np.where(line[:, None] == line, found, 0.0)
     return filtered
@@ -79,8 +81,8 @@ def filter_matrix(nodes, shape, periodic=False, walls=None, cuts=()):
     ],
 )
 def test_filter_is_the_matrix_it_is_said_to_be(shape, across, threads, whole, every):
-    """A step with damping is one without, less D F D times the increments, or times both levels; F has the taps along
-    each axis. Some steps are without, and the next one makes up for them.
+    """A step with damping equals one without, minus D F D times the increments (or times both levels), where F has the
+    taps along each axis. Where only some steps are damped, each makes up for those before.
     """
     periodic, walls = across == "periodic", across if isinstance(across, tuple) else None
     dim = len(shape)
@@ -108,13 +110,13 @@ def test_filter_is_the_matrix_it_is_said_to_be(shape, across, threads, whole, ev
     filtered = filter_matrix(table[:, :3], shape, periodic, walls)
     expected = undamped - strength * (filtered @ (strength * (undamped if whole else undamped - old)))
     assert np.abs(sim.engine.current[at] - expected).max() <= 1e-13 * np.abs(expected).max()
-    if whole:  # the level before is filtered, too: in 1D as the increment between them
+    if whole:  # the level before is filtered, too; in 1D it is stored as an increment
         before = sim.engine.current[at] - sim.engine.levels[2][at] if dim == 1 else sim.engine.older[at]
         assert np.abs(before - (old - strength * (filtered @ (strength * old)))).max() <= 1e-13 * np.abs(old).max()
     if dim < 3:
         taken = np.linalg.eigvalsh(strength[:, None] * filtered * strength)
-        assert taken.max() <= 1 + 1e-12  # never turns an increment round
-        assert taken.min() >= -1e-12  # never gives energy
+        assert taken.max() <= 1 + 1e-12  # never reverses an increment
+        assert taken.min() >= -1e-12  # never adds energy
 
 
 @pytest.mark.parametrize("whole", [False, True])
@@ -124,14 +126,14 @@ def test_filter_is_the_matrix_it_is_said_to_be(shape, across, threads, whole, ev
     [
         ((7, 8), (fh.Free, fh.Free), (3,)),
         ((7, 8), (fh.Free, fh.Free), (0, 5)),  # a line of one node, and images of images
-        ((7, 8), (fh.Fixed, fh.Free), (0, 4)),  # and of those beyond a side that holds
+        ((7, 8), (fh.Fixed, fh.Free), (0, 4)),  # with images beyond a fixed side
         ((7, 5), (fh.Fixed, fh.Fixed), (1,)),
         ((7, 30), (fh.Fixed, fh.Free), (14, 15)),
         ((6, 5, 7), (fh.Free, fh.Free), (2,)),
     ],
 )
 def test_lines_of_the_filter_end_at_cracks(shape, walls, cuts, threads, whole):
-    """As at free sides: cracks along the normal of two layers, into which they run."""
+    """Cracks along the normal of two layers run into these and act as free ends."""
     dim, long = len(shape), 30.0
     sides = {axis: layer(whole=whole) for axis in "xyz"[:dim] if axis != "y"}
     plain = {axis: layer(np.zeros(0)) for axis in sides}
@@ -170,18 +172,18 @@ def test_single_precision():
 
 
 def test_line_damping_is_the_strip_of_it():
-    """Along a wave the filter across is a number."""
+    """For a wave along the side the filter along it is a number."""
     found = line_damping(RATE, TAPS, 0.3, np.array([np.pi]))
     strength = np.sqrt(-np.expm1(-2 * RATE * 0.3) / 2)
-    lone = line_damping(RATE, TAPS, 0.6, np.zeros(0))  # the same strengths but for the factor 1/2 that two axes share
+    lone = line_damping(RATE, TAPS, 0.6, np.zeros(0))  # the same strengths, except for the factor 1/2 of two axes
     assert np.abs(found - (lone / 2 + np.diag(strength**2 * FILTER.passed(np.pi)))).max() <= 1e-15
 
 
 @pytest.mark.parametrize("whole", [False, True])
 @pytest.mark.parametrize("components", [1, 2])
 def test_strips_know_the_filter(components, whole):
-    """A Bloch wave on long periodic rows, whose filter reaches farther than a strip's rows, advances by the strip's
-    matrix.
+    """A Bloch wave on long periodic rows, whose filter reaches farther than the rows of a strip, advances by the
+    matrix of the strip.
     """
     rows, model = 40, fh.Wave(fh.Kernel(2.0)) if components == 1 else fh.Elastic(fh.Kernel(2.0, 1), young=1.0)
     sides = fh.LatticePML(
@@ -205,8 +207,8 @@ def test_strips_know_the_filter(components, whole):
 @pytest.mark.parametrize("blocked", [False, True])
 @pytest.mark.parametrize("threads", [2, 3, 7])
 def test_threads_filter_what_one_does(threads, blocked, monkeypatch):
-    """Bit by bit, also where the filter reaches across all that a thread has; long filters work in blocks of lines,
-    here of one, as those of large boxes.
+    """Results agree bitwise, also where the filter reaches beyond the part of a thread. Long filters work in blocks of
+    lines, here of one line, as in large boxes.
     """
     monkeypatch.setattr("farhorizon.engine.filter._CACHED", 0)
     monkeypatch.setattr("farhorizon.engine.engine._PARALLEL_NUMBERS", 0)

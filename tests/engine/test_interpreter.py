@@ -1,4 +1,4 @@
-"""The compiled loop against the plain numpy program that works off the same table of operations."""
+"""The compiled loop against the plain numpy program that interprets the same table of operations."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def lattice(*shape, **more):
 
 
 def bump(shape, components=0):
-    """Random values on a few nodes in the middle: the layers remember nothing at the start."""
+    """Random values on a few nodes in the middle, so that the memory of the layers is zero at the start."""
     values = np.zeros((components, *shape) if components else shape)
     middle = tuple(slice(n // 2 - 1, n // 2 + 2) for n in shape)
     at = (..., *middle)
@@ -26,7 +26,7 @@ def bump(shape, components=0):
 
 
 def source(shape, components=0):
-    """A source of two functions of time."""
+    """Two sources with different functions of time."""
     return [fh.Source(bump(shape, components), "sin(2*t)"), fh.Source(bump(shape, components) ** 2, "cos(t)")]
 
 
@@ -47,7 +47,7 @@ def half(shape):
 
 
 def heated(material, poisson, **more):
-    """A body with a hole and a crack that heat strains, until it breaks."""
+    """A body with a hole and a crack under thermal strain, until it breaks."""
     return fh.Simulation(
         fh.Lattice(1.0, (0.0, 0.0), (16.0, 15.0), body=fh.Box((-1.0, -1.0), (17.0, 16.0)) - fh.Disc(2.2, (12.0, 4.0))),
         fh.Elastic(fh.Kernel(2.0), 1.0, poisson, material=material, critical_stretch=0.006, **more),
@@ -304,7 +304,7 @@ CASES = {
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize("make", CASES.values(), ids=CASES)
 def test_both_compute_the_same(make):
-    """Levels, flows, damage and work, to rounding."""
+    """Levels, flows, damage and work agree to rounding."""
     print("seed", SEED)
     compiled, plain = make(), make()
     Interpreter(plain.engine)

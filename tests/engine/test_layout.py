@@ -1,4 +1,4 @@
-"""Places of values: the halo of periodic axes."""
+"""Indices of values: the halo of periodic axes."""
 
 import itertools
 
@@ -10,7 +10,9 @@ from farhorizon.engine.layout import Layout, row_values
 
 @pytest.mark.parametrize("periodic", [p for n in range(1, 4) for p in itertools.combinations(range(3), n)])
 def test_copies_continue_the_box_across_periodic_axes(periodic):
-    """In runs, each place once, as if the box were repeated; their order does not matter, for none copies a copy."""
+    """The copies, in runs, fill each place of the halo once, as if the box were repeated. Their order does not matter,
+    because none copies a copy.
+    """
     layout = Layout((4, 5, 9), np.diag([2, 1, 3]), {}, frozenset(periodic))
     level = np.full(layout.size, np.nan)
     inside = layout.box.view(level)
@@ -30,7 +32,7 @@ def test_copies_continue_the_box_across_periodic_axes(periodic):
 
 @pytest.mark.parametrize("itemsize", [4, 8])
 def test_rows_take_whole_cache_lines_and_little_more(itemsize):
-    """Long ones are no multiple of 512 bytes apart, of which the first cache would hold a few only."""
+    """Long rows are not a multiple of 512 bytes apart, because the first-level cache would hold only a few of those."""
     line = 64 // itemsize
     for count in range(1, 3000):
         row = row_values(count, itemsize)

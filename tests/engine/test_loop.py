@@ -1,4 +1,4 @@
-"""The compiled loop calls each operation by its address, compiled when a run first has it."""
+"""The compiled loop calls each operation by its address; an operation is compiled when a run first needs it."""
 
 import copy
 
@@ -12,10 +12,10 @@ from farhorizon.engine.rows.build import load_program
 from helpers import lattice_of
 
 WAVE = fh.Wave(fh.Kernel(2.0))
-#: Two components that know nothing of each other.
+#: Two components that are not coupled.
 ALIKE = fh.Elastic(fh.Stencil([(1, 0), (-1, 0), (0, 1), (0, -1)], np.tile(np.eye(2), (4, 1, 1))), 1.0)
 LAYERS = {"continue_band", "add_mirrored_bands", "stretch_faces", "stretch_face"}
-#: Beside the sweep of a box, what these runs compile.
+#: What these runs compile besides the sweep of a box.
 RUNS = {
     "wave": ((12, 12), WAVE, fh.Fixed(), {"stencil_part"}),
     "layers": ((12, 12), WAVE, fh.LatticePML(nodes=4), {"stencil_part", *LAYERS}),
@@ -27,7 +27,7 @@ RUNS = {
 
 
 def test_every_operation_has_a_function():
-    """Those on layers may have several."""
+    """Operations on layers may have several functions."""
     assert set(load_program().OPERATIONS) | {op.LINES, op.STRETCH, op.FLOW_LAYERS} == set(range(op.MOVED + 1))
 
 
@@ -39,7 +39,7 @@ def test_a_run_compiles_what_it_has(shape, model, side, found, monkeypatch):
 
 
 def test_types_are_those_of_the_precision(monkeypatch):
-    """Whatever the run: what is compiled once serves all others."""
+    """The types do not depend on the run, so that what is compiled once serves all others."""
     monkeypatch.setattr(loop, "_FUNCTIONS", {})
     for shape in ((12,), (12, 12), (12, 12, 12)):
         fh.Simulation(lattice_of(shape), WAVE, fh.LatticePML(nodes=4), initial={"u": 0.0}).step(2)
@@ -50,7 +50,7 @@ def test_types_are_those_of_the_precision(monkeypatch):
 
 
 def test_a_copy_has_calls_of_its_own():
-    """The calls have addresses of arrays: a copy that had them would write into the original."""
+    """The calls contain addresses of arrays; a copy with the same calls would write into the original."""
     sim = fh.Simulation(lattice_of((20, 20)), WAVE, fh.LatticePML(nodes=4), {"u": "exp(-((x-10)**2 + (y-10)**2)/8)"})
     sim.step(5)
     other = copy.deepcopy(sim)

@@ -1,5 +1,5 @@
-"""Fields of several components: the compiled sweeps of matrix stencils against plain numpy, halos, bonds that are
-absent, threads.
+"""Fields of several components: the compiled sweeps of matrix stencils against plain numpy, halos, absent bonds, and
+threads.
 """
 
 import itertools
@@ -24,7 +24,7 @@ def elastic(dim, reach, material="bond-based", **options):
 
 
 def random_stencil(dim, seed=4):
-    """No symmetry but the one that every stencil has."""
+    """A stencil with no symmetry except the one that every stencil has."""
     rng = np.random.default_rng(seed)
     half = [o for o in itertools.product((-1, 0, 1), repeat=dim) if o > (0,) * dim]
     weights = rng.uniform(-0.2, 1, (len(half), dim, dim))
@@ -32,7 +32,7 @@ def random_stencil(dim, seed=4):
 
 
 def stretched(stencil):
-    """The same with other weights along each axis: mirrors are left, exchanges of axes are not."""
+    """The same stencil with other weights along each axis: mirror symmetry remains, exchange of axes does not."""
     factors = 1.0 + 0.2 * np.abs(stencil.offsets) @ np.arange(1, stencil.dim + 1)
     return Stencil(stencil.offsets, stencil.weights * factors[:, None, None])
 
@@ -44,7 +44,7 @@ def alike(dim, reach):
 
 
 def apart(dim, reach):
-    """Scalar stencils that differ, one for each component."""
+    """A different scalar stencil for each component."""
     scalar = kernel_stencil(dim, reach)
     return Stencil(scalar.offsets, scalar.weights[:, None, None] * np.diag([1.0, 0.5, 0.7][:dim]))
 
@@ -62,7 +62,7 @@ STENCILS = {
     "3D m1": (elastic(3, 1), (7, 8, 19)),
     "3D m2 linear": (elastic(3, 2, influence="linear"), (7, 8, 19)),
     "3D without symmetry": (random_stencil(3), (5, 6, 9)),
-    # of more lines than are read together
+    # with more lines than are read together
     "2D m8": (elastic(2, 8), (19, 37)),
     "2D m8 apart": (apart(2, 8), (19, 37)),
     "3D m2": (elastic(3, 2), (7, 8, 19)),
@@ -79,7 +79,9 @@ SOME = {
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize(("stencil", "shape"), STENCILS.values(), ids=STENCILS)
 def test_operator(stencil, shape):
-    """Sum of matrices times differences, for stencils with all symmetries, with mirrors alone and with none."""
+    """The operator is the sum of matrices times differences, for stencils with all symmetries, mirrors only, or
+    none.
+    """
     check_apply(shape, stencil)
 
 
@@ -99,7 +101,7 @@ def test_factors_on_bonds(stencil, shape, rule):
 
 
 def test_mirrored_stencils_are_compiled_and_others_are_not():
-    """Compiled rows serve stencils that look alike along all axes."""
+    """Compiled rows serve stencils with mirror symmetry along all axes."""
     assert check_apply((9, 18), STENCILS["2D m2"][0]).tables.sweep.function
     assert not check_apply((9, 18), STENCILS["2D without symmetry"][0]).tables.sweep.function
 
@@ -114,7 +116,7 @@ def test_equal_scalars_are_swept_one_by_one(name, blocks):
 
 @pytest.mark.parametrize("stages", [Verlet().stages(0.1), RungeKutta4().stages(0.1)])
 def test_equal_scalars_step_as_fields_of_their_own(stages):
-    """In a medium that varies, too."""
+    """This holds in a medium that varies, too."""
     stencil, shape = STENCILS["2D alike"]
     u = np.random.default_rng(3).standard_normal((2, *shape))
     scalar = Stencil(stencil.offsets, stencil.weights[:, 0, 0])
@@ -135,7 +137,7 @@ def test_equal_scalars_step_as_fields_of_their_own(stages):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_layers_are_swept_alike_with_and_without_compiled_rows(dim, monkeypatch):
-    """Faces, edges and corners: the general sweep computes what the compiled rows do, order of summation apart."""
+    """On faces, edges and corners the general sweep agrees with the compiled rows up to the order of summation."""
     stencil, lattice = elastic(dim, 2), lattice_of((9, 8, 7)[:dim])
     initial = {"u": np.random.default_rng(2).standard_normal((dim, *lattice.shape))}
 
@@ -162,7 +164,7 @@ def test_layers_are_swept_alike_with_and_without_compiled_rows(dim, monkeypatch)
     ids=["bonds", "blocks"],
 )
 def test_two_threads_compute_what_one_does(shape, solid, monkeypatch):
-    """Bit by bit, layers, periodic copies and damped nodes included."""
+    """Results agree bitwise, layers, periodic copies and damped nodes included."""
     monkeypatch.setattr("farhorizon.engine.engine._PARALLEL_NUMBERS", 0)
     lattice = lattice_of(shape)
     runs = []
@@ -197,8 +199,8 @@ BOUNDARIES = {
 
 @pytest.mark.parametrize("boundary", BOUNDARIES.values(), ids=BOUNDARIES)
 def test_components_that_do_not_couple_are_scalar_waves(boundary):
-    """With multiples of the unit matrix each component is a run of its own: layers and their filters, sponges, sides, a
-    coefficient.
+    """With multiples of the unit matrix each component is a scalar run, including layers and their filters, sponges,
+    sides, and a coefficient.
     """
     lattice, scalar = lattice_of((15, 13)), kernel_stencil(2, 2)
     coefficient = (
@@ -219,7 +221,7 @@ def test_components_that_do_not_couple_are_scalar_waves(boundary):
 
 
 def test_absent_bonds():
-    """A free body: the operator is the sum over the bonds that are left, along a crack, too."""
+    """In a free body with a crack the operator is the sum over the remaining bonds."""
     shape = (9, 11)
     lattice, stencil = lattice_of(shape), elastic(2, 2)
     u = np.random.default_rng(6).standard_normal((2, *shape))
@@ -250,9 +252,7 @@ SETUPS = {
     "name", [pytest.param(name, marks=pytest.mark.slow) if name == "space" else name for name in SETUPS]
 )
 def test_a_state_has_all_that_a_run_needs(name):
-    """A run set to a state read before goes on bit by bit as it did; every number of the state is some node's or some
-    memory's.
-    """
+    """A run that is set to an earlier state continues bitwise as before, and every entry of the state matters."""
     lattice, boundary = SETUPS[name]
     u = np.random.default_rng(5).standard_normal((lattice.dim, *lattice.shape))
     sim = Simulation(lattice, Elastic(Kernel(2.0), 1.0), boundary, {"u": u}, threads=1)
@@ -268,8 +268,7 @@ def test_a_state_has_all_that_a_run_needs(name):
 
 
 def test_threads_serve_where_the_memory_of_layers_is_large():
-    """A small box in space has more to do in its layers than a large square; the state is bitwise that of one
-    thread."""
+    """A small box in space has more work in its layers than a large square; the state is bitwise that of one thread."""
     wave = Wave(Kernel(2.0))
     square = Simulation(lattice_of((61, 61)), wave, LatticePML(nodes=8), threads=2)
     assert square.engine.threads == 1

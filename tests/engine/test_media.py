@@ -1,5 +1,5 @@
-"""Media that vary: where they are uniform as far as bonds reach, the sweep by weights of their own against bonds one by
-one.
+"""Media that vary: where they are uniform within the reach of bonds, the sweep with weights of their own agrees with
+the sum bond by bond.
 """
 
 import os
@@ -17,7 +17,7 @@ SEED = int(os.environ.get("FARHORIZON_SEED", 20261125))
 
 
 def blocks(random, shape):
-    """Strata, boxes of other media, and some nodes with a value of their own."""
+    """Strata, boxes of other media, and some nodes with values of their own."""
     axis = int(random.integers(len(shape)))
     edges = random.integers(0, shape[axis], 2)
     found = np.ones(shape)
@@ -46,7 +46,9 @@ def test_the_operator_is_the_sum_over_bonds(shape, reach, rule, real):
 
 @pytest.mark.parametrize("shape", [(40, 33), (9, 14, 21)])
 def test_each_node_is_summed_once(shape):
-    """By the weights of its medium where all within reach are of one, else bond by bond."""
+    """A node is swept with the weights of its medium where all nodes within reach are of the same one, otherwise bond
+    by bond.
+    """
     random = np.random.default_rng([SEED, 5])
     print("seed", SEED)
     reach, values = 2, blocks(random, shape)
@@ -118,7 +120,7 @@ def test_a_graded_medium_has_none():
 
 
 def test_pieces_follow_the_parts_of_the_box():
-    """Where rows are swept in other numbers at a time."""
+    """This covers rows that are swept in different numbers at a time."""
     values = np.where(np.arange(40)[:, None] > 17, 2.0, np.ones((40, 21)))
     engine = periodic_engine((40, 21), kernel_stencil(2, 2), RungeKutta4.stages(0.1), 0.1, values)
     engine.sweep_in_pieces(7)

@@ -1,5 +1,5 @@
-"""The compiled layers, nested along two axes, against every continued field written out: one memory for each offset of
-the stencil.
+"""The compiled layers, nested along two axes, against all continued fields written out, with one memory for each
+offset of the stencil.
 """
 
 import numpy as np
@@ -12,8 +12,8 @@ SEED = 20261122
 
 
 class WrittenOut:
-    """Stretched shifts on the whole box, axis by axis: ``u(p + 1) + r (u(p) - v(p + 1)) - N`` against the direction of
-    the shift, zero beyond.
+    """Stretched shifts on the whole box, axis by axis: ``u(p + 1) + r (u(p) - v(p + 1)) - N``, from the far end of the
+    shift backwards, with zero beyond it.
     """
 
     def __init__(self, shape, layers, dt):
@@ -27,7 +27,7 @@ class WrittenOut:
             self.edges.append((r, e, f))
 
     def shift(self, u, axis, sign, key):
-        """One node on along an axis; advances the memory of this application."""
+        """Shift by one node along an axis; advances the memory of this application."""
         r, e, f = (t if sign > 0 else t[::-1] for t in self.edges[axis])
         u = np.moveaxis(u, axis, 0)[::sign]
         past = self.memory.setdefault(key, np.zeros((len(u) + 1, *u.shape[1:])))
@@ -56,7 +56,10 @@ class WrittenOut:
 
 
 def random_stencil(random, dim, components, mirrored):
-    """Offsets in three axes, reach 1 to 3 along each, and matrices; as a whole even, and along each axis if wanted."""
+    """Random offsets along three axes, with reach 1 to 3 along each of `dim` axes, and matrices.
+
+    The stencil is even, and if `mirrored` even along each axis.
+    """
     reach = [0] * (3 - dim) + random.integers(1, 4, dim).tolist()
     grid = np.array(list(np.ndindex(*[2 * m + 1 for m in reach]))) - reach
     grid = grid[grid.any(1)]
@@ -89,8 +92,8 @@ def random_stencil(random, dim, components, mirrored):
 )
 @pytest.mark.parametrize(("kept", "error"), [("float64", 1e-12), ("int32", 1e-5)])
 def test_every_layer_is_that_of_continued_fields(dim, components, mirrored, kept, error):
-    """Faces, edges and corners, sides of different thickness or without a layer, general stretches; half as long
-    numbers are right to their last digit.
+    """Faces, edges and corners, with sides of different thickness or without a layer and with general stretches.
+    Memory of half the length is right to its last digit.
     """
     random = np.random.default_rng([SEED, dim, components, bool(mirrored)])
     print("seed", SEED)
@@ -137,7 +140,7 @@ def test_every_layer_is_that_of_continued_fields(dim, components, mirrored, kept
 @pytest.mark.parametrize(("real", "error"), [("float64", 1e-12), ("float32", 1e-5)])
 @pytest.mark.parametrize(("components", "mirrored"), [(1, True), (2, "as a medium")])
 def test_layers_along_the_last_axis_are_those_along_another_one(components, mirrored, real, error):
-    """Of long planes, whose lines go through in several pieces: noise in either order of the axes and components."""
+    """Long planes whose lines are processed in several pieces: noise in either order of the axes and components."""
     random = np.random.default_rng([SEED, 300, components])
     print("seed", SEED)
     offsets, weights = random_stencil(random, 2, components, mirrored)

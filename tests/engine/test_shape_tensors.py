@@ -1,4 +1,4 @@
-"""Shape tensors of nodes whose bonds break: faces, and how stiff what is left may be."""
+"""Shape tensors of nodes whose bonds break: faces, and a bound on the remaining stiffness."""
 
 import os
 
@@ -12,7 +12,7 @@ SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 
 
 
 def bonds(dim, reach=3.0, exponent=1):
-    """The bonds of a node, and what each adds to its shape tensor."""
+    """The bonds of a node, and the contribution of each to its shape tensor."""
     model = fh.Elastic(fh.Kernel(reach, exponent), 1.0, 0.25, material="correspondence")
     states = model.force_states(1.0, dim)
     return states.offsets, states.shapes
@@ -20,7 +20,9 @@ def bonds(dim, reach=3.0, exponent=1):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_nodes_on_flat_faces_bear_all_of_their_stress(dim):
-    """Whatever way a face through the node looks: a bond or its opposite is there, so that half of the tensor is."""
+    """For any orientation of a face through the node, either a bond or its opposite is present, so that half of the
+    tensor remains.
+    """
     rng = np.random.default_rng(SEED)
     print(f"seed {SEED}")
     offsets, shapes = bonds(dim)
@@ -30,13 +32,13 @@ def test_nodes_on_flat_faces_bear_all_of_their_stress(dim):
         assert firmness(face) == pytest.approx(FACE)
         np.testing.assert_allclose(stress_left(face, np.ones(1)), 1.0, rtol=1e-12)
         assert stress_left(face / 2, np.ones(1)) == pytest.approx(0.25)
-        assert stress_left(face / 2, firmness(face)) == pytest.approx(1.0)  # a face that was there at first
+        assert stress_left(face / 2, firmness(face)) == pytest.approx(1.0)  # a face that was there from the start
 
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_no_node_becomes_stiff_as_it_loses_its_bonds(dim):
-    """Its stress acts by the inverse shape tensor twice, which grows beyond bounds; what is left of the stress makes up
-    for it.
+    """The stress acts through the inverse shape tensor twice, which grows without bound; the factor on the stress
+    compensates for that.
     """
     rng = np.random.default_rng(SEED)
     print(f"seed {SEED}")
@@ -44,7 +46,7 @@ def test_no_node_becomes_stiff_as_it_loses_its_bonds(dim):
     most, bare = 0.0, 0.0
     for _ in range(20):
         order = rng.permutation(len(offsets))
-        left = np.cumsum(shapes[order], axis=0)[dim:]  # of the last bonds, and one more each
+        left = np.cumsum(shapes[order], axis=0)[dim:]  # from few bonds to all of them
         twice = np.linalg.norm(inverse_shapes(left), 2, axis=(1, 2)) ** 2
         factor = stress_left(left, np.ones(len(left)))
         spans = np.linalg.det(left) > SINGULAR

@@ -1,4 +1,4 @@
-"""The state vector: what it leaves out does not matter, and one step of it is one step of the run."""
+"""The state vector is complete, and a step of it is a step of the run."""
 
 import numpy as np
 import pytest
@@ -76,7 +76,9 @@ SETUPS = {
 
 @pytest.mark.parametrize("name", SETUPS)
 def test_a_state_has_all_that_a_run_needs(name):
-    """Nothing else decides what follows: a run set to a state read before goes on bit by bit as it did."""
+    """The state determines everything that follows: a run that is set to an earlier state continues bitwise as
+    before.
+    """
     setup = SETUPS[name]
     sim = fh.Simulation(**setup, initial={"u": noise(setup["lattice"], setup["model"])}, threads=1)
     sim.prepare(50 * sim.dt)
@@ -103,13 +105,14 @@ def test_a_step_is_linear(name):
 
 @pytest.mark.parametrize("dim, axis", [(2, 0), (2, 1), (3, 0), (3, 2)])
 def test_chain_of_a_tangential_wavenumber(dim, axis):
-    """A Bloch wave along the sides advances by the matrix of its wavenumber, here one that fits into the periodic
-    rows."""
+    """A Bloch wave along the sides, here one that fits into the periodic rows, advances by the matrix of its
+    wavenumber.
+    """
     model = fh.Wave(kernel(2), damping=0.05)
     undamped = fh.LatticePML(nodes=4, profile={"sigma": [0.2, 0.5, 1.0, 2.0, 3.0], "alpha": 0.01})
     sim = fh.Simulation(box(*(9, 8, 10)[:dim]), model, boundary=undamped)
     strip = Strip(sim, axis, 6)
-    wave = [2 * np.pi * n / 5 for n in (2, 1)][: dim - 1]  # rows: twice the reach and one
+    wave = [2 * np.pi * n / 5 for n in (2, 1)][: dim - 1]  # number of rows: twice the reach plus one
     random = np.random.default_rng(2)
     start = random.standard_normal(strip.size) + 1j * random.standard_normal(strip.size)
     rows = np.indices((5,) * (dim - 1)).reshape(dim - 1, -1)

@@ -20,7 +20,7 @@ HOLES = {
 
 
 def padded(sides, value, u, there, factor, reach):
-    """Field, existence and coefficient with what lies beyond the sides."""
+    """Field, existence and coefficient, padded with what lies beyond the sides."""
     for axis, side in enumerate(sides):
         m = [(0, 0)] * u.ndim
         m[u.ndim - len(sides) + axis] = (reach[axis],) * 2
@@ -40,7 +40,7 @@ def padded(sides, value, u, there, factor, reach):
 
 
 def bond_by_bond(u, stencil, sides, value, there, factor, rule):
-    """The operator as a sum over the bonds between nodes that are there."""
+    """The operator as a sum over the bonds between existing nodes."""
     wide, exists, material = padded(sides, value, u, there, factor, stencil.reach)
     total, shape = np.zeros(u.shape), there.shape
     for offset, weight in zip(stencil.offsets, stencil.weights, strict=True):
@@ -52,7 +52,7 @@ def bond_by_bond(u, stencil, sides, value, there, factor, rule):
 
 @pytest.mark.parametrize("seed", range(16))
 def test_the_operator_is_the_sum_over_the_bonds_that_are_there(seed):
-    """Random sides, holes, coefficients and fields; a fixed value beside free sides and holes, too."""
+    """Random sides, holes, coefficients and fields, including a fixed value beside free sides and holes."""
     random = np.random.default_rng(seed)
     dim = seed % 3 + 1
     sides = random.choice(["free", "free", "fixed", "periodic"], dim)
@@ -132,7 +132,7 @@ SETUPS = {
 
 @pytest.mark.parametrize("name", SETUPS)
 def test_a_run_is_that_of_a_list_of_bonds(name, monkeypatch):
-    """One number a node takes back what a list of its absent bonds does; two threads do bitwise what one does."""
+    """One number per node restores the same as a list of its absent bonds; two threads agree bitwise with one."""
     monkeypatch.setattr("farhorizon.engine.engine._PARALLEL_NUMBERS", 0)
     monkeypatch.setattr("farhorizon.simulation.setup.available_threads", lambda: 2)
     lattice, model, boundary, rest = SETUPS[name]
@@ -156,7 +156,9 @@ def test_a_run_is_that_of_a_list_of_bonds(name, monkeypatch):
 
 
 def test_a_free_body_with_a_hole_keeps_energy_and_momenta():
-    """Energy, linear and angular momentum stay; rigid motions, turned ones to first order, strain nothing."""
+    """Energy, linear and angular momentum are conserved, and rigid motions, rotations to first order, cause no
+    strain.
+    """
     sim = fh.Simulation(
         PLATE,
         fh.Elastic(fh.Kernel(2.0), 1.0),
@@ -178,7 +180,7 @@ def test_a_free_body_with_a_hole_keeps_energy_and_momenta():
 
 
 def test_heat_of_a_body_beside_a_warm_side():
-    """The warm side heats the body alone, not what lies outside it: the balance closes, and the heat is the body's."""
+    """The warm side heats only the body, not what lies outside it; the balance closes with the heat of the body."""
     lattice = fh.Lattice(1.0, (0.0, 0.0), (14.0, 12.0), body=fh.Disc(7.2, (7.0, 6.0)))
     sides = {"x-": fh.Fixed(1.0), "x+": fh.Free(), "y": fh.Free()}
     sim = fh.Simulation(lattice, fh.Diffusion(kernel_stencil(2, 2)), sides, balance=True, sources=[fh.Source(0.01)])
@@ -189,7 +191,7 @@ def test_heat_of_a_body_beside_a_warm_side():
 
 
 def test_a_state_has_the_nodes_that_exist():
-    """Any state advances as the body alone does: two steps of the engine are those of the matrix of its bonds."""
+    """Any state advances as the body alone does: two steps of the engine equal those of the matrix of its bonds."""
     sim = fh.Simulation(PLATE, fh.Wave(kernel_stencil(2, 2)), fh.Free(), threads=1)
     state = State(sim.engine)
     assert state.size == 2 * PLATE.nodes
@@ -206,7 +208,9 @@ def test_a_state_has_the_nodes_that_exist():
 
 
 def test_faces_of_a_box_hold_little():
-    """Rows that are alike share their weights: a dozen bytes a node near a face, not one entry a bond."""
+    """Identical rows share their weights, so that a node near a face takes a dozen bytes rather than one entry per
+    bond.
+    """
     lattice = lattice_of((40, 40, 40))
     free, fixed = (fh.Simulation(lattice, fh.Wave(kernel_stencil(3, 2)), side) for side in (fh.Free(), fh.Fixed()))
     near = 40**3 - 36**3
@@ -220,14 +224,14 @@ def test_faces_of_a_box_hold_little():
     "make", [lambda: fh.Wave(fh.Kernel(3.0)), lambda: fh.Elastic(fh.Kernel(2.0), 1.0)], ids=["scalar", "elastic"]
 )
 def test_free_faces_cost_little(make, threads):
-    """Six free faces of a box of 80^3 nodes: a step takes less than 1.3 times as long as with fixed ones."""
+    """With six free faces a step of a box of 80^3 nodes takes less than 1.3 times as long as with fixed ones."""
     lanes = min(threads, available_threads())
     sims = [fh.Simulation(lattice_of((80,) * 3), make(), side, threads=lanes) for side in (fh.Free(), fh.Fixed())]
     ratios = []
     for _ in range(12):
         seconds = []
         for sim in sims:
-            begin = time.process_time()  # whatever else the machine does
+            begin = time.process_time()  # processor time, whatever else the machine does
             sim.step(8)
             seconds.append(time.process_time() - begin)
         ratios.append(seconds[0] / seconds[1])

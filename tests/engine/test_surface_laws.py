@@ -1,4 +1,4 @@
-"""The law of nodes that lack bonds, row by row, against their matrices one by one."""
+"""The law of nodes that lack bonds, row by row, against their matrices node by node."""
 
 import os
 
@@ -18,7 +18,7 @@ SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 
 
 @njit()
 def product(function, src, read, out, written, matrix, step, nodes, factor):
-    """As compiled code calls it."""
+    """The map, called as compiled code does."""
     call_map(function, src, read, out, written, matrix, step, nodes, factor)
 
 
@@ -27,7 +27,7 @@ def product(function, src, read, out, written, matrix, step, nodes, factor):
 @pytest.mark.parametrize("each", [False, True])
 @pytest.mark.parametrize("shape", [(1, 1), (3, 1), (2, 3), (9, 3)])
 def test_numbers_of_nodes_times_matrices(shape, each, added, real):
-    """Any count of nodes, as many as vectors have lanes or not; nothing else is written."""
+    """Any number of nodes, whether a multiple of the vector length or not; nothing else is written."""
     rng = np.random.default_rng(SEED)
     print(f"seed {SEED}")
     rows, columns = shape
@@ -53,7 +53,7 @@ def test_numbers_of_nodes_times_matrices(shape, each, added, real):
 
 @pytest.mark.parametrize("shape", [(23,), (9, 21), (5, 4, 19)])
 def test_rows_hold_the_matrix_of_each_node(shape):
-    """Alone, beside others, and in runs of as many as share their matrix; rows that are alike share theirs."""
+    """Nodes occur alone, beside others, and in runs that share their matrix; identical rows share theirs."""
     rng = np.random.default_rng(SEED)
     print(f"seed {SEED}")
     box = fh.Simulation(lattice_of(shape), fh.Wave(fh.Kernel(2.0)), fh.Periodic()).engine.layout.box

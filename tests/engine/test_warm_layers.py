@@ -1,5 +1,5 @@
-"""Strains of heat in the layers of a solid: what they push, and the traces of stresses, by the compiled loop and by the
-definitions.
+"""Thermal strain in the layers of a solid: the forces that it causes and the traces of stresses, by the compiled loop
+and by the definitions.
 """
 
 import os
@@ -16,7 +16,7 @@ LAYER, SPACE = fh.LatticePML(nodes=4), fh.Kernel(1.5, exponent=1)
 
 
 def solid(shape, sides, kernel=SPACE, young=1.0, real="float64", of=None, **more):
-    """A solid whose temperature goes through its layers."""
+    """A solid whose temperature continues through its layers."""
     lattice = fh.Lattice(1.0, (0.0,) * len(shape), [n - 1.0 for n in shape])
     heat = fh.Heat(fh.Kernel(1.5), specific_heat=0.5, conductivity=0.1)
     model = fh.Thermoelastic(fh.Elastic(kernel, young, **(of or {})), heat, 0.02, 300.0)
@@ -58,7 +58,7 @@ CASES = {
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize("make", CASES.values(), ids=CASES)
 def test_both_compute_the_same(make):
-    """Of displacements and strains at random on all nodes, step after step, to rounding."""
+    """From random displacements and strains on all nodes, fields agree to rounding step after step."""
     print("seed", SEED)
     random, found = np.random.default_rng(SEED), []
     sims = make(), make()
@@ -84,8 +84,8 @@ def test_both_compute_the_same(make):
 
 @pytest.mark.parametrize("make", CASES.values(), ids=CASES)
 def test_traces_are_the_adjoint_of_pushes(make):
-    """What a strain does to a displacement, and the displacement to the strain, of nodes that no layer reaches: there
-    shifts are plain.
+    """The forces of a strain on a displacement are adjoint to the traces of the displacement, for nodes beyond the
+    reach of layers, where shifts are plain.
     """
     print("seed", SEED)
     random, sim = np.random.default_rng(SEED + 1), make()

@@ -1,4 +1,4 @@
-"""An influence function that users define: the one of docs/extending.md, and ours written as functions."""
+"""Influence functions defined by users: the one of docs/extending.md, and the built-in ones written as functions."""
 
 import re
 from pathlib import Path
@@ -18,7 +18,7 @@ OURS = {
 
 
 def bump():
-    """The function as it stands on the page."""
+    """Return the function as it is on the page."""
     module = {}
     exec(re.search(r"```python\n([^`]*def bump.*?)```", PAGE, re.S).group(1), module)
     return module["bump"]
@@ -28,7 +28,7 @@ def bump():
 @pytest.mark.parametrize("dim", [1, 2, 3])
 @pytest.mark.parametrize("exponent", [0, 1, 2])
 def test_ours_as_functions(name, dim, exponent):
-    """The same constants, stencils and dispersion as the closed forms have."""
+    """The same constants, stencils and dispersion as from the closed forms."""
     named, given = (fh.Kernel(3.5, exponent, influence=one) for one in (name, OURS[name]))
     assert given.scaling_constant(dim) == pytest.approx(named.scaling_constant(dim), rel=1e-12)
     k = np.linspace(0.0, 4.0, 9)
@@ -44,7 +44,7 @@ def kernel_stencil(kernel, dim):
 
 @pytest.mark.parametrize("dim", [1, 2])
 def test_the_operator_tends_to_the_laplacian(dim):
-    """Moments by an adaptive rule of scipy; long waves have the symbol k^2."""
+    """Against moments by adaptive quadrature of scipy; long waves have the symbol k^2."""
     kernel = fh.Kernel(4.0, 1, influence=bump())
     moment = integrate.quad(lambda r: float(bump()(np.array(r))) * r**dim, 0, 1)[0] * 4.0 ** (dim + 1)
     sphere = {1: 2.0, 2: 2 * np.pi}[dim]

@@ -1,7 +1,7 @@
-"""A field with another number of components than there are axes, of a model outside the package: a lattice of beams,
-whose nodes move and turn.
+"""A model outside the package whose number of field components differs from the number of axes: a lattice of beams,
+whose nodes move and rotate.
 
-The rows and layers of the engine get it with nothing but the stencil's matrices and what draws rotations back.
+Rows and layers of the engine work from the stencil's matrices and the reaction to rotations alone.
 """
 
 import numpy as np
@@ -16,11 +16,11 @@ OFFSETS = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j])
 
 
 class Micropolar(fh.LatticeModel):
-    """Beams from each node of a plane lattice to its eight neighbours, with the energies ``a (n . du)^2 / 2`` of a
-    stretch, ``b (t . du - l (phi + phi') / 2)^2 / 2`` of a shear and ``g (dphi)^2 / 2`` of a bend, for a unit of mass.
+    """Beams from each node of a plane lattice to its eight neighbours, with the energies ``a (n . du)^2 / 2`` of
+    stretching, ``b (t . du - l (phi + phi') / 2)^2 / 2`` of shear and ``g (dphi)^2 / 2`` of bending, per unit mass.
 
     The field is u along both axes and the rotation times the radius of inertia of a node, `inertia`. Beams with a
-    `twist` couple stretch and shear, as those of no mirror image do.
+    `twist` couple stretching and shear, like chiral ones.
     """
 
     bonds = False
@@ -31,8 +31,8 @@ class Micropolar(fh.LatticeModel):
         self.coefficient, self.integrator = 1.0, Verlet()
 
     def stencil(self, spacing: float, dim: int) -> fh.Stencil:
-        """Forces are what the energies change by: those on u have ``phi + phi'`` with an odd weight, so that of both
-        neighbours ahead and behind differences are left; those on phi leave ``2 phi``.
+        """Forces are derivatives of the energies: in those on u, ``phi + phi'`` has an odd weight, so that opposite
+        neighbours leave differences; in those on phi, ``2 phi`` remains.
         """
         weights, reaction = np.zeros((len(OFFSETS), 3, 3)), np.zeros((3, 3))
         for k, (springs, n, t, arm) in enumerate(self.beams(spacing)):
@@ -42,7 +42,7 @@ class Micropolar(fh.LatticeModel):
         return fh.Stencil(OFFSETS, weights, reaction)
 
     def beams(self, spacing: float):
-        """Stiffnesses, directions, and half a length over the radius of inertia."""
+        """Yield stiffnesses, direction, normal, and half the length over the radius of inertia."""
         for offset in OFFSETS:
             length = np.linalg.norm(offset)
             n = offset / length
@@ -50,18 +50,18 @@ class Micropolar(fh.LatticeModel):
             yield springs, n, np.array([-n[1], n[0]]), length * spacing / 2 / self.inertia
 
 
-del fh.LatticeModel.known["Micropolar"]  # other tests look at all models of case files
+del fh.LatticeModel.known["Micropolar"]  # other tests examine all models of case files
 
 
 def rows_of(n, t, arm):
-    """Stretch, shear and bend of a beam by the field at its near and at its far end."""
+    """Return stretch, shear and bending of a beam as rows that act on the field at its near and at its far end."""
     near = np.array([[*-n, 0], [*-t, -arm], [0, 0, -1]])
     return near, np.array([[*n, 0], [*t, -arm], [0, 0, 1]])
 
 
 def dynamic_matrix(model, *angles):
-    """Its eigenvalues are the squared frequencies of a plane wave: twice the energy of the beams of a node, each of
-    which is met from both of its ends.
+    """Return the matrix whose eigenvalues are the squared frequencies of a plane wave: twice the energy of the beams
+    of a node, each of which is counted from both ends.
     """
     total = np.zeros((3, 3), complex)
     for offset, (springs, n, t, arm) in zip(OFFSETS, model.beams(SPACING), strict=True):
@@ -73,7 +73,7 @@ def dynamic_matrix(model, *angles):
 
 @pytest.fixture(autouse=True)
 def known():
-    """The model is known while a test lasts."""
+    """The model is registered during a test."""
     fh.LatticeModel.known["Micropolar"] = Micropolar
     yield
     del fh.LatticeModel.known["Micropolar"]
@@ -91,8 +91,9 @@ START = {"u": ["exp(-(x**2 + y**2))", "0.5*x*exp(-(x**2 + y**2))", "exp(-((x - 1
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 def test_dispersion(model):
-    """Three branches, the rotations' with a lowest frequency of its own; of beams with mirror images components change
-    their signs as a vector and a rotation do."""
+    """There are three branches, of which the rotational one has a cut-off; with mirror symmetry the components change
+    sign as a vector and a rotation do.
+    """
     stencil = model.stencil(SPACING, 2)
     for angles in [(0.3, 0.2), (2.0, -1.0), (np.pi, 0.5), (0.0, 0.0)]:
         exact = np.linalg.eigvalsh(dynamic_matrix(model, *angles))
@@ -101,15 +102,15 @@ def test_dispersion(model):
     assert lowest == pytest.approx([0, 0, stencil.strongest_reaction], abs=1e-13) and lowest[2] > 1
     mirrors = [stencil.even_along(axis) for axis in (0, 1)]
     assert mirrors == [model.twist == 0] * 2
-    if model.twist == 0:  # x, y and the rotation, across x and across y; all signs at once mean the same
+    if model.twist == 0:  # x, y and the rotation, across x and across y; a change of all signs is equivalent
         np.testing.assert_array_equal(stencil.signs * stencil.signs[0], [[1, 1], [-1, -1], [1, -1]])
 
 
 @pytest.mark.parametrize("branch", [0, 1, 2])
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 def test_waves_in_a_periodic_box(model, branch):
-    """Each swings with the frequency of its branch, as time steps have it, and keeps its energy to rounding; compiled
-    rows where there are mirrors, else sums bond by bond.
+    """Each wave oscillates with the frequency of its branch under the time stepping, and conserves its energy to
+    rounding; rows are compiled if there is mirror symmetry, otherwise sums are over single bonds.
     """
     angles = 2 * np.pi * np.array([2 / 12, -3 / 15])
     squares, modes = np.linalg.eigh(dynamic_matrix(model, *angles))
@@ -129,7 +130,7 @@ def test_waves_in_a_periodic_box(model, branch):
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 @pytest.mark.parametrize("sides", [fh.LatticePML(nodes=5), {"x": fh.LatticePML(nodes=4), "y": fh.Fixed()}])
 def test_compiled_loop_and_definitions(model, sides):
-    """Layers, in whose sums mirrors of components count, against stretched shifts written out."""
+    """Layers, whose sums use the mirror symmetry of components, against stretched shifts written out."""
     u = np.random.default_rng(3).standard_normal((3, 13, 12)) * np.pad(np.ones((5, 4)), 4)
     one, two = (fh.Simulation(fh.Lattice(1.0, (0.0, 0.0), (12.0, 11.0)), model, sides, {"u": u}) for _ in range(2))
     Interpreter(two.engine)
@@ -140,8 +141,9 @@ def test_compiled_loop_and_definitions(model, sides):
 
 
 def test_layers_are_the_larger_domain():
-    """To what is sent back, less by the layer's thickness; all three branches cross it. Rotations near their lowest
-    frequency are slow, so that it takes thick layers."""
+    """Up to the reflection, which decreases with the layer's thickness; all three branches cross it. Rotations near
+    their cut-off are slow, and require thick layers.
+    """
     model, errors = MODELS["mirrors"], {}
     sims = {n: fh.Simulation(lattice(6, 5), model, fh.LatticePML(nodes=n), START) for n in (8, 16, 24)}
     large = fh.Simulation(lattice(36, 35), model, fh.Fixed(), START, dt=sims[8].dt)
@@ -156,7 +158,7 @@ def test_layers_are_the_larger_domain():
 
 
 def test_runs_checkpoints_and_checks(tmp_path):
-    """It is a model like others."""
+    """The model works like any other."""
     first = fh.Simulation(lattice(6, 5), MODELS["mirrors"], fh.LatticePML(nodes=8), START)
     first.step(7)
     first.save(tmp_path / "a.ckpt")
@@ -195,7 +197,7 @@ def test_reactions_that_cannot_be(reaction):
 
 
 def test_a_number_draws_all_components_back_alike():
-    """Beside a matrix as by itself: a uniform field swings with the frequency of the sum."""
+    """A number as the reaction acts on all components, also in addition to a matrix."""
     stencil = MODELS["mirrors"].stencil(SPACING, 2)
     more = stencil.with_reaction(stencil.own + 0.3 * np.eye(3))
     np.testing.assert_allclose(more.branches(0.4, 0.1), stencil.branches(0.4, 0.1) + 0.3, rtol=0, atol=1e-13)

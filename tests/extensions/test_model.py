@@ -1,4 +1,4 @@
-"""Models that users define: the classes of docs/extending.md, as they stand there."""
+"""Models defined by users: the classes of docs/extending.md, as they are there."""
 
 import json
 import re
@@ -29,7 +29,9 @@ output = { every = 6.0 }
 
 @pytest.fixture
 def page():
-    """The classes, known while the test lasts; a module of its own, so that their annotations can be read."""
+    """The module with the classes, which are registered during a test; `__name__` is set so that annotations can be
+    evaluated.
+    """
     module = {"__name__": __name__}
     before = dict(fh.LatticeModel.known)
     exec(FILE, module)
@@ -39,7 +41,7 @@ def page():
 
 
 def test_one_short_file():
-    """Two models in at most 60 lines without their docstrings."""
+    """Two models in at most 60 lines, not counting docstrings."""
     assert len([line for line in re.sub(r'"""(.*?)"""', "", FILE, flags=re.S).splitlines() if line.strip()]) <= 60
 
 
@@ -54,7 +56,7 @@ def test_the_case_of_the_page(page):
 
 
 def test_dispersion_and_decay(page):
-    """Uniform fields swing with the mass and decay with the rate."""
+    """Uniform fields oscillate at the frequency of the mass, and decay at the given rate."""
     lattice = fh.Lattice(0.5, -4, 4)
     heavy = fh.Simulation(lattice, page["KleinGordon"](fh.Kernel(1.0), mass=0.8), fh.Periodic(), {"u": 1.0}, dt=0.05)
     heavy.step(100)
@@ -64,7 +66,7 @@ def test_dispersion_and_decay(page):
         model = page["Decay"](fh.Kernel(1.0), rate=0.3, integrator=integrator)
         sim = fh.Simulation(lattice, model, fh.Periodic(), {"u": 1.0}, dt=0.01)
         sim.step(100)
-        # Euler errs by rate^2 t dt / 2
+        # the error of Euler is rate^2 t dt / 2
         assert sim.fields["u"] == pytest.approx(np.exp(-0.3), rel=1e-3 if integrator == "euler" else 1e-6)
 
 
@@ -164,7 +166,9 @@ def test_what_was_left_out_is_named_before_any_work(page):
 
 
 def test_other_classes(page):
-    """A dataclass is as good; what is abstract is no model of case files; a stencil of its own keeps the reaction."""
+    """A dataclass is accepted, an abstract class is no model of case files, and a model's own stencil has the
+    reaction.
+    """
 
     @dataclass
     class Rod(fh.LatticeModel):

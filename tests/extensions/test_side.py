@@ -1,4 +1,4 @@
-"""A boundary that users define: the class of docs/extending.md, as it stands there."""
+"""A boundary defined by users: the class of docs/extending.md, as it is there."""
 
 import json
 import re
@@ -29,7 +29,7 @@ output = { every = 6.0 }
 
 @pytest.fixture
 def sponge():
-    """The class, known while the test lasts; a module of its own, so that its annotations can be read."""
+    """The class, registered during a test; `__name__` is set so that its annotations can be evaluated."""
     module = {"__name__": __name__}
     before = dict(Side.known)
     exec(re.search(r"```python\n(.*?)```", PAGE, re.S).group(1), module)
@@ -47,7 +47,7 @@ def simulation(boundary, **options):
 
 
 def test_it_runs_as_ours(sponge):
-    """Of the second power it is our own sponge, to the last bit; of the third it absorbs."""
+    """With a power of two it is bitwise the built-in sponge; with a power of three it absorbs."""
     mine = simulation(sponge(nodes=20, strength=0.3, power=2.0))
     ours = simulation(fh.Sponge(nodes=20, strength=0.3))
     for sim in (mine, ours):
@@ -129,7 +129,7 @@ def test_something_else_is_refused():
 
 
 def test_other_classes_do_not_disturb_case_files(sponge):
-    """A side that is no dataclass has no table; fields of all kinds are taken."""
+    """A side that is no dataclass has no table; fields of all kinds are accepted."""
 
     class Plain(fh.Side):
         pass

@@ -1,4 +1,4 @@
-"""A source signal that users define: the one of docs/extending.md."""
+"""A source signal defined by users: the one of docs/extending.md."""
 
 import re
 from dataclasses import dataclass
@@ -16,14 +16,14 @@ PAGE = (Path(__file__).parents[2] / "docs" / "extending.md").read_text(encoding=
 
 @pytest.fixture
 def module():
-    """What the page defines."""
+    """Names that the page defines."""
     found = {}
     exec(re.search(r"```python\n([^`]*def ricker.*?)```", PAGE, re.S).group(1), found)
     return found
 
 
 def exact(x, t, ricker):
-    """u of ``u_tt = u_xx + exp(-x^2) ricker(t)``, from rest: half the integral over the cone of the past."""
+    """Return u of ``u_tt = u_xx + exp(-x^2) ricker(t)``, from rest: half the integral over the domain of dependence."""
 
     def over_the_cone(s):
         reach = t - s
@@ -37,7 +37,7 @@ def exact(x, t, ricker):
 
 
 def test_its_wave_is_that_of_the_exact_solution(module):
-    """Of second order in the spacing, with a step that is a fixed part of it."""
+    """Of second order in the spacing, with a time step in proportion to it."""
     errors = []
     for spacing in (0.5, 0.25, 0.125):
         lattice = fh.Lattice(spacing, -12.0, 12.0)
@@ -53,7 +53,7 @@ def test_its_wave_is_that_of_the_exact_solution(module):
 
 
 def test_samples_are_a_signal(module):
-    """A function that interpolates what was measured drives as the function itself does."""
+    """A function that interpolates measured samples acts as the function itself does."""
     times = np.linspace(0.0, 40.0, 4001)
     samples = module["ricker"](times)
     runs = []

@@ -1,4 +1,4 @@
-"""Conditions on nodes: which nodes they hold, their order against classical solutions, the heat balance, what is
+"""Conditions on nodes: which nodes they set, their order against classical solutions, the heat balance, what is
 refused.
 """
 
@@ -38,9 +38,7 @@ PLATE = Lattice(1.0, (0.0, 0.0), (9.0, 7.0))
 
 
 def values(constraint, lattice=BAR, reach=3, **options):
-    """Lattice of what the condition sets where T = 1 + node number everywhere else, nan where it sets nothing, at t =
-    2.
-    """
+    """Return what a condition sets at t = 2, where T = 1 + node number elsewhere; nan where it sets nothing."""
     table = resolve([constraint], lattice, [reach] * lattice.dim, **options)
     u = 1.0 + np.arange(np.prod(lattice.shape))
     out = np.full(u.shape, np.nan)
@@ -53,7 +51,7 @@ def values(constraint, lattice=BAR, reach=3, **options):
 
 
 def test_layers_of_a_bar():
-    """One node, a volume, mirror images, eq. 22; the wall of the mirror kinds is between nodes 2 and 3."""
+    """A single node, a volume, mirror images, eq. 22; the wall of the mirror kinds lies between nodes 2 and 3."""
     nan = np.nan
     np.testing.assert_equal(values(Temperature("x-", 5.0, "node")), [5.0] + 9 * [nan])
     np.testing.assert_equal(values(Temperature("x+", 5.0, "volume")), 7 * [nan] + 3 * [5.0])
@@ -68,9 +66,7 @@ def test_layers_of_a_bar():
 
 
 def test_values():
-    """Number, array of the face, array of the lattice, callable, expression, source: all give 3 + y at t = 2, at the
-    wall.
-    """
+    """Array of the face, array of the lattice, callable, expression and source all give 3 + y at the wall at t = 2."""
     y = np.arange(8.0)
     whole = np.broadcast_to(3 + y, (10, 8))
     for value in (
@@ -88,7 +84,7 @@ def test_values():
 
 
 def test_conditions_that_stay_as_they_are():
-    """A number or an array does; a function of time may not, nor may one of place and time."""
+    """A condition with a number or an array is constant; one with a function of time, or of place and time, is not."""
     region = Box(1.0, 2.0)
     for value in (3.0, np.ones(BAR.shape), Source(2.0)):
         assert resolve([Temperature(region, value)], BAR, [3]).constant
@@ -97,7 +93,7 @@ def test_conditions_that_stay_as_they_are():
 
 
 def test_regions():
-    """A shape, a mask, and a side within a shape."""
+    """Conditions in a shape, in a mask, and on a side within a shape."""
     inside = values(Temperature(Disc(2.1, (4, 4)), 7.0), PLATE)
     assert np.isfinite(inside).sum() == 13 and (inside[np.isfinite(inside)] == 7).all()
     mask = np.zeros((10, 8), bool)
@@ -108,7 +104,7 @@ def test_regions():
 
 
 def test_a_body_has_its_own_outermost_nodes():
-    """On a disc the layer follows the rim."""
+    """On a disc the condition of a side holds the nodes along the rim."""
     lattice = Lattice(1.0, (-6.0, -6.0), (6.0, 6.0), body=Disc(5.2))
     held = np.isfinite(values(Temperature("x-", 1.0, "node"), lattice))
     x = lattice.coordinates()[0]
@@ -138,8 +134,8 @@ def test_contradictions(constraints):
 
 
 def test_corners_of_layers_are_images_of_images():
-    """Mirror conditions on two sides: in the corner 2 b - (2 a - T) of the node across it; beside a plain layer that
-    layer's value.
+    """Mirror conditions on two sides: a node in the corner is 2 b - (2 a - T) of the node across it; beside a plain
+    layer it has that layer's value.
     """
     table = resolve([Temperature("y-", 5.0, "mirror"), Temperature("x-", 2.0, "mirror")], PLATE, [2, 2])
     u = np.arange(80.0).reshape(10, 8)
@@ -214,7 +210,7 @@ def test_conditions_keep_off_absorbing_sides():
 
 
 def bar_error(nodes, conditions, slab, reach=2, until=0.05, layers=(True, True), exact=None):
-    """Largest error of a bar whose conditions hold on nodes beyond its ends, where `layers` says so."""
+    """Return the largest error of a bar, whose conditions hold on nodes beyond those ends that `layers` marks."""
     spacing = 1 / nodes
     kernel = Kernel(reach * spacing)
     beyond = [Heat(kernel).stencil(spacing, 1).reach[0] * layer for layer in layers]
@@ -232,7 +228,7 @@ def bar_error(nodes, conditions, slab, reach=2, until=0.05, layers=(True, True),
 
 
 def smooth(left, right):
-    """A slab whose start is 0."""
+    """Return a slab that starts at 0."""
     return Slab(1.0, 1.0, [], left, right)
 
 
@@ -278,14 +274,14 @@ ORDERS = {
 
 @pytest.mark.parametrize(("conditions", "slab", "layers", "order"), ORDERS.values(), ids=ORDERS)
 def test_order_in_space(conditions, slab, layers, order):
-    """The mirror kinds are of second order, the others of first, in the horizon at a fixed number of nodes in it."""
+    """The mirror kinds are of second order in the horizon at a fixed number of nodes in it, the others of first."""
     counts = np.array([20, 40, 80])
     errors = [bar_error(n, conditions, slab, layers=layers)[0] for n in counts]
     assert fitted_rate(1 / counts, errors) > order - 0.2
 
 
 def test_convection():
-    """A bar in a fluid, while its other end has not noticed: the half-space (Carslaw and Jaeger, 2.7)."""
+    """A bar in a fluid, as long as its other end is not affected, against the half-space (Carslaw and Jaeger, 2.7)."""
     counts = np.array([40, 80, 160])
     errors = []
     for nodes in counts:
@@ -299,7 +295,7 @@ def test_convection():
 
 
 def test_background_changes_nothing():
-    """Values are counted from the background inside only."""
+    """Values are relative to the background only internally."""
     conditions = [Temperature("x-", 4.0, "mirror"), Convection("x+", 3.0, 2.0)]
     found = []
     for background in (0.0, 5.0):
@@ -366,7 +362,7 @@ BALANCED = {
 @pytest.mark.parametrize("integrator", ["euler", "rk4", RungeKuttaChebyshev(9)], ids=str)
 @pytest.mark.parametrize("make", BALANCED.values(), ids=BALANCED)
 def test_heat_balance(make, integrator):
-    """What is stored is what came in, to 1e-12 of all that moved; the entries are not all zero."""
+    """The stored heat is the heat that came in, to 1e-12 of all that moved; the entries are not all zero."""
     sim = make(integrator)
     sim.step(100)
     found = sim.balance()
@@ -379,7 +375,7 @@ def test_heat_balance(make, integrator):
 
 
 def test_balance_knows_the_power_of_a_flux():
-    """A flux as a source brings in exactly value times area times time."""
+    """A flux as a source brings in exactly its value times area times time."""
     sim = Simulation(
         PLATE, Heat(Kernel(2.0), 2.0, 3.0, 4.0), Free(), constraints=[Flux("x-", 5.0), Flux("y+", -2.0)], balance=True
     )
@@ -392,7 +388,7 @@ def test_balance_knows_the_power_of_a_flux():
 
 
 def test_restored_run_is_bitwise_the_uninterrupted_one(tmp_path):
-    """Prescribed nodes, a crack that opens before and one after the checkpoint, the balance."""
+    """With prescribed nodes, a crack that opens before and one that opens after the checkpoint, and the balance."""
 
     def make():
         held = [Temperature("x-", 3.0, "mirror"), Convection("x+", 2.0, Expression("1 + sin(t)", 2))]
@@ -418,7 +414,7 @@ SURFACES = {
 
 
 def ground(half, depth, surface, sides):
-    """Ground that has been warmed below its surface, off the middle, and cools; the surroundings have 5 degrees."""
+    """Return ground warmed below its surface, off the middle, which cools in surroundings of 5 degrees."""
     lattice = Lattice(0.25, (-half, -depth), (half, 0.0))
     start = {"u": lambda x, y: 5 + 10 * np.exp(-8 * ((x - 1.0) ** 2 + (y + 1.0) ** 2))}
     return Simulation(lattice, Heat(Kernel(0.5)), sides, start, background=5.0, constraints=[surface], dt=0.02)
@@ -426,8 +422,9 @@ def ground(half, depth, surface, sides):
 
 @pytest.mark.parametrize("surface", SURFACES.values(), ids=SURFACES)
 def test_surfaces_run_into_the_layers(surface):
-    """Against ground so wide that nothing comes back, to 1 R^2 / D and beyond: 1e-9 of what is left, where a surface
-    that ends with the near field is wrong by a third and more."""
+    """Against ground so wide that nothing returns, up to 1 R^2 / D: the error is below 1e-9 of what is left, while a
+    surface that ends with the near field is wrong by a third.
+    """
     layers = {"x": LatticePML(nodes=20), "y-": LatticePML(nodes=20), "y+": Free()}
     near, wide = ground(3.0, 3.0, surface, layers), ground(24.0, 24.0, surface, Free())
     ended = ground(3.0, 3.0, surface, {"x": Free(), "y-": LatticePML(nodes=20), "y+": Free()})
@@ -441,7 +438,7 @@ def test_surfaces_run_into_the_layers(surface):
 
 
 def test_a_convective_surface_beside_a_sponge_and_through_a_checkpoint(tmp_path):
-    """Its nodes in the sponge lose heat twice, whatever the number of threads."""
+    """The surface's nodes in the sponge lose heat to both; a restored run is bitwise the uninterrupted one."""
     runs = [ground(3.0, 3.0, SURFACES["convection"], {"x": Sponge(8), "y-": Sponge(8), "y+": Free()}) for _ in range(2)]
     runs[0].run(3.0, progress=False)
     assert 0 < np.abs(runs[0].fields["u"] - 5).max() < 10
@@ -471,7 +468,7 @@ def test_surfaces_that_cannot_go_on_are_refused(surface, said):
 
 
 def test_what_lies_outside_within_is_said_to_be_insulated():
-    """With the numbers of nodes; not where the rest has a condition of its own, or where there is no rest."""
+    """A note gives numbers of nodes, except where the rest has its own condition, or where there is no rest."""
     sides = {"x": LatticePML(), "y-": LatticePML(), "y+": Free()}
     middle, rest = Box((-1.1, -9.0), (1.1, 9.0)), Box((-9.0, -9.0), (9.0, 9.0)) - Box((-1.1, -9.0), (1.1, 9.0))
     sim = ground(3.0, 3.0, Convection("y+", 2.0, 20.0, middle), sides)
@@ -484,7 +481,7 @@ def test_what_lies_outside_within_is_said_to_be_insulated():
 
 
 def random_condition(rng, shape):
-    """One of any kind on a random side, within a random box or not; or in a disc."""
+    """Return a random condition on a random side, with or without a random box, or in a disc."""
     within = None if rng.random() < 0.5 else Box(rng.uniform(-2, 8, 2), rng.uniform(9, 40, 2))
     side, kind = str(rng.choice(["x-", "x+", "y-", "y+"])), rng.integers(0, 5)
     value = lambda x, y, t: np.sin(x + 2 * y) + t  # noqa: E731
@@ -500,8 +497,8 @@ def random_condition(rng, shape):
 
 
 def told(table, lattice):
-    """By its flat number in the whole lattice what holds a node at t = 1.5: weights of nodes, a value; what is put into
-    it, and what it loses.
+    """Return, by flat number in the whole lattice, what sets each node at t = 1.5 (nodes with weights, and a value),
+    what is added to nodes, and what they lose.
     """
     held, whole = {}, np.arange(np.prod(lattice.whole.shape)).reshape(lattice.whole.shape)[lattice.within].ravel()
     added = np.zeros(len(table.nodes))
@@ -518,8 +515,8 @@ SEED = int(np.random.default_rng().integers(2**31))
 
 
 def test_parts_have_the_conditions_of_the_whole():
-    """Of random conditions on random bodies, which random cuts share out; or both refuse, or a cut passes through a
-    layer.
+    """Random conditions on random bodies, divided by random cuts: the parts have the conditions of the whole, or both
+    are refused, or a cut passes through a layer.
     """
     rng, compared = np.random.default_rng(SEED), 0
     for _ in range(150):

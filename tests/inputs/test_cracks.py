@@ -34,8 +34,8 @@ SPACING = 0.5
 
 
 def crossing(axis, at, low, high):
-    """Bonds that cross the plane x_axis = at (between nodes) inside the box low..high of the other axes; in index
-    units.
+    """Return which bonds do not cross the plane x_axis = at (between nodes) within the box low..high of the other
+    axes, as a function of their ends; in index units.
     """
 
     def whole(i, j):
@@ -49,7 +49,7 @@ def crossing(axis, at, low, high):
     return whole
 
 
-# A crack and the bonds that stay whole, both straight between nodes (tips off every bond).
+# Cracks and the bonds that stay whole; each crack is straight between nodes, and no bond meets its tips.
 CRACKS = {
     "1D": (1, [PointCut(4.8)], crossing(0, 9.6, [], [])),
     "1D number": (1, [4.8], crossing(0, 9.6, [], [])),
@@ -66,7 +66,7 @@ ALL = pytest.mark.parametrize(("dim", "cracks", "whole"), CRACKS.values(), ids=C
 
 
 def cracked(dim, cracks, model=Diffusion, reach=2, boundary=None, **options):
-    """A simulation of white noise in a cracked free body."""
+    """Return a simulation of white noise in a cracked free body, and the noise."""
     u = np.random.default_rng(23).uniform(-1, 1, SHAPES[dim])
     lattice = lattice_of(SHAPES[dim], SPACING)
     return Simulation(
@@ -86,7 +86,7 @@ def test_cut_bonds_are_absent(dim, cracks, whole, reach):
 
 
 def test_cut_bonds_of_a_composite():
-    """A bond leaves with the coefficient it had, whatever the rule."""
+    """A cut bond is removed with its own coefficient, whatever the rule."""
     dim, cracks, whole = CRACKS["2D across x"]
     coefficient = np.random.default_rng(5).uniform(0.2, 2, SHAPES[dim])
     for rule in ("both", "arithmetic", "harmonic"):
@@ -98,7 +98,7 @@ def test_cut_bonds_of_a_composite():
 
 
 def test_cracks_that_share_bonds_cut_them_once():
-    """Two copies of a crack, or a crack and a free side, are one."""
+    """Copies of a crack are one crack."""
     dim, cracks, whole = CRACKS["2D right through"]
     sim, u = cracked(dim, cracks * 3)
     matrix = dense_operator(u.shape, sim.stencil.offsets, sim.stencil.weights / SPACING**2, whole)
@@ -111,14 +111,15 @@ def test_uniform_field_stays_uniform(dim, cracks, whole):
     u = np.full(SHAPES[dim], 3.0)
     sim = Simulation(lattice_of(SHAPES[dim], SPACING), Wave(kernel_stencil(dim, 2)), Free(), {"u": u}, cracks=cracks)
     sim.step(200)
-    # In two levels the rounding of a step is a change of velocity, so it grows like the square of the steps.
+    # With two levels the rounding error of a step acts as a change of velocity, and so grows like the square of the
+    # steps.
     np.testing.assert_allclose(sim.fields["u"], 3.0, rtol=200**2 * np.finfo(float).eps)
 
 
 @ALL
 @pytest.mark.parametrize("integrator", ["euler", "rk4"])
 def test_diffusion_in_a_cracked_body_conserves_the_sum(dim, cracks, whole, integrator):
-    """Both directions of a bond are cut."""
+    """A bond is cut in both directions."""
     sim, u = cracked(dim, cracks, lambda s: Diffusion(s, 1.0, integrator))
     sim.step(300)
     assert sim.fields["u"].sum() == pytest.approx(u.sum(), abs=1e-13 * u.size)
@@ -126,7 +127,7 @@ def test_diffusion_in_a_cracked_body_conserves_the_sum(dim, cracks, whole, integ
 
 @ALL
 def test_waves_in_a_cracked_body_conserve_energy(dim, cracks, whole):
-    """Undamped Verlet, free sides, 1000 steps."""
+    """With undamped Verlet and free sides, over 1000 steps."""
     sim, _ = cracked(dim, cracks, Wave)
     start = sim.energy()
     sim.step(1000)
@@ -135,7 +136,7 @@ def test_waves_in_a_cracked_body_conserve_energy(dim, cracks, whole):
 
 @pytest.mark.parametrize("name", ["1D", "2D right through"])
 def test_nothing_passes_a_crack_right_through(name):
-    """The part behind it stays exactly at rest, and each part keeps its own content."""
+    """The part behind the crack stays exactly at rest, and each part conserves its content."""
     dim, cracks, _ = CRACKS[name]
     shape = SHAPES[dim]
     half = 10 if dim == 1 else 7  # nodes before the crack: index < 9.6 or 6.4
@@ -148,7 +149,7 @@ def test_nothing_passes_a_crack_right_through(name):
 
 
 def test_number_of_bonds_of_a_straight_crack():
-    """A crack of the full width between two rows of n nodes cuts n bonds of the 5-point stencil, each listed from both
+    """A crack of full width between two rows of n nodes cuts n bonds of the 5-point stencil, each listed from both
     ends.
     """
     offsets = Stencil.finite_difference(2).offsets
@@ -160,8 +161,8 @@ def test_number_of_bonds_of_a_straight_crack():
 
 
 def test_number_of_bonds_of_a_penny_crack():
-    """A penny-shaped crack of radius 2.2 between two layers cuts the vertical bonds of the integer points r <= 2.2: 13
-    of them.
+    """A penny-shaped crack of radius 2.2 between two layers of nodes cuts the vertical bonds of the 13 integer points
+    with r <= 2.2.
     """
     offsets = Stencil.finite_difference(3).offsets
     nodes, _ = cut_bonds(DiscCut((5.0, 5.0, 5.5), (0.0, 0.0, 1.0), 2.2), np.zeros(3), 1.0, (11, 11, 11), offsets)
@@ -169,14 +170,16 @@ def test_number_of_bonds_of_a_penny_crack():
 
 
 def test_a_crack_elsewhere_cuts_nothing():
-    """Far outside the lattice."""
+    """For a crack far outside the lattice."""
     offsets = kernel_stencil(2, 3).offsets
     nodes, bonds = cut_bonds(Polyline([(50.0, 0.0), (60.0, 1.0)]), np.zeros(2), 0.5, (11, 11), offsets)
     assert nodes.shape == (0, 2) and bonds.shape == (0,)
 
 
 def test_a_crack_in_an_unbounded_medium_spares_the_layer():
-    """Inside the near field a crack may lie among absorbing sides; across a side it is refused."""
+    """A crack inside the near field is accepted with absorbing sides; one across a side that cannot continue it is
+    refused.
+    """
     lattice = Lattice(0.5, lower=(-8, -8), upper=(8, 8))
     gauss = lambda x, y: np.exp(-((x + 1) ** 2) - y**2)  # noqa: E731
     model = Wave(kernel_stencil(2, 2))
@@ -202,7 +205,7 @@ ACROSS = {
 @pytest.mark.parametrize("material", ACROSS.values(), ids=ACROSS)
 @pytest.mark.parametrize("tooth", [0.0, 1.5], ids=["along", "saw"])
 def test_a_crack_across_periodic_sides_is_one_of_two_periods(material, tooth):
-    """Two periods, in which a crack without end is the same one, do as one of them does: to rounding."""
+    """Two periods, through which the same endless crack runs, behave as one period does, to rounding."""
     period, high = 12, 13
     found, broken = [], []
     for periods in (1, 2):
@@ -226,7 +229,9 @@ def test_a_crack_across_periodic_sides_is_one_of_two_periods(material, tooth):
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize("material", ACROSS.values(), ids=ACROSS)
 def test_one_node_is_a_slab_in_plane_strain(material):
-    """Thinner than bonds reach, with a crack through it, near a layer: as one that is thicker than that, bit by bit."""
+    """A lattice of one node across, less than the reach of bonds, with a crack through it near a layer, gives bitwise
+    the same as one of five nodes, which is wider than the reach.
+    """
     found, broken = [], []
     for thick in (5, 1):
         shape = (thick, 14, 17)
@@ -250,8 +255,8 @@ def test_one_node_is_a_slab_in_plane_strain(material):
 
 
 def test_a_crack_that_does_not_come_back_in_is_refused():
-    """Out through one side, not in through the other; elsewhere; by less than the bonds reach. One that ends at the
-    last nodes stays inside.
+    """A crack that leaves through one side and does not enter through the opposite one, or enters at another place,
+    or sticks out by less than the reach of bonds, is refused. One that ends at the last nodes stays inside.
     """
     lattice = Lattice(0.5, (0.0, 0.0), (5.5, 6.0))
     for points in ([(3.0, 3.1), (9.0, 3.1)], [(-9.0, 2.1), (9.0, 2.6)], [(-0.6, 3.1), (3.0, 3.1)]):
@@ -261,7 +266,7 @@ def test_a_crack_that_does_not_come_back_in_is_refused():
 
 
 def test_body_is_cut_from_what_surrounds_it():
-    """Bonds between nodes inside and outside a body do not exist: the operator is the matrix of the bonds inside."""
+    """There are no bonds between nodes inside and outside a body: the operator is the matrix of the bonds inside."""
     lattice = Lattice(SPACING, lower=(0, 0), upper=(6, 7), body=Disc(2.6, centre=(3.0, 3.5)))
     u = np.where(lattice.mask, np.random.default_rng(29).uniform(-1, 1, lattice.shape), 0.0)
     sim = Simulation(lattice, Diffusion(kernel_stencil(2, 2)), Free(), {"u": u})
@@ -287,16 +292,16 @@ def test_body_is_cut_from_what_surrounds_it():
     ],
 )
 def test_bad_cracks_are_refused(crack, dim, match):
-    """Another dimension, points where a surface is needed, too few points."""
+    """Another dimension, points where a surface is needed, too few or equal points, nan."""
     with pytest.raises(InputError, match=match):
         as_cut(crack, dim)
 
 
-# Cracks that conduct a little, that open later, and polygons in space
+# Cracks that conduct partly, cracks that open later, and polygons in 3D
 
 
 def steps_apart(cracks, dt=0.05, steps=20, boundary=None):
-    """White noise on a free plate after some steps of forward Euler."""
+    """Return a simulation of white noise on a free plate after some steps of forward Euler."""
     lattice = lattice_of((13, 15), SPACING)
     noise = np.random.default_rng(3).standard_normal(lattice.shape)
     sim = Simulation(
@@ -311,7 +316,7 @@ LINE = [(3.2, 1.613), (3.2, 4.887)]
 
 @pytest.mark.parametrize("factor", [0.0, 0.25, 1.0])
 def test_a_partly_conducting_crack_scales_its_bonds(factor):
-    """Against the dense matrix: factor times the cut bonds; 1 is no crack."""
+    """Against the dense matrix with the cut bonds scaled by the factor; a factor of 1 is no crack."""
     stencil, lattice = kernel_stencil(2, 2), lattice_of((13, 15), SPACING)
     whole = dense_operator(lattice.shape, stencil.offsets, stencil.weights)
     cut = dense_operator(lattice.shape, stencil.offsets, stencil.weights, crossing(0, 6.4, [3.226], [9.774]))
@@ -327,7 +332,7 @@ def test_of_two_cracks_across_a_bond_the_tighter_counts():
 
 
 def test_a_crack_opens_at_its_time():
-    """Seven steps without, thirteen with it: the same as two runs, whatever the lengths of the calls."""
+    """Seven steps without and thirteen with the crack: the same as two runs, and as single steps."""
     dt = 0.05 * SPACING**2
     late = steps_apart([Crack(LINE, opens=7 * dt)])
     first = steps_apart([], steps=7)
@@ -346,8 +351,8 @@ def test_a_crack_opens_at_its_time():
 
 
 def test_polygon_in_space():
-    """A rectangle as a polygon, either way round; a triangle cuts what lies in it; corners out of the plane are
-    refused.
+    """A rectangle as a polygon in either orientation, and a triangle, which cuts only the bonds through it; points
+    that do not lie in a plane are refused.
     """
     corner, one, other = np.array([1.613, 1.713, 2.2]), np.array([1.137, 0, 0]), np.array([0, 1.337, 0])
     points = np.array([corner, corner + one, corner + one + other, corner + other])

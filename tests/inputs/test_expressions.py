@@ -128,10 +128,10 @@ def test_describes_itself():
     ],
 )
 def test_refuses(text, message):
-    start = time.process_time()  # others may share the machine
+    start = time.process_time()  # processor time, since others may share the machine
     with pytest.raises(InputError, match=message):
         Expression(text, dim=1)
-    # A refusal comes at once; one second is far above what the slowest takes, far below a hang.
+    # One second is far more than the slowest refusal takes, and far less than a hang.
     assert time.process_time() - start < 1.0
 
 
@@ -173,7 +173,7 @@ def test_separates(text):
     assert (space.dim, factor.dim) == (2, 0)
     x, y, t = np.random.default_rng(1).uniform(0.5, 2.0, (3, 20))
     np.testing.assert_allclose(space(x, y) * factor(t=t), expression(x, y, t=t), rtol=1e-13)
-    # The texts of the parts say what the parts compute.
+    # The texts of the parts agree with their values.
     np.testing.assert_array_equal(Expression(space.text, 2)(x, y), space(x, y))
     np.testing.assert_array_equal(Expression(factor.text, 0)(t=t), factor(t=t))
 

@@ -1,5 +1,5 @@
-"""Waves given as functions of space and time: those of the lattice leave nothing outside their box, others what they
-lack of one.
+"""Waves given as functions of space and time: those of the lattice leave nothing outside their box; others radiate
+their residual.
 """
 
 import numpy as np
@@ -21,8 +21,8 @@ def _boxed(half, dim, spacing=1.0):
 
 
 def _solution(sim, rng):
-    """A sum of three waves of the infinite lattice under velocity Verlet, with random wavevectors and all branches,
-    that have been there for ever; damped ones decay.
+    """Return a sum of three waves of the infinite lattice under velocity Verlet, with random wavevectors and
+    branches, which have always been present; damped ones decay.
     """
     stencil, dt, damping, waves = sim.stencil, sim.dt, sim.model.damping, []
     for _ in range(3):
@@ -50,7 +50,7 @@ def _solution(sim, rng):
     "name", [pytest.param(name, marks=[pytest.mark.slow] if name == "space" else []) for name in _MODELS]
 )
 def test_a_wave_of_the_lattice_leaves_nothing(name):
-    """It is under way at the start."""
+    """The wave is under way at the start."""
     seed = 20261124
     model, dim = _MODELS[name]
     lattice = _boxed(9 if dim == 3 else 16, dim)
@@ -69,7 +69,7 @@ def test_a_wave_of_the_lattice_leaves_nothing(name):
 
 
 def test_its_own_forces_send_nothing_far_away():
-    """The sum of all forces on the shell of a box around it, with the phases of the waves that they send."""
+    """The far field sums all forces on the shell of the box, with the phases of the waves that they radiate."""
     model, lattice = fh.Wave(fh.Kernel(horizon=2.0)), _boxed(14.0, 2)
     field = _solution(fh.Simulation(lattice, model), np.random.default_rng(20261126))
     far = fh.FarField()
@@ -79,7 +79,7 @@ def test_its_own_forces_send_nothing_far_away():
 
 
 def test_on_a_free_side():
-    """Bonds to the next node alone: a surface is a mirror half a spacing above the last row."""
+    """With bonds to next neighbours only, a free side is a mirror half a spacing above the last row."""
     spacing, model = 0.5, fh.Wave(fh.Stencil.finite_difference(2))
     lattice = fh.Lattice(spacing, (-8.0, -8.0), (8.0, 0.0))
     sides = {"all": fh.LatticePML(nodes=4), "y+": fh.Free()}
@@ -88,7 +88,7 @@ def test_on_a_free_side():
     squared = 4 / spacing**2 * (np.sin(a * spacing / 2) ** 2 + np.sin(b * spacing / 2) ** 2)
     frequency = 2 / dt * np.arcsin(dt / 2 * np.sqrt(squared))
     field = f"cos({a!r}*x - {float(frequency)!r}*t)*cos({b!r}*(y - {spacing / 2!r}))"
-    for top in (0.0, 3.0):  # it stands on the side, or goes on above it
+    for top in (0.0, 3.0):  # the box ends at the side, or continues above it
         wave = fh.IncidentField(field, fh.Box((-5.0, -5.0), (4.0, top)))
         sim = fh.Simulation(lattice, model, sides, sources=[wave])
         assert sim.incident[0].wave.within.upper[1] == 0
@@ -101,7 +101,7 @@ def test_on_a_free_side():
 
 
 def test_on_a_free_side_of_states():
-    """A plane wave and what the surface sends back, given as a function on the nodes."""
+    """A plane wave and its reflection from the surface, given as a function on the nodes."""
     lattice = fh.Lattice(1.0, (-16.0, -16.0), (16.0, 0.0))
     model = fh.Elastic(fh.Kernel(2.0), 2.0, 0.4, density=0.2, material="state-based")
     sides = {"all": fh.LatticePML(nodes=4), "y+": fh.Free()}
@@ -123,7 +123,9 @@ def test_on_a_free_side_of_states():
 
 
 def test_what_is_no_wave_of_the_lattice_is_radiated_and_said():
-    """A plane wave of the continuum, in a box of fixed size: second order in the spacing, as the note says."""
+    """A plane wave of the continuum in a box of fixed size: the radiated field and the residual in the note are of
+    second order in the spacing.
+    """
     leaks, lacks = [], []
     for spacing in (0.5, 0.25):
         lattice = _boxed(8.0, 2, spacing)

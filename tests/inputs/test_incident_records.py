@@ -1,4 +1,4 @@
-"""Near to near: what the waves of one run do with a scatterer in another run, against one run of both."""
+"""Near to near: the recorded waves of one run with a scatterer in another run, against one run with both."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ _SOLID = {"influence": "linear", "exponent": 1}
 
 
 def _burst(dim):
-    """A source left of the box."""
+    """Return a source to the left of the box."""
     squares = {2: "((x+16)**2 + y**2)/2", 3: "((x+10)**2 + y**2 + z**2)*1.2"}[dim]
     return f"exp(-{squares})*exp(-((t-5)/2)**2)"
 
@@ -25,7 +25,7 @@ def _elastic(dim):
     return fh.Elastic(kernel, young=2.0, density=0.5), [_burst(dim), *["0.0"] * (dim - 1)]
 
 
-# model and source, half widths of the near field and where it begins, whose end no echo leaves in time
+# model and source, corners of the near field, half width of the box, and an end before which no echo returns
 _CASES = {
     "scalar": (_wave(2), (-30, -22), (30, 22), 8, 28.0),
     "elastic": (_elastic(2), (-30, -22), (30, 22), 8, 12.0),
@@ -35,7 +35,7 @@ _CASES = {
 
 
 def _runs(name, cut, dt=None):
-    """The first run, which records, and one of the source and the crack."""
+    """Return the recorder and the run of the source alone, the run of source and crack, and the end of both."""
     (model, value), low, high, half, until = _CASES[name]
     lattice = fh.Lattice(1.0, low, high)
     dim = lattice.dim
@@ -58,8 +58,8 @@ def _cut(dim):
     "name", [pytest.param(name, marks=[pytest.mark.slow] if "space" in name else []) for name in _CASES]
 )
 def test_the_second_run_is_that_of_both_together(name):
-    """In its box, to rounding, up to when something comes back from the fixed ends; outside there is what the crack
-    scatters.
+    """The second run agrees with it to rounding inside its box, as long as nothing returns from the fixed ends;
+    outside the box it has the field scattered by the crack.
     """
     dim = len(_CASES[name][1])
     shell, first, both, until = _runs(name, _cut(dim))
@@ -77,12 +77,12 @@ def test_the_second_run_is_that_of_both_together(name):
     assert np.abs(total[..., inside]).max() > 1e-2 * peak and scattered > 1e-3 * peak
     error = np.abs(again.fields["u"] - np.where(inside, total, total - alone))
     assert error[..., inside].max() < 1e-12 * peak
-    assert error.max() < (1e-12 if dim == 2 else 1e-8) * peak  # in space less layer is taken, which sends back so much
+    assert error.max() < (1e-12 if dim == 2 else 1e-8) * peak  # the layer is thinner in 3D
 
 
 @pytest.mark.parametrize("stabilisation", [None, 0.6], ids=["state-based", "correspondence"])
 def test_below_a_free_surface_of_states(stabilisation):
-    """A notch that runs out of the surface, in a box that stands on it."""
+    """A notch that opens at the surface, in a box that stands on it."""
     material = {"material": "state-based"}
     if stabilisation is not None:
         material = {"material": "correspondence", "stabilisation": stabilisation}
@@ -108,8 +108,8 @@ def test_below_a_free_surface_of_states(stabilisation):
 
 
 def test_what_is_in_the_box_in_both_runs_scatters_in_the_first():
-    """The second run has the field of the first one in the box, and nothing outside; a crack more scatters as in one
-    run with both.
+    """With the crack of the first run, the second has the field of the first in the box and nothing outside; an
+    additional crack scatters as in one run with both.
     """
     (model, value), low, high, half, until = _CASES["scalar"]
     given = {"model": model, "sources": [value], "boundary": fh.Fixed(), "lattice": fh.Lattice(1.0, low, high)}
@@ -136,7 +136,7 @@ def _places(run, point):
 
 
 def test_without_a_scatterer_nothing_leaves_and_files_hold_it(tmp_path, monkeypatch):
-    """By the results file of a case, killed half-way and resumed; below a free surface."""
+    """With the results file of a case that was interrupted half-way and resumed; below a free surface."""
     monkeypatch.chdir(tmp_path)
     text = """
     lattice = { spacing = 1.0, lower = [-24.0, -16.0], upper = [14.0, 0.0] }
@@ -154,7 +154,7 @@ def test_without_a_scatterer_nothing_leaves_and_files_hold_it(tmp_path, monkeypa
     first = Case(text).simulation()
     first.run(24.0)
     np.testing.assert_array_equal(records.data["u"], first.recorders[0].data["u"])
-    assert not list((tmp_path / "a" / "a").glob("shell*"))  # nobody wants its picture
+    assert not list((tmp_path / "a" / "a").glob("shell*"))  # a shell has no picture
     (tmp_path / "b.toml").write_text(
         text.replace("-24.0, -16.0", "-12.0, -14.0")
         .replace("14.0, 0.0", "12.0, 0.0")
@@ -178,7 +178,7 @@ def test_without_a_scatterer_nothing_leaves_and_files_hold_it(tmp_path, monkeypa
 
 
 def _record(**changes):
-    """The record of a short run."""
+    """Return the record of a short run."""
     shell = fh.ShellRecorder(fh.Box((-6, -6), (6, 6)))
     given = {
         "lattice": fh.Lattice(1.0, (-20, -12), (12, 12)),

@@ -1,5 +1,4 @@
-"""Tractions and body forces on `Elastic` media: plane waves, momentum, reciprocity, energies, the extended half-space,
-cases, bad input.
+"""Tractions and body forces on `Elastic` media: plane waves, momentum, reciprocity, energies, a half-space, restarts.
 """
 
 import numpy as np
@@ -15,7 +14,7 @@ HALF_SPACE = {"x-": fh.Free(), "x+": fh.LatticePML(nodes=8), "y": fh.Periodic()}
 
 
 def blow(t):
-    """A smooth pulse of length 4."""
+    """Return a smooth pulse of length 4."""
     return np.where((t > 0) & (t < 4), np.sin(np.pi * t / 4) ** 4, 0.0)
 
 
@@ -25,8 +24,8 @@ def material(spacing, **options):
 
 @pytest.mark.parametrize("direction", [0, 1], ids=["P", "S"])
 def test_a_pulse_on_a_face_is_a_plane_wave(direction):
-    """Traction sigma = rho c v on the face of a half-space, to first order: the face lies between the last nodes and
-    one spacing beyond.
+    """Traction sigma = rho c v on the face of a half-space, to first order in the spacing: the face lies between the
+    last nodes and one spacing beyond.
     """
     spacings, errors = np.array([0.1, 0.05, 0.025, 0.0125]), []
     for dx in spacings:
@@ -44,8 +43,8 @@ def test_a_pulse_on_a_face_is_a_plane_wave(direction):
 @pytest.mark.parametrize("options", LAWS.values(), ids=LAWS)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_momentum_is_force_times_time(dim, options):
-    """To rounding, before anything reaches the layers: area times traction, 3 x 3 nodes in space; velocities are half a
-    step late.
+    """Momentum is area times traction times time, to rounding, before anything reaches the layers; in 3D the area is
+    that of 3 x 3 nodes; velocities are half a step late.
     """
     dx, value = 0.5, np.array([0.02, -0.03, 0.01])[:dim]
     lattice = fh.Lattice(dx, (-6.0,) * dim, (6.0,) * (dim - 1) + (0.0,))
@@ -62,8 +61,8 @@ def test_momentum_is_force_times_time(dim, options):
 
 
 def test_reciprocity():
-    """Betti and Rayleigh: a push across at one place moves another downwards as a push downwards there moves the first
-    one across.
+    """Betti and Rayleigh: the vertical displacement at one place due to a horizontal push at another equals the
+    horizontal displacement there due to a vertical push at the first.
     """
     lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 0.0))
     places, found = [[(-5.0, -4.0)], [(2.0, 2.0)]], []
@@ -78,7 +77,7 @@ def test_reciprocity():
 
 @pytest.mark.parametrize("options", LAWS.values(), ids=LAWS)
 def test_energies_count_the_work(options):
-    """In a closed box nothing is lost; nonlinear bonds have the error of the time step."""
+    """Nothing is lost in a closed box; nonlinear bonds have the error of the time step."""
     lattice = fh.Lattice(0.5, (-5.0, -5.0), (5.0, 5.0))
     loads = [
         fh.Traction("y+", (0.0, 0.05), between=[(-2.0, 2.0)], time=blow),
@@ -93,7 +92,7 @@ def test_energies_count_the_work(options):
 
 
 def test_a_restored_run_goes_on_bit_by_bit(tmp_path):
-    """The work so far included; a steady traction needs nothing given again."""
+    """This includes the work done so far; a steady traction need not be given again."""
     setup = {
         "lattice": fh.Lattice(0.5, (-6.0, -6.0), (6.0, 0.0)),
         "model": material(0.5),
@@ -112,7 +111,7 @@ def test_a_restored_run_goes_on_bit_by_bit(tmp_path):
 
 
 def test_a_blow_on_a_half_space_feels_no_box():
-    """Against a half-space from whose ends nothing returns; the load stays where it is."""
+    """Against a half-space from whose ends nothing returns; the load stays in its place."""
     setup = {
         "lattice": fh.Lattice(0.5, (-6.0, -6.0), (6.0, 0.0)),
         "model": material(0.5, plane="strain"),
@@ -123,7 +122,7 @@ def test_a_blow_on_a_half_space_feels_no_box():
         ],
     }
     (curve,) = compare(setup, 20.0, times=[10.0, 20.0], beside=False).curves.values()
-    assert max(curve["error_rel_initial"]) < 1e-4  # what the layer sends back of surface waves
+    assert max(curve["error_rel_initial"]) < 1e-4  # the part of surface waves that the layer reflects
 
 
 def test_a_case_and_its_simulation_agree():

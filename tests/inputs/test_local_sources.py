@@ -1,4 +1,4 @@
-"""Sources at points, along lines and on patches: strength, place, exact solutions, and what is refused."""
+"""Sources at points, along lines and on patches: strength, position, exact solutions, and what is refused."""
 
 import os
 
@@ -32,7 +32,7 @@ def rate_of(spacings, errors):
 
 
 def courses(setup, points, until):
-    """The field at points at every step, shape (steps, components, n), and the times."""
+    """Return the field at points at every step, shape (steps, components, n), and the times."""
     receivers = fh.Receivers(points)
     fh.Simulation.of(setup, observe=[receivers]).run(until, progress=False)
     found = receivers.data["u"]
@@ -60,8 +60,8 @@ def test_strength_does_not_depend_on_the_lattice(dim, interpolation, rng):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_moment_tensor_has_no_force_and_its_moment(dim, rng):
-    """Zero force exactly; the moment of the forces is the tensor and a symmetric one has no torque, to the error of the
-    interpolation of a linear field, which the weights themselves give.
+    """The total force is exactly zero; the moment of the forces is the tensor, and has no torque since the tensor is
+    symmetric, up to the error with which the weights interpolate a linear field.
     """
     spacing = 0.5
     lattice = fh.Lattice(spacing, [-5.0] * dim, [5.0] * dim)
@@ -81,7 +81,7 @@ def test_a_moment_tensor_has_no_force_and_its_moment(dim, rng):
 
 
 def test_a_double_couple_is_that_of_the_formulas(rng):
-    """Aki and Richards (2002), Box 4.4, with x north, y east and z down."""
+    """Against Aki and Richards (2002), Box 4.4, with x north, y east and z down."""
     strike, dip, rake = rng.uniform([0, 0, -180], [360, 90, 180])
     f, d, r = np.radians([strike, dip, rake])
     xx = -(np.sin(d) * np.cos(r) * np.sin(2 * f) + np.sin(2 * d) * np.sin(r) * np.sin(f) ** 2)
@@ -97,7 +97,7 @@ def test_a_double_couple_is_that_of_the_formulas(rng):
 
 
 def test_a_line_and_a_patch_have_their_length_and_area(rng):
-    """In total, and about their middle."""
+    """The total of a line source and its first moment, and the total of a patch."""
     lattice = fh.Lattice(0.5, (-9.0, -9.0), (9.0, 9.0))
     corners = rng.uniform(-4, 4, (3, 2))
     (line,) = fh.LineSource(corners, 2.0).placed(lattice, 1, "source")
@@ -120,7 +120,7 @@ PLACES = ((3.0, 0.0), (1.5, 2.5), (-2.5, 2.0))  # beyond the eight nodes over wh
 
 
 def test_a_point_source_is_that_of_the_plane():
-    """Of second order; nothing comes back from the walls until then."""
+    """Against the exact solution in the plane, to second order; nothing returns from the walls until then."""
     at, until, errors = np.array([0.13, -0.07]), 14.0, []
     signal = fh.Ricker(0.15)
     for spacing in SPACINGS:
@@ -135,8 +135,8 @@ def test_a_point_source_is_that_of_the_plane():
 
 
 def in_the_plane(rock, at, times, solution):
-    """Displacement (n, 2) that a line of sources causes: the sum of what they do in space, those below the plane the
-    same as those above it.
+    """Return the displacement (n, 2) due to a line of sources: the integral of the solution in 3D along it, twice
+    that of the half above the plane.
     """
     points, weights = np.polynomial.legendre.leggauss(160)
     far, above = rock.p_speed * times[-1], points > 0
@@ -162,7 +162,7 @@ IN_THE_PLANE = {
 
 @pytest.mark.parametrize(("source", "solution"), IN_THE_PLANE.values(), ids=IN_THE_PLANE)
 def test_a_force_and_an_explosion_in_the_plane(source, solution):
-    """Of second order; nothing comes back from the walls until then."""
+    """Against the exact solution, to second order; nothing returns from the walls until then."""
     errors, half, until = [], 11.0, 12.0
     for spacing in SPACINGS:
         model = elastic(spacing)
@@ -178,7 +178,7 @@ def test_a_force_and_an_explosion_in_the_plane(source, solution):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["force", "explosion", "double couple"])
 def test_in_space(kind):
-    """Finite elements, which have no horizon, against Aki and Richards (2002), eqs 4.23 and 4.29: of second order."""
+    """Finite elements, which have no horizon, against Aki and Richards (2002), eqs 4.23 and 4.29, to second order."""
     signal, at, moment = fh.Gaussian(1.4), np.array([0.1, -0.05, 0.07]), np.eye(3)
     if kind == "force":
         source = fh.PointForce(at, (0.3, 1.0, -0.5), signal)
@@ -187,7 +187,7 @@ def test_in_space(kind):
     else:
         source = fh.MomentTensor(at, 1.0, signal, strike=20.0, dip=70.0, rake=30.0)
         moment = source.tensor(3)
-    # received beyond the eight nodes over which a source is spread; what comes back by then is below 1e-4
+    # received beyond the eight nodes over which a source is spread; what returns by then is below 1e-4
     spacings, errors, half, until = (0.24, 0.2, 0.15), [], 6.0, 9.5
     places = np.array([(2.0, 0.0, 0.0), (1.0, 1.0, 1.0), (0.0, -1.0, 2.0)])
     for spacing in spacings:
@@ -204,12 +204,12 @@ def test_in_space(kind):
     assert rate_of(spacings, errors) > 1.9 and errors[-1] < 0.05, errors
 
 
-# Place
+# Position
 
 
 def moved(spacing, interpolation):
-    """How much it matters that source and receivers are between nodes: against those of a lattice that is shifted by a
-    part of a spacing, so that all of them are on nodes. They are so far apart that they have no nodes in common.
+    """Return the effect of placing source and receivers between nodes, relative to a lattice shifted by a fraction of
+    a spacing, on which all of them are nodes. They are so far apart that their weights share no nodes.
     """
     shift, signal, found = np.array([0.37, 0.21]) * spacing, fh.Ricker(0.12), []
     for by in (0.0, 1.0):
@@ -223,7 +223,7 @@ def moved(spacing, interpolation):
 
 
 def test_the_error_of_the_place():
-    """Linear: of second order. The windowed sinc: below a hundred-thousandth from some nodes a wave on."""
+    """Linear interpolation is of second order; the windowed sinc is below 1e-5 at some nodes per wavelength."""
     spacings = (0.5, 0.25, 0.125)
     linear = [moved(spacing, "linear") for spacing in spacings]
     assert rate_of(spacings, linear) > 1.9, linear
@@ -232,8 +232,8 @@ def test_the_error_of_the_place():
 
 @pytest.mark.parametrize("material", ["uniform", "varied"])
 def test_reciprocity(material, rng):
-    """What a receiver between nodes hears from a force at another point is the same both ways, at every step, in a
-    medium that varies, too: the operator is symmetric, and receivers have the weights of sources.
+    """The record of a receiver at one point for a force at another is the same with both exchanged, at every step,
+    also in a medium that varies: the operator is symmetric, and receivers have the weights of sources.
     """
     lattice = square(9.0, 0.5)
     factor = None if material == "uniform" else rng.uniform(0.3, 1.0, lattice.shape)
@@ -253,7 +253,7 @@ def test_reciprocity(material, rng):
 
 
 def test_work_of_a_point_force():
-    """What it does is what the medium has, as of any source."""
+    """The work is the energy of the medium, as for any source."""
     source = fh.PointForce((0.2, -0.1), (0.3, 1.0), fh.Ricker(0.1))
     sim = fh.Simulation(square(12.0, 1.0), elastic(1.0), fh.Fixed(), sources=[source], balance=True, threads=1)
     sim.run(until=30.0)
@@ -263,7 +263,7 @@ def test_work_of_a_point_force():
 
 
 def test_heat_of_a_point_source():
-    """What is there is the power times the time."""
+    """The heat content is the power times the time."""
     model = fh.Heat(fh.Kernel(1.0), density=2.0, specific_heat=3.0, conductivity=1.0)
     options = {"sources": [fh.PointSource((0.1, 0.2), 5.0)], "balance": True, "threads": 1}
     sim = fh.Simulation(square(8.0, 0.5), model, fh.Free(), **options).run(7.0)
@@ -272,11 +272,11 @@ def test_heat_of_a_point_source():
 
 
 def test_the_same_in_every_unit_system():
-    """Megametres, nanoseconds and micrograms for metres, seconds and kilograms."""
+    """Megametres, nanoseconds and micrograms in place of metres, seconds and kilograms."""
     runs, nodes = [], []
     for length, time, mass in ((1.0, 1.0, 1.0), (1e-6, 1e9, 1e9)):
         modulus = mass / (length * time**2)
-        force = modulus * length  # per length across the plane
+        force = modulus * length  # per unit length across the plane
         sources = [
             fh.PointForce((0.23 * length, -0.1 * length), (0.3 * force, force), fh.Ricker(0.1 / time)),
             fh.MomentTensor((length, 0.4 * length), 0.5 * force * length, fh.ToneBurst(0.05 / time, 4)),
@@ -392,7 +392,7 @@ def test_what_is_no_such_source(make, message):
 
 
 def test_a_signal_above_the_lattice():
-    """Megahertz for hertz."""
+    """Megahertz in place of hertz."""
     source = fh.PointForce((0.0, 0.0), (1, 0), fh.Ricker(1e6))
     with pytest.raises(fh.InputError, match=r"source\.time: half of the signal's amplitude.*value: from .*limit: 0\."):
         fh.Simulation(square(12.0, 1.0), elastic(1.0), fh.Fixed(), sources=[source], threads=1)

@@ -1,4 +1,4 @@
-"""What lies beyond the near field: refused above the side's target, noted below it, not asked where the medium ends."""
+"""Data beyond the near field: refused above the side's target, noted below it, and ignored where the medium ends."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def simulation(**changes):
 
 
 def travelling(x, y, t):
-    """Leaves the near field at about t = 3."""
+    """Source that leaves the near field at about t = 3."""
     return np.exp(-4 * ((x - t) ** 2 + y**2))
 
 
@@ -45,7 +45,7 @@ BEYOND = {
 
 @pytest.mark.parametrize("changes", BEYOND.values(), ids=BEYOND)
 def test_beyond_an_absorbing_side_is_refused(changes):
-    """With the key, the value and where, the limit, and a remedy."""
+    """The error names the key, the value, the limit and a remedy."""
     with pytest.raises(fh.InputError, match="beyond") as error:
         simulation(**changes)
     assert error.value.key.split(".")[0] in ("initial", "source")
@@ -53,14 +53,14 @@ def test_beyond_an_absorbing_side_is_refused(changes):
 
 
 def test_the_error_that_it_would_cause_is_named():
-    """The largest value just beyond is exp(-3.25^2) = 2.6e-5 of the maximum."""
+    """The largest value just beyond the side is exp(-3.25^2) = 2.6e-5 of the maximum."""
     with pytest.raises(fh.InputError, match=r"error of about 2\.6e-05 of the largest initial value.*limit: 1e-05"):
         simulation(initial={"u": pulse(1)})
 
 
 @pytest.mark.parametrize("end", [fh.Fixed(), fh.Free(), fh.Periodic()])
 def test_where_the_medium_ends_nothing_lies_beyond(end):
-    """A pulse cut off by a wall, and a uniform source in a channel between walls."""
+    """A pulse cut off by a wall, and a uniform source where no side absorbs."""
     sim = simulation(boundary={"x": fh.LatticePML(), "y": end}, initial={"u": pulse(4, 0.0, 2.9)})
     assert sim.notes == []
     assert (
@@ -70,7 +70,7 @@ def test_where_the_medium_ends_nothing_lies_beyond(end):
 
 
 def test_a_body_has_no_data_where_it_has_no_nodes():
-    """A half-space x, y < 0 in a square with absorbing sides: what is given outside of it does not count."""
+    """A body with y > 0 only, in a square with absorbing sides: data outside the body do not count."""
     body = fh.Box((-3, -3), (3, 0))
     lattice = fh.Lattice(0.25, (-3, -3), (3, 3), body=body)
     sides = {"all": fh.LatticePML(), "y+": fh.Free()}
@@ -86,7 +86,7 @@ def test_below_the_target_it_is_noted():
 
 
 def test_an_array_at_the_edge_is_noted():
-    """Nobody knows what an array would be beyond its edge: no error, a note that says so."""
+    """The values of an array beyond its edge are unknown: there is a note, and no error."""
     assert simulation(initial={"u": np.exp(-4 * (X**2 + Y**2))}).notes == []
     sim = simulation(initial={"u": np.exp(-(X**2)) * np.exp(-4 * Y**2)})  # exp(-9) at x = 3
     assert len(sim.notes) == 1 and "(x-, x+)" in sim.notes[0] and "cannot be checked" in sim.notes[0]
@@ -96,7 +96,7 @@ def test_an_array_at_the_edge_is_noted():
 
 
 def test_a_source_that_moves_out_is_refused_before_the_run():
-    """Known when the end of the run is: at t = 1 all of it is inside, at t = 3 half of it."""
+    """The end of the run has to be known: at t = 1 the whole source is inside, at t = 3 half of it."""
     sim = simulation(sources=[travelling])
     sim.run(0.5)
     with pytest.raises(fh.InputError, match=r"source.*beyond the absorbing side x\+"):
@@ -110,7 +110,7 @@ def test_what_vanishes_everywhere_is_noted():
 
 
 def test_the_background_is_not_called_zero():
-    """Data at the background vanish, those at zero do not."""
+    """Data equal to the background count as zero; data equal to zero do not."""
     ground = {"model": fh.Heat(KERNEL), "background": 10.0}
     assert (
         "initial.u is 10, the background, on every node of the near field"
@@ -139,7 +139,9 @@ def test_cracks_beyond_are_refused(points):
 
 
 def test_a_crack_straight_into_a_layer_is_continued():
-    """Along the normal: allowed, and noted that it goes on without end; where it ends beyond does not matter."""
+    """A crack along the normal is accepted, with a note that it continues without end; where it ends beyond does not
+    matter.
+    """
     short, long = simulation(cracks=[[(0, 0.1), (4.5, 0.1)]]), simulation(cracks=[[(0, 0.1), (50.0, 0.1)]])
     assert len(long.notes) == 1 and "without end" in long.notes[0]
     short.step(40)
@@ -155,7 +157,9 @@ def test_cracks_beyond_in_1d_and_3d(dim):
 
 
 def bar(half, pull):
-    """A bar whose stiffness grows along it, seen through |x| < half; what goes on beyond does so as at the edge."""
+    """Return a bar whose stiffness grows along it, with the near field |x| < half; beyond, it continues as at the
+    edge.
+    """
     lattice = fh.Lattice(0.1, [-half], [half])
     stiffness = np.clip(1 + pull * lattice.axes[0], 0.2, None)
     start = {"u": lambda x: np.exp(-8 * x**2)}
@@ -171,8 +175,8 @@ def bar(half, pull):
 
 
 def test_a_gradient_along_the_normal_is_noted_with_its_size():
-    """The change over the last eight nodes in front of each side, and the error against wider runs to t = 20: 4e-3 with
-    it, 1e-11 without.
+    """The note gives the change over the last eight nodes in front of each side. The error against wider runs to t =
+    20 is 4e-3 with the gradient and 1e-11 without it.
     """
     near, wide, flat, wide_flat = bar(4.0, 0.08), bar(30.0, 0.08), bar(4.0, 0.0), bar(30.0, 0.0)
     steep = {side: 0.08 * 0.8 / max(1 + 0.08 * 4 * side, 1 + 0.08 * 4 * side - 0.064 * side) for side in (-1, 1)}
@@ -194,7 +198,9 @@ def test_a_gradient_along_the_normal_is_noted_with_its_size():
 
 
 def test_interfaces_are_no_gradients_and_gradients_across_the_normal_are_none():
-    """Random interfaces, along and across the sides; a material that varies along a side; holes at it."""
+    """Random interfaces parallel to one pair of sides, and a material that varies only along the sides, give no note;
+    a gradient along the normal gives one for each side, even with a hole at it.
+    """
     seed = 415
     rng = np.random.default_rng(seed)
     for _ in range(20):
@@ -233,7 +239,9 @@ def solid(start, body=None, **constants):
     ids=["bonds", "states", "poisson", "hole"],
 )
 def test_layers_continue_any_medium_whatever_drives_it(start, medium, noted, what):
-    """One reach of nodes beyond the edge, where it varies there, and a note: also of a medium at rest."""
+    """Where the medium varies at a side, it is continued over one reach of nodes beyond the edge, and there is a
+    note; also for a medium at rest.
+    """
     sim = solid(start, **medium)
     reach = sim.parts.near.stencil.reach[0]
     assert {name for name in ("x-", "x+", "y-", "y+") if any(what in n and name in n for n in sim.notes)} == noted
@@ -248,7 +256,7 @@ def test_layers_continue_any_medium_whatever_drives_it(start, medium, noted, wha
         ("where(x+y>3,3,1)", True),
         ("where(x+0.2*y>12,3,1)", True),
         ("where(x+y>3,3,1+0.01*y)", True),
-        ("where((x-7)**2+y**2<16,3,1)", False),  # a disc before it
+        ("where((x-7)**2+y**2<16,3,1)", False),  # a disc in front of the side
         ("where((x-7)**2+y**2<16,3,where(y>0,2,1))", False),
         ("where(y>3,3,1)", False),
         ("where(x>10,3,1)", False),
@@ -260,7 +268,7 @@ def test_an_interface_that_meets_a_side_at_an_angle_is_noted(young, bends):
 
 
 def test_a_gradient_in_a_body_is_noted():
-    """A body's material may not vary within one reach of a layer, but before it."""
+    """A body's material may not vary within one reach of a layer, but may do so farther away."""
     lattice = fh.Lattice(1.0, (-12, -8), (12, 8))
     young = np.clip(1 + 0.05 * lattice.coordinates()[0], 0.6, 1.4)
 

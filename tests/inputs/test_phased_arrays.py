@@ -1,4 +1,4 @@
-"""Phased arrays: delays, what they send, and what is refused."""
+"""Phased arrays: delays, radiated fields, and what is refused."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ BURST = fh.ToneBurst(0.08, 4)
 
 
 def test_delays_towards_a_focus():
-    """All waves arrive at once; the one with the longest way goes first."""
+    """All waves arrive at the same time; the element with the longest path starts first."""
     array = fh.PhasedArray((-3.0, 1.0), (5.0, 1.0), 9, 1.0, BURST, speed=2.0, focus=(1.5, -6.0))
     arrivals = array.delays + np.linalg.norm(array.centres - [1.5, -6.0], axis=1) / 2.0
     np.testing.assert_allclose(arrivals, arrivals[0], rtol=1e-14)
@@ -18,7 +18,7 @@ def test_delays_towards_a_focus():
 
 
 def test_delays_at_an_angle():
-    """A plane front: the ways along its direction make up for the delays."""
+    """The front is plane: the paths along its direction compensate the delays."""
     array = fh.PhasedArray((0.0, 0.0, 0.0), (3.0, 4.0, 0.0), 6, 1.0, BURST, speed=2.0, angle=-35.0)
     along = array.centres @ np.array([3.0, 4.0, 0.0]) / 5
     front = array.delays - along * np.sin(np.radians(-35.0)) / 2.0
@@ -27,7 +27,7 @@ def test_delays_at_an_angle():
 
 
 def test_the_sum_of_its_elements():
-    """The same run as with as many lines, each with its own expression of a delayed signal."""
+    """Against a run with one line source per element, each with its own function of a delayed signal."""
     lattice, model = fh.Lattice(1.0, (-16.0, -14.0), (16.0, 14.0)), fh.Wave(fh.Kernel(2.0))
     array = fh.PhasedArray((-4.2, -2.0), (4.2, -2.0), 3, 0.7, BURST, speed=1.0, angle=40.0, width=3.0)
     half = np.array([1.5, 0.0])
@@ -44,7 +44,7 @@ def test_the_sum_of_its_elements():
 
 
 def test_its_elements_have_signals():
-    """With the spectrum of the delayed signal; functions of t are zero before their delay."""
+    """Elements have the spectrum of the delayed signal; functions of t are zero before their delay."""
     for time in (BURST, lambda t: np.sin(t)):
         array = fh.PhasedArray((0.0, 0.0), (4.0, 0.0), 3, 1.0, time, speed=0.5, angle=30.0)
         sources = array.placed(fh.Lattice(0.5, (-6.0, -6.0), (10.0, 6.0)), 1, "source")
@@ -61,7 +61,7 @@ def test_its_elements_have_signals():
 
 
 def test_it_focuses():
-    """The largest amplitude along the line below lies at the focus; without delays, or towards elsewhere, not there."""
+    """The largest amplitude along the line below lies at the focus, for two focal points."""
     lattice, model = fh.Lattice(1.0, (-24.0, -20.0), (24.0, 10.0)), fh.Wave(fh.Kernel(2.0))
     line = np.column_stack([np.linspace(-12, 12, 49), np.full(49, -8.0)])
     nodes, weights = interpolation_blocks(lattice, line).entries()
@@ -72,7 +72,7 @@ def test_it_focuses():
         while sim.time < 70.0:
             sim.step(2)
             largest = np.maximum(largest, np.abs((weights * sim.fields["u"].ravel()[nodes]).sum(-1)))
-        # within a third of the wave, of length 12
+        # within a third of the wavelength of 12
         assert abs(line[np.argmax(largest), 0] - focus) < 4
 
 

@@ -1,15 +1,15 @@
-"""Plane waves that come from far away: exact on the lattice, so that a box without a scatterer leaks nothing."""
+"""Plane waves that arrive from far away: exact on the lattice, so that a box without a scatterer leaks nothing."""
 
 import numpy as np
 import pytest
 
 import farhorizon as fh
 
-# A burst of frequency 0.39 and width 12: 1e-11 at its ends, and 1e-12 of it above the lattice's frequencies (from 0.8
-# on for S waves below).
+# A burst of angular frequency 0.39 and width 12: it is 1e-11 at its ends, and 1e-12 of it lies above the lattice's
+# frequencies (from 0.8 on for the S waves below).
 _SIGNAL = fh.Expression("sin(2*pi*t/16)*exp(-((t-60)/12)**2)", 0)
 _DURATION = 120.0
-_EXACT = 1e-11  # the size of the burst where it is cut off
+_EXACT = 1e-11  # size of the burst where it is cut off
 
 
 def _bonds(reach, **constants):
@@ -35,7 +35,7 @@ _CASES = {
 
 
 def _mask(sim):
-    """Nodes of the box of the first incident wave."""
+    """Return which nodes lie in the box of the first incident wave."""
     lattice, box = sim.lattice, sim.incident[0].wave.within
     inside = [
         (x >= low - 1e-9) & (x <= high + 1e-9)
@@ -59,7 +59,7 @@ def test_without_a_scatterer_nothing_leaves_the_box(name):
         seen = max(seen, np.abs(incident[..., inside]).max())
         assert np.abs(u - incident)[..., inside].max() < _EXACT
         assert np.abs(u[..., ~inside]).max() < _EXACT
-    assert seen > 0.5  # something passed
+    assert seen > 0.5  # a wave has passed
 
 
 def test_the_signal_is_where_the_wave_meets_the_box():
@@ -77,13 +77,13 @@ def test_the_signal_is_where_the_wave_meets_the_box():
         sim.step(15)
         u, v = sim.incident[0].field(sim.time)[(slice(None), *corner)]
         expected = wave.at(sim.time)
-        # (k dx)^2/12: of a lattice's S waves nearly
+        # (k dx)^2/12: S waves of a lattice are transverse only approximately
         np.testing.assert_allclose((-0.8 * u + 0.6 * v, 0.6 * u + 0.8 * v), (expected, 0.0), atol=1e-2)
         np.testing.assert_allclose(sim.fields["u"][(slice(None), *corner)], (u, v), atol=1e-9)
 
 
 def _scattered(upper, model, direction, polarisation):
-    """The scattered field everywhere, of a crack in a box with one corner at (-13, -13) and the other at `upper`."""
+    """Return the field scattered by a crack in a box with corners at (-13, -13) and `upper`."""
     lattice = fh.Lattice(spacing=1.0, lower=(-20, -20), upper=(26, 26))
     wave = fh.IncidentWave(direction, _SIGNAL, _DURATION, polarisation, fh.Box((-13, -13), upper))
     sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=24), sources=[wave], cracks=[[(-3.5, -4.0), (3.5, 2.0)]])
@@ -100,17 +100,17 @@ def test_what_a_crack_scatters_does_not_know_the_box(name, polarisation):
 
 
 def test_a_cut_line_reflects_all():
-    """A free end: the reflected wave is the incident one mirrored, and beyond the cut nothing moves."""
+    """A free end: the reflected wave is the mirror image of the incident one, and nothing moves beyond the cut."""
     lattice = fh.Lattice(spacing=1.0, lower=-60, upper=60)
     wave = fh.IncidentWave((1.0,), _SIGNAL, _DURATION, within=fh.Box(-40, 40))
-    # bonds to the next node only
+    # with bonds to the next node only
     sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(horizon=1.4)), fh.Exact(), sources=[wave], cracks=[0.5])
     sim.run(until=150.0)
     u, incident = sim.fields["u"], sim.incident[0].field(sim.time)
     x = lattice.axes[0]
     assert np.abs(u[(x > 0.5) & (x <= 40)]).max() < _EXACT
     front = (x < 0.5) & (x >= -40)
-    mirrored = np.interp(1 - x[front], x, incident)  # the mirror is at the cut
+    mirrored = np.interp(1 - x[front], x, incident)  # the cut is the mirror
     assert np.abs(mirrored).max() > 0.5
     assert np.abs(u[front] - incident[front] - mirrored).max() < _EXACT
 
@@ -206,14 +206,14 @@ def test_case_file():
 
 def test_notes():
     lattice = fh.Lattice(1.0, (-12, -12), (12, 12))
-    cut = fh.IncidentWave((1.0, 0.0), lambda t: np.sin(t / 3) ** 2, 3 * np.pi)  # its second derivative jumps
+    cut = fh.IncidentWave((1.0, 0.0), lambda t: np.sin(t / 3) ** 2, 3 * np.pi)  # with a jump of its second derivative
     report = str(fh.Simulation(lattice, _bonds(2.5), {"x": fh.LatticePML(), "y": fh.Free()}, sources=[cut]).check())
     assert "shorter than the lattice carries" in report
     assert "only what is scattered meets y-, y+" in report
 
 
 def _under_a_surface(half, dim=2, side=1):
-    """A lattice that ends freely at 0 along its last axis, and its sides."""
+    """Return a lattice with a free end at 0 along its last axis, and its sides."""
     low, high = (-half,) * (dim - 1), (half,) * (dim - 1)
     ends = ((-half,), (0,)) if side > 0 else ((0,), (half,))
     lattice = fh.Lattice(1.0, low + ends[0], high + ends[1])
@@ -221,7 +221,7 @@ def _under_a_surface(half, dim=2, side=1):
 
 
 def _states(reach, poisson, **constants):
-    """State-based unless it has a stabilisation, which is one of a correspondence material."""
+    """Return a state-based material, or a correspondence material if a stabilisation is given."""
     material = "correspondence" if "stabilisation" in constants else "state-based"
     return fh.Elastic(fh.Kernel(reach), 2.0, poisson, **{"density": 0.2, "material": material, **constants})
 
@@ -261,14 +261,14 @@ def test_with_what_a_surface_sends_back_nothing_leaves_the_box(name):
         left = 10 * sim.incident[0].passage.tail if t > sim.incident[0].passage.period else 0.0
         assert np.abs(u - incident)[..., inside].max() < _EXACT + left
         assert np.abs(u[..., ~inside]).max() < _EXACT + left
-    assert seen > 0.8  # something passed
+    assert seen > 0.8  # a wave has passed
     assert not any("only what is scattered" in note for note in sim.notes)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20261127, 20261135))
 def test_random_media_and_directions_at_a_surface(seed):
-    """What nobody tuned: kernel, horizon, calibration, step, side, direction, type of wave."""
+    """With random kernel, horizon, calibration, step, side, direction and type of wave."""
     rng = np.random.default_rng(seed)
     constants = {"young": 2.0, "density": 0.2, "plane": rng.choice(["strain", "stress"])}
     kernel = {"influence": rng.choice(["constant", "linear"]), "exponent": int(rng.integers(3))}
@@ -296,7 +296,7 @@ def test_random_media_and_directions_at_a_surface(seed):
 
 
 def test_before_the_reflection_comes_the_wave_of_the_open_medium():
-    """Below the surface the first that is seen is the wave of a run without one."""
+    """Below the surface, the wave before the reflection is that of a run without the surface."""
     lattice, sides = _under_a_surface(24)
     wave = fh.IncidentWave((1.0, 2.0), "sin(2*pi*t/16)*exp(-((t-15)/4)**2)", 30.0, within=fh.Box((-16, -20), (16, 0)))
     at_surface = fh.Simulation(lattice, _bonds(2.5), sides, sources=[wave])
@@ -304,12 +304,12 @@ def test_before_the_reflection_comes_the_wave_of_the_open_medium():
     in_the_open = fh.Simulation(deep, _bonds(2.5), fh.LatticePML(nodes=3), sources=[wave])
     found, expected = (run.incident[0].field(12.0)[:, 8:41, 4:14] for run in (at_surface, in_the_open))
     assert np.abs(expected).max() > 0.5
-    assert np.abs(found - expected).max() < 1e-4  # the signal is 1e-6 where it is cut off, and so has short waves
+    assert np.abs(found - expected).max() < 1e-4  # the signal is 1e-6 where it is cut off, and so contains short waves
 
 
 def test_a_wave_onto_a_wall_is_refused_with_the_reason():
-    """Inside its box it would not know the wall; a box that ends before it serves, and so does one beside absorbing
-    sides.
+    """The wave inside its box would not account for the wall. A box that ends in front of the wall is accepted, and
+    so is one beside absorbing sides if it leaves one reach of the near field.
     """
     lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 0.0))
     wave = {"direction": (1.0, 1.0), "signal": lambda t: np.sin(t / 4) ** 4, "duration": 4 * np.pi}
@@ -342,7 +342,9 @@ def test_a_corner_of_two_surfaces_is_refused():
 
 
 def test_a_crack_from_the_surface_is_inside():
-    """The box has no face there: a notch that runs out of the medium is taken, one that runs to another face is not."""
+    """The box has no face at the surface: a notch that opens there is accepted, one that runs to another face is
+    refused.
+    """
     lattice, sides = _under_a_surface(16)
     given = {"sources": [fh.IncidentWave((1.0, 1.0), _SIGNAL, _DURATION)], "boundary": sides}
     fh.Simulation(lattice, _bonds(2.5), cracks=[[(0.5, -4.0), (0.5, 1.0)]], **given)
@@ -352,8 +354,8 @@ def test_a_crack_from_the_surface_is_inside():
 
 @pytest.mark.parametrize("constants", [{}, {"poisson": 0.3, "material": "state-based"}], ids=["bonds", "states"])
 def test_a_wave_breaks_no_sound_bond_at_the_faces_of_its_box(constants):
-    """Through which the field jumps by more than the critical stretch, whereas the wave strains by a third of it at
-    most; inside it breaks bonds beside a crack.
+    """Across the faces the field jumps by more than the critical stretch, whereas the wave's own strain is at most a
+    third of it; inside, the wave breaks bonds beside a crack.
     """
     model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, critical_stretch=5e-4, **constants)
     lattice, crack = fh.Lattice(1.0, (-22.0, -22.0), (22.0, 22.0)), [[(0.5, -4.0), (0.5, 4.0)]]
@@ -393,7 +395,7 @@ def test_waves_whose_boxes_are_apart_leave_no_bond_to_break():
 
 
 def test_with_nonlinear_bonds_a_part_as_large_as_the_strain_leaves_the_box():
-    """The wave is that of the linear medium; that is told."""
+    """The wave is that of the linear medium, as a note says."""
     size, lattice = 5e-2, fh.Lattice(1.0, (-20.0, -20.0), (20.0, 20.0))
     wave = fh.IncidentWave((1.0, 0.3), f"{size}*exp(-((t - 13)/4)**2)", 26.0)
     left = {}

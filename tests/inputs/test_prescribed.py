@@ -18,7 +18,7 @@ PLANE = fh.Lattice(0.25, (-3, -3), (3, 3))
 @pytest.mark.parametrize("model", [fh.Wave(KERNEL, damping=0.1), fh.Diffusion(KERNEL)])
 @pytest.mark.parametrize("boundary", [fh.LatticePML(), fh.Fixed()])
 def test_held_nodes_follow(lattice, model, boundary):
-    """At every step, the first included, and their neighbours feel it."""
+    """Held nodes have the prescribed value at every step, including the first, and act on their neighbours."""
     dim = lattice.dim
     held = fh.Prescribed([(0.5,) * dim, (-1.0,) * dim], lambda t: 1 + np.sin(t))
     sim = fh.Simulation(lattice, model, boundary, constraints=[held])
@@ -33,7 +33,7 @@ def test_held_nodes_follow(lattice, model, boundary):
 
 
 def test_all_but_one_node_held():
-    """The free one is an oscillator in a given field: ``u_tt = -w u + f``, by the scheme's own recursion."""
+    """The free node is an oscillator: ``u_tt = -w u``, solved by the scheme's own recursion."""
     free = LINE.index((0.0,))
     mask = np.ones(LINE.shape, bool)
     mask[free] = False
@@ -53,8 +53,8 @@ def test_all_but_one_node_held():
 @pytest.mark.parametrize("lattice", [LINE, PLANE])
 @pytest.mark.parametrize("rate", [None, np.cos(2.0), fh.Expression("cos(t)", 0)])
 def test_the_first_step_after_the_release(lattice, rate):
-    """``u + (1 - d dt) dt v + dt^2/2 A u``: the start of velocity Verlet, the rate from the value's derivative unless
-    given.
+    """``u + (1 - d dt) dt v + dt^2/2 A u``, the start of velocity Verlet, with the rate from the value's derivative
+    unless given.
     """
     dim, damping = lattice.dim, 0.2
     at = lattice.index((0.0,) * dim)
@@ -71,7 +71,7 @@ def test_the_first_step_after_the_release(lattice, rate):
 
 
 def test_release_does_not_disturb_a_solution():
-    """A node that is made to do what it would do anyway, and released with the scheme's own velocity: a free run to
+    """A node that is held at the values of a free run and released with the scheme's own velocity gives that run, to
     rounding.
     """
     setup = {
@@ -93,7 +93,7 @@ def test_release_does_not_disturb_a_solution():
 
 @pytest.mark.parametrize("saved", [10, 20, 30])
 def test_restored_runs_are_bitwise_the_same(saved, tmp_path):
-    """Before, at and after the release; two constraints, one for ever."""
+    """Checkpoints before, at and after the release of one of two constraints."""
     held = [fh.Prescribed([0.0], fh.Expression("sin(t)", 1), 2.0), fh.Prescribed(fh.Box((2.9,), (3.1,)), 0.25)]
     whole = fh.Simulation(LINE, fh.Wave(KERNEL), fh.Exact(), constraints=held, dt=0.1)
     whole.step(saved)
@@ -106,7 +106,7 @@ def test_restored_runs_are_bitwise_the_same(saved, tmp_path):
 
 
 def test_steps_in_pieces_are_the_run():
-    """The release falls inside one call of `step`, or between two."""
+    """The release falls within one call of `step`, or between two."""
     setup = {
         "lattice": LINE,
         "model": fh.Wave(KERNEL),
@@ -194,8 +194,8 @@ def solid(**options):
 
 @pytest.mark.parametrize("options", SOLIDS.values(), ids=SOLIDS)
 def test_displacements_are_those_of_a_plain_program(options):
-    """On a torus: some nodes follow both components, some one, some a velocity from where they started, some are
-    released.
+    """On a periodic lattice: some nodes follow both components, some a velocity in one component from where they
+    started, and some are released.
     """
     lattice = fh.Lattice(1.0, (0.0, 0.0), (12.0, 11.0))
     u, v = 0.01 * np.random.default_rng(3).standard_normal((2, 2, *lattice.shape))
@@ -203,7 +203,7 @@ def test_displacements_are_those_of_a_plain_program(options):
     masks[0, 2:4, 3], masks[1, 6, 5:9], masks[2, 9:11, 9] = True, True, True
     held = [
         fh.Prescribed(masks[0], ["0.1*sin(t)", 0.02]),
-        fh.Prescribed(masks[1], velocity=[None, "0.03*t**2"]),  # of which Simpson's rule is exact
+        fh.Prescribed(masks[1], velocity=[None, "0.03*t**2"]),  # for which Simpson's rule is exact
         fh.Prescribed(masks[2], [np.cos, None], until=1.0, rate=[0.25, None]),
     ]
     model = solid(**options)
@@ -230,8 +230,8 @@ def test_displacements_are_those_of_a_plain_program(options):
 
 
 def test_a_plane_that_is_moved_sends_waves_to_both_sides():
-    """``u = U(t - |x|/c)``, by its velocity, in a medium that is open: to second order in the spacing where nodes feel
-    their neighbours alone, so that none sees across the plane.
+    """``u = U(t - |x|/c)`` of a plane with prescribed velocity in an open medium, to second order in the spacing;
+    finite elements couple nodes only to their neighbours, so that no bond crosses the plane.
     """
     errors, spacings = [], (0.5, 0.25)
     for h in spacings:
@@ -249,7 +249,7 @@ def test_a_plane_that_is_moved_sends_waves_to_both_sides():
 
 @pytest.mark.parametrize("saved", [10, 20, 30])
 def test_restored_bodies_that_are_pulled_are_bitwise_the_same(saved, tmp_path):
-    """Bonds break meanwhile; before, at and after the release."""
+    """Checkpoints before, at and after the release, while bonds break."""
     lattice = fh.Lattice(0.5, (-4.0, -4.0), (4.0, 4.0))
     model = fh.Elastic(fh.Kernel(1.0, 1), 1.0, nonlinear=True, critical_stretch=0.02)
     pull = [
@@ -340,7 +340,9 @@ def test_lists_and_conditions_of_heat_are_refused_where_they_do_not_fit():
 
 
 def beside_a_line(half, side, held, model, until, value):
-    """A pulse that is zero outside a box of 8 nodes to either side, beside held nodes, in a near field so large."""
+    """Return the field within 8 nodes of the centre, and the notes, of a near field of given half width: a pulse,
+    which is zero farther out, beside held nodes.
+    """
     lattice = fh.Lattice(1.0, (-half,) * held.dim, (half,) * held.dim)
     x = np.stack(lattice.coordinates())
     pulse = np.exp(-((x - 1.0) ** 2).sum(0) / 3) * (np.abs(x).max(0) < 8.5)
@@ -367,8 +369,8 @@ RUNNING_ON = {
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize(("held", "model", "value", "until"), RUNNING_ON.values(), ids=RUNNING_ON)
 def test_what_is_held_runs_on_into_the_layers(held, model, value, until):
-    """Against a near field so wide that nothing comes back: what the layers are made for, of the largest value. What
-    ends before the layer is another problem.
+    """Against a near field so wide that nothing returns: the error is within twice the target. Held nodes that end
+    before the layer are a different problem.
     """
     speed = model.speed if isinstance(model, fh.Wave) else model.p_speed
     layers, wide = fh.LatticePML(target=1e-6, until=until), 8 + int(until * speed) // 2 + 4
@@ -408,7 +410,7 @@ def test_what_cannot_run_on_is_refused(constraint, said):
 
 
 def test_what_is_held_at_the_background_runs_on():
-    """A line at 5 in a medium that rests at 5 is no other than one at 0 in a medium at 0."""
+    """A line held at 5 in a medium at rest at 5 gives the same as a line held at 0 in a medium at 0."""
     lattice, fields = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0)), []
     for rest in (0.0, 5.0):
         start = {"u": lambda x, y, rest=rest: rest + np.exp(-((x - 1) ** 2) - (y - 1) ** 2)}
@@ -422,7 +424,7 @@ def test_what_is_held_at_the_background_runs_on():
         )
         sim.run(30.0, progress=False)
         fields.append(sim.fields["u"] - rest)
-    assert np.abs(fields[1] - fields[0]).max() < 1e-13  # rounding of values of 5 over a hundred steps
+    assert np.abs(fields[1] - fields[0]).max() < 1e-13  # rounding errors of values of 5 over a hundred steps
 
 
 SOLIDS = {
@@ -437,7 +439,7 @@ SOLIDS = {
 @pytest.mark.parametrize("until", [None, 14.3], ids=["held", "released"])
 @pytest.mark.parametrize("name", SOLIDS)
 def test_what_holds_nodes_does_the_work_that_is_found(name, until):
-    """A plate that is pulled apart by its ends, of which one may be let go, while a traction acts on its side: energies
+    """A plate is pulled apart at its ends, one of which may be released, while a traction acts on its side: energies
     add up to rounding.
     """
     constants = SOLIDS[name]

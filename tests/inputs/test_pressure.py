@@ -35,8 +35,8 @@ def force_of(load, lattice, model, cracks=(), rim="free", periodic=()):
 @pytest.mark.parametrize("options", MATERIALS.values(), ids=MATERIALS)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_flat_face_bears_pressure_times_area(dim, options):
-    """Tips lie at odd places, so that a bond crosses as often as the crack is long; the tensor has shear. Under a
-    pressure without shear the forces of pairs are central and have no moment.
+    """The crack's tips are placed so that each bond vector crosses as often as the crack's length implies; the tensor
+    has shear. Under a pressure without shear the forces between pairs are central and have no moment.
     """
     lattice = fh.Lattice(SPACING, (-4.0,) * dim, (4.0,) * dim)
     low = 0.37 * SPACING
@@ -60,7 +60,7 @@ def test_a_flat_face_bears_pressure_times_area(dim, options):
 
 @pytest.mark.parametrize("options", MATERIALS.values(), ids=MATERIALS)
 def test_a_rim_is_pressed_from_within(options):
-    """No force in all, no other rim is pressed, and all forces point outwards."""
+    """The total force is zero, no other rim is loaded, and all forces point outwards."""
     body = fh.Box((-99, -99), (99, 99)) - fh.Disc(2.1) - fh.Disc(0.6, (3.4, 3.5))
     lattice = fh.Lattice(SPACING, (-5.25, -5.25), (5.25, 5.25), body=body)
     force = SPACING**2 * force_of(fh.Pressure(fh.Disc(2.1), 0.3), lattice, material(**options))
@@ -72,7 +72,7 @@ def test_a_rim_is_pressed_from_within(options):
 
 
 def test_a_hole_across_a_periodic_side():
-    """It presses as the same hole does elsewhere."""
+    """The forces are those of the same hole elsewhere."""
     lattices = [
         fh.Lattice(SPACING, (-4.0, -4.0), (4.0, 3.5), body=fh.Box((-99, -99), (99, 99)) - hole)
         for hole in (fh.Disc(1.2), fh.Disc(1.2, (0, -4.0)) | fh.Disc(1.2, (0, 4.0)))
@@ -91,7 +91,9 @@ def test_a_hole_across_a_periodic_side():
 
 @pytest.mark.parametrize("case", ["crack", "disc", "hole"])
 def test_faces_under_stress_are_the_stress_and_pressed_faces(case):
-    """Step by step: what is stretched and held at its edge moves as what is not, and whose faces are pressed."""
+    """Step by step, a body that is stretched and held at its edge moves as an unstretched one whose faces are loaded
+    by that stress, up to the uniform stretch.
+    """
     dim = 3 if case == "disc" else 2
     body = fh.Box((-9,) * 2, (9,) * 2) - fh.Disc(0.9) if case == "hole" else None
     lattice = fh.Lattice(SPACING, (-3.0,) * dim, (3.0,) * dim, body=body)
@@ -118,7 +120,7 @@ def test_faces_under_stress_are_the_stress_and_pressed_faces(case):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["bond-based", "state-based", "correspondence"])
 def test_a_pressed_hole_widens_as_lame_has_it(name):
-    """``u = p a^2 / (2 mu r)`` in the plane; of first order in the spacing as the rim is made of steps."""
+    """``u = p a^2 / (2 mu r)`` in the plane, to first order in the spacing because the rim is a staircase."""
     spacings, errors = np.array([0.25, 0.125, 0.0625]), []
     for dx in spacings:
         half = 3 + 0.5 * dx

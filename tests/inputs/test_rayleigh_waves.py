@@ -64,7 +64,7 @@ def test_the_signal_is_the_normal_displacement_where_the_box_begins():
     corner = lattice.index((7.0, 0.0))
     for t in (45.0, 52.5, 60.0, 71.0):
         at = incident.field(t)[(slice(None), *corner)]
-        assert at[1] == pytest.approx(wave.at(t), abs=2e-4)  # the tail of this burst is about 1e-4
+        assert at[1] == pytest.approx(wave.at(t), abs=2e-4)  # the tail of the burst is about 1e-4
 
 
 def _refused(match, boundary=None, model=None, **changes):
@@ -82,7 +82,7 @@ def test_bad_input():
     _refused("along a free side", boundary=fh.LatticePML(nodes=3))
     _refused("along a free side", within=fh.Box((-8, -12), (8, -3)))
     _refused("no Rayleigh waves", model=fh.Wave(fh.Kernel(2.0)))
-    # its short waves of zero energy take away what runs along the surface
+    # its short waves of zero energy extract energy from waves along the surface
     _refused("runs along the surface", model=_states(2.0, poisson=0.3, material="correspondence"))
     _refused("frequencies which the lattice does not carry", signal=lambda t: 1.0)
 

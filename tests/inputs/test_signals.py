@@ -1,4 +1,4 @@
-"""Signals: their spectra against numerical quadrature, how high they reach, and what is refused."""
+"""Signals: their spectra against numerical quadrature, their highest frequencies, and what is refused."""
 
 import os
 
@@ -38,8 +38,8 @@ EVERY = pytest.mark.parametrize("signal", SIGNALS.values(), ids=SIGNALS)
 
 
 def pieces(signal):
-    """Nodes and weights of Gauss's rule on parts in each of which it is smooth, and where they end: a spline goes on a
-    little before its first sample and after its last one.
+    """Return nodes and weights of Gauss's rule on intervals in which the signal is smooth, and where they end: a
+    spline extends a little before its first sample and beyond its last.
     """
     more = 20 if isinstance(signal, fh.Samples) else 0
     count = len(signal.values) - 1 + 2 * more if more else 200
@@ -51,7 +51,7 @@ def pieces(signal):
 
 @EVERY
 def test_spectrum_is_that_of_quadrature(signal):
-    """What stays after the end has the spectrum of a jump there."""
+    """A value that remains after the end contributes the spectrum of a jump there."""
     nodes, weights, end = pieces(signal)
     frequencies = signal.median_frequency * np.array([0.03, 0.4, 1.0, 1.7, 2.9])
     turns = np.exp(-2j * np.pi * np.outer(frequencies, nodes))
@@ -64,8 +64,8 @@ def test_spectrum_is_that_of_quadrature(signal):
 
 @EVERY
 def test_above_the_highest_frequency_lies_less_than_a_thousandth(signal):
-    """The rest of the signal, put together from its spectrum above that frequency, is at no time larger; and a little
-    below it that is not so of the bound.
+    """The part of the signal above this frequency, synthesised from its spectrum, is nowhere larger; slightly below
+    it the bound no longer holds.
     """
     highest, width = signal.highest_frequency, 1 / (16 * signal.end)
     above = highest + width * (np.arange(200_000) + 0.5)
@@ -82,10 +82,10 @@ def test_above_the_highest_frequency_lies_less_than_a_thousandth(signal):
 
 
 def test_highest_frequencies_that_are_known():
-    """Of the Ricker wavelet and the Gaussian pulse the integral of the spectrum is an incomplete gamma function."""
+    """For the Ricker wavelet and the Gaussian pulse the integral of the spectrum is an incomplete gamma function."""
     ricker = optimize.brentq(lambda x: special.gammaincc(1.5, x**2) - 1e-3, 1.0, 5.0)
     gauss = optimize.brentq(lambda x: special.erfc(x) - 1e-3, 1.0, 5.0) / np.pi
-    # to the width at which spectra are read, 1/8 of that of a signal of this length
+    # to the resolution of the spectra, 1/8 of that of a signal of this length
     assert fh.Ricker(3.0).highest_frequency == pytest.approx(3 * ricker, rel=0.02)
     assert fh.Gaussian(0.2).highest_frequency == pytest.approx(gauss / 0.2, rel=0.02)
     assert fh.ToneBurst(5.0, 10).median_frequency == pytest.approx(5.0, rel=0.02)
@@ -99,7 +99,7 @@ def test_units_of_time_do_not_matter():
 
 
 def test_a_spectrum_that_does_not_end():
-    """A jump has amplitude at every frequency."""
+    """A jump has an amplitude at every frequency."""
 
     class Jumps(fh.Signal):
         end = 1.0
@@ -127,7 +127,9 @@ def test_all_begin_at_rest():
 
 class TestSamples:
     def test_they_are_joined(self):
-        """Every sample is met; between them the error of a smooth signal falls with the fourth power of dt."""
+        """The interpolant passes through every sample; between them the error of a smooth signal falls with the
+        fourth power of dt.
+        """
         errors = []
         for count in (20, 40, 80):
             times = np.linspace(0.0, 10.0, count + 1)
@@ -200,7 +202,7 @@ value = "exp(-x**2)"
 
 @EVERY
 def test_a_signal_drives_as_a_function_does(signal, tmp_path):
-    """Also from a checkpoint, which keeps it."""
+    """Also from a checkpoint, which stores the signal."""
     runs = []
     for time in (signal, lambda t: float(signal(t))):
         sim = fh.Simulation(LINE, MODEL, fh.Exact(), sources=[fh.Source("exp(-99*x**2)", time=time)], threads=1)
@@ -229,7 +231,7 @@ def test_in_a_case_file(text, signal):
 
 
 def test_wherever_a_factor_of_time_is_taken():
-    """Sources, loads, incident waves and prescribed nodes, each with the name of its signal."""
+    """Loads, incident waves and prescribed nodes accept signals, and report them by name."""
     text = """
     lattice = { spacing = 1.0, lower = [-12.0, -12.0], upper = [12.0, 12.0] }
     model = { type = "elastic", young = 1.0, kernel = { horizon = 2.0 } }

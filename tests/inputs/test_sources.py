@@ -1,4 +1,4 @@
-"""Sources: how they split into space and time, what they do to a run, and what is refused."""
+"""Sources: how they separate into space and time, their effect on a run, and what is refused."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ SHAPE = np.exp(-((X - 2) ** 2) - (Y - 2) ** 2)
 
 
 def value_of(source, t):
-    """The source at time t as an array."""
+    """Return the source at time t as an array."""
     space, time = split(source, LATTICE)
     return np.broadcast_to(time(t) if space is None else space * time(t), LATTICE.shape)
 
@@ -48,7 +48,7 @@ WAYS = {
 
 @pytest.mark.parametrize(("source", "separable"), WAYS.values(), ids=WAYS)
 def test_ways_to_write_a_source(source, separable):
-    """All give exp(-r^2) sin(3 t) about (2, 2); products of space and time are recognised."""
+    """All give exp(-r^2) sin(3 t) around (2, 2); products of space and time are recognised."""
     assert (split(source, LATTICE)[0] is not None) == separable
     for t in (0.1, 0.7, 2.0):
         np.testing.assert_allclose(value_of(source, t), SHAPE * np.sin(3 * t), atol=1e-15)
@@ -64,7 +64,7 @@ def test_constant_sources():
     "make", [Wave, Diffusion, lambda s: Diffusion(s, integrator="rk4")], ids=["Verlet", "Euler", "RK4"]
 )
 def test_every_way_runs_alike(make):
-    """A table of amplitudes in the compiled loop and a call every step are one source."""
+    """A table of amplitudes in the compiled loop and a call in every step give the same field."""
     results = []
     for source, _ in list(WAYS.values())[:6]:
         sim = Simulation(LATTICE, make(kernel_stencil(2, 2)), Free(), sources=[source])
@@ -76,7 +76,7 @@ def test_every_way_runs_alike(make):
 
 
 def test_sources_superpose():
-    """The field is linear in its sources, mixed kinds included."""
+    """The field is linear in its sources, including mixed kinds."""
     kinds = [WAYS["array and time"][0], WAYS["bare callable"][0], Source(np.roll(SHAPE, 2, 0), lambda t: np.cos(t))]
     fields = []
     for sources in (*[[s] for s in kinds], kinds):
@@ -88,7 +88,8 @@ def test_sources_superpose():
 
 def test_a_uniform_source_fills_an_insulated_body():
     """The content grows by the integral of the source: sum u = N (1 - cos(w t)) / w for sin(w t), to the order of
-    RK4."""
+    RK4.
+    """
     sim = Simulation(
         LATTICE,
         Diffusion(kernel_stencil(2, 2), 0.4, "rk4"),
@@ -101,25 +102,24 @@ def test_a_uniform_source_fills_an_insulated_body():
 
 
 def test_a_constant_force_accelerates_a_free_body():
-    """u = a t^2 / 2, exact for velocity Verlet."""
+    """u = a t^2 / 2, which is exact for velocity Verlet."""
     sim = Simulation(LATTICE, Wave(kernel_stencil(2, 2)), Free(), sources=[3.0])
     sim.step(50)
     np.testing.assert_allclose(sim.fields["u"], 1.5 * sim.time**2, rtol=1e-12)
 
 
 def test_source_in_an_unbounded_medium_in_1d():
-    """A point force switched on at t = 0 spreads at the wave speed: the displacement behind the front is c t' / 2 per
-    unit impulse.
+    """A point force spreads at the wave speed: the displacement behind the front is c / 2 per unit impulse.
 
-    For u_tt = u_xx + f delta(x): u = f/2 (t - |x|) behind the front (d'Alembert), here at nodes the front passed long
-    ago.
+    For u_tt = u_xx + f delta(x): u = f/2 (t - |x|) behind the front (d'Alembert), here at nodes that the front passed
+    long ago.
     """
     lattice = Lattice(0.1, lower=-4, upper=4)
     point = np.where(np.abs(lattice.coordinates()[0]) < 1e-9, 1 / 0.1, 0.0)
     smooth = lambda t: np.sin(np.pi * t / 2) ** 2 if t < 2 else 0.0  # noqa: E731, impulse 1, ends at t = 2
     sim = Simulation(lattice, Wave(kernel_stencil(1, 1)), LatticePML(), sources=[Source(point, smooth)])
     sim.run(8.0)
-    # dispersion of order (pi dx / c T)^2 / 24 and the drift shift alpha
+    # dispersion of order (pi dx / c T)^2 / 24, and the drift due to the shift alpha
     np.testing.assert_allclose(sim.fields["u"], 0.5, rtol=2e-3)
 
 
@@ -138,7 +138,7 @@ def test_wrong_shapes_and_values():
 
 
 def test_masked_entries_are_refused():
-    """They have no values, whatever stands below the mask."""
+    """Masked entries have no values, whatever is stored below the mask."""
     masked = np.ma.array(np.ones(LATTICE.shape), mask=X > 1)
     for given in ({"initial": {"u": masked}}, {"sources": [masked]}, {"coefficient": masked}):
         with pytest.raises(InputError, match=f"entries are masked.*value: {(X > 1).sum()} of {X.size}.*filled"):
@@ -151,7 +151,7 @@ def test_masked_entries_are_refused():
     "source", [Source(1.0, lambda t: np.nan if t > 1 else 1.0), lambda x, y, t: x * (np.nan if t > 1 else 1.0)]
 )
 def test_a_source_that_becomes_nan_stops_the_run(source):
-    """Named at the time it happens, before it enters the field."""
+    """The run stops before the value enters the field."""
     sim = Simulation(LATTICE, Wave(kernel_stencil(2, 2)), Free(), sources=[source])
     with pytest.raises(InputError, match=r"source.*finite"):
         sim.run(3.0)
@@ -160,7 +160,7 @@ def test_a_source_that_becomes_nan_stops_the_run(source):
 
 @pytest.mark.parametrize("time", ["sqrt(2-t)", lambda t: np.sqrt(2 - t) if t <= 2 else np.nan])
 def test_the_time_at_which_a_factor_is_not_finite_is_told(time):
-    """The first step beyond 2, though many are tabulated at once."""
+    """The error names the first step beyond 2, though many steps are tabulated at once."""
     sim = Simulation(LATTICE, Wave(kernel_stencil(2, 2)), Free(), sources=[Source(SHAPE, time)])
     first = sim.dt * (np.floor(2 / sim.dt) + 1)
     with pytest.raises(InputError, match=f"source: .* is not finite; value: t = {first:g}; limit: no nan"):
@@ -175,21 +175,21 @@ def test_what_is_not_finite_beyond_a_side_is_told_as_that():
 
 
 def test_values_outside_a_body_do_not_count():
-    """nan where no node is, zero there."""
+    """Values may be nan where there is no node, and are zero there."""
     lattice = Lattice(0.5, lower=(-3, -3), upper=(3, 3), body=Disc(2))
     values = checked(np.where(lattice.mask, 1.0, np.nan), lattice)
     np.testing.assert_array_equal(values, lattice.mask)
 
 
 def test_values_outside_a_window_are_zero_where_not_finite():
-    """What a simulation shows (nan outside its window) can start another one."""
+    """The fields of a simulation (nan outside its window) can start another one."""
     lattice = Lattice(0.5, window=Disc(4))
     values = checked(np.where(lattice.mask, 1.0, np.nan), lattice)
     np.testing.assert_array_equal(values, lattice.mask)
 
 
 def test_a_component_left_at_zero_is_no_source():
-    """Neither a note nor a part of the run; all of them at zero get the note."""
+    """A zero component gives neither a note nor a source; if all components are zero there is a note."""
     lattice = Lattice(1.0, (-6, -6), (6, 6))
     model = Elastic(Kernel(1.5), young=1.0)
     push = Expression("exp(-x**2-y**2)", 2)

@@ -1,4 +1,4 @@
-"""What is lost with a bond of a correspondence material: from the definitions of energies, at random."""
+"""Energy lost with a bond of a correspondence material, against the definitions of energies for random materials."""
 
 import os
 
@@ -20,7 +20,7 @@ def drawn(case, dim):
 
 
 def energy(states, eta, there):
-    """Of a node, half of that of its springs, with its shape tensor as it is with all bonds."""
+    """Energy of a node, including half of that of its springs, with the shape tensor of all bonds."""
     (law,) = states.law(np.eye(eta.shape[1])[None], np.array([states.moduli]))
     state = np.einsum("kqa,ka->q", states.gradient[there], eta[there])
     return state @ law @ state / 2 + np.einsum("ka,kab,kb->", eta[there], states.bonds[there], eta[there]) / 4
@@ -29,7 +29,7 @@ def energy(states, eta, there):
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("case", range(3))
 def test_energy_of_bonds_is_what_both_nodes_lose(case, dim):
-    """In a body that is stretched evenly, until the bond is longer by as much as the longest one at a stretch of 1."""
+    """The body is stretched uniformly, until the bond is elongated as much as the longest one at a stretch of 1."""
     states, random = drawn(case, dim)
     lengths, found = np.linalg.norm(states.offsets, axis=1), energy_of_bonds(states) @ states.moduli
     every = np.ones(len(lengths), bool)
@@ -43,7 +43,7 @@ def test_energy_of_bonds_is_what_both_nodes_lose(case, dim):
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("case", range(3))
 def test_both_directions_of_a_bond_have_one_energy(case, dim):
-    """To the last bit: each end finds out by itself that it breaks."""
+    """They agree bitwise, because each end decides by itself that the bond breaks."""
     states, _ = drawn(case, dim)
     at = {tuple(offset): k for k, offset in enumerate(states.offsets.tolist())}
     back = [at[tuple(-c for c in offset)] for offset in states.offsets.tolist()]
@@ -52,7 +52,7 @@ def test_both_directions_of_a_bond_have_one_energy(case, dim):
 
 
 def breaks_at(model, sides, strain):
-    """Whether a bond of a bar breaks that is pulled along x and free to contract; at once, which is refused."""
+    """Whether a bond breaks at once, which is refused, in a bar that is pulled along x and free to contract."""
     lattice = fh.Lattice(1.0, (-20.0, -10.0), (20.0, 10.0))
     x, y = lattice.coordinates()
     narrower = model.lame / (model.lame + 2 * model.shear)
@@ -65,7 +65,7 @@ def breaks_at(model, sides, strain):
 
 
 def first_inside(model):
-    """Of an intact body that is pulled along x the strain at which a bond breaks, for a critical stretch of 1."""
+    """Strain along x at which a bond of an intact body breaks, for a critical stretch of 1."""
     states = model.force_states(1.0, 2)
     narrower = model.lame / (model.lame + 2 * model.shear)
     eta, every = states.offsets * [1.0, -narrower], np.ones(len(states.offsets), bool)
@@ -76,7 +76,9 @@ def first_inside(model):
 
 @pytest.mark.parametrize(("plane", "poisson"), [("strain", 0.2), ("strain", 0.45), ("stress", 0.3), ("stress", 0.45)])
 def test_in_uniaxial_tension_a_bond_bears_more_than_the_critical_stretch(plane, poisson):
-    """By the root of the modulus of an even stretch over Young's modulus at a free face, to 3 %, and more inside."""
+    """By a factor of the root of the modulus of a uniform stretch over Young's modulus at a free face, to 3 %, and by
+    more inside.
+    """
     strength, kernel = 1e-3, fh.Kernel(3.0, 1)
     options = {"material": "correspondence", "plane": plane, "stabilisation": 0.4, "critical_stretch": strength}
     model = fh.Elastic(kernel, 1.0, poisson, **options)

@@ -1,4 +1,4 @@
-"""The operator of a medium that ends at a free side, against what a run makes of displacements there."""
+"""The operator of a medium that ends at a free side, against the forces in a run."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ _SOLIDS = {
 )
 @pytest.mark.parametrize("name", _SOLIDS)
 def test_forces_are_those_of_a_run(name, dim, axis, side):
-    """Of random displacements, zero near all other sides."""
+    """For random displacements, zero near all other sides."""
     model, half = _SOLIDS[name], 7 if dim == 2 else 6
     lattice = fh.Lattice(1.0, (-half,) * dim, (half,) * dim)
     end = FreeSide(model.stencil(1.0, dim), axis, side, 2 * half if side > 0 else 0, model.force_states(1.0, dim))
@@ -41,7 +41,7 @@ def test_forces_are_those_of_a_run(name, dim, axis, side):
 
 @pytest.mark.parametrize("name", _SOLIDS)
 def test_what_one_node_feels_of_another_this_feels_of_it(name):
-    """Across the side: the operator is symmetric, row by row."""
+    """The operator is symmetric, row by row."""
     model = _SOLIDS[name]
     end = FreeSide(model.stencil(1.0, 2), 1, 1, 0, model.force_states(1.0, 2))
     known = {tuple(o): k for k, o in enumerate(end.offsets.tolist())}

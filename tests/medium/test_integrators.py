@@ -9,11 +9,11 @@ from helpers import fitted_rate, kernel_stencil, lattice_of
 
 
 def verlet_recursion(symbol, dt, steps, u, v, damping):
-    """Velocity Verlet of u'' + 2 d u' + symbol u = 0 in position and velocity, damping averaged over the step, in long
-    double.
+    """Velocity Verlet for u'' + 2 d u' + symbol u = 0 in position and velocity, with the damping averaged over the
+    step, in long double.
 
     A half kick with the force at the old position, a drift, a half kick with the new one; the damping acts on the mean
-    of the two velocities half a step before and after, which is Hermann et al. (2023), eq 42.
+    of the velocities half a step before and after, which is Hermann et al. (2023), eq 42.
     """
     symbol, dt, u, v, damping = (np.longdouble(x) for x in (symbol, dt, u, v, damping))
     half = v + dt / 2 * (-symbol * u - 2 * damping * v)  # velocity at t = dt/2 from a first half step
@@ -33,7 +33,7 @@ OSCILLATORS = {
     "slow and damped": (1e-8, 0.1, 0.0125),
     "free flight (double root)": (0.0, 0.1, 0.0),
     "free and damped": (0.0, 0.1, 0.3),
-    # The roots of (1 + s) l^2 - (2 - x) l + (1 - s) meet where (2 - x)^2 = 4 (1 - s^2); s = 0.6 gives x = 0.4.
+    # the roots of (1 + s) l^2 - (2 - x) l + (1 - s) meet where (2 - x)^2 = 4 (1 - s^2); s = 0.6 gives x = 0.4
     "critically damped (double root)": (0.4, 1.0, 0.6),
     "nearly critically damped": (0.4 * (1 + 1e-9), 1.0, 0.6),
 }
@@ -43,7 +43,7 @@ OSCILLATORS = {
 @pytest.mark.parametrize("steps", [1, 2, 7, 1000])
 @pytest.mark.parametrize(("u", "v"), [(1.0, 0.0), (0.0, 1.0), (0.7, -1.3)])
 def test_propagate_against_the_recursion(symbol, dt, damping, steps, u, v):
-    """The closed form of any number of steps is the recursion; the size of the state bounds the rounding."""
+    """The closed form for any number of steps equals the recursion; the size of the state bounds the rounding."""
     got = Verlet.propagate(np.array([symbol]), dt, steps, np.array([u]), np.array([v]), damping)
     size = abs(u) + abs(v) * dt * steps
     # Near a double root the two powers cancel by the distance of the roots: 2e-5 for a relative detuning of 1e-9.
@@ -88,14 +88,14 @@ def test_runge_kutta_limit_is_the_root_of_its_polynomial():
 
 @pytest.mark.parametrize("stages", [2, 3, 10, 57])
 def test_chebyshev_polynomial(stages):
-    """It agrees with exp(z) to second order, stays below 1 on the whole stable interval, and leaves it beyond."""
+    """It agrees with exp(z) to second order, stays below 1 on the whole stable interval, and exceeds 1 beyond."""
     integrator = RungeKuttaChebyshev(stages)
     z = np.array([1e-3, 2e-3])
     errors = np.abs(integrator.growth(z, 1.0) - np.exp(-z))
     assert np.log2(errors[1] / errors[0]) == pytest.approx(3, abs=0.1)
     limit = integrator.step_limit(1.0)
     assert (np.abs(integrator.growth(np.linspace(0.01, 1, 2001), limit)) <= 1).all()
-    if stages % 2 == 0:  # an odd polynomial falls beyond, and is small for a while
+    if stages % 2 == 0:  # an odd polynomial decreases beyond, and is small for a while
         assert abs(integrator.growth(1.0, 1.02 * limit)) > 1
     # Verwer's bound 2/3 (s^2 - 1) (1 - 2/15 eps) with eps = 2/13 (Sommeijer et al. 1998, section 2.1) is of leading
     # order in eps
@@ -106,7 +106,7 @@ def test_chebyshev_polynomial(stages):
     "integrator", [Euler(), RungeKutta4(), RungeKuttaChebyshev(2), RungeKuttaChebyshev(9)], ids=repr
 )
 def test_stage_effects_add_up_to_the_step(integrator):
-    """A constant flow into every stage adds dt times itself; the sources' scales are the operator's."""
+    """A constant flow into every stage adds dt times itself; sources have the scales of the operator."""
     stages = integrator.stages(0.3)
     scales = np.array([n[2] for n in stages.numbers])
     assert stage_effects(stages) @ scales == pytest.approx(0.3, rel=1e-12)
@@ -147,7 +147,7 @@ WAVE_NUMBERS = {1: (3,), 2: (2, 1)}
 
 
 def eigenmode(dim):
-    """Stencil, lattice, sin mode and its rate: the mode is exact on the lattice, its rate is the stencil's symbol."""
+    """Stencil, lattice, sine mode and its rate, the symbol of the stencil: the mode is exact on the lattice."""
     stencil = kernel_stencil(dim, 2, 2)
     lattice = lattice_of((NODES,) * dim, SPACING)
     angles = [2 * np.pi * n / NODES for n in WAVE_NUMBERS[dim]]
@@ -211,7 +211,7 @@ SOURCES = {
     ids=["Euler", "Verlet", "RK4", "RKC 5", "RKC 12"],
 )
 def test_order_in_time(make_model, solution, order, counts, dim, sources):
-    """Euler 1, velocity Verlet 2, Runge-Kutta 4, Runge-Kutta-Chebyshev 2, with a time-dependent source too; space is
+    """Euler 1, velocity Verlet 2, Runge-Kutta 4, Runge-Kutta-Chebyshev 2, also with a time-dependent source; space is
     exact in an eigenmode.
     """
     _, _, _, rate = eigenmode(dim)
@@ -243,7 +243,7 @@ def test_a_run_multiplies_an_eigenmode_by_the_growth_factor(name, integrator):
 @pytest.mark.parametrize("damping", [0.0, 0.4])
 @pytest.mark.parametrize("dim", [1, 2])
 def test_a_run_of_verlet_is_propagate(dim, damping):
-    """Initial displacement and velocity, damped and not, increments (1D) and two levels (2D)."""
+    """Initial displacement and velocity, with and without damping, in increments (1D) and two levels (2D)."""
     stencil, lattice, mode, rate = eigenmode(dim)
     sim = Simulation(
         lattice, Wave(stencil, np.sqrt(COEFFICIENT), damping), Periodic(), {"u": 0.7 * mode, "v": -1.3 * mode}
@@ -256,8 +256,8 @@ def test_a_run_of_verlet_is_propagate(dim, damping):
 @pytest.mark.parametrize("damping", [0.0, 0.4])
 @pytest.mark.parametrize("dim", [1, 2])
 def test_velocity_shown_is_that_of_half_a_step_ago(dim, damping):
-    """v = (u(n) - u(n-1)) / dt at every step, time zero included: there v - dt/2 (acceleration of the undamped part) +
-    damping share.
+    """v = (u(n) - u(n-1)) / dt at every step, and at time zero v - dt/2 (acceleration of the undamped part), with v
+    raised by the damping share.
     """
     stencil, lattice, mode, rate = eigenmode(dim)
     sim = Simulation(

@@ -10,11 +10,9 @@ from scipy.integrate import quad
 from farhorizon import InputError, Kernel
 
 # (dim, influence): per exponent p = 0, 1, 2, 3 the constant c * horizon^(dim + 2 - p) (times pi in 2D and 3D) and the
-# coefficients of z^2
-# and z^4 in S / k^2 = 1 + a z^2 + b z^4, z = k * horizon. c: Shojaei, Hermann, Seleson and Cyron (2020), table 1,
-# completed in
-# Hermann et al. (2023) and Shojaei et al. (2020), tables of the constants and of the series, misprints mended (3D p =
-# 3: not tabulated).
+# coefficients of z^2 and z^4 in S / k^2 = 1 + a z^2 + b z^4, z = k * horizon. c: Shojaei, Hermann, Seleson and Cyron
+# (2020), table 1, completed from Hermann et al. (2023) and Shojaei et al. (2020), tables of the constants and of the
+# series, with misprints corrected (3D p = 3: not tabulated).
 TABLE = {
     (1, "constant"): [(3, F(-1, 20), F(1, 840)), (2, F(-1, 24), F(1, 1080)), (1, F(-1, 36), F(1, 1800))],
     (1, "linear"): [(12, F(-1, 30), F(1, 1680)), (6, F(-1, 40), F(1, 2520)), (2, F(-1, 72), F(1, 5400))],
@@ -65,7 +63,7 @@ def symbol_by_quadrature(kernel, dim, z):
     power = dim - 1 - kernel.exponent
     moment = integral(lambda r: influence(r) * r ** (power + 2))
     c = 2 * dim / (SPHERE[dim] * moment)
-    # 1 - mean = z^2 r^2 / (2 dim) for small arguments, where the difference cancels.
+    # 1 - mean = z^2 r^2 / (2 dim) for small arguments, where the difference cancels
     drop = lambda x: x**2 / (2 * dim) * (1 - x**2 / (4 * dim + 8)) if x < 1e-3 else 1 - MEAN[dim](x)  # noqa: E731
     return c * SPHERE[dim] * integral(lambda r: influence(r) * r**power * drop(z * r))
 
@@ -100,7 +98,7 @@ def test_long_wave_dispersion_of_the_table(dim, influence, exponent, constant, a
 @KINDS
 @pytest.mark.parametrize("z", [0.3, 1.3, 7.0])
 def test_dispersion_against_quadrature(dim, influence, exponent, z):
-    """Series (z < 2) and closed forms (z > 2) are the integral over the family."""
+    """The series (z < 2) and the closed forms (z > 2) equal the integral over the family."""
     kernel = Kernel(0.7, exponent, influence)
     expected = symbol_by_quadrature(kernel, dim, z) / 0.7**2
     assert kernel.dispersion(z / 0.7, dim) == pytest.approx(expected, rel=1e-11)
@@ -109,7 +107,7 @@ def test_dispersion_against_quadrature(dim, influence, exponent, z):
 @pytest.mark.parametrize(("dim", "exponent"), [(1, 0), (1, 2), (2, 0), (2, 2), (2, 3), (3, 1), (3, 3)])
 @pytest.mark.parametrize("width", [None, 0.25])
 def test_gaussian_dispersion_and_constant_against_quadrature(dim, exponent, width):
-    """The gaussian has no closed form; its symbol and scaling constant are integrals all the same."""
+    """The Gaussian has no closed form; its symbol and scaling constant are still integrals."""
     kernel = Kernel(1.0, exponent, "gaussian", width)
     for z in (0.3, 1.3, 7.0):
         assert kernel.dispersion(z, dim) == pytest.approx(symbol_by_quadrature(kernel, dim, z), rel=1e-11)
@@ -117,7 +115,7 @@ def test_gaussian_dispersion_and_constant_against_quadrature(dim, exponent, widt
 
 @KINDS
 def test_dispersion_is_continuous_where_series_and_closed_form_meet(dim, influence, exponent):
-    """No jump at z = 2, the slope over two ulps is below rounding."""
+    """There is no jump at z = 2; the change over two ulps is below rounding."""
     kernel = Kernel(1.0, exponent, influence)
     below, above = kernel.dispersion(np.array([np.nextafter(2.0, 0), 2.0]), dim)
     assert below == pytest.approx(above, rel=1e-12)
@@ -135,7 +133,7 @@ def test_long_waves_travel_at_the_given_speed(dim, influence):
 
 
 def test_dispersion_keeps_the_shape_of_its_argument():
-    """Numbers give numbers, arrays arrays, across the switch of formulas."""
+    """Numbers give numbers and arrays give arrays, across the switch of formulas."""
     k = np.linspace(0, 9, 12).reshape(3, 4)
     kernel = Kernel(1.0, 2)
     values = kernel.dispersion(k, 2)
@@ -146,7 +144,7 @@ def test_dispersion_keeps_the_shape_of_its_argument():
 
 @pytest.mark.parametrize("influence", ["constant", "linear"])
 def test_exponent_3_diverges_in_1d(influence):
-    """The second moment of r^-3 on a line is the integral of 1/r: refused with the limit."""
+    """The second moment of r^-3 on a line is the integral of 1/r, so this is refused with the limit."""
     kernel = Kernel(1.0, 3, influence)
     for use in (lambda: kernel.scaling_constant(1), lambda: kernel.dispersion(1.0, 1)):
         with pytest.raises(InputError, match=r"diverges.*<= 2"):
@@ -169,7 +167,7 @@ def test_exponent_3_diverges_in_1d(influence):
     ],
 )
 def test_bad_kernels_are_refused(options, key):
-    """The message names where the value stands."""
+    """The message names the key of the value."""
     with pytest.raises(InputError) as error:
         Kernel(**{"horizon": 1.0, **options})
     assert error.value.key == key

@@ -1,4 +1,4 @@
-"""Named materials: that they are what published waves say, their sources, and what models make of a name."""
+"""Named materials: agreement with published wave speeds, their sources, and how models use a name."""
 
 import re
 from pathlib import Path
@@ -22,7 +22,9 @@ def test_each_number_has_a_source(name):
 
 @pytest.mark.parametrize("name", named())
 def test_the_page_has_the_numbers(name):
-    """Each in the row of its material: Young's modulus in GPa, or the speed, Poisson's ratio, the density."""
+    """Each number is in the row of its material: Young's modulus in GPa, or the speed, Poisson's ratio, and the
+    density.
+    """
     one = named()[name]
     (row,) = re.findall(rf"^\| `{name}` \|(.*)\|$", PAGE, re.MULTILINE)
     cells = [cell.strip() for cell in row.split("|")]
@@ -32,8 +34,8 @@ def test_the_page_has_the_numbers(name):
     assert all(re.sub(r"[,:].*| \(.*", "", source) in cells[3] for source in one.sources.values())
 
 
-#: Speeds of long waves, to 5 %: metals as most tables have them; Homalite's S wave of 1 200 m/s, its P wave of
-#: 2 498 m/s: Xia, Rosakis and Kanamori (2004), Science 303; of PMMA: Xu and Needleman (1994), who give both speeds.
+#: Speeds of long waves, to 5 %: metals from common tables; the S wave of Homalite, 1 200 m/s, and its P wave, 2 498
+#: m/s, from Xia, Rosakis and Kanamori (2004), Science 303; PMMA from Xu and Needleman (1994), who give both speeds.
 SPEEDS = [
     ("steel", None, 6000, 3200),
     ("aluminium", None, 5910, 3160),
@@ -62,8 +64,8 @@ def test_bonds_refuse_another_ratio_and_say_what_to_do():
 
 
 def test_pressures_are_reflected_as_the_impedances_say():
-    """From air to water, of which the impedance is 3550 times as large: all comes back, the pressure at the wall is
-    doubled.
+    """From air to water, whose impedance is 3550 times as large, everything is reflected, and the pressure at the wall
+    is doubled.
     """
     air, water = fh.materials.air, fh.materials.water
     lattice = fh.Lattice(0.01, -4.0, 1.0)
@@ -101,7 +103,7 @@ until = 1.0
 
 
 def test_case_of_named_materials():
-    """In millimetres, microseconds and gigapascals; what is given beside a name goes before it."""
+    """In millimetres, microseconds and gigapascals; values given beside a name take precedence."""
     case = Case(CASE)
     young, poisson, density = (getattr(case.model, name) for name in ("young", "poisson", "density"))
     below = case.lattice.coordinates()[1] <= 0

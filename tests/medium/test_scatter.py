@@ -1,4 +1,4 @@
-"""Constants that scatter: their distribution, and that it is a function of place alone."""
+"""Constants that scatter: their distribution, which is a function of place alone."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ import farhorizon as fh
 @pytest.mark.parametrize("modulus", [1.0, 3.0, 12.0])
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_values_have_the_distribution(dim, modulus):
-    """Kolmogorov's test at a level of 0.1 %, of 4096 cells; so have the pairs of neighbours no correlation."""
+    """Kolmogorov's test at a level of 0.1 % on 4096 cells; neighbouring cells are not correlated."""
     n = {1: 4096, 2: 64, 3: 16}[dim]
     at = np.meshgrid(*[0.25 * np.arange(n)] * dim, indexing="ij")
     values = fh.Weibull(2.0, modulus, 0.25, seed=11)(*at)

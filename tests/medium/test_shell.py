@@ -1,4 +1,4 @@
-"""The commutator of a stencil with a box, against its two products computed one by one."""
+"""The commutator of a stencil with a box, against its two products computed separately."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from helpers import kernel_stencil, roll_apply
 
 
 def _vectors():
-    """Matrices without any symmetry but that of a stencil."""
+    """Random matrices without any symmetry except that of a stencil."""
     random = np.random.default_rng(20261123)
     offsets = np.array([(1, 0), (0, 1), (2, -1)])
     weights = random.normal(size=(3, 2, 2))
@@ -37,7 +37,7 @@ def test_forces_are_those_of_both_products(stencil):
 
 
 def test_of_nodes_that_do_not_exist_nothing_is_asked():
-    """A box that goes on beyond the last row is open there: the forces are those with the bonds through it absent."""
+    """A box that extends beyond the last row is open there: the forces are those without the bonds through it."""
     stencil, shape = kernel_stencil(2, 2), (14, 12)
     shell = Shell(stencil, (4, 5), (9, 13), FreeSide(stencil, 1, 1, 11))
     assert shell.nodes.max(0).tolist() == [11, 11] and (shell.nodes >= 0).all()

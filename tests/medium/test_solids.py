@@ -1,4 +1,4 @@
-"""Tables of solids' bonds: how strongly a correspondence material may be stabilised."""
+"""Bonds of solids: how strongly a correspondence material may be stabilised."""
 
 import os
 
@@ -13,14 +13,14 @@ SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_short_shear_waves_are_faster_than_long_ones_above_the_neutral_stabilisation(dim):
-    """In any direction, of any weights and any Poisson's ratio."""
+    """In any direction, for any weights and any Poisson's ratio."""
     print(f"seed {SEED}")
     rng = np.random.default_rng(SEED)
     for _ in range(3):
         poisson, horizon = rng.uniform(-0.2, 0.45), rng.uniform(1.2, 3.2)
         kernel = fh.Kernel(horizon, rng.choice([0, 1, 2]), str(rng.choice(["constant", "linear"])))
         ways = rng.normal(size=(6, dim))
-        ways /= np.abs(ways).max(1)[:, None]  # to the edge of the zone
+        ways /= np.abs(ways).max(1)[:, None]  # to the edge of the Brillouin zone
         k = (np.linspace(0.02, np.pi, 40)[:, None, None] * ways).reshape(-1, dim)
         for share, faster in ((0.98, False), (1.1, True)):
             lame, shear = poisson / (1 - poisson), (1 - 2 * poisson) / (2 * (1 - poisson))  # of a unit P modulus

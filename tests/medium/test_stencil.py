@@ -13,9 +13,8 @@ from helpers import fitted_rate, kernel_stencil
 
 REACHES = (2, 3, 4, 6)
 
-# 0.5 * sum w x^2 with the literature's constants (calibrate=False) at horizon = 2, 3, 4, 6 spacings, keyed by (dim,
-# exponent):
-# summed by an independent program.
+# 0.5 * sum w x^2 with the constants of the literature (calibrate=False) at horizon = 2, 3, 4, 6 spacings, keyed by
+# (dim, exponent), summed by an independent program
 RAMP = {
     (1, 0): (1.125, 1.056, 1.031, 1.014),
     (1, 1): (1.0, 1.0, 1.0, 1.0),
@@ -27,7 +26,7 @@ RAMP = {
     (3, 1): (1.129, 1.062, 1.027, 1.011),
     (3, 2): (1.035, 1.024, 1.008, 1.004),
 }
-# The same place, "No correction" (printed with two or three digits).
+# from the same source, "No correction" (printed with two or three digits)
 FULL = {(1, 1): (1.5, 1.33, 1.25, 1.17), (2, 1): (1.05, 1.04, 0.96, 0.999)}
 EFFECTIVE = [
     (volume, *key, m, value)
@@ -52,8 +51,8 @@ def test_effective_coefficient_of_the_published_constants(volume, dim, exponent,
 
 @pytest.mark.parametrize(("dim", "m", "neighbours"), [(1, 3, 6), (2, 2, 20), (2, 3, 28 + 8), (3, 2, 80)])
 def test_neighbours_of_the_ramp(dim, m, neighbours):
-    """Bonds reach horizon + spacing/2; 2D m = 2: 20, 3D m = 2: 80 (plane_wave_abc_diffusion.md, "Beta"); else counted
-    here.
+    """Bonds reach horizon + spacing/2; 2D m = 2: 20, 3D m = 2: 80 (plane_wave_abc_diffusion.md, "Beta"); the others
+    are counted here.
     """
     grid = np.stack(np.meshgrid(*[np.arange(-m - 1, m + 2)] * dim), -1).reshape(-1, dim)
     r2 = (grid**2).sum(1)
@@ -63,11 +62,11 @@ def test_neighbours_of_the_ramp(dim, m, neighbours):
 
 @pytest.mark.parametrize(("dim", "m"), [(1, 2), (2, 3), (3, 2)])
 def test_full_volume_keeps_whole_cells_within_the_horizon(dim, m):
-    """Constant influence, p = 0: equal weights on every node of the closed ball."""
+    """With constant influence and p = 0 the weights are equal on every node of the closed ball."""
     stencil = kernel_stencil(dim, m, 0, volume="full")
     assert ((stencil.offsets**2).sum(1) <= m**2).all()
     assert np.ptp(stencil.weights) < 1e-15
-    assert len(stencil.weights) == {1: 4, 2: 28, 3: 32}[dim]  # integer points 0 < r <= 2, 3, 2
+    assert len(stencil.weights) == {1: 4, 2: 28, 3: 32}[dim]  # integer points with 0 < r <= 2, 3, 2
 
 
 @pytest.mark.parametrize("influence", ["constant", "linear", "gaussian"])
@@ -88,21 +87,20 @@ def test_calibrated_stencil_has_the_exact_coefficient(dim, exponent, reach, infl
     ("dim", "exponent", "low", "high"),
     [
         # 1D: the ramp halves the last cell, so the sum is the trapezoidal rule, of second order; p = 2 leaves out the
-        # centre, where the
-        # integrand is k^2/2, an error of first order (the table above: 1 - 1/(2m)).
+        # centre, where the integrand is k^2/2, an error of first order (the table above: 1 - 1/(2m)).
         (1, 0, 1.9, 2.1),
         (1, 1, 1.9, 2.1),
         (1, 2, 0.9, 1.1),
         # 2D, 3D: lattice points in a ball with a rim smoothed over one spacing: between 3/2 (the oscillating remainder
-        # of the circle
-        # problem with one power of smoothing) and 2 (the trapezoidal part, and the missing centre for p = 2).
+        # of the circle problem with one power of smoothing) and 2 (the trapezoidal part, and the missing centre for p
+        # = 2).
         (2, 0, 1.3, 2.4),
         (2, 1, 1.3, 2.4),
         (2, 2, 1.3, 2.4),
     ],
 )
 def test_discrete_symbol_converges_to_the_continuum_one(dim, exponent, low, high):
-    """At a fixed horizon and wave vector the lattice forgets its spacing at the order of the quadrature."""
+    """At a fixed horizon and wave vector the symbol converges with the order of the quadrature."""
     kernel = Kernel(1.0, exponent, calibrate=False)
     k = np.array([2.1, 1.2])[:dim]
     exact = float(kernel.dispersion(np.linalg.norm(k), dim))
@@ -116,7 +114,7 @@ def test_discrete_symbol_converges_to_the_continuum_one(dim, exponent, low, high
 
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_finite_difference_symbol(dim):
-    """The 3-, 5-, 7-point Laplacian: sum of 4 sin^2(k/2); largest at the corner of the zone."""
+    """The 3-, 5-, 7-point Laplacian: sum of 4 sin^2(k/2), largest at the corner of the Brillouin zone."""
     stencil = Stencil.finite_difference(dim)
     angles = np.random.default_rng(1).uniform(-np.pi, np.pi, (dim, 50))
     np.testing.assert_allclose(stencil.symbol(*angles), (4 * np.sin(angles / 2) ** 2).sum(0), rtol=1e-13)
@@ -127,8 +125,9 @@ def test_finite_difference_symbol(dim):
 
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_finite_element_symbol(dim):
-    """Row-sum lumped multilinear elements: sum over axes of 2 (1 - cos k_a) prod over the others of (2 + cos k_b) /
-    3."""
+    """Row-sum lumped multilinear elements: the sum over axes of 2 (1 - cos k_a) times the product over the others of
+    (2 + cos k_b) / 3.
+    """
     stencil = Stencil.finite_element(dim)
     angles = np.random.default_rng(2).uniform(-np.pi, np.pi, (dim, 50))
     cos = np.cos(angles)
@@ -140,7 +139,7 @@ def test_finite_element_symbol(dim):
 
 
 def test_finite_element_in_2d_is_nine_points_of_weight_one_third():
-    """8 neighbours of weight 1/3 and the centre -8/3; exact second derivatives, no mixed one."""
+    """8 neighbours of weight 1/3 and the centre -8/3; exact second derivatives without a mixed one."""
     stencil = Stencil.finite_element(2)
     np.testing.assert_allclose(stencil.weights, 1 / 3, rtol=1e-14)
     assert len(stencil.weights) == 8 and stencil.reach == (1, 1)
@@ -187,7 +186,7 @@ def test_symbol_gradient_against_differences(dim):
     ("stencil", "growth", "first"),
     [
         # largest growth over sigma and smallest backward |k|, to two or three digits, by an independent scan of the
-        # symbols.
+        # symbols
         (kernel_stencil(1, 3, 0), 0.16, 1.47),
         (kernel_stencil(1, 25, 0), 0.49, 0.18),
         (kernel_stencil(2, 3, 1), 0.025, 1.94),
@@ -196,7 +195,7 @@ def test_symbol_gradient_against_differences(dim):
     ids=["1D p0 m3", "1D p0 m25", "2D p1 m3", "FE 2D"],
 )
 def test_published_growth_of_backward_waves(stencil, growth, first):
-    """Largest first-order growth per sigma and where the backward set begins."""
+    """Largest first-order growth per sigma, and where the backward waves begin."""
     waves = stencil.backward_waves()
     assert waves
     assert waves.growth == pytest.approx(growth, abs=0.005 if growth > 0.11 else 6e-4)
@@ -204,7 +203,9 @@ def test_published_growth_of_backward_waves(stencil, growth, first):
 
 
 def test_backward_waves_in_1d_begin_where_the_group_velocity_turns():
-    """1D p = 0, m = 3: the ramp weights are 1, 1, 1/2, and d(symbol)/dk = 0 has its first root where the set begins."""
+    """1D p = 0, m = 3: the ramp weights are 1, 1, 1/2, and d(symbol)/dk = 0 has its first root where backward waves
+    begin.
+    """
     root = brentq(lambda k: np.sin(k) + 2 * np.sin(2 * k) + 1.5 * np.sin(3 * k), 1, 2)
     # the zone is sampled every pi / 4096
     assert kernel_stencil(1, 3, 0).backward_waves().first_wavenumber == pytest.approx(root, abs=2e-3)
@@ -227,8 +228,8 @@ def test_no_backward_waves_for_smoother_kernels(exponent, influence):
 
 @pytest.mark.parametrize(("m", "percent"), [(4, 2.8), (5, 1.1), (6, 1.9)])
 def test_fraction_of_backward_waves_of_the_ramp(m, percent):
-    """2D p = 2 constant: part of the zone that is backward along one axis (an independent scan: 2.8, 1.1, 1.9 % for m =
-    4, 5, 6).
+    """2D p = 2 constant: the part of the zone that is backward along one axis (an independent scan: 2.8, 1.1, 1.9 %
+    for m = 4, 5, 6).
 
     The published figure counts one axis. `fraction` counts either axis: at least as much, at most twice.
     """
@@ -238,7 +239,7 @@ def test_fraction_of_backward_waves_of_the_ramp(m, percent):
     slope = stencil.symbol(kx + 1e-5, ky) - stencil.symbol(kx - 1e-5, ky)
     single = float((slope < 0).mean())
     assert 100 * single == pytest.approx(percent, abs=0.15)
-    assert kx[slope < 0].min() > 2.65  # same place: "k dx > 2.7", printed with two digits
+    assert kx[slope < 0].min() > 2.65  # same source: "k dx > 2.7", printed with two digits
     assert 0.95 * single <= stencil.backward_waves().fraction <= 2.1 * single
 
 
@@ -279,7 +280,7 @@ def matrix_stencil():
 
 
 def test_matrix_symbol():
-    """Hermitian, by the definition; its gradient and the slopes of its eigenvalues by differences."""
+    """Hermitian, by the definition; its gradient and the slopes of its eigenvalues by finite differences."""
     stencil = matrix_stencil()
     skewed = stencil.weights + np.where(stencil.offsets[:, :1, None] > 0, 1, -1) * np.array([[0, 0.1], [-0.1, 0]]) * (
         stencil.offsets[:, :1, None] != 0
@@ -300,8 +301,8 @@ def test_matrix_symbol():
 
 
 def test_symmetries_of_matrices():
-    """Mirrors turn the component along them, exchanges of axes take the components with them; springs gain no energy, a
-    part of them neither.
+    """Reflections reverse the component along them, and exchanging axes exchanges the components. Springs gain no
+    energy; weights with a negative part are not positive.
     """
     stencil = matrix_stencil()
     assert stencil.components == 2 and stencil.positive

@@ -10,7 +10,7 @@ from helpers import fitted_rate
 
 
 def standing_wave(nodes, waves=2, stiffness=0.7, share=0.6):
-    """A periodic beam of length 1 in a cosine: the simulation, the wavenumber."""
+    """A periodic beam of length 1 deflected as a cosine; returns the simulation and the wavenumber."""
     dx = 1 / nodes
     lattice = fh.Lattice(dx, 0, 1 - dx)
     k = 2 * np.pi * waves
@@ -36,7 +36,9 @@ def test_step_limit():
 
 
 def test_standing_wave_of_the_scheme():
-    """``sin^2(angle a step / 2) = dt^2 omega^2 / 4`` with ``omega^2 = stiffness (2 sin(k dx/2)/dx)^4``."""
+    """``sin^2(a/2) = dt^2 omega^2 / 4`` for the phase a of a step, with ``omega^2 = stiffness (2 sin(k
+    dx/2)/dx)^4``.
+    """
     sim, k = standing_wave(40)
     omega = np.sqrt(0.7) * (2 * np.sin(k / 80) * 40) ** 2
     angle = 2 * np.arcsin(sim.dt * omega / 2)
@@ -47,7 +49,7 @@ def test_standing_wave_of_the_scheme():
 
 
 def test_converges_to_the_continuum():
-    """cos(sqrt(stiffness) k^2 t) cos(k x), to second order in the spacing."""
+    """cos(sqrt(stiffness) k^2 t) cos(k x), with second order in the spacing."""
     sizes, errors = [], []
     for nodes in (24, 48, 96):
         sim, k = standing_wave(nodes, waves=1)
@@ -63,8 +65,8 @@ def test_converges_to_the_continuum():
 def test_infinite_beam(damping):
     """Exact ends against the infinite lattice by FFT.
 
-    Compressed, an error of 1e-12 of the force moves the beam as a whole, and turns it: a hundred times that are
-    allowed.
+    With a compressed kernel an error of 1e-12 of the force translates and rotates the beam as a whole, hence the bound
+    a hundred times as large.
     """
     setup = {
         "lattice": fh.Lattice(0.25, -5, 5),

@@ -1,4 +1,4 @@
-"""Bonds that are nonlinear or break: invariants of the law, fracture energy, energies, cracks that run, layers,
+"""Bonds that are nonlinear or break: invariants of the law, fracture energy, energies, running cracks, layers,
 checkpoints, bad input.
 """
 
@@ -22,7 +22,7 @@ def material(spacing=0.5, reach=2, **options):
 
 
 def forces(model, u, spacing=0.5):
-    """Acceleration of a free body whose nodes have moved by u."""
+    """Acceleration of a free body with displacements u."""
     sim = fh.Simulation(lattice_of(u.shape[1:], spacing), model, fh.Free(), {"u": u})
     return sim.engine.core.view(sim.engine.apply(sim.engine.current)).reshape(u.shape)
 
@@ -37,7 +37,7 @@ def positions(shape, spacing=0.5):
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("shape", [(12, 11), (8, 7, 9)], ids=["2D", "3D"])
 def test_small_strains_are_linear(shape):
-    """The force differs from the stencil's by the square of the strain."""
+    """The force differs from that of the stencil by the square of the strain."""
     u = np.random.default_rng(1).standard_normal((len(shape), *shape))
     strains = np.array([1e-2, 1e-3, 1e-4])
     errors = [np.abs(forces(material(nonlinear=True), a * u) - forces(material(), a * u)).max() for a in strains]
@@ -46,7 +46,9 @@ def test_small_strains_are_linear(shape):
 
 @pytest.mark.parametrize("shape", [(12, 11), (8, 7, 9)], ids=["2D", "3D"])
 def test_a_large_rotation_costs_no_force(shape):
-    """By 40 degrees about the last axis (z in space), to rounding; the linear law resists."""
+    """A rotation by 40 degrees about the last axis (z in space) costs no force to rounding, whereas the linear law
+    resists.
+    """
     x = positions(shape)
     turn = np.eye(len(shape))
     turn[:2, :2] = [[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]]
@@ -67,19 +69,19 @@ def test_a_uniform_stretch_breaks_no_bond_below_the_critical_one(shape, nonlinea
 
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 def test_a_bar_in_tension_breaks_at_the_critical_stretch(nonlinear):
-    """Pulled apart at a constant rate of strain, which the middle does not know to be slowing at the ends: bonds along
-    x break, all at once.
+    """Pulled apart at a constant rate of strain, the middle of the bar does not yet feel that its ends slow down:
+    there all bonds along x break at once.
     """
     rate, critical = 0.002, 0.01
     lattice = fh.Lattice(0.5, (-10.0, -2.0), (10.0, 2.0))
     model = material(nonlinear=nonlinear, critical_stretch=critical)
     sides = {"x": fh.Free(), "y": fh.Periodic()}
     sim = fh.Simulation(lattice, model, sides, {"v": lambda x, y: [rate * x, 0 * y]})
-    # within the sound cone, a reach of 1 inside
+    # within the sound cone, and one reach of 1 further inside
     middle = np.abs(lattice.axes[0]) < 10 - 1.0 - model.p_speed * critical / rate
     assert middle.sum() > 5
     last = int(np.floor(critical / rate / sim.dt))
-    sim.step(last)  # the force of this step was that of the stretch one step earlier
+    sim.step(last)  # the force of this step is that of the stretch one step earlier
     assert sim.broken_bonds == 0
     sim.step(2)
     along = (sim.stencil.offsets[:, 1] == 0).sum()
@@ -88,7 +90,7 @@ def test_a_bar_in_tension_breaks_at_the_critical_stretch(nonlinear):
 
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 def test_momentum_stays_while_bonds_break_for_good(nonlinear):
-    """The damage never falls anywhere."""
+    """The damage never decreases."""
     shape = (26, 23)
     v = 0.03 * np.random.default_rng(3).standard_normal((2, *shape))
     sim = fh.Simulation(
@@ -106,9 +108,8 @@ def test_momentum_stays_while_bonds_break_for_good(nonlinear):
 # --- fracture energy -------------------------------------------------------------------------------------------
 
 #: Critical stretch for unit fracture energy, Young's modulus and horizon: Silling and Askari (2005) with K = 2E/3 in
-#: space; the plane by
-#: the same integral over bonds across a line, with micromoduli 9E/(pi h^3) (stress) and 48E/(5 pi h^3) (strain) of
-#: Gerstle et al. (2005).
+#: space; in the plane the same integral over bonds across a line, with the micromoduli 9E/(pi h^3) (stress) and 48E/(5
+#: pi h^3) (strain) of Gerstle et al. (2005).
 CLOSED_FORMS = {
     "space": (3, None, np.sqrt(5 / 6)),
     "plane stress": (2, "stress", np.sqrt(4 * np.pi / 9)),
@@ -118,7 +119,7 @@ CLOSED_FORMS = {
 
 @pytest.mark.parametrize(("dim", "plane", "factor"), CLOSED_FORMS.values(), ids=CLOSED_FORMS)
 def test_critical_stretch_of_a_fracture_energy(dim, plane, factor):
-    """That of the lattice tends to the closed form of the continuum; E = 3, horizon = 2, G = 1e-4."""
+    """The value on a lattice tends to the closed form of the continuum; E = 3, horizon = 2, G = 1e-4."""
     reaches = (2, 4, 8) if dim == 3 else (3, 6, 12)
     exact = factor * np.sqrt(1e-4 / (3 * 2))
     found = [
@@ -130,7 +131,7 @@ def test_critical_stretch_of_a_fracture_energy(dim, plane, factor):
 
 
 def energy_across(sim):
-    """Energy that the bonds across a line y = const take with them at the critical stretch, a unit of its length."""
+    """Energy of the bonds across a line y = const at the critical stretch, per unit of its length."""
     xi = sim.lattice.spacing * sim.stencil.offsets
     c = sim.model.bond_stiffness(sim.stencil, sim.lattice.spacing)
     up = xi[:, 1] > 0
@@ -139,12 +140,12 @@ def energy_across(sim):
 
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 def test_a_straight_crack_spends_its_fracture_energy(nonlinear):
-    """A notched strip, pulled slowly at its edges: the crack runs straight, slower than surface waves, and spends what
-    bonds across its plane hold.
+    """In a notched strip that is pulled slowly at its edges the crack runs straight, slower than surface waves, and
+    spends the energy of the bonds across its plane.
 
-    Within 6 % of that: bonds break one step beyond the critical stretch, by up to some per cent of it, and some beside
-    the plane break, too. The mean over all directions, by which a fracture energy is turned into a stretch, is 3 %
-    larger than that along an axis of this lattice.
+    The tolerance is 6 %, because bonds break one step beyond the critical stretch, by up to some per cent of it, and
+    some bonds beside the plane break, too. The mean over all directions, which relates fracture energy and stretch, is
+    3 % larger than the value along an axis of this lattice.
     """
     dx, half, edge = 0.5, 20.0, 7.75
     lattice = fh.Lattice(dx, (-half, -edge), (half, edge))
@@ -167,7 +168,7 @@ def test_a_straight_crack_spends_its_fracture_energy(nonlinear):
     running = (tip > -9) & (tip < -2)  # beyond the notch, before the crack feels the far end
     assert running.sum() > 10
     speed, toughness = np.polyfit(t[running], tip[running], 1)[0], np.polyfit(tip[running], spent[running], 1)[0]
-    # Rayleigh's speed for Poisson's ratio 1/4: 0.9194 that of S waves
+    # Rayleigh speed for Poisson's ratio 1/4: 0.9194 of the S wave speed
     assert 0.2 * model.s_speed < speed < 0.919 * model.s_speed
     assert toughness == pytest.approx(energy_across(sim), rel=0.06)
     xi, c = dx * sim.stencil.offsets, model.bond_stiffness(sim.stencil, dx)
@@ -182,15 +183,15 @@ def test_a_straight_crack_spends_its_fracture_energy(nonlinear):
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 @pytest.mark.parametrize("sign", [-1, 1], ids=["compression", "tension"])
 def test_a_pulse_crosses_a_closed_crack_in_compression_alone(sign, nonlinear):
-    """A plane P pulse meets a crack across the whole body. In the middle, which does not know of the free faces yet:
-    compression goes through as if there were no crack, but for the tension in the tail that a lattice's dispersion
-    makes; tension comes back whole. Nonlinear bonds do so unless they are told not to.
+    """A plane P pulse meets a crack across the whole body, and is observed in the middle, which free faces have not
+    yet reached. Compression passes as if there were no crack, except for the tension in the tail that the dispersion
+    of the lattice makes; tension is reflected completely. Nonlinear bonds do so by default.
     """
     lattice = fh.Lattice(0.25, (-16.0, -18.0), (16.0, 18.0))
     model = material(0.25, nonlinear=nonlinear, contact=None if nonlinear else True)
     x, y = lattice.coordinates()
     place, width, size = (x + 7) / 2, 2.0, sign * 1e-4
-    u = size * width * np.sqrt(np.pi) / 2 * (np.vectorize(math.erf)(place) - 1)  # its strain is a bell
+    u = size * width * np.sqrt(np.pi) / 2 * (np.vectorize(math.erf)(place) - 1)  # the strain is a bell
     start = {"u": np.stack([u, 0 * u]), "v": np.stack([-model.p_speed * size * np.exp(-(place**2)), 0 * u])}
     beyond = (x > 0.2) & (np.abs(y) < 1)
     found = []
@@ -209,7 +210,7 @@ def test_a_pulse_crosses_a_closed_crack_in_compression_alone(sign, nonlinear):
 @pytest.mark.slow
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 def test_energies_of_pieces_that_collide_add_up_to_the_square_of_the_step(nonlinear):
-    """A blast shatters a block, whose broken bonds carry compression."""
+    """A blast shatters a block whose broken bonds carry compression."""
     lattice = fh.Lattice(0.5, (-4.0,) * 3, (4.0,) * 3)
     x = np.stack(lattice.coordinates())
     blast = fh.Source(0.15 * x * np.exp(-(x**2).sum(0)), lambda t: np.exp(-((t - 4) ** 2)))
@@ -224,7 +225,7 @@ def test_energies_of_pieces_that_collide_add_up_to_the_square_of_the_step(nonlin
 
 
 def test_cracks_in_nonlinear_bonds_close_unless_told_not_to():
-    """Linear bonds, which know no large displacements, pass through each other unless told not to."""
+    """Linear bonds, which assume small displacements, pass through each other unless contact is requested."""
     assert material(nonlinear=True).contact and not material(nonlinear=True, contact=False).contact
     assert not material(critical_stretch=0.01).contact and material(critical_stretch=0.01, contact=True).contact
     assert not material(nonlinear=True).linearised.contact
@@ -244,8 +245,8 @@ def test_what_is_refused_of_cracks_that_close():
 @pytest.mark.parametrize("side", SIDES.values(), ids=SIDES)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_energies_add_up(dim, side, nonlinear):
-    """A blast breaks bonds in a closed box with a crack: exactly for the linear law, but for what a load that is not
-    zero at the start did before. Pieces that collide have a test of their own.
+    """A blast breaks bonds in a closed box with a crack. For the linear law the energies add up exactly, except for
+    the small load at the start. Colliding pieces are tested separately.
     """
     half = 8.0 if dim == 2 else 4.0
     lattice = fh.Lattice(0.5, (-half,) * dim, (half,) * dim)
@@ -264,7 +265,7 @@ def test_energies_add_up(dim, side, nonlinear):
 
 @pytest.mark.parametrize("options", [{"nonlinear": True}, {"critical_stretch": 0.05}], ids=["nonlinear", "breaking"])
 def test_a_checkpoint_when_a_crack_is_due_to_open(options, tmp_path):
-    """The crack opens with the step that follows; resumed there, fields and energies go on bitwise."""
+    """The crack opens with the following step. Resumed there, fields and energies continue bitwise."""
 
     def make():
         start = {"u": lambda x, y: [0.01 * x * np.exp(-2 * (x**2 + y**2)), 0 * x]}
@@ -286,7 +287,7 @@ def test_a_checkpoint_when_a_crack_is_due_to_open(options, tmp_path):
 
 
 def test_a_crack_that_opens_later_takes_its_energy_along():
-    """Opened under load it is in the balance; before, no bond is cut."""
+    """Opened under load, its energy is in the balance; before that no bond is cut."""
     lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 8.0))
     model = material(nonlinear=True)
     sim = fh.Simulation(
@@ -307,7 +308,7 @@ def test_a_crack_that_opens_later_takes_its_energy_along():
 
 
 def test_energy_that_leaves_is_lost():
-    """Through layers nearly all of it."""
+    """Through layers, nearly all of the energy is lost."""
     lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 8.0))
     u = np.stack([x * np.exp(-sum(c**2 for c in lattice.coordinates()) / 4) for x in lattice.coordinates()])
     sim = fh.Simulation(lattice, material(nonlinear=True), fh.LatticePML(nodes=16), {"u": 1e-3 * u}, balance=True)
@@ -318,7 +319,7 @@ def test_energy_that_leaves_is_lost():
 
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 def test_energies_of_two_materials_add_up(nonlinear):
-    """A stiff half, a soft one, bonds that break in both, a crack that opens under load."""
+    """A stiff half and a soft one, bonds that break in both, and a crack that opens under load."""
     lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 8.0))
     x = np.stack(lattice.coordinates())
     blast = fh.Source(0.15 * x * np.exp(-(x**2).sum(0)), lambda t: np.exp(-((t - 4) ** 2)))
@@ -343,8 +344,8 @@ def test_energies_of_two_materials_add_up(nonlinear):
 
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 def test_weak_waves_leave_as_those_of_the_stencil(nonlinear):
-    """Without a stretch that matters the run is that of the linear medium with its layers, up to the square of the
-    strain; of a crack that stays open.
+    """Where stretches are negligible, the run equals that of the linear medium with its layers, up to the square of
+    the strain, including a crack that stays open.
     """
     lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 8.0))
     start = {"u": lambda x, y: [1e-8 * np.exp(-(x**2) - (y - 1) ** 2), -2e-8 * np.exp(-(x**2 + y**2) / 2)]}
@@ -368,8 +369,9 @@ RULES = [
 
 @pytest.mark.parametrize(("dim", "rule"), RULES)
 def test_intact_bonds_of_a_layered_medium_are_those_of_the_stencil(dim, rule):
-    """Layers that run into the absorbing ones, an inclusion: linear bonds to rounding, nonlinear ones up to the
-    strain."""
+    """Strata that run into the absorbing layers, and an inclusion: linear bonds agree to rounding, nonlinear ones up
+    to the strain.
+    """
     lattice = fh.Lattice(0.5, (-5.0,) * dim, (5.0,) * dim)
     x = np.stack(lattice.coordinates())
     coefficient = np.where(x[1] > 1.1, 0.3, 1.0) + 0.5 * ((x**2).sum(0) < 4)
@@ -388,9 +390,9 @@ def test_intact_bonds_of_a_layered_medium_are_those_of_the_stencil(dim, rule):
 
 @pytest.mark.parametrize("component", [0, 1], ids=["P", "S"])
 def test_an_interface_reflects_and_transmits_by_impedance(component):
-    """A weak pulse that meets a medium a quarter as stiff, impedances 2 : 1, in a periodic strip of nonlinear bonds: of
-    its part of wavenumber 2 a third comes back and four thirds go on, to second order at a fixed horizon in nodes. The
-    interface lies midway between nodes.
+    """A weak pulse in a periodic strip of nonlinear bonds meets a medium a quarter as stiff, with impedances 2 : 1. A
+    third of its part of wavenumber 2 is reflected and four thirds are transmitted, to second order at a fixed horizon
+    in nodes. The interface lies midway between nodes.
     """
     spacings, errors = [0.2, 0.1, 0.05], []
     for dx in spacings:
@@ -420,7 +422,7 @@ def test_an_interface_reflects_and_transmits_by_impedance(component):
     "side", [fh.LatticePML(nodes=8), fh.Fixed(), fh.Sponge(nodes=20)], ids=["layer", "fixed", "sponge"]
 )
 def test_no_bond_breaks_within_one_reach_of_a_side_that_is_not_free(side):
-    """A blast that shatters all else."""
+    """A blast shatters everything else."""
     lattice = fh.Lattice(0.5, (-5.0, -5.0), (5.0, 5.0))
     x = np.stack(lattice.coordinates())
     sim = fh.Simulation(
@@ -446,7 +448,7 @@ def test_a_crack_that_isolates_nodes_is_allowed_and_said():
 
 
 def test_a_body_with_a_hole_is_whole_at_its_rim():
-    """Bonds that a hole or a free side does not have are no damage."""
+    """Bonds that are absent because of a hole or a free side are no damage."""
     lattice = fh.Lattice(0.5, (-5.0, -5.0), (5.0, 5.0), body=fh.Box((-5, -5), (5, 5)) - fh.Disc(1.6))
     sim = fh.Simulation(
         lattice,
@@ -476,7 +478,7 @@ def test_certificate_and_report_are_of_the_linear_form():
 
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 def test_a_restored_run_goes_on_bit_by_bit(nonlinear, tmp_path):
-    """With broken bonds, a crack that has opened meanwhile, and the books."""
+    """The run has broken bonds, a crack that has opened, and an energy balance."""
 
     def make():
         v = 0.03 * np.random.default_rng(3).standard_normal((2, 26, 23))
@@ -504,7 +506,7 @@ def test_a_restored_run_goes_on_bit_by_bit(nonlinear, tmp_path):
 
 
 def test_results_hold_vectors_and_the_damage(tmp_path):
-    """The damage as a scalar beside the displacement, in 2D and 3D."""
+    """The damage is a scalar beside the displacement, in 2D and 3D."""
     for dim in (2, 3):
         shape = (7, 6, 8)[:dim]
         damage, u = np.random.default_rng(0).random(shape), np.random.default_rng(1).random((dim, *shape))

@@ -1,5 +1,5 @@
 """Cracks of state-based and correspondence solids that close: forces of absent bonds, pulses, energies, the step, and
-what is refused. Those of bonds with a law of their own are in `test_breaking`.
+what is refused. Contact of bonds with a law of their own is tested in `test_breaking`.
 """
 
 import math
@@ -24,19 +24,19 @@ def material(name, poisson=0.3, spacing=0.5, reach=2.0, **options):
 
 
 def stiffness_of_closed(model, spacing, dim):
-    """Force density over elongation of each bond."""
+    """Force density over elongation for each bond."""
     states = model.force_states(spacing, dim)
     return model.bond_stiffness(Stencil(states.offsets, states.closed), spacing)
 
 
 def draw(*key):
-    """Numbers drawn at random, the same in each run; the key is printed with a failure."""
+    """Random numbers, the same in each run; the key is printed with a failure."""
     print("drawn with", (SEED, *key))
     return np.random.default_rng([SEED, *key])
 
 
 def forces(sim):
-    """What the operator does to the present displacements."""
+    """Accelerations for the present displacements."""
     level = sim.engine.apply(sim.engine.current) * sim.engine.mobility
     return sim.engine.core.view(level).reshape(sim.field_shape)
 
@@ -45,8 +45,8 @@ def forces(sim):
 
 
 def pairs_apart(model, lattice, u, side):
-    """Accelerations, by the definition, of closed bonds between nodes on either side of a plane: pairs one after the
-    other, with the stiffness of a bond-based solid of the same P modulus.
+    """Accelerations, by the definition, from closed bonds between nodes on opposite sides of a plane: pair by pair,
+    with the stiffness of a bond-based solid of the same P modulus.
     """
     spacing = lattice.spacing
     bonds = fh.Elastic(model.kernel, bulk=1.0, plane=model.plane)
@@ -64,7 +64,7 @@ def pairs_apart(model, lattice, u, side):
 
 
 def plane_through(lattice, rng):
-    """An oblique plane through the middle: a crack without end, and on which side of it the nodes are."""
+    """An oblique plane through the middle, as an endless crack, and the side of it on which each node lies."""
     normal = rng.standard_normal(lattice.dim)
     normal /= np.linalg.norm(normal)
     middle = (lattice.lower + lattice.upper) / 2 + lattice.spacing * rng.uniform(-1, 1, lattice.dim)
@@ -81,7 +81,9 @@ def plane_through(lattice, rng):
     ("shape", "plane"), [((13, 12), None), ((13, 12), "stress"), ((10, 9, 11), None)], ids=["strain", "stress", "3D"]
 )
 def test_closed_bonds_push_in_pairs(name, shape, plane):
-    """Bonds across an oblique crack push where they are shorter, whatever the states are; both momenta stay."""
+    """Bonds across an oblique crack repel where they are shortened, whatever the states are; linear and angular
+    momentum are conserved.
+    """
     for trial in range(3):
         rng = draw(len(shape), plane == "stress", trial)
         spacing = rng.uniform(0.1, 2.0)
@@ -107,7 +109,9 @@ def test_closed_bonds_push_in_pairs(name, shape, plane):
 @pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize(("dim", "plane"), [(2, None), (2, "stress"), (3, None)], ids=["strain", "stress", "3D"])
 def test_a_closed_family_is_as_stiff_as_the_solid_is_to_p_waves(name, dim, plane):
-    """``C_xxxx = 1/2 sum c xi_x^4 / |xi|^2`` is ``lam + 2 mu``, c the force density over the elongation."""
+    """``C_xxxx = 1/2 sum c xi_x^4 / |xi|^2`` equals ``lam + 2 mu``, where c is the force density over the
+    elongation.
+    """
     for trial in range(5):
         rng = draw(dim, plane == "stress", 10 + trial)
         spacing = rng.uniform(0.1, 2.0)
@@ -121,7 +125,7 @@ def test_a_closed_family_is_as_stiff_as_the_solid_is_to_p_waves(name, dim, plane
 
 @pytest.mark.parametrize("name", MATERIALS)
 def test_closed_bonds_of_two_solids(name):
-    """Across an interface with the mean of the P moduli, as the springs of such solids; of two densities."""
+    """Across an interface the mean of the P moduli counts, as for the springs of such solids; the densities differ."""
     lattice = lattice_of((14, 13), 1.0)
     u = 1e-3 * draw(99).standard_normal((2, 14, 13))
     crack, side = [(-9.0, 6.5), (99.0, 6.5)], lattice.coordinates()[1] > 6.5
@@ -146,7 +150,7 @@ def test_closed_bonds_of_two_solids(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MATERIALS)
 def test_single_precision(name):
-    """As double precision, to its digits, while faces meet."""
+    """Agreement with double precision to the digits of float32, while faces meet."""
     lattice = lattice_of((20, 21), 0.5)
     v = 0.05 * draw(7).standard_normal((2, 20, 21))
     runs = []
@@ -158,7 +162,7 @@ def test_single_precision(name):
 
 
 def test_cracks_that_close_near_a_layer_stay_open():
-    """As those of bonds: within two reaches of a side that is not free they carry nothing."""
+    """As with bonds, cracks within two reaches of a side that is not free carry nothing."""
     lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 8.0))
     for x, carry in ((0.1, True), (6.9, False)):
         found = []
@@ -175,7 +179,7 @@ def test_cracks_that_close_near_a_layer_stay_open():
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", ["bond-based", *MATERIALS])
 def test_extended_domains_continue_cracks_that_close(name):
-    """Against a domain so large that nothing comes back; of layers, in which faces do not meet, that is told."""
+    """Against a domain so large that nothing returns. For layers, in which faces do not meet, a note says so."""
     pulse = "1e-4*exp(-((x - 1)**2 + (y + 2)**2)/8)"
     model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, critical_stretch=1.0, contact=True)
     model = model if name == "bond-based" else material(name, spacing=1.0)
@@ -200,7 +204,7 @@ def test_extended_domains_continue_cracks_that_close(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["bond-based", *MATERIALS])
 def test_extended_domains_keep_targets_beside_cracks_that_close(name):
-    """Random pulses, cracks and lengths of run, against a domain so large that nothing comes back."""
+    """Random pulses, cracks and run lengths, against a domain so large that nothing returns."""
     drawn = draw(41, len(name))
     model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, critical_stretch=1.0, contact=True)
     model = model if name == "bond-based" else material(name, spacing=1.0)
@@ -228,8 +232,8 @@ def test_extended_domains_keep_targets_beside_cracks_that_close(name):
 
 
 def pulse_through(model, sign, crack, dt, dim=2):
-    """Velocity along x on a line of nodes, after a plane P pulse whose strain is a bell has met a crack across its way;
-    sides along the way are periodic.
+    """Velocity along x on a line of nodes, after a plane P pulse whose strain is a bell has met a crack across its
+    way; the sides parallel to its way are periodic.
     """
     lattice = fh.Lattice(0.25, (-16.0, *[-2.0] * (dim - 1)), (16.0, *[1.75] * (dim - 1)))
     x = lattice.coordinates()[0]
@@ -250,9 +254,9 @@ def pulse_through(model, sign, crack, dt, dim=2):
 
 
 def test_a_pulse_crosses_a_closed_crack_of_springs_as_if_there_were_none():
-    """With Poisson's ratio 1/4 a state-based solid is one of springs, and its closed bonds are these springs: what is
-    asked of bonds (`test_breaking.test_a_pulse_crosses_a_closed_crack_in_compression_alone`). Tension comes back whole,
-    as without contact.
+    """With Poisson's ratio 1/4 a state-based solid is one of springs, and its closed bonds are these springs, so it
+    must meet the conditions for bonds (`test_breaking.test_a_pulse_crosses_a_closed_crack_in_compression_alone`).
+    Tension is reflected completely, as without contact.
     """
     model, apart = (material("state-based", 0.25, 0.25, contact=contact) for contact in (True, False))
     for sign in (-1, 1):
@@ -275,8 +279,9 @@ def test_a_pulse_crosses_a_closed_crack_of_springs_as_if_there_were_none():
     ids=["strain", "stress", "3D"],
 )
 def test_a_pulse_crosses_a_closed_crack(name, dim, plane):
-    """Of any Poisson's ratio it goes on with all of its height, less than a third of a horizon ahead of or behind one
-    that met no crack: nodes at its faces lack bonds for their states. Tension is thrown back as without contact.
+    """For any Poisson's ratio the pulse is transmitted with its full height, less than a third of a horizon ahead of
+    or behind one that met no crack, because nodes at the faces lack bonds for their states. Tension is reflected as
+    without contact.
     """
     rng = draw(20, dim, plane == "stress", name == "state-based")
     given = rng.uniform(0.05, 0.4), 0.25, rng.uniform(1.8, 2.4)
@@ -292,13 +297,13 @@ def test_a_pulse_crosses_a_closed_crack(name, dim, plane):
     assert bell > 0.9e-4 * model.p_speed
     assert np.abs(found[beyond]).max() == pytest.approx(bell, rel=0.01)
     assert np.abs(whole - found)[beyond].max() < model.kernel.horizon / 3 * slope
-    assert np.abs(whole - found)[x < -1.0].max() < model.kernel.horizon / 3 * slope  # what comes back
+    assert np.abs(whole - found)[x < -1.0].max() < model.kernel.horizon / 3 * slope  # the reflected part
     assert (found[beyond] ** 2).sum() > 0.99 * (whole[beyond] ** 2).sum()
     whole, pulled, parted = (
         pulse_through(one, 1, crack, dt, dim)[1] for one, crack in ((model, False), (model, True), (apart, True))
     )
     bell, tail = np.abs(whole[beyond]).max(), whole[beyond].max()
-    # the start itself ends at exp(-16); the lattice's tail behind the pulse is a compression
+    # the start itself ends at exp(-16); the tail that the lattice leaves behind the pulse is a compression
     assert np.abs(parted[beyond]).max() < 1e-5 * bell
     assert np.abs(pulled[beyond]).max() < 2 * max(tail, 1e-3 * bell)
 
@@ -306,8 +311,8 @@ def test_a_pulse_crosses_a_closed_crack(name, dim, plane):
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", ["bond-based", *MATERIALS])
 def test_shear_across_a_closed_crack(name):
-    """No contact without friction: an S pulse on a crack that nothing presses goes on with 0.7 to 0.8 of its height,
-    for half of the oblique bonds are shorter in shear, and carry.
+    """Contact is not frictionless: an S pulse on a crack without pressure is transmitted with 0.7 to 0.8 of its
+    height, because half of the oblique bonds are shortened by shear and carry load.
     """
     for trial in range(2):
         poisson = draw(25, trial).uniform(0.1, 0.4)
@@ -332,7 +337,7 @@ def test_shear_across_a_closed_crack(name):
 
 
 def pressed_ring(name, opens=0.0, dt=None, **options):
-    """A ring that is pressed together about a crack, whose faces part later."""
+    """A ring that is compressed around a crack, whose faces separate later."""
     lattice = fh.Lattice(0.5, (-10.0, -2.0), (9.5, 1.5))
     x = lattice.coordinates()[0]
     u = np.stack([-1e-3 * np.sin(np.pi * (x - 0.25) / 10), 0 * x])
@@ -352,7 +357,7 @@ def test_energies_of_a_crack_that_stays_closed_add_up_to_rounding(name):
 
 @pytest.mark.parametrize("name", MATERIALS)
 def test_energies_add_up_where_heat_strains_what_closes(name):
-    """A crack that heat presses together, which swings and stays closed."""
+    """A crack that is pressed together by thermal strain oscillates and stays closed."""
     heat = fh.ThermalLoad("0.5 + 0.1*sin(pi*x/10)", expansion=2e-3, reference=0.0)
     sim = fh.Simulation(
         fh.Lattice(0.5, (-10.0, -2.0), (9.5, 1.5)),
@@ -371,8 +376,8 @@ def test_energies_add_up_where_heat_strains_what_closes(name):
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", MATERIALS)
 def test_a_crack_that_opens_in_compression_takes_what_it_does_not_carry(name):
-    """What the states lose as its bonds are cut, less what these hold at once, closed as they are (pair by pair; the
-    product of elongations a step apart is their square to 1 %).
+    """The crack takes the energy that the states lose as its bonds are cut, less the energy of these bonds, which are
+    closed (pair by pair; the product of elongations one step apart is their square to 1 %).
     """
     held = {}
     for contact in (True, False):
@@ -388,7 +393,7 @@ def test_a_crack_that_opens_in_compression_takes_what_it_does_not_carry(name):
         sim.run(6.0, progress=False)  # by then some bonds have opened: to the square of the step
         assert abs(sim.balance()["lost"]) < 1e-3 * start
     pushed = pairs_apart(sim.model, sim.lattice, u, sim.lattice.coordinates()[0] > 0.25)
-    rows = u.shape[2]  # all alike; a row within reach of the edges lacks pairs here
+    rows = u.shape[2]  # all rows are alike; a row within reach of the edges lacks pairs here
     stored = -0.5 * (u * pushed)[:, :, rows // 2].sum() * rows * sim.lattice.spacing**2
     assert stored > 0.01 * start
     assert held[False] - held[True] == pytest.approx(stored, rel=0.01)
@@ -398,7 +403,7 @@ def test_a_crack_that_opens_in_compression_takes_what_it_does_not_carry(name):
 @pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize("dim", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_energies_of_pieces_that_collide_add_up_to_the_square_of_the_step(name, dim):
-    """Two parts of a block that are thrown against each other, along a face that is oblique to the lattice."""
+    """Two parts of a block are thrown against each other along a face oblique to the lattice."""
     lattice = lattice_of((16, 15) if dim == 2 else (12, 11, 10), 0.5)
     crack, side = plane_through(lattice, draw(50, dim))
     v = np.stack([np.where(side, -0.01, 0.01) * (axis == 0) for axis in range(dim)])
@@ -419,7 +424,9 @@ def test_energies_of_pieces_that_collide_add_up_to_the_square_of_the_step(name, 
 @pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize("dim", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_pieces_that_break_off_and_collide(name, dim):
-    """A blast shatters a block: momentum stays, and as much of the energy is known as of bonds (`test_breaking`)."""
+    """A blast shatters a block: momentum is conserved, and the energy is balanced as closely as for bonds
+    (`test_breaking`).
+    """
     half = 6.0 if dim == 2 else 4.0
     lattice = fh.Lattice(0.5, (-half,) * dim, (half,) * dim)
     x = np.stack(lattice.coordinates())
@@ -436,7 +443,9 @@ def test_pieces_that_break_off_and_collide(name, dim):
 
 
 def breaks_at_random(sim, rng, share):
-    """Break a share of all bonds of a free body; the matrix of what these carry while all of them are closed."""
+    """Break a share of all bonds of a free body; returns the stiffness matrix of these bonds when all of them are
+    closed.
+    """
     engine, dim, table = sim.engine, sim.lattice.dim, sim.engine.bonds.table
     nodes = engine.core.node_indices().ravel()
     number = {node: i for i, node in enumerate(nodes.tolist())}
@@ -450,7 +459,7 @@ def breaks_at_random(sim, rng, share):
             if distance < 0 or node + distance not in number or rng.uniform() > share:
                 continue
             if not int(table.alive[bond >> 6, node]) >> (bond & 63) & 1:
-                continue  # from one end of a row to the other one of the next
+                continue  # from one end of a row to the other end of the next one
             i, j = number[node], number[node + distance]
             for k, end in ((bond, node), (back[-distance], node + distance)):
                 table.alive[k >> 6, end] &= ~(np.uint64(1) << np.uint64(k & 63))
@@ -461,8 +470,8 @@ def breaks_at_random(sim, rng, share):
 
 
 def largest_rate(engine, dim, closed):
-    """Largest squared frequency of the nodes of the core, from what the states do without contact and a matrix of what
-    closes beside them.
+    """Largest squared frequency of the nodes of the core, from the operator without contact plus the matrix of the
+    closed bonds.
     """
     nodes = engine.core.node_indices().ravel()
 
@@ -480,7 +489,7 @@ def largest_rate(engine, dim, closed):
 @pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize("shape", [(11, 10), pytest.param((9, 9, 9), marks=pytest.mark.slow)])
 def test_the_step_bears_any_bonds_that_are_broken_and_closed(name, shape):
-    """The largest squared frequency where any share of the bonds is broken, and all of these are closed."""
+    """The largest squared frequency when any share of the bonds is broken and all of these are closed."""
     for trial, share in enumerate((0.1, 0.4, 1.0)):
         rng = draw(30, len(shape), trial)
         given = {"stabilisation": rng.uniform(0.0, 1.0)} if name == "correspondence" else {}
@@ -493,7 +502,7 @@ def test_the_step_bears_any_bonds_that_are_broken_and_closed(name, shape):
 
 @pytest.mark.parametrize("name", MATERIALS)
 def test_noise_between_two_solids_stays_small_at_the_step_limit(name):
-    """Cracks that open and close at random, across a stiff part and a light one."""
+    """Cracks open and close at random, across a stiff part and a light one."""
     rng = draw(60)
     lattice = lattice_of((18, 17), 1.0)
     x, y = lattice.coordinates()
@@ -520,7 +529,7 @@ def test_noise_between_two_solids_stays_small_at_the_step_limit(name):
 
 @pytest.mark.parametrize("name", MATERIALS)
 def test_the_step_of_solids_that_do_not_close_stays(name):
-    """It is shorter by what closes alone; not at all of springs, whose closed bonds are themselves."""
+    """The limit falls because of closing bonds only; not for springs, whose closed bonds are the springs themselves."""
     lattice = lattice_of((12, 13), 0.5)
 
     def limit(poisson, contact):
@@ -536,7 +545,7 @@ def test_the_step_of_solids_that_do_not_close_stays(name):
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", MATERIALS)
 def test_a_run_that_is_saved_goes_on_bitwise(name, tmp_path):
-    """Saved while pieces meet and before another crack opens; with two threads and with one."""
+    """Saved while pieces are in contact and before another crack opens, with two threads and with one."""
 
     def make(threads=1):
         return fh.Simulation(
@@ -579,7 +588,7 @@ def test_a_checkpoint_of_a_crack_that_closes_is_not_one_of_a_crack_that_stays_op
     "model", ['type = "elastic", material = "state-based"', 'type = "elastic", material = "correspondence"', TYPE]
 )
 def test_a_case_says_so(model):
-    """The same words as in Python; faces that are thrown together do not pass through each other."""
+    """Case files use the same words as Python; faces that are thrown together do not pass through each other."""
     text = """
         lattice = { spacing = 0.5, lower = [-5.0, -5.0], upper = [5.0, 5.0] }
         model = { MODEL, contact = true, young = 1.0, poisson = 0.3, kernel = { horizon = 1.0, exponent = 1 } }
@@ -597,7 +606,7 @@ def test_a_case_says_so(model):
 
 
 def test_the_default_and_what_is_refused():
-    """Small strains are linear, and linear bonds pass through each other unless told not to."""
+    """At small strains bonds are linear, and linear bonds pass through each other unless contact is requested."""
     solid = fh.Elastic(fh.Kernel(2.0), 1.0, 0.3, material="state-based", critical_stretch=0.1)
     assert not solid.contact and not material("state-based").linearised.contact
     assert fh.Correspondence(fh.Kernel(2.0), 1.0, 0.3, contact=True).contact

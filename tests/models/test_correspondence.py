@@ -1,5 +1,5 @@
-"""Correspondence solids with drag, damage and several materials: against a program with a matrix entry a bond,
-classical interfaces, and their own energies. Forces at free surfaces, holes and cracks: `test_force_states`.
+"""Correspondence solids with drag, damage and several materials, against a program with one matrix entry per bond,
+classical interfaces, and energy balances. Forces at free surfaces, holes and cracks are in `test_force_states`.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from solids import KERNELS, MATERIAL, Dense, box, lame_constants, noise, solid
 
 
 def graded(*at):
-    """Constants that vary everywhere, by tens of per cent: Young's modulus, Poisson's ratio, density."""
+    """Young's modulus, Poisson's ratio and density that vary everywhere, by tens of per cent."""
     wave = sum((a + 1) * x for a, x in enumerate(at))
     return 1 + 0.5 * np.sin(wave), 0.2 + 0.15 * np.cos(wave), 1.3 + 0.4 * np.sin(0.7 * wave)
 
@@ -22,19 +22,19 @@ def constants(shape):
 
 
 def run_of(shape, name, sides, initial=None, loads=(), cracks=(), dt=0.1, **options):
-    """One run; what is left are options of the solid."""
+    """A run; the remaining options are those of the solid."""
     return fh.Simulation(
         box(*shape), solid(name, **options), sides, initial, loads=loads, cracks=cracks, dt=dt, threads=1, balance=True
     )
 
 
 def elastic(name, **options):
-    """A solid of one of the kernels whose bonds break by energy."""
+    """A solid with one of the kernels, whose bonds break by energy."""
     return fh.Elastic(**{"kernel": KERNELS[name], **MATERIAL, "material": "correspondence", **options})
 
 
 def crossing(points):
-    """Which bonds cross a straight crack along an axis."""
+    """A function that tells which bonds cross a straight crack along an axis."""
     first, last = np.array(points)
     axis = int(first[1] == last[1])
 
@@ -62,8 +62,8 @@ def crossing(points):
 @pytest.mark.parametrize("varies", [False, True])
 @pytest.mark.parametrize("stabilisation", [0.0, 0.4])
 def test_steps_match_dense_matrices(shape, name, side, varies, stabilisation):
-    """A load, drag, and in free solids without stabilisation bonds that break: displacements after 40 steps, and the
-    same bonds.
+    """A load, drag, and, in free solids without stabilisation, bonds that break: the displacements after 40 steps
+    agree, and the same bonds break.
     """
     u, v = noise(shape, 0.01), noise(shape, 0.05, 2)
     breaks = not side.bonded and not stabilisation
@@ -96,7 +96,7 @@ def test_steps_match_dense_matrices(shape, name, side, varies, stabilisation):
 
 
 def test_drag_across_periodic_sides():
-    """Which node is the first does not matter, from the first step on."""
+    """The choice of the first node does not matter, from the first step on."""
     shape, shift = (12, 11), (4, 5)
     data = {"u": noise(shape, 0.01), "v": noise(shape, 0.05, 2)}
     fields = []
@@ -108,14 +108,14 @@ def test_drag_across_periodic_sides():
     np.testing.assert_allclose(*fields, rtol=0, atol=1e-15)
 
 
-#: How solids with damage are made: what their shape tensors follow from, and by what bonds break.
+#: Solids with damage: how they are made, from what their shape tensors follow, and by what criterion bonds break.
 DAMAGED = {
     "recomputed": (solid, {"drag": 0.5}, {}),
     "published": (solid, {"drag": 0.5, "shape_tensor": "published"}, {"unweakened": True}),
     "kept": (solid, {"drag": 0.5, "shape_tensor": "kept"}, {"kept": True}),
     "by energy": (elastic, {"stabilisation": 0.4}, {"by_energy": True}),
 }
-CRITICAL = {"by energy": 0.05}  # of the longest bonds; else 0.12
+CRITICAL = {"by energy": 0.05}  # of the longest bonds; otherwise 0.12
 
 
 @pytest.mark.sampled(4)
@@ -125,7 +125,7 @@ CRITICAL = {"by energy": 0.05}  # of the longest bonds; else 0.12
     ("name", "points"), [("gaussian", [(4.5, -1.0), (4.5, 5.0)]), ("constant", [(2.0, 3.6), (7.0, 3.6)])]
 )
 def test_damage_matches_dense_matrices(name, points, law, varies):
-    """A crack, bonds that break, drag or stabilisation, and a load together: the same bonds break at the same steps."""
+    """A crack, bonds that break, drag or stabilisation, and a load combined: the same bonds break at the same steps."""
     shape, (made, options, of_dense) = (10, 9), DAMAGED[law]
     u, v = noise(shape, 0.01), noise(shape, 0.08, 2)
     beside = {key: options[key] for key in ("drag", "stabilisation") if key in options} | of_dense
@@ -155,7 +155,7 @@ def test_damage_matches_dense_matrices(name, points, law, varies):
 
 
 def test_threads_agree():
-    """Two threads do what one does, to the last bit."""
+    """Two threads agree bitwise with one."""
     fields = []
     for threads in (1, 2):
         sim = fh.Simulation(
@@ -183,7 +183,7 @@ def test_threads_agree():
 )
 @pytest.mark.parametrize("varies", [False, True])
 def test_energies_add_up(options, varies):
-    """Kinetic and strain energy change by the work less what breaking and drag have taken, to rounding."""
+    """Kinetic and strain energy change by the work less the energy spent by breaking and drag, to rounding."""
     sim = run_of(
         (20, 24),
         "gaussian",
@@ -205,14 +205,14 @@ def test_energies_add_up(options, varies):
 
 
 def test_uniform_motion_feels_no_drag():
-    """Drag pulls towards the mean of the neighbours, so a rigid motion is none of its business."""
+    """Drag pulls towards the mean of the neighbours, so it does not affect rigid motion."""
     sim = run_of((12, 12), "gaussian", fh.Free(), {"v": (1.0, 0.5)}, drag=1.0)
     sim.step(40)
     np.testing.assert_allclose(sim.fields["v"], np.broadcast_to([[[1.0]], [[0.5]]], (2, 12, 12)), rtol=0, atol=1e-12)
 
 
 def test_no_bond_breaks_near_the_layers():
-    """Within one reach of the layers and beyond the critical stretch nothing breaks; elsewhere it does."""
+    """Nothing breaks within one reach of the layers, even beyond the critical stretch; elsewhere bonds do break."""
     sim = run_of(
         (30, 30), "gaussian", fh.NonlocalPML(8), loads=[fh.BodyForce(noise((30, 30), 0.05))], critical_stretch=0.03
     )
@@ -226,8 +226,8 @@ def test_no_bond_breaks_near_the_layers():
 @pytest.mark.parametrize("varies", [False, True])
 @pytest.mark.parametrize(("side", "drag"), [(fh.Free(), 0.0), (fh.Fixed(), 0.0), (fh.Free(), 1.0)])
 def test_step_limit(side, drag, varies):
-    """White noise stays where it was at 0.97 of the limit, free faces and a crack included, and is stopped at 1.25
-    times the undamped one.
+    """White noise stays bounded at 0.97 of the limit, with free faces and a crack, and a step of 1.01 times the limit
+    is refused.
     """
     settings = {"drag": drag, **(constants((20, 18)) if varies else {})}
     start, cracks = {"u": noise((20, 18), 0.01)}, [] if side.bonded else [[(9.5, -1.0), (9.5, 9.0)]]
@@ -240,7 +240,7 @@ def test_step_limit(side, drag, varies):
 
 
 def test_isolated_nodes_are_said():
-    """A crack all around a node is allowed; the node keeps its velocity."""
+    """A crack around a node is allowed; the node keeps its velocity."""
     square = [(4.4, 4.4), (5.6, 4.4), (5.6, 5.6), (4.4, 5.6), (4.4, 4.4)]
     sim = run_of((11, 11), "gaussian", fh.Free(), {"v": (0.3, 0.0)}, cracks=[square], drag=0.5, critical_stretch=0.5)
     assert any("1 nodes without any bond" in note for note in sim.notes)
@@ -270,9 +270,9 @@ PAIR = {"young": (1.0, 3.0), "poisson": (0.2, 0.3), "density": (1.0, 2.0)}
 @pytest.mark.slow
 @pytest.mark.parametrize("component", [0, 1], ids=["P", "S"])
 def test_an_interface_reflects_and_transmits_by_impedance(component):
-    """The part of wavenumber 2 of a normally incident pulse, R = (Z1 - Z2)/(Z1 + Z2) and T = 2 Z1/(Z1 + Z2) with Z =
-    density times speed, to second order; the interface lies midway between nodes. Nothing from the faces along the way
-    has come to the middle by then.
+    """The part of wavenumber 2 of a normally incident pulse obeys R = (Z1 - Z2)/(Z1 + Z2) and T = 2 Z1/(Z1 + Z2), with
+    Z = density times speed, to second order. The interface lies midway between nodes, and by the end nothing has
+    reached the middle from the lateral faces.
     """
     moduli = [lame_constants(PAIR["young"][i], PAIR["poisson"][i]) for i in (0, 1)]
     moduli = [lame + 2 * shear if component == 0 else shear for lame, shear in moduli]
@@ -310,8 +310,9 @@ def test_an_interface_reflects_and_transmits_by_impedance(component):
 
 
 def test_layers_along_the_way_go_on_into_the_absorbing_layer():
-    """A stiff layer between soft ones meets the side at right angles: less comes back than the layer is made for,
-    1e-3."""
+    """A stiff stratum between soft ones meets the side at right angles; the reflection is less than the 1e-3 for which
+    the layer is designed.
+    """
 
     def young(x, y):
         return np.where(np.abs(y) < 5, 3.0, 1.0)
@@ -328,7 +329,7 @@ def test_layers_along_the_way_go_on_into_the_absorbing_layer():
 
 
 def test_cavity():
-    """A hole: nodes outside the body neither move nor count, beside layers, too."""
+    """Nodes in a hole neither move nor count, also beside layers."""
     lattice = fh.Lattice(1.0, (0, 0), (24, 24), body=fh.Box((-1, -1), (25, 25)) - fh.Disc(4.0, (12, 12)))
     start = noise((25, 25), 0.01)
     sim = fh.Simulation(lattice, solid("gaussian"), fh.NonlocalPML(6), {"u": start})
@@ -339,7 +340,7 @@ def test_cavity():
 
 
 def breaking(strength=1.0, **options):
-    """A half-space pressed at its face until bonds break."""
+    """A half-space that is pressed at its face until bonds break."""
     lattice = fh.Lattice(1.0, (-12, -16), (12, 0))
     push = fh.Traction("y+", (0.0, -0.01), between=[(-5, 5)], time=lambda t: strength * min(t / 10, 1.0))
     sides = {"all": fh.NonlocalPML(8, cross=0.1), "y+": fh.Free()}
@@ -348,8 +349,8 @@ def breaking(strength=1.0, **options):
 
 
 def test_a_saved_run_goes_on_bitwise(tmp_path):
-    """Displacements, broken bonds, energies, the memory of the layers: the same as without the interruption, loaded
-    into a new simulation or restored from the file alone.
+    """Displacements, broken bonds, energies and the memory of the layers equal those of an uninterrupted run, whether
+    the checkpoint is loaded into a new simulation or restored from the file alone.
     """
     (sim, push), (again, _) = breaking(), breaking()
     sim.step(70)

@@ -1,4 +1,4 @@
-"""Corrosion: phases against plain numpy, the Stefan problem, what is conserved, the layer beside dissolving metal,
+"""Corrosion: phases against plain numpy, the Stefan problem, conserved quantities, the layer beside dissolving metal,
 restarts, refusals.
 """
 
@@ -15,12 +15,12 @@ from farhorizon.studies.compare import compare
 from helpers import kernel_stencil, lattice_of
 
 SATURATION, INTERFACE, METAL = 0.8, 0.1, 2.0
-pytestmark = pytest.mark.filterwarnings("ignore::farhorizon.ValidityWarning")  # of liquid above the saturation
+pytestmark = pytest.mark.filterwarnings("ignore::farhorizon.ValidityWarning")  # for liquid above the saturation
 SKEWED = fh.Stencil(
     np.array([[1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, -1], [2, 1], [-2, -1]]),
     np.array([1, 1, 0.6, 0.6, 0.4, 0.4, 0.05, 0.05]),
 )
-#: Stencil and lattice; the wide one has no compiled rows, the skewed one no mirror symmetry, and rows span several
+#: Stencil and lattice. The wide stencil has no compiled rows, the skewed one no mirror symmetry, and rows span several
 #: tiles.
 LATTICES = {
     "1D": (kernel_stencil(1, 2), (90,)),
@@ -33,7 +33,7 @@ SIDES = {"periodic": fh.Periodic(), "fixed": fh.Fixed(0.0), "free": fh.Free()}
 
 
 def model(stencil, **options):
-    """The constants of the tests."""
+    """Corrosion with the constants of the tests."""
     return fh.Corrosion(stencil, **{"saturation": SATURATION, "interface": INTERFACE, **options})
 
 
@@ -65,14 +65,14 @@ def plain(u, solid, stencil, dt, steps, sides, body=None, limited=False):
 @pytest.mark.parametrize("sides", SIDES)
 @pytest.mark.parametrize("name", LATTICES)
 def test_against_plain_numpy(name, sides, limited):
-    """Every kind of tile, row and side: the same nodes dissolve at the same steps."""
+    """For every kind of tile, row and side the same nodes dissolve at the same steps."""
     stencil, shape = LATTICES[name]
     random = np.random.default_rng(3)
     solid = random.random(shape) < 0.3
     solid[..., 10:50] = True
     solid[..., 20:25] = False
     start = {"u": 0.1 * random.random(shape)}
-    start["u"][..., 21:23] = 1.5 * SATURATION  # which would be taken out of a solution that dissolves nothing more
+    start["u"][..., 21:23] = 1.5 * SATURATION  # a flow from here into the metal must not occur where dissolution is limited
     sim = fh.Simulation(
         lattice_of(shape), model(stencil, limited=limited), SIDES[sides], start, specimens=[fh.Specimen(solid, METAL)]
     )
@@ -91,7 +91,7 @@ def test_against_plain_numpy(name, sides, limited):
 @pytest.mark.parametrize("limited", [False, True])
 @pytest.mark.parametrize("sides", ["free", "fixed"])
 def test_a_body_with_a_hole_against_plain_numpy(sides, limited):
-    """Metal and liquid beside a hole have no bonds to what is not there, before and after they dissolve."""
+    """Metal and liquid beside a hole have no bonds to missing nodes, before and after they dissolve."""
     stencil, shape = LATTICES["2D"]
     body = fh.Box((-9.0, -9.0), (99.0, 99.0)) - fh.Disc(5.3, (10.2, 41.4))
     lattice = fh.Lattice(1.0, (0.0, 0.0), np.array(shape) - 1.0, body=body)
@@ -116,7 +116,7 @@ def test_a_body_with_a_hole_against_plain_numpy(sides, limited):
 
 
 def check_counts(sim):
-    """The tiles' counts and runs are those of a new classification."""
+    """Counts and runs of the tiles equal those of a new classification."""
     engine = sim.engine
     phases = engine.tables.phases
     solids, volumes, changed, runs = phases.solids, phases.volumes, phases.changed, phases.runs
@@ -138,7 +138,7 @@ OTHER = [
 
 @pytest.mark.parametrize("options", OTHER)
 def test_threads_and_precision(options):
-    """Two threads do bitwise what one does; single precision is near."""
+    """Two threads agree bitwise with one; single precision is close."""
     stencil, shape = kernel_stencil(2, 2), (210, 200)  # more nodes than the engine leaves to one thread
     solid = np.random.default_rng(3).random(shape) < 0.4
     solid[60:150, 60:150] = True
@@ -163,7 +163,7 @@ def test_threads_and_precision(options):
 @pytest.mark.parametrize("integrator", ["euler", "rk4", "rkc"])
 @pytest.mark.parametrize("name", LATTICES)
 def test_all_liquid_is_diffusion(name, integrator):
-    """Bitwise where there are compiled rows, else to rounding."""
+    """Results agree bitwise where there are compiled rows, otherwise to rounding."""
     stencil, shape = LATTICES[name]
     start = {"u": np.random.default_rng(1).random(shape)}
     runs = [
@@ -188,8 +188,8 @@ def test_all_solid_stays(integrator):
         specimens=[fh.Specimen(np.ones(shape, bool), METAL)],
     )
     sim.step(50)
-    np.testing.assert_allclose(sim.fields["u"], METAL, rtol=1e-12)  # at the free sides a stage's sum of levels rounds
-    assert (sim.fields["u"][8:12, 32:64] == METAL).all()  # out of reach of any liquid: not even that
+    np.testing.assert_allclose(sim.fields["u"], METAL, rtol=1e-12)  # at the free sides the sum of levels in a stage rounds
+    assert (sim.fields["u"][8:12, 32:64] == METAL).all()  # out of reach of any liquid there is no rounding either
     assert sim.fields["solid"].all()
 
 
@@ -197,11 +197,11 @@ def test_all_solid_stays(integrator):
 
 
 def front_error(horizon, metal=1.0, depth=2.56, limited=False):
-    """Relative error of the front of a half-infinite bar that dissolves from x = 0 on into a half-infinite liquid, mean
+    """Relative error of the front of a half-infinite bar that dissolves from x = 0 into a half-infinite liquid, mean
     over t = 1/2 to 1.
 
-    Stefan problem: the front is at -2 p sqrt(t), where (metal - saturation) times its speed is what diffuses away from
-    the saturation; the front of the run is where the metal that is left would end.
+    In the Stefan problem the front is at -2 p sqrt(t), where (metal - saturation) times its speed equals the flux that
+    diffuses away from the saturated liquid. The front of the run is where the remaining metal would end.
     """
     p = brentq(lambda p: np.sqrt(np.pi) * p * np.exp(p**2) * erfc(-p) - SATURATION / (metal - SATURATION), 0.01, 5)
     spacing, errors = horizon / 2, []
@@ -221,9 +221,9 @@ def front_error(horizon, metal=1.0, depth=2.56, limited=False):
 
 
 def test_the_front_tends_to_that_of_the_stefan_problem():
-    """Metal comes free node by node, in pulses of (metal - saturation) spacing: they raise the concentration at the
-    front like the root of the spacing, bonds across it act like the spacing itself. Without both the front is the exact
-    one to half a percent.
+    """Metal dissolves node by node, in pulses of (metal - saturation) spacing. They raise the concentration at the
+    front like the root of the spacing, whereas bonds across it have an effect linear in the spacing. Without both
+    terms the front is exact to half a percent.
     """
     horizons = np.array([0.04, 0.02, 0.01])
     errors = np.array([front_error(h) for h in horizons])
@@ -235,8 +235,10 @@ def test_the_front_tends_to_that_of_the_stefan_problem():
 
 @pytest.mark.parametrize("metal, depth", [(1.0, 2.56), (4.0, 0.64), (12.0, 0.64)])
 def test_a_limited_front_is_that_of_diffusion_control(metal, depth):
-    """No liquid above the saturation, whatever the metal holds, and the front of the Stefan problem; without the limit
-    15 times as much metal as the liquid takes makes a front that is a fifth too fast, which is told."""
+    """No liquid exceeds the saturation, whatever the concentration of the metal, and the front is that of the Stefan
+    problem. Without the limit, metal of 15 times the saturation makes the front a fifth too fast, which a warning
+    says.
+    """
     errors = np.array([front_error(h, metal, depth, limited=True) for h in (0.02, 0.01)])
     assert abs(errors[1]) < 0.005 and abs(errors[1]) < 0.6 * abs(errors[0])  # of first order in the horizon
     if metal > 10:
@@ -245,7 +247,9 @@ def test_a_limited_front_is_that_of_diffusion_control(metal, depth):
 
 
 def test_a_limit_that_long_stages_overshoot_is_told_with_what_keeps_it():
-    """Stages of Runge-Kutta-Chebyshev go beyond a step of Euler's, in which the limit holds: steel in a pit."""
+    """Stages of Runge-Kutta-Chebyshev go beyond a step of Euler's, within which the limit holds. The case is steel in
+    a pit.
+    """
     steel = fh.Corrosion(fh.Kernel(4e-6), 8.5e-10, saturation=5.1e3, interface=1.0, limited=True, integrator="rkc")
     setup = {
         "lattice": fh.Lattice(2e-6, -399e-6, 3e-6),
@@ -263,8 +267,8 @@ def test_a_limit_that_long_stages_overshoot_is_told_with_what_keeps_it():
 
 
 def test_speeds_of_fronts_under_activation_control():
-    """Random constants: fronts that recede into liquid that is fresh at once, layer by layer; `interface_for` gives the
-    speed asked for.
+    """Random constants: fronts recede layer by layer into liquid that is renewed at once; `interface_for` gives the
+    requested speed.
     """
     seed = 77
     rng = np.random.default_rng(seed)
@@ -287,7 +291,7 @@ def test_speeds_of_fronts_under_activation_control():
 
 
 def test_currents():
-    """1 A/m^2 of iron (two electrons, 141 000 mol/m^3) takes 1.16 mm a year."""
+    """1 A/m^2 of iron (two electrons, 141 000 mol/m^3) removes 1.16 mm a year."""
     assert fh.speed_of_current(1.0, 141_000.0, 2) * 365.25 * 86400 == pytest.approx(1.16e-3, rel=2e-3)
     for bad in ({"metal": 0.5}, {"far": 0.9}):
         with pytest.raises(fh.InputError, match="saturation"):
@@ -295,7 +299,7 @@ def test_currents():
 
 
 def test_check_tells_the_speed_of_the_front():
-    """Beside the factor that leads from a speed to the interface; supersaturation becomes a caution, limited
+    """The report also has the factor that converts a speed to the interface. Supersaturation causes a caution, limited
     dissolution none.
     """
     sim = Case(CASE).simulation()
@@ -323,8 +327,8 @@ def specimens(dim):
 
 
 def test_only_differences_from_the_background_matter():
-    """All concentrations raised by the same: the same metal dissolves at the same steps, and the balance is that of the
-    metal itself.
+    """With all concentrations raised by the same amount the same metal dissolves at the same steps, and the balance is
+    that of the metal itself.
     """
     lattice, runs = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0)), []
     for level in (0.0, 0.25):
@@ -352,7 +356,7 @@ def test_only_differences_from_the_background_matter():
 @pytest.mark.parametrize("axis, position", [("x", -2.5), ("y", 0.5)])
 @pytest.mark.parametrize("limited", [False, True])
 def test_power_across_a_plane(axis, position, limited):
-    """What crosses a plane through metal, front and liquid is what the nodes beyond it gain in the next step."""
+    """The flux through a plane across metal, front and liquid equals what the nodes beyond it gain in the next step."""
     lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
     sim = fh.Simulation(
         lattice,
@@ -388,7 +392,7 @@ SOME_SIDES = [fh.LatticePML(nodes=8), fh.Sponge(8), fh.Fixed(0.0), fh.Free(), fh
     "dim, boundary", [*((d, b) for d in (1, 2, 3) for b in SOME_SIDES), (1, fh.Exact()), (1, fh.Exact(None))]
 )
 def test_mass_balance(dim, boundary, limited):
-    """Metal, what is dissolved and what has left add up to the start, to rounding of what has moved."""
+    """Metal, dissolved matter and outflow add up to the initial amount, to rounding of what has moved."""
     lattice = fh.Lattice(1.0, [-8.0] * dim, [8.0] * dim)
     corroding = model(kernel_stencil(dim, 2), limited=limited, interface=0.1 + 0.4 * limited)
     sim = fh.Simulation(lattice, corroding, boundary, specimens=specimens(dim), balance=True)
@@ -403,7 +407,7 @@ def test_mass_balance(dim, boundary, limited):
 
 
 def test_mass_balance_along_an_outline():
-    """A window closed by plane waves; metal where they read is refused."""
+    """A window closed by plane waves; metal within the reach of their clouds is refused."""
     window = fh.Lattice(1.0, window=fh.Disc(9.0))
     sim = fh.Simulation(window, model(kernel_stencil(2, 2)), fh.PlaneWave(), specimens=specimens(2), balance=True)
     sim.run(60.0, progress=False)
@@ -420,7 +424,9 @@ def test_mass_balance_along_an_outline():
 
 
 def test_check_leaves_the_metal_alone():
-    """The certificate is that of the liquid; timing steps and the certificate change neither phases nor times."""
+    """The certificate is that of the liquid; timing the steps and computing the certificate change neither phases nor
+    times.
+    """
     lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
     runs = [
         fh.Simulation(
@@ -458,7 +464,7 @@ def test_mass_balance_of_other_integrators(integrator):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_symmetry(dim):
-    """A disc and a ball stay symmetric under all mirrors and permutations of the axes."""
+    """A disc and a ball stay symmetric under all reflections and permutations of the axes."""
     lattice = fh.Lattice(1.0, [-9.0] * dim, [9.0] * dim)
     shape = {2: fh.Disc, 3: fh.Ball}[dim](5.0)
     sim = fh.Simulation(
@@ -476,9 +482,7 @@ def test_symmetry(dim):
 
 
 def test_layer_beside_dissolving_metal():
-    """An off-centre disc near the layer against a domain from which nothing returns; the same nodes dissolve at the
-    same steps.
-    """
+    """An off-centre disc near the layer, against a domain from which nothing returns."""
     setup = {
         "lattice": fh.Lattice(1.0, (-10.0, -10.0), (10.0, 10.0)),
         "model": model(kernel_stencil(2, 2)),
@@ -493,7 +497,7 @@ def test_layer_beside_dissolving_metal():
 
 
 def test_specimen_next_to_the_layer():
-    """It may end at the last node but one: the run puts liquid nodes between it and the layer."""
+    """A specimen may extend to the last node but one: the run puts liquid nodes between it and the layer."""
     start = [fh.Specimen(fh.Box((0.0, -3.0), (9.0, 3.0)), METAL)]
     lattices = [fh.Lattice(1.0, (-10.0, -10.0), (10.0, 10.0)), fh.Lattice(1.0, (-10.0, -10.0), (16.0, 10.0))]
     runs = [fh.Simulation(at, model(kernel_stencil(2, 2)), fh.LatticePML(nodes=24), specimens=start) for at in lattices]
@@ -504,8 +508,9 @@ def test_specimen_next_to_the_layer():
 
 @pytest.mark.parametrize("limited", [False, True])
 def test_pit_under_a_film(limited):
-    """Metal under a film dissolves through the hole in it only, and spreads beneath; a film that opens lets go of
-    all."""
+    """Metal under a film dissolves only through the hole in it, and the pit undercuts the film. A film that forms
+    later has another result than none.
+    """
     lattice = fh.Lattice(1.0, (-15.0, -10.0), (15.0, 10.0))
     plate = fh.Specimen(fh.Box((-15.0, -10.0), (15.0, 0.0)), METAL)
     film = [[(-16.0, 0.5), (-2.5, 0.5)], [(2.5, 0.5), (16.0, 0.5)]]
@@ -635,12 +640,12 @@ def test_refusals(changes, message):
 
 
 def test_a_source_that_reaches_the_metal_is_refused_when_it_does():
-    """One that does not split into space and time is looked at step by step."""
+    """A source that is not a product of functions of space and time is examined step by step."""
     moving = fh.Source(lambda x, y, t: np.where(np.hypot(x - 5 + t, y) < 1, 1.0, 0.0))
     sim = fh.Simulation(SQUARE, model(kernel_stencil(2, 2)), fh.Free(), specimens=PIECE, sources=[moving])
     with pytest.raises(fh.InputError, match="acts on solid nodes"):
         sim.run(4.0)
-    assert 1.0 < sim.time <= 1.0 + sim.dt  # the source comes to the rim at t = 1
+    assert 1.0 < sim.time <= 1.0 + sim.dt  # the source reaches the rim at t = 1
 
 
 def test_bad_specimens():

@@ -1,5 +1,5 @@
-"""Linear elasticity: constants and stencils of each material, waves, energy, rigid motion, layers against the infinite
-lattice.
+"""Linear elasticity: constants and stencils of each material, waves, energy, rigid motion, and layers against the
+infinite lattice.
 """
 
 import itertools
@@ -14,7 +14,7 @@ from farhorizon.engine.state import State
 from farhorizon.medium.solids import central, correspondence, dilatation
 from helpers import fitted_rate, half_space_error, lattice_of, roll_apply
 
-# Poisson's ratio of central forces: 1/4, 1/3 in plane stress (Silling 2000).
+# Poisson's ratio of central forces: 1/4, in plane stress 1/3 (Silling 2000).
 MODELS = {
     "bonds, plane strain": (2, {"poisson": 0.25, "plane": "strain"}),
     "bonds, plane stress": (2, {"poisson": 1 / 3, "plane": "stress"}),
@@ -70,9 +70,7 @@ def worst_error(sim, times):
 
 @pytest.mark.parametrize(("dim", "options"), MODELS.values(), ids=MODELS)
 def test_long_waves_have_the_speeds_of_the_elastic_constants(dim, options):
-    """P and S waves of every direction: the error of the squared speed falls like the square of the wavenumber,
-    whatever the direction.
-    """
+    """P and S waves in every direction: the error of the squared speed falls with the square of the wavenumber."""
     model = elastic(density=3.0, **options)
     stencil = model.stencil(1.0, dim)
     nu, young, mu = options["poisson"], 2.0, 2.0 / (2 * (1 + options["poisson"]))
@@ -88,12 +86,13 @@ def test_long_waves_have_the_speeds_of_the_elastic_constants(dim, options):
         )
         errors = np.abs(squared - exact).max(1)
         assert fitted_rate(wavenumbers, errors) == pytest.approx(2, abs=0.05)
-        assert errors[-1] < 2e-3  # (0.05 * reach)^2 / 12 of a few
+        assert errors[-1] < 2e-3  # a few times (0.05 * reach)^2 / 12
 
 
 def test_micromoduli_of_the_literature():
     """Not calibrated, constant influence and exponent 1: c = 12 E/(pi d^4), plane stress 9 E/(pi d^3), plane strain 48
-    E/(5 pi d^3) (Silling and Askari 2005; Gerstle, Sau and Silling 2005)."""
+    E/(5 pi d^3) (Silling and Askari 2005; Gerstle, Sau and Silling 2005).
+    """
     kernel = fh.Kernel(3.0, exponent=1, volume="full", calibrate=False)
     for dim, plane, expected in (
         (3, None, 12 / (np.pi * 3**4)),
@@ -108,7 +107,7 @@ def test_micromoduli_of_the_literature():
 
 def test_constants_agree_however_they_are_given():
     known = fh.Elastic(PROFILE, 3.0, 0.2, material="state-based")
-    # Textbook relations: K = E/(3(1 - 2 nu)), G = E/(2(1 + nu)).
+    # textbook relations: K = E/(3(1 - 2 nu)), G = E/(2(1 + nu))
     assert known.bulk == pytest.approx(3.0 / (3 * 0.6))
     assert known.shear == pytest.approx(3.0 / 2.4)
     for names in itertools.combinations(("young", "poisson", "bulk", "shear"), 2):
@@ -241,8 +240,8 @@ def test_energy_of_a_free_body_is_conserved():
 
 
 def test_energy_is_half_the_work_of_a_stretch():
-    """Uniform strain in a periodic direction: 1/2 (lam + 2 mu) strain^2 per volume, of nodes whose bonds do not leave
-    the body.
+    """Uniform strain, free contraction excluded: 1/2 (lam + 2 mu) strain^2 per volume, for nodes whose bonds do not
+    leave the body.
     """
     lattice = lattice_of((21, 9), 0.5)
     strain = 1e-3
@@ -256,7 +255,7 @@ def test_energy_is_half_the_work_of_a_stretch():
     )
     mu = 5.0 / 2.5  # Poisson's ratio 1/4
     inner = 0.5 * 3 * mu * strain**2 * 0.25 * 9  # of a column
-    # Within one reach (2 nodes) of both ends bonds are missing; a longer body has as many.
+    # Within one reach (2 nodes) of both ends bonds are missing; a longer body lacks the same number.
     longer = fh.Simulation(
         lattice_of((31, 9), 0.5),
         elastic(young=5.0, kernel=fh.Kernel(1.0)),
@@ -269,7 +268,7 @@ def test_energy_is_half_the_work_of_a_stretch():
 
 
 def test_a_free_body_moves_and_turns_without_force():
-    """Rigid translation, and the infinitesimal rotation that bonds do not feel, along cracks and holes, too."""
+    """Rigid translation, and the infinitesimal rotation that bonds do not feel, with a crack and a hole."""
     lattice, options = free_body()
     v = np.ones((2, *lattice.shape)) * np.array([0.3, -0.7]).reshape(2, 1, 1)
     inside = lattice.mask
@@ -284,8 +283,8 @@ def test_a_free_body_moves_and_turns_without_force():
 
 
 def test_body_forces_bring_their_impulse():
-    """Momentum of a closed box after a force of finite time, one component as a product, one that moves: the sum over
-    its steps.
+    """The momentum of a closed box is the sum over the steps of a force of finite duration, one component of which is
+    a product of space and time and the other moves.
     """
     lattice = lattice_of((15, 16), 0.5)
     x, y = lattice.coordinates()
@@ -316,7 +315,9 @@ def test_body_forces_bring_their_impulse():
 
 
 def test_response_has_the_symmetry_of_the_load():
-    """A force along x at the origin of a cube with layers all around: mirrors along y and z, and their exchange."""
+    """A force along x at the origin of a cube with layers on all sides: reflections along x, y and z, and the exchange
+    of y and z.
+    """
     lattice = box(5, 3)
     force = np.zeros((3, *lattice.shape))
     force[0, 5, 5, 5] = 1.0
@@ -331,7 +332,7 @@ def test_response_has_the_symmetry_of_the_load():
 
 
 def test_a_checkpoint_restores_the_run(tmp_path):
-    """The set-up with its constants, the fields of all components and the layers' memory: bit by bit."""
+    """The set-up with its constants, the fields of all components and the memory of the layers are restored bitwise."""
     x, y = box(6, 2).coordinates()
     force = np.stack([np.exp(-(x**2) - y**2), 0 * x])
     sim = fh.Simulation(
@@ -367,7 +368,7 @@ LAYERS = {
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", LAYERS)
 def test_layers_with_corners_against_the_infinite_lattice(name):
-    """A pulse crosses the near field and its corners, and leaves; the errors that the documentation names."""
+    """A pulse crosses the near field and its corners, and leaves; the bounds are those of the documentation."""
     dim, kernel, options, bounds = LAYERS[name]
     half, width, crossings = (14.0, 3.0, [1.0, 2.0, 3.0, 4.0]) if dim == 2 else (7.0, 1.5, [2.0, 3.0])
     for nodes, wanted in bounds.items():
@@ -384,7 +385,7 @@ def test_layers_with_corners_against_the_infinite_lattice(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["plane, bonds", "plane, reach 3", "plane, state-based", "plane, elements"])
 def test_layers_are_certified(name):
-    """Sides at all tangential wavenumbers, corners from noise."""
+    """Sides at all tangential wavenumbers, and corners from noise."""
     dim, kernel, options, _ = LAYERS[name]
     found = fh.Simulation(box(8.0, dim), elastic(1.0, kernel, **options), fh.LatticePML(nodes=16)).certificate(120.0)
     assert found.verdict == "certified", str(found)
@@ -394,7 +395,7 @@ def test_layers_are_certified(name):
 @pytest.mark.parametrize(("nodes", "wanted"), [(10, 1e-5), (20, 1e-7)])
 @pytest.mark.parametrize("material", ["bond-based", "correspondence"])
 def test_layers_in_space(material, nodes, wanted):
-    """The bounds that are asked of ten and of twenty nodes; certified, corners included."""
+    """The bounds required of ten and of twenty nodes; certified, corners included."""
     options = {} if material == "bond-based" else {"poisson": 0.3, "material": material, "stabilisation": 0.5}
     kernel = PROFILE if material == "bond-based" else fh.Kernel(1.5)
     sim = fh.Simulation(box(9.0, 3), elastic(1.0, kernel, **options), fh.LatticePML(nodes=nodes), {"u": pulse(3, 1.9)})
@@ -408,7 +409,9 @@ def test_a_free_surface_runs_into_the_layers(nodes, wanted):
 
 
 def test_modes_between_like_sides_are_even_or_odd():
-    """In the mirror the component along the normal turns; the halves have the eigenvalues of the whole."""
+    """Under reflection the component along the normal changes its sign; the halves have the eigenvalues of the
+    whole.
+    """
     sim = fh.Simulation(lattice_of((7, 7)), elastic(), fh.LatticePML(nodes=4), threads=1)
     strip = Strip(sim, 0, 7)
     assert strip._images is not None
@@ -422,7 +425,7 @@ def test_modes_between_like_sides_are_even_or_odd():
 
 @pytest.mark.slow
 def test_stabilised_correspondence_needs_no_filter():
-    """No backward waves, so that nothing grows in the layer: certified, corners included."""
+    """There are no backward waves, so nothing grows in the layer: certified, corners included."""
     kernel = fh.Kernel(1.5)
     sim = fh.Simulation(
         box(12.0, 2),
@@ -459,7 +462,7 @@ BAD = {
 
 @pytest.mark.parametrize("young", [1117238046.6589708, 1.0, *np.exp(np.random.default_rng(35).uniform(-20, 20, 20))])
 def test_a_state_of_the_ratio_of_bonds_is_bonds(young):
-    """Its dilatation does nothing, exactly or to rounding, in whatever units."""
+    """The dilatation has no effect, exactly or to rounding, whatever the units."""
     kernel = fh.Kernel(2.0, 1)
     state = fh.Elastic(kernel, young, 0.25, material="state-based").stencil(1.0, 2)
     bonds = fh.Elastic(kernel, young, 0.25).stencil(1.0, 2)
@@ -508,8 +511,8 @@ def test_impossible_runs(name):
 
 
 def noise_over_time(reach, exponent, near, nodes, until, seed):
-    """Size of white noise at the end of eight even parts of a run of a bond-based material with constant influence
-    between default layers.
+    """Size of white noise at the end of each of eight equal parts of a run of a bond-based material with constant
+    influence between default layers.
     """
     model = elastic(1.2, fh.Kernel(float(reach), exponent))
     sim = fh.Simulation(fh.Lattice(1.0, (0.0, 0.0), (near - 1.0, near - 1.0)), model, fh.LatticePML(nodes=nodes))
@@ -536,8 +539,8 @@ WIDE_LONG = [
     "reach, exponent, near, nodes, until", [*WIDE, *(pytest.param(*w, marks=pytest.mark.slow) for w in WIDE_LONG)]
 )
 def test_noise_decays_in_layers_of_wide_bonds(reach, exponent, near, nodes, until):
-    """The prototype material and its like: without an alpha that rises, noise grows by 1e-3 to 1e-2 c/spacing after a
-    few hundred time units.
+    """The prototype material and similar ones: unless alpha rises, noise grows by 1e-3 to 1e-2 c/spacing after a few
+    hundred time units.
     """
     seed = int(np.random.default_rng().integers(2**31))
     sizes = noise_over_time(reach, exponent, near, nodes, until, seed)
@@ -545,7 +548,7 @@ def test_noise_decays_in_layers_of_wide_bonds(reach, exponent, near, nodes, unti
 
 
 def test_one_message_says_which_material_sides_and_layers_go_together():
-    """Whichever of them is asked for first, and what it proposes is accepted."""
+    """The same message appears whichever of them is requested first, and what it proposes is accepted."""
     lattice, kernel = fh.Lattice(1.0, (-10, -10), (10, 0)), fh.Kernel(2.0, 1)
     ground = {"all": fh.LatticePML(nodes=8), "y+": fh.Free()}
     layered = {"all": fh.NonlocalPML(8, cross=0.1), "y+": fh.Free()}
@@ -568,7 +571,7 @@ def test_one_message_says_which_material_sides_and_layers_go_together():
 
 
 def test_an_influence_that_has_no_hash():
-    """What was looked at for one solid is remembered by its table of bonds, not by what was given."""
+    """Results that are cached for one solid are keyed by its table of bonds, not by its arguments."""
     influence = np.poly1d([-1.0, 1.0])
     with pytest.raises(TypeError):
         hash(influence)

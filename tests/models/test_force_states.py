@@ -1,4 +1,4 @@
-"""State-based and correspondence materials as two passes: against their convolution, against a program that goes by the
+"""State-based and correspondence materials as two passes: against their convolution, a program that follows the
 definitions, free surfaces, cracks and layers.
 """
 
@@ -46,7 +46,9 @@ def test_the_stencil_is_the_convolution_of_both_passes(name, dim):
 
 
 def body_with_a_hole(dim):
-    """Free all around, with a hole and a crack, on a lattice of spacing 1/2."""
+    """A body with a hole and a crack that is free all around, on a lattice of spacing 1/2 in the plane and 1 in
+    space.
+    """
     size = (10.0, 8.0, 8.0)[:dim]
     hole = fh.Disc(1.3, (7.0, 5.0)) if dim == 2 else fh.Ball(1.3, (6.9, 4.6, 5.1))
     lattice = fh.Lattice(
@@ -58,11 +60,11 @@ def body_with_a_hole(dim):
 
 
 def forces_by_the_definitions(lattice, crack, model, u, lame=None, shear=None):
-    """Force densities of the nodes that there are, node by node and bond by bond, and their number (N, dim); with
-    Lame's constants of each node, else those of the model.
+    """Force densities of the existing nodes, shape (N, dim), node by node and bond by bond; with Lame's constants of
+    each node if given, otherwise those of the model.
 
     Correspondence: Silling et al. (2007), section 18, with the stabilisation of Silling (2017), eq 21, as the gradient
-    of its energy; state-based: eq 104 there, linearised, with the weighted volume of a node with all its bonds.
+    of its energy; state-based: eq 104 there, linearised, with the weighted volume of a node that has all its bonds.
     """
     dim, h = lattice.dim, lattice.spacing
     states = model.force_states(h, dim)
@@ -93,7 +95,7 @@ def forces_by_the_definitions(lattice, crack, model, u, lame=None, shear=None):
         e = sum((w[k] * np.outer(values[j] - values[i], xi[k]) for k, j in bonds_of), np.zeros((dim, dim))) @ inverse
         stress = lame[i] * np.trace(e) * np.eye(dim) + shear[i] * (e + e.T)
         pull = model.stabilisation * (lame[i] + 2 * shear[i])
-        for k, j in bonds_of:  # of the energy pull/2 sum w |eta - e xi|^2 of this node, and none of other displacements
+        for k, j in bonds_of:  # gradient of the energy pull/2 sum w |eta - e xi|^2 of this node, which vanishes for linear displacements
             rest = pull * w[k] * (values[j] - values[i] - e @ xi[k])
             force[i] += rest
             force[j] -= rest
@@ -119,7 +121,7 @@ def test_forces_are_those_of_the_definitions(name, dim):
 
 @pytest.mark.parametrize(("name", "dim"), [*((one, 2) for one in MATERIALS), IN_SPACE])
 def test_forces_of_several_materials_are_those_of_the_definitions(name, dim):
-    """Young's modulus, Poisson's ratio and density are those of each node."""
+    """Young's modulus, Poisson's ratio and density vary from node to node."""
     lattice, crack = body_with_a_hole(dim)
     rng = np.random.default_rng(SEED)
     young, poisson, density = np.exp(rng.uniform(-1, 1, (3, *lattice.shape))) * np.reshape([1, 0.1, 1], (3, *[1] * dim))
@@ -137,8 +139,8 @@ def test_forces_of_several_materials_are_those_of_the_definitions(name, dim):
 
 @pytest.mark.slow
 def test_random_bodies():
-    """Kernels, bodies, holes, cracks and materials that nobody chose: forces by the definitions, and the energy stays
-    at nine tenths of the limit of the step.
+    """Random kernels, bodies, holes, cracks and materials: forces by the definitions, and the energy is conserved at
+    nine tenths of the step limit.
     """
     print(f"seed {DRAWN}")
     rng = np.random.default_rng(DRAWN)
@@ -158,7 +160,7 @@ def test_random_bodies():
         setup = fh.Setup(lattice, model, fh.Free(), {"u": u}, cracks=[crack], threads=1)
         try:
             sim = fh.Simulation.of(replace(setup, dt=lambda most: 1.8 * most))
-        except fh.InputError as error:  # material law or near field that is not, said before the run
+        except fh.InputError as error:  # an invalid material law or near field, refused before the run
             assert "thinner" in str(error) or "cuts none of its bonds" in str(error)
             continue
         before = sim.energy()
@@ -192,7 +194,7 @@ def test_a_free_body_keeps_its_energy_and_feels_no_rotation(name):
 
 @pytest.mark.parametrize("name", ["correspondence", "state-based"])
 def test_a_thin_plate_is_a_body_of_a_wider_lattice(name):
-    """Faces of a body are free sides to the last bit, and a plate thinner than the stencil has no others."""
+    """Faces of a body equal free sides bitwise, and a plate thinner than the stencil can only be given as a body."""
     sides = {"x-": fh.Periodic(), "x+": fh.Periodic(), "y-": fh.Free(), "y+": fh.Free()}
     start = {"u": [0.0, lambda x, y: np.exp(-(x**2)) * (1 + y)]}
     with pytest.raises(fh.InputError, match=r"thinner than the stencil.*4 nodes along y.*>= 9.*lattice\.body"):
@@ -216,8 +218,8 @@ def test_a_thin_plate_is_a_body_of_a_wider_lattice(name):
 
 @pytest.mark.parametrize("name", ["correspondence", "state-based"])
 def test_beyond_a_fixed_side_the_medium_goes_on(name):
-    """A crack in the middle makes the two passes; without it the convolution is swept, which knows the medium beyond:
-    until the crack is felt at a side and back, both move alike there.
+    """With a crack in the middle the run uses two passes; without it the convolution is swept, which continues the
+    medium beyond the side. Until the crack is felt at a side and back, both move alike there.
     """
     lattice = fh.Lattice(1.0, (-14.0, -10.0), (14.0, 10.0))
     shake = np.random.default_rng(SEED).standard_normal((2, *lattice.shape)) * (np.abs(lattice.coordinates()[0]) > 11)
@@ -227,7 +229,7 @@ def test_beyond_a_fixed_side_the_medium_goes_on(name):
     )
     assert one.engine.passes is None and two.engine.passes is not None
     for sim in (one, two):
-        sim.step(2)  # in a step forces reach 4 nodes
+        sim.step(2)  # in one step forces reach 4 nodes
     np.testing.assert_allclose(two.fields["u"], one.fields["u"], rtol=0, atol=1e-13)
     before = two.energy()
     two.step(100)
@@ -248,8 +250,8 @@ def test_free_surfaces_and_cracks_run_into_the_layers(name, cracks, nodes, wante
 
 
 def test_a_step_may_be_half_of_the_limit_of_the_weakest_node():
-    """Nodes with few bonds oscillate faster than the medium: noise stays bounded just below the limit, and grows above
-    it.
+    """Nodes with few bonds oscillate faster than the medium: noise stays bounded just below the limit, and a larger
+    step is refused.
     """
     lattice, crack = body_with_a_hole(2)
     noise = {"u": np.random.default_rng(SEED).standard_normal((2, *lattice.shape))}
@@ -280,7 +282,7 @@ BREAKING = {"stabilised": 2e-6, "state-based": 4e-6}
 
 
 def torn_plate(name, sides=None, force=1.5e-6, **options):
-    """A plate with a notch, pulled apart."""
+    """A notched plate that is pulled apart."""
     lattice = fh.Lattice(1.0, (-14.0, -11.0), (14.0, 11.0))
     pull = {"y+": force, "y-": -force}
     free = sides is None or "y-" not in sides
@@ -298,8 +300,8 @@ def torn_plate(name, sides=None, force=1.5e-6, **options):
 @pytest.mark.parametrize("name", BREAKING)
 @pytest.mark.parametrize("side", [fh.Free(), fh.Fixed()], ids=["free", "fixed"])
 def test_energies_add_up_as_bonds_break(name, side):
-    """Work of the loads, what moves, what is stored, what has been spent, to rounding. Momentum stays in a free body,
-    and damage never falls.
+    """Work of the loads, kinetic and stored energy, and the energy spent balance to rounding. Momentum is conserved in
+    a free body, and damage never decreases.
     """
     force = 1.5e-6 if not side.bonded else 2e-6 if name == "stabilised" else 4e-6
     sim, before = torn_plate(name, {"x": side}, force), 0.0
@@ -329,7 +331,7 @@ def test_threads_and_a_checkpoint_change_nothing_as_bonds_break(name, tmp_path):
 
 @pytest.mark.parametrize("name", BREAKING)
 def test_a_checkpoint_beside_cracks_that_open_one_after_the_other_changes_nothing(name, tmp_path):
-    """Across bonds of which some have broken before, by the pressure on the faces to be."""
+    """Cracks open across bonds some of which the pressure on the future faces has broken before."""
     first, second = [(-3.0, 0.5), (3.0, 0.5)], [(-0.5, -7.0), (-0.5, -2.0)]
     start = {"u": 1e-5 * np.random.default_rng(3).standard_normal((2, 21, 21))}
 
@@ -360,8 +362,8 @@ def test_a_checkpoint_beside_cracks_that_open_one_after_the_other_changes_nothin
 @pytest.mark.parametrize("name", BREAKING)
 @pytest.mark.parametrize("side", [fh.Free(), fh.Fixed(0.0)], ids=["faces", "inside"])
 def test_a_uniform_stretch_breaks_no_bond_below_the_critical_one(name, side):
-    """Inside to rounding; at the faces of a correspondence body, where nodes are not as firm in all directions, from
-    nine tenths on.
+    """Inside to rounding; at the faces of a correspondence body, where nodes are not equally firm in all directions,
+    from nine tenths on.
     """
     lattice, critical = fh.Lattice(0.5, (0.0, 0.0), (16.0, 16.5)), BREAKING[name]
     x = np.stack(lattice.coordinates())
@@ -375,7 +377,7 @@ def test_a_uniform_stretch_breaks_no_bond_below_the_critical_one(name, side):
 
 @pytest.mark.parametrize(
     ("dim", "dtype"),
-    [  # each is compiled for itself, which takes long
+    [  # each is compiled separately, which takes long
         (3, "float64"),
         pytest.param(2, "float32", marks=pytest.mark.slow),
         pytest.param(2, "float64", marks=pytest.mark.slow),
@@ -383,7 +385,7 @@ def test_a_uniform_stretch_breaks_no_bond_below_the_critical_one(name, side):
     ],
 )
 def test_both_ends_find_that_a_bond_breaks_by_its_energy(dim, dtype):
-    """In the same step, whatever the precision, where the medium varies, across periodic sides and beside free ones."""
+    """In the same step, for either precision, where the medium varies, across periodic sides and beside free ones."""
     print(f"seed {DRAWN}")
     rng, shape = np.random.default_rng([DRAWN, dim]), (23, 26) if dim == 2 else (13, 11, 14)
     lattice = fh.Lattice(1.0, (0.0,) * dim, tuple(n - 1.0 for n in shape))
@@ -403,7 +405,7 @@ def test_both_ends_find_that_a_bond_breaks_by_its_energy(dim, dtype):
     at = {tuple(offset): k for k, offset in enumerate(offsets.tolist())}
     for offset, there in zip(offsets, table, strict=True):
         back = np.roll(table[at[tuple((-offset).tolist())]], tuple(-offset), axis=(0, 1, 2))
-        assert np.array_equal(there, back)  # bonds across free sides are there at neither end
+        assert np.array_equal(there, back)  # bonds across free sides are absent at both ends
     assert sim.broken_bonds > 50
 
 
@@ -411,8 +413,10 @@ def test_both_ends_find_that_a_bond_breaks_by_its_energy(dim, dtype):
 
 
 def surface_wave_speed(model, nodes, corrected=False):
-    """Of a Rayleigh wave so many nodes long, over that of the classical theory: a period of the free half-space, on
-    which the displacements oscillate like the cosine; with a surface that is made up for.
+    """Speed of a Rayleigh wave `nodes` long over that of the classical theory, optionally with a corrected surface.
+
+    One period of the free half-space is run, and a cosine in time is fitted to the projection of its displacements on
+    those at the start.
     """
     length, depth = float(nodes), 2.5 * nodes
     ratio = model.shear / model.p_modulus
@@ -449,8 +453,8 @@ def surface_wave_speed(model, nodes, corrected=False):
     ],
 )
 def test_rayleigh_waves_run_at_the_classical_speed(options, at_20, order):
-    """Springs leave surfaces soft, which is an error of first order; gradients with the shape tensor of the bonds that
-    are there are exact for linear displacements at surfaces, too.
+    """Springs make surfaces too soft, which is an error of first order. Gradients with the shape tensor of the
+    existing bonds are exact for linear displacements at surfaces, too.
     """
     model = fh.Elastic(KERNEL, 1.0, **options)
     errors = [abs(surface_wave_speed(model, nodes) - 1) for nodes in (20, 30, 40)]
@@ -463,7 +467,7 @@ def test_rayleigh_waves_run_at_the_classical_speed(options, at_20, order):
 @pytest.mark.parametrize("exponent", [1, 2])
 @pytest.mark.parametrize("options", [{}, {"poisson": 0.3}, {"poisson": 0.4}], ids=["bonds", "states", "softer states"])
 def test_rayleigh_waves_on_corrected_surfaces(reach, exponent, options):
-    """Within 1 % at 20 nodes a wavelength, and no farther off at 40, where the surface is made up for."""
+    """Where the surface is corrected, the error is below 1 % at 20 and at 40 nodes per wavelength."""
     states = {"material": "state-based"} if options else {}
     model = fh.Elastic(fh.Kernel(float(reach), exponent), 1.0, **options, **states)
     found = {n: (surface_wave_speed(model, n) - 1, surface_wave_speed(model, n, True) - 1) for n in (20, 40)}
@@ -473,7 +477,7 @@ def test_rayleigh_waves_on_corrected_surfaces(reach, exponent, options):
 
 
 def test_what_is_lost_with_bonds_is_the_same_with_more_threads():
-    """A crack that splits breaks bonds in several tiles of one row at once: no loss may be written over another."""
+    """A branching crack breaks bonds in several tiles of one row at once; no loss may overwrite another."""
 
     def torn(count):
         lattice = fh.Lattice(1 / 3, (-8 + 1 / 6, -5 + 1 / 6), (8 - 1 / 6, 5 - 1 / 6))

@@ -1,5 +1,4 @@
-"""Heat conduction: the conductivity that a grid has, the self term, bars between two temperatures, composites,
-units."""
+"""Heat conduction: the conductivity of a grid, the self term, bars between two temperatures, composites, units."""
 
 import numpy as np
 import pytest
@@ -25,12 +24,12 @@ from helpers import dense_operator, fitted_rate
 
 
 def kernel(reach, influence="constant", **options):
-    """A paper's micro-conductivity on unit spacing."""
+    """The micro-conductivity of the paper on unit spacing."""
     return Kernel(float(reach), influence=influence, **{"calibrate": False, **options})
 
 
 def conductivity(stencil):
-    """Second moment of a stencil: the conductivity that long waves see."""
+    """Second moment of a stencil, which is the conductivity for long waves."""
     return 0.5 * (stencil.weights * stencil.offsets[:, 0] ** 2).sum()
 
 
@@ -38,7 +37,7 @@ def conductivity(stencil):
 @pytest.mark.parametrize(
     ("influence", "self_term", "expected"),
     [
-        # spec of the paper's discretisation, by algebra of the sums: constant k lacks 1/(2m), the triangle 1/m or, as
+        # by algebra of the sums of the paper's discretisation: constant k lacks 1/(2m), the triangle 1/m or, as
         # printed, 1/m^2
         ("constant", "centre", lambda m: 1.0),
         ("constant", "neighbour", lambda m: 1.0),
@@ -49,13 +48,13 @@ def conductivity(stencil):
     ],
 )
 def test_self_term(reach, influence, self_term, expected):
-    """Only the self term with k(0) gives the conductivity asked for."""
+    """Only the self term with k(0) gives the requested conductivity."""
     model = Heat(kernel(reach, influence), self_term=self_term)
     assert conductivity(model.stencil(1.0, 1)) == pytest.approx(expected(reach), rel=1e-13)
 
 
 def test_triangle_over_two_nodes_is_the_classical_difference():
-    """k vanishes at the horizon's edge, half of it and the self term make up 1."""
+    """k vanishes at the edge of the horizon; half of it and the self term add up to 1."""
     stencil = Heat(kernel(2, "linear")).stencil(1.0, 1)
     classical = Stencil.finite_difference(1)
     assert stencil.offsets.tolist() == classical.offsets.tolist()
@@ -65,7 +64,7 @@ def test_triangle_over_two_nodes_is_the_classical_difference():
 @pytest.mark.parametrize("dim", [1, 2, 3])
 @pytest.mark.parametrize("exponent", [0, 1, 2, 3])
 def test_self_weight_is_the_cell_integral(dim, exponent):
-    """Half the constant times the integral of x^2 r^-p over the unit cell, here by a fine midpoint rule."""
+    """Half the constant times the integral of x^2 r^-p over the unit cell, by a fine midpoint rule."""
     if dim == 1 and exponent == 3:
         return
     count = {1: 100_000, 2: 1000, 3: 100}[dim]
@@ -82,14 +81,16 @@ def test_self_weight_is_the_cell_integral(dim, exponent):
 @pytest.mark.parametrize("dim", [1, 2, 3])
 @pytest.mark.parametrize("influence", ["constant", "linear", "gaussian"])
 def test_calibrated_conductivity(dim, influence):
-    """With a calibrated kernel any self term and any horizon gives the conductivity."""
+    """With a calibrated kernel any self term and any horizon give the conductivity."""
     for self_term in ("centre", "neighbour", "none"):
         stencil = Heat(Kernel(2.7, influence=influence), conductivity=3.0, self_term=self_term).stencil(1.0, dim)
         assert conductivity(stencil) == pytest.approx(1.0, rel=1e-12)
 
 
 def test_units():
-    """SI: a copper bar's mode decays with conductivity / (density specific heat); a source is a power per volume."""
+    """In SI units a mode of a copper bar decays with conductivity / (density specific heat), and a source is a power
+    per volume.
+    """
     density, heat, kappa = 8960.0, 385.0, 401.0  # copper at room temperature (CRC Handbook)
     lattice = Lattice(1e-3, 0.0, 0.039)
     model = Heat(Kernel(3e-3), density, heat, kappa, "rk4")
@@ -102,8 +103,8 @@ def test_units():
 
 
 def test_bar_against_the_matrix_exponential():
-    """A bar with one node held at either end is a linear system: Runge-Kutta 4 close to its limit is within 1e-9 of it,
-    all in degrees.
+    """A bar with one node held at either end is a linear system: Runge-Kutta 4, even close to its limit, is within
+    1e-9 of it, in degrees.
     """
     nodes, reach, alpha = 67, 2, 1.14
     spacing = 10 / nodes
@@ -126,7 +127,7 @@ def test_bar_against_the_matrix_exponential():
 
 @pytest.mark.parametrize("integrator", ["euler", RungeKuttaChebyshev(15)])
 def test_order_in_time_with_held_nodes(integrator):
-    """Values that vary in time keep the order: 1 and 2. Compared with Runge-Kutta 4 at a small step."""
+    """Held values that vary in time keep the orders 1 and 2; compared with Runge-Kutta 4 at a small step."""
 
     def end(method, steps):
         model = Heat(Kernel(3.0), integrator=method)
@@ -149,7 +150,7 @@ def test_order_in_time_with_held_nodes(integrator):
 
 
 def test_order_of_runge_kutta_4_with_held_nodes():
-    """Order 4 with a value that varies in time."""
+    """Order 4 with a held value that varies in time."""
 
     def end(steps):
         model = Heat(Kernel(3.0), integrator="rk4")
@@ -164,8 +165,8 @@ def test_order_of_runge_kutta_4_with_held_nodes():
 
 
 def test_composite_reaches_its_steady_state():
-    """Two halves of conductivity 1 and 3, harmonic bonds of nearest neighbours: the classical profile, exactly, with
-    the wall between cells.
+    """Two halves of conductivity 1 and 3, with harmonic bonds of nearest neighbours and the interface between cells,
+    reach the classical profile exactly.
     """
     nodes = 20
     x = np.arange(nodes) + 0.5
@@ -175,14 +176,14 @@ def test_composite_reaches_its_steady_state():
     sim = Simulation(
         Lattice(1.0, 0.5, nodes - 0.5), model, Free(), {"u": 0.5}, coefficient=factor, rule="harmonic", constraints=held
     )
-    sim.run(1500.0)  # exp(-0.027 * 1500), the slowest mode of 19 cells, is below rounding
+    sim.run(1500.0)  # exp(-0.027 * 1500) of the slowest mode of 19 cells is below rounding
     resistance = np.concatenate([[0], np.cumsum((1 / factor[:-1] + 1 / factor[1:]) / 2)])
     assert sim.fields["u"] == pytest.approx(resistance / resistance[-1], abs=1e-10)
 
 
 @pytest.mark.parametrize("reach", [2, 3])
 def test_quenched_bar_converges(reach):
-    """Mirror conditions: second order in the spacing, to the classical solution."""
+    """With mirror conditions the error against the classical solution is of second order in the spacing."""
     errors, spacings = [], []
     for nodes in (20, 40, 80):
         spacing = 1 / nodes
@@ -201,8 +202,8 @@ def test_quenched_bar_converges(reach):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_quenched_block_is_the_product_of_slabs(dim):
-    """A square and a cube from 1 to 0 on all sides by mirror conditions, a quarter of it: insulated where it is cut.
-    Second order.
+    """A quarter of a square, or an eighth of a cube, cooled from 1 to 0 on all sides by mirror conditions and
+    insulated where it is cut. Second order.
     """
     counts, errors = ([16, 32] if dim == 3 else [16, 32, 64]), []
     slab = Slab(1.0, 1.0, [(0, 1, 1.0)], End(0.0, slope=True), End(0.0))

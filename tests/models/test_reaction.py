@@ -1,4 +1,4 @@
-"""Media that draw their nodes back: Klein-Gordon waves and diffusion that decays, against exact solutions."""
+"""Media with a reaction, Klein-Gordon waves and diffusion that decays, against exact solutions."""
 
 import os
 
@@ -45,7 +45,7 @@ def box(half, dim=1, spacing=1.0):
 @pytest.mark.parametrize("dim", [1, 2])
 @pytest.mark.parametrize("reach", [1, 2])
 def test_dispersion_of_a_plane_wave(dim, reach, dtype):
-    """In a periodic box, with the dispersion of the lattice written out bond by bond."""
+    """A plane wave in a periodic box follows the dispersion of the lattice, written out bond by bond."""
     speed, mass, spacing, n = 1.3, 0.7, 0.5, 16
     stencil = fh.Stencil.finite_difference(dim) if reach == 1 else fh.Stencil.from_kernel(fh.Kernel(1.0), spacing, dim)
     k = 2 * np.pi * np.array([3, 2][:dim]) / n
@@ -64,7 +64,7 @@ def test_dispersion_of_a_plane_wave(dim, reach, dtype):
 @pytest.mark.parametrize("integrator", [Euler(), RungeKutta4(), RungeKuttaChebyshev(5)])
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_a_uniform_field_decays(integrator, dtype):
-    """Whatever its coefficient, which is one of the bonds."""
+    """The coefficient does not matter, because it applies to the bonds."""
     rate, varied = 0.3, 1 + np.arange(9) / 8
     model = decaying(fh.Kernel(2.0), 0.1, rate, integrator)
     sim = fh.Simulation(
@@ -102,7 +102,7 @@ def test_balance_with_open_sides_and_a_source(integrator):
         taken += 0.2 * sim.dt * (before if integrator == "euler" else (before + sim.fields["u"].sum()) / 2)
     found = sim.balance()
     assert abs(found["residual"]) < 1e-12 * found["source[0]"]
-    # of the others the trapezoidal rule errs by dt^2 / 12
+    # for the other integrators the trapezoidal rule errs by dt^2 / 12
     assert -found["reaction"] == pytest.approx(taken, rel=1e-11 if integrator == "euler" else 2e-3)
 
 
@@ -123,7 +123,7 @@ def test_a_wave_of_vectors_on_a_foundation():
     sim = fh.Simulation(box(12, 2), model, fh.LatticePML(nodes=20), pulse)
     infinite = InfiniteLattice(sim.stencil, model.coefficient, sim.model.integrator, sim.dt, 150, pulse["u"])
     sim.step(150)
-    assert np.abs(sim.fields["u"] - infinite.after(150)).max() < 1e-4  # the layer's own, see docs/limits.md
+    assert np.abs(sim.fields["u"] - infinite.after(150)).max() < 1e-4  # the error of the layer itself, see docs/limits.md
     assert sim.fields["u"].shape == (2, 25, 25)
     twin = fh.Simulation(box(12, 2), model, fh.Periodic(), {"u": [1.0, 1.0]})
     twin.step(40)
@@ -144,7 +144,7 @@ def test_bonds_that_may_break_stand_on_it_too():
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_exact_ends_against_a_longer_bar(order):
-    """With a wide stencil, and a coefficient that differs from end to end but leaves the reaction alone."""
+    """With a wide stencil, and a coefficient that differs from end to end but does not affect the reaction."""
     kernel, make = fh.Kernel(3.0, exponent=1), massive if order == 2 else decaying
     factor = np.where(np.arange(41) < 20, 0.25, 1.0)
     more = np.pad(factor, 100, mode="edge")
@@ -166,7 +166,7 @@ def test_both_kernels_of_exact_ends_agree():
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_step_limit(order):
-    """From the largest eigenvalue of the matrix: up to it the scheme is bounded, beyond it grows."""
+    """From the largest eigenvalue of the matrix: below the limit the scheme is bounded, above it it grows."""
     rng = np.random.default_rng(SEED)
     print("seed", SEED)
     stencil = fh.Stencil.from_kernel(fh.Kernel(2.0), 1.0, 2)
@@ -176,7 +176,7 @@ def test_step_limit(order):
     highest = 2.25 * (stencil.symbol_maximum) + mass**2
     assert sim.step_limit == pytest.approx(2 / np.sqrt(highest) if order == 2 else 2 / highest, rel=1e-12)
     matrix = dense_operator((8, 8), stencil.offsets, 2.25 * stencil.weights) - mass**2 * np.eye(64)
-    largest = np.linalg.eigvalsh(-matrix).max()  # of free ends, a little below
+    largest = np.linalg.eigvalsh(-matrix).max()  # with free ends, a little smaller
     limit = 2 / np.sqrt(largest) if order == 2 else 2 / largest
     assert sim.step_limit <= limit * (1 + 1e-12)
     sizes = []
@@ -197,7 +197,7 @@ def test_a_step_just_below_the_limit_is_stable():
     limit = fh.Simulation(box(20), model, fh.Periodic()).step_limit
     sim = fh.Simulation(box(20), model, fh.Periodic(), {"u": noise}, dt=0.999 * limit)
     sim.step(20000)
-    assert np.abs(sim.fields["u"]).max() < 200 * np.abs(noise).max()  # at 0.999 the shortest wave swings 1/sin(..) = 22
+    assert np.abs(sim.fields["u"]).max() < 200 * np.abs(noise).max()  # at 0.999 the shortest wave swings by 1/sin(..) = 22
 
 
 def test_static_decay_of_a_line_source():
@@ -208,10 +208,10 @@ def test_static_decay_of_a_line_source():
     sim = fh.Simulation(
         box(30), decaying(fh.Stencil.finite_difference(1), diffusivity, rate), fh.LatticePML(), sources=[source]
     )
-    sim.run(until=600.0)  # exp(-30) of the start is left
+    sim.run(until=600.0)  # exp(-30) of the start remains
     kappa = 2 * np.arcsinh(np.sqrt(rate / diffusivity) / 2)
     exact = np.exp(-kappa * np.abs(np.arange(-30, 31))) / np.sqrt(rate**2 + 4 * rate * diffusivity)
-    assert np.abs(sim.fields["u"] - exact).max() < 1e-5 * exact.max()  # what layers keep unless a target is given
+    assert np.abs(sim.fields["u"] - exact).max() < 1e-5 * exact.max()  # the target of layers by default
 
 
 @pytest.mark.parametrize("side", [fh.Fixed(), fh.Free(), fh.Periodic()])
@@ -238,12 +238,12 @@ def test_layers_are_certified():
 
 
 def test_convergence_to_the_continuum():
-    """Of second order to the Fourier integral of ``u_tt = u_xx - m^2 u``."""
+    """Second-order convergence to the Fourier integral of ``u_tt = u_xx - m^2 u``."""
     mass, time = 1.5, 4.0
     k = np.linspace(-30, 30, 6001)
     errors = []
     for spacing in (0.2, 0.1, 0.05):
-        lattice = fh.Lattice(spacing, -9, 9)  # so wide that nothing comes back from its ends
+        lattice = fh.Lattice(spacing, -9, 9)  # so wide that nothing returns from its ends
         (x,) = lattice.coordinates()
         sim = fh.Simulation(
             lattice, massive(fh.Stencil.finite_difference(1), 1.0, mass), fh.Free(), {"u": bell(0.7)}, dt=0.5 * spacing
@@ -257,7 +257,7 @@ def test_convergence_to_the_continuum():
 
 
 def test_a_coefficient_is_one_of_the_bonds():
-    """A medium of a quarter of the squared speed is one of half the speed, the mass the same: in the layers, too."""
+    """A medium of a quarter of the squared speed equals one of half the speed and the same mass, also in the layers."""
     start, layer = {"u": bell(3.0)}, fh.LatticePML(target=1e-6, until=60.0)
     slow = fh.Simulation(box(15), massive(fh.Kernel(2.0), 0.5, 0.4), layer, start)
     weak = fh.Simulation(
@@ -273,7 +273,7 @@ def test_a_coefficient_is_one_of_the_bonds():
 
 
 def test_wide_domains_and_prices():
-    """Sides that extend the domain, and what they would cost, go by the largest group speed, which a mass lowers."""
+    """The width of extended sides, and their price, depend on the largest group speed, which a mass lowers."""
     model, start = massive(fh.Kernel(2.0), 1.0, 0.4), {"u": bell(3.0)}
     wide = fh.Simulation(box(15), model, fh.Extended(target=1e-8, until=60.0), start)
     wide.prepare(60.0)
@@ -300,8 +300,8 @@ def driven(rng, dim):
 
 
 def check_layers(seed, dim, count, first=0):
-    """Of waves that may be as slow as they like, the layers keep their targets, and the default; `count` set-ups of a
-    seed, from the `first` on.
+    """For arbitrarily slow waves the layers keep their targets, and the default one; `count` set-ups of a seed, from
+    number `first` on.
     """
     rng = np.random.default_rng(seed)
     print("seed", seed)
@@ -323,7 +323,7 @@ def test_layers_keep_their_targets():
 
 @pytest.mark.parametrize(("seed", "number"), [(2123085838, 0), (777002, 568), (777002, 993), (777002, 1187)])
 def test_layers_keep_targets_that_were_missed(seed, number):
-    """By a start of the layers before that of the run, and by layers that looked at no course of the sources."""
+    """Targets were missed when layers started before the run, and when they ignored how sources vary in time."""
     check_layers(seed, 1, 1, number)
 
 
@@ -374,7 +374,7 @@ def test_what_does_not_know_it_refuses():
 
 
 def test_a_stencil_brings_its_own():
-    """In units of its bonds, beside what the model adds."""
+    """In units of its bonds, and in addition to that of the model."""
     stencil = fh.Stencil.finite_difference(1).with_reaction(0.25)
     sim = fh.Simulation(box(8), fh.Wave(stencil, speed=2.0), fh.Periodic(), {"u": 1.0})
     assert sim.engine.reaction == 0.25 * 2.0**2

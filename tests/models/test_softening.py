@@ -1,7 +1,7 @@
-"""Bonds that soften before they break: cycles of single bonds, what a crack takes, energies, threads and checkpoints,
-cases, bad input.
+"""Bonds that soften before they break: cycles of single bonds, the energy of a crack, energies, threads and
+checkpoints, cases, bad input.
 
-Against plain numpy, bond by bond, they are in `tests/engine/test_bonds.py`.
+The comparison with plain numpy, bond by bond, is in `tests/engine/test_bonds.py`.
 """
 
 import numpy as np
@@ -19,14 +19,14 @@ SIDES_ALONG_X = {"x": fh.Free(), "y": fh.Periodic(), "z": fh.Periodic()}
 
 
 def held(spacing, reach, dim, stretch=ONSET):
-    """Energy per area that the bonds across a plane hold at a stretch, were they linear."""
+    """Energy per area of the bonds across a plane at a stretch, if they were linear."""
     brittle = fh.Elastic(fh.Kernel(reach * spacing, 1), 1.0)
     stencil = brittle.stencil(spacing, dim)
     return fracture_energy(spacing * stencil.offsets, brittle.bond_stiffness(stencil, spacing), stretch)
 
 
 def material(softening="linear", energy=None, spacing=0.5, reach=2, dim=2, **options):
-    """Twice as much energy as bonds hold that begin to soften, unless it is given."""
+    """By default the fracture energy is twice that of the bonds when they begin to soften."""
     energy = 2 * held(spacing, reach, dim) if energy is None else energy
     given = {"critical_stretch": ONSET, "fracture_energy": energy, "softening": softening} | options
     return fh.Elastic(fh.Kernel(reach * spacing, 1), 1.0, **given)
@@ -40,14 +40,14 @@ def sides(dim):
 
 
 class Bond:
-    """One bond of a given length along an axis, by the curve that it follows and the way back to the origin."""
+    """A bond of given length along an axis, on the curve of its law and on the way back to the origin."""
 
     def __init__(self, softening, onset, final, contact=False):
         self.softening, self.onset, self.final, self.contact = softening, onset, final, contact
         self.top = self.spent = 0.0
 
     def secant(self, stretch):
-        """Of the curve, over that of an intact bond."""
+        """Secant of the curve, relative to that of an intact bond."""
         if stretch <= self.onset:
             return 1.0
         if self.softening == "linear":
@@ -55,7 +55,7 @@ class Bond:
         return self.onset * np.exp(-2 * (stretch - self.onset) / (self.final - self.onset)) / stretch
 
     def pull(self, stretch, before):
-        """Force over stiffness; what is lost between the stretch a step ago and now is added up."""
+        """Force over stiffness; adds up the loss between the stretch one step ago and now."""
         loss = self.secant(self.top) - self.secant(max(self.top, stretch))
         self.spent += loss * stretch * before / 2
         self.top = max(self.top, stretch)
@@ -65,9 +65,9 @@ class Bond:
 @pytest.mark.parametrize("contact", [False, True], ids=["apart", "contact"])
 @pytest.mark.parametrize("softening", SOFTENINGS)
 def test_bonds_that_are_loaded_unloaded_and_loaded_again(softening, contact):
-    """Nodes at rest, and a row beside them that a growing load pulls and pushes: of each of its nodes a straight bond
-    and two oblique ones, each a program of its own. Step by step the same displacement and the same loss. In
-    compression a bond is as soft as in tension, or has all its stiffness if that is said.
+    """Beside nodes at rest, a row is pulled and pushed by a growing load: each of its nodes has one straight bond and
+    two oblique ones, each computed by itself. Displacement and loss agree step by step. In compression a bond is as
+    soft as in tension, or has its full stiffness with contact.
     """
     spacing, count = 0.5, 8
     model = material(softening, reach=1.5, energy=4 * held(spacing, 1.5, 2), contact=contact)
@@ -103,9 +103,10 @@ def test_bonds_that_are_loaded_unloaded_and_loaded_again(softening, contact):
 
 
 def opened(softening, spacing, reach, dim, energy, steps=400, nonlinear=False):
-    """Two halves of a bar that are moved apart evenly, until the most oblique of the bonds across x = 0 has come to the
-    end of the linear law, of the other three times as far: energy that is lost per area, and the same by the bonds
-    across that plane, one by one."""
+    """Two halves of a bar are moved apart evenly, until the most oblique of the bonds across x = 0 has reached the end
+    of the linear law, or three times as far for the exponential one. Returns the energy that is lost per area, and the
+    same from the bonds across that plane, one by one.
+    """
     model = material(softening, energy, spacing, reach, dim, nonlinear=nonlinear)
     half, period = (reach + 0.5) * spacing, 2 * reach * spacing
     lattice = fh.Lattice(spacing, (-half, *[0.0] * (dim - 1)), (half, *[period] * (dim - 1)))
@@ -132,8 +133,9 @@ BARS = [(2, 2, False), (2, 4, False), (2, 3, True), (3, 2, False)]
 @pytest.mark.parametrize("softening", SOFTENINGS)
 @pytest.mark.parametrize(("dim", "reach", "nonlinear"), BARS)
 def test_a_plane_takes_what_its_bonds_do(dim, reach, nonlinear, softening):
-    """Each is loaded steadily: to the square of what it is stretched in a step, of the linear law at its ends alone.
-    The exponential law leaves a force of exp(-7) at most."""
+    """Each bond is loaded steadily: the error is of second order in the stretch per step, and for the linear law
+    arises at its ends only. The exponential law leaves a force of exp(-7) at most.
+    """
     lost, taken = opened(softening, 0.5, reach, dim, 4 * held(0.5, reach, dim), nonlinear=nonlinear)
     assert lost == pytest.approx(taken, rel=2e-3)
 
@@ -141,8 +143,10 @@ def test_a_plane_takes_what_its_bonds_do(dim, reach, nonlinear, softening):
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_fracture_energy_is_the_same_on_every_lattice(dim):
-    """That of the material, within what a plane along an axis differs by from the mean over all planes: of space 6 % at
-    a reach of two nodes, in the plane half of that, and less on finer lattices, of the same horizon or of another."""
+    """The fracture energy is that of the material, up to the difference between a plane along an axis and the mean
+    over all planes: 6 % in space at a reach of two nodes, half of that in the plane, and less on finer lattices. The
+    horizon does not matter.
+    """
     energy = 8 * held(0.5, 2, dim)
     reaches, errors = np.array([2, 3, 4]), []
     for reach in reaches:
@@ -155,14 +159,15 @@ def test_the_fracture_energy_is_the_same_on_every_lattice(dim):
     assert fitted_rate(1 / reaches, errors) > 1.4
 
 
-#: Largest stress of a bar of bonds over E s0, which docs/explanation/fracture.md tells, by final over critical stretch.
+#: Largest stress of a bar of bonds over E s0, given in docs/explanation/fracture.md, by final over critical stretch.
 STRENGTHS = {"linear": {2: 1.14, 5: 1.32, 10: 1.45}, "exponential": {2: 1.10, 5: 1.24, 10: 1.36}}
 
 
 @pytest.mark.parametrize("softening", SOFTENINGS)
 def test_oblique_bonds_bear_more_than_the_critical_stretch_tells(softening):
-    """In space, of all bonds of a lattice of reach 6: strained evenly along x, and along y and z so that no stress is
-    there."""
+    """For all bonds of a lattice of reach 6 in space, strained uniformly along x, and along y and z so that there is
+    no stress there.
+    """
     stencil = (model := fh.Elastic(fh.Kernel(6.0, 1), 1.0)).stencil(1.0, 3)
     xi = stencil.offsets.astype(float)
     tensors = np.einsum("k,ka,kb->kab", model.bond_stiffness(stencil, 1.0) / (2 * (xi**2).sum(1)), xi, xi)
@@ -187,8 +192,9 @@ def test_oblique_bonds_bear_more_than_the_critical_stretch_tells(softening):
 @pytest.mark.slow
 @pytest.mark.parametrize("softening", SOFTENINGS)
 def test_a_straight_crack_spends_its_fracture_energy(softening):
-    """As one of bonds that break at once (`test_breaking`), in a notched strip that is pulled at its edges: it runs at
-    0.4 of the speed of S waves and spends 3 % more than the fracture energy, on bonds beside its plane."""
+    """Like a crack of brittle bonds (`test_breaking`), in a notched strip that is pulled at its edges: it runs at 0.4
+    of the S wave speed and spends 3 % more than the fracture energy, on bonds beside its plane.
+    """
     half, edge, energy = 20.0, 7.75, held(0.5, 2, 2)
     lattice = fh.Lattice(0.5, (-half, -edge), (half, edge))
     y = lattice.coordinates()[1]
@@ -211,7 +217,7 @@ def test_a_straight_crack_spends_its_fracture_energy(softening):
 
 
 def blast(lattice, strength=0.15, **options):
-    """A closed box in whose middle something goes off."""
+    """A closed box with an explosion in the middle."""
     x = np.stack(lattice.coordinates())
     source = fh.Source(strength * x * np.exp(-(x**2).sum(0)), lambda t: np.exp(-((t - 6) ** 2)))
     return {"sources": [source], "balance": True} | options
@@ -220,8 +226,9 @@ def blast(lattice, strength=0.15, **options):
 @pytest.mark.parametrize(("softening", "nonlinear"), [("linear", False), ("exponential", False), ("linear", True)])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_energies_add_up(dim, softening, nonlinear):
-    """To rounding with the linear elongation, whatever is loaded and unloaded; the load is 1e-16 at the start. Fracture
-    energy and critical stretch vary, a crack opens on the way."""
+    """With the linear elongation energies add up to rounding, whatever is loaded and unloaded; the load is 1e-16 at
+    the start. Fracture energy and critical stretch vary, and a crack opens during the run.
+    """
     half = 8.0 if dim == 2 else 4.0
     lattice = fh.Lattice(0.5, (-half,) * dim, (half,) * dim)
     crack = fh.Polyline([[-4, 0.3], [4, 0.3]]) if dim == 2 else fh.Rectangle([-2, -2, 0.3], [4, 0, 0], [0, 4, 0])
@@ -266,8 +273,9 @@ def test_threads_and_checkpoints_change_nothing(softening, tmp_path):
 
 
 def test_a_crack_that_opens_elsewhere_leaves_what_has_softened():
-    """The tiles that bonds have softened in stay known as such: with the crack far away, that cuts no bond of theirs,
-    nothing changes until its waves arrive."""
+    """The tiles in which bonds have softened remain known. A distant crack cuts none of their bonds, so nothing
+    changes until its waves arrive.
+    """
     lattice = fh.Lattice(0.5, (-20.0, -4.0), (20.0, 4.0))
     start = {"v": [0.0, "0.03*sin(2*y)*exp(-(x + 15)**2)"]}
     far = [fh.Crack([(15.0, -1.0), (15.0, 1.2)], opens=6.0)]
@@ -278,10 +286,10 @@ def test_a_crack_that_opens_elsewhere_leaves_what_has_softened():
     np.testing.assert_array_equal(one, two)
 
 
-@pytest.mark.slow  # as all of single precision
+@pytest.mark.slow  # like all tests of single precision
 @pytest.mark.parametrize("softening", SOFTENINGS)
 def test_single_precision(softening):
-    """The same fields to the precision of float32; what softens multiplies errors, here little so far."""
+    """The fields agree to the precision of float32; softening multiplies errors, so far only a little here."""
     lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 8.0))
     runs = [
         fh.Simulation(lattice, material(softening), fh.Free(), dtype=real, **blast(lattice)).run(8.0)
@@ -360,7 +368,7 @@ def test_what_softens_has_a_critical_stretch_and_a_fracture_energy(given):
 
 
 def test_the_horizon_that_the_remedy_names_does():
-    """The longer the bonds, the more they hold."""
+    """The longer the bonds, the more energy they store."""
     lattice = fh.Lattice(0.25, (-4.0, -4.0), (4.0, 4.0))
     energy = held(0.25, 8, 2)
 

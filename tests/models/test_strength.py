@@ -1,4 +1,4 @@
-"""Bonds whose strength varies from node to node: which of them break, what that takes, and what is refused."""
+"""Bonds whose strength varies from node to node: which of them break, the energy spent, and what is refused."""
 
 import warnings
 
@@ -18,7 +18,7 @@ def material(**options):
 
 
 def bonds_of(lattice, sim):
-    """Both ends of each bond, by number, and its vector, where the last axis closes on itself."""
+    """Numbers of the two ends of each bond, and its vector, where the last axis is periodic."""
     index = np.indices(lattice.shape).reshape(lattice.dim, -1).T
     found = []
     for offset in sim.stencil.offsets:
@@ -33,8 +33,8 @@ def bonds_of(lattice, sim):
 
 
 def test_a_bar_in_tension_breaks_at_its_weakest_bonds():
-    """Pulled apart at a constant rate of strain, by which all bonds of one direction have the same stretch: the first
-    to break are those with the least strength over their share of the strain, known before the run.
+    """At a constant rate of strain all bonds of one direction have the same stretch. The first to break are those with
+    the least strength over their share of the strain, known before the run.
     """
     rate = 1e-3
     lattice = fh.Lattice(SPACING, (-20.0, -2.0), (20.0, 2.0))
@@ -114,7 +114,7 @@ def test_energies_of_many_strengths_add_up():
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_fracture_energy_is_spent_whatever_the_stiffness(dim):
-    """Of each node, by its own bonds: Young's modulus, a coefficient and the energy itself vary."""
+    """The energy of each node is that of its own bonds: Young's modulus, a coefficient and the energy itself vary."""
     lattice = fh.Lattice(SPACING, (-3.0,) * dim, (3.0,) * dim)
     x = lattice.coordinates()[0]
     young, energy = np.where(x > 0, 5.0, 1.0), np.where(x > 1, 3e-4, 1e-4)
@@ -148,7 +148,7 @@ def test_strengths_that_are_the_same_everywhere_are_a_number():
 
 
 def test_threads_checkpoints_and_the_order_of_nodes_change_nothing(tmp_path):
-    """Strengths are those of the place: a lattice that is shifted by whole nodes has the same at the same places."""
+    """Strengths depend on the place: a lattice that is shifted by whole nodes has the same ones at the same places."""
     model = material(critical_stretch=fh.Weibull(0.02, 5, SPACING))
     start = {"v": ["0.05*sin(3*x)*cos(2*y)", "0.05*cos(5*x*y)"]}
     lattice = fh.Lattice(SPACING, (-26.0, -25.0), (26.0, 25.0))
@@ -175,8 +175,8 @@ def test_threads_checkpoints_and_the_order_of_nodes_change_nothing(tmp_path):
 
 
 def test_the_rim_warns_of_the_strengths_there():
-    """Within one reach of a side that is not free bonds cannot break: that is said where they would, not where they are
-    stronger than what pulls, whatever others are.
+    """Bonds within one reach of a side that is not free cannot break. A warning says so where they would break, and
+    none appears where they are strong enough, however weak the others are.
     """
     lattice = fh.Lattice(SPACING, (-4.0, -2.0), (4.0, 2.0))
     for rim, inside, warned in ((0.5, 0.005, False), (0.005, 0.5, True)):
@@ -266,7 +266,9 @@ def test_a_start_beyond_the_strength_of_a_seam_is_refused():
 
 
 def test_a_strength_that_varies_up_to_where_the_domain_is_extended_is_told():
-    """Where bonds break beyond the side, too: it goes on there as it is at the edge."""
+    """This matters where bonds break beyond the side, because there the strength continues with its value at the
+    edge.
+    """
     model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, critical_stretch="1e-3*(1 + 0.03*x)")
     lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
 

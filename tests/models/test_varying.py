@@ -1,4 +1,4 @@
-"""Media whose stiffness and density vary from node to node: against a plain program, and the laws of interfaces."""
+"""Media whose stiffness and density vary from node to node, against a plain program and the laws of interfaces."""
 
 import os
 
@@ -26,7 +26,7 @@ def model_of(kind, stiffness, density):
 
 
 def accelerations(model, u, stiffness, density, rule):
-    """Those of a free block, bond by bond; u of shape (components, n, m)."""
+    """Accelerations of a free block, bond by bond; u has shape (components, n, m)."""
     shape = density.shape
     unit = fh.Elastic(fh.Kernel(2.0), 1.0) if len(u) > 1 else fh.Wave(fh.Kernel(2.0))
     stencil = unit.stencil(1.0, 2)
@@ -63,8 +63,8 @@ def test_a_step_is_that_of_a_plain_program(kind, rule):
 
 @pytest.mark.parametrize("kind", ["wave", "elastic"])
 def test_noise_stays_bounded_below_the_limit_of_the_step(kind):
-    """The limit holds for any stiffness and density, and is at most 2.5 times below the largest step that serves.
-    Free along x, and along y as if on a ring.
+    """The limit holds for any stiffness and density, and is at most 2.5 times smaller than the largest stable step.
+    The block is free along x and periodic along y.
     """
     rng = np.random.default_rng(SEED)
     print(f"seed {SEED}")
@@ -125,7 +125,7 @@ def test_a_material_that_varies_has_no_one_speed(varying, asked):
 
 
 def test_a_heavier_medium_is_pushed_less():
-    """A source is a force by volume: the same one moves a medium of three times the density a third as far."""
+    """A source is a force per volume: it moves a medium of three times the density a third as far."""
     lattice = fh.Lattice(1.0, -20.0, 20.0)
     push = fh.Source("exp(-x**2/4)", lambda t: np.sin(t) ** 2)
     light, heavy = (
@@ -144,7 +144,7 @@ SIZES = (0.5, 0.25, 0.125)
 
 
 def beyond(axis, h, value):
-    """1 before the first node above zero along an axis, the value from there on: the interface is between nodes."""
+    """1 up to the first node above zero along an axis, the value from there on: the interface is between nodes."""
     return f"where({axis} > {h / 4}, {value}, 1)"
 
 
@@ -158,7 +158,7 @@ def parts_sent(sim, axis, time):
 
 @pytest.mark.parametrize(("speed", "density"), CONTRASTS)
 def test_normal_reflection_is_that_of_the_impedances_to_second_order(speed, density):
-    """What is transmitted is as much shorter as it is slower."""
+    """The transmitted pulse is shortened in proportion to the speed."""
     back, errors = (1 - speed * density) / (1 + speed * density), []
     for h in SIZES:
         lattice = fh.Lattice(h, -40.0 + h / 2, 40.0 - h / 2)
@@ -170,8 +170,8 @@ def test_normal_reflection_is_that_of_the_impedances_to_second_order(speed, dens
 
 
 def packet(lattice, along, width, centre):
-    """A wave packet that travels along y in a medium of speed 1, periodic in x, the rate at which it changes, and of
-    its parts the wavenumbers along y and their weights.
+    """A wave packet that travels along y in a medium of speed 1 and is periodic in x, its rate of change, and the
+    wavenumbers along y of its parts with their weights.
     """
     (x, y), k = lattice.coordinates(), 2 * np.pi * np.fft.fftfreq(lattice.shape[1], lattice.spacing)
     line = np.exp(-(((y[0] - centre) / width) ** 2) + 1j * along * (y[0] - centre))
@@ -183,7 +183,7 @@ def packet(lattice, along, width, centre):
 
 @pytest.mark.parametrize(("speed", "density"), CONTRASTS[1:])
 def test_oblique_reflection_is_that_of_the_impedances_to_second_order(speed, density):
-    """At about 45 degrees, of 20 and 40 nodes a wave; a part of what comes along is reflected wholly."""
+    """At about 45 degrees, with 20 and 40 nodes per wave; a part of the packet is totally reflected."""
     errors, period = [], 14.0
     for h in SIZES[:2]:
         lattice = fh.Lattice(h, (0.0, -80.0 + h / 2), (period - h, 80.0 - h / 2))
@@ -250,8 +250,8 @@ def test_interfaces_run_into_the_layers():
 
 @pytest.mark.slow
 def test_layers_keep_their_targets_beside_random_strata():
-    """Two media of random speeds and densities, the interface across one axis or the other and into the layers: at most
-    three targets, which is what is promised of any set-up that is not refused.
+    """Two media of random speeds and densities, with an interface across either axis that may run into the layers: at
+    most three targets, as promised for any set-up that is not refused.
     """
     print(f"seed {SEED}")
     rng, kept = np.random.default_rng(SEED), 0

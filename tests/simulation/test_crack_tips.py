@@ -1,4 +1,4 @@
-"""Crack tips of runs: that they stay, run, branch, and what they spend."""
+"""Crack tips recorded in runs: tips at rest, running and branching, and the energy that they dissipate."""
 
 import os
 
@@ -14,7 +14,7 @@ BOX = fh.Lattice(0.5, (-8.25, -6.25), (8.25, 6.25))
 
 
 def pulled(observe, pull=0.01, **given):
-    """A crack between two bands that are pulled apart."""
+    """Simulation of a crack between two bands that are pulled apart."""
     model = fh.Elastic(fh.Kernel(1.0, 1), 1.0, critical_stretch=0.02)
     band = [0.0, f"{pull}*(exp(-2*(y-3)**2)-exp(-2*(y+3)**2))*exp(-(x/4)**4)*(1-exp(-t))"]
     return fh.Simulation(
@@ -36,8 +36,8 @@ def test_a_crack_runs():
     sim.step(63)
     assert (np.diff(tips.times) > 0).all() and len(tips.times) == 63 // 5 + 1
     advance, speed = tips.data["advance"], tips.data["speed"]
-    assert advance[-1, 0] > 1.0 and advance[-1, 0] == pytest.approx(advance[-1, 1], abs=0.05)  # but for the thinning
-    assert 0 < np.nanmax(speed) < 0.9194 * sim.model.s_speed  # Rayleigh's
+    assert advance[-1, 0] > 1.0 and advance[-1, 0] == pytest.approx(advance[-1, 1], abs=0.05)  # up to the thinning
+    assert 0 < np.nanmax(speed) < 0.9194 * sim.model.s_speed  # the speed of Rayleigh waves
     window = 10 * 1.0 / sim.model.p_speed  # in which P waves travel ten horizons
     whole = tips.times >= window
     assert whole.any() and (np.isfinite(speed[:, :2]).all(1) == whole).all()
@@ -53,20 +53,22 @@ def test_a_crack_runs():
     sim.step(10)
     later = tips.recorded
     assert len(record.times) + len(later.times) == len(tips.times)
-    for name, values in tips.data.items():  # what was written in parts is what there is
+    for name, values in tips.data.items():  # the parts that were taken make up the whole record
         np.testing.assert_array_equal(np.concatenate([record.data[name], later.data[name]]), values)
     assert set(record.data) == {"position", "advance", "speed"} and len(record.points) == tips.most
 
 
 def rayleigh_speed(model):
-    """Where (2 - s)^2 = 4 sqrt((1 - s)(1 - k s)), s the square of the speed over that of S waves."""
+    """Return the speed of Rayleigh waves: (2 - s)^2 = 4 sqrt((1 - s)(1 - k s)), where s is the square of the ratio of
+    the speed to that of S waves.
+    """
     k = (model.s_speed / model.p_speed) ** 2
     square = brentq(lambda s: (2 - s) ** 2 - 4 * np.sqrt((1 - s) * (1 - k * s)), 0.1, 1 - 1e-12)
     return model.s_speed * np.sqrt(square)
 
 
 def fastest_shear_wave(model, spacing):
-    """The largest speed of any S wave over that of long ones."""
+    """Return the largest phase speed of any S wave relative to that of long S waves."""
     stencil = model.stencil(spacing, 2)
     k = np.stack(np.meshgrid(*[np.linspace(0.05, np.pi, 40)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
     symbol = np.einsum("qk,kab->qab", 1 - np.cos(k @ stencil.offsets.T), stencil.weights)
@@ -86,12 +88,12 @@ def fastest_shear_wave(model, spacing):
     ids=["bond-based", "state-based", "correspondence", "short waves that are faster"],
 )
 def test_cracks_in_mode_one_are_slower_than_rayleigh_waves(options):
-    """Whatever pulls evenly on both sides, as hard as it may, until they branch: at that speed no energy comes to a
-    tip. The waves of a tip are short, so that the bound is that of the fastest; only a strong stabilisation makes short
-    S waves faster than long ones.
+    """However hard a symmetric load pulls, tips are slower than Rayleigh waves until they branch, since no energy
+    flows to a tip at that speed. The waves of a tip are short, so that the bound is scaled by the speed of the
+    fastest S wave; only a strong stabilisation makes short S waves faster than long ones.
     """
     print(f"seed {SEED}")
-    assert rayleigh_speed(fh.Elastic(fh.Kernel(1.0, 1), 1.0)) == pytest.approx(0.9194 * 0.4**0.5, rel=1e-4)  # known
+    assert rayleigh_speed(fh.Elastic(fh.Kernel(1.0, 1), 1.0)) == pytest.approx(0.9194 * 0.4**0.5, rel=1e-4)  # textbook
     rng = np.random.default_rng(SEED)
     spacing, horizon, fastest = 0.5, 1.0, []
     lattice = fh.Lattice(spacing, (-14.25, -9.25), (14.25, 9.25))

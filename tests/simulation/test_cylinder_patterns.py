@@ -1,4 +1,6 @@
-"""Patterns by direction of soft and rigid cylinders, on which a plane wave falls, against the Hankel series."""
+"""Far-field patterns of soft and rigid cylinders hit by a plane wave, direction by direction, against the Hankel
+series.
+"""
 
 import numpy as np
 import pytest
@@ -17,14 +19,14 @@ def _factors(rigid):
 
 
 def _scattered(x, y, rigid):
-    """What a cylinder sends of exp(i k x), of time dependence exp(-i omega t)."""
+    """Field that a cylinder scatters of exp(i k x), with the time dependence exp(-i omega t)."""
     r, turn = np.hypot(x, y), np.arctan2(y, x)
     waves = special.hankel1(_ORDERS, _K * r[..., None]) * np.exp(1j * _ORDERS * (turn[..., None] + np.pi / 2))
     return (waves * _factors(rigid)).sum(-1)
 
 
 def _far(turns, rigid):
-    """The same at a distance of 1 as its asymptote has it, without the phase on the way."""
+    """Asymptote of the scattered field at a distance of 1, without the phase of the propagation."""
     sums = (np.exp(1j * np.multiply.outer(turns, _ORDERS)) * _factors(rigid)).sum(-1)
     return np.sqrt(2 / (np.pi * _K)) * np.exp(-0.25j * np.pi) * sums
 
@@ -36,8 +38,8 @@ def _burst(t):
 @pytest.mark.slow
 @pytest.mark.parametrize("rigid", [False, True], ids=["soft", "rigid"])
 def test_patterns_of_cylinders_converge_by_direction(rigid):
-    """Second order, in amplitude and phase: forces on the rim send the field of the series near it, cut off inside, and
-    the pattern is that of a box around. So no staircase takes part.
+    """Forces on the rim radiate the field of the series outside it and none inside, so that no staircase is involved.
+    The pattern recorded by a box around them converges to the series at second order, in amplitude and phase.
     """
     turns, errors, spacings = 2 * np.pi * np.arange(90) / 90, [], (0.5, 0.25, 0.125)
     exact = _far(turns, rigid)
@@ -46,7 +48,7 @@ def test_patterns_of_cylinders_converge_by_direction(rigid):
         x, y = lattice.coordinates()
         stencil = model.stencil(spacing, 2)
         outside = np.hypot(x, y) >= _RADIUS
-        # beyond the rim the series solves the lattice's equation to second order: forces are those of bonds across it
+        # outside the rim the series solves the lattice equation to second order: only bonds across it need forces
         near = (np.hypot(x, y) > _RADIUS - 4 * spacing) & (np.hypot(x, y) < _RADIUS + 4 * spacing)
         field = np.zeros(lattice.shape, complex)
         field[near] = _scattered(x[near], y[near], rigid)
@@ -61,7 +63,7 @@ def test_patterns_of_cylinders_converge_by_direction(rigid):
         sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=16), sources=sources, observe=[far])
         sim.run(160.0)
         times = sim.dt * np.arange(sim.step_count)
-        spectrum = sim.dt * np.exp(1j * _K * times) @ _burst(times) / 2  # half of it in each of cosine and sine
+        spectrum = sim.dt * np.exp(1j * _K * times) @ _burst(times) / 2  # taking the real part of the source halves it
         found = far.pattern(90).amplitudes[0, 0].conj() / spectrum
         errors.append(np.abs(found - exact).max() / np.abs(exact).max())
     order = np.polyfit(np.log(spacings), np.log(errors), 1)[0]
@@ -71,7 +73,7 @@ def test_patterns_of_cylinders_converge_by_direction(rigid):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["soft", "rigid"])
 def test_rims_that_are_staircases_converge_at_first_order(kind):
-    """Differential cross sections of nodes that are held, and of a hole, at all directions and frequencies."""
+    """Differential cross sections of held nodes (soft) and of a hole (rigid), over all directions and frequencies."""
     errors, turns, orders = [], 2 * np.pi * np.arange(90) / 90, cross_sections.ORDERS
     k = 2 * np.pi * cross_sections.FREQUENCIES
     factors = np.array([cross_sections.cylinder(f, kind == "rigid") for f in cross_sections.FREQUENCIES])

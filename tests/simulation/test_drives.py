@@ -1,4 +1,4 @@
-"""What drives a run: whether its steps see it."""
+"""Warnings about sources whose time dependence the steps of a run do not resolve."""
 
 import os
 import warnings
@@ -40,7 +40,7 @@ def test_what_changes_within_a_step_is_told_once(source, said):
     "time", ["sin(2*t)", "where(t < 2, 1, 0)", lambda t: float(t > 5), "sin(t)*(1 - exp(-t))", fh.Ricker(0.3), None]
 )
 def test_what_steps_see_is_not(time):
-    """Jumps neither: a load that is put on or taken off at once."""
+    """Neither are jumps, of a load that is applied or removed at once."""
     with warnings.catch_warnings(action="error"):
         driven(fh.Source(BELL, time=time)).run(5.1, progress=False).run(12.0, progress=False)
 
@@ -52,8 +52,8 @@ def test_a_pulse_of_heat_between_two_steps_is_told():
 
 
 def test_random_factors_of_time_are_told_by_their_frequency():
-    """Swings that a tenth of the stable frequencies cannot have are told, those of a sixth of a period a step are not;
-    random amplitudes, phases and rises.
+    """Sines whose phase advances by up to a sixth of a period per step are accepted, those near or beyond the Nyquist
+    limit are reported; random amplitudes, phases and rise times.
     """
     seed = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
     random = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""What a run knows of its stability, and when that is looked at again."""
+"""What a run knows about its stability, and when that is examined again."""
 
 from dataclasses import dataclass, field
 
@@ -12,7 +12,7 @@ from farhorizon.simulation.examination import Examination
 
 @dataclass
 class Examined:
-    """A run whose certificates are known; it keeps the lengths for which they were asked."""
+    """Stand-in for a run whose certificates are given; it records the durations for which they were requested."""
 
     certificates: dict[float, Certificate]
     asked: list[float] = field(default_factory=list)
@@ -34,7 +34,9 @@ def grows(rate):
 
 
 def test_what_rose_in_a_short_run_is_looked_at_again_before_a_longer_one():
-    """Noise that rises for a while may be no mode; a growth that is still there is refused, and asked for once."""
+    """Growth of noise in a short run may be transient; a longer run is refused only if the growth is still there.
+    Each duration is examined once.
+    """
     for longer, refused in ((Certificate(UNDECIDED, "noise", quiet=50.0), False), (grows(0.047), True)):
         run, known = Examined({12.5: grows(0.047), 50.0: longer}), Examination()
         assert known.of(run, 12.5, False).verdict == NOT_CERTIFIED

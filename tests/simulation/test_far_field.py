@@ -1,4 +1,6 @@
-"""The far field: what a box sends out is what runs see that contain the receivers."""
+"""The far field of a box: receivers outside it, patterns, cross sections and energies, against larger runs, the
+infinite lattice and the optical theorem.
+"""
 
 import copy
 import os
@@ -21,7 +23,7 @@ RANDOM = np.random.default_rng(SEED)
 
 _SCALAR = fh.Kernel(horizon=2.0)
 _BONDS = {"kernel": fh.Kernel(horizon=2.0, influence="linear", exponent=1), "young": 2.0, "density": 0.5}
-# A burst of width 12 that is 1e-11 where it is cut off: what `tests/inputs/test_plane_waves.py` finds to leak is that.
+# A burst of width 12, cut off where it is 1e-11, which is also the leakage found in `tests/inputs/test_plane_waves.py`.
 _SIGNAL, _DURATION, _EXACT = fh.Expression("sin(2*pi*t/16)*exp(-((t-60)/12)**2)", 0), 120.0, 1e-11
 
 
@@ -34,7 +36,7 @@ def _box(half, dim=2, shift=0):
 
 
 def _pulse(dim, components):
-    """A pulse off the middle, 1e-17 at a distance of 8 and, in space, of 5."""
+    """A pulse off the centre that has fallen to 1e-17 at a distance of 8, in 3D of 5."""
     text = "exp(-((x-0.5)**2 + (y+0.7)**2" + (" + z**2)/0.5)" if dim == 3 else ")/1.6)")
     return text if components == 1 else [text, f"-0.6*{text}", "0"][:components]
 
@@ -52,7 +54,7 @@ def _pulse(dim, components):
     ids=lambda one: f"{type(one).__name__}, {one.integrator.name}, {one.damping}" if hasattr(one, "damping") else "",
 )
 def test_receivers_are_what_a_larger_run_with_a_crack_sees(model, box):
-    """Both with sides from which nothing returns, so that nothing but the far field is judged."""
+    """Both runs have sides from which nothing returns, so that only the far field is tested."""
     points = [(box + 11, 0), (-box - 9, 16), (box + 3, -13)]
 
     def made(half, *observe):
@@ -203,7 +205,7 @@ def test_a_run_tells_its_far_fields():
 
 
 def test_copies_have_what_was_recorded():
-    """Of the run, and of the far field alone."""
+    """Copies of the run, and of the far field alone."""
     wave = fh.IncidentWave((1.0, 0.0), "sin(t/3)*exp(-((t-30)/6)**2)", 60.0)
     far = fh.FarField(frequencies=[0.05])
     sim = fh.Simulation(_square(14), fh.Wave(_SCALAR), fh.LatticePML(nodes=6), sources=[wave], observe=[far])
@@ -231,7 +233,7 @@ def test_a_run_that_is_saved_goes_on_with_its_far_field(tmp_path):
 
 
 def _burst(t, frequency=0.08, width=7.6):
-    """From 1e-12 to 1e-12; without a constant part, which two dimensions remember."""
+    """Burst that begins and ends at 1e-12, without a mean value, which 2D would remember."""
     late = t - 5.26 * width
     return np.sin(2 * np.pi * frequency * late) * np.exp(-((late / width) ** 2))
 
@@ -240,7 +242,7 @@ def _burst(t, frequency=0.08, width=7.6):
     ("model", "half", "dt", "width", "layers"),
     [
         (fh.Wave(fh.Kernel(1.0)), 7, 0.5, 7.6, 14),
-        # a longer burst, for short S waves stay long; what the layers send back is in the energy to first order
+        # a longer burst, since short S waves leave slowly; what the layers reflect enters the energy to first order
         pytest.param(
             fh.Elastic(fh.Kernel(1.5, 1, "linear"), 2.0, density=2.5), 8, 0.9, 14.0, 20, marks=pytest.mark.slow
         ),
@@ -248,8 +250,8 @@ def _burst(t, frequency=0.08, width=7.6):
     ids=["scalar", "elastic"],
 )
 def test_the_pattern_of_a_box_is_that_of_the_sources_in_it(model, half, dt, width, layers):
-    """In space: on the wave surface the forces on the shell have the sums of the sources' own; with the energy that
-    leaves the box in all directions.
+    """In 3D, the pattern from the forces on the shell around the box equals that of the sources themselves on the
+    wave surface; its intensities over all directions sum to the energy that leaves the box.
     """
     frequencies, components = [0.06, 0.08], 3 if model.mechanical else 1
     space = np.zeros((components, *(2 * half + 1,) * 3))
@@ -265,7 +267,7 @@ def test_the_pattern_of_a_box_is_that_of_the_sources_in_it(model, half, dt, widt
     turns = 2 * np.pi * np.arange(24) / 24
     z, turn = (each.ravel() for each in np.meshgrid(heights, turns, indexing="ij"))
     directions = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], -1)
-    directions = directions @ np.linalg.qr(random.normal(size=(3, 3)))[0]  # off the planes where S waves are one
+    directions = directions @ np.linalg.qr(random.normal(size=(3, 3)))[0]  # off the planes where both S waves coincide
     pattern = far.pattern(directions)
     times = dt * np.arange(sim.step_count)
     nodes = np.argwhere(space.any(0))
@@ -276,17 +278,17 @@ def test_the_pattern_of_a_box_is_that_of_the_sources_in_it(model, half, dt, widt
         own, shapes, *_ = waves_sent(scheme, squared_frequency(scheme, frequency), nodes - half, forces, directions)
         found = (pattern.amplitudes[number][..., None] * pattern.polarisations[number]).conj()
         wrong = found - own[..., None] * shapes
-        # where both S waves are one they are any two
+        # where both S waves coincide, their polarisations are arbitrary
         assert max(np.abs(wrong[0]).max(), np.abs(wrong[1:].sum(0)).max(initial=0)) < 1e-6 * np.abs(own).max()
     around, energies = np.repeat(weights * 2 * np.pi / 24, 24), far.energies()
     np.testing.assert_allclose(sum(energies.values()), far.energy(), rtol=1e-6)
-    fastest = (pattern.intensities[:, 0] * around).sum(1)  # S waves go into some directions by several ways
+    fastest = (pattern.intensities[:, 0] * around).sum(1)  # several S waves may share a direction
     np.testing.assert_allclose(fastest, energies["P" if model.mechanical else "wave"], rtol=1e-6)
 
 
 @pytest.mark.slow
 def test_patterns_are_the_field_far_away():
-    """The field at growing distances, summed in time, comes nearer to the pattern by 1/r: what a crack scatters."""
+    """The spectra of the field that a crack scatters approach the pattern with an error of order 1/r."""
     wave, errors, radii = fh.IncidentWave((1.0, 0.3), _SIGNAL, _DURATION), [], (20, 40, 80)
     far = fh.FarField(_box(6), [0.05, 0.0625, 0.08])
     sim = fh.Simulation(
@@ -311,8 +313,8 @@ def test_patterns_are_the_field_far_away():
     ("model", "polarisation"), [(fh.Wave(_SCALAR), "P"), (fh.Elastic(**_BONDS), "S")], ids=["scalar", "S"]
 )
 def test_a_crack_scatters_what_the_incident_wave_loses(model, polarisation):
-    """The optical theorem, energy through the box and in all directions of the pattern, and boxes around the incident
-    wave's and inside it.
+    """The optical theorem holds, and the energy through the box equals that of the pattern over all directions; for a
+    box around that of the incident wave, and for boxes inside it.
     """
     wave = fh.IncidentWave((1.0, 0.3), _SIGNAL, _DURATION, polarisation)
     boxes = {"around": None, "inside": _box(6), "moved": fh.Box((-6, -6), (5, 6))}
@@ -356,8 +358,8 @@ def test_frequencies_that_do_not_serve(frequencies, model, words):
 
 @pytest.mark.parametrize(("fast", "told"), [(0.0, False), (1.0, True)])
 def test_what_is_faster_than_the_lattice_is_told(fast, told, monkeypatch):
-    """Near a source that swings faster than any wave; what the warning says is the order of what spectra over every
-    step differ by.
+    """Near a source that oscillates faster than any wave of the lattice: the error that the warning states is of the
+    order of the difference to spectra that use every step.
     """
 
     def run():
@@ -388,7 +390,7 @@ def test_what_is_faster_than_the_lattice_is_told(fast, told, monkeypatch):
 
 
 def test_a_run_that_ends_too_soon_is_told_at_its_end():
-    """Not only when its spectra are asked for, and not while it goes on."""
+    """At the end of the run, not only when spectra are requested, and not while it goes on."""
     far = fh.FarField(frequencies=[0.08])
     sim = fh.Simulation(_square(14), fh.Wave(_SCALAR), initial={"u": _pulse(2, 1)}, observe=[far])
     sim.step(3)

@@ -1,5 +1,5 @@
-"""One-sided flux: exact for linear temperature at every node of any body; the leading error; flux across planes closes
-the balance.
+"""One-sided flux: exact for linear temperatures at every node of any body; its leading error; and power across
+planes, which closes the balance.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ def linear(*x):
 @pytest.mark.parametrize("influence", ["constant", "linear"])
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_linear_temperature(dim, influence):
-    """Every node, corners too, has minus the conductivity times the gradient."""
+    """At every node, corners included, the flux is minus the conductivity times the gradient."""
     lattice = Lattice(0.5, (0.0,) * dim, (5.0,) * dim)
     sim = Simulation(lattice, Heat(Kernel(1.5, influence=influence), conductivity=4.0), Free(), {"u": linear})
     flux = sim.flux()
@@ -41,7 +41,7 @@ def test_linear_temperature_in_a_body_with_a_hole_and_a_crack():
     [("constant", 2, 0.3125), ("constant", 4, 0.265625), ("linear", 2, 0.25), ("linear", 4, 0.1875)],
 )
 def test_leading_error(influence, reach, constant):
-    """Of a parabola the error is ``constant * T'' * horizon``."""
+    """For a parabola the error is ``constant * T'' * horizon``."""
     lattice = Lattice(0.1, 0.0, 4.0)
     sim = Simulation(
         lattice, Heat(Kernel(0.1 * reach, influence=influence, calibrate=False)), Free(), {"u": lambda x: x**2 / 2}
@@ -64,7 +64,7 @@ def test_a_crack_across_the_body_lets_nothing_through():
 
 
 def test_power_across_is_what_the_part_beyond_gains():
-    """Exactly what one step of forward Euler adds beyond the plane."""
+    """The power is exactly what one step of forward Euler adds beyond the plane."""
     lattice = Lattice(0.5, (0.0, 0.0), (8.0, 5.0))
     start, factor = {"u": lambda x, y: np.sin(x) * np.cos(y)}, 1 + lattice.coordinates()[0]
     sim = Simulation(lattice, Heat(Kernel(1.5), 2.0, 3.0, 4.0), Free(), start, coefficient=factor, rule="harmonic")
@@ -75,7 +75,7 @@ def test_power_across_is_what_the_part_beyond_gains():
 
 
 def test_steady_power_is_the_flux_of_the_bar():
-    """Between two temperatures every plane passes the same power."""
+    """Between two held temperatures the same power crosses every plane."""
     held = [Temperature("x-", 0.0), Temperature("x+", 1.0)]
     sim = Simulation(
         Lattice(0.1, 0.0, 3.0), Heat(Kernel(0.3), integrator="rk4"), Free(), {"u": lambda x: x / 3}, constraints=held

@@ -1,4 +1,6 @@
-"""Fourier sums while running: against the FFT of the whole record, in any batches, across a checkpoint."""
+"""Fourier sums accumulated during a run: against the FFT of the whole record, in any batches, and across a
+checkpoint.
+"""
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ DT, STEPS, COUNT = 0.3, 300, 5
 
 
 def summed(values, frequencies, cuts):
-    """The sums of values that come in batches between the cuts."""
+    """Return the sums of values that are added in batches, divided at the cuts."""
     sums = FourierSums(frequencies, DT, values.shape[1])
     for first, last in zip([0, *cuts], [*cuts, len(values)], strict=True):
         sums.add(first, values[first:last])
@@ -18,7 +20,7 @@ def summed(values, frequencies, cuts):
 
 @pytest.mark.parametrize("cuts", [(), (1, 2, 3), (64,), (63, 65, 200), (100, 100, 299)])
 def test_as_the_fft_of_the_record(cuts):
-    """However the steps come, some none at all; the frequencies of an FFT of 300 steps, its highest among them."""
+    """For any batches, some of them empty, at frequencies of an FFT of 300 steps, including its highest."""
     values = np.random.default_rng(3).normal(size=(STEPS, COUNT))
     numbers = np.array([0, 1, 7, 149, 150])
     found = summed(values, numbers / (STEPS * DT), cuts).values
@@ -50,7 +52,7 @@ def test_taken_up_anywhere_the_sums_are_the_same_bit_by_bit():
 
 
 def test_late_steps_keep_their_phase():
-    """After a million steps the argument of the cosine would have lost seven digits, and the phase with them."""
+    """After a million steps, the argument of the cosine would have lost seven digits, and the phase with them."""
     sums = FourierSums(np.array([1 / 3]), 1.0, 1)
     sums.add(3_000_000, np.array([[1.0], [1.0], [1.0]]))
-    assert abs(sums.values[0, 0]) < 1e-9  # a third of a cycle each: they cancel; 1e6 cycles have this rounding
+    assert abs(sums.values[0, 0]) < 1e-9  # thirds of a cycle cancel, up to the rounding of 1e6 cycles

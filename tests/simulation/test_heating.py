@@ -1,4 +1,4 @@
-"""Heat that strains solids: free bodies stay free of stress, held ones are stressed as the classical solution says."""
+"""Thermal strain of solids: free bodies stay free of stress, and held ones have the classical stress."""
 
 import numpy as np
 import pytest
@@ -13,12 +13,12 @@ MATERIALS = {
     "state-based": {"poisson": 0.3},
     "correspondence": {"poisson": 0.1, "stabilisation": 0.5},
 }
-BASE, SLOPE = 1e-3, 2e-4  # the strain of heat is BASE + SLOPE x
+BASE, SLOPE = 1e-3, 2e-4  # the thermal strain is BASE + SLOPE x
 
 
 def warmed(dim, material, plane=None, half=5):
-    """A body with free sides, displaced as heat strains it: its compatible displacements are those of the strain
-    ``(BASE + SLOPE x) 1``, in plane strain times 1 + Poisson's ratio.
+    """A body with free sides, displaced as its thermal strain ``(BASE + SLOPE x) 1`` displaces it: the strain is
+    compatible, and in plane strain the displacements are larger by the factor 1 + Poisson's ratio.
     """
     lattice = fh.Lattice(1.0, [-half] * dim, [half] * dim)
     solid = fh.Elastic(BONDS, young=1.0, material=material, plane=plane, **MATERIALS[material])
@@ -30,7 +30,7 @@ def warmed(dim, material, plane=None, half=5):
 
 
 def forces(sim, warm=True):
-    """Accelerations of the nodes that there are, with heat or without."""
+    """Accelerations of the nodes of the body, with or without the thermal load."""
     engine = sim.engine
     found = engine.apply(engine.current) if warm else engine.apply_core(engine.current.copy())
     found = sim.parts.grid.view(found).reshape(sim.field_shape)
@@ -39,7 +39,9 @@ def forces(sim, warm=True):
 
 @pytest.mark.parametrize("plane", ["strain", "stress"])
 def test_a_bond_based_plate_grows_without_stress(plane):
-    """A linear temperature strains each bond by the mean of its ends, as its displacements do: at all nodes."""
+    """A linear temperature strains each bond by the mean of its ends, as the displacements do, so that no node is
+    accelerated.
+    """
     sim = warmed(2, "bond-based", plane)
     assert np.abs(forces(sim)).max() < 1e-12 * np.abs(forces(sim, warm=False)).max()
     sim.step(20)
@@ -53,8 +55,8 @@ def test_a_bond_based_plate_grows_without_stress(plane):
 @pytest.mark.parametrize("material", MATERIALS)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_free_bodies_grow_without_stress(material, dim):
-    """In the interior, to rounding; at the surface those of states see half a family, where a linear temperature is
-    no strain of the family.
+    """In the interior, to rounding. At the surface, state-based and correspondence materials see half a family, in
+    which a linear temperature does cause forces.
     """
     sim = warmed(dim, material)
     inside = (slice(None), *[slice(4, -4)] * dim)
@@ -64,7 +66,7 @@ def test_free_bodies_grow_without_stress(material, dim):
 @pytest.mark.slow
 @pytest.mark.parametrize("material", MATERIALS)
 def test_an_even_temperature_leaves_cut_bodies_free_of_stress(material):
-    """Also where bonds are cut, and the energy is none: a hole and a crack."""
+    """Also where bonds are cut, by a hole and a crack; the strain energy vanishes, too."""
     body = fh.Box((-9.0, -9.0), (9.0, 9.0)) - fh.Disc(2.2, (3.0, 3.0))
     lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0), body=body)
     solid = fh.Elastic(BONDS, young=1.0, material=material, plane="stress", **MATERIALS[material])
@@ -81,9 +83,7 @@ def test_an_even_temperature_leaves_cut_bodies_free_of_stress(material):
 
 @pytest.mark.parametrize("material", MATERIALS)
 def test_a_held_solid_is_under_the_classical_stress(material):
-    """The energy of a node of an infinite plate that is held is ``E / (1 - nu) (alpha T)^2``; bond by bond, state by
-    state.
-    """
+    """A node of an infinite plate that is held has the energy ``E / (1 - nu) (alpha T)^2``, in every material."""
     lattice = fh.Lattice(1.0, (-6.0, -6.0), (6.0, 6.0))
     solid = fh.Elastic(BONDS, young=2.0, material=material, plane="stress", **MATERIALS[material])
     load = fh.ThermalLoad(100.0, expansion=1e-5, reference=0.0)
@@ -95,8 +95,8 @@ def test_a_held_solid_is_under_the_classical_stress(material):
 
 
 def pulse(spacing, material="bond-based"):
-    """A layer of the half-space, periodic along its face, that a sudden heat strains; and the waves that it sends out:
-    with w the strain ``exp(-x^2)`` from t = 0 on, ``u_x`` follows from ``w - (w(x - ct) + w(x + ct)) / 2``.
+    """A strip that is periodic along y and suddenly heated, and the waves that it sends out: with the thermal strain
+    w = ``exp(-x^2)`` from t = 0 on, ``u_x`` follows from ``w - (w(x - ct) + w(x + ct)) / 2``.
     """
     lattice = fh.Lattice(spacing, (-10.0, -4 * spacing), (10.0, 4 * spacing))
     more = MATERIALS[material]
@@ -111,7 +111,9 @@ def pulse(spacing, material="bond-based"):
 @pytest.mark.slow
 @pytest.mark.parametrize("material", MATERIALS)
 def test_waves_of_sudden_heat_are_the_classical_ones(material):
-    """Of second order: ``u_xx c^2 - u_tt = B w_x`` with B the force of a strain in all directions over the density."""
+    """At second order: ``u_xx c^2 - u_tt = B w_x``, where B is the force of an isotropic strain divided by the
+    density.
+    """
     errors, spacings = [], (0.25, 0.125, 0.0625)
     for spacing in spacings:
         sim = pulse(spacing, material)
@@ -127,7 +129,7 @@ def test_waves_of_sudden_heat_are_the_classical_ones(material):
 
 @pytest.mark.slow
 def test_layers_take_the_waves_of_heat():
-    """Against a larger domain; the strip's waves have gone twice through it."""
+    """Against a larger domain, after the waves have crossed the smaller one twice."""
     near, far = (
         fh.Simulation(
             fh.Lattice(1.0, (-n, -n), (n, n)),
@@ -142,12 +144,12 @@ def test_layers_take_the_waves_of_heat():
         sim.run(80.0, progress=False)
     part = slice(64, -64)
     difference = np.abs(near.fields["u"] - far.fields["u"][:, part, part]).max()
-    assert difference < 1e-4 * 1e-3  # the target of the layer, of the largest strain over a spacing
+    assert difference < 1e-4 * 1e-3  # the target of the layer times the largest strain, over one spacing
 
 
 @pytest.mark.slow
 def test_a_run_of_heat_beside_it_is_its_field():
-    """The same as its snapshots; resumed bit for bit; an energy that adds up while the temperature stays."""
+    """The thermal strain is that of the temperature of a run of its own; a run that is resumed agrees bit for bit."""
     lattice = fh.Lattice(1.0, (-20.0, -20.0), (20.0, 20.0))
     heat = fh.Setup(lattice, fh.Diffusion(fh.Kernel(2.0), 0.05), initial={"u": "exp(-(x**2 + y**2)/9)"})
     load = fh.ThermalLoad(heat, expansion=1e-3, reference=0.0)
@@ -159,7 +161,7 @@ def test_a_run_of_heat_beside_it_is_its_field():
     sim, again = run(), run()
     sim.step(50)
     beside = fh.Simulation.of(heat).run(sim.time, progress=False)
-    # linear between steps of the heat, of which one changes it by a percent
+    # the temperature is interpolated linearly between its steps, each of which changes it by a percent
     change = np.abs(beside.fields["u"] - np.exp(-sum(x**2 for x in lattice.coordinates()) / 9)).max()
     assert np.abs(1e3 * sim.fields["thermal_strain"] - beside.fields["u"]).max() < 0.05 * change
     again.step(23)
@@ -175,7 +177,7 @@ def test_a_run_of_heat_beside_it_is_its_field():
 
 @pytest.mark.slow
 def test_a_checkpoint_has_the_run_beside_it(tmp_path):
-    """Bit for bit: the run of the heat is made anew, with bonds that have broken and a density that varies."""
+    """Bit for bit, with bonds that have broken and a density that varies; the run of the temperature is made anew."""
     lattice = fh.Lattice(1.0, (-12.0, -12.0), (12.0, 12.0))
     heat = fh.Simulation(lattice, fh.Diffusion(fh.Kernel(2.0), 0.05), initial={"u": "exp(-(x**2 + y**2)/6)"})
     solid = fh.Elastic(BONDS, young=1.0, critical_stretch=2e-4, density="1 + (x > 3)")
@@ -194,7 +196,9 @@ def test_a_checkpoint_has_the_run_beside_it(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("material", MATERIALS)
 def test_energies_of_a_steady_temperature_add_up(material):
-    """Kinetic and strain energy, and what breaks: to rounding of the energy that the heat has stored."""
+    """The sum of kinetic energy, strain energy and what breaking dissipates is constant, to rounding of the energy
+    stored by the thermal strain.
+    """
     solid = fh.Elastic(
         BONDS, young=1.0, material=material, plane="stress", critical_stretch=2e-4, **MATERIALS[material]
     )
@@ -226,7 +230,7 @@ def set_up(*loads, **more):
 
 @pytest.mark.parametrize("key", BAD)
 def test_bad_input(key):
-    """Missing constants, a field of waves, heat at a layer, two temperatures, bonds that are nonlinear."""
+    """Missing constants, a field of waves, heat at a layer, two temperatures, and nonlinear bonds."""
     with pytest.raises(fh.InputError) as caught:
         BAD[key]()
     assert caught.value.key == key

@@ -1,4 +1,4 @@
-"""What follows from all of a medium that varies, of which each process looks at a part."""
+"""The uniform host of a medium that varies, found by processes that each see a part of it."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ KERNEL = fh.Kernel(2.0)
 
 
 def random_setup(rng):
-    """Few different values, so that many nodes are alike, or all different ones; in a body or not."""
+    """Values that are few, so that many nodes are alike, or all different; with or without a body."""
     shape = tuple(rng.integers(12, 30, 2).tolist())
     few = rng.choice([0.5, 1.0, 1.0, 1.0, 2.0], (2, *shape))
     speed, density = few if rng.random() < 0.5 else rng.uniform(0.5, 2.0, (2, *shape))
@@ -26,7 +26,7 @@ def random_setup(rng):
 
 @pytest.mark.parametrize("count", [2, 3, 4])
 def test_the_medium_beside_which_one_varies_is_that_of_the_sorted_nodes(count):
-    """By speed, and among equal ones by number; on any number of processes."""
+    """The host has the medium of the middle node, sorted by speed and then by number, on any number of processes."""
     rng = np.random.default_rng([SEED, count])
     for _ in range(6):
         setup = random_setup(rng)
@@ -44,7 +44,7 @@ def test_the_medium_beside_which_one_varies_is_that_of_the_sorted_nodes(count):
 
 
 def test_a_density_that_turns_out_to_be_uniform_does_not_vary():
-    """On no process, if it does on none; on all, if it does on one."""
+    """A density that varies on one process varies on all; one that varies on none is uniform on all."""
     lattice = fh.Lattice(1.0, (0.0, 0.0), (29.0, 14.0))
     for density, even in (("1 + 0*x", ("density",)), ("where(x > 25, 2, 1)", ())):
         setup = fh.Setup(lattice, fh.Wave(KERNEL, "1 + x", density=density), fh.Free())
@@ -54,7 +54,7 @@ def test_a_density_that_turns_out_to_be_uniform_does_not_vary():
 
 
 def test_beyond_a_held_rim_a_part_has_the_factor_of_the_nearest_node_of_the_whole():
-    """Also where that node is one of another part."""
+    """Also where that node belongs to another part."""
     rng = np.random.default_rng(SEED)
     for _ in range(20):
         shape = tuple(rng.integers(20, 40, 2).tolist())
@@ -63,7 +63,7 @@ def test_beyond_a_held_rim_a_part_has_the_factor_of_the_nearest_node_of_the_whol
         factor = rng.uniform(0.5, 2.0, shape)
         setup = fh.Setup(lattice, fh.Wave(KERNEL), fh.Free(), coefficient=factor, rim="fixed")
         whole, cut = node_factor(setup), int(rng.integers(5, shape[0] - 5))
-        reached = np.zeros(shape, bool)  # by bonds of the body
+        reached = np.zeros(shape, bool)  # by bonds of the body's nodes
         for offset in fh.Stencil.from_kernel(KERNEL, 1.0, 2).offsets:
             reached |= np.roll(lattice.mask, offset, (0, 1))
         for ends in ((0, cut), (cut, shape[0])):
@@ -74,7 +74,7 @@ def test_beyond_a_held_rim_a_part_has_the_factor_of_the_nearest_node_of_the_whol
 
 
 def test_a_body_without_a_node_is_refused_on_all_processes(monkeypatch):
-    """Large ones are not looked at before."""
+    """Large bodies are not examined earlier, when the lattice is made."""
     monkeypatch.setattr(lattices, "_AT_ONCE", 0)
     lattice = fh.Lattice(1.0, (0.0, 0.0), (29.0, 14.0), body=fh.Disc(0.2, (3.5, 3.5)))
     setup = fh.Setup(lattice, fh.Wave(KERNEL, "1 + x"), fh.Free())

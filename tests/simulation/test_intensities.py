@@ -1,4 +1,4 @@
-"""Stress intensity factors in time: static cracks under any load from far away, and cracks that a wave hits."""
+"""Stress intensity factors in time: static cracks under remote loads, and cracks that are hit by waves."""
 
 import os
 
@@ -20,7 +20,7 @@ CRACK = [(-HALF, 0.0), (HALF, 0.0)]
 
 
 def sheared(observe, crack=CRACK, lattice=BOX, **given):
-    """A membrane with a crack, whose faces are pulled apart as by a unit gradient from far away."""
+    """A membrane with a crack, whose faces are loaded as by a unit gradient far away."""
     load = np.zeros(lattice.shape)
     model = fh.Wave(fh.Kernel(2 * lattice.spacing))
     stencil, cut = model.stencil(lattice.spacing, 2), fh.Polyline(crack)
@@ -36,7 +36,7 @@ def sheared(observe, crack=CRACK, lattice=BOX, **given):
 
 
 def from_opening(sim, crack):
-    """Intensities at the second end of a crack from how far its faces are apart, beyond the widest horizon here."""
+    """Intensities at the second end of a crack from the opening of its faces, beyond the largest horizon used here."""
     r = np.linspace(0.25, 3.0, 45)
     jumps = face_jumps(sim.fields["u"], sim.lattice, crack, 2 * HALF - r).reshape(len(r), -1)
     medium = NearTip(*sim.model.moduli, antiplane=jumps.shape[1] == 1)
@@ -48,13 +48,15 @@ def fitted_order(spacings, errors):
 
 
 def test_mode_three_comes_to_its_static_value():
-    """Within what the tip's place between two nodes means, a quarter of a spacing of the crack's length."""
+    """To within the uncertainty of the tip's position between two nodes, a quarter of a spacing relative to the half
+    length.
+    """
     large, small = fh.StressIntensity(), fh.StressIntensity([(HALF, 0.0)], (1.0, 2.0), every=4, name="small")
     sim = sheared([large, small]).run("static", tolerance=0.01, limit=200.0)
     exact = np.sqrt(np.pi * HALF)
     assert large.points.tolist() == [[-HALF, 0.0], [HALF, 0.0]] and large.ahead.tolist() == [[-1.0, 0.0], [1.0, 0.0]]
     left, right = large.data["K_III"][-1]
-    assert left == pytest.approx(-right, rel=1e-9)  # the face to the left of the way ahead is the lower one there
+    assert left == pytest.approx(-right, rel=1e-9)  # there, the face to the left when looking ahead is the lower one
     assert abs(right / exact - 1) < 0.25 * 0.5 / HALF
     assert small.data["K_III"][-1, 0] == pytest.approx(right, rel=0.02)
     assert large.data["G"][-1] == pytest.approx(right**2 / 2, rel=1e-9)
@@ -64,7 +66,7 @@ def test_mode_three_comes_to_its_static_value():
 
 @pytest.mark.slow
 def test_mode_three_converges():
-    """From both sides: the interaction integral and the opening, each a first order in the place of the tip."""
+    """By the interaction integral and by the opening, each at the first order of the tip's position."""
     spacings, exact, errors = (0.5, 0.25, 0.125), np.sqrt(np.pi * HALF), []
     for spacing in spacings:
         edges = np.array(ENDS) + np.sign(ENDS) * (0.25 - spacing / 2)
@@ -73,7 +75,7 @@ def test_mode_three_converges():
         sim.run("static", tolerance=2e-3, limit=400.0, progress=False)
         found = np.array([observer.data["K_III"][-1, 0], *from_opening(sim, fh.Polyline(CRACK))])
         errors.append(np.abs(found / exact - 1))
-        assert errors[-1][0] < spacing / 2 / HALF  # a spacing of the length, whose root K is
+        assert errors[-1][0] < spacing / 2 / HALF  # K is the root of the length: one spacing
     orders = [fitted_order(spacings, one) for one in np.transpose(errors)]
     print(errors, "orders", orders)
     assert min(orders) > 0.6
@@ -92,7 +94,7 @@ def test_a_run_in_parts_is_the_whole_run(tmp_path):
 
 
 def test_a_hole_is_felt_when_waves_have_been_there():
-    """A body in which nodes are absent has the intensities of the whole medium until then."""
+    """Until waves have reached the hole, a body with absent nodes has the intensities of the whole medium."""
     found = []
     for body in (None, fh.Box(*ENDS) - fh.Disc(0.5, (0.0, 4.25))):
         intensity = fh.StressIntensity()
@@ -105,7 +107,7 @@ def test_a_hole_is_felt_when_waves_have_been_there():
         found.append(intensity)
     whole, holed = (one.data["K_III"][:, 1] for one in found)
     away = np.abs(holed - whole) / np.abs(whole).max()
-    assert away[found[0].times < 4.5].max() < 1e-4  # from the source by the hole to the circle it is 6.5
+    assert away[found[0].times < 4.5].max() < 1e-4  # the way from the source via the hole to the circle is 6.5 long
     assert away.max() > 1e-2
 
 
@@ -154,13 +156,13 @@ def test_case_file():
 
 
 def force_on_faces(model, lattice, crack, stress):
-    """What presses the faces of a crack under that stress."""
+    """Force that a stress exerts on the faces of a crack."""
     cracks, closed = [fh.Crack(crack)], {0: False, 1: False}
     return pressing_force(fh.Pressure(crack, stress), lattice, model, cracks, "free", closed)
 
 
 def missing_force(sim, strain):
-    """What `force_on_faces` is, of any material: in a medium of that strain without cracks nothing would pull."""
+    """The same as `force_on_faces`, for any material: the forces of a uniform strain, which vanish without cracks."""
     engine, lattice = sim.engine, sim.lattice
     level = np.zeros(engine.levels.shape[1])
     field = np.tensordot(strain, np.stack(lattice.coordinates()), 1)
@@ -173,8 +175,8 @@ def missing_force(sim, strain):
 
 
 def pulled(spacing, turn, stress, model, observe):
-    """A crack turned against the lattice at rest in a medium that is stressed from far away, the traction on its
-    faces, normal and shear, and the intensities of the infinite plane.
+    """Return the static state of a crack that is turned against the lattice, in a medium stressed from far away; with
+    the crack, the normal and shear traction on its faces, and the intensities of the infinite plane.
     """
     half = 8.5
     lattice = fh.Lattice(spacing, (spacing / 2 - half,) * 2, (half - spacing / 2,) * 2)
@@ -196,8 +198,8 @@ def pulled(spacing, turn, stress, model, observe):
 
 
 def gap_error(sim, crack, traction):
-    """By how much the faces are apart more or less than those of Griffith's crack, root mean square between the tips
-    but for an eighth of the length beside each.
+    """Root mean square error of the opening against that of Griffith's crack, between the tips but for an eighth of
+    the length at each.
     """
     s = np.linspace(HALF / 4, 2 * HALF - HALF / 4, 121)
     exact = 4 / NearTip(*sim.model.moduli).stiffness * np.sqrt(s * (2 * HALF - s))[:, None] * traction
@@ -208,10 +210,11 @@ def gap_error(sim, crack, traction):
 @pytest.mark.slow
 @pytest.mark.parametrize(("reach", "plane"), [(2, "strain"), (3, "stress")])
 def test_turned_cracks_under_random_loads_converge(reach, plane):
-    """To the infinite plane's, at first order: a tip is known to a part of the spacing, in one crack more than in
-    another, so that the order is that of the mean of some, and so is that of how far the faces are apart. The error of
-    this depends on where the crack runs between the rows of nodes, a pattern whose length and height are so many
-    spacings: its slope does not converge, nor do intensities from the slope near a tip.
+    """The intensities converge to those of the infinite plane at first order. The position of a tip is known to a
+    fraction of the spacing, which differs from crack to crack, so that the order is that of the mean over several
+    cracks; so is that of the opening. The error of the opening depends on where the crack runs between the rows of
+    nodes, a pattern whose length and height are some spacings: its slope does not converge, nor do intensities
+    obtained from the slope near a tip.
     """
     print(f"seed {SEED}")
     rng = np.random.default_rng(SEED)
@@ -226,10 +229,10 @@ def test_turned_cracks_under_random_loads_converge(reach, plane):
             sim, crack, traction, exact = pulled(spacing, turn, stress, model, [large, small])
             gaps.append(gap_error(sim, crack, traction) / np.linalg.norm(stress))  # Young's modulus is 1
             found, inner = (np.array([one.data["K_I"][-1], one.data["K_II"][-1]]) for one in (large, small))
-            # where the crack bears little of the load, what lies along it counts
+            # where little of the load acts on the faces, the stress along them sets the scale
             scale = max(np.linalg.norm(exact), 0.5 * np.sqrt(np.pi * HALF) * np.linalg.norm(stress, 2))
             errors.append(np.abs(found - exact[:, None]).max() / scale)
-            assert errors[-1] < reach * spacing / 4 / HALF  # half a horizon of the length, whose root K is
+            assert errors[-1] < reach * spacing / 4 / HALF  # K is the root of the length: half a horizon
             assert np.abs(inner - found).max() < reach * spacing / 2 / 1.5 * scale
         means.append(np.sqrt(np.mean(np.square(errors))))
         apart.append(np.sqrt(np.mean(np.square(gaps))))
@@ -247,7 +250,9 @@ def test_turned_cracks_under_random_loads_converge(reach, plane):
     ],
 )
 def test_cracks_in_materials_of_states(options):
-    """As in bonds: both modes of a crack across the lattice, of first order, and of the opening."""
+    """As with bonds: both modes of a crack oblique to the lattice converge at first order, also those from the
+    opening.
+    """
     stress, spacings, errors, openings = np.array([[0.3, 0.5], [0.5, 1.2]]), (0.5, 0.25, 0.125), [], []
     for spacing in spacings:
         model = fh.Elastic(fh.Kernel(2 * spacing, exponent=1), young=1.0, **options)
@@ -265,7 +270,7 @@ def test_cracks_in_materials_of_states(options):
 
 @pytest.mark.slow
 def test_a_crack_hit_by_a_pressure_wave():
-    """Freund's half-plane crack until the tips know of each other, and the static value in the end."""
+    """Freund's solution for a half-plane crack until the tips interact, and the static value in the end."""
     errors = []
     for spacing in (0.25, 0.125):
         observer = fh.StressIntensity()
@@ -285,7 +290,7 @@ def test_a_crack_hit_by_a_pressure_wave():
 
 @pytest.mark.slow
 def test_energy_that_a_longer_crack_releases():
-    """Loads on the faces have done half of their work for good: per half length that is twice G, which is K^2 / E'."""
+    """Half the work of the loads on the faces grows per half length by twice G, once for each tip; G is K^2 / E'."""
     found, spent = [], []
     spacing, model = 0.25, fh.Elastic(fh.Kernel(0.5, exponent=1), young=1.0)
     lattice = fh.Lattice(spacing, (-7.875, -5.875), (7.875, 5.875))
@@ -308,7 +313,9 @@ def test_energy_that_a_longer_crack_releases():
 
 @pytest.mark.slow
 def test_an_incident_wave_is_the_load_on_the_faces_that_it_would_have():
-    """Total field inside the wave's box, or what the crack adds to it: K is the same, but for the tip's place."""
+    """The total field inside the wave's box, or the field that the crack adds to it: K is the same, to the accuracy
+    of the tip's position.
+    """
     spacing, model = 0.25, fh.Elastic(fh.Kernel(0.5, exponent=1), young=1.0)
     lattice = fh.Lattice(spacing, (-8.875, -6.875), (8.875, 6.875))
     crack, pulse = fh.Polyline(CRACK), fh.Gaussian(2.0)

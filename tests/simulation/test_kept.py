@@ -1,4 +1,4 @@
-"""Runs, and what they are made of, as values: pickled and copied."""
+"""Runs, and the parts of which they are made, as values: pickled and copied."""
 
 import copy
 import pickle
@@ -30,7 +30,7 @@ PARTS = {
     "traction": lambda: fh.Traction("y+", [0, 1.0], time="sin(t)"),
     "text": lambda: fh.Text("A", 1.0),
 }
-#: How a value comes back.
+#: Ways to copy a value.
 WAYS = {"pickle": lambda value: pickle.loads(pickle.dumps(value)), "deepcopy": copy.deepcopy}
 
 
@@ -82,7 +82,7 @@ def test_a_run_goes_on_bitwise(name, way):
     again.step(20)
     before = run.fields["u"]
     run.step(20)
-    assert not np.array_equal(before, run.fields["u"], equal_nan=True)  # the copy has moved alone
+    assert not np.array_equal(before, run.fields["u"], equal_nan=True)  # the copy moved independently
     for field, values in run.fields.items():
         np.testing.assert_array_equal(again.fields[field], values)
     assert again.energy() == run.energy()
@@ -111,7 +111,7 @@ def test_python_functions_are_copied_and_those_with_a_name_pickled():
 
 
 def test_another_process_goes_on(tmp_path):
-    """It has other addresses, and other modules in it."""
+    """Addresses and imported modules differ there."""
     run = pulse()
     run.step(20)
     (tmp_path / "run.pickle").write_bytes(pickle.dumps(run))

@@ -1,4 +1,4 @@
-"""The layers of a set-up: how they share their filter of short waves, and what is said of a long choice."""
+"""Layers of a set-up: how they share the filter of short waves, and what is reported of their choice."""
 
 import os
 from dataclasses import replace
@@ -47,7 +47,7 @@ def test_little_damping_waits_for_the_second_step_if_waves_turn_little_in_one():
     [(GENTLE, 3, 0.5, 2), (GENTLE, 1, 0.5, 1), (GENTLE, 2, 1.8, 1), (STRONG, 2, 0.5, 1)],
 )
 def test_layers_have_one_filter(damped, dim, turns, every):
-    """The longest, as often in all of them; layers without damping stay as they are."""
+    """The longest filter, applied equally often in all layers; layers without damping stay as they are."""
     given = {(0, -1): layer(GENTLE), (0, 1): layer(), (1, 1): layer(damped)}
     found = with_one_filter(given, turns**2, 1.0, dim)
     assert found[0, 1] is given[0, 1]
@@ -80,8 +80,8 @@ def test_a_run_goes_on_bitwise_between_two_filters(tmp_path):
 @pytest.mark.parametrize("reach", [2.0, pytest.param(3.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("layers", [4, pytest.param(8, marks=pytest.mark.slow)])
 def test_noise_does_not_grow_where_it_is_filtered_in_every_second_step(reach, layers):
-    """At the longest step of which this is so, where a wave turns most: what is not uniform dies out as it does where
-    every step is filtered.
+    """At the longest step for which this is done, where a wave turns most in a step: all but the uniform part decays
+    as with a filter in every step.
     """
     sizes = []
     for every in (2, 1):
@@ -104,7 +104,7 @@ def test_noise_does_not_grow_where_it_is_filtered_in_every_second_step(reach, la
 
 
 def test_a_choice_that_takes_long_says_so(monkeypatch, capfd):
-    """And one that does not says nothing."""
+    """A quick one prints nothing."""
     for patience in (60.0, 0.0):
         monkeypatch.setattr(layers, "_PATIENCE", patience)
         fh.Simulation(
@@ -117,7 +117,7 @@ def test_a_choice_that_takes_long_says_so(monkeypatch, capfd):
 
 
 def test_layers_of_scalars_in_space_have_dampers_in_place_of_a_box_of_all_nodes():
-    """Few given nodes, down to a target of 1e-5; also beside a free side, and in a medium that damps waves."""
+    """Layers of a few given nodes, for targets down to 1e-5; also beside a free side, and in a medium with damping."""
     pml = fh.LatticePML(nodes=4, target=1e-4)
     beside_free = {"x": pml, "y": pml, "z-": pml, "z+": fh.Free()}
     for boundary, damping in ((pml, 0.0), (beside_free, 0.0), (pml, 0.5)):
@@ -128,7 +128,7 @@ def test_layers_of_scalars_in_space_have_dampers_in_place_of_a_box_of_all_nodes(
 
 @pytest.mark.parametrize(("layer", "asked"), [({"nodes": 4}, 1), ({}, 0)])
 def test_what_comes_back_from_sides_that_are_alike_is_asked_once(monkeypatch, layer, asked):
-    """And not of layers that choose themselves, which are followed by what arrives there."""
+    """And not at all for layers that are chosen, since these are assessed by the waves that arrive there."""
     calls = []
     monkeypatch.setattr(layers, "as_quiet", lambda *one: calls.append(one) or as_quiet(*one))
     sim = cube(3.0, boundary=fh.LatticePML(target=1e-4, until=20.0, **layer))
@@ -149,15 +149,15 @@ def test_what_comes_back_from_sides_that_are_alike_is_asked_once(monkeypatch, la
     ],
 )
 def test_else_they_keep_their_filter(changes):
-    """Nothing is known of what is asked, or more is; more nodes; steps near the limit; between sides that repeat
-    themselves; springs have one frequency, where the medium varies.
+    """Without a target, or for a smaller one; with more nodes; for steps near the limit; between periodic sides; and
+    in a medium that varies, because dampers are tuned to a single frequency.
     """
     sim = cube(3.0, **({"boundary": fh.LatticePML(nodes=4, target=1e-4)} | changes))
     assert all(one.filtered for one in sim.engine.layers.values())
 
 
 def test_a_scalar_in_space_chooses_dampers_where_they_keep_its_target():
-    """And filters where these do; the prediction is kept."""
+    """And the filter where only that does; the predicted target is kept."""
     lattice = fh.Lattice(1.0, (-10.0,) * 3, (10.0,) * 3)
     x, y, z = lattice.coordinates()
     u, model = np.exp(-(x**2 + y**2 + z**2) / 8), fh.Wave(fh.Kernel(3.0))
@@ -178,8 +178,8 @@ def test_a_scalar_in_space_chooses_dampers_where_they_keep_its_target():
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("wall", [fh.Free(), fh.Fixed()], ids=["free", "held"])
 def test_filters_that_end_at_walls_take_more_nodes(wall):
-    """Only where they damp waves that run backward, and where a target is small; and where the nodes are given, what
-    they send back is told of.
+    """Only where the filter damps backward waves and the target is small. Where the number of nodes is given, a note
+    states what the layers reflect.
     """
 
     def chosen(model, target, wall, **options):
@@ -202,8 +202,9 @@ def test_filters_that_end_at_walls_take_more_nodes(wall):
 
 
 def scattering(random, wave, side=None):
-    """A crack or a hole in the way of a plane wave of so many nodes, in a domain with some sides or so large that
-    nothing comes back; the end of the run, and the nodes of that domain on each side beyond the other one.
+    """A crack or a hole hit by a plane wave of a given wavelength, in a near field with the given sides, or in a
+    domain so large that nothing returns. Return the simulation, the end of the run, and the number of nodes by which
+    the larger domain extends beyond the near field on each side.
     """
     n, m, until, apart = 20, 14, 120.0, 0 if side else 85
     model = fh.Elastic(fh.Kernel(2.0, 1), 1.0) if random.random() < 0.5 else fh.Wave(fh.Kernel(2.0))
@@ -226,8 +227,8 @@ def scattering(random, wave, side=None):
 
 
 def test_layers_for_long_incident_waves_are_thinner():
-    """What is scattered has the frequencies of what comes; of a signal that reaches those of waves which run backward
-    or hardly move layers are asked for all that a lattice carries.
+    """Scattered waves have the frequencies of the incident wave. A signal that contains those of backward waves, or
+    of waves that hardly move, needs layers for all waves that the lattice carries.
     """
     model, columns = fh.Elastic(fh.Kernel(2.0, 1, "linear"), 1.0), []
     lattice = fh.Lattice(1.0, (-30, -30), (30, 0), body=fh.Box((-31, -31), (31, 1)) - fh.Disc(5.0))
@@ -264,7 +265,7 @@ def test_scattered_waves_keep_the_target(number, target):
 
 
 def test_a_source_that_is_silent_at_first_counts_in_diffusion():
-    """It had been left out beside data at the start, and layers next to it were those for the data."""
+    """It was once ignored beside initial data, and the layers next to it were those for the data alone."""
     lattice = fh.Lattice(1.0, (0.0,), (80.0,))
     place, start = np.zeros(81), np.exp(-(((np.arange(81) - 40) / 3.0) ** 2))
     place[76] = 1.0
@@ -276,7 +277,7 @@ def test_a_source_that_is_silent_at_first_counts_in_diffusion():
 
     (before, after), (before_late, after_late) = layers_with(), layers_with(fh.Source(place, time=lambda t: t))
     assert before_late == before and after_late > after + 2
-    # nor is one taken for steady that is silent whenever it is looked at
+    # a source that is zero at all sampled times is not taken for a steady one, either
     assert layers_with(fh.Source(place, time=lambda t: float(210 < t < 215))) == [before_late, after_late]
     steady = layers_with(fh.Source(place))
     assert steady[0] == before and after < steady[1] < after_late
@@ -286,8 +287,8 @@ def test_a_source_that_is_silent_at_first_counts_in_diffusion():
     ("dim", "reach", "target"), [(2, 1.0, 1e-6), pytest.param(3, 2.0, 1e-5, marks=pytest.mark.slow)]
 )
 def test_waves_that_alternate_under_an_angle_only_are_kept_back_in_diffusion(dim, reach, target):
-    """Near the limit of Euler's step the shortest waves along a diagonal change their sign in each step; those along an
-    axis need not. A box of three nodes is full of them: in space 2.3 targets came back.
+    """Near the limit of Euler's step, the shortest waves along a diagonal change sign in every step; those along an
+    axis need not. A box of three nodes contains many of them: in 3D, 2.3 times the target was once reflected.
     """
     shape = (19, 20, 21)[:dim]
     lattice, place = fh.Lattice(1.0, (0.0,) * dim, [n - 1.0 for n in shape]), (11, 13, 11)[:dim]
@@ -308,7 +309,7 @@ def test_waves_that_alternate_under_an_angle_only_are_kept_back_in_diffusion(dim
 
 @pytest.mark.parametrize("length", [8.0, 16.0])
 def test_which_wave_sets_a_thickness_is_said(length):
-    """Of long packets that have one wavelength only, in the plane and straight towards the side."""
+    """For long packets of a single wavelength, in the plane, that travel along the normal of the side."""
     lattice = fh.Lattice(1.0, (-90.0, 0.0), (90.0, 7.0))
     packet = f"exp(-(x/28)**2)*cos(2*pi*x/{length})"
     layer = fh.LatticePML(target=1e-4, until=300.0)
@@ -335,7 +336,7 @@ def test_targets_below_the_rounding_of_single_precision_are_told(model, kept):
 
 
 def test_what_a_refusal_in_diffusion_names_is_kept():
-    """The largest of what both sides name."""
+    """The limit that it names is the larger one of the two sides."""
     lattice, model = fh.Lattice(1.0, (0.0,), (600.0,)), fh.Diffusion(fh.Kernel(2.0), 1.0)
 
     def make(target):
@@ -349,18 +350,20 @@ def test_what_a_refusal_in_diffusion_names_is_kept():
 
 @pytest.mark.parametrize(("end", "said"), [(1e4, "are not predicted"), (60.0, "chooses them for a longer run")])
 def test_a_run_beyond_its_layers_is_told_to_ask_for_longer_ones_only_where_there_are_any(end, said):
-    """By what was asked of the layers that end first: of solids 60 crossings are predicted."""
+    """The warning depends on what the layers that end first were asked for: for solids, 60 crossings can be
+    predicted.
+    """
     lattice, model = fh.Lattice(1.0, (-14.0, -14.0), (14.0, 14.0)), fh.Elastic(fh.Kernel(2.0), young=1.0)
     bell = "exp(-(x**2+y**2)/8)"
     layers = {"x": fh.LatticePML(target=1e-2, until=end), "y": fh.LatticePML(target=1e-2, until=1e4)}
     sim = fh.Simulation(lattice, model, layers, {"u": [bell, bell]}, threads=1)
-    sim.step(1)  # from here on the layers are what they are
+    sim.step(1)  # from here on the layers are fixed
     with pytest.warns(fh.ValidityWarning, match=said):
         sim.run(until=sim.thickness["y-"].until + 1.0, progress=False)
 
 
 def test_a_layer_that_chooses_itself_beside_a_profile_by_hand():
-    """Whose arrays have no hash."""
+    """The arrays of such a profile have no hash."""
     by_hand = fh.LatticePML(nodes=4, profile={"sigma": np.ones(5)})
     sides = {"x-": fh.LatticePML(target=1e-3), "x+": by_hand, "y": by_hand}
     lattice = fh.Lattice(1.0, (-10.0, -10.0), (10.0, 10.0))
@@ -378,7 +381,7 @@ MIRRORED = {  # nodes along each axis, model
 
 @pytest.mark.parametrize("name", MIRRORED)
 def test_mirrored_data_have_mirrored_layers(name):
-    """Runs of their own, so that no side knows of another: what sides that see mirror images share is the same."""
+    """In two separate runs, so that no side shares anything with its mirror image."""
     shape, model = MIRRORED[name]
     half = (np.array(shape) - 1) / 2
     lattice, random = fh.Lattice(1.0, -half, half), np.random.default_rng(20261128)
@@ -395,5 +398,5 @@ def test_mirrored_data_have_mirrored_layers(name):
     for side, found in chosen[0].items():
         other = chosen[1][{"y-": "y+", "y+": "y-"}.get(side, side)]
         assert (other.name, other.nodes) == (found.name, found.nodes)
-        # loud waves stand for others, and of mirror images the first is taken; a node changes it by a factor of three
+        # the loudest waves stand for others, and the first of mirror images is taken; a node more changes it threefold
         assert other.predicted == pytest.approx(found.predicted, rel=0.1)

@@ -1,4 +1,4 @@
-"""The near field: its time step."""
+"""Time step of the near field."""
 
 import os
 
@@ -10,8 +10,9 @@ import farhorizon as fh
 
 @pytest.mark.parametrize("width", [1.0, 2.0, 4.0])
 def test_steps_of_chebyshev_follow_the_data(width):
-    """A bell that spreads: what is left against fourth order in time is a thousandth, though steps of a hundred times
-    that length would be stable; of what else drives a field nothing is known.
+    """A bell that spreads: the step follows its width, so that the error against fourth order in time is below a
+    thousandth, although steps a hundred times as long would be stable. With a source, of which nothing is known, the
+    step is that of Euler.
     """
     half, bell, found = 4 * width, f"exp(-(x**2 + y**2)/{width**2})", {}
     lattice = fh.Lattice(0.25, (-half, -half), (half, half))
@@ -27,13 +28,13 @@ def test_steps_of_chebyshev_follow_the_data(width):
         driven = fh.Simulation(**setup, initial={"u": bell}, sources=[fh.Source(bell)]).dt
         found[integrator] = sim.fields["u"], left_out, driven
     assert np.abs(found["rkc"][0] - found["rk4"][0]).max() < 1e-3
-    assert found["rkc"][1] > width**2 * found["euler"][1]  # the data's own time goes as their width squared
+    assert found["rkc"][1] > width**2 * found["euler"][1]  # the time scale of the data is their width squared
     assert found["rkc"][2] == pytest.approx(found["euler"][2])
 
 
 def test_steps_of_chebyshev_follow_random_data():
-    """Bells of random width, place and sign in media of random reach, smooth enough for longer steps than Euler's,
-    beside fourth order in time with shorter ones.
+    """Bells of random width, place and sign in media of random reach, smooth enough for steps longer than Euler's,
+    against fourth order in time with shorter steps.
     """
     seed = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
     random = np.random.default_rng(seed)

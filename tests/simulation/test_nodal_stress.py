@@ -1,4 +1,4 @@
-"""The stress on the nodes: of uniform strains, beside receivers' records, in files and pictures."""
+"""Stress at nodes: for uniform strains, against the records of receivers, and in files and pictures."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ LAME = MU = E / (2 * (1 + NU))  # Lame's constants are the same for this ratio
 
 
 def strained(gradient, lattice, **options):
-    """A run at its start under a displacement ``gradient . x``."""
+    """Simulation at its start under the displacement ``gradient . x``."""
     u = np.einsum("ij,j...->i...", gradient, np.stack(np.meshgrid(*lattice.axes, indexing="ij")))
     model = options.pop("model", None) or fh.Elastic(fh.Kernel(0.5), young=E)
     return fh.Simulation(lattice, model, fh.Free(), initial={"u": u}, **options)
@@ -19,7 +19,7 @@ def strained(gradient, lattice, **options):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_uniform_strain_has_hookes_stress(dim):
-    """Everywhere: at the edges, beside a hole and beside a crack, too."""
+    """Everywhere, including the edges and the nodes beside a hole."""
     gradient = np.random.default_rng(3).normal(size=(dim, dim)) * 1e-3
     lower, upper = np.full(dim, -1.5), np.full(dim, 1.5)
     lattice = fh.Lattice(0.5, lower, upper, body=fh.Box(2 * lower, 2 * upper) - (fh.Disc if dim == 2 else fh.Ball)(0.4))
@@ -27,7 +27,7 @@ def test_a_uniform_strain_has_hookes_stress(dim):
     whole = np.zeros((3, 3))
     whole[:dim, :dim] = gradient
     strain = (whole + whole.T) / 2
-    stress = LAME * np.trace(strain) * np.eye(3) + 2 * MU * strain  # Hooke's law, of plane strain in the plane
+    stress = LAME * np.trace(strain) * np.eye(3) + 2 * MU * strain  # Hooke's law; in 2D, plane strain
     for name, values in found.items():
         if name != "stress_von_mises":
             a, b = ("xyz".index(letter) for letter in name[-2:])
@@ -39,14 +39,14 @@ def test_a_uniform_strain_has_hookes_stress(dim):
 
 
 def test_von_mises_of_plain_states():
-    """Uniaxial tension and pure shear, and the ratio of plane strain."""
+    """Uniaxial tension, pure shear, and uniaxial tension in plane strain."""
     tension, shear = np.array([[2.0, 0.0], [0.0, 0.0]]), np.array([[0.0, 2.0], [2.0, 0.0]])
     np.testing.assert_allclose(von_mises(np.stack([tension, shear])), [2.0, 2.0 * np.sqrt(3)])
     np.testing.assert_allclose(von_mises(tension[None], 0.25), 2 * np.sqrt(1 - 0.25 + 0.25**2))
 
 
 def test_it_is_what_receivers_record():
-    """On nodes, at the end of a wave's way through a medium that varies."""
+    """On nodes, after some steps of a wave in a medium that varies."""
     lattice = fh.Lattice(0.5, (-4.0, -3.0), (4.0, 3.0))
     nodes = [(-1.0, 0.5), (0.0, 0.0), (2.5, -1.0)]
     line = fh.Receivers(nodes, record="stress", interpolation="linear")
@@ -62,7 +62,7 @@ def test_it_is_what_receivers_record():
 
 
 def test_no_stress_crosses_a_crack():
-    """Two halves moved apart are not strained, and where bonds have broken no stress is told."""
+    """Two halves that are moved apart are not strained; where bonds can break, nodes beside the crack have none."""
     lattice = fh.Lattice(0.5, (-2.0, -1.75), (2.0, 1.75))
     y = lattice.axes[1]
     u = np.zeros((2, *lattice.shape))

@@ -1,4 +1,4 @@
-"""Lines in results files: cracks, the near field, its layers; as ParaView's library reads them."""
+"""Lines in results files (cracks, near field, layers), read back by `open_results` and by VTK."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ CUTS = {
 
 @pytest.mark.parametrize("name", CUTS)
 def test_outlines_of_cuts_lie_on_them(name):
-    """As long as the rim is, and within the bounds, which they reach."""
+    """The outline has the length of the rim, and its extent is the bounds of the cut."""
     cut, count, length = CUTS[name]
     line = cut.outline()
     assert line.shape == (count, cut.dim)

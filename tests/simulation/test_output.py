@@ -1,4 +1,4 @@
-"""Results files that Python writes: what they hold is what the run had."""
+"""Results files written from Python contain what the run had."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def test_outputs_of_a_run_are_its_fields_at_their_times(tmp_path):
         np.testing.assert_array_equal(results.field("u", index), line().run(time).fields["u"])
     np.testing.assert_array_equal(results.probe_values, probes.values)
     np.testing.assert_array_equal(results.recorded["receivers"].data["u"], receivers.recorded.data["u"])
-    assert len(probes.times) == len(receivers.recorded.times) == sim.step_count + 1  # Python keeps what it has
+    assert len(probes.times) == len(receivers.recorded.times) == sim.step_count + 1  # in Python, records are kept
     assert results.energy[-1] == sim.energy()
 
 
@@ -48,7 +48,7 @@ def test_a_run_goes_on_with_the_file_that_it_has_begun(tmp_path):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
     np.testing.assert_array_equal(one.recorded["receivers"].data["u"], other.recorded["receivers"].data["u"])
     assert one.finished
-    line().run(1.0, output=tmp_path / "parts.h5")  # another run begins anew
+    line().run(1.0, output=tmp_path / "parts.h5")  # another run starts a new file
     np.testing.assert_allclose(fh.open_results(tmp_path / "parts.h5").times, [0, 1])
 
 

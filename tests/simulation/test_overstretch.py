@@ -15,12 +15,12 @@ CRACK = [[-5.0, 0.0], [5.0, 0.05]]
 
 
 def pull(x, y):
-    """Apart, on both sides of the crack, over its whole length and beyond."""
+    """Pull the two sides of the crack apart, over its whole length and beyond."""
     return np.sign(y) * np.exp(-((np.abs(y) - 3) ** 2)) * np.exp(-((x / 7) ** 8))
 
 
 def plate(sides=None, strength=1.0, **options):
-    """Bonds that are nonlinear and break; a crack that is pulled open along its whole length."""
+    """A plate whose bonds are nonlinear and break, with a crack that is pulled open along its whole length."""
     options = {"nonlinear": True, "critical_stretch": 0.02, **options}
     load = fh.BodyForce([0.0, pull], lambda t: 0.012 * strength * min(t / 8, 1.0))
     boundary = {"all": fh.LatticePML(nodes=8)} if sides is None else sides
@@ -37,7 +37,7 @@ def body(sides=None, strength=1.0):
 
 
 def space():
-    """A pulse in the middle of a cube, which breaks bonds there and runs to the sides."""
+    """A pulse in the middle of a cube, which breaks bonds there and travels to the sides."""
     pulse = "0.6*x*exp(-(x**2+y**2+z**2)/2.2)"
     model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, nonlinear=True, critical_stretch=0.02)
     lattice = fh.Lattice(1.0, (-7, -7, -6), (7, 7, 6))
@@ -45,8 +45,8 @@ def space():
 
 
 def overstretched(run, reach, nonlinear=True):
-    """Whether any bond within one reach of the sides is stretched beyond 0.02; bond by bond, without those cut by the
-    crack.
+    """Whether any bond within one reach of the sides is stretched beyond 0.02, found bond by bond, without those that
+    the crack cuts.
     """
     u, shape = run.fields["u"], run.lattice.shape
     points = np.stack(np.broadcast_arrays(*run.lattice.coordinates()), -1)
@@ -69,9 +69,9 @@ def overstretched(run, reach, nonlinear=True):
 
 @pytest.mark.parametrize("share", [0.9, 1.1])
 def test_bonds_that_break_by_energy_are_told_by_how_much_longer_they_are(share):
-    """A jump beside a side has stretched the shortest bonds across it most, which bear more than the longest ones."""
+    """A jump beside a side stretches most the shortest bonds across it, which bear more than the longest ones."""
     solid = fh.Elastic(fh.Kernel(2.0, 1), 1.0, 0.2, material="correspondence", stabilisation=0.3, critical_stretch=0.02)
-    longest = np.sqrt(5.0)  # of the bonds; the shortest across the jump is longer by all of it
+    longest = np.sqrt(5.0)  # longest bond; the shortest one across the jump is lengthened by all of it
     jump = {"u": [f"{share * 0.02 * longest}*(x > -11.5)*(x < 0)", "0"]}
     sim = fh.Simulation(LATTICE, solid, {"x": fh.LatticePML(nodes=8), "y": fh.Periodic()}, jump, dt=0.01)
     with warnings.catch_warnings(record=True) as seen:
@@ -84,7 +84,9 @@ def test_bonds_that_break_by_energy_are_told_by_how_much_longer_they_are(share):
     "make, nonlinear", [(plate, True), (lambda: plate(nonlinear=False), False), (body, False), (space, True)]
 )
 def test_the_first_bond_at_the_rim_that_would_break_is_told(make, nonlinear, tmp_path):
-    """At the time that all bonds, looked at one by one after every step, give; once; it goes with checkpoints."""
+    """At the time that an examination of every bond after every step gives; once; and the caution is kept in
+    checkpoints.
+    """
     run = make()
     reach = max(run.stencil.reach)
     with warnings.catch_warnings(record=True) as seen:
@@ -98,7 +100,7 @@ def test_the_first_bond_at_the_rim_that_would_break_is_told(make, nonlinear, tmp
     assert [str(w.message) for w in seen if w.category is fh.ValidityWarning] == [
         f"from t = {caution.time:.6g} on {caution.text}"
     ]
-    assert {w.filename for w in seen if w.category is fh.ValidityWarning} == {__file__}  # where the run was advanced
+    assert {w.filename for w in seen if w.category is fh.ValidityWarning} == {__file__}  # the caller's file
     assert run.broken_bonds > 10 and first <= caution.time <= first + reach * 1.1  # a wave of speed 1 through the rim
     place = np.array(eval(caution.text.split("near ")[1].split(" are")[0]))
     assert (np.abs(place) >= run.lattice.upper - reach).any()
@@ -113,7 +115,7 @@ def test_the_first_bond_at_the_rim_that_would_break_is_told(make, nonlinear, tmp
 
 @pytest.mark.parametrize("make", [plate, body])
 def test_nothing_is_said_of_cracks_that_stay_inside_or_may_leave(make):
-    """A weak pull; free sides, at which bonds break as everywhere."""
+    """Under a weak pull, or with free sides, where bonds break as everywhere."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         weak, free = make(strength=0.05), make(sides=fh.Free())
@@ -137,5 +139,5 @@ def test_results_pictures_and_the_command_line_tell(tmp_path, monkeypatch, capsy
         lambda fields, *_args, **names: titles.append(([title for title, _ in fields], str(names))),
     )
     assert main(["plot", "a.h5", "--times", "0", "40"]) == 0
-    panels, names = titles[-1]  # of the damage: u is zero at first
+    panels, names = titles[-1]  # those of the damage, since u is zero at first
     assert panels == ["t = 0", "t = 40*"] and "* crack where bonds cannot break" in names

@@ -1,4 +1,4 @@
-"""Power through surfaces: equal to the loss of energy inside, to rounding; and to what a plane wave carries."""
+"""Power through surfaces: equal to the loss of energy inside, to rounding, and to what a plane wave carries."""
 
 from contextlib import nullcontext
 
@@ -32,7 +32,9 @@ def elastic(observe, material="bond-based", **more):
 
 
 def energy_inside(run, inside):
-    """Kinetic energy and strain energy of nodes, bonds across the edge half, half a step ago: by its definition."""
+    """Kinetic and strain energy of nodes half a step ago, by definition, with half the energy of bonds across the
+    edge.
+    """
     stencil, near, engine = run.stencil, run.parts.near, run.engine
     components, dim = stencil.components, run.lattice.dim
     u = run.fields["u"].reshape(components, *run.lattice.shape)
@@ -54,7 +56,7 @@ def energy_inside(run, inside):
 
 
 def strip(observe):
-    """What goes on across the sides along y."""
+    """A strip that is periodic along y, with a pulse off its middle."""
     sides = {"x": fh.LatticePML(nodes=5), "y": fh.Periodic()}
     start = {"u": lambda x, y: pulse(x, y - 1)}
     lattice = fh.Lattice(1.0, (-9.0, -5.0), (9.0, 5.0))
@@ -78,8 +80,8 @@ CASES = {
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("make", CASES.values(), ids=CASES)
 def test_what_leaves_is_lost_inside(make):
-    """In every step of 40, through the edge of a box and of a part of it that is no box, to rounding: the power is
-    summed in an order of its own.
+    """In each of 40 steps, through the edge of a box and through that of a part of it that is not a box. To rounding,
+    since the power is summed in another order.
     """
     dim = make(()).lattice.dim
     box = fh.Box([-5.2, -5.0 if make is strip else -4.0, -3.0][:dim], [4.1, 3.0, 3.5][:dim])
@@ -93,7 +95,7 @@ def test_what_leaves_is_lost_inside(make):
         energies.append([energy_inside(run, one) for one in inside])
     lost = -np.diff(energies, axis=0)
     assert lost.sum(0).max() > 0.05 * energies[0][0]  # something has left
-    # the issue's bound is 1e-10 of the energy; rounding of some hundred terms is far below it
+    # rounding of some hundred terms
     np.testing.assert_allclose(run.dt * power.data["power"], lost, rtol=0, atol=1e-13 * energies[0][0])
     np.testing.assert_allclose(power.times, run.dt * np.arange(40))
 
@@ -111,8 +113,8 @@ BURST = {"wave": fh.Wave(fh.Kernel(2.0)), "elastic": fh.Elastic(fh.Kernel(2.0, e
     ],
 )
 def test_what_leaves_at_a_frequency_is_what_the_source_does(kind, dim, until):
-    """The work of a burst without slow parts, from its own samples and the field where it acts, and what goes through
-    two surfaces around it, until all has left to 1e-10; and the sum over all frequencies is that over time.
+    """The work of a burst without slow parts, from its samples and the field where it acts, is the energy through two
+    surfaces around it, when all has left to 1e-10; the region between them, without a source, emits none.
     """
     lattice = fh.Lattice(1.0, [-9.0, -8.0, -7.0][:dim], [9.0, 8.0, 7.0][:dim])
     at = lattice.coordinates()
@@ -144,7 +146,9 @@ def test_what_leaves_at_a_frequency_is_what_the_source_does(kind, dim, until):
 
 
 def test_all_frequencies_carry_what_goes_through_in_time():
-    """Parseval: over those of a discrete transform of the run, which ends when all has left but rounding."""
+    """Parseval's theorem, over the frequencies of a discrete transform of the run, which ends when all has left but
+    rounding.
+    """
     steps, every = 900, []
     for frequencies in ((), every):
         power = fh.PowerThrough([("x", 5.5), fh.Disc(6.2)], frequencies)
@@ -158,7 +162,7 @@ def test_all_frequencies_carry_what_goes_through_in_time():
 
 
 def test_a_free_body_and_a_crack():
-    """Absent bonds carry nothing: in a body with free faces, half of it behind a crack that ends in it."""
+    """Absent bonds carry nothing: in a body with free faces, half of which lies behind a crack that ends in it."""
     body = fh.Box((-9.0, -8.0), (9.0, 8.0)) - fh.Disc(2.2, (4.0, -3.0))
     lattice = fh.Lattice(1.0, (-9.0, -8.0), (9.0, 8.0), body=body)
     half = fh.Box((-9.0, -8.0), (0.2, 8.0))
@@ -170,7 +174,7 @@ def test_a_free_body_and_a_crack():
     run.step(80)
     gone = run.dt * power.data["power"].sum(0)
     assert gone[0] == pytest.approx(gone[1], rel=1e-12) and abs(gone[0]) > 0.02 * whole
-    # nothing is lost of the whole body, so what the half has lost is in the other one, and the other way round
+    # the body as a whole loses nothing, so that one half gains what the other one loses
     other = fh.PowerThrough(fh.Box((0.8, -8.0), (9.0, 8.0)))
     again = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), fh.Free(), start, cracks=cracks, observe=[other])
     again.step(80)
@@ -186,7 +190,9 @@ MATERIALS = {
 
 
 def energy_of_states(run, crack, inside):
-    """Of some nodes, half a step ago, by the definition: that of each state, springs across the edge half."""
+    """Energy of nodes half a step ago, by definition: that of each state, with half of that of springs across the
+    edge.
+    """
     lattice, model, dim = run.lattice, run.model, run.lattice.dim
     states, h = model.force_states(lattice.spacing, dim), lattice.spacing
     nodes, bonds = cut_bonds(as_cut(crack, dim), lattice.lower, h, lattice.shape, states.offsets)
@@ -220,7 +226,9 @@ def energy_of_states(run, crack, inside):
 @pytest.mark.parametrize("varied", [False, True], ids=["even", "varied"])
 @pytest.mark.parametrize(("name", "dim"), [*((one, 2) for one in MATERIALS), pytest.param("stabilised", 3)])
 def test_what_leaves_is_lost_inside_by_states_that_lack_bonds(name, dim, varied):
-    """In a body with free faces and a hole, cut by a crack that the surface crosses; moduli and density may vary."""
+    """In a body with free faces and a hole, cut by a crack that the surface crosses; with uniform or varying moduli
+    and density.
+    """
     half = 7.0 if dim == 2 else 4.0
     hole = fh.Disc(1.6, (3.0, -3.0)) if dim == 2 else fh.Ball(1.1, (2.0, -2.0, 0.0))
     lattice = fh.Lattice(1.0, (-half,) * dim, (half,) * dim, body=fh.Box((-half,) * dim, (half,) * dim) - hole)
@@ -244,7 +252,7 @@ def test_what_leaves_is_lost_inside_by_states_that_lack_bonds(name, dim, varied)
 
 
 def test_a_half_space_of_states_loses_what_goes_down():
-    """Through the edge of a box at the free side, until all has left; layers all around."""
+    """Through the edge of a box at the free side, until all has left; the other sides are layers."""
     sides = {"all": fh.LatticePML(nodes=8), "y+": fh.Free()}
     lattice = fh.Lattice(1.0, (-16.0, -18.0), (16.0, 0.0))
     power = fh.PowerThrough([fh.Box((-10.0, -10.0), (10.0, 1.0)), ("y", -12.5)])
@@ -255,11 +263,11 @@ def test_a_half_space_of_states_loses_what_goes_down():
     run.run(until=150.0)
     gone = run.dt * power.data["power"].sum(0)
     assert gone[0] == pytest.approx(whole, rel=2e-4)  # slow waves of the lattice are still there
-    assert -0.9 * whole < gone[1] < -0.1 * whole  # the rest goes along the surface, and aside
+    assert -0.9 * whole < gone[1] < -0.1 * whole  # the rest travels along the surface and sideways
 
 
 def test_regions_of_states_keep_off_the_layers():
-    """By the bonds of a node and those of their other ends."""
+    """By the reach of a node's bonds and of the bonds at their other ends."""
     for lower, refused in ((-11.0, True), (-10.0, False)):
         power = fh.PowerThrough(fh.Box((lower, -4.0), (4.0, 4.0)))
         with pytest.raises(fh.InputError, match="beyond the near field") if refused else nullcontext():
@@ -275,7 +283,7 @@ GUIDED = {
 
 
 def guide(model, length, planes, side):
-    """The energy that has gone through planes across a strip with free faces."""
+    """Return the energy that has gone through planes across a strip with free faces."""
     start = {"v": pulse if isinstance(model, fh.Wave) else [pulse, 0.0]}
     power = fh.PowerThrough([("x", x) for x in planes])
     lattice, sides = fh.Lattice(1.0, (-length, -5.0), (length, 5.0)), {"x": side, "y": fh.Free()}
@@ -288,8 +296,8 @@ def guide(model, length, planes, side):
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize(("model", "nodes"), GUIDED.values(), ids=GUIDED)
 def test_planes_keep_off_sides_that_go_on(model, nodes):
-    """By the bonds through them, and those of the states at their ends; the nearest ones that are accepted carry what
-    they do where the side is far.
+    """By the bonds through them, and those of the states at the ends of these; the nearest planes that are accepted
+    carry what they carry where the side is far away.
     """
     near = 10.5 - nodes
     for side in (fh.LatticePML(nodes=30), fh.Sponge(20), fh.Extended(until=20.0), fh.Fixed()):
@@ -304,8 +312,8 @@ def test_planes_keep_off_sides_that_go_on(model, nodes):
 
 @pytest.mark.parametrize(("model", "nodes"), GUIDED.values(), ids=GUIDED)
 def test_planes_at_free_and_periodic_sides(model, nodes):
-    """Beside a free side what crosses a plane is what leaves the region before it; beside a periodic one it is what
-    crosses the same plane of a lattice that begins elsewhere.
+    """Beside a free side, the power through a plane is that out of the region before it; beside a periodic one, it is
+    that through the same plane of a lattice that begins elsewhere.
     """
     start = {"v": pulse if isinstance(model, fh.Wave) else [pulse, 0.0]}
     lattice = fh.Lattice(1.0, (-10.0, -5.0), (10.0, 5.0))
@@ -326,19 +334,19 @@ def test_planes_at_free_and_periodic_sides(model, nodes):
 
 
 def round_pulse(x, y):
-    """That of a ring of 21 nodes, wherever it is cut open."""
+    """The pulse on a ring of 21 nodes, wherever the ring is cut open."""
     return pulse((x - 4.0 + 10.0) % 21.0 - 10.0, y)
 
 
 def test_a_plane_wave_carries_its_energy():
-    """Through planes across it the mean power of many periods is ``rho c omega^2 / 2`` an area in the limit of long
+    """Through planes across it, the mean power of a period per area is ``rho c omega^2 / 2`` in the limit of long
     waves; the error is of second order in the spacing.
     """
     errors, spacings, k, c = [], (1.0, 0.5, 0.25), 2 * np.pi / 16, 1.5
     start = {"u": lambda x, y: np.sin(k * x) + 0 * y, "v": lambda x, y: -k * c * np.cos(k * x) + 0 * y}
     for spacing in spacings:
         lattice = fh.Lattice(spacing, (0.0, 0.0), (16.0 - spacing, 6.0 - spacing))
-        power, steps = fh.PowerThrough([("x", 5.6), ("x", 8.1)]), round(64 / spacing)  # of a period
+        power, steps = fh.PowerThrough([("x", 5.6), ("x", 8.1)]), round(64 / spacing)  # per period
         model = fh.Wave(fh.Kernel(2 * spacing), speed=c)
         run = fh.Simulation(lattice, model, fh.Periodic(), start, dt=16 / c / steps, observe=[power])
         run.step(steps + 1)
@@ -402,7 +410,7 @@ def test_refused_frequencies(given, message):
     "given", ['{ axis = "x" }', "{ name = 'a' }", '{ axis = "x", position = 99.0 }', '{ axis = "q", position = 0.0 }']
 )
 def test_cases_without_a_surface(given):
-    """Of a plane both, within the near field."""
+    """A plane needs an axis and a position, within the near field."""
     text = f"""
 lattice = {{ spacing = 1.0, lower = [-9.0, -9.0], upper = [9.0, 9.0] }}
 model = {{ type = "wave", kernel = {{ horizon = 2.0 }} }}

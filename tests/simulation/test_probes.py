@@ -1,4 +1,4 @@
-"""Probes: every step, on their own axis of time."""
+"""Probes: values at nodes, by default in every step, with a time axis of their own."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def bar():
 
 
 def heat():
-    """Four stages, a background, sources, and nodes beyond a wall, whose values are no temperatures."""
+    """Four stages, a background, sources, and nodes beyond a wall, whose values are not temperatures."""
     lattice = fh.Lattice(0.25, [-2.0, -2.0], [2.0, 2.0])
     wall = fh.Temperature("x-", 20.0, kind="mirror")
     return fh.Simulation(
@@ -57,7 +57,7 @@ def body():
 
 @pytest.mark.parametrize("make", [waves, large, bar, heat, elastic, body])
 def test_probes_are_the_field_after_every_step(make):
-    """Bitwise what stepping one by one shows, at the start too; recording does not change the run."""
+    """Bit for bit what stepping one by one shows, also at the start; recording does not change the run."""
     run, other, plain = make(), make(), make()
     corner = run.lattice.lower + 0.0
     points = [np.zeros(run.lattice.dim), corner, corner + 2.3 * run.lattice.spacing]
@@ -119,8 +119,8 @@ probes = [[1.13, 0.0], [0.0, 1.0]]
 
 
 def test_a_results_file_has_every_step_of_the_probes(tmp_path, monkeypatch, capsys):
-    """Their own times, the nodes that were taken, in xarray too; a resumed run has the same bits; `probe_every` thins
-    them.
+    """With their own times and the nodes that were chosen, also in xarray; a resumed run has the same bits;
+    `probe_every` thins them.
     """
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.toml").write_text(CASE)

@@ -1,4 +1,4 @@
-"""Receivers: between nodes, in every step, with what follows from the gradient; saved, pickled, refused."""
+"""Receivers: fields and their gradients between nodes, in every step; saved, pickled and refused."""
 
 import pickle
 import warnings
@@ -62,8 +62,8 @@ def between(run, points, values, **options):
 @pytest.mark.parametrize("method", ["sinc", "linear"])
 @pytest.mark.parametrize("make", [waves, large, bar, heat, elastic])
 def test_what_is_received_is_the_field_between_the_nodes(make, method):
-    """After every step, at the start too, as a plain sum over the fields of a run that is stepped one by one; a point
-    on a node is that node to the last bit; recording does not change the run.
+    """After every step, and at the start, as a plain sum over the fields of a run that is stepped one by one; a point
+    on a node has the value of that node to the last bit; recording does not change the run.
     """
     dim = 1 if make is bar else 2
     receivers = fh.Receivers(np.array(POINTS)[:, :dim], ["u", "gradient"], interpolation=method)
@@ -92,14 +92,14 @@ def test_what_is_received_is_the_field_between_the_nodes(make, method):
 @pytest.mark.parametrize("method", ["sinc", "linear"])
 @pytest.mark.parametrize(("shape", "threads"), [((61, 33), 1), ((33, 61), 1), ((301, 201), 2)])
 def test_all_over_the_near_field_no_point_is_left_out(shape, threads, method):
-    """The loop sums where it has swept all rows of a point, upwards and downwards; those at the edges, too."""
+    """The loop sums a point once it has swept all of its rows, upwards or downwards; also those at the edges."""
     rng = np.random.default_rng(5)
     noise, close = rng.standard_normal(shape), 7 if method == "sinc" else 0
     lattice, low, high = fh.Lattice(1.0, (0, 0), np.array(shape) - 1), close, np.array(shape) - 1.0 - close
     points = rng.uniform(low, high, (300, 2))
     points[:40, 0], points[40:80, 0], points[80:120, 1], points[120:160, 1] = low + 1e-3, high[0] - 1e-3, low, high[1]
     found = []
-    for steps in ([7], [1] * 7):  # what is kept of the last step of a call is summed by itself
+    for steps in ([7], [1] * 7):  # the last step of a call is summed separately
         receivers = fh.Receivers(points, interpolation=method)
         model = fh.Wave(fh.Kernel(2.0))
         run = fh.Simulation(lattice, model, fh.Fixed(), {"u": noise}, threads=threads, observe=[receivers])
@@ -111,7 +111,7 @@ def test_all_over_the_near_field_no_point_is_left_out(shape, threads, method):
 
 
 def test_in_single_precision_receivers_follow_the_fields():
-    """As sums over the fields to the rounding of float32; a point on a node is that node."""
+    """As sums over the fields to the rounding of float32; a point on a node has the value of that node."""
     receivers = fh.Receivers([*POINTS, (0.5, 0.25)], interpolation="sinc")
     run = waves(receivers, dtype="float32")
     run.step(7)
@@ -122,7 +122,7 @@ def test_in_single_precision_receivers_follow_the_fields():
 
 
 def test_velocity_is_that_of_the_fields():
-    """Half a step late, at the start too."""
+    """With its lag of half a step, also at the start."""
     receivers = fh.Receivers(POINTS, "v")
     run, other = elastic(receivers), elastic()
     found = [between(other, receivers.points, other.fields["v"])]
@@ -134,7 +134,7 @@ def test_velocity_is_that_of_the_fields():
 
 
 def test_every_so_many_steps():
-    """Rows are those of the steps that are multiples of it, the velocity that of a single step."""
+    """The rows are those of the steps that are multiples of `every`; the velocity is that of a single step."""
     often, seldom = fh.Receivers(POINTS, ["u", "v"], name="often"), fh.Receivers(POINTS, ["u", "v"], every=3)
     run = waves(often, seldom)
     for count in (1, 1, 5, 4):
@@ -146,7 +146,7 @@ def test_every_so_many_steps():
 
 @pytest.mark.filterwarnings("ignore::farhorizon.ValidityWarning")
 def test_only_the_steps_that_are_wanted_are_looked_at():
-    """Rows of other steps are not filled; with the velocity, and with probes, every step is."""
+    """Rows of other steps are not filled; with velocities or probes, every step is needed."""
     seldom, plain = fh.Receivers(POINTS, every=4), fh.Receivers(POINTS)
     run, other = waves(seldom), waves(plain)
     for one in (run, other):
@@ -165,7 +165,7 @@ def displacement(x, y, z=0.0):
 
 
 def displacement_gradient(x, y, z=0.0):
-    """Component first."""
+    """Gradient of `displacement`, component first."""
     one = np.ones_like(x)
     return np.array(
         [
@@ -184,7 +184,7 @@ MECHANICAL = ["strain", "stress", "pressure", "divergence", "curl", "rotation"]
 
 
 def closed(gradient, lame, shear):
-    """The quantities from the gradient, by their textbook formulas."""
+    """Return the quantities that follow from a gradient, by their textbook formulas."""
     dim = len(gradient)
     strain = (gradient + gradient.T) / 2
     stress = lame * np.trace(gradient) * np.eye(dim) + 2 * shear * strain
@@ -196,7 +196,7 @@ def closed(gradient, lame, shear):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_strain_and_stress_of_a_given_displacement(dim):
-    """At the start, linearly: the error is of second order; by the sinc it is small on the coarse lattice already."""
+    """At the start: linear interpolation is of second order; the sinc is accurate on the coarse lattice already."""
     errors, spacings = [], (0.5, 0.25, 0.125) if dim == 2 else (0.5, 0.25)
     points = np.random.default_rng(7).uniform(-0.9, 0.9, (60, dim))
     for spacing in spacings:
@@ -216,7 +216,7 @@ def test_strain_and_stress_of_a_given_displacement(dim):
 
 
 def test_energy_flux_of_plane_waves():
-    """A long wave along x carries its energy density with its speed: ``rho c omega^2 cos^2``, and nothing across."""
+    """A long wave along x carries its energy density at its speed, ``rho c omega^2 cos^2``, and none across."""
     length, dx = 16.0, 0.25
     k = 2 * np.pi / length
     lattice = fh.Lattice(dx, (0.0, 0.0), (length - dx, 5.0))
@@ -246,7 +246,7 @@ def test_energy_flux_of_plane_waves():
 
 
 def test_stress_where_the_material_changes():
-    """The moduli at the nearest node."""
+    """The moduli are those of the nearest node."""
     inside = lambda x, y: np.where(x < 0.4, 1.0, 0.25)  # noqa: E731
     receivers = fh.Receivers([(0.2, 0.1), (0.7, 0.1)], ["strain", "stress"], interpolation="linear")
     run = elastic(receivers, coefficient=inside)
@@ -262,7 +262,7 @@ def everything():
 
 
 def test_saved_and_taken_up_the_records_are_the_same_bit_by_bit(tmp_path):
-    """Saved at an odd step, restored with new receivers; those that the checkpoint does not know begin there."""
+    """Saved at an odd step, restored with new receivers; those that the checkpoint does not contain begin there."""
     whole, first, second, later = (everything() for _ in range(4))
     elastic(whole).step(31)
     run = elastic(first)
@@ -293,7 +293,7 @@ def test_pickled_runs_go_on_recording():
 
 
 def test_a_run_that_settles_its_sides_records_from_its_start():
-    """The sides are chosen when the length of the run is known."""
+    """The sides are chosen once the length of the run is known."""
     receivers = fh.Receivers(POINTS)
     lattice = fh.Lattice(0.25, [-5.0, -4.0], [5.0, 4.0])
     run = fh.Simulation(lattice, fh.Wave(fh.Kernel(0.5)), fh.Extended(), {"u": pulse}, observe=[receivers])
@@ -339,7 +339,7 @@ def test_lines_and_grids():
 
 
 def test_what_is_sampled_too_seldom_is_told():
-    """Half the stable step turns the fastest wave of the lattice by 60 degrees: three steps tell it, four do not."""
+    """Half the stable step turns the fastest wave of the lattice by 60 degrees: three steps resolve it, four do not."""
     told = fh.Receivers(POINTS, every=4)
     with pytest.warns(fh.ValidityWarning, match="every = 3 or less") as found:
         run = waves(told, fh.Receivers(POINTS, every=3, name="fine"))
@@ -348,7 +348,7 @@ def test_what_is_sampled_too_seldom_is_told():
     assert told.doubts[0] in run.check(until=1.0, budget=0.1).warnings
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        run.remade(dt=run.dt)  # once is enough
+        run.remade(dt=run.dt)  # no second warning
         heat(fh.Receivers(POINTS, every=50))
 
 
@@ -384,14 +384,14 @@ HOLE = fh.Box((-5.0, -4.0), (5.0, 4.0)) - fh.Disc(0.6)
     ],
 )
 def test_refused_by_the_run(points, options, more, message):
-    """With the key and a remedy."""
+    """The error has the key of the receivers."""
     with pytest.raises(fh.InputError, match=message) as error:
         waves(fh.Receivers(points, **options), **more)
     assert error.value.key.startswith("receivers")
 
 
 def test_beside_a_crack_and_a_hole():
-    """Linear interpolation whose nodes lie on one side, and points on nodes."""
+    """Linear interpolation from nodes on one side, and points on nodes, are accepted."""
     near = fh.Receivers([(0.3, 0.1)], interpolation="linear", name="near")
     waves(near, fh.Receivers([(0.5, 0.0), (0.25, 0.25)]), cracks=[[(0.6, -9.0), (0.6, 9.0)]]).step(3)
     assert np.isfinite(near.data["u"]).all()
@@ -427,8 +427,9 @@ def drawn_points(count, seed):
 
 
 def test_reciprocity_of_scalar_waves():
-    """What a source at one point between the nodes sends to another is the same the other way round, echoes from edges
-    and from where the material changes included. (Layers are reciprocal to within what they send back.)
+    """The response at one point to a source at another, both between nodes, stays the same when they are exchanged,
+    including echoes from edges and from a change of the material. (Layers are reciprocal to within what they
+    reflect.)
     """
     lattice = fh.Lattice(0.25, [-4.0, -3.5], [4.0, 3.5])
     points, found = drawn_points(2, 20261122), []
@@ -447,7 +448,7 @@ def test_reciprocity_of_scalar_waves():
 
 
 def test_reciprocity_of_forces_and_displacements():
-    """Component i at one point of a force along j at another is component j of a force along i the other way round."""
+    """Component i at one point of a force along j at another is component j of a force along i, points exchanged."""
     lattice = fh.Lattice(0.25, [-4.0, -4.0], [4.0, 4.0])
     points, found = drawn_points(2, 20261123), []
     for here, there, force, component in ((*points, (1.0, 0.0), 1), (*points[::-1], (0.0, 1.0), 0)):
@@ -467,7 +468,7 @@ def two_runs(*lines):
 
 
 def test_a_recorder_serves_one_run_at_a_time():
-    """A run whose recorder was given to another one does not go on; a new run with it begins anew."""
+    """A run whose recorder was given to another run does not go on; in the new run, the record starts anew."""
     line = fh.Receivers([(1.0, 0.0)])
     first, second = two_runs(line, line)
     second.step(5)

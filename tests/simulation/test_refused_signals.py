@@ -1,4 +1,4 @@
-"""What is refused of sources and recorders: each message has key, value, limit and remedy, in Python and of a case."""
+"""Refused sources and recorders: each message has a key, a value, a limit and a remedy, from Python and from a case."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -28,7 +28,7 @@ without = [{ disc = { radius = 3.0, centre = [5.0, 5.0] } }]
 
 
 class _Base(NamedTuple):
-    """A set-up in both forms: arguments of `Simulation`, and the case file of it."""
+    """A set-up in both forms: arguments of `Simulation`, and its case file."""
 
     given: dict[str, object]
     text: str
@@ -482,7 +482,7 @@ def test_which_of_several_recorders_is_meant():
     ],
 )
 def test_what_may_act_at_a_point_from_the_start_on(time):
-    """A load that is put on and held has a jump that is meant; so has one that is small at first."""
+    """The jump of a load that is applied and held is intended; a load that is small at first is accepted, too."""
     sim = fh.Simulation(**_BASES["wave"].given, sources=[fh.PointSource((0.0, 0.0), time=time)])
     assert not [note for note in sim.notes if "jump" in note]
 
@@ -494,7 +494,7 @@ def test_what_may_act_at_a_point_from_the_start_on(time):
         (fh.Source("exp(-x**2 - y**2)*cos(t)"), True),
         (fh.Source("exp(-x**2 - y**2)*cos(x + t)"), True),
         (fh.Source(lambda x, y, t: np.exp(-(x**2) - y**2) * np.cos(t)), True),
-        (fh.Source("exp(-x**2 - y**2)", lambda t: [1.0, 0.9, 0.8, 0.7, 0.6][int(2 * t)]), True),  # and no longer
+        (fh.Source("exp(-x**2 - y**2)", lambda t: [1.0, 0.9, 0.8, 0.7, 0.6][int(2 * t)]), True),  # undefined later
         (fh.Source("exp(-x**2 - y**2)", "sin(t)"), False),
         (fh.Source("exp(-x**2 - y**2)*sin(x*t)"), False),
         (fh.Source("exp(-x**2 - y**2)"), False),
@@ -503,7 +503,7 @@ def test_what_may_act_at_a_point_from_the_start_on(time):
     ],
 )
 def test_a_shape_that_begins_with_a_jump_is_told(source, jumps):
-    """It is not refused: its waves are no shorter than it is."""
+    """It is not refused, since its waves are no shorter than the shape."""
     sim = fh.Simulation(**_BASES["wave"].given, sources=[source])
     assert bool([note for note in sim.notes if "begins with a jump" in note]) == jumps
 

@@ -1,4 +1,4 @@
-"""Regions in results files: of what nodes are made, as ParaView's library and `open_results` read them."""
+"""Regions in results files: the materials of the nodes, as `open_results`, xarray and VTK read them."""
 
 from pathlib import Path
 
@@ -19,9 +19,11 @@ def written(path, lattice=LATTICE, model=None, **options):
 
 
 def grains():
-    """Three phases of a label image, one as a cavity: what nodes are, and the shapes of phase 2 and of the cavity."""
+    """Three phases of a label image, one of them a cavity: the labels of the nodes, and the shapes of phase 2 and of
+    the cavity.
+    """
     labels = np.where(np.hypot(X, Y) < 1.6, 2, 1) * np.where(X > 3.0, 0, 1)
-    image = labels.repeat(2, 0).repeat(2, 1)  # two cells a node
+    image = labels.repeat(2, 0).repeat(2, 1)  # two cells per node
     return labels, *(fh.Voxels(image, 0.25, lower=(-4.25, -3.25), labels=one) for one in (2, 0))
 
 
@@ -85,7 +87,9 @@ density = 1.0
 
 
 def test_materials_have_the_names_of_the_case(tmp_path, monkeypatch, capsys):
-    """Names tell regions of the same constants apart; a region without a name keeps that of what it changes."""
+    """Names distinguish regions of equal constants; a region without a name keeps that of the material that it
+    changes.
+    """
     monkeypatch.chdir(tmp_path)
     Path("a.toml").write_text(NAMED)
     assert main(["run", "a.toml", "--threads", "1"]) == 0

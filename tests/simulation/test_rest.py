@@ -1,4 +1,4 @@
-"""Runs to the static state: beside static solutions, and what has none."""
+"""Runs to the static state: against static solutions, and set-ups that have none."""
 
 import os
 
@@ -19,8 +19,8 @@ def wave(boundary=None, **given):
 
 
 def static_field(stencil, force):
-    """Solution of ``L u + force = 0`` on the infinite lattice but for a constant, for forces that balance: their
-    dipoles' images, 1024 nodes apart, are felt by (9/1024)^2 of the field.
+    """Solution of ``L u + force = 0`` on the infinite lattice up to a constant, for forces that balance; the images
+    of their dipoles, 1024 nodes apart, change it by (9/1024)^2 of the field.
     """
     box = (1024, 1024)
     angles = np.ix_(2 * np.pi * np.fft.fftfreq(box[0]), 2 * np.pi * np.fft.rfftfreq(box[1]))
@@ -30,7 +30,7 @@ def static_field(stencil, force):
 
 
 def test_forces_that_balance_beside_the_static_lattice():
-    """What is missing is what moves on: velocities below the tolerance, for not much longer than the run took."""
+    """The error is what still moves: velocities below the tolerance, over not much more than the time of the run."""
     print(f"seed {SEED}")
     rng = np.random.default_rng(SEED)
     x, y = SQUARE.coordinates()
@@ -79,7 +79,7 @@ def test_crack_that_opens_and_prescribed_nodes_are_what_drives_a_run():
 
 
 def test_the_limit_ends_a_run_and_says_so():
-    """On a line a force moves its end at constant speed for ever."""
+    """On a line, a constant force displaces the medium at constant speed for ever."""
     sim = fh.Simulation(
         fh.Lattice(1.0, -9, 9), fh.Wave(fh.Kernel(1.0)), sources=[fh.Source("exp(-x**2)", fh.Step(2.0))]
     )
@@ -129,7 +129,9 @@ def test_observers_see_the_end():
 
 
 def lattice_potential(n):
-    """Static field of a unit force on the infinite cubic lattice, ``integral of exp(-6 t) I I I (2 t) dt``."""
+    """Return the static field of a unit force on the infinite cubic lattice, ``integral of exp(-6 t) I I I (2 t)
+    dt``.
+    """
 
     def integrand(s):
         t = s / (1 - s)
@@ -140,7 +142,9 @@ def lattice_potential(n):
 
 @pytest.mark.slow
 def test_a_force_in_space_beside_the_lattice_potential():
-    """Far away 1 / 4 pi r: nine nodes a side are a small part of it, and the layers hold the rest."""
+    """Far away, the field is 1 / 4 pi r: the nine nodes along each axis hold a small part of it, and the layers the
+    rest.
+    """
     force = np.zeros(CUBE.shape)
     force[4, 4, 4] = 1.0
     model = fh.Wave(fh.Stencil.finite_difference(3))
@@ -154,7 +158,7 @@ def test_a_force_in_space_beside_the_lattice_potential():
 
 
 def periodic_kelvin(stencil, rate, force, nodes):
-    """Displacements around forces along x on a periodic lattice, of zero mean."""
+    """Displacements, of zero mean, due to forces along x on a periodic lattice."""
     angles = [2 * np.pi * np.fft.fftfreq(nodes)] * 2 + [2 * np.pi * np.fft.rfftfreq(nodes)]
     symbol = rate * stencil.symbol(*np.ix_(*angles))
     symbol[0, 0, 0] = np.eye(3)
@@ -167,7 +171,7 @@ def periodic_kelvin(stencil, rate, force, nodes):
 
 @pytest.mark.slow
 def test_kelvin_beside_the_infinite_lattice():
-    """The periodic lattice lacks a constant of 1 / L; what its images bend is (4 / L)^3 of the field."""
+    """The periodic lattice lacks a constant of order 1 / L; its images bend the field by (4 / L)^3."""
     model = fh.Elastic(fh.Kernel(2.0, 1), 1.0)
     force = np.zeros((3, *CUBE.shape))
     force[0] = np.exp(-sum(x**2 for x in CUBE.coordinates()))

@@ -1,6 +1,7 @@
-"""Fracture energies of states: found once from a crack that runs, and kept; what other cracks spend, in space, too.
+"""Fracture energies of materials with force states: calibrated once by a running crack, and kept; and the energy that
+other cracks dissipate, also in 3D.
 
-Where a crack would run for seconds, a number stands in its place.
+Where a crack would run for seconds, a number replaces it.
 """
 
 import os
@@ -28,7 +29,7 @@ def material(**options):
 
 @pytest.fixture
 def runs(monkeypatch, tmp_path):
-    """Materials whose cracks were run; nothing is known from before."""
+    """List of the materials whose cracks were run; nothing is known beforehand."""
     found = []
 
     def run(runs, model, dim):
@@ -46,7 +47,7 @@ def stretch_of(energy, young=2.0, horizon=1.0):
 
 @pytest.mark.parametrize("name", MATERIALS)
 def test_a_fracture_energy_becomes_a_critical_stretch_once(name, runs):
-    """The same for other densities, other units, Young's moduli and energies, and in runs that follow from one."""
+    """Also for other densities, units, Young's moduli and energies, and in runs made from a settled set-up."""
     sim = fh.Simulation(PLATE, material(**MATERIALS[name]), fh.Free())
     assert sim.engine.bonds.critical_stretches == pytest.approx((stretch_of(1e-4),) * 2, rel=1e-12)
     small = fh.Lattice(0.005, (-0.05, -0.05), (0.05, 0.05))
@@ -63,7 +64,7 @@ def test_a_fracture_energy_becomes_a_critical_stretch_once(name, runs):
 
 
 def test_other_materials_are_run_for_themselves(runs):
-    """Another Poisson's ratio, horizon in nodes, kernel, plane state or dimension is another number."""
+    """Another Poisson's ratio, horizon in nodes, kernel, plane state or dimension needs a run of its own."""
     kernels = [fh.Kernel(1.0, 1), fh.Kernel(1.5, 1), fh.Kernel(1.0, 0), fh.Kernel(1.0, 1, "gaussian", 0.4)]
     others = [{"kernel": kernel} for kernel in kernels] + [{"poisson": 0.2}, {"plane": "stress"}]
     for options in others:
@@ -123,7 +124,7 @@ def test_a_checkpoint_goes_on_bitwise(runs, tmp_path):
 
 
 def test_who_comes_while_a_crack_runs_waits_for_it(monkeypatch, tmp_path):
-    """Of several that want the same number at once one lets a crack run."""
+    """Of several threads that need the same number at once, one runs the crack."""
     runs = []
 
     def run(*_):
@@ -168,7 +169,7 @@ def test_a_model_alone_does_not_know_what_cracks_spend():
 
 @pytest.fixture
 def along_an_axis(monkeypatch, tmp_path):
-    """What cracks along an axis of the lattice spend, alone."""
+    """Restrict the calibration to cracks along an axis of the lattice."""
     monkeypatch.setitem(running_cracks.TURNS, 2, (0.0,))
     monkeypatch.setenv("FARHORIZON_CACHE", str(tmp_path))
 
@@ -190,8 +191,8 @@ def test_bonds_in_space_spend_what_they_hold_across_a_plane(along_an_axis):
 @pytest.mark.slow
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_closed_formula_of_states(dim, along_an_axis):
-    """Madenci and Oterkus (2014), Peridynamic Theory and Its Applications: without the dilatation it is that of bonds,
-    which cracks exceed by a few per cent; with it the formula is off by a tenth to a fifth.
+    """Madenci and Oterkus (2014), Peridynamic Theory and Its Applications: without the dilatation, the formula is
+    that of bonds, which cracks exceed by a few per cent; with it, the formula is off by a tenth to a fifth.
     """
     of_shear, of_dilatation = (6 / np.pi, 16 / (9 * np.pi**2)) if dim == 2 else (3, (3 / 4) ** 4)
     found = {}
@@ -207,12 +208,12 @@ def test_the_closed_formula_of_states(dim, along_an_axis):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MATERIALS)
 def test_other_cracks_in_space_spend_the_fracture_energy(name):
-    """After other forces, at other speeds, in other units; below the speed of Rayleigh waves."""
+    """Under other forces, at other speeds and in other units; slower than Rayleigh waves."""
     print(f"seed {SEED}")
     rng = np.random.default_rng(SEED)
     energy, model = 0.2, fh.Elastic(fh.Kernel(0.03, 1), 50.0, density=3.0, **MATERIALS[name])
     model.critical_stretch = fh.calibrated_stretch(model, 0.01, energy, dim=3)
-    speed, push = rng.uniform((0.2, 1.3), (0.3, 1.5))  # a front may wait at its row for ever at 1.1
+    speed, push = rng.uniform((0.2, 1.3), (0.3, 1.5))  # at 1.1, a front may stay at its row for ever
     found = running_crack(model, 0.01, energy, speed, push=push, dim=3)
     print(speed, push, found.spent / energy)
     assert found.follows and found.spent == pytest.approx(energy, rel=0.05)

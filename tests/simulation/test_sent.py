@@ -1,4 +1,4 @@
-"""What a check says of a run on several processes; `test_team` compares it with what they send."""
+"""Predicted communication of a run on several processes; `test_team` compares it with what they send."""
 
 import pytest
 
@@ -22,14 +22,14 @@ def square(**more):
 
 
 def predicted(boxes, run, seconds):
-    """The efficiency by the work that is shared out."""
+    """Return the efficiency predicted from the work of the boxes."""
     beyond = work_beyond(run.parts.around, run.stencil, run.lattice)
     return efficiency(boxes, work_of_boxes(boxes, work_of(run.setup, run.model, run.lattice), beyond), run, seconds)
 
 
 def test_what_is_sent_by_hand():
-    """A square of 41 nodes with reach 1, cut in the middle: 41 values and the halo at both ends are sent, of 41 times
-    20 or 21.
+    """A square of 41 nodes with reach 1, cut in the middle: 41 values and the halo at both ends are sent, while 41
+    times 20 or 21 are computed.
     """
     rows = dict(rows_on_processes(square()))
     assert rows["1 process"].startswith("nothing is sent; ")
@@ -42,8 +42,8 @@ def test_what_is_sent_by_hand():
 
 
 def test_efficiencies_by_hand():
-    """41 rows cut into 21 and 20: the slower process takes 21/41 of the time, and that of one message of 43 values, of
-    which a part passes while 20 of the rows are swept.
+    """41 rows cut into 21 and 20: the slower process takes 21/41 of the time, plus that of one message of 43 values,
+    part of which overlaps with the sweep of 20 of the rows.
     """
     run = square()
     boxes = boxes_of(run.setup, run.model, run.parts.around, 2)
@@ -52,14 +52,14 @@ def test_efficiencies_by_hand():
         left = max(least, message - seconds * 20 / 41)
         assert predicted(boxes, run, seconds) == pytest.approx(seconds / 2 / (seconds * 21 / 41 + left), rel=1e-12)
     assert [swept_ahead(boxes, number, run) for number in range(2)] == [41 * 19, 41 * 20]
-    # layers are work: the box with one is smaller
+    # layers count as work: the box with one is smaller
     layer = square(boundary={"x-": fh.LatticePML(nodes=10), "all": fh.Fixed()}, initial={})
     two = boxes_of(layer.setup, layer.model, layer.parts.around, 2, [2, 1])
     assert 0.95 < predicted(two, layer, 10.0) <= 1 and two.size(0, {})[0] < two.size(1, {})[0]
 
 
 def test_what_is_swept_ahead():
-    """Not while messages travel along the last axis, and none of states that break."""
+    """Nothing while messages travel along the last axis, and nothing of states that break."""
     run, seconds = square(), 1e-3
     boxes = boxes_of(run.setup, run.model, run.parts.around, 2, [1, 2])
     message = _WHOLE[0] + 41 * 8 / _WHOLE[1]

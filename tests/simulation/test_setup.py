@@ -1,4 +1,4 @@
-"""A set-up is one value: kept as it is given, changed by `replace`, run by `Simulation.of`, written once."""
+"""A set-up is one value: kept as it is given, changed by `replace`, run by `Simulation.of`."""
 
 import copy
 import pickle
@@ -42,7 +42,7 @@ def test_what_is_given_is_kept_and_what_was_chosen_is_beside_it():
     sim = fh.Simulation.of(setup)
     assert sim.setup is setup and setup.dt is None and setup.sides[0, -1] == GIVEN["boundary"]["x-"]
     assert sim.settled.dt == sim.dt and sim.settled.sides[0, -1].nodes == sim.engine.layers[2, -1].columns
-    again = fh.Simulation.of(sim.settled)  # as it was chosen: nothing is chosen anew
+    again = fh.Simulation.of(sim.settled)  # all has been chosen: nothing is chosen again
     assert again.settled.sides[0, -1].nodes == sim.settled.sides[0, -1].nodes and not again.thickness
     np.testing.assert_array_equal(again.engine.memory.shape, sim.engine.memory.shape)
 
@@ -54,7 +54,7 @@ def test_it_is_frozen_and_replaced():
     changed = replace(setup, background=0.5)
     assert (setup.background, changed.background) == (0.0, 0.5)
     assert [crack.cut.x for crack in changed.cracks] == [12.5]
-    assert changed.initial["u"] is setup.initial["u"]  # what has its kind already stays as it is
+    assert changed.initial["u"] is setup.initial["u"]  # objects of the right kind are kept
 
 
 def test_a_run_that_chooses_between_sides_keeps_what_was_given():
@@ -120,6 +120,6 @@ def test_other_kinds_are_refused_at_once(changes, key):
 
 @pytest.mark.parametrize("threads", [0, -3, 100_000])
 def test_so_many_threads_are_none(threads):
-    """Neither fewer than one nor more than there are: one message is true of both."""
+    """One message serves for fewer than one and for more than there are."""
     with pytest.raises(fh.InputError, match=r"threads: not a number of threads that there are; .*limit: 1 to"):
         fh.Simulation(fh.Lattice(1.0, -4, 4), fh.Wave(fh.Kernel(1.0)), threads=threads)

@@ -35,8 +35,8 @@ def test_all_published_items_are_there():
 
 
 def test_the_documents_name_what_there_is():
-    """Every entry is in the table of docs/explanation/published.md, ranges written out, and no entry is named there or
-    in the README that does not exist.
+    """Every entry is in the table of docs/explanation/published.md, with ranges expanded, and no entry that does not
+    exist is named there or in the README.
     """
     root = Path(__file__).parents[2]
     text = "".join((root / name).read_text(encoding="utf-8") for name in ("docs/explanation/published.md", "README.md"))
@@ -68,14 +68,14 @@ CONSTANTS = {"shojaei2020-table1"}  # nothing is run there that could be drawn
 @pytest.mark.slow
 @pytest.mark.parametrize("name", REPRODUCTIONS.entries())
 def test_command_runs_each(name, capsys, tmp_path):
-    """With default arguments to the end: rows of numbers, pictures that are there and not empty, the same in the JSON
-    file.
+    """With default arguments it runs to the end: rows of numbers, pictures that exist and are not empty, and the same
+    in the JSON file.
     """
     assert main(["reproduce", name, "--out", str(tmp_path), "--json", str(tmp_path / "f.json")]) == 0
     found = written(tmp_path / "f.json", "reproduce")
     assert found["name"] == name and found["rows"]
     assert found["pictures"] or name in CONSTANTS
-    assert all(isinstance(row["ours"], float | int) or row["note"] for row in found["rows"])  # what overflows says so
+    assert all(isinstance(row["ours"], float | int) or row["note"] for row in found["rows"])  # values that overflow have a note
     assert {path.name for path in tmp_path.glob("*.png")} == set(found["pictures"])
     for picture in found["pictures"]:
         content = (tmp_path / picture).read_bytes()
@@ -89,7 +89,7 @@ def test_command_refuses_an_unknown_name(capsys):
 
 
 def test_command_draws_and_writes(capsys, tmp_path):
-    """Figure 3: picture, rows, the keys of the JSON file."""
+    """Figure 3: picture, rows, and the keys of the JSON file."""
     assert main(["reproduce", "ji2021-fig3", "--out", str(tmp_path), "--json", str(tmp_path / "f.json")]) == 0
     assert "fully discrete kernel" in capsys.readouterr().out
     assert (tmp_path / "ji2021-fig3.png").stat().st_size > 20_000
@@ -101,7 +101,7 @@ def test_command_draws_and_writes(capsys, tmp_path):
 
 @pytest.mark.slow
 def test_figure_2(tmp_path):
-    """The numerical kernel is on the analytical one: 1e-8 of 1e-6 (table 1 at 3000 pi: 9e-9 for all four)."""
+    """The numerical kernel agrees with the analytical one: 1e-8 of 1e-6 (table 1 at 3000 pi: 9e-9 for all four)."""
     outcome = REPRODUCTIONS.find("ji2021-fig2").function(tmp_path)
     assert outcome.pictures[0].exists()
     assert outcome.rows[-1].ours < 1e-8 < 1e-6 < outcome.rows[0].ours

@@ -1,4 +1,4 @@
-"""Comparison with the infinite medium: where the edges beside it lie, and what is measured."""
+"""Comparison with the infinite medium: where the edges for comparison lie, and what is measured."""
 
 import numpy as np
 import pytest
@@ -15,8 +15,8 @@ def pulse(x, y):
 
 @pytest.mark.parametrize("edge", ["fixed edge", "free edge"])
 def test_the_edge_of_a_disc_is_its_outline(edge):
-    """The echo of a pulse in the middle comes back along the diagonal as soon as along the axes: the box's corners play
-    no part.
+    """The echo of a pulse in the middle returns along the diagonal as soon as along the axes, so the corners of the
+    box do not matter.
     """
     lattice = fh.Lattice(0.25, window=fh.Disc(5.0))
     result = compare({"lattice": lattice, "model": fh.Wave(KERNEL), "initial": {"u": pulse}}, 7.5, shown=7.5)
@@ -31,8 +31,8 @@ def test_the_edge_of_a_disc_is_its_outline(edge):
 
 
 def test_fields_are_kept_while_there_is_something_to_see():
-    """Neither before the echo nor after the pulse has left: the medium and the worst error are both large at the moment
-    shown.
+    """The time shown is neither before the echo nor after the pulse has left: both the field and the worst error are
+    large.
     """
     setup = {"lattice": fh.Lattice(0.25, (-3, -3), (3, 3)), "model": fh.Wave(KERNEL), "initial": {"u": pulse}}
     result = compare(setup, 20.0)
@@ -62,7 +62,7 @@ def test_the_edge_of_a_box_is_where_its_layers_were():
 
 
 def test_exact_ends_and_layers_stand_beside_each_other():
-    """In one dimension, where both serve, and where the kernel of the exact ends is soon made."""
+    """In one dimension, where both can be used, and where the kernel of the exact ends is computed quickly."""
     setup = {
         "lattice": fh.Lattice(0.25, -4, 4),
         "model": fh.Wave(KERNEL),
@@ -82,7 +82,7 @@ def test_exact_ends_and_layers_stand_beside_each_other():
 
 
 def test_prescribed_nodes():
-    """Points and masks are found again on the extended domain; errors refer to the largest value of the run."""
+    """Points and masks are found again on the extended domain; errors are relative to the largest value of the run."""
     lattice = fh.Lattice(0.25, -4, 4)
     for where in ([0.5], np.arange(33) == 18):
         result = compare(
@@ -98,7 +98,7 @@ def test_prescribed_nodes():
 
 
 def test_a_run_at_rest_is_not_compared():
-    """No value to which errors could refer: such as one whose source begins later."""
+    """There is no value to which errors could be relative, for example when a source begins later."""
     late = fh.Source(lambda x: np.exp(-8 * x**2), lambda t: max(t - 5.0, 0.0))
     setup = {"lattice": fh.Lattice(0.25, -4, 4), "model": fh.Wave(KERNEL), "boundary": fh.Fixed(), "sources": [late]}
     with pytest.raises(fh.InputError, match=r"times: nothing moves .*value: to t = .*remedy: later times"):
@@ -116,7 +116,7 @@ def test_a_solid_that_heats_as_it_is_deformed_has_no_infinite_medium():
 
 
 def test_growth_rate_of_an_exponential():
-    """Fitted over the second half: what happens before does not count; gaps and zeros are left out."""
+    """Fitted over the second half: earlier values do not count, and gaps and zeros are left out."""
     times = np.linspace(0, 10, 21)
     values = np.where(times < 5, 7.0, 1e-9 * np.exp(1.3 * times))
     values[15] = 0.0
@@ -127,7 +127,7 @@ def test_growth_rate_of_an_exponential():
 def test_growth_is_measured_with_backward_waves_only():
     setup = {"lattice": fh.Lattice(0.25, -3, 3), "initial": {"u": lambda x: np.exp(-8 * x**2)}}
     undamped = {"boundary": fh.LatticePML(nodes=12, profile={"sigma": np.linspace(0.5, 12, 13), "alpha": 0.004})}
-    # four crossings: the fastest growing mode alone is left
+    # four crossings: only the fastest growing mode is left
     with_them = compare({**setup, **undamped, "model": fh.Wave(fh.Kernel(0.75, 0))}, 24.0)
     assert with_them.growth["lattice PML"] < with_them.growth_bound and "backward waves grow" in with_them.table()
     assert compare({**setup, **undamped, "model": fh.Wave(fh.Kernel(0.75, 2))}, 8.0).growth == {}
@@ -148,8 +148,8 @@ def test_exact_ends_that_are_left_out_are_named(monkeypatch):
 
 
 def test_a_body_given_as_arrays_is_compared_as_one_given_by_functions():
-    """Initial data, forces and the material go on into the larger body; the fixed edge is exact until the wave comes
-    back from it.
+    """Initial data, forces and the material continue into the larger body; the fixed edge is exact until the wave
+    returns from it.
     """
     lattice = fh.Lattice(1.0, (-12.0, -9.0), (12.0, 9.0))
     x, y = lattice.coordinates()

@@ -1,4 +1,4 @@
-"""Orders of convergence: of laws that are known, of a case file, of runs; what is refused."""
+"""Orders of convergence of known laws, of a case file and of runs; what is refused."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ run = { until = 2.0 }
 
 @pytest.mark.parametrize("order", [1.0, 2.0, 3.5])
 def test_the_order_of_a_power_law(order):
-    """Exactly, with exact values and without, of numbers and arrays; with more spacings and another term nearly."""
+    """Exact with and without exact values, for numbers and arrays; approximate with more spacings and another term."""
     for value in (2.0, np.array([1.0, -3.0])):
         found = fh.convergence(lambda h: h, SPACINGS, lambda h, value=value: value + value * h**order, exact=value)
         assert found.order == pytest.approx(order) and list(found.spacings) == [0.4, 0.2, 0.1]
@@ -30,7 +30,7 @@ def test_the_order_of_a_power_law(order):
 
 
 def test_a_case_file_is_refined(tmp_path):
-    """With the horizon two spacings at each: waves are of second order. Without exact values, and the other way."""
+    """With a horizon of two spacings at each spacing, waves are of second order, with and without exact values."""
     path = tmp_path / "case.toml"
     path.write_text(CASE)
     case = fh.read_case(path)
@@ -51,7 +51,7 @@ def test_a_case_file_is_refined(tmp_path):
 
 
 def test_a_step_of_its_own_is_refined_with_the_spacing(tmp_path):
-    """As stability wants: with the square where something diffuses."""
+    """As stability requires: with the square of the spacing where something diffuses."""
     for text, factor in ((CASE, 0.5), (CASE.replace("wave", "diffusion"), 0.25)):
         (tmp_path / "case.toml").write_text(text.replace("until = 2.0", "until = 2.0, dt = 0.02"))
         case = fh.read_case(tmp_path / "case.toml")

@@ -1,4 +1,4 @@
-"""Sweeps: against the runs they stand for, gone on with, on other executors, with cases that fail."""
+"""Sweeps against the runs that they stand for, continued, on other executors, and with failing cases."""
 
 import csv
 import math
@@ -30,7 +30,7 @@ def case(tmp_path, monkeypatch):
 
 
 def test_numbers_are_those_of_single_runs(case):
-    """Of all combinations, the last key first; what fails is listed and leaves the others alone."""
+    """For all combinations, the last key varying fastest; failures are listed and do not affect the other runs."""
     found = fh.sweep(case, CHANGES)
     assert [tuple(one.values()) for one in found.changes] == [
         (speed, horizon) for speed in (1.0, 2.0) for horizon in (0.5, 1.0, 1000.0)
@@ -50,7 +50,9 @@ def test_numbers_are_those_of_single_runs(case):
 
 
 def test_it_goes_on_where_it_was(case):
-    """What the table has is not computed again, but for what failed; it knows the case and the quantities."""
+    """Results in the table are not computed again, except for failures; the table depends on the case and the
+    quantities.
+    """
     asked = []
 
     def steps(run):
@@ -93,7 +95,7 @@ def test_processes_compute_the_same(case):
 
 
 def test_the_command(case):
-    """It writes the table, prints it, and fails with a case."""
+    """It writes the table, prints it, and fails if a case fails."""
     assert main(["sweep", "case.toml", "model.speed=1.0,2.0", "model.kernel.horizon=0.5", "--json", "a.json"]) == 0
     facts = written("a.json", "sweep")
     assert facts["figures"] == fh.sweep(case, {"model.speed": [1.0, 2.0], "model.kernel.horizon": [0.5]}).figures

@@ -1,5 +1,5 @@
-"""Cracks that run after a pair of forces, and critical stretches of fracture energies from them: bonds' own sum,
-another load, way and strip, Rayleigh's speed, bad input.
+"""Running cracks driven by a pair of forces, and critical stretches from their fracture energies: against the sum over
+bonds, another load, path and strip, the Rayleigh speed, and bad input.
 """
 
 import os
@@ -17,7 +17,7 @@ MATERIALS = {
     "plane stress": {"material": "state-based", "poisson": 0.2, "plane": "stress"},
     "correspondence": {"material": "correspondence", "poisson": 0.2, "stabilisation": 0.2},
 }
-NODES = {"correspondence": 4}  # in the horizon, whose cracks feel a coarser lattice; else 3
+NODES = {"correspondence": 4}  # in the horizon, because its cracks are more sensitive to the lattice; 3 otherwise
 
 
 def material(**options):
@@ -26,7 +26,7 @@ def material(**options):
 
 def spent_in_a_strip(model, spacing, energy, stress):
     """Energy per area that a crack spends in a notched strip of 32 by 18 horizons with free edges, whose long sides
-    are pulled apart with a stress over the root of Young's modulus times the fracture energy over the horizon.
+    are pulled apart by `stress` in units of the root of Young's modulus times the fracture energy over the horizon.
     """
     horizon = model.kernel.horizon
     end, edge = (spacing * (np.floor(n * horizon / spacing) + 0.5) for n in (16.0, 9.0))
@@ -61,8 +61,8 @@ def test_speed_of_rayleigh_waves(poisson, squares):
 
 @pytest.mark.slow
 def test_a_state_based_material_of_bonds_alone_is_one_of_bonds():
-    """With a Poisson's ratio of 1/4 its dilatation has no force, and the stretch is that of bonds; it is theirs by the
-    sum over a plane but for the bonds beside it that break, too, and what they spend beyond their limit.
+    """With a Poisson's ratio of 1/4 its dilatation has no force, and the stretch is that of bonds. It agrees with the
+    sum over a plane, except for bonds beside it that also break and for what bonds spend beyond their limit.
     """
     bonds = material(fracture_energy=3e-4)
     by_sum = bonds.critical_stretch_on(0.5, 2)
@@ -75,8 +75,8 @@ def test_a_state_based_material_of_bonds_alone_is_one_of_bonds():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MATERIALS)
 def test_other_cracks_spend_the_fracture_energy(name):
-    """Up to the speed at which the stretch was found, by other forces, at an angle to the lattice; in other units;
-    below the speed of Rayleigh waves at any moment.
+    """Up to the speed at which the stretch was found, with other forces, at an angle to the lattice and in other
+    units; the tip stays below the Rayleigh speed at all times.
     """
     print(f"seed {SEED}")
     rng = np.random.default_rng(SEED)
@@ -84,7 +84,7 @@ def test_other_cracks_spend_the_fracture_energy(name):
     stretch = calibrated_stretch(material(**options), 1.5 / nodes, 2e-4)
     energy = 2e-4 * 50 * 0.02
     other = material(**options | {"kernel": fh.Kernel(0.03, 1), "young": 50.0, "density": 3.0})
-    # which bond breaks first goes by rounding where two are alike, and the energy by a part of one in a hundred
+    # between equivalent bonds rounding decides which breaks first, and the energy changes by part of a per cent
     assert calibrated_stretch(other, 0.03 / nodes, energy) == pytest.approx(stretch, rel=0.01)
     other.critical_stretch = stretch
     fastest = rayleigh_speed(other.lame, other.shear, other.density)
@@ -101,7 +101,7 @@ def test_other_cracks_spend_the_fracture_energy(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("published", [False, True])
 def test_a_weak_stabilisation_lets_no_crack_gain_energy(published):
-    """Across the lattice nodes lose most of their bonds; what is left bears less stress, and nothing grows."""
+    """Across the lattice nodes lose most of their bonds; the remaining ones bear less stress, and nothing grows."""
     print(f"seed {SEED}")
     rng = np.random.default_rng(SEED)
     options = MATERIALS["correspondence"] | {"stabilisation": 0.1}
@@ -122,8 +122,8 @@ def test_a_weak_stabilisation_lets_no_crack_gain_energy(published):
 
 @pytest.mark.slow
 def test_what_flows_into_the_tip_is_what_is_spent_and_short_waves():
-    """The domain J integral, from displacements, velocities and accelerations away from the tip, is no less than what
-    bonds lose; what is more leaves as waves as short as the lattice, a part of it.
+    """The domain J integral, from displacements, velocities and accelerations away from the tip, is not less than the
+    energy that bonds lose. The rest, a fraction of it, leaves as waves as short as the lattice.
     """
     model = material(kernel=fh.Kernel(1.0, 1), fracture_energy=2e-4)
     found = running_crack(model, 0.25, 2e-4, 0.3, push=1.2)
@@ -135,7 +135,9 @@ def test_what_flows_into_the_tip_is_what_is_spent_and_short_waves():
 @pytest.mark.slow
 @pytest.mark.parametrize("options", MATERIALS.values(), ids=MATERIALS)
 def test_a_crack_in_a_strip_spends_the_fracture_energy(options):
-    """With free edges, pulled at its sides: faster as it goes on, whose energy goes with the speed a little."""
+    """In a strip with free edges that is pulled at its sides the crack accelerates, and its energy depends slightly on
+    the speed.
+    """
     model = material(**options)
     model.critical_stretch = calibrated_stretch(model, 0.5, 2e-4)
     assert spent_in_a_strip(model, 0.5, 2e-4, 0.126) == pytest.approx(2e-4, rel=0.15)

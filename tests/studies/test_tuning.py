@@ -30,8 +30,8 @@ def disc(boundary, model=MEDIA["horizon 3 spacings"], radius=7.37, **options):
     ],
 )
 def test_flat_reflection_by_other_programs(boundary, found):
-    """Largest reflection of the wavenumbers above at 0 and 60 degrees, as an independent program found it for a kernel
-    that is not calibrated.
+    """Largest reflection over the wavenumbers above at 0 and 60 degrees, as found by an independent program for a
+    kernel that is not calibrated.
     """
     sim = disc(boundary, fh.Wave(fh.Kernel(0.75, 2, calibrate=False), damping=0.0125))
     bands = [(2 * np.pi / k, 2 * np.pi / k * (1 + 1e-9)) for k in WAVENUMBERS]
@@ -43,8 +43,8 @@ def test_flat_reflection_by_other_programs(boundary, found):
 
 @pytest.mark.parametrize("angles", [(0.0,), (0.0, 45.0), (30.0, 60.0)])
 def test_flat_reflection_of_long_waves_by_higdon(angles):
-    """The product of (cos a - cos b)/(cos a + cos b) over his angles a at incidence b; here head-on and at most 20
-    degrees.
+    """The product of (cos a - cos b)/(cos a + cos b) over the angles a of Higdon's condition at incidence b, here for
+    b up to 20 degrees.
     """
     boundary = fh.Higdon(angles, 0.0)
     sim = disc(boundary, MEDIA["finite differences"])
@@ -66,8 +66,8 @@ def test_the_fit_does_not_depend_on_a_small_regularization(name):
 
 
 def test_tuned():
-    """In the damped medium the best setting of a small disc is certified and sends back no more than the default, which
-    is certified, too.
+    """In the damped medium the best setting for a small disc is certified and reflects no more than the default, and
+    the boundary is certified again in a new simulation.
     """
     sim = disc(fh.PlaneWave(), radius=5.12)
     found = fh.tuned(sim, band=(3.0, 30.0))
@@ -78,7 +78,7 @@ def test_tuned():
 
 
 def test_undamped_media():
-    """Without damping clouds of 3 spacings grow, which the page says, and what to do."""
+    """Without damping, clouds of 3 spacings grow; the report says so and what to do."""
     sim = disc(
         fh.PlaneWave(), fh.Wave(fh.Kernel(0.75, 2)), radius=5.12, initial={"u": lambda x, y: np.exp(-4 * (x**2 + y**2))}
     )
@@ -105,7 +105,7 @@ def test_numbers_out_of_range(wrong):
 
 
 def test_nothing_certified(monkeypatch):
-    """Where clouds of several spacings are all there is, in space: said so, with what to do."""
+    """In space, with clouds of several spacings only, the error says what to do."""
     monkeypatch.setattr(tuning, "_RADII", (3.0,))
     model = fh.Wave(fh.Kernel(0.5, 2, influence="linear"), damping=0.0125)
     sim = fh.Simulation(fh.Lattice(0.25, window=fh.Ball(1.62)), model, fh.PlaneWave(cone=30.0, angles=5), dt=0.05)

@@ -1,4 +1,4 @@
-"""The exact intensities of a crack beside which the edge is hit, against a numerical solution of the same problem."""
+"""The exact intensities of a crack whose body is hit at the edge, against a numerical solution of the same problem."""
 
 import numpy as np
 import pytest
@@ -19,8 +19,8 @@ def halfline(count):
 def uncracked(kappa):
     """Normal and shear stress along y = 0 of the solid without a crack, transformed in time, with s = 1, and along x.
 
-    A gap that opens by D is the force ``-div (C D)``. That on the half-line is half of one on the whole line, whose P
-    wave alone has normal stress there, and half of one that changes its sign there, which alone has shear stress:
+    A gap that opens by D is the force ``-div (C D)``. The gap on the half-line is half of one on the whole line, whose
+    P wave alone has normal stress there, plus half of one that changes its sign there, which alone has shear stress:
     Green's tensor of the solid, integrated over ky.
     """
     stiff = LAME + 2 * MODULUS
@@ -35,7 +35,7 @@ def uncracked(kappa):
 
 
 def plus_factor(kappa, slowness):
-    """``1 / (sqrt(1 + i kappa) N_+)`` of the stiffness of a half-plane, ``sqrt(1 + kappa^2) N``, whose logarithm is
+    """``1 / (sqrt(1 + i kappa) N_+)`` for the stiffness of a half-plane, ``sqrt(1 + kappa^2) N``, whose logarithm is
     split by Cauchy's integral.
     """
 
@@ -49,8 +49,8 @@ def plus_factor(kappa, slowness):
 
 
 def test_intensities_of_an_impact_are_those_of_wiener_and_hopf_by_numbers():
-    """Both at s = 1. Sharp in space the stress at the foot of the gap has no end in kappa: smooth over 0.02 of the
-    length, which changes K by the square of that.
+    """Both at s = 1. In kappa the stress at the end of the gap, which is sharp in space, does not decay: it is
+    smoothed over 0.02 of the length, which changes K by the square of that.
     """
     step, smooth = 0.15, 0.02
     kappa = np.arange(step / 2, 5 / smooth, step)

@@ -11,8 +11,8 @@ from farhorizon.validation import lattice_diffraction
 
 
 def equations(size, omega, obstacle):
-    """Axis and, of ``-omega^2 u - (differences over bonds) = force``, matrix and force on a square of so many nodes to
-    either side, fixed around: without the cut bonds, or with the held nodes, whose equation is ``u = 0``.
+    """Axis, matrix and force of ``-omega^2 u - (differences over bonds) = force`` on a square with `size` nodes to
+    either side, fixed all around: without the cut bonds, or with held nodes, whose equation is ``u = 0``.
     """
     axis = np.arange(-size, size + 1)
     x, y = (z.ravel() for z in np.meshgrid(axis, axis, indexing="ij"))
@@ -46,7 +46,7 @@ def test_every_node_obeys_its_equation(omega, obstacle):
 
 @pytest.mark.parametrize("obstacle", ["crack", "line"])
 def test_a_damped_wave_is_that_of_a_lattice_so_large_that_nothing_comes_back(obstacle):
-    """The frequency has an imaginary part: over the 22 nodes from the source to the edge waves fall to 1e-9."""
+    """The frequency has an imaginary part: over the 22 nodes from the source to the edge waves decay to 1e-9."""
     omega = 0.7 + 1.0j
     axis, matrix, force = equations(31, omega, obstacle)
     wanted = spsolve(matrix.tocsc(), force.astype(complex)).reshape(axis.size, axis.size)

@@ -1,4 +1,4 @@
-"""The exact solution of the crack that runs through the square lattice, against limits, published formulas and a plain
+"""The exact solution for a crack running through the square lattice, against limits, published formulas and a plain
 program.
 """
 
@@ -12,8 +12,8 @@ from helpers import fitted_rate
 
 @pytest.mark.parametrize("speed", [0.1, 0.3, 0.5, 0.8])
 def test_load_against_speed_is_the_integral_of_slepyan(speed):
-    """exp((2/pi) times the integral of arg L over k), of L with a small damping, whose argument is known by pieces
-    without one.
+    """exp((2/pi) times the integral of arg L over k), for L with a small damping; without damping its argument is
+    known piecewise.
     """
     damping = 1e-7
 
@@ -28,11 +28,11 @@ def test_load_against_speed_is_the_integral_of_slepyan(speed):
 
 
 def test_limits_of_load_against_speed():
-    """A crack that hardly moves is as one that begins to: ``sqrt(2) - 1`` (Slepyan); near the speed of waves all goes
-    into waves; some energy always does.
+    """A crack that hardly moves is like one that begins to: ``sqrt(2) - 1`` (Slepyan). Near the speed of waves all
+    energy is radiated, and some energy always is.
     """
     slow = np.mean([lf.ratio(v) for v in np.geomspace(0.004, 0.008, 40)])
-    assert slow == pytest.approx(np.sqrt(2) - 1, abs=0.005)  # the ripples of the curve fall as the speed
+    assert slow == pytest.approx(np.sqrt(2) - 1, abs=0.005)  # the ripples of the curve fall in proportion to the speed
     near = np.array([0.99, 0.999, 0.9999])
     falling = np.array([lf.ratio(v) for v in near])
     assert (np.diff(falling) < 0).all() and falling[-1] < 0.1
@@ -41,7 +41,7 @@ def test_limits_of_load_against_speed():
 
 
 def test_short_steps_are_continuous_time():
-    """At second order."""
+    """The error is of second order in the step."""
     steps = np.array([10, 20, 40])
     errors = [abs(lf.ratio_of_steps(0.5, n) - lf.ratio(0.5)) for n in steps]
     assert fitted_rate(1 / steps, errors) == pytest.approx(2, abs=0.1)
@@ -49,7 +49,7 @@ def test_short_steps_are_continuous_time():
 
 @pytest.mark.parametrize("speed", [0.4, 0.6])
 def test_a_load_far_behind_is_that_of_the_continuum(speed):
-    """What it lacks falls with the square of its distance."""
+    """The difference falls with the square of the distance."""
     steps, errors, distances = 6, [], np.array([10.0, 20.0, 40.0])
     for distance in distances:
         load = lf.load(np.arange(int(7 * distance) * steps) / steps, distance)
@@ -61,7 +61,7 @@ def test_a_load_far_behind_is_that_of_the_continuum(speed):
 
 
 def test_the_load_has_the_moments_that_are_said():
-    """Its integrals over the distance to the power 1/2 and 3/2 by quadrature."""
+    """Integrals of the load over the distance to the powers 1/2 and 3/2, by quadrature."""
     moments = [quad(lambda s, p=p: float(lf.load(np.array(s))) * s**-p, 0, 70.0, limit=200)[0] for p in (0.5, 1.5)]
     assert lf.release_rate(0.6) == pytest.approx(moments[0] ** 2 / (np.pi * 0.8), rel=1e-5)  # the load ends at 1e-6
     assert abs(moments[1]) < 1e-5 * moments[0]
@@ -69,9 +69,11 @@ def test_the_load_has_the_moments_that_are_said():
 
 @pytest.mark.parametrize(("speed", "steps"), [(0.5, 4), (0.7, 5)])
 def test_a_plain_program_comes_to_the_exact_history(speed, steps):
-    """Row 0 and those above it in so large a lattice that nothing comes back to the tip before the end; rows below are
-    its mirror image with the other sign. The load comes slowly over 40 and is near the tip: of that 30 behind, 1e-10
-    of the largest, the tip knows 30/(1 - v) later.
+    """Row 0 in a lattice so large that nothing returns to the tip before the end; the rows below are the mirror image
+    with the opposite sign.
+
+    The load rises slowly over 40 and is near the tip: the load 30 behind, 1e-10 of the largest, reaches the tip 30/(1
+    - v) later.
     """
     dt, until = 1 / (speed * steps), 40 + 30 / (1 - speed)
     bonds, high = int(speed * until), int(until / 2) + 5

@@ -1,4 +1,4 @@
-"""The exact motion of the surface of a half-space, against other ways to it."""
+"""The exact motion of the surface of a half-space, against independent derivations."""
 
 import numpy as np
 import pytest
@@ -14,13 +14,13 @@ def by_frequencies(x, until, speeds, density):
     """Times, and displacement of the surface by a sum over complex frequencies s and, by the midpoint rule, over
     wavenumbers k.
 
-    A P wave with the potential A exp(ikx + nu z) from below is sent back by a free surface so that the surface moves
+    A P wave with the potential A exp(ikx + nu z) from below is reflected by a free surface so that the surface moves
     with 4ik nu eta A s^2 / (beta^2 R) and 2 nu (k^2 + eta^2) A s^2 / (beta^2 R) (Achenbach, 1973, section 5.6).
     """
     alpha, beta = speeds
     length, count = 3 * until, 256
     t = np.arange(count) * length / count
-    shift = 12 / length  # so fast do the copies of the sum fall off
+    shift = 12 / length  # the rate at which the periodic copies of the sum decay
     moment = np.fft.rfft(Step(surface_motion.RISE)(t) * np.exp(-shift * t))
     s = (shift + 2j * np.pi * np.arange(count // 2 + 1) / length)[:, None]
     highest, n = 60.0, 4000
@@ -55,8 +55,8 @@ def test_nothing_moves_before_the_p_wave_comes():
 
 
 def test_a_pressed_surface_moves_as_the_sum_of_its_hankel_transforms():
-    """Both transformed in time, at s = 1. In a cylindrical wave J0(kr) a pressure p moves the surface by
-    ``p nu s^2 / (mu beta^2 R)`` (Achenbach, 1973, section 7.5), in short ones by the static ``3 p / (4 mu k)``.
+    """Both transformed in time, at s = 1. In a cylindrical wave J0(kr) a pressure p moves the surface by ``p nu s^2 /
+    (mu beta^2 R)`` (Achenbach, 1973, section 7.5), in short waves by the static ``3 p / (4 mu k)``.
     """
     r, rise = 1.3, surface_motion.RISE
     k = (np.arange(60000) + 0.5) * 0.005

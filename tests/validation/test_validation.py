@@ -1,4 +1,4 @@
-"""The exact solutions against their limits and other ways to them; slow: what `farhorizon validate` finds."""
+"""The exact solutions against their limits and independent derivations; slow: the results of `farhorizon validate`."""
 
 import re
 from pathlib import Path
@@ -63,7 +63,7 @@ def test_a_component_under_a_moving_load_is_an_oscillator(k, kappa):
 
 
 def test_outside_its_gaussian_the_centre_of_dilatation_is_the_closed_form():
-    """M(t - r/c)/r^2 and its rate over c r; before the front nothing, for good the static field."""
+    """M(t - r/c)/r^2 and its rate over c r; nothing before the front, the static field in the end."""
     speed, density, r = 1.2, 2.5, np.array([9.0, 12.0])
 
     def closed(t):
@@ -78,8 +78,8 @@ def test_outside_its_gaussian_the_centre_of_dilatation_is_the_closed_form():
 
 
 def test_a_pressed_cavity_moves_as_its_equation_and_its_pressure_say():
-    """rho u_tt = (lam + 2 mu) (u'' + 2 u'/r - 2 u/r^2), the pressure on the face, rest ahead of the front, and for good
-    the static field.
+    """rho u_tt = (lam + 2 mu) (u'' + 2 u'/r - 2 u/r^2), the pressure on the face, rest ahead of the front, and in the
+    end the static field.
     """
     model, h = pressed_cavity.solid(0.1), 1e-3
     speed, modulus = model.p_speed, model.p_modulus
@@ -104,14 +104,14 @@ def test_a_crack_opens_as_its_intensity_says_and_far_from_the_tip_as_a_wave_leav
     t, tip = 9.0, np.array([1e-5])
     near = stress_intensity.opening(tip, t) / (4 * np.sqrt(tip / (2 * np.pi)))
     assert near[0] == pytest.approx(stress_intensity.intensity(t, stress_intensity.shear_step), rel=2e-3)
-    # each face moves with the stress of unit impedance
+    # each face moves with the stress over unit impedance
     moved = quad(lambda s: float(stress_intensity.STRESS(s)), 0, t, limit=200)[0]
     assert stress_intensity.opening(np.array([20.0]), t)[0] == pytest.approx(2 * moved, rel=1e-6)
 
 
 @pytest.mark.parametrize("frequency", [0.02, 0.1, 0.3])
 def test_scatterers_send_what_they_take_from_the_incident_wave(frequency):
-    """The optical theorem, order by order of scalar waves; of a cavity P and S waves together."""
+    """The optical theorem, order by order for scalar waves, and for P and S waves of a cavity together."""
     for rigid in (False, True):
         found = cross_sections.cylinder(frequency, rigid)
         np.testing.assert_allclose(np.abs(found) ** 2, -found.real, rtol=0, atol=1e-14)
@@ -120,8 +120,8 @@ def test_scatterers_send_what_they_take_from_the_incident_wave(frequency):
 
 
 def test_cross_sections_of_long_and_of_short_waves(monkeypatch):
-    """Long waves see a dipole and, of a cylinder, what it displaces: 3/4 pi^2 k^3 a^4 of a rigid one, of a crack a
-    sixth of it; short ones twice the width.
+    """Long waves see a dipole and, for a cylinder, the displaced mass: 3/4 pi^2 k^3 a^4 for a rigid one, a sixth of it
+    for a crack; for short waves the cross section is twice the width.
     """
     radius, limits = cross_sections.RADIUS, {}
     for frequencies in ([0.002], [2.0]):
@@ -156,8 +156,8 @@ def test_a_heated_half_space_moves_as_its_equation_says():
 
 
 def test_a_half_space_that_cools_as_it_is_stretched():
-    """Without coupling it is the other solution. With it long waves are adiabatic: the middle of the front is at
-    ``t sqrt(1 + coupling)``, and what ran ahead with the sound has become a slope that diffusion has spread.
+    """Without coupling this is the other solution. With it long waves are adiabatic: the middle of the front is at ``t
+    sqrt(1 + coupling)``, and the step that ran ahead with the sound has become a slope spread by diffusion.
     """
     x = np.array([0.5, 3.0, 9.0, 30.0])
     for t in (4.0, 20.0):
@@ -207,9 +207,10 @@ def test_command_computes(capsys, tmp_path):
 
 
 def steady_cracks():
-    """Of each speed of lattice-fracture load, longest bonds ahead and beside, how far the history may be off. A load
-    10 nodes behind is one far away but for 1/10^2; the layers are made for 1e-6 of a largest value that is several
-    times the elongation of the bond that opens.
+    """For each speed of the lattice-fracture load, the longest bonds ahead and beside, and the bound on the history.
+
+    A load 10 nodes behind is equivalent to a distant one up to 1/10^2; the layers are designed for 1e-6 of a largest
+    value that is several times the elongation of the bond that opens.
     """
     for speed in lattice_fracture.SPEEDS:
         steps = int(np.ceil(1 / (speed * lattice_fracture.LONGEST)))
@@ -228,8 +229,8 @@ def steady_cracks():
     ids=["state-based", "correspondence"],
 )
 def test_a_penny_in_a_material_of_states_opens_as_in_bonds(material):
-    """The static opening in the middle, 8 p a / pi E', and K from it, within half a horizon of the radius; the opening
-    at first order, of two lattices to a third of it.
+    """The static opening in the middle, 8 p a / pi E', and K from it, are exact to half a horizon of the radius; the
+    opening converges with first order, which two lattices show to a third.
     """
     stiffness, errors = pressurised.YOUNG / (1 - material["poisson"] ** 2), []
     for spacing in pressurised.COARSE:
@@ -244,9 +245,9 @@ def test_a_penny_in_a_material_of_states_opens_as_in_bonds(material):
     assert order > 2 / 3
 
 
-#: By name, what each row's number must be: the exact value and how far from it. Ratios, orders and angles, and what the
-#: layers' target or rounding bounds, are held to what theory or their design says; errors of one grid, of which theory
-#: gives the order alone, to what was measured, rounded up, so that a change for the worse is told.
+#: By name, the exact value of each row's number and the allowed deviation. Ratios, orders and angles, and values that
+#: the target of the layers or rounding bounds, are held to theory or design. Errors of one grid, for which theory
+#: gives the order alone, are held to the measured value, rounded up, so that a deterioration is noticed.
 BOUNDS = {
     "gaussian-bar": [(0.0, 1e-10), (0.0, 1e-3), (2.0, 0.1)],
     "gaussian-plane": [(0.0, 1e-10), (0.0, 1e-2), (2.0, 0.1), (0.0, 1e-4)],
@@ -272,7 +273,7 @@ BOUNDS = {
     "mode-three": [(1.0, 0.01)] * 3 + [(0.0, 0.03), (0.0, 0.015), (1.0, 0.2), (1.0, 0.01)],
     "mode-one": [(1.0, 0.02)] * 4 + [(1.3, 0.1)] + [(1.0, 0.01)] * 2 + [(1.0, 1e-4)],
     "kalthoff": [(0.0, 0.03)] * 2 + [(0.0, 0.015)] * 2 + [(1.0, 0.2)] * 2 + [(1.0, 0.01)] * 4,
-    # the target is one of the largest value, six times the incident wave at the tip
+    # the target is relative to the largest value, six times the incident wave at the tip
     "lattice-crack": [(0.0, 1e-5)] * 3 + [(0.0, 1e-7)] * 3 + [(1.0, 1e-6)],
     "lattice-line": [(0.0, 1e-5)] * 3 + [(0.0, 1e-7)] * 3 + [(1.0, 1e-6)],
     "lattice-fracture": [*steady_cracks(), (np.sqrt(2) - 1, 0.005), (np.sqrt(2) + 1, 0.005)],
@@ -287,12 +288,12 @@ BOUNDS = {
         (20.0, 20.0),
     ],
     "penny-pressure": [(1.0, 0.1), (1.0, 0.03), (1.0, 0.03)],
-    # the speeds of waves alone are known: no echo is felt before it comes, tips are slower than Rayleigh waves
+    # only the speeds of waves are known: no echo is felt before it arrives, and tips are slower than Rayleigh waves
     "branching": [(25.0, 5.0), (1.0, 0.02), (21.0, 0.1), (23.0, 2.0), (25.0, 5.0), (0.5, 0.5), (45.0, 25.0)],
-    # three materials: what slow cracks spend, along the lattice and across it; faster ones break bonds beside the
-    # plane, too; what flows into the tip has short waves with it. No tip is faster than Rayleigh waves
+    # three materials: the energy spent by slow cracks, along the lattice and across it; faster ones break bonds beside
+    # the plane, too; the flow into the tip includes short waves. No tip is faster than Rayleigh waves
     "fracture-energy": [*[*[(1.0, 0.05)] * 2, (1.1, 0.15), (1.0, 0.15)] * 3, (0.5, 0.5)],
-    # the bound on speeds alone is known, 1 in the second row and the third; the others are as measured, rounded up
+    # only the bound on speeds is known, 1 in the second row and the third; the others are as measured, rounded up
     "branching-patterns": [(25.0, 5.0), (0.5, 0.5), (0.5, 0.5), (45.0, 25.0), (1.5, 0.5)] * 6,
     "penny-crack": [(1.0, 0.15), (1.0, 0.06), (1.0, 0.5)],
     "pencil-electrode": [(1.0, 0.02), (1.0, 0.01), (7.881, 0.08)],

@@ -132,7 +132,7 @@ class DiscPart(Part):
 
 class BoxPart(Part):
     lower: list[Number]
-    """Least coordinate along each axis."""
+    """Smallest coordinate along each axis."""
     upper: list[Number]
     """Largest coordinate along each axis."""
 
@@ -144,55 +144,55 @@ class PolygonPart(Part):
 
 class TextPart(Part):
     text: str
-    """What is written."""
+    """The text, on one line."""
     height: Number
     """Height of a capital letter."""
     centre: list[Number] | None = None
-    """Centre of what is drawn; the origin unless given."""
+    """Centre of the bounding box of the drawn text; the origin unless given."""
     font: str = "DejaVu Sans"
-    """A font family that matplotlib finds."""
+    """Name of a font family that matplotlib can find."""
     bold: Flag = False
     """Bold letters."""
 
 
 class ImagePart(Part):
     file: FilePath
-    """A picture (PNG, JPEG), by its path from the case file; its dark pixels are the region."""
+    """Path of an image (PNG, JPEG), relative to the case file; its dark pixels are the region."""
     width: Number
-    """Width of the whole picture."""
+    """Width of the whole image."""
     centre: list[Number] | None = None
-    """Centre of the whole picture; the origin unless given."""
+    """Centre of the whole image; the origin unless given."""
     threshold: Number = 0.5
-    """Between 0 (black) and 1 (white): darker pixels are taken."""
+    """Brightness from 0 (black) to 1 (white); darker pixels belong to the region."""
 
 
 class VoxelsPart(Part):
     file: FilePath
-    """An NPY array or a TIFF image or stack of images, by its path from the case file."""
+    """Path of an NPY array, or of a TIFF image or stack of images, relative to the case file."""
     size: Number
-    """Edge of a voxel."""
+    """Edge length of a voxel."""
     lower: list[Number] | None = None
-    """Least corner of the whole grid; its middle is the origin unless given."""
+    """Lower corner of the whole grid; unless given, the grid is centred at the origin."""
     labels: list[Whole] | None = None
-    """Values of the voxels that are the region; all but 0 unless given."""
+    """Values of the voxels that belong to the region; all except 0 unless given."""
 
 
 class MeshPart(Part):
     file: FilePath
-    """A closed surface (STL, OBJ, PLY), by its path from the case file."""
+    """Path of a closed surface (STL, OBJ, PLY), relative to the case file."""
     scale: Number = 1.0
-    """Factor of its coordinates."""
+    """Factor on its coordinates."""
     centre: list[Number] | None = None
-    """Middle of its bounding box; where the file has it unless given."""
+    """Point to which the centre of its bounding box is moved; not moved unless given."""
 
 
 class ElementsPart(Part):
     file: FilePath
-    """A mesh of Gmsh (MSH 4.1), by its path from the case file."""
+    """Path of a Gmsh mesh (MSH 4.1), relative to the case file."""
     group: str | None = None
-    """Name of its physical group; all of the mesh unless given."""
+    """Name of the physical group that is the region; the whole mesh unless given."""
     scale: Number = 1.0
-    """Factor of its coordinates."""
+    """Factor on its coordinates."""
 
 
 #: Shapes of a region; the keys of each table are in the order of the arguments.
@@ -210,7 +210,7 @@ _SHAPES: dict[str, Callable[..., Shape]] = {
 
 
 class RegionPart(Part):
-    """One shape, with shapes taken out of it."""
+    """One shape, optionally with regions taken out of it."""
 
     disc: DiscPart | None = None
     """A disc (2D)."""
@@ -221,15 +221,15 @@ class RegionPart(Part):
     polygon: PolygonPart | None = None
     """A polygon (2D)."""
     text: TextPart | None = None
-    """Letters (2D)."""
+    """The letters of a text (2D)."""
     image: ImagePart | None = None
-    """The dark part of a picture (2D)."""
+    """The dark pixels of an image (2D)."""
     voxels: VoxelsPart | None = None
-    """Cells of a label image or a stack of images (1D, 2D, 3D)."""
+    """Voxels of an array, a label image or a stack of images (1D, 2D, 3D)."""
     mesh: MeshPart | None = None
-    """What a closed surface encloses (3D)."""
+    """The region enclosed by a closed surface (3D)."""
     elements: ElementsPart | None = None
-    """What triangles (2D) or tetrahedra (3D) of a mesh cover."""
+    """The region covered by the triangles (2D) or tetrahedra (3D) of a mesh."""
     without: list[RegionPart] = []
     """Regions that are taken out of it."""
 
@@ -252,80 +252,80 @@ class RegionPart(Part):
 
 
 class UnitsPart(Part):
-    """What plain numbers of the case are counted in, so that others may have units of their own ("5 mm")."""
+    """Units of the plain numbers of the case, which allow other numbers to have units of their own ("5 mm")."""
 
     length: str | None = None
-    """Such as "mm"."""
+    """Unit of length, such as "mm"."""
     time: str | None = None
-    """Such as "us"."""
+    """Unit of time, such as "us"."""
     mass: str | None = None
-    """Such as "kg"; or give one of force, pressure, density, energy, from which it follows."""
+    """Unit of mass, such as "kg"; it may follow instead from one of force, pressure, density and energy."""
     force: str | None = None
-    """In place of the mass, such as "N"."""
+    """Unit of force instead of mass, such as "N"."""
     pressure: str | None = None
-    """In place of the mass, such as "GPa"."""
+    """Unit of pressure instead of mass, such as "GPa"."""
     density: str | None = None
-    """In place of the mass, such as "g/cm^3"."""
+    """Unit of density instead of mass, such as "g/cm^3"."""
     energy: str | None = None
-    """In place of the mass, such as "J"."""
+    """Unit of energy instead of mass, such as "J"."""
     temperature: str | None = None
-    """Such as "degC" or "K"."""
+    """Unit of temperature, such as "degC" or "K"."""
     amount: str | None = None
-    """Of substance, such as "mol"."""
+    """Unit of amount of substance, such as "mol"."""
 
 
 class LatticePart(Part):
     spacing: Number
-    """Distance of neighbouring nodes, the same along every axis."""
+    """Distance between neighbouring nodes, the same along every axis."""
     lower: list[Number] | None = None
-    """Least coordinate of the near field along each axis: a node lies there."""
+    """Smallest coordinate of the near field along each axis, at which a node lies."""
     upper: list[Number] | None = None
     """Largest coordinate of the near field along each axis, a whole number of spacings from lower."""
     window: RegionPart | None = None
-    """Part of the medium that is shown, instead of lower and upper; nothing ends at its edge."""
+    """Window on the medium, instead of lower and upper; the medium continues beyond its edge."""
     body: RegionPart | None = None
-    """A body that ends, within lower and upper: nodes outside it do not exist."""
+    """Body of finite extent within lower and upper; nodes outside it do not exist."""
 
 
 class KernelPart(Part):
     horizon: Number
-    """Radius within which nodes interact; three spacings is usual."""
+    """Radius within which nodes interact; three spacings are usual."""
     exponent: Whole = 2
-    """p in the weight w(r)/r^p of a bond, 0 to 3."""
+    """Exponent p in the weight w(r)/r^p of a bond, 0 to 3."""
     influence: str = "constant"
     """Influence function w(r): constant, linear (1 - r/horizon) or gaussian (exp(-(r/width)^2))."""
     width: Number | None = None
-    """Width of the gaussian; a third of the horizon unless given."""
+    """Width of the Gaussian; a third of the horizon unless given."""
     volume: str = "ramp"
-    """ramp: partial volumes at the edge of the family; full: whole cells whose centre lies within the horizon."""
+    """Volume of a neighbour: ramp (partial at the edge of the family) or full (if its centre is within the horizon)."""
     calibrate: Flag = True
-    """Rescale the weights so that long waves have exactly the given speed or diffusivity."""
+    """Rescale the weights so that the speed or diffusivity of long waves is exactly the given one."""
 
 
 class WeibullPart(Part):
-    """A constant that scatters from cell to cell."""
+    """A random constant, with a different value in each cell of a grid."""
 
     type: Literal["weibull"]
     """A Weibull distribution."""
     scale: Number
-    """The value that a share 1/e, 37 %, exceeds."""
+    """Value that a fraction 1/e, 37 %, exceeds."""
     modulus: Number
-    """The larger, the less it scatters."""
+    """Weibull modulus: the larger it is, the smaller the scatter."""
     cell: Number
-    """Edge of the cells that have one value each, such as the size of grains; the spacing: each node has its own."""
+    """Edge length of the cells, such as the grain size; if it is the spacing, each node has its own value."""
     seed: Whole = 0
-    """Another one, another sample."""
+    """A different seed gives a different sample."""
 
 
 class MaterialPart(Part):
-    """Constants of the medium in a region, in place of the model's."""
+    """Constants of the medium in a region, instead of those of the model."""
 
     region: RegionPart
-    """Where; later regions go before earlier ones."""
+    """Where the constants apply; later regions take precedence over earlier ones."""
     of: Named | None = None
-    """A named material, whose constants it has (`fh.materials`); what is given beside it goes before."""
+    """Named material whose constants it has (`fh.materials`); those given in addition take precedence."""
     name: str | None = None
-    """What it is called in results, pictures and reports; that of a named material unless given."""
+    """Name in results, pictures and reports; that of a named material unless given."""
     young: str | Number | WeibullPart | None = None
     """Young's modulus there."""
     poisson: str | Number | WeibullPart | None = None
@@ -335,29 +335,29 @@ class MaterialPart(Part):
     shear: str | Number | WeibullPart | None = None
     """Shear modulus there."""
     speed: str | Number | WeibullPart | None = None
-    """Speed of waves there."""
+    """Wave speed there."""
     density: str | Number | WeibullPart | None = None
     """Density there."""
     critical_stretch: str | Number | WeibullPart | None = None
-    """Critical stretch of its bonds; one between two regions breaks as the weaker end does."""
+    """Critical stretch there; a bond breaks when its weaker end would."""
     fracture_energy: str | Number | WeibullPart | None = None
     """Fracture energy there."""
 
 
 class CutPart(Part):
     points: list[list[Number]] | None = None
-    """Polyline (2D), corners of a polygon (3D), or a position (1D)."""
+    """Points of a polyline (2D), corners of a polygon (3D), or a position (1D)."""
     rectangle: dict[Literal["corner", "edge1", "edge2"], list[Number]] | None = None
-    """In 3D: corner and two edges."""
+    """Rectangle in 3D: one corner and the two edges from it."""
     disc: dict[Literal["centre", "normal", "radius"], list[Number] | Number] | None = None
-    """In 3D: centre, normal and radius."""
+    """Disc in 3D: centre, normal and radius."""
 
 
 class CrackPart(CutPart):
     factor: Number = 0.0
-    """What is left of the bonds that it crosses: 0 nothing, 1 all."""
+    """Remaining fraction of the bonds across it: 0 removes them, 1 has no effect."""
     opens: Number = 0.0
-    """Time from which on it is there."""
+    """Time at which it opens."""
 
 
 #: Classes of conditions by type name.
@@ -365,42 +365,42 @@ CONDITIONS: dict[str, type] = {kinds.hyphened(kind.__name__): kind for kind in g
 
 
 class ConstraintPart(Part):
-    """A condition on a side, or in a region."""
+    """A condition on a scalar field, on a side or in a region."""
 
     type: Literal[*CONDITIONS]  # type: ignore[valid-type]
-    """Condition of heat conduction or diffusion."""
+    """Condition on a scalar field: temperature, flux, insulation or convection."""
     side: str | None = None
-    """A side, such as "x-"; or give a region."""
+    """Side on which it is imposed, such as "x-"; or give a region."""
     region: RegionPart | None = None
-    """The nodes in it; or give a side."""
+    """Region whose nodes take the temperature; or give a side."""
     value: str | Number | None = None
-    """Temperature, flux into the body, or of convection the ambient temperature; may depend on place and time."""
+    """Temperature, flux into the body or, for convection, ambient temperature; may depend on the coordinates and t."""
     kind: str | None = None
-    """How a side holds it: node, volume or mirror; a flux: source, layer or mirror."""
+    """For a side: node, volume or mirror (temperature), source, layer or mirror (flux), layer or mirror (insulated)."""
     transfer: Number | None = None
-    """Of convection: power / (area temperature)."""
+    """Heat transfer coefficient of convection, power / (area temperature)."""
     within: RegionPart | None = None
-    """Only nodes in it."""
+    """Region to whose nodes the condition is restricted."""
 
 
 class SpecimenPart(Part):
     region: RegionPart
-    """Where metal is."""
+    """Region of the metal."""
     concentration: Number = 1.0
-    """Of the metal, in the units of the saturation."""
+    """Concentration of the metal, in the units of the saturation."""
 
 
 class SourcePart(Part):
-    """A right-hand side on all nodes."""
+    """A term on the right-hand side of the equation, at all nodes."""
 
     type: Literal["source"] = "source"
-    """A right-hand side on all nodes."""
+    """A term on the right-hand side of the equation, at all nodes."""
     field: Literal["u", "T"] = "u"
-    """The field that it drives: of a thermoelastic solid T, the temperature, too, by a power per volume."""
+    """Field that it drives; for a thermoelastic solid it may be T, the temperature, driven by a power per volume."""
     value: Value
-    """Right-hand side of the equation, a function of place and time t; of vectors one a component."""
+    """The term, a function of the coordinates and t; for vectors a list with one entry per component."""
     time: Factor = 1.0
-    """Factor of t: an expression, or a table with a signal."""
+    """Factor as a function of t: an expression, or a table with a signal."""
 
 
 class TractionPart(Part):
@@ -409,27 +409,27 @@ class TractionPart(Part):
     type: Literal["traction"]
     """A force per area on a free side."""
     side: str
-    """"x-", "y+", ..."""
+    """Free side on which it acts, such as "x-" or "y+"."""
     value: list[Number]
-    """One component an axis."""
+    """Force per area, one component per axis."""
     between: list[tuple[Number, Number]] | None = None
-    """Where it acts, along each of the other axes; the whole side unless given."""
+    """Range in which it acts, along each of the other axes; the whole side unless given."""
     time: Factor = 1.0
-    """Factor of t: an expression, or a table with a signal."""
+    """Factor as a function of t: an expression, or a table with a signal."""
 
 
 class PressurePart(CutPart):
-    """A pressure on the faces of a crack, or on the rim of a hole, of an elastic medium."""
+    """A pressure on the faces of a crack or on the rim of a hole in an elastic medium."""
 
     type: Literal["pressure"]
-    """A pressure in a crack, given as under crack by points, rectangle or disc, or in a hole."""
+    """A pressure in a crack, given by points, rectangle or disc as under crack, or in a hole."""
     region: RegionPart | None = None
     """The hole, instead of a crack: a region without nodes of the body."""
     value: Number | list[list[Number]]
-    """Force per area that presses the faces apart, or a symmetric matrix P: tractions -P n, n pointing away from the
-    body."""
+    """Force per area that presses the faces apart, or a symmetric matrix P: the traction is -P n, where n points away
+    from the body."""
     time: Factor = 1.0
-    """Factor of t: an expression, or a table with a signal."""
+    """Factor as a function of t: an expression, or a table with a signal."""
 
 
 class BodyForcePart(Part):
@@ -438,9 +438,9 @@ class BodyForcePart(Part):
     type: Literal["body-force"]
     """A force per volume."""
     value: list[str | Number]
-    """One component an axis, functions of place and time."""
+    """Force per volume, one component per axis, each a function of the coordinates and t."""
     time: Factor = 1.0
-    """Factor of t: an expression, or a table with a signal."""
+    """Factor as a function of t: an expression, or a table with a signal."""
 
 
 class ThermalPart(Part):
@@ -449,202 +449,199 @@ class ThermalPart(Part):
     type: Literal["thermal"]
     """A temperature that strains the solid."""
     temperature: str | Number
-    """A function of place and time t."""
+    """Temperature, a function of the coordinates and t."""
     expansion: str | Number
-    """Coefficient of linear expansion, where it varies a function of place."""
+    """Coefficient of linear expansion; a function of the coordinates where it varies."""
     reference: Number
     """Temperature at which the solid is free of stress."""
     every: Number | None = None
-    """Time between two looks at the temperature, which changes evenly between them; each time step unless given."""
+    """Sampling interval of the temperature, which is linear in between; each time step unless given."""
 
 
 class PrescribedPart(Part):
-    """Nodes that follow a value for a while."""
+    """Nodes that follow a prescribed value, permanently or for a limited time."""
 
     type: Literal["prescribed"]
-    """Nodes that follow a value."""
+    """Nodes that follow a prescribed value."""
     points: list[list[Number]] | None = None
-    """Each stands for the node nearest to it; or give a region."""
+    """Points, each replaced by the nearest node; or give a region."""
     region: RegionPart | None = None
-    """The nodes in it; or give points."""
+    """Region that contains the nodes; or give points."""
     value: Factors = None
-    """Value as a function of t: an expression, or a table with a signal; of displacements a list, one entry an axis,
-    false for a component that is free."""
+    """Value as a function of t: an expression, or a table with a signal; for displacements a list with one entry per
+    axis, false for a free component."""
     velocity: Factors = None
-    """Instead of a value, as that: from the initial values on the nodes move with it."""
+    """Velocity with which the nodes move from their initial values, instead of a value and given like it."""
     until: Number | None = None
-    """The nodes are released after it; never unless given."""
+    """Time after which the nodes are released; never unless given."""
     rate: str | Number | list[str | Number | Literal[False]] | None = None
-    """Of waves: velocity with which they are released; the derivative of value unless given."""
+    """Velocity with which they are released, for waves; the derivative of value unless given."""
 
 
 class LinePart(Part):
-    """Points at even distances along a line."""
+    """Evenly spaced points along a line."""
 
     start: list[Number]
-    """The first one."""
+    """First point."""
     end: list[Number]
-    """The last one."""
+    """Last point."""
     count: Whole
-    """How many there are, both ends among them."""
+    """Number of points, both ends included."""
 
 
 class GridPart(Part):
     """Points on a grid."""
 
     lower: list[Number]
-    """The least coordinates."""
+    """Smallest coordinates."""
     upper: list[Number]
-    """The largest coordinates."""
+    """Largest coordinates."""
     counts: list[Whole]
-    """How many there are along each axis, both ends among them."""
+    """Number of points along each axis, both ends included."""
 
 
 class ReceiversPart(Part):
-    """Points, on nodes or between them, at which a run is recorded in every step or in every few."""
+    """Points, on nodes or between them, at which a run is recorded in every step or every few steps."""
 
     points: list[list[Number]] | None = None
-    """Places; or give a line or a grid."""
+    """Points; or give a line or a grid."""
     line: LinePart | None = None
-    """Places along a line."""
+    """Points along a line."""
     grid: GridPart | None = None
-    """Places on a grid."""
+    """Points on a grid."""
     record: list[str] = ["u"]
-    """u, v, gradient, strain, stress, pressure, divergence, curl, rotation, energy_flux."""
+    """Quantities: u, v, gradient, strain, stress, pressure, divergence, curl, rotation, energy_flux."""
     every: Whole = 1
     """Steps from one record to the next."""
     interpolation: str = "sinc"
-    """Between nodes: sinc, good to 1e-5, or linear, which needs the nodes next to the point alone."""
+    """Interpolation between nodes: sinc, accurate to 1e-5, or linear, which needs only the nodes next to the point."""
     name: str | None = None
-    """In files and pictures; receivers, or receivers_0, receivers_1, ... unless given."""
+    """Name in files and pictures; receivers, or receivers_0, receivers_1, ... unless given."""
 
 
 class SpectraPart(Part):
-    """Where the spectrum of the field is summed up while the run goes on."""
+    """Places where the spectrum of the field is accumulated during the run."""
 
     points: list[list[Number]] | None = None
-    """Places; or give a line, a grid, a region, or a plane by axis and position."""
+    """Points; or give a line, a grid, a region, or a plane by axis and position."""
     line: LinePart | None = None
-    """Places along a line."""
+    """Points along a line."""
     grid: GridPart | None = None
-    """Places on a grid."""
+    """Points on a grid."""
     region: RegionPart | None = None
-    """All nodes in it."""
+    """Region all of whose nodes are recorded."""
     axis: str | None = None
-    """Normal of a plane, x, y or z: all nodes of the layer of nodes nearest to it."""
+    """Normal of a plane (x, y or z); all nodes of the layer of nodes nearest to it are recorded."""
     position: Number | None = None
-    """Of the plane."""
+    """Coordinate of the plane along its normal."""
     frequencies: list[Number]
-    """In cycles per unit of time."""
+    """Frequencies, in cycles per unit of time."""
     record: list[str] = ["u"]
-    """u, gradient, strain, stress, pressure, divergence, curl, rotation."""
+    """Quantities: u, gradient, strain, stress, pressure, divergence, curl, rotation."""
     every: Whole = 1
-    """Steps from one term of the sums to the next; half the stable step allows 3."""
+    """Steps from one term of the sums to the next; a time step of half the stable limit allows 3."""
     interpolation: str = "sinc"
-    """Between nodes: sinc or linear."""
+    """Interpolation between nodes: sinc or linear."""
     name: str | None = None
-    """In files and pictures; spectra, or spectra_0, spectra_1, ... unless given."""
+    """Name in files and pictures; spectra, or spectra_0, spectra_1, ... unless given."""
 
 
 class StressIntensityPart(Part):
-    """Stress intensity factors at the tips of cracks, in every step or in every few."""
+    """Stress intensity factors at crack tips, in every step or every few steps."""
 
     tips: list[list[Number]] | None = None
-    """Ends of cracks; all that lie in the near field unless given."""
+    """Crack tips; all that lie in the near field unless given."""
     radii: list[Number] | None = None
-    """Of the two circles between which the field is read; as large as they may be unless given."""
+    """Radii of the two circles between which the field is evaluated; as large as possible unless given."""
     every: Whole = 1
     """Steps from one record to the next."""
     name: str | None = None
-    """In files and pictures; stress_intensity, or stress_intensity_0, stress_intensity_1, ... unless given."""
+    """Name in files and pictures; stress_intensity, or stress_intensity_0, stress_intensity_1, ... unless given."""
 
 
 class CrackTipsPart(Part):
-    """Where the tips of cracks are while bonds break."""
+    """Positions of crack tips while bonds break."""
 
     every: Whole = 20
     """Steps from one record to the next."""
     most: Whole = 7
-    """Tips that are followed."""
+    """Largest number of tips that are followed."""
     name: str | None = None
-    """In files and pictures; crack_tips, or crack_tips_0, crack_tips_1, ... unless given."""
+    """Name in files and pictures; crack_tips, or crack_tips_0, crack_tips_1, ... unless given."""
 
 
 class FarFieldPart(Part):
-    """What a run sends into the medium around it, from what it records around a box."""
+    """Waves that a run radiates into the surrounding medium, computed from records around a box."""
 
     box: BoxPart | None = None
-    """Around all that radiates or scatters; the near field less one reach of the stencil unless given."""
+    """Box around everything that radiates or scatters; the near field less one reach of the stencil unless given."""
     frequencies: list[Number] = []
-    """Cycles per time, of waves: those of the pattern."""
+    """Frequencies of the pattern of waves, in cycles per time."""
     points: list[list[Number]] | None = None
     """Receivers outside the box, at any distance."""
     directions: Whole = 180
-    """Those of the pattern: so many from the x axis round, in space in each of the planes xy, yz and zx."""
+    """Number of directions of the pattern, evenly spaced from the x axis; in 3D in each of the planes xy, yz and zx."""
 
 
 class PowerPart(Part):
     """A surface through which the power of waves is recorded in every step."""
 
     region: RegionPart | None = None
-    """What leaves it; or give an axis and a position."""
+    """Region whose outgoing power is recorded; or give an axis and a position."""
     axis: str | None = None
     """Normal of a plane: x, y or z."""
     position: Number | None = None
-    """Of the plane, taken to the nearest middle between two nodes."""
+    """Coordinate of the plane along its normal, moved to the nearest mid-point between two nodes."""
     frequencies: list[Number] = []
-    """Cycles per time, at which the energy that goes through is told."""
+    """Frequencies, in cycles per time, at which the transmitted energy is computed."""
     name: str | None = None
-    """In files and pictures; power, or power_0, power_1, ... unless given."""
+    """Name in files and pictures; power, or power_0, power_1, ... unless given."""
 
 
 class ShellPart(Part):
-    """The shell of a box, recorded in every step for another run: `[[incident]]` with `type = "incident-record"`."""
+    """The field around a box, recorded in every step for another run (`[[incident]]`, `type = "incident-record"`)."""
 
     box: BoxPart | None = None
-    """The near field less two reaches of the stencil unless given."""
+    """The box; the near field less two reaches of the stencil unless given."""
     name: str | None = None
-    """In the results file; shell, or shell_0, shell_1, ... unless given."""
+    """Name in the results file; shell, or shell_0, shell_1, ... unless given."""
 
 
 class RunPart(Part):
     until: Number | Literal["static"]
-    """End of the run; "static": when the waves have left."""
+    """End of the run; "static": when the field has come to rest."""
     tolerance: Number | None = None
-    """Of a run to the static state: part of their largest value below which velocities are to fall; 1e-3 unless given.
-    """
+    """With until = "static": fraction of their largest value below which velocities must fall; 1e-3 unless given."""
     limit: Number | None = None
-    """Of a run to the static state: its latest end, which it must have; layers are chosen for it."""
+    """With until = "static", where it is required: the latest end, for which layers are chosen."""
     dt: Number | None = None
-    """Time step; half of the largest stable one unless given."""
+    """Time step; unless given, at most half of the largest stable one."""
     dtype: str = "float64"
-    """float64, or float32 for half the memory."""
+    """Precision of the run: float64, or float32 for half the memory."""
     threads: Whole | None = None
-    """Threads of the time loop; all that there are unless given."""
+    """Threads of the time loop; all that are available unless given."""
     topology: list[Whole] | None = None
-    """Of a run on several processes (mpiexec): boxes of the lattice along each axis, as many as processes; those that
-    exchange least unless given. One process does without.
-    """
+    """Boxes of the lattice along each axis, one per process (mpiexec); those that communicate least unless given."""
 
 
 class OutputPart(Part):
     fields: list[Literal["u", "v", "T", "damage", "solid", "dissolved", "stress", "thermal_strain"]] | None = None
-    """Fields in the results file; u, of a thermoelastic solid T, and what breaks or dissolves, unless given. "stress"
-    of elastic media stands for its components and von Mises' stress."""
+    """Fields in the results file; unless given, u and, where the model has them, T, dissolved and damage; "stress" of
+    elastic media stands for its components and the von Mises stress."""
     every: Number | None = None
     """Time between two outputs; a fortieth of the run unless given."""
     probes: list[list[Number]] = []
-    """Places where u is recorded."""
+    """Points at whose nearest nodes u is recorded."""
     probe_every: Number | None = None
     """Time between two records of the probes; every step unless given."""
     dtype: Literal["float32", "float64"] | None = None
     """Precision of the fields in the results file; that of the run unless given."""
     compress: Flag = False
-    """Pack the fields in the results file, without loss; ParaView reads them still."""
+    """Compress the fields in the results file without loss; ParaView can still read them."""
     pictures: list[Number] | None = None
-    """Times of the pictures; four even ones unless given."""
+    """Times of the pictures; four evenly spaced outputs unless given."""
     balance: Flag = False
-    """Record energies, or what has flowed in and out."""
+    """Record energies and work (elastic media), or what has flowed into the near field (diffusion, heat, corrosion)."""
 
 
 _LOADS = (TractionPart, PressurePart, BodyForcePart, ThermalPart)
@@ -653,58 +650,58 @@ _CONSTRAINTS = (ConstraintPart, PrescribedPart)
 
 class CasePart(Part):
     units: UnitsPart | None = None
-    """What its numbers are counted in; any consistent units unless given."""
+    """Units of the plain numbers; any consistent units unless given."""
     lattice: LatticePart
     """The near field and its nodes."""
     model: Any
-    """The physics."""
+    """The physics: an equation and its constants."""
     material: list[MaterialPart] = []
-    """Regions with other constants, of a body."""
+    """Regions of the medium with constants of their own."""
     initial: dict[Literal["u", "v", "T"], Value] = {}
-    """Values at t = 0, functions of place: u, of waves v = u_t too, of a thermoelastic solid T."""
+    """Values at t = 0, functions of the coordinates: u, for waves also v = u_t, for a thermoelastic solid also T."""
     boundary: dict[str, Any] = {}
-    """What stands on the sides: all, "x", "x-", "x+", ...; a lattice-pml all round unless given."""
+    """Conditions on the sides: all, "x", "x-", "x+", ...; a lattice-pml on every side unless given."""
     boundary_T: dict[str, Any] = {}
-    """Of a thermoelastic solid: what stands on sides for the temperature, where that is something else."""
+    """For a thermoelastic solid: conditions for the temperature on sides where they differ from boundary."""
     specimen: list[SpecimenPart] = []
-    """Metal, of a corrosion."""
+    """Pieces of metal, for corrosion."""
     crack: list[CrackPart] = []
-    """Cuts of bonds."""
+    """Cracks, which remove or weaken the bonds across them."""
     source: list[SourcePart] = []
-    """Right-hand sides."""
+    """Terms on the right-hand side of the equation."""
     incident: list[Any] = []
-    """Waves from outside."""
+    """Waves that come from outside."""
     load: list[Any] = []
     """Forces on an elastic medium."""
     constraint: list[Any] = []
-    """Conditions on nodes."""
+    """Conditions on nodes: temperature, flux, insulation, convection, prescribed values."""
     coefficient: str | Number | dict[Literal["u", "T"], str | Number] | None = None
-    """Factor of the bonds, a function of place: another material in part of the medium. Of a thermoelastic solid by
-    field: of the stiffness under u, of the conductivity under T."""
+    """Factor on the bonds, a function of the coordinates; for a thermoelastic solid by field: under u on the stiffness,
+    under T on the conductivity."""
     rule: str | None = None
-    """Factor of a bond from those of its ends: both (the smaller one), arithmetic or harmonic."""
+    """How a bond combines the factors or stiffnesses of its ends: both (the smaller one), arithmetic or harmonic."""
     rim: str = "free"
-    """The surface of a body: free, or fixed at the background."""
+    """Condition on the surface of a body: free, or fixed at the background."""
     background: Number = 0.0
-    """Uniform state of the medium, which the absorbing sides keep."""
+    """Uniform state of the infinite medium."""
     receivers: list[ReceiversPart] = []
     """Points at which a run is recorded step by step."""
     spectra: list[SpectraPart] = []
-    """Spectra at chosen frequencies, summed up while the run goes on."""
+    """Spectra at chosen frequencies, accumulated during the run."""
     far_field: FarFieldPart | None = None
-    """What is sent beyond the near field: receivers at any distance, patterns by direction and frequency."""
+    """Waves beyond the near field: receivers at any distance, patterns by direction and frequency."""
     power: list[PowerPart] = []
     """Surfaces through which the power of waves is recorded."""
     crack_tips: list[CrackTipsPart] = []
-    """Tips of cracks, their ways and speeds, while bonds break."""
+    """Positions and speeds of crack tips while bonds break."""
     stress_intensity: list[StressIntensityPart] = []
-    """Stress intensity factors at the tips of cracks."""
+    """Stress intensity factors at crack tips."""
     shell: list[ShellPart] = []
-    """Boxes whose shells are recorded for another run."""
+    """Boxes around which the field is recorded for another run."""
     run: RunPart
-    """Time."""
+    """End of the run, time step and computing resources."""
     output: OutputPart = OutputPart()
-    """What is recorded."""
+    """Fields, probes and pictures, and when they are recorded."""
 
 
 # --- sides and models ------------------------------------------------------------------------------------------
@@ -759,21 +756,21 @@ def model_part(kind: Any) -> type[Part]:
         if isinstance(hints.get(name), type) and issubclass(hints[name], LatticeModel):
             keys[name] = (_of_both(kind, hints[name]), Field(description=explained(kind)[1].get(name)))
         elif name in ("operator", "kernel"):
-            words = "The family of a node and its weights."
+            words = "The horizon and the weights of the bonds within it."
             keys["kernel"] = (KernelPart | None, Field(None, description=words))
         else:
             keys[name] = _key(hints.get(name, Any), MISSING if one.default is one.empty else one.default)
         if name == "operator":
-            words = "Instead of a kernel the classical operator."
+            words = "Stencil of the classical operator, instead of a kernel."
             given = Literal["finite-difference", "finite-element"] | None
             keys["stencil"] = (given, Field(None, description=words))
         if name == "integrator":
-            words = "Of an integrator that has a choice; chosen for it."
+            words = "Number of stages of the integrator rkc; 20 unless given."
             keys["stages"] = (Whole | None, Field(None, description=words))
     if "density" in keys and {"young", "speed"} & keys.keys():
-        words = "A named material, whose constants it has (`fh.materials`); what is given beside it goes before."
+        words = "Named material whose constants it has (`fh.materials`); those given in addition take precedence."
         keys["of"] = (Named | None, Field(None, description=words))
-        words = "What the medium is called in results, pictures and reports; that of a named material unless given."
+        words = "Name of the medium in results, pictures and reports; that of a named material unless given."
         keys["name"] = (str | None, Field(None, description=words))
     return _table(kind, keys)
 

@@ -57,7 +57,7 @@ FIELDS = {**dict.fromkeys(("elastic", "correspondence", "thermoelastic", "beam")
 _PLAIN_TABLES = ("initial", "rectangle", "disc")
 _NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 QUANTITY = _NUMBER.pattern + r"(\s*(?![eE][-+]?\d)(?!(?:if|and|or)\b)[A-Za-z\u00b5\u03bc\u00b0]|\s+1\s*/).*"
-"""What is read as a number with a unit, a regular expression: no expression begins in this way."""
+"""Regular expression of a number with a unit; no arithmetic expression matches it."""
 _QUOTIENT = re.compile(rf"(?P<number>{_NUMBER.pattern})\s*/\s*(?P<below>.+)")
 _SUPERSCRIPTS = str.maketrans("\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079", "-0123456789")
 

@@ -81,15 +81,15 @@ class PartFacts(TypedDict):
     """One update whose growth was computed."""
 
     what: str
-    """What it is."""
+    """What was examined."""
     rate: float | None
-    """Growth per crossing."""
+    """Growth rate per crossing."""
     error: float | None
-    """By how much the rate may be wrong."""
+    """Uncertainty of the rate; null if unknown."""
     angle: float
-    """Phase of the mode from step to step, radians."""
+    """Phase of the mode per step, in radians."""
     hidden: float
-    """Growth per crossing that could have gone unnoticed in a run from noise."""
+    """Growth per crossing that a run from noise could have missed; 0 for rates from eigenvalues."""
 
 
 class CertificateFacts(TypedDict):
@@ -98,23 +98,23 @@ class CertificateFacts(TypedDict):
     verdict: Verdict
     """Certified: no mode grows by more than 1e-10 per crossing."""
     reason: str
-    """How it is known, or what grows."""
+    """How the verdict was reached, or what grows."""
     rate: float | None
-    """Growth of the fastest mode per unit time, negative: it decays; null for a proof and where nothing was found."""
+    """Growth rate of the fastest-growing mode per unit time, negative if it decays; null for a proof or if unknown."""
     error: float | None
-    """By how much the rate may be wrong."""
+    """Uncertainty of the rate."""
     crossing: float | None
-    """Crossing time of the set-up, in which growth is judged; null for a proof."""
+    """Crossing time of the set-up, the unit of time in which growth is judged; null for a proof."""
     rate_per_crossing: float | None
-    """The rate without a unit."""
+    """The growth rate per crossing time, which is dimensionless."""
     parts: list[PartFacts]
-    """What was computed."""
+    """The parts that were computed."""
     skipped: list[str]
-    """What would have to be computed, too, and why it was not."""
+    """What would also have to be computed, and why it was not."""
     seconds: float
-    """What it cost."""
+    """Computing time in seconds."""
     quiet: float
-    """Time over which white noise did not grow; 0 where there was no such run."""
+    """Time over which white noise did not grow in an initial run; 0 if there was none."""
 
 
 @dataclass(frozen=True)

@@ -133,49 +133,49 @@ class ReflectionFacts(TypedDict):
     """What a side sends back of one plane wave."""
 
     sides: str
-    """Names of the sides that are alike."""
+    """Names of the sides, which are of the same kind."""
     incoming: NotRequired[str]
-    """Of vectors the type of the wave that comes: P, S, SV or SH."""
+    """Type of the incident wave, for vector fields: P, S, SV or SH."""
     sent: NotRequired[str]
-    """Of vectors the type of the wave that is sent back."""
+    """Type of the reflected wave, for vector fields."""
     wavelength: float
-    """Length of the wave that comes."""
+    """Wavelength of the incident wave."""
     angle: float
-    """Angle of incidence, degrees."""
+    """Angle of incidence, in degrees."""
     amplitude: float | None
-    """Of the wave that is sent back, 1 for one as large as that which comes; null where there is no such wave."""
+    """Amplitude of the reflected wave relative to that of the incident wave; null if there is no such wave."""
 
 
 class TunedFacts(TypedDict):
-    """A condition that is certified, and what it sends back."""
+    """A certified boundary condition, and what it reflects."""
 
     boundary: str
-    """The condition as a case file has it."""
+    """The condition as written in a case file."""
     amplitude: float
-    """Largest amplitude that it sends back of a plane wave, at a flat side."""
+    """Largest reflected amplitude at a flat side, of plane waves of amplitude 1."""
     angle: float
-    """Largest angle of incidence for which that holds, degrees."""
+    """Largest angle of incidence for which this holds, in degrees."""
     certificate: CertificateFacts
-    """Of the case with this condition."""
+    """Certificate of the case with this condition."""
 
 
 class ReportFacts(TypedDict):
-    """What is known of a case before it runs."""
+    """What is known about a case before it runs."""
 
     facts: dict[str, str]
-    """What is printed, line by line."""
+    """Rows of the printed report, by name."""
     numbers: dict[str, float]
-    """Numbers by name: the time step, its limit, memory, the time of the run."""
+    """Numbers by name: the time step, its limit, memory, the duration of the run."""
     warnings: list[str]
     """What speaks against the run."""
     notes: list[str]
-    """What is allowed, but to be known."""
+    """What is allowed, but worth knowing."""
     certificate: CertificateFacts | None
-    """Whether the run is stable; null where it was not examined."""
+    """Whether the run is stable; null if this was not examined."""
     reflection: list[ReflectionFacts]
-    """What the absorbing sides send back, in the order of sides, types, wavelengths and angles."""
+    """What the absorbing sides reflect, ordered by side, type, wavelength and angle."""
     tuned: NotRequired[TunedFacts]
-    """With `--tune` the condition that was found."""
+    """With `--tune`, the condition that was found."""
 
 
 @dataclass

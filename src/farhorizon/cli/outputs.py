@@ -17,24 +17,24 @@ from farhorizon.studies.compare import Curve
 
 
 class RunFacts(TypedDict):
-    """A run that came to its end."""
+    """A run that has reached its end."""
 
     name: str
     """Name of the case."""
     steps: int
-    """Steps that were made."""
+    """Number of steps."""
     time: float
-    """The time that was reached."""
+    """Time that was reached."""
     dt: float
-    """The time step."""
+    """Time step."""
     energy: float
     """Energy of the near field at the end."""
     results: str
-    """The results file."""
+    """Path of the results file."""
     pictures: list[str]
-    """The pictures."""
+    """Paths of the pictures."""
     certificate: CertificateFacts
-    """What was known of the stability before the run."""
+    """What was known about stability before the run."""
 
 
 class SweepFacts(TypedDict):
@@ -43,13 +43,13 @@ class SweepFacts(TypedDict):
     name: str
     """Name of the case."""
     table: str
-    """The file of the table."""
+    """Path of the table."""
     changes: list[dict[str, Any]]
-    """Of each case, the values of the keys that were changed."""
+    """For each case, the values of the keys that were changed."""
     figures: list[dict[str, float]]
-    """Of each case, what came out; nothing of one that failed."""
+    """For each case, the resulting quantities by name; empty if it failed."""
     failed: dict[str, str]
-    """By the numbers of cases that failed, from 0 on, why."""
+    """Numbers of the cases that failed, from 0 on, with the reasons."""
 
 
 OUTPUTS: dict[str, Any] = {
@@ -61,7 +61,7 @@ OUTPUTS: dict[str, Any] = {
     "validate": OutcomeFacts | dict[str, EntryFacts],
     "demo": dict[str, Curve],
 }
-"""What each command writes, by boundary what compares, by name what `reproduce` and `validate` list."""
+"""Output of each command: of `compare` and `demo` by boundary, of a list of `reproduce` and `validate` by name."""
 
 
 class _WithNull(GenerateJsonSchema):

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 FIELD = "region"
-"""Their name among the point data, where ParaView finds them."""
+"""Name of the regions among the point data, under which ParaView lists them."""
 OUTSIDE = -1
-"""Number of nodes that do not exist, outside a body or a window."""
+"""Region number of nodes that do not exist, outside a body or a window."""
 _TOLD = 6  # most regions named in a row of a report
 
 

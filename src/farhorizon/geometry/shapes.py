@@ -40,7 +40,7 @@ __all__ = [
 
 _CORNERS = 49  # of a circle in pictures and files
 TOLERANCE = 1e-9
-"""Relative to the size of a shape, or to the length of a bond."""
+"""Tolerance relative to the size of a shape, or to the length of a bond."""
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

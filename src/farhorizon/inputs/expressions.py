@@ -29,13 +29,13 @@ __all__ = ["CONSTANTS", "FUNCTIONS", "MAX_LENGTH", "MAX_NESTING", "Expression", 
 MAX_LENGTH = 10_000
 """Longest text of an expression, in characters."""
 MAX_NESTING = 100
-"""Deepest nesting; each further term of a sum or a product is one level. Keeps the walk far from Python's recursion
-limit.
+"""Largest depth of nesting, to which each further term of a sum or a product adds one level; the walk stays far from
+Python's recursion limit.
 """
 
 COORDINATES = ("x", "y", "z")
 CONSTANTS: dict[str, np.float64] = {"pi": np.float64(np.pi), "e": np.float64(np.e)}
-"""The named constants."""
+"""Named constants."""
 
 
 def _minimum(*values: Any) -> Any:
@@ -77,7 +77,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], int, int | None]] = {
     "heaviside": (_heaviside, 1, 1),
     "erf": (erf, 1, 1),
 }
-"""The functions: the callable, its least and its greatest number of arguments (None: no limit)."""
+"""Functions by name: the callable, and its least and greatest number of arguments (None: no limit)."""
 
 _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,

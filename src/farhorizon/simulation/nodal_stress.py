@@ -16,7 +16,7 @@ from farhorizon.errors import InputError
 from farhorizon.simulation.quantities import QUANTITIES, LocalModuli, Reading
 
 NAME = "stress"
-"""What is asked for where all of its components are wanted."""
+"""Name under which all components of the stress are requested."""
 _MISES = "stress_von_mises"
 _BESIDE = 2  # nodes to either side that a difference uses
 

@@ -240,7 +240,7 @@ def size_of_record(need: int, nodes: int, steps: int, key: str, remedy: str) -> 
 
 
 Observer = Callable[[Any], None] | Recorder
-"""What a run is given in ``observe=[...]``."""
+"""What may be passed to a run in ``observe=[...]``."""
 
 
 def check_from_start(step: int, what: str, key: str) -> None:

@@ -73,15 +73,15 @@ class RowFacts(TypedDict):
     """One number of a table or figure."""
 
     what: str
-    """What it is."""
+    """Description of the number."""
     ours: float
-    """The number as computed here."""
+    """The computed number."""
     printed: float | None
-    """As the paper has it, or the exact value; null where there is no such number."""
+    """Value in the paper or of the exact solution; null if there is none."""
     corrected: float | None
-    """What a misprint should read; null where there is none."""
+    """Correct value of a misprint; null if there is none."""
     note: str
-    """Why, in one line."""
+    """Explanation, in one line."""
 
 
 class OutcomeFacts(TypedDict):
@@ -90,27 +90,27 @@ class OutcomeFacts(TypedDict):
     name: str
     """Name in the list."""
     paper: str
-    """Where it was published."""
+    """Publication."""
     rows: list[RowFacts]
-    """Its numbers, ours beside the printed ones."""
+    """Computed numbers, each with the expected one."""
     infinite_error: dict[str, float]
-    """By boundary the largest difference from the infinite medium at the same time step, relative to the initial
+    """For each boundary, the largest difference from the infinite medium at the same time step, relative to the initial
     maximum."""
     pictures: list[str]
-    """Files in the folder of the pictures."""
+    """Names of files in the folder of the pictures."""
 
 
 class EntryFacts(TypedDict):
     """An entry of the list."""
 
     paper: str
-    """Where it was published."""
+    """Publication."""
     title: str
-    """What it shows."""
+    """What the entry shows."""
     takes: str
-    """About how long it runs."""
+    """Approximate run time."""
     full: str
-    """About how long it runs in the published size; empty if there is one size."""
+    """Approximate run time in the published size; empty if there is only one size."""
 
 
 @dataclass(frozen=True)

@@ -33,17 +33,18 @@ class Curve(TypedDict):
     """Errors of one boundary against the infinite medium."""
 
     times: list[float]
-    """When they were compared."""
+    """Times of the comparison."""
     error: list[float]
     """Largest difference from the infinite medium over the near field."""
     error_rel_current: list[float]
-    """The same, relative to the largest value that the infinite medium has there then."""
+    """The error relative to the largest value of the infinite medium in the near field at the same time."""
     error_rel_initial: list[float]
-    """The same, relative to the initial maximum, or to the largest value of the run where the run begins at zero."""
+    """The error relative to the initial maximum or, for zero initial values, constraints or incident waves, to the
+    largest value of the run."""
     error_max_over_run: float
-    """The largest of the errors."""
+    """Largest of the errors."""
     growth_rate: NotRequired[float]
-    """Where backward waves grow in a layer: rate at which the error grows, per unit time."""
+    """With layers and backward waves: rate at which the error grows over the second half of the run, per unit time."""
 
 
 @dataclass

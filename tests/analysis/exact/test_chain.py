@@ -1,4 +1,6 @@
-"""Kernels of the half-infinite chain: two independent ways to them, closed forms, symmetry, sum rules."""
+"""Kernels of the half-infinite chain, computed in two independent ways and compared with closed forms, symmetry and
+sum rules.
+"""
 
 import numpy as np
 import pytest
@@ -54,8 +56,8 @@ def test_recursions_are_the_integrators():
 @pytest.mark.parametrize("reach", [1, 2, 7])
 @pytest.mark.parametrize(("kind", "share"), KINDS)
 def test_chain_and_transform_agree(reach, kind, share):
-    """Two ways that share nothing but the weights; 1e-13 is what the amplification of rounding by the circle (a factor
-    below 10) leaves.
+    """The two computations have only the weights in common. The tolerance of 1e-13 allows for the amplification of
+    rounding on the circle, which is below a factor of 10.
     """
     weights = gaussian_weights(reach)
     recursion = recursion_at(weights, kind, share)
@@ -65,14 +67,14 @@ def test_chain_and_transform_agree(reach, kind, share):
 
 
 def test_chain_and_transform_agree_for_a_wide_stencil_and_a_beam():
-    """K = 25, and the biharmonic stencil, whose second weight is negative."""
+    """A stencil of reach K = 25, and the biharmonic stencil, whose second weight is negative."""
     for weights in (gaussian_weights(25), BEAM):
         recursion = recursion_at(weights, "wave", 0.3)
         assert np.abs(run_kernel(weights, recursion, 400) - transform_kernel(weights, recursion, 400)).max() < 1e-13
 
 
 def test_transform_of_long_times():
-    """The split of the circle into a fine and a coarse part (small steps, many of them) against the chain."""
+    """The split of the circle into a fine and a coarse part (many small steps) agrees with the chain."""
     recursion = Recursion.of(Verlet(), 0.02)
     assert 4 * largest_angle(BAR, recursion) < np.pi  # the split is on
     chain, transform = run_kernel(BAR, recursion, 5000), transform_kernel(BAR, recursion, 5000)
@@ -80,8 +82,8 @@ def test_transform_of_long_times():
 
 
 def test_nearest_neighbours_have_a_bessel_kernel():
-    """K = 1, small steps: ghost kernel ``2 J_2(2 t)/t`` of the harmonic chain (u'' = u_+ - 2 u + u_-), times dt, to
-    order dt^2.
+    """For K = 1 and small steps the ghost kernel is ``2 J_2(2 t)/t`` of the harmonic chain (u'' = u_+ - 2 u + u_-),
+    times dt, to order dt^2.
     """
     errors = []
     for dt in (0.02, 0.01):
@@ -92,32 +94,33 @@ def test_nearest_neighbours_have_a_bessel_kernel():
 
 
 def test_first_samples_are_the_bonds():
-    """After one step the ghosts have ``scale D``."""
+    """After one step the values of the ghosts are ``scale D``."""
     recursion = recursion_at(BAR, "damped", 0.3)
     np.testing.assert_allclose(ghost_kernel(BAR, recursion, 10)[1], recursion.scale * driver_matrix(BAR), rtol=1e-14)
 
 
 @pytest.mark.parametrize(("kind", "share"), KINDS)
 def test_force_form_is_symmetric(kind, share):
-    """M = D^T F is a surface Green's function between bonds: symmetric, to rounding of its largest entry."""
+    """M = D^T F is a surface Green's function between bonds, hence symmetric, to rounding of its largest entry."""
     recursion = recursion_at(BAR, kind, share)
     force = force_form(run_kernel(BAR, recursion, 1500), BAR)
     assert np.abs(force - force.swapaxes(1, 2)).max() < 1e-14 * np.abs(force).max() * BAR.size
 
 
 def test_a_displaced_half_space_pulls_back_with_nothing():
-    """Drivers held at 1 for ever: the chain follows, and the forces M 1 - ground vanish (damped waves reach rest
-    exponentially in the bulk, like t^-1/2 at the front; their sum is compared at two times)."""
+    """With drivers held at 1 for ever the chain follows, and the forces M 1 - ground vanish. Waves decay slowly, so
+    the remainder is compared in two intervals of time.
+    """
     recursion = recursion_at(BAR, "wave", 0.3)
     force = force_form(run_kernel(BAR, recursion, 4000), BAR)
     rest = np.abs(np.cumsum(force.sum(2), 0) - ground(BAR)).max(1)
-    assert rest[4000] < 1e-2 * ground(BAR).max()  # what is left rings at the band edge and falls like t^-3/2
+    assert rest[4000] < 1e-2 * ground(BAR).max()  # the remainder oscillates at the band edge and falls like t^-3/2
     assert rest[3000:].max() < rest[300:1000].max() / 5
 
 
 @pytest.mark.parametrize(("kind", "share"), KINDS)
 def test_nothing_travels_beyond_the_front(kind, share):
-    """A chain twice as long gives the same kernel up to rounding (other loop lengths sum in another order)."""
+    """A chain twice as long gives the same kernel up to rounding (loops of other lengths sum in another order)."""
     recursion = recursion_at(BAR, kind, share)
     kernel = run_kernel(BAR, recursion, 300)
     nodes = np.full(301, 2 * int(fronts(BAR, recursion, 300)[-1]))
@@ -126,8 +129,8 @@ def test_nothing_travels_beyond_the_front(kind, share):
 
 
 def test_surface_response_solves_the_semi_infinite_problem():
-    """One more block of chain in front gives the same response: the fixed point of the elimination, at points near and
-    far from the cut.
+    """The response is the fixed point of the elimination: a chain that is longer by many blocks has the same response,
+    at frequencies near to and far from the band.
     """
     sigma = np.array([-1.0 + 1e-3j, -30 + 0.1j, 5.0, 2 - 3j])
     response = surface_response(BAR, sigma)
@@ -137,7 +140,7 @@ def test_surface_response_solves_the_semi_infinite_problem():
     matrix = sum(np.diag(np.full(size - abs(k), full[k + reach]), k) for k in range(-reach, reach + 1))
     right = np.zeros((size, reach))
     right[:reach] = driver_matrix(BAR)
-    for number in (2, 3):  # there a wave decays within the chain
+    for number in (2, 3):  # at these values a wave decays within the chain
         np.testing.assert_allclose(
             response[number], np.linalg.solve(sigma[number] * np.eye(size) - matrix, right)[:reach], atol=1e-12
         )

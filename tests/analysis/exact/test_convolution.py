@@ -1,4 +1,4 @@
-"""Online convolution against the plain sum."""
+"""Online convolution against direct summation."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from farhorizon.analysis.exact.convolution import BlockConvolution
 
 
 def feed(convolution, samples, start=0):
-    """Results at all steps, the block's own products added as a caller does."""
+    """Results at all steps, with the products within a block added as a caller adds them."""
     out = np.zeros((len(samples), convolution.kernel.shape[1]))
     for n in range(start, len(samples)):
         at = n % convolution.block
@@ -23,7 +23,7 @@ def feed(convolution, samples, start=0):
 @pytest.mark.parametrize("block", [1, 4, 5, 64, None])
 @pytest.mark.parametrize("steps", [3, 63, 64, 65, 200])
 def test_every_pair_of_steps_is_met_once(block, steps):
-    """Integers, so that the sums are exact up to the rounding of the FFT."""
+    """The samples are integers, so that the sums are exact up to the rounding of the FFT."""
     rng = np.random.default_rng(1)
     kernel, samples = (
         rng.integers(-3, 4, (steps + 1, 2, 3)).astype(float),
@@ -34,7 +34,7 @@ def test_every_pair_of_steps_is_met_once(block, steps):
 
 
 def test_a_longer_kernel_takes_over():
-    """Extended in the middle of a block, the run goes on as if it had had the long kernel from the start."""
+    """Extended in the middle of a block, the convolution continues as if it had had the long kernel from the start."""
     rng = np.random.default_rng(2)
     kernel, samples = rng.standard_normal((101, 2, 2)), rng.standard_normal((101, 2))
     whole = feed(BlockConvolution(kernel, 8), samples)

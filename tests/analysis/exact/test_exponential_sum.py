@@ -1,4 +1,4 @@
-"""Compression of the force kernel: how few modes, how good, and stable for ever."""
+"""Compression of the force kernel: number of modes, accuracy, and stability for unlimited times."""
 
 import numpy as np
 import pytest
@@ -21,8 +21,8 @@ def kernel_to_40():
 
 @pytest.mark.parametrize(("tolerance", "modes"), [(1e-6, 12), (1e-9, 20), (1e-12, 25)])
 def test_modes_of_the_bar_to_40(kernel_to_40, tolerance, modes):
-    """At 1e-9 at most 20 modes (the aim); 12 and 25 are those of an independent program for 1e-6 (11) and 3e-14 (25),
-    with one in reserve.
+    """At 1e-9 the aim is at most 20 modes. The bounds 12 and 25 are the numbers of an independent program, 11 modes
+    for 1e-6 and 25 for 3e-14, the first with one in reserve.
     """
     recursion = Recursion.of(Verlet(), 0.005)
     found = compress(kernel_to_40, tolerance, largest_angle(BAR, recursion))
@@ -35,7 +35,7 @@ def test_modes_of_the_bar_to_40(kernel_to_40, tolerance, modes):
 
 
 def test_error_is_the_largest_over_bounded_histories(kernel_to_40):
-    """The history that follows the signs of the error reaches it, and random ones do not exceed it."""
+    """The history whose signs follow those of the error attains it, and random histories do not exceed it."""
     kernel = kernel_to_40[:501]
     found = compress(kernel, 1e-5, 0.04)
     difference = np.concatenate([np.zeros((1, 7, 7)), found.kernel(np.arange(1, 501)) - kernel[1:]])
@@ -47,7 +47,7 @@ def test_error_is_the_largest_over_bounded_histories(kernel_to_40):
 
 
 def test_update_is_the_convolution(kernel_to_40):
-    """`advance` and `force` against the sum over the compressed kernel, first sample weighted."""
+    """`advance` and `force` against the sum over the compressed kernel, with the first sample weighted."""
     found = compress(kernel_to_40[:201], 1e-8, 0.04)
     samples = np.random.default_rng(3).standard_normal((30, 7))
     kernel = np.concatenate([np.zeros((1, 7, 7)), found.kernel(np.arange(1, 40))])
@@ -64,7 +64,7 @@ def test_update_is_the_convolution(kernel_to_40):
 @pytest.mark.parametrize("reach", [2, *[pytest.param(reach, marks=pytest.mark.slow) for reach in (7, 25)]])
 @pytest.mark.parametrize(("kind", "share"), [("wave", 0.2), ("damped", 0.2), ("diffusion", 0.45)])
 def test_default_tolerance_for_all_schemes(reach, kind, share):
-    """1e-12 is had by narrow and wide stencils, waves, damped waves and diffusion."""
+    """The default tolerance of 1e-12 is reached for narrow and wide stencils, waves, damped waves and diffusion."""
     weights = gaussian_weights(reach)
     recursion = recursion_at(weights, kind, share)
     found = compress(force_form(ghost_kernel(weights, recursion, 600), weights), band=largest_angle(weights, recursion))
@@ -73,7 +73,7 @@ def test_default_tolerance_for_all_schemes(reach, kind, share):
 
 
 def test_beam():
-    """The biharmonic stencil: bending waves, one of the two roots evanescent."""
+    """The biharmonic stencil: bending waves, with one evanescent root of two."""
     recursion = recursion_at(BEAM, "wave", 0.3)
     found = compress(force_form(ghost_kernel(BEAM, recursion, 2000), BEAM), 1e-9, largest_angle(BEAM, recursion))
     assert found.error <= 1e-9
@@ -81,10 +81,10 @@ def test_beam():
 
 @pytest.mark.parametrize("tolerance", [*(pytest.param(one, marks=pytest.mark.slow) for one in (1e-6, 1e-9)), 1e-12])
 def test_bounded_over_a_million_steps(kernel_to_40, tolerance):
-    """A model of 8000 steps, run for 1e6 by declaring it good for so many.
+    """A sum fitted to 8000 steps is run for 1e6, by declaring it valid for so many.
 
-    The bar's gaussian leaves an offset of the size of the model's error; noise, which feeds the flat top of the band
-    whose waves hardly move, does not grow.
+    The Gaussian leaves an offset no larger than the error of the sum. Noise does not grow, although it excites the
+    flat top of the band, whose waves hardly move.
     """
     recursion = Recursion.of(Verlet(), 0.005)
     found = compress(kernel_to_40, tolerance, largest_angle(BAR, recursion))
@@ -97,7 +97,9 @@ def test_bounded_over_a_million_steps(kernel_to_40, tolerance):
 
 
 def test_a_run_outlives_its_sum(kernel_to_40):
-    """Exchanged for a sum of more steps, with the drivers' history, the run goes on exactly; without, it is refused."""
+    """The run is refused beyond the steps of its sum. Exchanged for a longer sum, with the history of the drivers, it
+    continues as with the exact kernel.
+    """
     recursion = Recursion.of(Verlet(), 0.005)
     short, long = (compress(kernel_to_40[: n + 1], 1e-11, largest_angle(BAR, recursion)) for n in (400, 1200))
     u = np.exp(-(X[70:131] ** 2))
@@ -116,7 +118,7 @@ def test_a_run_outlives_its_sum(kernel_to_40):
 
 
 def test_what_cannot_be_had_is_said(kernel_to_40):
-    """A tolerance below rounding: the best sum, with its true error."""
+    """For a tolerance below rounding the best sum is returned, with its true error."""
     kernel = kernel_to_40[:801]
     found = compress(kernel, 1e-17, 0.04)
     assert 1e-17 < found.error < 1e-11
@@ -136,8 +138,9 @@ def test_bad_input(kernel_to_40):
 
 @pytest.mark.slow
 def test_modes_of_the_bar_to_3000():
-    """At most 34 modes at 1e-9, dt = 0.02 (150000 steps), and the bar against the closed form of the infinite
-    lattice."""
+    """At most 34 modes at 1e-9 with dt = 0.02 (150000 steps), and the bar agrees with the closed form of the infinite
+    lattice.
+    """
     recursion, steps = Recursion.of(Verlet(), 0.02), 150_000
     kernel = force_form(ghost_kernel(BAR, recursion, steps), BAR)
     found = compress(kernel, 1e-9, largest_angle(BAR, recursion))

@@ -1,4 +1,4 @@
-"""Tips, branches and lengths of cracks that are known, from the bonds that they cut."""
+"""Tips, branches and lengths of known cracks, from the bonds that they cut."""
 
 import os
 
@@ -14,7 +14,7 @@ LOWER, SHAPE = np.array([-25.0, -25.0]), (51, 51)
 
 
 def damaged(lines, reach, spacing=1.0):
-    """What is found of polylines that cut the bonds of a kernel."""
+    """The cracks found where polylines cut the bonds of a kernel."""
     stencil = fh.Stencil.from_kernel(fh.Kernel(float(reach), exponent=1), 1.0, 2)
     lost = np.zeros((*SHAPE, len(stencil.offsets)), bool)
     for points in lines:
@@ -26,8 +26,8 @@ def damaged(lines, reach, spacing=1.0):
 
 @pytest.mark.parametrize("reach", [2, 3, 4])
 def test_straight_cracks_in_any_direction(reach):
-    """A tip is known to about half a horizon, but for a few in a thousand, and to a horizon always; the length to as
-    much at both ends and 2 %.
+    """Tips are found to within about half a horizon, with at most two exceptions, and always to within a horizon; the
+    length to half a horizon and 2 %.
     """
     print(f"seed {SEED}")
     rng, missed = np.random.default_rng(SEED), []

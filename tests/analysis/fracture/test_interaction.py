@@ -1,4 +1,6 @@
-"""The interaction integral of known fields: any crack, any mixture of modes, any circles; what is refused."""
+"""The interaction integral on known fields, for any crack, mixture of modes and radii, and the domains that it
+refuses.
+"""
 
 import os
 
@@ -14,8 +16,8 @@ SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 
 
 
 def sampled(spacing, turn, tip, medium, intensities, radii=(1.5, 3.5), stretch=0.0):
-    """What the integral finds of a field that is known, with a pull along the crack added, on a lattice of that
-    spacing.
+    """The intensities found for a known field on a lattice of a given spacing, with a uniform tension along the crack
+    added.
     """
     lattice = fh.Lattice(spacing, (-5.0, -5.0), (5.0, 5.0))
     ahead = np.array([np.cos(turn), np.sin(turn)])
@@ -34,7 +36,7 @@ def sampled(spacing, turn, tip, medium, intensities, radii=(1.5, 3.5), stretch=0
 
 @pytest.mark.parametrize("antiplane", [False, True])
 def test_random_cracks_and_mixtures_to_second_order(antiplane):
-    """The gradient is that of parabolas, exact but for third derivatives."""
+    """The gradient comes from fitted parabolas, whose error is of third derivatives."""
     print(f"seed {SEED}")
     rng = np.random.default_rng(SEED)
     medium = NearTip(*rng.uniform(0.5, 2.0, 2), antiplane)
@@ -43,7 +45,7 @@ def test_random_cracks_and_mixtures_to_second_order(antiplane):
     spacings = (0.5, 0.25, 0.125)
     errors = [np.abs(sampled(h, turn, tip, medium, wanted) - wanted).max() / np.abs(wanted).max() for h in spacings]
     assert np.polyfit(np.log(spacings), np.log(errors), 1)[0] > 1.8
-    assert errors[-1] < (0.125 / 1.5) ** 2 / 2  # of the second derivatives at the smaller circle
+    assert errors[-1] < (0.125 / 1.5) ** 2 / 2  # the relative size of second derivatives at the inner circle
 
 
 def test_neither_the_circles_nor_a_pull_along_the_crack_matter():
@@ -55,7 +57,9 @@ def test_neither_the_circles_nor_a_pull_along_the_crack_matter():
 
 
 def test_inertia_is_part_of_it():
-    """A smooth field that leaves the faces free has no intensity: what its gradient says its force takes away."""
+    """A smooth field that leaves the faces free of stress has no intensity: the term of its forces cancels that of its
+    gradient.
+    """
     medium = NearTip(1.0, 1.0)
     errors, parts = [], []
     for spacing in (0.25, 0.125):
@@ -64,7 +68,8 @@ def test_inertia_is_part_of_it():
         domain = InteractionDomain(lattice, (0.0, 0.0), (1.0, 0.0), (1.5, 3.0), [crack], medium)
         x, y = (axis.ravel()[domain.nodes] for axis in lattice.coordinates())
         u = np.stack([x**2 * y**2, -(2.0 / 9.0) * x * y**3], axis=-1)
-        # div of stress with lame = shear = 1: 3 u_xx + u_yy + 2 v_xy, 3 v_yy + v_xx + 2 u_xy; faces are free of stress
+        # div of stress for lame = shear = 1: 3 u_xx + u_yy + 2 v_xy, 3 v_yy + v_xx + 2 u_xy; the faces are free of
+        # stress
         force = np.stack([6 * y**2 + 2 * x**2 - (4.0 / 3.0) * y**2, -4.0 * x * y + 8.0 * x * y], axis=-1)
         errors.append(np.abs(domain.intensities(u, force)).max())
         parts.append(np.abs(domain.intensities(u)).max())
@@ -73,8 +78,9 @@ def test_inertia_is_part_of_it():
 
 
 def test_energy_that_flows_into_a_running_crack():
-    """Mode III at speed V: ``w = 2 K / mu a sqrt(r / 2 pi) sin(theta / 2)`` with y shortened by ``a = sqrt(1 - V^2 /
-    c^2)`` releases ``K^2 / 2 mu a`` (Freund, 1990, section 4.2); without the kinetic energy it would not.
+    """In mode III at speed V the field ``w = 2 K / mu a sqrt(r / 2 pi) sin(theta / 2)``, with y contracted by ``a =
+    sqrt(1 - V^2 / c^2)``, releases ``K^2 / 2 mu a`` (Freund, 1990, section 4.2). Without the kinetic energy the result
+    would differ.
     """
     shear, density, speed, k = 1.3, 0.9, 0.6, 1.7
     contracts = np.sqrt(1 - speed**2 * density / shear)
@@ -114,7 +120,7 @@ def test_energy_of_a_mixture_at_rest():
 
 
 def test_nodes_that_fly_have_no_part_in_the_energy():
-    """A few at the faces, within and between the circles, that are anywhere and as fast as can be."""
+    """A few nodes at the faces, within and between the circles, have arbitrary positions and velocities."""
     rng = np.random.default_rng(SEED)
     lattice, medium = fh.Lattice(0.125, (-4.0625, -4.0625), (4.0625, 4.0625)), NearTip(1.1, 0.6)
     domain = InteractionDomain(lattice, (0.0, 0.0), (1.0, 0.0), (1.2, 3.0), [fh.Polyline([(-9, 0), (0, 0)])], medium)
@@ -157,8 +163,8 @@ def test_what_the_domain_must_not_have(changes, message):
 
 
 def plate_of_correspondence(spacing, half_length, shape_tensor):
-    """A cracked square plate that is pulled slowly, so that it is at rest but for (period / rise)^2 of the load: K from
-    two rings, the strain energy, and E'.
+    """Fields of a cracked square plate under a load that rises slowly, so that kinetic energy is only a fraction
+    (period / rise)^2: K from two rings, the strain energy, and the medium.
     """
     half = 6.0 - spacing / 2
     lattice = fh.Lattice(spacing, (-half, -half), (half, half))
@@ -179,8 +185,9 @@ def plate_of_correspondence(spacing, half_length, shape_tensor):
 @pytest.mark.filterwarnings("ignore::farhorizon.ValidityWarning")
 @pytest.mark.parametrize("shape_tensor", ["recomputed", "kept"])
 def test_energy_that_a_longer_crack_releases_in_a_correspondence_body(shape_tensor):
-    """At a given load the strain energy grows by G for each new area, at both tips, which is K^2 / E' by Irwin. What
-    differs is where the tip is, a part of the horizon; nodes that are softened instead (kept) double that.
+    """At a given load the strain energy grows by G for each unit of new area, at both tips, and G is K^2 / E' by
+    Irwin. The error comes from the position of the tip, known to a fraction of the horizon; softened nodes (kept)
+    double it.
     """
     ratios, spacings = [], (0.5, 0.25, 0.125)
     for spacing in spacings:

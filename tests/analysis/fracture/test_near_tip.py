@@ -1,4 +1,4 @@
-"""Singular fields of a crack tip: they solve the equations, leave the faces free, and are normed to K = 1."""
+"""Singular fields of a crack tip: they are in equilibrium, leave the faces free, and are normalised to K = 1."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def test_stress_is_in_balance_and_leaves_the_faces(medium):
 
 @pytest.mark.parametrize("medium", MEDIA)
 def test_unit_intensities(medium):
-    """``sigma = K / sqrt(2 pi r)`` ahead of the tip, normal for mode I and along the crack for the others."""
+    """``sigma = K / sqrt(2 pi r)`` ahead of the tip, normal to the crack for mode I and along it for the others."""
     ahead = medium.stress(medium.fields(np.array([0.3]), np.zeros(1))[1])[:, 0, :, 1]
     wanted = np.eye(1) if medium.antiplane else np.array([[0.0, 1.0], [1.0, 0.0]])
     assert np.allclose(ahead, wanted / np.sqrt(2 * np.pi * 0.3), rtol=1e-14, atol=1e-14)

@@ -1,4 +1,4 @@
-"""Openings of crack faces, and the intensities that they tell, of known fields."""
+"""Openings of crack faces in known fields, and the stress intensities that follow from them."""
 
 import os
 
@@ -13,7 +13,9 @@ SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 
 
 
 def test_intensities_of_a_known_field():
-    """K_I and K_II of a crack at any angle: parabolas miss the root's own curvature, (h/r)^2 of it."""
+    """K_I and K_II of a crack at any angle. The fitted parabolas miss the curvature of the root, a relative error of
+    (h/r)^2.
+    """
     print(f"seed {SEED}")
     rng = np.random.default_rng(SEED)
     medium, wanted = NearTip(1.2, 0.8), rng.uniform(0.5, 2.0, 2) * rng.choice([-1, 1], 2)

@@ -1,4 +1,4 @@
-"""The waves that data send to a side: against the infinite lattice and runs in long domains."""
+"""The waves that data send to a side, against the infinite lattice and runs in long domains."""
 
 import warnings
 
@@ -29,12 +29,14 @@ def test_waves_arrive_as_on_the_infinite_lattice(shape, centre, damping):
     arrived = arrivals(front, steps, [Datum(u, "u")], lengths, [range(n) for n in shape[1:]], 1e-5, 1.0)
     infinite = InfiniteLattice(front.stencil, 1.0, model.integrator, front.dt, steps, u, damping=damping)
     largest = max(np.abs(infinite.after(step)[-1]).max() for step in range(steps))
-    assert arrived.largest == pytest.approx(largest, rel=0.03)  # the moments that are looked at are not the run's
+    assert arrived.largest == pytest.approx(largest, rel=0.03)  # the times examined are not the steps of the run
 
 
 @pytest.mark.parametrize("smooth", [6.0, 12.0])
 def test_long_waves_arrive_as_those_of_smoothed_data(smooth):
-    """The same as on the infinite lattice, where data are smoothed along the side and the last row in time."""
+    """The waves match those on the infinite lattice from data smoothed along the side, with the last row smoothed in
+    time.
+    """
     random = np.random.default_rng(SEED)
     shape, model = (31, 27), fh.Wave(fh.Kernel(2.0))
     front, u = medium(model, 2), pulse(shape, random.uniform(10, 17, 2))
@@ -51,8 +53,8 @@ def test_long_waves_arrive_as_those_of_smoothed_data(smooth):
 
 @pytest.mark.parametrize("case", range(6))
 def test_all_modes_arrive_as_on_the_infinite_lattice(case):
-    """Short pulses beside a side: waves that run backward arrive, too, and what dies out on the way; the slowest mode
-    alone misses up to a third of it.
+    """Short pulses beside a side, whose backward waves and evanescent modes arrive too; the slowest mode alone misses
+    up to a third of the field.
     """
     random = np.random.default_rng([SEED, 2, case])
     dim = 1 + case % 2
@@ -70,8 +72,8 @@ def test_all_modes_arrive_as_on_the_infinite_lattice(case):
 
 @pytest.mark.parametrize("case", range(5))
 def test_all_modes_of_vectors_arrive_as_on_the_infinite_lattice(case):
-    """P and S waves of both components together, those that run backward among them, in bonds that have no stiffness
-    across at their full length, and in elements.
+    """P and S waves of both components, backward waves included, for bonds with and without a ramp of the volume,
+    state-based solids and finite elements.
     """
     random = np.random.default_rng([SEED, 9, case])
     kernel = fh.Kernel(
@@ -92,17 +94,19 @@ def test_all_modes_of_vectors_arrive_as_on_the_infinite_lattice(case):
     assert hold_backward_waves(front, data, 1e-4)
     arrived = arrivals(front, steps, data, lengths, [range(shape[1])], 1e-4, 1.0, every=True)
     infinite = InfiniteLattice(front.stencil, 1.0, model.integrator, front.dt, steps, u)
-    once = np.where(np.isin(arrived.factor.imag.round(12), 0.0), 0.5, 1.0)  # of the Laplace integral its ends
+    once = np.where(np.isin(arrived.factor.imag.round(12), 0.0), 0.5, 1.0)  # the ends of the integral count half
     waves = arrived.amplitude * arrived.shapes * once / steps
     along = np.exp(1j * np.outer(arrived.along[0], np.arange(shape[1])))
     for step in [*random.integers(1, steps, 8), steps - 1]:
         exact = infinite.after(int(step))[:, -1]
-        arrives = -(waves * arrived.factor**step @ along).real  # sizes are what counts: signs are the other ones
+        arrives = -(waves * arrived.factor**step @ along).real  # opposite in sign; only sizes matter
         assert np.abs(arrives - exact).max() < 1e-4 * np.abs(u).max()
 
 
 def test_modes_that_die_out_at_once_do_not_overflow():
-    """Of a factor of 3e-4 a node to the twelfth power rounding left a slope of zero at some wavenumbers."""
+    """Regression test: at some wavenumbers a factor of 3e-4 per node, to the twelfth power, was rounded to a slope of
+    zero.
+    """
     solid = fh.Elastic(fh.Kernel(6.0, 0, volume="full"), young=1.0, poisson=0.344197534, material="state-based")
     front = medium(solid, 2)
     along, rows = np.linspace(0.5, 0.75, 2001)[None], np.ones((5, 2001))
@@ -116,7 +120,7 @@ def test_modes_that_die_out_at_once_do_not_overflow():
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("case", range(3))
 def test_round_waves_are_what_a_point_of_a_side_sees_in_space(case):
-    """Two pulses of different size, which no single point has around it; against the infinite lattice."""
+    """Two pulses of different size, so that no point of symmetry exists; against the infinite lattice."""
     random = np.random.default_rng([SEED, 4, case])
     shape = (15, 17, 19)
     kernel = [fh.Kernel(1.0), fh.Kernel(2.0), fh.Kernel(2.0, 3, "linear")][case]
@@ -135,8 +139,8 @@ def test_round_waves_are_what_a_point_of_a_side_sees_in_space(case):
 
 @pytest.mark.parametrize("kind", ["u", "v"])
 def test_what_comes_out_of_a_slower_medium(kind):
-    """Through an interface midway between two nodes 2/3 of a long wave's displacement passes where the speed is doubled
-    at the same density; twice as much is what any density lets through at most, and is counted on.
+    """Two thirds of the displacement of a long wave pass an interface, midway between two nodes, to a medium of the
+    same density and twice the speed. The prediction assumes a factor of two, the most that any density lets through.
     """
     model = fh.Wave(fh.Kernel(1.0), "where(x < 20.5, 1, 2)")
     fast = medium(fh.Wave(fh.Kernel(1.0), 2.0), 1, share=0.4)

@@ -1,4 +1,6 @@
-"""What layers lack beside walls: the damping of backward waves alone takes it, and how much of data it may be."""
+"""The error of damped layers beside walls: the damping of backward waves alone causes it, and it bounds the share of
+such waves in the data.
+"""
 
 from dataclasses import replace
 
@@ -13,12 +15,12 @@ from farhorizon.analysis.layers.side_data import Datum
 from farhorizon.engine.engine import Layer
 
 SCALAR, SOLID = fh.Wave(fh.Kernel(3.0, 1, "constant")), fh.Elastic(fh.Kernel(2.0, 1, "constant"), young=1.0)
-NODES = 64  # of lattices that repeat themselves
+NODES = 64  # of a periodic lattice
 
 
 def largest_error(model, wall, until, damped, monkeypatch):
-    """Of 40 nodes beside a wall, with the damping of backward waves or without it, against a domain from which nothing
-    returns.
+    """Largest error of 40 layer nodes beside a wall, with or without the damping of backward waves, against a domain
+    from which nothing returns.
     """
     made = fh.LatticePML.make_layer
     if not damped:
@@ -35,7 +37,7 @@ def largest_error(model, wall, until, damped, monkeypatch):
     monkeypatch.undo()
     assert near.dt == far.dt
     worst = 0.0
-    while far.time < until:  # by eight steps, a little beyond
+    while far.time < until:  # in eight steps at a time, slightly beyond the end
         for sim in (near, far):
             sim.step(8)
         worst = max(worst, float(np.abs(near.fields["u"] - far.fields["u"]).max()))
@@ -44,22 +46,22 @@ def largest_error(model, wall, until, damped, monkeypatch):
 
 @pytest.mark.parametrize("model, wall, until", [(SCALAR, fh.Free(), 60.0), (SOLID, fh.Fixed(), 60.0)])
 def test_damping_alone_takes_what_comes_back(model, wall, until, monkeypatch):
-    """Layers that damp nothing return all that a wall outside turns round, as long as nothing grows; what
-    was taken for an echo of the damped ones is what they lack.
+    """Undamped layers are exact beside a wall as long as nothing grows, so what looks like an echo of the wall is an
+    error of the damping.
     """
     damped = largest_error(model, wall, until, True, monkeypatch)
     assert largest_error(model, wall, until, False, monkeypatch) < 1e-12 < 1e-9 < damped
 
 
 def wave(along, across, kind=1.0):
-    """A plane wave of so many periods along and across a lattice of `NODES`."""
+    """A plane wave with a given number of periods along each axis of a lattice of `NODES`."""
     x, y = np.ix_(np.arange(NODES), np.arange(NODES))
     return kind * np.cos(2 * np.pi * (along * x + across * y) / NODES)
 
 
 def test_waves_count_by_their_frequency():
-    """P and S waves of the same length, of which one is as fast as backward waves are: by the symbol at their
-    wavenumber.
+    """P and S waves of the same length, only one of which is as fast as backward waves, are told apart by the symbol
+    at their wavenumber.
     """
     front = medium(SOLID, 2)
     damped = high_pass(front.stencil)
@@ -80,7 +82,7 @@ def test_waves_count_by_their_frequency():
 
 
 def test_the_lowest_backward_wave():
-    """By group and phase velocity along both axes, on a grid of its own."""
+    """By group and phase velocity along both axes, on an independent grid."""
     for model in (SCALAR, SOLID):
         stencil = model.stencil(1.0, 2)
         k = np.linspace(-np.pi, np.pi, 240)
@@ -141,7 +143,9 @@ def test_filters_of_few_neighbours_leave_more_of_solids():
 
 
 def test_media_whose_waves_are_damped_themselves_have_no_slowest_backward_wave():
-    """Correspondence without stabilisation has waves at rest; all data are as fast, and that says nothing."""
+    """Correspondence without stabilisation has zero-energy waves, so that all data count as equally fast; the share of
+    such waves must not change the result.
+    """
     stencil = fh.Correspondence(fh.Kernel(3.0, 0, "gaussian"), young=1.0, poisson=0.25).stencil(1.0, 2)
     damped, edges = high_pass(stencil), np.zeros(13)
     layer = Layer(edges + 1, edges, edges)

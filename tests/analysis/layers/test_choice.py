@@ -24,7 +24,7 @@ def box(*nodes):
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("dim, reach, exponent", [(1, 3, 0), (2, 1, 2), (2, 3, 2), (2, 4, 1), (3, 2, 2)])
 def test_reflection_is_what_the_half_infinite_problem_gives(dim, reach, exponent):
-    """The amplitudes of what travels, against the engine's own map with all evanescent modes."""
+    """Amplitudes of the travelling modes, against the engine's own map with all evanescent modes."""
     profile = {"kappa": np.linspace(1, 3, 9), "sigma": 0.9 * np.linspace(0.05, 1, 9), "alpha": 0.02}
     sim = fh.Simulation(
         box(*[2 * reach + 3] * dim),
@@ -40,8 +40,8 @@ def test_reflection_is_what_the_half_infinite_problem_gives(dim, reach, exponent
 
 
 def test_band_of_a_packet():
-    """A wave of 12 nodes under an envelope: half of the energy beside its wavelength, hardly any beyond half and twice
-    of it.
+    """A wave of 12 nodes under an envelope: half of the energy lies near its wavelength, hardly any beyond half and
+    twice the wavelength.
     """
     x = 0.5 * np.arange(400)
     found = band([np.exp(-((x - 100) ** 2) / 800) * np.cos(2 * np.pi * x / 6)], 0.5, [1])
@@ -51,9 +51,7 @@ def test_band_of_a_packet():
 
 
 def test_the_time_of_a_source_picks_its_waves():
-    """A point that shakes at one frequency sends one wavelength, whatever its size: 2 pi times the speed over the
-    frequency.
-    """
+    """A point source of one frequency radiates one wavelength, 2 pi speed / frequency, whatever its size."""
     point = np.exp(-((np.arange(200) - 100.0) ** 2) / 2)
     gain = gain_of_time(lambda t: np.sin(0.6 * t) * np.exp(-(((t - 100) / 30) ** 2)), 200.0, 2.0 / 0.5)
     found = band([point], 0.5, [0], [gain])

@@ -21,7 +21,9 @@ def complex_numbers(random, *shape):
 
 
 def test_a_layer_without_stretch_continues_the_lattice():
-    """The edges pass all on: a column's field k nodes on is that of the k-th column from it."""
+    """Unstretched edges are transparent: continued by k nodes, the field of a column is that of the k-th column from
+    it.
+    """
     columns, reach = 5, 3
     near = 1 + np.arange(reach + 1)  # the nodes 0, -1 .. -reach
     field = 11.0 + np.arange(columns)  # the columns 1 .. L
@@ -35,8 +37,8 @@ def test_a_layer_without_stretch_continues_the_lattice():
 
 
 def test_continued_fields_obey_the_recursion_over_each_edge(random):
-    """``(1 - g) U(p+1, k+1) + (1 + g) U(p+1, k) = (1 + g) U(p, k+1) + (1 - g) U(p, k)``, inwards from k = 0 on, and
-    outwards to it.
+    """``(1 - g) U(p+1, k+1) + (1 + g) U(p+1, k) = (1 + g) U(p, k+1) + (1 - g) U(p, k)``, inwards from k = 0, and
+    outwards towards it.
     """
     columns, reach = 4, 3
     stretch = 2 + complex_numbers(random, 2, columns + 1)

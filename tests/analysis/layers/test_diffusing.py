@@ -1,4 +1,4 @@
-"""Layers for diffusion: what comes back of data, and how many nodes they take."""
+"""Layers for diffusion: what they reflect of the data, and how many nodes they need."""
 
 import os
 
@@ -14,8 +14,8 @@ SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2*
 
 @pytest.mark.parametrize(("ratio", "known"), [(1, (4, 6, 9, 11)), (100, (8, 12, 18, 21)), (1e4, (14, 19, 27, 31))])
 def test_nodes_for_diffusion_are_those_of_an_independent_program(ratio, known):
-    """Nodes for 1e-3, 1e-5, 1e-7, 1e-8 at D T / distance^2, which a program of its own found by the exact error of a
-    point source.
+    """Nodes for 1e-3, 1e-5, 1e-7 and 1e-8 at D T / distance^2, found by an independent program from the exact error of
+    a point source.
     """
     for wanted, nodes in zip((1e-3, 1e-5, 1e-7, 1e-8), known, strict=True):
         spreads = 400.0 * np.geomspace(0.03, ratio, 200)
@@ -29,7 +29,7 @@ def test_nodes_for_diffusion_are_those_of_an_independent_program(ratio, known):
 
 @pytest.mark.parametrize("reach", [1, 3])
 def test_what_diffusion_sends_back_on_a_line(reach):
-    """The prediction for a point source against a bar with one absorbing end, far from its other one."""
+    """The prediction for a point source against a bar with one absorbing end, far from the other one."""
     model, distance = fh.Diffusion(fh.Kernel(float(reach), 1), 1.0), 15
     u = np.zeros(161)
     u[160 - distance] = 1.0
@@ -38,20 +38,20 @@ def test_what_diffusion_sends_back_on_a_line(reach):
     sim = fh.Simulation(fh.Lattice(1.0, (0.0,), (160.0,)), model, boundary, {"u": u}, threads=1)
     infinite = InfiniteLattice(sim.stencil, 1.0, model.integrator, sim.dt, int(400 / sim.dt), u)
     ratios = []
-    for time in (40.0, 100.0, 200.0, 400.0):  # the other end answers with exp(-145^2/1600) = 2e-6 of what is there
+    for time in (40.0, 100.0, 200.0, 400.0):  # what the other end reflects is smaller by exp(-145^2/1600) = 2e-6
         sim.step(int(time / sim.dt) - sim.step_count)
         exact = infinite.after(sim.step_count)
         predicted = Diffusing(Planes.at(distance), np.array([sim.time])).returned(layer, 1.0)[0]
         ratios.append(abs(sim.fields["u"][-1] - exact[-1]) / exact.max() / predicted)
-    # the prediction is of the continuum, and first waves are steep
+    # the prediction is that of the continuum, and the first waves are steep
     np.testing.assert_allclose(ratios, 1, atol=0.25)
     assert abs(ratios[-1] - 1) < 0.05
 
 
 @pytest.mark.parametrize("wall", [fh.Fixed(0.0), fh.Free()], ids=["held", "insulated"])
 def test_what_diffusion_sends_back_beside_a_wall(wall):
-    """The prediction for a point source near a wall against a bar so long that its end does not count: beside one that
-    holds its nodes both decay as those of a dipole, the longer one in the layer.
+    """The prediction for a point source near a wall against a bar so long that its end does not matter. Beside a wall
+    that holds its nodes at zero both the field and its echo decay as those of a dipole, the longer one in the layer.
     """
     model, nodes, place, end = fh.Diffusion(fh.Kernel(2.0, 1), 1.0), 30, 8, 6000.0
     bars = []
@@ -72,14 +72,14 @@ def test_what_diffusion_sends_back_beside_a_wall(wall):
         found.append([abs(bars[0].fields["u"][-1] - exact[-1]) / exact.max(), *predicted])
     came, expected, alone = np.transpose(found)
     print(np.transpose(found))
-    # the prediction is of the continuum, and passes through zero at some times
+    # the prediction is that of the continuum, and passes through zero at some times
     assert np.abs(came - expected).max() < 0.25 * expected.max()
     assert np.abs(came - alone).max() > 0.25 * expected.max()
 
 
 @pytest.mark.parametrize("image", [-1, 1])
 def test_a_wall_far_away_changes_nothing(image):
-    """A source beside the layer of a long bar, from the first time on, at which it is narrower than a node."""
+    """A source beside the layer of a long bar, from the first time on, when it is narrower than a node."""
     layer, spreads = diffusive(6, 1.0, 400.0, 2.0), np.geomspace(0.03, 400.0, 40)
     source, far = Planes.at(2.0), Wall(image, 2002.3)
     np.testing.assert_allclose(Diffusing(source, spreads, far).largest, 1.0, rtol=1e-12)
@@ -90,7 +90,7 @@ def test_a_wall_far_away_changes_nothing(image):
 
 
 def test_diffusion_keeps_its_target_beside_a_wall():
-    """Random bars, held at one end and absorbing at the other, to any time."""
+    """Random bars, held at one end and absorbing at the other, keep their target at all times."""
     print(f"seed {SEED}")
     rng = np.random.default_rng(SEED)
     for _ in range(4):
@@ -115,8 +115,8 @@ def test_diffusion_keeps_its_target_beside_a_wall():
 
 @pytest.mark.parametrize("sign", [1, -1], ids=["one sign", "both signs"])
 def test_what_diffusion_sends_back_of_data_that_are_spread_out(sign):
-    """The prediction against a bar with one absorbing end. Data of both signs fall as a dipole: when they were taken
-    for their nearest node, up to six targets came back.
+    """The prediction against a bar with one absorbing end. Data of both signs decay as a dipole; concentrated at their
+    nearest node, they were predicted so badly that up to six targets came back.
     """
     model, end = fh.Diffusion(fh.Kernel(2.0, 1), 1.0), 3000.0
     x = np.arange(401.0)
@@ -139,8 +139,8 @@ def test_what_diffusion_sends_back_of_data_that_are_spread_out(sign):
 
 @pytest.mark.parametrize("wall", [None, fh.Fixed(0.0), fh.Free()], ids=["open", "held", "insulated"])
 def test_what_diffusion_sends_back_of_a_source_that_goes_on(wall):
-    """The prediction against a bar with one absorbing end, relative to the largest value at the same time: that at the
-    source.
+    """The prediction against a bar with one absorbing end, relative to the largest value at the same time, the one at
+    the source.
     """
     model, end, nodes, place = fh.Diffusion(fh.Kernel(1.0), 1.0), 2000.0, 30 if wall else 401, -16
     u = np.zeros(nodes)
@@ -169,7 +169,7 @@ def test_what_diffusion_sends_back_of_a_source_that_goes_on(wall):
 
 
 def test_what_diffusion_sends_back_of_what_holds_its_value():
-    """The prediction against a bar whose node is held at 1."""
+    """The prediction against a bar with a node held at 1."""
     model, end, nodes = fh.Diffusion(fh.Kernel(1.0), 1.0), 1000.0, 401
     lattice, layer = fh.Lattice(1.0, (0.0,), (nodes - 1.0,)), diffusive(4, 1.0, end, 15.0)
     held, start = [fh.Temperature(fh.Box(384.5, 385.5), 1.0)], np.zeros(nodes)
@@ -190,20 +190,20 @@ def test_what_diffusion_sends_back_of_what_holds_its_value():
 
 
 def test_planes_of_a_product_are_those_along_the_normal():
-    """Whatever the data are across it, and whatever their signs."""
+    """The planes depend neither on the profile across the normal nor on its sign."""
     random = np.random.default_rng(3)
     along, across = random.standard_normal(30), 1 + random.random((5, 7))
     sums, largest = Planes.of(np.multiply.outer(along, across), 0.5)
     np.testing.assert_allclose(sums.shares, largest.shares, rtol=1e-12)
     np.testing.assert_allclose(sums.shares, along / np.abs(along).sum(), rtol=1e-12)
     np.testing.assert_allclose(sums.distances, 0.5 * np.arange(30)[::-1], rtol=1e-12, atol=1e-12)
-    # of both signs along the side nothing is left in the sums
+    # with both signs along the side the sums vanish
     [alone] = Planes.of(np.multiply.outer(along, [1.0, -1.0]), 0.5)
     np.testing.assert_allclose(np.abs(alone.shares), np.abs(sums.shares), rtol=1e-12)
 
 
 def test_many_planes_of_data_are_put_together():
-    """A long bar: 128 groups leave what comes back as it is."""
+    """For a long bar, 128 groups of planes give the same reflection as all planes."""
     x = np.arange(1024.0)
     u = np.exp(-(((x - 700) / 60) ** 2))
     [few] = Planes.of(u, 1.0)
@@ -225,7 +225,7 @@ def test_scales_do_not_change_a_layer_for_diffusion():
 
 
 def random_data(random: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
-    """A disc, two bells or a bell of both signs, anywhere."""
+    """A disc, two bells or a bell of both signs, at a random place."""
     half = (np.array(shape) - 1) / 2
     grid, width = np.ix_(*(np.arange(n) - h for n, h in zip(shape, half, strict=True))), random.uniform(1.5, 3.0)
     places = random.uniform(-1, 1, (2, len(shape))) * np.maximum(half - 1.2 * width - 1, 0)

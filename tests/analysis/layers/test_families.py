@@ -25,7 +25,7 @@ def test_scales_do_not_change_a_layer():
 
 
 def test_late_layers_absorb_every_wave_of_a_run_as_their_bound_says():
-    """On Re s = 1/T an edge reflects |C - a|/(C + a) of a wave with C = 1/(T Re lambda): the product over the edges
+    """On Re s = 1/T an edge reflects |C - a|/(C + a) of a wave with C = 1/(T Re lambda); the product over the edges
     stays below 1e-4.
     """
     until, distance, wanted = 3000.0, 15.0, 1e-4
@@ -37,7 +37,7 @@ def test_late_layers_absorb_every_wave_of_a_run_as_their_bound_says():
         passed = np.abs((1 - stretched) / (1 + stretched)) ** 2
         passed[-1] **= 0.5
         felt = np.prod(passed, axis=0) * np.exp(-distance * decay.real)
-        # the bound holds without the 1 of the stretch, which costs less than a factor of ten
+        # the bound ignores the 1 of the stretch, which costs less than a factor of ten
         assert felt.max() < 10 * wanted
 
 
@@ -50,8 +50,8 @@ def test_weak_backward_waves_are_damped_gently():
 
 
 def _of_noise_in_corners(kernel, nodes, strength, rise, share, end):
-    """Size of the state in the last third of a run from white noise over that in the third before, the means over some
-    moments, between which energy goes to and fro: three layers meet, the other sides are held.
+    """Size of the state in the last third of a run from white noise over that in the third before, where three layers
+    meet and the other sides are fixed. Sizes are means over several times, because energy goes to and fro.
     """
     model = fh.Wave(kernel)
     reach = model.stencil(1.0, 3).reach[0]
@@ -69,19 +69,19 @@ def _of_noise_in_corners(kernel, nodes, strength, rise, share, end):
 
 
 def test_thick_layers_rise_steadily_where_they_meet_in_space():
-    """Waves of the largest frequency stand still; in corners thin profiles of many nodes feed them. A ramp that begins
-    more slowly leaves them no room.
+    """Waves of the largest frequency stand still, and the corners of thin profiles with many nodes feed them. A ramp
+    that begins more slowly prevents this.
     """
     kernel = fh.Kernel(3.0)
     stencil = fh.Wave(kernel).stencil(1.0, 3)
     rises = [steady_rise(stencil, nodes) for nodes in (2, 6, 7, 10, 11, 16, 17, 24, 25)]
     assert rises == [0.75, 0.75, 1.5, 1.5, 2.0, 2.0, 3.0, 3.0, None]
-    assert steady_rise(fh.Wave(fh.Kernel(3.0)).stencil(1.0, 2), 40) == 0.75  # nothing runs backward there
+    assert steady_rise(fh.Wave(fh.Kernel(3.0)).stencil(1.0, 2), 40) == 0.75  # no backward waves
     assert _of_noise_in_corners(kernel, 16, 2.0, 0.75, 0.5, 210.0) > 3.0
     assert _of_noise_in_corners(kernel, 10, 2.0, 1.5, 0.5, 1350.0) < 1.0
 
 
-#: In space all of reach 2 to 4, of three influences and two volumes, that have weak backward waves.
+#: Kernels in space of reach 2 to 4, three influences and two volumes, with weak backward waves.
 WEAKLY_BACKWARD = (
     *(fh.Kernel(reach) for reach in (2.0, 3.0, 4.0)),
     *(fh.Kernel(2.0, 1, "linear", volume=volume) for volume in ("ramp", "full")),
@@ -93,8 +93,8 @@ WEAKLY_BACKWARD = (
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(12))
 def test_layers_of_random_thickness_do_not_grow_where_they_meet_in_space(number):
-    """Two waves that beat may rise for a third of the run while both decay: then a run four times as long decides, in
-    which what grows has grown more.
+    """Two waves that beat may rise for a third of the run although both decay. A run four times as long then decides,
+    in which a growing wave has grown further.
     """
     random = np.random.default_rng([SEED, number])
     kernel, share = WEAKLY_BACKWARD[int(random.integers(len(WEAKLY_BACKWARD)))], float(random.uniform(0.3, 0.95))
@@ -127,8 +127,8 @@ BACKWARD = {
 )
 @pytest.mark.parametrize("share", [0.5, 0.95])
 def test_short_damping_lets_no_noise_grow(name, share):
-    """White noise in the whole state, near both ends of the range of steps: over the last third of a long run it
-    decays.
+    """White noise in the whole state, near both ends of the range of steps, decays over the last third of a long
+    run.
     """
     model, dim = BACKWARD[name]
     stencil = model.stencil(1.0, dim)

@@ -15,7 +15,7 @@ SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2*
 @pytest.mark.parametrize("case", range(6))
 @pytest.mark.parametrize("dim", [1, 2])
 def test_the_first_steps_are_those_of_a_run(dim, case):
-    """A layer at one side and a near field beyond which the run computes on at the other; across it is periodic."""
+    """A layer at one side of a near field that continues beyond the other side, and periodic sides across."""
     print(f"seed {SEED}")
     random = np.random.default_rng([SEED, dim, case])
     reach = float(random.integers(2, 6))
@@ -44,7 +44,7 @@ def test_the_first_steps_are_those_of_a_run(dim, case):
 
 @pytest.mark.parametrize("reach", [1.0, 3.0])
 def test_the_first_steps_of_a_source_are_those_of_a_run(reach):
-    """A source at a node, which goes on from the first step, relative to the largest value after each step."""
+    """A source at one node that acts from the first step on, relative to the largest value after each step."""
     model, steps, nodes, layers = fh.Diffusion(fh.Kernel(reach), 1.0), 60, 30, 4
     lattice, u = fh.Lattice(1.0, 0.0, nodes - 1.0), np.zeros(nodes)
     u[22] = 1.0
@@ -65,7 +65,9 @@ def test_the_first_steps_of_a_source_are_those_of_a_run(reach):
 
 
 def test_waves_that_stand_for_a_line_are_all_of_it_where_they_are_in_phase():
-    """Of a bell as much as it is; of one node as much of each wave; of a wide one the longest ones."""
+    """For a bell or a single node the shares of the waves add up to the largest value; a wide bell consists of the
+    longest waves.
+    """
     for line, sure in ((np.exp(-((np.arange(40.0) - 20) ** 2)), 1.0), (np.eye(30)[7], 1.0)):
         angles, shares = np.transpose(waves_of(line))
         assert shares.sum() == pytest.approx(sure, rel=0.02)
@@ -75,7 +77,7 @@ def test_waves_that_stand_for_a_line_are_all_of_it_where_they_are_in_phase():
 
 
 def test_in_space_the_first_steps_are_those_of_a_product():
-    """A box in front of a side, which has nothing else about it: no less than comes back, and not much more."""
+    """A box of data in front of a single side: the prediction is no less than what returns, and not much more."""
     shape, place = (18, 17, 17), (11, 8, 8)
     lattice = fh.Lattice(1.0, (0.0,) * 3, [n - 1.0 for n in shape])
     u = np.zeros(shape)

@@ -1,4 +1,4 @@
-"""What a mode that dies out in the medium gains inside a layer."""
+"""The growth, inside a layer, of modes that are evanescent in the medium."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ def edges(nodes, sigma):
 
 
 def test_one_neighbour_has_no_mode_that_could_gain():
-    """Its only mode is the wave that travels."""
+    """The only mode is the travelling wave."""
     assert largest_gain(fh.Stencil.finite_difference(1), *edges(10, 1.0)) == 0
 
 
@@ -26,12 +26,12 @@ def test_nothing_gains_without_a_stretch_nor_by_kappa():
 
 
 def test_uniform_layer_multiplies_by_the_continued_root():
-    """A uniform layer of n edges: n times the logarithm of the largest root after the stretch, root by root along the
-    definition.
+    """A layer with n uniform edges gains n times the logarithm of the largest root after the stretch, computed root by
+    root from the definition.
     """
     stencil, sigma, nodes = kernel_stencil(1, 6, 1), 0.4, 10
     top, largest = np.sqrt(stencil.symbol_maximum), 0.0
-    for frequency in np.linspace(0.03, 0.6, 20) * top:  # the frequencies that the function looks at
+    for frequency in np.linspace(0.03, 0.6, 20) * top:  # the frequencies that the function examines
         chain = chain_weights(stencil, [])
         chain[6] += frequency**2
         for root in np.roots(chain):
@@ -44,14 +44,14 @@ def test_uniform_layer_multiplies_by_the_continued_root():
 
 
 def test_a_shorter_entrance_lets_modes_gain_less():
-    """At the same sum of sigma: the gain falls with the power of the ramp."""
+    """With the same sum of sigma the gain falls with the power of the ramp."""
     stencil, depth = kernel_stencil(1, 12, 1), (np.arange(49) + 0.5) / 49
     gains = [largest_gain(stencil, np.ones(49), 5 * depth**p / (depth**p).sum(), np.full(49, 1e-3)) for p in (3, 6, 12)]
     assert gains[0] > 1.5 * gains[1] > 2 * gains[2] > 0
 
 
 def test_vectors_gain_component_by_component():
-    """A stencil of two scalar fields side by side, the second half as stiff: the larger of their gains."""
+    """A stencil of two uncoupled scalar fields, the second half as stiff, gains at least as much as either of them."""
     one = kernel_stencil(2, 5, 0)
     layer = (np.ones(21), np.linspace(0.0, 1.4, 21) ** 4, np.full(21, 1e-3))
     both = fh.Stencil(one.offsets, one.weights[:, None, None] * np.diag([1.0, 0.5]))

@@ -1,4 +1,4 @@
-"""What a layer sends back by its own equations, against the engine's complete map."""
+"""The reflection of a layer from its own equations, against the engine's complete map."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ VECTORS = [
     (2, fh.Elastic(fh.Kernel(3.0, 1), young=1.0)),
     (2, fh.Elastic(fh.Kernel(2.0, 1), young=1.0, poisson=0.3, material="state-based")),
     (2, fh.Elastic(young=1.0, poisson=0.3, material="finite-element")),
-    # waves themselves damped
+    # the waves themselves are damped
     (2, fh.Elastic(fh.Kernel(1.5, 0, "gaussian", volume="full"), young=1.0, poisson=0.25, material="correspondence")),
     (3, fh.Elastic(fh.Kernel(1.0, 1), young=1.0)),
 ]
@@ -23,7 +23,7 @@ VECTORS = [
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("dim, model", [(dim, fh.Wave(operator, damping=0.01)) for dim, operator in SCALAR] + VECTORS)
 def test_the_layers_equations_are_what_the_engine_steps(dim, model):
-    """Every type of wave into every type, damped short waves included."""
+    """Reflections between all types of waves, with damped short waves included."""
     reach = max(model.stencil(1.0, dim).reach)
     lattice = fh.Lattice(1.0, (0.0,) * dim, (2.0 * reach + 2,) * dim)
     sim = fh.Simulation(lattice, model, boundary=fh.LatticePML(nodes=9))
@@ -51,7 +51,7 @@ def test_what_comes_back_of_a_diffusion_wave(dim, reach):
     """A source of one frequency in front of a layer: the engine's operator with the layer against the infinite lattice
     by FFT.
     """
-    # nodes from the source and from the probe to the side, and of a ring so long that nothing comes round
+    # nodes from the source and from the probe to the side, and of a ring so long that nothing travels around it
     place, inside, count = 30, 12, 4096
     lattice = fh.Lattice(1.0, (0.0,) * dim, (79.0,) * dim)
     sim = fh.Simulation(
@@ -79,15 +79,15 @@ def test_what_comes_back_of_a_diffusion_wave(dim, reach):
         )
         expected = endless[distance]
         found = side.reflections(wavelength, angle)[""]
-        # where what is short-lived at the face has died out
+        # where modes that are short-lived at the face have died out
         back, away = (field - expected)[-1 - inside], wave.modes.incoming**inside
         assert found * away == pytest.approx(back / expected[-1], rel=1e-4)
         assert 1e-9 < abs(found) < 1
 
 
 def test_a_frequency_is_a_wavelength():
-    """omega = 2 D k^2, and 45 degrees: b^2 = omega cos / 2 D, a = b / cos, so that (a + i b)^2 = q^2 + i omega / D;
-    long waves on the lattice.
+    """Long waves on the lattice: omega = 2 D k^2, and at 45 degrees b^2 = omega cos / 2 D and a = b / cos, so that (a
+    + i b)^2 = q^2 + i omega / D.
     """
     medium = LatticeMedium(fh.Stencil.finite_difference(2), 3.0, 0.5, Recursion(0.0, 1e-3, 1.0), 1e-3)
     wave = medium.diffusion_wave(2000.0, 45.0)
@@ -99,8 +99,8 @@ def test_a_frequency_is_a_wavelength():
 
 
 def test_prediction_and_run_of_a_diffusive_layer():
-    """Error against the infinite lattice, relative to the current maximum, over the prediction for the period of the
-    run: of its order, not above.
+    """The error against the infinite lattice, relative to the current maximum, is of the order of the prediction for
+    the period of the run, and not above it.
     """
     half = 20.0
     for nodes in (8, 12):

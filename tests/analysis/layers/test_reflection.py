@@ -1,4 +1,4 @@
-"""Reflection of plane waves: the exact half-infinite problem against closed forms, energy, and time runs."""
+"""Reflection of plane waves: the exact half-infinite problem against closed forms, energy, and time-domain runs."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from farhorizon.studies.compare import compare
 
 
 def strip(model, boundary, dim=2, width=None):
-    """A near field of unit spacing whose high side is the boundary."""
+    """A near field of unit spacing whose upper side is the given boundary."""
     reach = max(model.stencil(1.0, dim).reach)
     lattice = fh.Lattice(1.0, (0.0,) * dim, (2.0 * reach + 4,) * dim)
     sim = fh.Simulation(lattice, model, boundary={"all": fh.Fixed(), "x+": boundary})
@@ -21,13 +21,13 @@ def strip(model, boundary, dim=2, width=None):
 
 
 def closed_form(found, layer, wavelength, angle):
-    """5-point stencil: each edge but the last takes ((1 - x)/(1 + x))^2, the last ends the layer and takes one factor,
-    x = g tanh(i k/2).
+    """Reflection for the 5-point stencil, with x = g tanh(i k/2): each edge but the last contributes ((1 - x)/(1 +
+    x))^2, and the last one, where the layer ends, a single factor.
     """
     number, dt = 2 * np.pi / wavelength, found.dt
     normal, along = number * np.cos(np.radians(angle)), number * np.sin(np.radians(angle))
     omega = np.arccos(1 - dt**2 * float(found.sim.stencil.symbol(normal, along)) / 2) / dt
-    s = -2j / dt * np.tan(omega * dt / 2)  # the trapezoidal rule's
+    s = -2j / dt * np.tan(omega * dt / 2)  # of the trapezoidal rule
     x = -(layer.kappa + layer.sigma / (s + layer.alpha)) * 1j * np.tan(normal / 2)
     share = (1 - x) / (1 + x)
     return abs(np.prod(share[:-1]) ** 2 * share[-1])
@@ -50,19 +50,21 @@ def test_one_neighbour_in_closed_form(profile, angle):
 @pytest.mark.parametrize("side", [fh.Fixed(), fh.Free()])
 @pytest.mark.parametrize("reach, exponent", [(1, 2), (3, 2), (4, 3)])
 def test_all_of_a_wave_comes_back_where_none_is_lost(side, reach, exponent):
-    """Energy: a fixed and a free end send back all, whatever evanescent modes they need."""
+    """By conservation of energy, fixed and free ends reflect everything, whatever evanescent modes they need."""
     found = strip(fh.Wave(fh.Kernel(float(reach), exponent)), side)
     for wavelength, angle in ((6, 0), (6, 40), (12, 75), (50, 20)):
         assert abs(found.reflection(wavelength, angle)) == pytest.approx(1.0, rel=1e-9)
 
 
 def test_a_thick_layer_sends_nothing_back():
-    """In 1D 40 nodes leave less than the run's rounding, with all evanescent modes of reach 3."""
+    """In 1D with reach 3, 40 nodes reflect less than the rounding of a run, all evanescent modes included."""
     assert abs(strip(fh.Wave(fh.Kernel(3.0)), fh.LatticePML(nodes=40), dim=1).reflection(8.0, 0.0)) < 1e-12
 
 
 def test_modes_solve_the_equation_and_are_sorted_by_where_they_go():
-    """2 K modes: half come to the side, half leave it; with growth in time those that come fall off towards it."""
+    """Of the 2 K modes half travel or decay towards the side and half away from it. With growth in time the incoming
+    ones decay towards the side.
+    """
     stencil = fh.Stencil.from_kernel(fh.Kernel(3.0, 0), 1.0, 2)
     recursion = Recursion.of(Verlet(), 0.3 * Verlet.step_limit(stencil.symbol_maximum))
     for along in (0.0, 0.4):
@@ -79,7 +81,7 @@ def test_modes_solve_the_equation_and_are_sorted_by_where_they_go():
 
 
 def test_a_backward_wave_comes_with_its_phase_running_away():
-    """Exponent 0: at a wavelength of 3.5 spacings group and phase velocity are opposite; the wave that comes is the
+    """With exponent 0, group and phase velocity are opposite at a wavelength of 3.5 spacings; the incoming wave is the
     mirror image.
     """
     stencil = fh.Stencil.from_kernel(fh.Kernel(3.0, 0), 1.0, 1)
@@ -93,8 +95,8 @@ def test_a_backward_wave_comes_with_its_phase_running_away():
 
 @pytest.mark.parametrize("detuned", [0.8, 0.95, 1.05, 1.25])
 def test_a_wave_is_told_from_one_at_right_angles_to_it(detuned):
-    """The S waves of a plane of symmetry have almost one wavenumber; each is found by its polarisation, from a guess
-    that may be nearer to the other.
+    """In a plane of symmetry the S waves have almost the same wavenumber. Each is identified by its polarisation, from
+    a guess that may be nearer to the other.
     """
     stencil = fh.Elastic(None, young=1.0, poisson=0.3, material="finite-element").stencil(1.0, 3)
     recursion = Recursion.of(Verlet(), 0.3 * Verlet.step_limit(stencil.symbol_maximum))
@@ -120,8 +122,8 @@ def wave(stencil, branch, eigenvalue, along):
 
 
 def measured(model, boundary, rows, angle, width=40.0, incoming=""):
-    """Reflected amplitudes by type in a time run, wavelength and direction: a packet under an angle, less the exact
-    incident one, at the carrier.
+    """Reflected amplitudes by type in a time-domain run, at the carrier wave of an oblique packet from which the exact
+    incident one is subtracted; also the wavelength and the direction.
 
     The tangential wavenumber is that of a period of `rows` nodes, 0 for normal incidence.
     """
@@ -163,7 +165,7 @@ def measured(model, boundary, rows, angle, width=40.0, incoming=""):
         for name, b in types.items()
         if stencil.branches(0.0, along)[b] < frequency
     }
-    # of the slowest, to leading order in dt
+    # velocity of the slowest reflected wave, to leading order in dt
     speed = model.coefficient * min(flux for *_, flux in back.values()) / (2 * omega[carrier])
     probe, steps = -2 * reach - 8, int((7 * width / abs(speed) + 7.5 * width / speed) / dt)
     seen = np.empty((steps, len(types)), complex)
@@ -183,7 +185,7 @@ def measured(model, boundary, rows, angle, width=40.0, incoming=""):
 
 
 def decibels(found, predicted):
-    """By how much a measured amplitude differs from a predicted one; shown by ``pytest -rP``."""
+    """Difference in decibels between a measured amplitude and a predicted one; shown by ``pytest -rP``."""
     difference = 20 * np.log10(found / predicted)
     print(f"predicted {predicted:.2e}, measured {difference:+.2f} dB off")
     return difference
@@ -207,7 +209,7 @@ MORE = [
     "operator, nodes, rows, angle", [*RUNS, *(pytest.param(*m, marks=pytest.mark.slow) for m in MORE)]
 )
 def test_time_run(operator, nodes, rows, angle):
-    """Predicted and measured within 1 dB, down to 1e-7 and below, up to 75 degrees."""
+    """Prediction and measurement agree within 1 dB, down to 1e-7 and below and up to 75 degrees."""
     model = fh.Wave(operator)
     boundary = fh.LatticePML(nodes=nodes)
     found, wavelength, direction = measured(model, boundary, rows, angle, 60.0 if angle > 70 else 40.0)
@@ -227,7 +229,7 @@ MORE_SOLIDS = [(BONDS, "S", 6, 12, 60), (PLASTIC, "P", 8, 14, 60), (BONDS, "P", 
     "model, incoming, nodes, rows, angle", [*SOLIDS, *(pytest.param(*m, marks=pytest.mark.slow) for m in MORE_SOLIDS)]
 )
 def test_time_run_of_vectors(model, incoming, nodes, rows, angle):
-    """P and S waves that a layer sends back for one of them, each within 1 dB."""
+    """The P and S waves that a layer reflects for either incident type agree with the prediction within 1 dB."""
     boundary = fh.LatticePML(nodes=nodes)
     found, wavelength, direction = measured(model, boundary, rows, angle, 60.0 if angle > 70 else 40.0, incoming)
     predicted = strip(model, boundary).reflections(wavelength, direction, incoming=incoming)
@@ -238,8 +240,8 @@ def test_time_run_of_vectors(model, incoming, nodes, rows, angle):
 
 @pytest.mark.parametrize("model", [BONDS, ELEMENTS, PLASTIC])
 def test_energy_and_reciprocity_of_a_fixed_side(model):
-    """The fluxes of the P and the S wave that come back add up to that of the one that came; P to S and S to P carry
-    the same share.
+    """The fluxes of the reflected P and S waves add up to that of the incident one, and conversion from P to S and
+    from S to P carries the same share.
     """
     found, stencil = strip(model, fh.Fixed()), model.stencil(1.0, 2)
     branches = {"P": 1, "S": 0}
@@ -258,9 +260,9 @@ def test_energy_and_reciprocity_of_a_fixed_side(model):
 
 
 def test_long_waves_at_a_fixed_side_follow_the_continuum():
-    """The rigid boundary of classical elasticity, displacements zero, is met to second order in the wavenumber."""
+    """The fixed side converges to the rigid boundary of classical elasticity with second order in the wavenumber."""
     found, angle = strip(ELEMENTS, fh.Fixed()), np.radians(35.0)
-    ratio = np.sqrt((1 - 2 * 0.3) / (2 - 2 * 0.3))  # of the speeds at Poisson's ratio 0.3
+    ratio = np.sqrt((1 - 2 * 0.3) / (2 - 2 * 0.3))  # ratio of the speeds at Poisson's ratio 0.3
     slow = np.arcsin(ratio * np.sin(angle))
     p, s = np.linalg.solve(
         [[-np.cos(angle), np.sin(slow)], [np.sin(angle), np.cos(slow)]], [-np.cos(angle), -np.sin(angle)]
@@ -273,8 +275,8 @@ def test_long_waves_at_a_fixed_side_follow_the_continuum():
 
 
 def test_types_in_space():
-    """In a plane of symmetry SH waves stay what they are; along the normal nothing is converted, and both S waves are
-    alike.
+    """In a plane of symmetry SH waves are not converted. At normal incidence nothing is converted, and both S waves
+    are reflected alike.
     """
     found = strip(fh.Elastic(fh.Kernel(1.0, 1), 1.0), fh.LatticePML(nodes=6), 3)
     assert found.types == ("P", "SV", "SH")
@@ -286,17 +288,16 @@ def test_types_in_space():
     straight = {name: found.reflections(12.0, 0.0, incoming=name) for name in found.types}
     assert max(abs(a) for name in straight for other, a in straight[name].items() if other != name) < 1e-12
     assert abs(straight["SV"]["SV"]) == pytest.approx(abs(straight["SH"]["SH"]), rel=1e-6)
-    turned = found.reflections(12.0, 20.0, 90.0, "SH")  # the other tangential axis is like the first
+    turned = found.reflections(12.0, 20.0, 90.0, "SH")  # the two tangential axes are equivalent
     assert abs(turned["SH"]) == pytest.approx(abs(slanted["SH"]["SH"]), rel=1e-6)
 
 
 @pytest.mark.parametrize("nodes", [8, 12])
 def test_what_comes_back_from_a_corner(nodes):
-    """A packet that runs into the corner between two layers under 45 degrees: less comes back than a side alone would
-    send.
+    """A packet that runs at 45 degrees into the corner between two layers is reflected less than by a side alone.
 
-    A corner has no closed form; a run against the infinite lattice has the amplitude. To turn back a wave must be sent
-    back by both sides.
+    A corner has no closed form, so the amplitude comes from a run against the infinite lattice. To turn back, a wave
+    must be reflected by both sides.
     """
     model, width, wavelength = fh.Wave(fh.Kernel(3.0)), 9.0, 10.0
     half = 60
@@ -307,7 +308,7 @@ def test_what_comes_back_from_a_corner(nodes):
     packet = np.exp(-(x**2 + y**2) / (2 * width**2) + 1j * number * (x + y))
     angles = np.ix_(*(2 * np.pi * np.fft.fftfreq(n) for n in lattice.shape))
     omega = np.arccos(1 - sim.dt**2 * sim.stencil.symbol(*angles) / 2) / sim.dt
-    # of waves that move towards the corner
+    # of waves that travel towards the corner
     velocity = np.fft.ifft2(-1j * np.sin(omega * sim.dt) / sim.dt * np.fft.fft2(packet))
     setup = {
         "lattice": lattice,

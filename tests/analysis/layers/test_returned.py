@@ -1,4 +1,4 @@
-"""What a side's layer sends back, predicted: against the infinite lattice, the exact reflection and runs."""
+"""The predicted reflection from the layer at a side, against the infinite lattice, exact reflections and runs."""
 
 from dataclasses import replace
 
@@ -39,8 +39,9 @@ def rising(nodes, strength=4.0):
 
 
 def elastic_arrivals(way, reached, wanted=1e-6, limit=np.inf):
-    """All modes of a short pulse of P and S waves in the plane, followed for a way of long P waves, in a room that
-    these, or waves up to a limit of their speed, do not cross in that time; and the medium.
+    """All modes of a short pulse of P and S waves in the plane, and the medium. They are followed for as long as long
+    P waves need for a distance `way`, in a periodic domain that these waves, or those slower than a limit, do not
+    cross in that time.
     """
     model = fh.Elastic(fh.Kernel(2.0, 1, "constant"), young=1.0)
     stencil = model.stencil(1.0, 2)
@@ -55,9 +56,9 @@ def elastic_arrivals(way, reached, wanted=1e-6, limit=np.inf):
 
 @pytest.mark.parametrize("nodes", [6, pytest.param(10, marks=pytest.mark.slow)])
 def test_as_many_waves_are_followed_as_a_verdict_takes(nodes, monkeypatch):
-    """Of solids, with ever so few at first, which ring: the verdict is right for limits that are off by a third, and
-    no more than are sure to tell it are enough for one that is off by ten. Where there is no limit the value is known
-    to a tenth.
+    """Even when very few waves of a solid are followed at first, the verdict is right for limits that are off by a
+    third, and the number of waves that is sure to suffice decides a limit that is off by ten. Without a limit the
+    value is accurate to a tenth.
     """
     arrived, front = elastic_arrivals(80, 80)
     layer, exact = fh.LatticePML(nodes=nodes).make_layer(2, front.stencil, front.coefficient, 1.0, 0.0), []
@@ -79,8 +80,8 @@ def test_as_many_waves_are_followed_as_a_verdict_takes(nodes, monkeypatch):
 
 @pytest.mark.slow
 def test_slow_waves_are_followed_for_longer_in_the_same_room(monkeypatch):
-    """What comes back late is the same to a third, whether all waves are followed in a room that none crosses, or the
-    slow ones in half of it, to which the others hardly add.
+    """The late reflection agrees within 30 %, whether all waves are followed in a domain that none crosses, or only
+    the slow ones in half of it, to which the others add little.
     """
     monkeypatch.setattr(returned_waves, "_FIRST_EACH", 10**6)
     (whole, front), (slow, _) = elastic_arrivals(240, 240), elastic_arrivals(240, 120, limit=0.5)
@@ -94,7 +95,9 @@ def test_slow_waves_are_followed_for_longer_in_the_same_room(monkeypatch):
 
 
 def test_what_comes_later_is_told_from_the_second_half():
-    """As many times as much as comes back in it, if that is more than what comes back at all; what arrives stays."""
+    """The reflection at later times is `later` times that in the second half, if that exceeds the reflection within
+    the run; the arriving waves are unchanged.
+    """
     arrived, front = elastic_arrivals(80, 80)
     layer = fh.LatticePML(nodes=4).make_layer(2, front.stencil, front.coefficient, 1.0, 0.0)
     halves = np.arange(len(arrived.growth)) >= len(arrived.growth) // 2
@@ -108,14 +111,14 @@ def test_what_comes_later_is_told_from_the_second_half():
 
 @pytest.mark.parametrize("case", range(4))
 def test_waves_that_hardly_move_stand_for_themselves(case, monkeypatch):
-    """Of wide kernels of exponent 0 some waves hardly move and come back as they come. As long as faster ones of nearly
-    their frequency stood for them, 0.02 to 0.4 of what comes back was predicted.
+    """Wide kernels of exponent 0 have waves that hardly move and are reflected as they come. When faster waves of
+    nearly the same frequency represented them, the prediction was only 0.02 to 0.4 of the reflection.
     """
     random = np.random.default_rng([SEED, case])
     front = medium(fh.Wave(fh.Kernel(float(random.integers(4, 7)), 0, "linear")), 1)
     u = np.exp(-(((np.arange(61) - random.uniform(25, 35)) / random.uniform(4.0, 5.0)) ** 2))
     layer = fh.LatticePML(nodes=44).make_layer(2, front.stencil, 1.0, 1.0, 0.0)
-    monkeypatch.setattr(returned_waves, "_EACH", 0)  # as where they are too many to follow each by itself
+    monkeypatch.setattr(returned_waves, "_EACH", 0)  # as if the waves were too many to follow each of them
 
     def returned():
         return arrivals(front, int(1500 / front.dt), [Datum(u, "u")], [], [], 1e-6, 1.0).returned(layer)
@@ -127,8 +130,8 @@ def test_waves_that_hardly_move_stand_for_themselves(case, monkeypatch):
 
 @pytest.mark.parametrize("case", range(8))
 def test_waves_that_run_backward_come_back_as_predicted(case):
-    """Random lines whose data hold such waves: from as much as predicted to twice as much, where the echoes of both
-    ends meet. As long as a sample stood for all waves, down to a hundredth was predicted.
+    """Random data on a line that contain backward waves: the error is between half and 2.5 times the prediction,
+    because echoes of both ends meet. When a sample represented all waves, as little as a hundredth was predicted.
     """
     random = np.random.default_rng([SEED, 3, case])
     model = fh.Wave(fh.Kernel(float(random.integers(3, 7)), int(random.integers(0, 2)), "constant"))
@@ -148,13 +151,15 @@ def test_waves_that_run_backward_come_back_as_predicted(case):
     for step in range(1, steps + 1):
         sim.step()
         error = max(error, float(np.abs(sim.fields["u"] - infinite.after(step)).max()))
-    assert predicted > 1e-6  # of which nothing is left out
+    assert predicted > 1e-6  # above the level down to which nothing is left out
     assert 0.5 < error / predicted < 2.5
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_prediction_is_the_error_of_a_run(seed):
-    """Random pulses, kernels, steps and lengths: the largest error of a run over the prediction is a small factor."""
+    """For random pulses, kernels, steps and lengths the largest error of a run is within a small factor of the
+    prediction.
+    """
     random = np.random.default_rng(seed)
     exponent, influence, reach = [(2, "constant", 1), (2, "constant", 3), (1, "linear", 2), (2, "gaussian", 4)][
         seed % 4
@@ -187,8 +192,8 @@ def test_prediction_is_the_error_of_a_run(seed):
 
 
 def test_backward_waves_do_not_grow_in_what_is_predicted():
-    """Forces on two rows that run towards the side hold them, as those on the faces of a crack do; the closed form lets
-    them grow by a hundred and more, the layer damps them.
+    """Forces on two rows that run towards the side, as on the faces of a crack, contain backward waves. The closed
+    form lets these grow by more than a hundred, whereas the layer damps them.
     """
     model = fh.Elastic(fh.Kernel(2.0, exponent=1), young=1.0)
     front = medium(model, 2)
@@ -198,12 +203,12 @@ def test_backward_waves_do_not_grow_in_what_is_predicted():
     arrived = arrivals(front, int(800.0 / front.dt), [datum], [120], [range(40)], 1e-3, 1.0, Sample(front, 1))
     layer = fh.LatticePML(nodes=24).make_layer(2, front.stencil, front.coefficient, 1.0, 0.0)
     assert np.abs(reflected(arrived.root, arrived.frequency, layer)).max() > 100
-    assert arrived.returned(layer) <= arrived.largest  # no more comes back than came
+    assert arrived.returned(layer) <= arrived.largest  # no more is reflected than arrives
 
 
 @pytest.mark.parametrize(("reach", "width"), [(6, 5.0), (5, 4.0), (3, 2.5)])
 def test_what_dies_out_beside_a_layer_counts(reach, width):
-    """Thin layers turn waves of a wide stencil into what stays beside them; targets hold there, too."""
+    """Thin layers convert waves of a wide stencil into modes that stay beside them; targets must hold there, too."""
     lattice = fh.Lattice(1.0, (-36.0,), (36.0,))
     model, u = fh.Wave(fh.Kernel(float(reach), 2)), np.exp(-(np.arange(-36.0, 37.0) ** 2) / width**2)
     limit = fh.Simulation(lattice, model, fh.Fixed()).step_limit

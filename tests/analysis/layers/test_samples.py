@@ -1,4 +1,4 @@
-"""Reflections that are known of waves: against the exact ones, each wave by itself."""
+"""Representative waves and their reflections, against the exact reflections of the individual waves."""
 
 import numpy as np
 import pytest
@@ -15,13 +15,13 @@ def test_reflection_is_the_exact_one_of_a_single_mode(angle):
     front = medium(fh.Wave(fh.Stencil.finite_difference(2), 1.0), 2)
     wave, layer = front.plane_wave(9.0, angle), rising(6)
     found = reflected(np.array([wave.modes.incoming]), np.array([wave.s]), layer)
-    # with one node of reach a wave returns as one mode, through the last edge once: the exact reflection has it twice
-    # less the end
+    # with a reach of one node a wave returns as one mode and passes the last edge once: the exact reflection passes
+    # each edge twice but the end
     assert abs(found[0]) == pytest.approx(np.abs(layer_amplitudes(wave, layer)[wave.modes.travels]).max(), rel=1e-9)
 
 
 def test_modes_of_one_frequency_and_wavenumber_are_found_once(monkeypatch):
-    """Both waves of a solid that come are picked from the same modes, and judged together as each by itself."""
+    """Both incoming waves of a solid are picked from the same modes, and judged together as individually."""
     front = medium(fh.Elastic(fh.Kernel(2.0), 1.0, 0.3, material="state-based"), 2)
     calls, every = [], LatticeMedium.waves
     swings, along = front.plane_wave(30.0, 10.0, number=1), np.array([2 * np.pi / 30 * np.sin(np.radians(10.0))])

@@ -1,5 +1,5 @@
-"""The damping of short waves that makes layers stable for every kernel: its filter, its strength, what it costs in
-accuracy, and long noise.
+"""The damping of short waves that makes layers stable for every kernel: its filter, its strength, its cost in
+accuracy, and long runs from noise.
 """
 
 import numpy as np
@@ -17,8 +17,8 @@ BACKWARD = [(1, 2, 0), (1, 3, 0), (2, 2, 0), (2, 3, 0), (2, 2, 1), (2, 3, 1)]  #
 
 
 def test_filter_lets_short_waves_through_and_nothing_else():
-    """0 to the order `rise` at long waves, 1 to the order `fall` at the shortest, never outside 0 to 1; its taps are
-    its Fourier series.
+    """The response is 0 to the order `rise` for long waves, 1 to the order `fall` for the shortest, and always from 0
+    to 1; the taps are its Fourier series.
     """
     found = HighPass(10, 8, 1.0, 1.0)
     angles = np.linspace(0, np.pi, 201)
@@ -34,7 +34,9 @@ def test_filter_lets_short_waves_through_and_nothing_else():
 
 @pytest.mark.parametrize("dim, reach, exponent", BACKWARD)
 def test_rate_stops_every_backward_wave(dim, reach, exponent):
-    """On a grid of its own: sum_a f(k_a) nu >= 2 gamma sigma wherever gamma, the larger of both axes, is positive."""
+    """On an independent grid, sum_a f(k_a) nu >= 2 gamma sigma wherever gamma, the larger one of all axes, is
+    positive.
+    """
     stencil = kernel_stencil(dim, reach, exponent)
     found = high_pass(stencil)
     grid = np.ix_(*[np.linspace(0.003, np.pi - 0.003, 101)] * dim)
@@ -83,8 +85,8 @@ def test_resolved_pulses_hardly_notice_on_finite_elements(nodes, limit):
 
 @pytest.mark.parametrize("reach", [3, 5, 8])
 def test_waves_that_stand_still_decay(reach):
-    """On a line exponent 1 with constant influence has no backward waves; its group velocity touches zero, and layers
-    grew by 0.005 to 0.04.
+    """In 1D, exponent 1 with constant influence has no backward waves, but its group velocity touches zero, and layers
+    without damping grew by 0.005 to 0.04.
     """
     stencil = kernel_stencil(1, reach, 1)
     angle = np.linspace(0.3, np.pi - 0.3, 4001)
@@ -119,7 +121,7 @@ WIDE = [
 
 @pytest.mark.parametrize("dim, reach, exponent, nodes", WIDE)
 def test_layers_of_wide_kernels_decay(dim, reach, exponent, nodes):
-    """The modes between two sides, where the ramp of reach 6 grew by 3e-4 to 3e-2 c/spacing."""
+    """The modes between two sides, for which the ramp for reach 6 grew by 3e-4 to 3e-2 c/spacing."""
     model = fh.Wave(kernel_stencil(dim, reach, exponent))
     sim = fh.Simulation(
         fh.Lattice(1.0, (0.0,) * dim, (2.0 * reach + 4,) * dim), model, fh.LatticePML(nodes=nodes), threads=1
@@ -134,8 +136,8 @@ def test_layers_of_wide_kernels_decay(dim, reach, exponent, nodes):
     "reach, exponent, influence", [(11, 1, "linear"), (12, 1, "linear"), (12, 2, "constant"), (8, 1, "gaussian")]
 )
 def test_wide_kernels_without_backward_waves_absorb_and_do_not_grow(reach, exponent, influence):
-    """The first three grew by 0.02 to 0.1 c/spacing with a longer entrance of half the strength, which sent back 1e-7
-    of the last one's waves.
+    """With a longer entrance of half the strength the first three grew by 0.02 to 0.1 c/spacing; it reflected 1e-7 of
+    the waves of the last one.
     """
     sim = fh.Simulation(
         fh.Lattice(1.0, (0.0,), (6.0 * reach,)),
@@ -148,7 +150,7 @@ def test_wide_kernels_without_backward_waves_absorb_and_do_not_grow(reach, expon
 
 
 def test_a_layer_that_would_absorb_next_to_nothing_is_not_made_gentle():
-    """Exponent 0 with a reach of 25: no ramp is short enough, and the certificate refuses the usual one."""
+    """For exponent 0 and a reach of 25 no ramp is short enough, and the certificate refuses the usual one."""
     sim = fh.Simulation(
         fh.Lattice(1.0, (0.0,), (60.0,)), fh.Wave(kernel_stencil(1, 25, 0)), fh.LatticePML(nodes=25), threads=1
     )
@@ -160,7 +162,7 @@ def test_a_layer_that_would_absorb_next_to_nothing_is_not_made_gentle():
     "operator", [fh.Kernel(3.0, 0), fh.Kernel(3.0, 1), fh.Kernel(2.0, 0), fh.Stencil.finite_element(2)], ids=repr
 )
 def test_certified_with_corners(operator):
-    """What grew without the damping: sides at all tangential wavenumbers, corners from noise."""
+    """Cases that grew without the damping: sides at all tangential wavenumbers, and corners from noise."""
     sim = fh.Simulation(fh.Lattice(1.0, (0.0, 0.0), (8.0, 8.0)), fh.Wave(operator), fh.LatticePML(nodes=12))
     found = certify(sim, budget=60.0)
     assert found.verdict == "certified", str(found)
@@ -170,8 +172,8 @@ def test_certified_with_corners(operator):
     "dim, reach, exponent", [pytest.param(*case, marks=pytest.mark.slow) for case in [*BACKWARD, (3, 2, 2), (3, 3, 2)]]
 )
 def test_white_noise_of_the_whole_state_decays(dim, reach, exponent):
-    """1e5 steps in 1D and 2D, 5000 in 3D, from noise in all nodes and all memory, which first rises: most of what
-    memory holds is no field's past.
+    """Noise in all nodes and all memory over 1e5 steps in 1D and 2D, 5000 in 3D. It rises at first, because most of
+    the random memory is not the past of any field.
     """
     side, steps = 2.0 * reach + 3, 100_000 if dim < 3 else 5000
     model = fh.Wave(kernel_stencil(dim, reach, exponent))

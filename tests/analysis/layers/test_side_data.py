@@ -1,4 +1,4 @@
-"""Which waves data hold that are felt: against oscillators and the dispersion relation."""
+"""Which waves of the data are significant at a side, against oscillators and the dispersion relation."""
 
 import numpy as np
 import pytest
@@ -11,13 +11,13 @@ from farhorizon.analysis.layers.side_data import Datum, frequency_of_slow_waves,
 
 @pytest.mark.parametrize("case", range(6))
 def test_backward_waves_of_sources_are_as_large_as_oscillators_swing(case):
-    """Waves of a source go on swinging once it is steady: beside one that is switched on at once by as much less as
-    oscillators of their frequencies do.
+    """Waves of a source keep swinging after it has become steady. Compared with a source that is switched on at once,
+    they are smaller by the same factor as oscillators of their frequencies.
     """
     random = np.random.default_rng([SEED, 4, case])
     model = fh.Wave(fh.Kernel(float(random.integers(3, 7)), int(random.integers(0, 2)), "constant"))
     front, dim = medium(model, 1 + case % 2, random.choice([0.3, 0.5, 0.8])), 1 + case % 2
-    first, shape = 0.8 * high_pass(front.stencil).first, (25, 19)[:dim]  # where waves begin that turn round
+    first, shape = 0.8 * high_pass(front.stencil).first, (25, 19)[:dim]  # where backward waves begin
     u = pulse(shape, [12.0, 9.0][:dim], random.uniform(0.8, 1.2))
     course = np.minimum(np.arange(1500) * front.dt / random.uniform(0.5, 60.0), 1.0)
     k = np.linspace(first, np.pi, 9)
@@ -39,7 +39,7 @@ def test_backward_waves_of_sources_are_as_large_as_oscillators_swing(case):
 
 
 def test_frequencies_from_which_on_waves_are_slow():
-    """By the slope of the dispersion relation of the steps, on a finer sample of wavenumbers."""
+    """By the slope of the discrete dispersion relation, on a finer sample of wavenumbers."""
     one, k = medium(fh.Wave(fh.Kernel(3.0, 1, "constant")), 2, 0.9), np.linspace(0, np.pi, 1201)
     turn = one.dt * np.sqrt(np.maximum(one.stencil.symbol(*np.ix_(k, k)), 0.0)) / 2
     omega = 2 / one.dt * np.arcsin(turn)

@@ -1,4 +1,4 @@
-"""How many nodes layers take."""
+"""The number of nodes that layers need."""
 
 from types import SimpleNamespace
 
@@ -11,7 +11,7 @@ from farhorizon.analysis.layers.thickness import NotKept, distance_to_side, keep
 
 
 class Waves:
-    """Of which a layer of so many nodes sends back what a function says, by a rough look all."""
+    """Waves of which a layer reflects a given function of its number of nodes, or all of them by a rough estimate."""
 
     medium = SimpleNamespace(stencil=fh.Stencil.finite_difference(2))
     largest = 1.0
@@ -36,8 +36,8 @@ def one_member(nodes):
 
 @pytest.mark.parametrize("exact", [1e-8, 0.9e-5, 1e-4])
 def test_what_a_refusal_names_is_more_than_was_asked(exact):
-    """The closed form of waves may be far above what comes back; as long as the last layer was judged by it, targets
-    were refused that it keeps.
+    """The closed form may be far above the actual reflection; when the last layer was judged by it, targets were
+    refused that the layer would have kept.
     """
     waves = [Waves(lambda nodes: exact, rough=True)]
     limit = least(one_member, waves, 1.0)
@@ -56,8 +56,8 @@ def test_what_a_refusal_names_is_more_than_was_asked(exact):
 @pytest.mark.parametrize("floor", [0.0, 1e-6, 3.9e-6])
 @pytest.mark.parametrize("more", [0.0, 5.9e-6])
 def test_few_layers_are_judged_to_find_the_thinnest(fall, start, floor, more):
-    """From any number of nodes, of thick layers to a sixteenth if the error falls as it should, to a third in any
-    case.
+    """From any starting number of nodes, the thinnest layer is found to a sixteenth if the error falls as expected,
+    and to a third in any case.
     """
     waves = Waves(lambda nodes: max(fall**-nodes, floor))
     found = thinnest(one_member, [waves], 1e-5, 1.0, lambda layer: more, start=start)
@@ -65,7 +65,7 @@ def test_few_layers_are_judged_to_find_the_thinnest(fall, start, floor, more):
     known = least_nodes < 16 or (not floor and least_nodes > 0.75 * start)
     assert least_nodes <= found.nodes <= (least_nodes * 17 // 16 if known else 4 * least_nodes / 3 + 1)
     assert found.predicted == waves.error(found.nodes) + more
-    before = {0: 9, 12: 3, 50: 0}[start]  # by which it is reached from below, at most
+    before = {0: 9, 12: 3, 50: 0}[start]  # at most, to reach it from below
     assert len(waves.tried) - before <= (9 if floor else 5)
     assert len(set(waves.tried)) == len(waves.tried)
 

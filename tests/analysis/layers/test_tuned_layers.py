@@ -1,4 +1,4 @@
-"""Layers whose dampers are tuned to backward waves: how thin they are, and that noise does not grow in them."""
+"""Layers with dampers tuned to backward waves: their thickness, and the decay of noise in them."""
 
 import os
 from dataclasses import replace
@@ -54,7 +54,7 @@ def step_limit(model, dim, nodes=15):
 
 @pytest.mark.parametrize("name", MEDIA)
 def test_backward_waves_are_among_the_fastest(name):
-    """By their definition: the frequency falls as the wavenumber rises, along an axis and under 45 degrees."""
+    """By their definition, the frequency falls as the wavenumber rises, along an axis and at 45 degrees."""
     model, dim = MEDIA[name]
     stencil = model.stencil(1.0, dim)
     band = backward_band(stencil)
@@ -71,12 +71,12 @@ def test_backward_waves_are_among_the_fastest(name):
 
 
 def test_media_without_such_a_band():
-    """Nothing runs backward; zero-energy modes, which are slow and short; waves with a cut-off."""
+    """No backward waves; zero-energy modes, which are slow and short; waves with a cut-off."""
     assert backward_band(fh.Wave(fh.Kernel(3.0)).stencil(1.0, 2)) is None
     bare = solid(2.0, material="correspondence").stencil(1.0, 2)
     assert backward_band(bare) is None and not tuned_layers(4, bare, 1.0, 0.1)
     assert backward_band(fh.Wave(fh.Kernel(3.0, 1)).stencil(1.0, 2).with_reaction(0.1)) is None
-    for slow in (solid(5.0), solid(3.0, 0)):  # noise grows, and waves along a side
+    for slow in (solid(5.0), solid(3.0, 0)):  # noise grows, and so do waves along a side
         assert not any(tuned_layers(nodes, slow.stencil(1.0, 2), 1.0, 0.1) for nodes in range(2, 13))
 
 
@@ -88,7 +88,7 @@ def test_a_step_near_the_limit_has_none():
 
 
 def test_units_change_nothing():
-    """All is in speeds over spacings."""
+    """All quantities scale with speed over spacing."""
     stencil = solid(2.0).stencil(1.0, 2)
     one, other = tuned_layers(5, stencil, 1.0, 0.2), tuned_layers(5, stencil, 1e4, 0.2e-4)
     assert one.keys() == other.keys()
@@ -99,7 +99,7 @@ def test_units_change_nothing():
 
 @pytest.mark.parametrize("name", ["bonds", "elements"])
 def test_five_nodes_do_what_twelve_did(name):
-    """A pulse of waves of eight nodes and one of sixteen: errors over four crossings against a larger domain."""
+    """Pulses with waves of eight and sixteen nodes: errors over four crossings against a larger domain."""
     model, dim = MEDIA[name]
     pace = pace_of(model)
     for wave, least in ((8, 3.0), (16, 15.0)):
@@ -130,7 +130,7 @@ def test_five_nodes_do_what_twelve_did(name):
         print(wave, errors)
         assert errors["tuned"] < 1e-4
         assert errors["short"] > least * errors["tuned"]  # with the same number of nodes
-        assert errors["steep"] > 0.3 * errors["tuned"]  # with 12
+        assert errors["steep"] > 0.3 * errors["tuned"]  # with 12 nodes
 
 
 def _growth(model, dim, layer, share, time, seed=3, sides=None):
@@ -159,7 +159,7 @@ def _growth(model, dim, layer, share, time, seed=3, sides=None):
 )
 @pytest.mark.parametrize("share", [0.3, 0.65])
 def test_noise_decays(name, share):
-    """Where layers meet, in a box of few nodes, at the ends of the range of steps."""
+    """Where layers meet, in a box of few nodes, at both ends of the range of steps."""
     model, dim = MEDIA[name]
     stencil, found = model.stencil(1.0, dim), 0
     for nodes in (3, 5, 8):
@@ -185,8 +185,8 @@ def test_noise_decays_beside_thick_layers_with_filters(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(24))
 def test_noise_decays_in_random_media(number):
-    """Beside free and fixed sides, too. Two waves that beat may rise for a third of the run while both decay: then a
-    run four times as long decides.
+    """Free and fixed sides are included. Two waves that beat may rise for a third of the run although both decay; a
+    run four times as long then decides.
     """
     random = np.random.default_rng([SEED, number])
     dim, end = (3, 1500.0) if number % 4 == 0 else (2, 3000.0)
@@ -212,8 +212,8 @@ def test_noise_decays_in_random_media(number):
 )
 @pytest.mark.parametrize("share", [0.3, pytest.param(0.5, marks=pytest.mark.slow), 0.65])
 def test_no_wave_along_a_side_grows(name, share):
-    """The eigenvalues of a strip, at tangential wavenumbers from the longest to the shortest wave, of all layers; in
-    the fast tier at the ends of the range of steps.
+    """Eigenvalues of a strip for all layers, at tangential wavenumbers from the longest to the shortest wave; the fast
+    tier takes the ends of the range of steps.
     """
     model, dim = MEDIA[name]
     reach, dt = max(model.stencil(1.0, dim).reach), share * step_limit(model, dim)
@@ -227,7 +227,7 @@ def test_no_wave_along_a_side_grows(name, share):
 
 
 def test_an_elastic_half_space_keeps_its_target():
-    """Lamb's problem of the examples, against a domain from which nothing returns."""
+    """Lamb's problem from the examples, against a domain from which nothing returns."""
     case = fh.read_case(EXAMPLES / "half_space.toml")
     far = fh.Extended(1e-9, until=case.end)
     runs = case.simulation(threads=1), case.simulation(boundary={"x": far, "y-": far, "y+": fh.Free()}, threads=1)
@@ -242,7 +242,7 @@ def test_an_elastic_half_space_keeps_its_target():
 
 
 def test_elastic_targets_are_kept_with_few_nodes():
-    """As `check` says it: a default target of 1e-4 in the plane."""
+    """The target of 1e-4 in the plane."""
     lattice = fh.Lattice(1.0, (-25.0, -25.0), (25.0, 25.0))
     x, y = lattice.coordinates()
     g = np.exp(-(x**2 + y**2) / 16)
@@ -271,7 +271,7 @@ def test_plates_and_guides_have_none(other):
     assert all(not found.layer.tuned.size for found in sim.thickness.values())
 
 
-#: Scalars in space: their backward waves are weak.
+#: Scalars in space, whose backward waves are weak.
 SCALARS = {
     "reach 2": fh.Kernel(2.0),
     "reach 3": fh.Kernel(3.0),
@@ -291,14 +291,14 @@ def filtered(model, nodes, strength):
 
 
 def light(layer, stencil, dt):
-    """The layer with light dampers, which it has to have: else a filter would be compared with itself."""
+    """The layer with light dampers, which must exist; otherwise a filter would be compared with itself."""
     found = lightly_tuned(layer, stencil, 1.0, dt)
     assert found is not None and found.tuned.size
     return found
 
 
 def fastest_along_a_side(model, layer, dt):
-    """Growth of the fastest of some waves along two sides 8 nodes apart."""
+    """Growth rate of the fastest of several waves along two sides 8 nodes apart."""
     lattice, side = fh.Lattice(1.0, (0.0,) * 3, (8.0,) * 3), fh.LatticePML(nodes=layer.columns, profile=layer)
     strip = Strip(fh.Simulation(lattice, model, side, dt=dt, threads=1), 0, lattice.shape[0])
     angles = [(0.01, 0.01), (0.01, 0.5), (1.3, 1.3), (1.9, 2.6), (2.6, np.pi), (np.pi, np.pi)]
@@ -306,7 +306,9 @@ def fastest_along_a_side(model, layer, dt):
 
 
 def test_light_dampers_take_the_place_of_a_weak_filter():
-    """The stretch stays; not with more nodes, in the plane, without such waves, nor at a step near the limit."""
+    """The stretch is unchanged. There are no light dampers with more nodes, in the plane, without backward waves, or
+    at a step near the limit.
+    """
     model = fh.Wave(SCALARS["reach 3"])
     stencil, dt = model.stencil(1.0, 3), 0.5 * step_limit(model, 3)
     layer = filtered(model, 6, 2.0)
@@ -325,7 +327,7 @@ def test_light_dampers_take_the_place_of_a_weak_filter():
 
 
 def test_vectors_have_no_light_dampers():
-    """Of solids with weak backward waves, too."""
+    """This includes solids with weak backward waves."""
     model = solid(3.0, 2)
     stencil, dt = model.stencil(1.0, 3), 0.5 * step_limit(model, 3)
     assert backward_band(stencil, 0.1) is not None
@@ -350,7 +352,7 @@ def test_light_dampers_know_no_units():
 )
 @pytest.mark.parametrize("share", [0.5, pytest.param(0.3, marks=pytest.mark.slow)])
 def test_no_wave_along_a_side_grows_faster_than_beside_a_filter(name, share):
-    """The eigenvalues of a strip; where those with a filter decay, these do."""
+    """Eigenvalues of a strip: where all waves decay with a filter, they decay with dampers."""
     model = fh.Wave(SCALARS[name])
     stencil, dt = model.stencil(1.0, 3), share * step_limit(model, 3)
     for nodes, strength in ((3, 1.4), (4, 2.0), (6, 4.0), (8, 2.0)):
@@ -361,9 +363,9 @@ def test_no_wave_along_a_side_grows_faster_than_beside_a_filter(name, share):
 
 @pytest.mark.parametrize("share", [0.5, pytest.param(0.3, marks=pytest.mark.slow)])
 def test_waves_that_nothing_damps_grow_no_faster_than_beside_filters(share):
-    """Exponent 3 and reach 3, of which waves that stand still along the normal are at the lower end of the band: beside
-    3 to 6 nodes they grow without any damping, too, and by thickness and strength faster with dampers or with a filter.
-    The fastest growth of all is that beside filters.
+    """With exponent 3 and reach 3, waves that stand still along the normal are at the lower end of the band. Beside 3
+    to 6 nodes they grow without any damping, too; whether faster with dampers or with a filter depends on thickness
+    and strength. The fastest growth of all is beside filters.
     """
     model = fh.Wave(SCALARS["exponent 3"])
     stencil, dt = model.stencil(1.0, 3), share * step_limit(model, 3)
@@ -379,7 +381,7 @@ def test_waves_that_nothing_damps_grow_no_faster_than_beside_filters(share):
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(16))
 def test_noise_decays_beside_light_dampers_where_layers_meet_in_space(number):
-    """Thin and steep layers on all sides of few nodes."""
+    """Thin and steep layers on all sides of a box of few nodes."""
     random = np.random.default_rng([SEED, number])
     name, share = str(random.choice(list(SCALARS))), float(random.uniform(0.3, 0.85))
     model = fh.Wave(SCALARS[name])
@@ -396,8 +398,8 @@ def test_noise_decays_beside_light_dampers_where_layers_meet_in_space(number):
 @pytest.mark.slow
 @pytest.mark.parametrize(("nodes", "most"), [(4, 6e-6), pytest.param(8, 6e-7, marks=pytest.mark.slow)])
 def test_light_dampers_send_next_to_nothing_of_resolved_pulses_back(nodes, most):
-    """On top of what a layer with a filter does, at most a quarter of the least target that takes dampers: corners
-    included, over four crossings of waves of eight nodes.
+    """Beyond the error of a layer with a filter they add at most a quarter of the smallest target that uses dampers,
+    corners included, over four crossings of waves of eight nodes.
     """
     model, half = fh.Wave(SCALARS["reach 3"]), 12.0
     lattice = fh.Lattice(1.0, (-half,) * 3, (half,) * 3)
@@ -421,7 +423,9 @@ def test_light_dampers_send_next_to_nothing_of_resolved_pulses_back(nodes, most)
 
 
 def test_the_largest_wave_that_comes_back_decides():
-    """Thick layers, of which long waves along the side come back less than short ones do from dampers, keep filters."""
+    """Thick layers keep their filters where they reflect less of the long waves along the side than dampers do of
+    short ones.
+    """
     model = fh.Wave(SCALARS["linear"])
     stencil, dt = model.stencil(1.0, 3), 0.5 * step_limit(model, 3)
     medium = LatticeMedium(stencil, 1.0, 1.0, Recursion.of(model.integrator, dt, 0.0), dt)

@@ -1,4 +1,6 @@
-"""Classical heat conduction: each solution satisfies its equation, start and ends; the paper's numbers."""
+"""Classical heat conduction: each solution satisfies its equation, initial and boundary conditions, and the published
+numbers.
+"""
 
 import numpy as np
 import pytest
@@ -15,14 +17,14 @@ SLABS = [EXAMPLE1, EXAMPLE2, EXAMPLE3, Slab(2.0, 0.7, [(0.5, 1.0, 3.0)], End(-1.
 
 
 def test_mid_temperatures():
-    """The dashed lines of figure 10: 51.75 and 53.06 (five more digits: an independent evaluation)."""
+    """The dashed lines of figure 10, 51.75 and 53.06; the further digits are from an independent evaluation."""
     assert EXAMPLE1.temperature(5.0, 8.0) == pytest.approx(51.74760, abs=5e-6)
     assert EXAMPLE2.temperature(5.0, 8.0) == pytest.approx(53.06259, abs=5e-6)
 
 
 @pytest.mark.parametrize("slab", SLABS)
 def test_heat_equation_and_ends(slab):
-    """Central differences of the solution: T_t = a T_xx, and the condition at either end."""
+    """Central differences of the solution satisfy T_t = a T_xx, and the condition at either end holds."""
     x, t, h = slab.length * np.linspace(0.1, 0.9, 9), 0.3, 1e-3
     rate = (slab.temperature(x, t + 1e-4) - slab.temperature(x, t - 1e-4)) / 2e-4
     bend = (slab.temperature(x + h, t) - 2 * slab.temperature(x, t) + slab.temperature(x - h, t)) / h**2
@@ -36,13 +38,15 @@ def test_heat_equation_and_ends(slab):
 
 @pytest.mark.parametrize("slab", SLABS)
 def test_start(slab):
-    """Shortly after the start nothing but the neighbourhood of jumps has changed; at t = 0 the start itself."""
+    """At t = 0 the series is the initial temperature, and shortly after nothing but the neighbourhood of jumps has
+    changed.
+    """
     x = slab.length * np.array([0.15, 0.35, 0.65, 0.85])
     assert slab.temperature(x, 1e-4 * slab.length**2) == pytest.approx(slab.temperature(x, 0.0), abs=1e-8)
 
 
 def test_truncation():
-    """What a looser bound leaves out is below it, in units of the start's mean."""
+    """The truncation error stays below 100 times the requested bound."""
     x = np.linspace(0, 10, 41)
     for error in (1e-3, 1e-6, 1e-9):
         assert np.abs(EXAMPLE1.temperature(x, 0.1, error) - EXAMPLE1.temperature(x, 0.1, 1e-15)).max() < 100 * error
@@ -56,7 +60,7 @@ def test_slab_is_the_half_space_at_first():
 
 
 def test_convection_lies_between():
-    """A large coefficient gives the surface temperature, a small one a flux."""
+    """A large coefficient gives a prescribed surface temperature, a small one a prescribed flux."""
     x = np.linspace(0, 2, 9)
     assert classical.half_space_convection(x, 0.5, 1.0, 1.0, 1e9) == pytest.approx(
         classical.half_space(x, 0.5, 1.0, 1.0, 0.0), abs=1e-8
@@ -86,7 +90,7 @@ def test_gaussian_keeps_its_heat(dim):
 
 
 def test_line_source():
-    """Its heat is power times time; spread, it is the integral of gaussians, and far away the line."""
+    """The heat is power times time; a source that is spread out is the integral of Gaussians."""
     r, dr = np.linspace(0, 60, 600001, retstep=True)
     heat = np.trapezoid(classical.line_source(r[1:], 3.0, 0.5, 2.0, 7.0) * 2 * np.pi * r[1:], dx=dr) * 2.0 / 0.5
     assert heat == pytest.approx(21.0, rel=1e-6)

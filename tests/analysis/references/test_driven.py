@@ -1,4 +1,4 @@
-"""Driven infinite lattices, against the scheme run node by node where nothing has reached an edge."""
+"""Driven infinite lattices, against the scheme run node by node before anything reaches an edge."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ _BONDS = fh.Elastic(fh.Kernel(2.0, 1, "linear"), 1.0).stencil(1.0, 2)
 
 
 def _by_nodes(scheme, start, nodes, forces):
-    """The recursion node by node, on a periodic lattice of which nothing reaches the ends."""
+    """The recursion node by node, on a periodic lattice whose ends nothing reaches."""
     stencil, recursion = scheme.stencil, scheme.recursion
     u = np.zeros((stencil.components, *(61,) * stencil.dim))
     d, history = np.zeros(u.shape), [u.copy()]

@@ -1,4 +1,4 @@
-"""Displacements of point sources: against the equations, each other and what stays for ever."""
+"""Displacements of point sources, against the equation of motion, each other and the static solution."""
 
 import os
 
@@ -18,12 +18,12 @@ def drawn():
     print(f"seed {SEED}")
     rng = np.random.default_rng(SEED)
     moment = rng.standard_normal((3, 3))
-    at = rng.standard_normal(3)  # so far from the source that differences over a few steps tell
+    at = rng.standard_normal(3)  # far enough from the source for differences over a few steps to be accurate
     return at * rng.uniform(1.5, 3.0) / np.linalg.norm(at), rng.standard_normal(3), moment + moment.T
 
 
 def differences(function, at, step):
-    """First and second derivatives of a function of place by central differences of fourth order, (3, ...) and (3, 3,
+    """First and second derivatives of a function of position by fourth-order central differences, (3, ...) and (3, 3,
     ...).
     """
     weights = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
@@ -63,7 +63,7 @@ def test_a_moment_tensor_is_the_derivative_of_forces(drawn):
 
 
 def test_what_stays_is_the_solution_of_kelvin(drawn):
-    """``u = ((3 - 4 nu) F + g (g.F)) / (16 pi mu (1 - nu) r)``; of an explosion ``M g / (4 pi rho alpha^2 r^2)``."""
+    """``u = ((3 - 4 nu) F + g (g.F)) / (16 pi mu (1 - nu) r)``; for an explosion ``M g / (4 pi rho alpha^2 r^2)``."""
     at, force, _ = drawn
     r = np.linalg.norm(at)
     g, nu = at / r, LAME / (2 * (LAME + SHEAR))

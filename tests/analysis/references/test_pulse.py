@@ -1,4 +1,4 @@
-"""Plane pulses of the lattice: the signal where they start, and the equations of the lattice everywhere."""
+"""Plane pulses of the lattice: the signal at the origin, and the equations of the lattice everywhere."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ _STENCILS = {
 
 @pytest.mark.parametrize("name", _STENCILS)
 def test_the_equations_of_the_lattice(name):
-    """``(u(t+dt) - 2 u(t) + u(t-dt)) / dt^2 = L u(t)`` at nodes and times of no special place."""
+    """``(u(t+dt) - 2 u(t) + u(t-dt)) / dt^2 = L u(t)`` at arbitrary nodes and times."""
     stencil, direction, polarisation = _STENCILS[name]
     direction, pulse = _pulse(stencil, direction, polarisation)
     nodes = np.random.default_rng(1).integers(0, 10, (15, stencil.dim))
@@ -59,12 +59,12 @@ def test_the_signal_at_the_start(name):
         np.testing.assert_allclose(found[:, 0], expected, atol=1e-10)
     else:
         along = found @ np.array(polarisation) / np.linalg.norm(polarisation)
-        np.testing.assert_allclose(along, expected, atol=1e-2)  # less what it shares with waves of the other type
+        np.testing.assert_allclose(along, expected, atol=1e-2)  # less the part that waves of the other type carry
         assert np.abs(along).max() > 0.5
 
 
 def test_interpolation_in_space():
-    """Where places are many they are interpolated; a few of them are not."""
+    """Many places are interpolated, a few of them are not."""
     stencil, direction, polarisation = _STENCILS["P"]
     _, pulse = _pulse(stencil, direction, polarisation)
     places = np.random.default_rng(2).uniform(0, 20, 5000)
@@ -73,7 +73,7 @@ def test_interpolation_in_space():
 
 
 def test_repeats_after_its_way():
-    """At the end of the period the pulse has left the distance that it was made for."""
+    """At the end of the period the pulse has left the distance for which it was made."""
     stencil, direction, _ = _STENCILS["line"]
     _, pulse = _pulse(stencil, direction, None)
     places = np.linspace(0, 20, 50)

@@ -1,4 +1,4 @@
-"""The cylindrical wave: the equation, the start, the Hankel integral, and a correspondence body."""
+"""The cylindrical wave: its equation, initial value and Hankel integral, and a correspondence body."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ _FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, 
 
 @pytest.mark.parametrize("t", [0.0, 0.3, 1.0, 2.5])
 def test_radial_wave_equation(t):
-    """u_tt = c^2 (u_rr + u_r / r - u / r^2), the residual falls with the differences' order 8 down to rounding."""
+    """u_tt = c^2 (u_rr + u_r / r - u / r^2): the residual falls with order 8 of the differences, down to rounding."""
     speed, r = 1.3, np.linspace(0.5, 3.0, 26)
     residuals = []
     for h in (0.08, 0.04, 0.02):
@@ -28,7 +28,7 @@ def test_radial_wave_equation(t):
 
 
 def test_start():
-    """Eq. 3-2; the printed eq. 3-3 gives 0.096 or, with sqrt(2) a, 0.304 in place of 0.358 at r = a / 2."""
+    """Eq. 3-2; the printed eq. 3-3 gives 0.096, or with sqrt(2) a 0.304, in place of 0.358 at r = a / 2."""
     r = np.linspace(0, 5, 51)
     assert np.abs(radial_wave(r, 0.0, 1.0, 2.0, 0.7) - 2 * (r / 0.7) * (1 + (r / 0.7) ** 2) ** -1.5).max() < 1e-15
     a, alpha, squared = 0.1, 1.25, 1.25
@@ -46,7 +46,7 @@ def test_complex_form():
 
 
 def test_hankel_integral_of_the_local_medium():
-    """With the symbol k the integral is the closed form."""
+    """With the symbol k the integral equals the closed form."""
     r, t = np.meshgrid([0.0, 0.05, 0.5, 1.5], [0.0, 0.3, 1.0, 3.0])
     found = nonlocal_radial_wave(r, t, 1.1, lambda k: k, 1.0, 0.1)
     assert np.abs(found - radial_wave(r, t, 1.1, 1.0, 0.1)).max() < 1e-12
@@ -60,10 +60,10 @@ def test_hankel_integral_of_the_local_medium():
     ],
 )
 def test_symbols(kernel, symbol):
-    """Those of a fine lattice: Gaussian sums are spectrally accurate, a disc of cells is not."""
+    """Symbols of a fine lattice: Gaussian sums are spectrally accurate, a disc of cells is not."""
     k = np.linspace(0.05, 4, 30) / kernel.horizon
     offsets, weights = Stencil.family(kernel, 1.0, 2)
-    factors = weights * offsets[:, 0] / (weights * offsets[:, 0] ** 2).sum()  # of the gradient along x
+    factors = weights * offsets[:, 0] / (weights * offsets[:, 0] ** 2).sum()  # factors of the gradient along x
     lattice = factors @ np.sin(np.outer(offsets[:, 0], k))
     tolerance = 1e-6 if kernel.influence == "gaussian" else 0.01
     assert np.abs(lattice - symbol(k)).max() < tolerance * np.abs(symbol(k)).max()
@@ -71,8 +71,8 @@ def test_symbols(kernel, symbol):
 
 @pytest.mark.slow
 def test_a_solid_against_the_nonlocal_solution():
-    """A pulse five spacings wide in a body so large that its edge is not felt at the middle; order 2 in the step is
-    below the rest.
+    """A pulse five spacings wide in a body so large that its edge is not felt at the middle; the second-order error of
+    the time step is negligible.
     """
     half, width = 60, 5.0
 

@@ -15,7 +15,7 @@ NOT_COMPILED = {"rows/build"}
 
 
 def imported(module):
-    """Modules of the engine that one of them imports when it is loaded."""
+    """Modules of the engine that a module imports when it is loaded."""
     for statement in ast.parse((ENGINE / f"{module}.py").read_text()).body:
         if isinstance(statement, ast.ImportFrom):
             place = statement.module.removeprefix("farhorizon.engine.").replace(".", "/")
@@ -25,7 +25,9 @@ def imported(module):
 
 @pytest.mark.parametrize("template", TEMPLATES)
 def test_names_of_generated_modules_depend_on_all_that_is_compiled_in(template):
-    """Constants of other modules are part of the machine code, and Numba's cache does not notice a change of them."""
+    """Constants of other modules become part of the machine code, and Numba's cache does not notice when they
+    change.
+    """
     found, waiting = set(), [template]
     while waiting:
         new = set(imported(waiting.pop())) - found - NOT_COMPILED

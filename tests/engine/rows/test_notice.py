@@ -1,4 +1,4 @@
-"""What is compiled is said on stderr, once, and nothing else is."""
+"""Compilation is announced on stderr, once, and nothing else is."""
 
 import importlib.util
 import os
@@ -27,7 +27,7 @@ BLOB = Path(__file__).parents[3] / "examples" / "blob.toml"
 
 
 def load(path, name, text):
-    """A module of compiled functions, as `engine.rows.build` loads them."""
+    """A module of compiled functions, loaded as `engine.rows.build` does."""
     path.write_text(text)
     spec = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)
@@ -38,7 +38,7 @@ def load(path, name, text):
 
 @pytest.fixture
 def fresh(monkeypatch):
-    """As at the start of a process; nothing is too short for a line."""
+    """The state at the start of a process, with no compilation too short to be announced."""
     monkeypatch.setattr(notice._NOTICE, "_begun", False)
     monkeypatch.setattr(notice, "_SHORT", 0.0)
 
@@ -48,7 +48,9 @@ def fresh(monkeypatch):
     [("program_0", "the time loop", MODULE), ("stencil_rows_0", "the sweep of a stencil", WHILE_IMPORTED)],
 )
 def test_what_is_compiled_is_said_once(name, purpose, text, tmp_path, capfd, fresh):
-    """One line before and one after, of the outermost function; none from the cache, and none on stdout."""
+    """One line before and one after the outermost function is compiled; none when it comes from the cache, and none on
+    stdout.
+    """
     for expected in (2, 0):
         module = load(tmp_path / f"{name}.py", name, text)
         module.outer(1.5)
@@ -61,15 +63,15 @@ def test_what_is_compiled_is_said_once(name, purpose, text, tmp_path, capfd, fre
 
 
 def test_functions_of_others_are_compiled_in_silence(tmp_path, capfd, fresh):
-    """A user's own compiled functions are none of our business."""
+    """A user's own compiled functions are not announced."""
     load(tmp_path / "mine.py", "mine", MODULE).outer(1.5)
     assert capfd.readouterr().err == ""
 
 
 @pytest.mark.slow
 def test_a_cold_start_says_what_it_does(tmp_path):
-    """The first check with empty caches says on stderr what is compiled; stdout is that of the second, which says
-    nothing.
+    """The first check with empty caches announces on stderr what is compiled. The second announces nothing, and
+    neither does so on stdout.
     """
     places = {"FARHORIZON_CACHE": str(tmp_path / "cache"), "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
     command = [sys.executable, "-m", "farhorizon", "check", str(BLOB)]
