@@ -22,7 +22,7 @@ class Browser:
     Attributes
     ----------
     errors : list of str
-        What the page has missed or thrown since it was opened.
+        Resources missing from the page and exceptions thrown by it since it was opened.
     """
 
     def __init__(self, folder):

@@ -654,7 +654,7 @@ SMALL_SOLID = fh.Setup(
 
 
 def commands():
-    """Return what the command line prints and returns on each process."""
+    """Yield what the command line prints and returns on each process."""
     for words in (
         ["run", "case.toml", "--out", "together", "--no-report", "--json", "together.json"],
         ["run", "case.toml", "--out", "together"],
@@ -694,7 +694,7 @@ class Unshared(fh.Spectra):
 
 
 def refused():
-    """Check that all processes refuse a set-up with the same message."""
+    """Yield the messages with which each process refuses a set-up."""
     for what, make in {
         "wet": lambda: plane(
             fh.Corrosion(KERNEL, saturation=0.8),
@@ -735,7 +735,7 @@ def refused():
 
 
 def unstable():
-    """Check that a run that diverges on one process ends on all of them."""
+    """Yield the messages of all processes after a run has diverged on one of them."""
     run = fh.Simulation.of(plane(sides=fh.Fixed()), communicator=WORLD)
     if WORLD.rank == WORLD.size - 1:
         run.engine.current[run.engine.core.origin] = np.inf

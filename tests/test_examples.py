@@ -55,7 +55,7 @@ def test_plate_with_an_insulating_crack_converges():
 
 @pytest.mark.slow
 def test_plate_with_an_insulating_crack_within_one_percent():
-    """At a distance of two horizons or more from the tips, with a horizon of 0.015."""
+    """The difference is taken two horizons or more from the tips, with a horizon of 0.015."""
     assert script("insulating_crack")["differences"](0.015)[0] < 0.01
 
 
@@ -193,7 +193,7 @@ def test_cracks_grow_as_in_the_infinite_medium(name, until, tips):
 
 
 def test_an_inclusion_feels_no_box():
-    """What returns through the layers is measured against a body so large that nothing returns from its sides."""
+    """The reference is a body so large that nothing returns from its sides."""
     text = (EXAMPLES / "inclusion.toml").read_text()
     wide = text.replace("[-40.0, -30.0]", "[-110.0, -100.0]").replace("[40.0, 30.0]", "[110.0, 100.0]")
     wide = wide.replace('"nonlocal-pml", nodes = 20', '"fixed"')

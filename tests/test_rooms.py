@@ -160,7 +160,9 @@ def test_no_two_things_have_one_name():
 
 
 def test_tests_stand_in_rooms_of_the_same_names():
-    """Except for tests of the whole program, of single modules at the root, of robustness and of user extensions."""
+    """The exceptions are tests of the whole program, of single modules at the root, of robustness and of user
+    extensions.
+    """
     folders = {path.parent.relative_to(TESTS).as_posix().replace("/", ".") for path in TESTS.rglob("test_*.py")}
     assert folders - {".", "robustness", "extensions"} <= set(ORDER)
     apart = sorted(path.stem for path in TESTS.glob("test_*.py"))

@@ -34,7 +34,9 @@ def _arriving(half_space, wavevector, number):
 
 
 def _sent(column):
-    """Sizes of the waves that travel down, the fastest first."""
+    """Sizes of the waves that travel down, the fastest first. The incoming wave, last in the column, has an infinite
+    speed.
+    """
     travels = np.isfinite(column.speeds)
     sizes = np.linalg.norm(column.vectors[travels], axis=1)
     return sizes[np.argsort(-column.speeds[travels])]

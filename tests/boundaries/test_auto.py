@@ -1,4 +1,4 @@
-"""Sides that leave it to the run whether they are layers or extend the domain."""
+"""Sides for which the run chooses between layers and an extended domain."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def kinds(sim):
 
 @pytest.fixture
 def dear(monkeypatch):
-    """Makes the extended domain so many times as dear as layers."""
+    """Make the extended domain a given number of times as expensive as layers."""
 
     def set_price(times):
         monkeypatch.setattr(settling, "price", lambda sim: Price(1.0, 1.0, 1.0))
@@ -67,7 +67,7 @@ def test_errors_of_a_choice(dear):
 
 
 def test_measured_prices_decide():
-    """Of a long run the layer is cheaper: the arrays of the extended domain are forty times as long."""
+    """For a long run the layer is cheaper: the arrays of the extended domain are twenty times as long."""
     bar = {
         "lattice": fh.Lattice(1.0, 0.0, 3000.0),
         "model": fh.Wave(fh.Kernel(1.0)),
@@ -80,7 +80,7 @@ def test_measured_prices_decide():
 
 
 def test_a_choice_lasts_in_checkpoints(dear, tmp_path):
-    """The run that goes on has the sides of the one that wrote the checkpoint, whatever it would choose itself."""
+    """The continued run has the sides of the one that wrote the checkpoint, whatever it would choose itself."""
     for first, then in ((0.5, 2.0), (2.0, 0.5)):
         dear(first)
         sim = fh.Simulation(**SETUP, boundary=fh.Auto(1e-4, until=8.0))
@@ -116,7 +116,7 @@ def test_where_no_layer_serves_the_domain_is_extended(dear):
 
 
 def test_where_layers_grow_the_domain_is_extended(dear, monkeypatch):
-    """As the run would be refused, which examines it."""
+    """Because the run would be refused when it is examined."""
 
     def examine(sim, until, allow_unstable=False):
         if kinds(sim) == {LatticePML}:

@@ -1,4 +1,4 @@
-"""The exact ends on the engine: against chains from which nothing returns, at the same time step."""
+"""Exact ends on the engine, against chains from which nothing returns, with the same time step."""
 
 import dataclasses
 
@@ -18,13 +18,13 @@ BOTH = pytest.mark.parametrize("end", [COMPRESSED, CONVOLVED], ids=["compressed"
 
 
 def stencil_of(weights):
-    """Stencil of the bonds a_1 .. a_K."""
+    """Return the stencil of the bonds a_1 .. a_K."""
     offsets = np.arange(1, weights.size + 1)
     return fh.Stencil(np.concatenate([offsets, -offsets])[:, None], np.tile(weights, 2))
 
 
 def wave(weights=BAR, damping=0.0):
-    """A model whose bonds on a lattice of spacing 1 are the weights."""
+    """Model whose bonds on a lattice of spacing 1 have the given weights."""
     return fh.Wave(stencil_of(weights), 1.0, damping)
 
 
@@ -33,7 +33,7 @@ def line(nodes):
 
 
 def published(name, end, dt):
-    """The examples of Ji et al. (2021) by the public interface."""
+    """Return an example of Ji et al. (2021), made through the public interface."""
     lattice = fh.Lattice(0.1, -10, 10)
     x = lattice.axes[0]
     setup = {"lattice": lattice, "model": fh.Wave(stencil_of(BAR), speed=0.1), "boundary": end, "dt": dt}
@@ -52,8 +52,8 @@ EXAMPLES = {"bar": BarExample(), "interface": BarExample(soft=0.1), "seismic": B
 )
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_published_examples(name, last, dt, bound):
-    """The aims for the fully discrete boundary: 1e-13 at t = 40, 1e-12 at t = 400; compressed it keeps its tolerance of
-    1e-12.
+    """The aims for the fully discrete boundary: 1e-13 at t = 40, 1e-12 at t = 400; compressed, it keeps its tolerance
+    of 1e-12.
     """
     times = (0.3 * last, last)
     infinite = EXAMPLES[name].run(dt, times, None)[0]
@@ -86,10 +86,10 @@ ENDS = [
 @pytest.mark.parametrize(("end", "reach", "bound"), ENDS)
 @pytest.mark.parametrize(("kind", "share", "steps"), RANDOM)
 def test_random_data_on_the_whole_near_field(end, reach, bound, kind, share, steps):
-    """Drivers included, with random velocities; the aim for the fully discrete boundary is 1e-12.
+    """Including the drivers, with random velocities; the aim for the fully discrete boundary is 1e-12.
 
-    Compressed, 1e-12 is the bound of the force's error. Noise feeds the waves that hardly move, which add it up: ten
-    times that are allowed.
+    Compressed, 1e-12 bounds the error of the force. Noise excites waves that hardly move and accumulate it: ten times
+    as much is allowed.
     """
     weights, rng = gaussian_weights(reach), np.random.default_rng(reach)
     model = (
@@ -109,7 +109,7 @@ def test_random_data_on_the_whole_near_field(end, reach, bound, kind, share, ste
 @BOTH
 @pytest.mark.parametrize("other", [fh.Free(), fh.Fixed(), fh.LatticePML(nodes=40)], ids=["free", "fixed", "pml"])
 def test_one_exact_end(end, other):
-    """The other end free, fixed, or absorbed by a layer, on either side."""
+    """The other end is free, fixed, or absorbed by a layer; on either side."""
     weights, steps = gaussian_weights(3), 900
     u = np.exp(-((np.arange(60) - 25.0) ** 2) / 18)
     u[np.abs(u) < 1e-12] = 0
@@ -137,7 +137,7 @@ def test_one_exact_end(end, other):
 
 @BOTH
 def test_a_run_outlives_its_kernel(end):
-    """Step by step: the kernel is made anew for twice the steps, the drivers' history is kept, nothing is lost."""
+    """Step by step: the kernel is computed again for twice the steps, and the drivers' history is kept."""
     u = np.random.default_rng(2).uniform(-1, 1, 40)
     sim = fh.Simulation(line(40), wave(), end, {"u": u}, dt=0.1)
     infinite, near = long_chain(BAR, Recursion.of(wave().integrator, 0.1), u, 2600)
@@ -204,7 +204,7 @@ def test_data_cracks_and_interfaces_at_the_ends(end):
 
 
 def test_sources_and_background():
-    """A source on a driver; the ends act on what is above the background."""
+    """A source on a driver; the ends act on the field above the background."""
     weights, place = gaussian_weights(3), np.zeros(30)
     place[1] = 1.0
     gate = fh.Source(place, lambda t: float(t < 2))
@@ -224,7 +224,7 @@ def test_sources_and_background():
 
 @BOTH
 def test_a_driver_that_is_held_and_let_go(end):
-    """At the release the force of the chain counts, too."""
+    """At the release, the force of the chain counts, too."""
     weights = gaussian_weights(3)
     sim, long = (
         fh.Simulation(line(n), wave(weights), side, constraints=[fh.Prescribed([at], np.sin, 2.0)], dt=0.1)
@@ -252,7 +252,7 @@ def test_a_kernel_that_takes_long_is_announced(monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_single_precision():
-    """The near field in single precision, the ends in double."""
+    """The near field is in single precision, the ends are in double."""
     u = np.exp(-((np.arange(40) - 20.0) ** 2) / 9)
     u[u < 1e-8] = 0
     runs = [
@@ -264,7 +264,7 @@ def test_single_precision():
 
 
 def test_threads():
-    """A bar so long that threads share it: the ends are the work of one."""
+    """A bar so long that threads share it; one of them computes the ends."""
     u = np.random.default_rng(9).uniform(-1, 1, 50_001)
     runs = [
         fh.Simulation(line(50_001), wave(), COMPRESSED, {"u": u}, dt=0.1, threads=n) for n in (1, available_threads())
@@ -286,10 +286,10 @@ def test_a_checkpoint_of_other_sides_is_refused(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-9, 1e-12])
 def test_bounded_over_a_million_steps(tolerance, monkeypatch):
-    """A sum for 8192 steps, run for a million by declaring it good for so many: the bar leaves an offset, noise does
-    not grow.
+    """A sum for 8192 steps that is run for a million, by declaring it valid for so many: the bar leaves an offset,
+    and noise does not grow.
 
-    As in tests/analysis/exact/test_exponential_sum.py: noise on 51 nodes, which feeds waves that hardly move.
+    As in tests/analysis/exact/test_exponential_sum.py: noise on 51 nodes, which excites waves that hardly move.
     """
     made = exact._compressed
     monkeypatch.setattr(
@@ -311,7 +311,7 @@ def test_bounded_over_a_million_steps(tolerance, monkeypatch):
 
 
 def test_what_serves_an_end_is_said():
-    """Modes and error bound once they are known; a tolerance that no sum meets."""
+    """The modes and the error bound once they are known, and a tolerance that no sum meets."""
     setup = {"lattice": line(40), "model": wave(), "initial": {"u": np.ones(40)}, "dt": 0.1}
     sim = fh.Simulation(**setup, boundary={"x-": COMPRESSED, "x+": CONVOLVED})
     assert "when the run begins" in sim.check().details
@@ -327,7 +327,7 @@ def test_what_serves_an_end_is_said():
 
 
 def test_sums_are_kept_on_disk(monkeypatch, tmp_path):
-    """A second process finds the sum; a damaged file is made anew."""
+    """A second process finds the sum; a damaged file is computed again."""
     monkeypatch.setenv("FARHORIZON_CACHE", str(tmp_path))
     weights, recursion = tuple(BAR.tolist()), Recursion.of(wave().integrator, 0.0123)
     made = exact._compressed(weights, recursion, 1024, 1e-9)

@@ -1,4 +1,4 @@
-"""The extended domain against the infinite lattice: the same scheme, the same step, no end at all."""
+"""The extended domain against the infinite lattice: the same scheme and step, without any end."""
 
 import numpy as np
 import pytest
@@ -12,13 +12,13 @@ SIDES = ("x-", "x+", "y-", "y+", "z-", "z+")
 
 
 def pulse(lattice, centre, width):
-    """A pulse, cut off where nothing is left of it."""
+    """A pulse, cut off where it is negligible."""
     values = np.exp(-sum((x - c) ** 2 for x, c in zip(lattice.coordinates(), centre, strict=True)) / width**2)
     return np.where(values > 1e-14, values, 0.0)
 
 
 def random_setup(rng, physics, dim):
-    """A pulse, a velocity or a source, off the centre of a box; its target and the end of the run."""
+    """Return a pulse, a velocity or a source, off the centre of a box; with its target and the end of the run."""
     # bonds of nearest neighbours alone are no elastic medium
     reach = int(rng.integers(1 if physics != "elastic" else 2, 5 if dim < 3 else 3))
     spacing = float(rng.choice([0.1, 0.25, 1.0]))
@@ -54,8 +54,8 @@ def random_setup(rng, physics, dim):
 
 
 def measured(setup, boundary, until):
-    """Largest error over the run; of diffusion relative to the maximum of the same time, which is asked for from a
-    tenth of the run on.
+    """Return the largest error over the run, sampled from a tenth of it on; for diffusion relative to the maximum at
+    the same time.
     """
     curve = next(
         iter(
@@ -110,7 +110,7 @@ BLOB = pulse(LATTICE, (1.0, -0.5), 0.6)
 
 
 def far_domain(setup, sides, more):
-    """The same set-up on a larger lattice, whatever `Extended` does; and where the near field is in it."""
+    """Return the same set-up on a larger lattice, independent of `Extended`, and where the near field lies in it."""
     lattice = setup["lattice"]
     pads = [[more * (s + e in sides or s in sides) for e in "-+"] for s in "xyz"[: lattice.dim]]
     wide = fh.Lattice(
@@ -140,8 +140,8 @@ def far_domain(setup, sides, more):
     ids=["free", "fixed", "periodic", "corner", "driven", "layered", "interface", "oblique crack", "endless crack"],
 )
 def test_sides_materials_and_cracks(others):
-    """Beside other sides, beyond interfaces along and across the side, and cracks that cross it, against a domain twice
-    as far out.
+    """Beside other sides, with interfaces along and across the side, and with cracks that cross it; against a domain
+    whose ends are twice as far away.
     """
     boundary = {"all": fh.Extended(1e-6)} | {k: b for k, b in others.items() if k[0] in "xy"}
     setup = {
@@ -169,7 +169,7 @@ def test_the_length_of_the_run_is_that_of_the_first_run():
     sim.run(until=20.0)
     assert sim.extents[0, 1].nodes > small + 20 and sim.extents[0, 1].until == 20.0
     assert sim.probes is places and len(places.times) == sim.step_count + 1 and seen and not sim.notes
-    sim.run(until=24.0)  # now the domain is what it is
+    sim.run(until=24.0)  # the domain is fixed by now
     assert any("comes back from the end of the extended domain up to t = 20" in note for note in sim.notes)
     stepped = fh.Simulation(LATTICE, WAVE, fh.Extended(1e-4, until=2.0), {"u": BLOB})
     stepped.step(int(2.5 / stepped.dt))
@@ -177,13 +177,13 @@ def test_the_length_of_the_run_is_that_of_the_first_run():
 
 
 def nodes(sim):
-    """Nodes beyond each side that extends the domain."""
+    """Return the number of nodes beyond each side that extends the domain."""
     return {key: found.nodes for key, found in sim.extents.items()}
 
 
 def test_checkpoints_are_bitwise(tmp_path):
-    """A run goes on from its checkpoint to the last bit, by `restore` and by `load` into a set-up that was prepared for
-    another length.
+    """A run continues from its checkpoint to the last bit, by `restore` and by `load` into a set-up that was prepared
+    for another length.
     """
 
     def make():
@@ -232,8 +232,8 @@ def test_a_case_is_the_run_of_python():
 
 
 def test_check_compares_it_with_layers():
-    """`check` of either one prices the other, in time and memory; the extended domain is certified, as all nodes of the
-    medium are.
+    """`check` of either one prices the other, in time and memory; the extended domain is certified, like all nodes of
+    the medium.
     """
     ours = fh.Simulation.of(Case(CASE).setup).check(8.0)
     page = ours.details
@@ -244,7 +244,7 @@ def test_check_compares_it_with_layers():
 
 
 def ours_nodes(report):
-    """Nodes that a report says are computed."""
+    """Return the number of nodes that a report says are computed."""
     words = dict(report.rows)["nodes computed"].split()
     return int(words[0])
 

@@ -8,7 +8,7 @@ from farhorizon.studies.compare import compare
 
 
 def bar(boundary, spacing=0.25, damping=0.0, share=1.0):
-    """Classical bar on -6 .. 6 with a smooth pulse; a step of `share` of the limit, which is the spacing over the
+    """Classical bar on -6 .. 6 with a smooth pulse; the step is `share` of the limit, which is the spacing over the
     speed.
     """
     model = fh.Wave(fh.Stencil.finite_difference(1), 2.0, damping)
@@ -28,8 +28,8 @@ def error(setup, until, relative="error_rel_initial"):
 
 @pytest.mark.parametrize("boundary", [fh.Higdon((0.0,), 0.0), fh.Higdon((0.0, 0.0), 0.0), fh.FirstOrder()])
 def test_exact_where_waves_move_one_node_a_step(boundary):
-    """At dt = spacing / speed every wave of the classical bar moves one node a step, which the box scheme and the
-    lumped elements do, too.
+    """At dt = spacing / speed, every wave of the classical bar moves one node per step, as in the box scheme and with
+    lumped elements.
     """
     assert error(bar(boundary), 12.0) < 1e-12
 
@@ -38,20 +38,20 @@ def test_exact_where_waves_move_one_node_a_step(boundary):
     "boundary, order", [(fh.Higdon((0.0,), 0.0), 2), (fh.Higdon((0.0, 0.0), 0.0), 4), (fh.FirstOrder(), 2)]
 )
 def test_order(boundary, order):
-    """The reflection of a wave along the normal falls with the spacing; a second factor squares it."""
+    """The reflection of a wave along the normal decreases with the spacing; a second factor squares it."""
     spacings = np.array([0.2, 0.1, 0.05])
     errors = [error(bar(boundary, h, share=0.5), 8.0) for h in spacings]
     assert np.polyfit(np.log(spacings), np.log(errors), 1)[0] > order - 0.3
 
 
 def test_first_order_with_damping_is_better_than_without():
-    """The term d u of eq A13: without it slow fields come back."""
+    """Without the term d u of eq A13, slow fields come back."""
     setup = bar(fh.FirstOrder(), damping=0.2, share=0.5)
     assert error(setup, 8.0) < 0.3 * error({**setup, "boundary": fh.Higdon((0.0,), 0.0)}, 8.0)
 
 
 def one_step_map(sim):
-    """Matrix of one step of a simulation without sources on its near field, halo and memory."""
+    """Return the matrix of one step of a simulation without sources, on its near field, halo and memory."""
     engine, columns = sim.engine, []
     state = [engine.levels, engine.fringe_history]
     places = [np.concatenate([sim.parts.grid.indices, sim.closure.unmoved]), np.arange(engine.fringe_history.shape[1])]
@@ -80,7 +80,7 @@ def test_first_order_never_grows(stencil):
     assert np.abs(np.linalg.eigvals(one_step_map(sim))).max() <= 1 + 1e-10
 
 
-# example 1 of Hermann et al. (2023), its step 20 times
+# example 1 of Hermann et al. (2023), with 20 times its step
 HERMANN = {"initial": {"u": lambda x, y: np.exp(-np.log(2) / 9 * (x**2 + y**2))}, "dt": 0.01}
 
 
@@ -107,7 +107,7 @@ def test_refused():
 
 
 def test_growth_is_laid_to_the_condition():
-    """Finite elements closed by Higdon's condition grow: there is no layer that could be to blame."""
+    """Finite elements closed by Higdon's condition grow, and there is no layer to blame."""
     lattice = fh.Lattice(0.5, (-4.0, -4.0), (4.0, 4.0))
     sim = fh.Simulation(lattice, fh.Wave(fh.Stencil.finite_element(2)), fh.Higdon(), {"u": "exp(-4*(x**2 + y**2))"})
     with pytest.raises(

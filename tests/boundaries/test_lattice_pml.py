@@ -1,4 +1,4 @@
-"""The lattice PML against the infinite lattice: the same scheme, the same step, no boundary at all."""
+"""The lattice PML against the infinite lattice: the same scheme and step, without any boundary."""
 
 import os
 from dataclasses import replace
@@ -93,9 +93,7 @@ def test_error_falls_with_thickness(reach):
 
 @pytest.mark.parametrize("centre", [(5.0, 5.0), (6.0, 0.0), (-6.0, 6.0)])
 def test_pulse_at_a_side_or_corner(centre):
-    """Initial velocity that lives in the last nodes before the layer: exact, because unstretched nodes are put in
-    between.
-    """
+    """Initial velocity in the last nodes before the layer: exact, because unstretched nodes are put in between."""
     setup = wave(2, kernel(3), 20)
     lattice = setup["lattice"]
     setup["initial"] = {
@@ -107,7 +105,7 @@ def test_pulse_at_a_side_or_corner(centre):
 
 @pytest.mark.parametrize("model", [fh.Wave(kernel(3)), fh.Diffusion(kernel(3, 1))])
 def test_sources_that_start_and_stop(model):
-    """A one-sided source next to the corner, switched on and off, in the last node of the near field."""
+    """A source beside the corner, in the last row of nodes of the near field, that is switched on and off."""
     lattice = box(4.0, 2)
     place = np.zeros(lattice.shape)
     place[-1, -2] = 1.0
@@ -128,9 +126,7 @@ FIGURES = [(12, 3e-8), (16, 3e-9), (20, 1e-10)]  # layer nodes and what they mus
 @pytest.mark.parametrize("nodes, limit", FIGURES)
 @pytest.mark.parametrize("face", [fh.Free(), fh.Fixed(0.0)])
 def test_waveguide(reach, nodes, limit, face):
-    """Absorbing left and right, free or fixed above and below: the faces run through the layer; to t = 60, near
-    cut-off, too.
-    """
+    """Absorbing left and right, with free or fixed faces that run through the layer; to t = 60, also near cut-off."""
     lattice = fh.Lattice(STEP, (-5, -3), (5, 3))
     sides = {"x": fh.LatticePML(nodes=nodes), "y": face}
     setup = {"lattice": lattice, "model": fh.Wave(kernel(reach)), "boundary": sides, "initial": {"u": pulse(1.0, 0.5)}}
@@ -142,9 +138,7 @@ def test_waveguide(reach, nodes, limit, face):
 @pytest.mark.parametrize("nodes, limit", FIGURES)
 @pytest.mark.parametrize("centre", [(2.5, 2.5), (2.5, 0.0)])
 def test_pulses_off_centre(reach, nodes, limit, centre):
-    """A pulse that hits a corner, and one close to a side, which it meets along most of its length at grazing
-    incidence.
-    """
+    """A pulse that hits a corner, and one close to a side, which it meets mostly at grazing incidence."""
     assert worst(wave(2, kernel(reach), nodes, centre=centre), 60) <= limit
 
 
@@ -156,7 +150,7 @@ def test_pulses_off_centre(reach, nodes, limit, centre):
     "gate", [lambda t: float(1 < t < 3), lambda t: np.sin(np.pi * (t - 1) / 4) ** 2 if 1 < t < 5 else 0.0]
 )
 def test_sources_off_centre(reach, nodes, limit, centre, gate):
-    """Sources near a corner and a side that start and end during the run, at once or slowly."""
+    """Sources near a corner and a side that start and end during the run, abruptly or smoothly."""
     setup = wave(2, kernel(reach), nodes)
     del setup["initial"]
     assert worst({**setup, "sources": [fh.Source(pulse(*centre), gate)]}, 60) <= limit
@@ -166,7 +160,7 @@ def test_sources_off_centre(reach, nodes, limit, centre, gate):
     "points", [[(-0.4, 0.6), (900.0, 0.6)], [(0.3, -900.0), (0.3, -1.1)], [(-900.0, 0.0), (900.0, 0.0)]]
 )
 def test_crack_that_runs_into_the_layer(points):
-    """A half-infinite or infinite crack along the normal, between nodes and through them, goes on inside the layer."""
+    """A half-infinite or infinite crack along the normal, between nodes or through them, continues inside the layer."""
     setup = wave(2, kernel(3), 20, half=4.0, centre=(0.5, -0.5))
     setup["initial"] = {"u": pulse(0.5, -0.5, width=3.0)}
     setup["cracks"] = [points]
@@ -176,7 +170,7 @@ def test_crack_that_runs_into_the_layer(points):
 @pytest.mark.parametrize("rule", ["both", "arithmetic", "harmonic"])
 @pytest.mark.parametrize("make", [fh.Wave, lambda kernel: fh.Elastic(kernel, 1.0)], ids=["wave", "elastic"])
 def test_a_coefficient_of_one_changes_nothing(make, rule):
-    """Also where a free surface and a crack run into layers: bonds that are absent there are absent whatever the
+    """Also where a free surface and a crack run into layers: bonds that are absent there stay absent, whatever the
     coefficients.
     """
     lattice, model = fh.Lattice(0.5, (-5.0, -5.0), (5.0, 2.0)), make(fh.Kernel(1.0, 1))
@@ -248,12 +242,12 @@ def cut_off(lattice, function):
     [(1, 1), (1, 2), (1, 3), (2, 1), (2, 2), (2, 3), (2, 4), (2, 5), (2, 6), *slow((3, 1), (3, 2), (3, 3))],
 )
 def test_white_noise_decays(dim, reach):
-    """20 crossing times of white noise: the norm of the whole state does not grow over the last third, nor beyond that
-    of the beginning.
+    """20 crossing times of white noise: the norm of the whole state does not grow over the last third, nor beyond
+    that of the beginning.
 
-    In space with reach 3 slow waves first gather in the memory of the corners: within 20 crossing times the norm stays
-    below that of the beginning, and falls over the last third of 40. A bar moves as a whole if noise beside its layers
-    pushes it, for a time 1/alpha: there the noise ends before them.
+    In 3D with reach 3, slow waves first gather in the memory of the corners: within 20 crossing times the norm stays
+    below that of the beginning, and it falls over the last third of 40. Noise beside its layers pushes a bar as a
+    whole, for a time 1/alpha; there the noise ends before the layers.
     """
     lattice = box(3.0, dim)
     noise = np.random.default_rng(1).standard_normal(lattice.shape)
@@ -269,13 +263,13 @@ def test_white_noise_decays(dim, reach):
 
 
 def remembered(engine):
-    """What layers remember as numbers of the field: halves are the first bits of doubles."""
+    """Return the memory of layers as numbers of the field: halves are the first bits of doubles."""
     kept = engine.memory
     return (kept.astype(np.int64) << 32).view(float) if kept.dtype == "int32" else kept
 
 
 def entrance(setup, nodes, **stretch):
-    """The set-up with layers by hand: a linear ramp to 2c/h, and what is given in its place, in units of c/h."""
+    """Return the set-up with layers given by hand: a linear ramp to 2c/h, or the given stretch, in units of c/h."""
     profile = {"sigma": 2.0 * (np.arange(nodes + 1) + 0.5) / (nodes + 1), "alpha": 1e-3} | stretch
     return {
         **setup,
@@ -286,15 +280,15 @@ def entrance(setup, nodes, **stretch):
 
 
 def test_a_strong_entrance_makes_wide_stencils_grow():
-    """Why the ramp is a square beyond a reach of 3: the linear one is worse by orders with 20 nodes, and gets worse
-    with time.
+    """Why the ramp is a square for a reach beyond 3: with 20 nodes, the linear one is worse by orders of magnitude,
+    and gets worse with time.
     """
     setup = wave(2, kernel(5), 20)
     assert worst(entrance(setup, 20), 60) > 1e3 * worst(setup, 60)
 
 
 def test_a_large_shift_lets_long_waves_through():
-    """Why alpha is small: thirty times as much costs a layer four digits of a pulse of 12 nodes on a wide stencil."""
+    """Why alpha is small: thirty times as much costs a layer four digits, for a pulse of 12 nodes on a wide stencil."""
     setup = wave(1, kernel(7), 30)
     depth = (np.arange(31) + 0.5) / 31
     large, small = (worst(entrance(setup, 30, sigma=2.0 * depth**3, alpha=alpha), 60) for alpha in (3e-2, 1e-3))
@@ -310,7 +304,7 @@ def test_single_precision():
 
 
 def test_background_is_absorbed_as_nothing():
-    """A uniform background with a pulse on it is the pulse alone, shifted."""
+    """A uniform background with a pulse on it equals the pulse alone, shifted."""
     plain = wave(2, kernel(2), 12)
     shifted = {**plain, "background": 5.0, "initial": {"u": lambda x, y: 5.0 + pulse(2.0, -1.0)(x, y)}}
     one, two = (fh.Simulation(**s).run(8.0).fields["u"] for s in (plain, shifted))
@@ -318,7 +312,7 @@ def test_background_is_absorbed_as_nothing():
 
 
 def test_profile_by_hand_equals_the_default():
-    """The general stretch given by hand, with the program's own numbers, gives the program's result."""
+    """The general stretch given by hand, with the numbers of the default, gives the same result."""
     setup = wave(2, kernel(2), 12)
     layer = next(iter(fh.Simulation(**setup).engine.layers.values()))
     by_hand = fh.LatticePML(nodes=12, profile={"kappa": layer.kappa, "sigma": layer.sigma, "alpha": layer.alpha})
@@ -327,7 +321,7 @@ def test_profile_by_hand_equals_the_default():
 
 
 def test_kappa_shift_and_sigma_together_stay_exact():
-    """The general stretch kappa + sigma/(s + alpha) of a thick layer is exact too, before anything comes back."""
+    """The general stretch kappa + sigma/(s + alpha) of a thick layer is exact, too, before anything returns."""
     nodes = 30
     depth = (np.arange(nodes + 1) + 0.5) / nodes
     profile = {"kappa": 1 + depth, "sigma": 6.0 * depth, "alpha": 0.05}
@@ -364,14 +358,14 @@ def test_bad_layers(values, word):
     ],
 )
 def test_a_crack_that_runs_into_layers_which_meet(normal, model, nodes, limit):
-    """It goes on where they meet, too: against the extended domain, which is cut throughout. A crack that ends there
-    would leave 3e-3.
+    """The crack continues where they meet, too: against the extended domain, which is cut throughout. A crack that
+    ended there would leave 3e-3.
     """
     assert error_beside_a_plane(normal, 0.5, model, nodes) <= limit
 
 
 def error_beside_a_plane(normal, place, model, nodes, cut=True):
-    """Against the extended domain, of a pulse beside a plane that may be cut, to two crossings."""
+    """Return the error against the extended domain, for a pulse beside a plane that may be cut, over two crossings."""
     half, until = 6.0, 24.0 / float(np.sqrt(model.coefficient))
     lattice = fh.Lattice(1.0, (-half,) * 3, (half,) * 3)
     corner, edges = np.full(3, -60.0), np.delete(121.0 * np.eye(3), normal, axis=0)
@@ -392,7 +386,7 @@ def error_beside_a_plane(normal, place, model, nodes, cut=True):
 
 @pytest.mark.parametrize("normal", range(3))
 def test_cracks_go_on_to_rounding_where_layers_meet(normal):
-    """Until waves have been at the end of the layers and back; bonds askew to all three axes were whole there."""
+    """Until waves have returned from the end of the layers; bonds oblique to all three axes were once left whole."""
     lattice = fh.Lattice(1.0, (-6.0,) * 3, (6.0,) * 3)
     corner, edges = np.full(3, -60.0), np.delete(121.0 * np.eye(3), normal, axis=0)
     corner[normal] = -0.5
@@ -415,7 +409,7 @@ def test_cracks_go_on_to_rounding_where_layers_meet(normal):
 
 @pytest.mark.slow
 def test_random_cracks_that_run_into_layers_which_meet():
-    """Of random planes, stencils and thicknesses hardly more comes back than without a crack, or than the extended
+    """For random planes, stencils and thicknesses, hardly more returns than without a crack, or than the extended
     domain may leave.
     """
     print(f"seed {SEED}")
@@ -430,7 +424,7 @@ def test_random_cracks_that_run_into_layers_which_meet():
 
 
 def load_that_stays(dim, elastic, crack):
-    """A force switched on within 40 spacings over speed (in space 20); or two, which hold a crack open."""
+    """A force switched on within 40 spacings over speed (in 3D 20); or two, which hold a crack open."""
     half, width, rising = (12.0, 3.0, 40.0) if dim == 2 else (5.0, 1.5, 20.0)
     lattice = fh.Lattice(1.0, (-half,) * dim, (half,) * dim)
 
@@ -463,8 +457,8 @@ def load_that_stays(dim, elastic, crack):
     ],
 )
 def test_loads_that_stay(dim, elastic, crack, until):
-    """Static and slow far fields, in the plane without a static limit: the target holds for them, too, against the
-    extended domain.
+    """Static and slow far fields, in 2D without a static limit: the target holds for them, too, against the extended
+    domain.
     """
     setup = load_that_stays(dim, elastic, crack)
     ours = fh.Simulation(**setup, boundary=fh.LatticePML(target=1e-4, until=until))
@@ -478,8 +472,8 @@ def test_loads_that_stay(dim, elastic, crack, until):
 @pytest.mark.parametrize("reach", [1, 2, 3])
 @pytest.mark.parametrize("shape", ["square", "long", "guide"])
 def test_a_layer_of_which_nothing_is_asked_keeps_the_target_of_the_model(reach, shape):
-    """A pulse of six nodes a wave in the middle and near a side, a box of 4 to 1, and a guide that is fixed across, to
-    15 crossings: below 1e-5.
+    """A pulse of six nodes per wave in a square, near the end of a box of 4 to 1, and in a guide that is fixed
+    across, for 15 crossings: below 1e-5.
     """
     half = {"square": (14.0, 14.0), "long": (32.0, 8.0), "guide": (14.0, 8.0)}[shape]
     lattice = fh.Lattice(1.0, [-a for a in half], half)
@@ -544,15 +538,15 @@ def test_a_run_that_is_longer_than_the_layers_were_made_for_takes_others():
         and sim.thickness["x-"].layer.columns > before.layer.columns
     )
     assert not sim.notes
-    sim.run(310 * 40.0)  # now they are what they are, and are predicted to keep it
+    sim.run(310 * 40.0)  # the layers are fixed by now, and predicted to keep their target
     assert not sim.notes
     assert all(one.until == 450 * 40.0 and one.error <= 1e-5 for one in sim.parts.around.foretold.values())
 
 
 @pytest.mark.parametrize(("amplitude", "error"), [(2.0**-200, 1e-13), (2.0**200, 1e-13), (1e-60, 1e-6), (1e60, 1e-6)])
 def test_layers_know_no_amplitude(amplitude, error):
-    """What layers in space remember is as small or as large as the field; what is rounded of it goes by its digits, a
-    thousandth of the target at most.
+    """In 3D the memory of layers is as small or as large as the field; its rounding is relative, a thousandth of the
+    target at most.
     """
     box = fh.Lattice(1.0, (0.0,) * 3, (12.0,) * 3)
     pulse = np.exp(-sum((x - 6.0) ** 2 for x in box.coordinates()) / 3)
@@ -566,9 +560,9 @@ def test_layers_know_no_amplitude(amplitude, error):
 
 
 def test_layers_in_space_remember_six_digits_where_these_are_enough(tmp_path, monkeypatch):
-    """Half the memory for targets down to 1.5e-5 a crossing, the same on two threads, in pieces and from a checkpoint,
-    and next to nothing of the error; in full where more is asked, where nothing is known of what is, in the plane, and
-    in what a certificate examines.
+    """Half the memory for targets down to 1.5e-5 per crossing, identical on two threads, in pieces and from a
+    checkpoint, with next to none of the error. In full for smaller targets, where the target or the length of the run
+    is unknown, in 2D, and in what a certificate examines.
     """
     box = fh.Lattice(1.0, (0.0,) * 3, (26.0,) * 3)
     pulse = "exp(-((x-11)**2 + (y-14)**2 + (z-15)**2)/5)"
@@ -605,15 +599,15 @@ def test_layers_in_space_remember_six_digits_where_these_are_enough(tmp_path, mo
         np.testing.assert_array_equal(other.fields["u"], short.fields["u"])
 
 
-#: A force that stays, one that comes to it slowly, one that passes and one that goes on.
+#: A force that stays, one that approaches its final value slowly, one that passes and one that oscillates.
 COURSES = "1-exp(-t*t/100)", "t/(40+t)", "exp(-(t-12)**2/9)", "sin(0.3*t)"
 
 
 @pytest.mark.sampled(8)
 @pytest.mark.parametrize("number", range(16))
 def test_six_digits_leave_a_part_of_the_target_to_the_end(number, monkeypatch):
-    """Random set-ups in space with as small a target as the rule allows, beside the same that remember in full: also
-    where forces stay, whose push adds up, and between walls.
+    """Random set-ups in 3D with as small a target as the rule allows, against the same with full memory: also under
+    forces that stay, which push the rounding on, and between walls.
     """
     random = np.random.default_rng([SEED, number])
     print("seed", SEED)

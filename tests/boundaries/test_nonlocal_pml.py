@@ -1,6 +1,4 @@
-"""The published layer: its profile, its own scheme in the form of the paper, both forms against each other, and what
-grows in it.
-"""
+"""The published layer: its profile, its scheme in the form of the paper, both forms compared, and its growth."""
 
 import numpy as np
 import pytest
@@ -13,15 +11,13 @@ from solids import KERNELS, Dense, box, noise, solid
 
 
 def stretches(layer, near, speed):
-    """phi along both axes on a box with layers on all sides, shape (dim, ...)."""
+    """Return phi along both axes on a box with layers on all sides, shape (dim, ...)."""
     line = [np.concatenate([layer.stretch(1.0, speed)[::-1], np.zeros(n), layer.stretch(1.0, speed)]) for n in near]
     return np.stack(np.meshgrid(*line, indexing="ij"))
 
 
 def test_published_profile():
-    """Section 3A: a millionth of the top at the entrance, the top over the last tenth of a metre, integral 7.1 (0.0336
-    m standard deviation).
-    """
+    """Section 3A: a millionth of the top at the entrance, a Gaussian, and the top over the last tenth of a metre."""
     layer = NonlocalPML(30, "gaussian", 50.0)
     phi = layer.stretch(0.01, 1.0)
     assert (phi[19:] == 50).all() and (np.diff(phi[:20]) > 0).all()
@@ -32,7 +28,7 @@ def test_published_profile():
 
 @pytest.mark.parametrize("ramp", ["cubic", "quadratic", "gaussian"])
 def test_strength_from_reflection(ramp):
-    """exp(-2/c integral of phi) is what was asked for; the sum over nodes is a quadrature of it."""
+    """exp(-2/c integral of phi) is the reflection asked for; the sum over nodes is a quadrature of the integral."""
     phi = NonlocalPML(400, ramp, reflection=1e-3).stretch(0.1, 2.0)
     assert np.exp(-2 / 2.0 * (phi.sum() - phi[-1] / 2) * 0.1) == pytest.approx(1e-3, rel=5e-3)
 
@@ -55,11 +51,11 @@ def test_split_form_is_the_two_level_scheme_of_the_paper(cross):
     parts = [np.einsum("ij,ij->ij", dense.w, dense.xi[..., b]) for b in range(2)]
 
     def slopes(values):
-        """(d_b u_a) of (nodes, a) values, by b; held nodes have none, K is 1."""
+        """Return d_b u_a of values of shape (nodes, a), by b; held nodes have none, and K is 1."""
         return [(part @ values - part.sum(1)[:, None] * values) * inside[:, None] for part in parts]
 
     def stresses(values):
-        """The stress that each direction's slope drives, shape (b, nodes, 2, 2)."""
+        """Return the stress that the slope along each direction drives, shape (b, nodes, 2, 2)."""
         out = []
         for b, slope in enumerate(slopes(values)):
             e = np.zeros((len(inside), 2, 2))
@@ -71,7 +67,7 @@ def test_split_form_is_the_two_level_scheme_of_the_paper(cross):
         return out
 
     def forces(psi):
-        """What each direction's derivative of the stress gives, shape (b, nodes, 2)."""
+        """Return the force that the derivative of the stress along each direction gives, shape (b, nodes, 2)."""
         return [part @ psi[:, :, b] + part.sum(1)[:, None] * psi[:, :, b] for b, part in enumerate(parts)]
 
     start = np.zeros((len(inside), 2))
@@ -103,7 +99,7 @@ def test_split_form_is_the_two_level_scheme_of_the_paper(cross):
     ],
 )
 def test_forms_agree(options, dim):
-    """Split fields by forward Euler tend to memory variables by velocity Verlet with order 1, corners included."""
+    """Split fields by forward Euler converge to memory variables by velocity Verlet at order 1, corners included."""
     size, width = (6, 2.0) if dim == 2 else (4, 1.5)
     lattice, wide = box(*[2 * size + 1] * dim, lower=-size), box(*[2 * size + 13] * dim, lower=-size - 6)
     bell = [lambda *at: np.exp(-sum(x * x for x in at) / width**2), *[0.0] * (dim - 1)]
@@ -123,8 +119,8 @@ def test_forms_agree(options, dim):
 
 
 def test_three_dimensions():
-    """A pulse in a small cube against one from which nothing returns before t = 29: ten nodes as good as in the plane
-    (1.8e-3), twenty better.
+    """A pulse in a small cube against one from which nothing returns before t = 29: ten nodes are as good as in 2D
+    (1.8e-3), twenty are better.
     """
     bell = [lambda *at: np.exp(-sum(x * x for x in at) / 9.0), 0.0, 0.0]  # below 1e-4 at 9 from the middle
     kernel = Kernel(2.2, 0, "gaussian", 0.9, volume="full")
@@ -166,11 +162,10 @@ def test_simulation_refuses_it():
         Simulation(box(20, 20), Wave(Kernel(3.0)), boundary=NonlocalPML(10))
 
 
-# An independent program found for the same set-ups, from a pulse (1/s): layers all around decay with the Gaussian
-# kernel (-0.05, -0.08), grow with
-# the Heaviside one (+0.33, +0.25), and stop growing with a cross-damping of 0.5, not of 0.2 (+0.11).
-# Beside fixed faces, whose held nodes carry stress, the layer grows (+0.28); beside clamped ones, whose nodes carry
-# none, it does not.
+# Growth rates (1/s) that an independent program found for the same set-ups, from a pulse: layers all around decay with
+# the Gaussian kernel (-0.05, -0.08), grow with the Heaviside one (+0.33, +0.25), and stop growing with a cross-damping
+# of 0.5, but not of 0.2 (+0.11). Beside fixed faces, whose held nodes carry stress, the layer grows (+0.28); beside
+# clamped ones, whose nodes carry none, it does not.
 GROWING = (
     "Heaviside, as published, 10 nodes",
     "Heaviside, quadratic",
@@ -196,14 +191,14 @@ def rate(name, **options):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", GROWING + DECAYING)
 def test_long_times(name):
-    """To t = 100, a hundred times what the paper shows: the Heaviside kernel grows, cross-damping of 1/2 stops it."""
+    """To t = 100, a hundred times the paper's: the Heaviside kernel grows, and a cross-damping of 1/2 stops it."""
     assert 0.08 < rate(name) < 0.4 if name in GROWING else rate(name) < 0
 
 
 @pytest.mark.slow
 def test_long_times_along_free_faces():
-    """A layer that a free face runs into: the Gaussian kernel grows fast between two, slowly on a half-space;
-    cross-damping stops that.
+    """A layer into which a free face runs: with the Gaussian kernel it grows fast between two faces, and slowly on a
+    half-space; cross-damping stops that.
     """
     assert 0.2 < rate("Gaussian, between free faces") < 0.8
     assert 0 < rate("Gaussian, half-space", until=200.0) < 0.2
@@ -211,5 +206,5 @@ def test_long_times_along_free_faces():
 
 
 def test_heaviside_layer_grows():
-    """The fast tier's share of the above."""
+    """A shorter version of the above, for the fast tier."""
     assert 0.2 < rate("Heaviside, quadratic", until=60.0, dt=0.02) < 0.4

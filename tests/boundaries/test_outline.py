@@ -1,5 +1,5 @@
-"""Conditions along an outline: geometry, memory, sides that stand beside each other, and what is refused. What they
-absorb: the files of each.
+"""Conditions along an outline: geometry, memory, sides of different kinds, and what is refused. How well they absorb
+is tested in the files of each.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ def disc(boundary, radius=5.0, **options):
 
 
 def noise(sim, seed=1):
-    """Random values on the near field of a fresh simulation."""
+    """Put random values on the near field of a fresh simulation."""
     engine = sim.engine
     values = np.random.default_rng(seed).standard_normal(sim.lattice.shape)
     values = values if sim.lattice.mask is None else np.where(sim.lattice.mask, values, 0.0)
@@ -49,7 +49,7 @@ def test_halo_is_what_the_stencil_reads():
 
 @pytest.mark.parametrize("boundary", CONDITIONS)
 def test_disc_stays_symmetric(boundary):
-    """Mirror images along both axes and diagonals, to rounding."""
+    """Mirror images along both axes, and for `PlaneWave` along the diagonal, to rounding."""
     sim = disc(boundary)
     sim.step(300)
     u = np.nan_to_num(sim.fields["u"])
@@ -61,7 +61,7 @@ def test_disc_stays_symmetric(boundary):
 
 @pytest.mark.parametrize("boundary", CONDITIONS)
 def test_threads_and_steps_do_not_matter(boundary):
-    """The compiled loop on two threads and on one, at once and step by step: the same to the last bit."""
+    """The compiled loop on one thread at once, and on two step by step: the same to the last bit."""
     runs = [disc(boundary, radius=27.0, threads=threads) for threads in (1, 2)]
     runs[0].step(40)
     for _ in range(40):
@@ -89,8 +89,8 @@ def test_checkpoint_of_another_condition_is_refused(tmp_path):
 
 @pytest.mark.slow
 def test_single_precision():
-    """Each step rounds by 2^-24 and kicks the velocity: a random walk of 300 steps, summed. The condition itself is in
-    double.
+    """Each step rounds by 2^-24, which changes the velocity: a random walk of 300 steps, summed. The condition itself
+    is in double precision.
     """
     one, other = disc(fh.PlaneWave()), disc(fh.PlaneWave(), dtype="float32")
     for sim in (one, other):
@@ -99,7 +99,7 @@ def test_single_precision():
 
 
 def test_ball():
-    """In space, against the infinite lattice, beside a fixed edge: ten times better at least."""
+    """In 3D, against the infinite lattice: at least ten times better than a fixed edge."""
     lattice = fh.Lattice(SPACING, window=fh.Ball(2.5))
     setup = {
         "lattice": lattice,
@@ -123,7 +123,7 @@ def test_two_sides_of_a_box(boundary, beside):
         "dt": 0.05,
         "initial": {"u": lambda x, y: np.exp(-(x**2)) * np.ones_like(y)},
     }
-    if isinstance(beside, fh.Fixed):  # a wave that fulfils it
+    if isinstance(beside, fh.Fixed):  # a wave that satisfies the fixed walls
         setup["initial"] = {"u": lambda x, y: np.exp(-(x**2)) * np.cos(np.pi * y / 4)}
     curves = compare(setup, 12.0, times=[6, 8, 10, 12]).curves
     ours = next(iter(curves.values()))
@@ -131,7 +131,7 @@ def test_two_sides_of_a_box(boundary, beside):
 
 
 def test_periodic_halo_wraps():
-    """A wave that does not depend on y goes out the same through a fringe of any width."""
+    """A wave that does not depend on y leaves in the same way, whatever the width of the fringe."""
     fields = []
     for half in (1.0, 2.5):
         lattice = fh.Lattice(SPACING, (-5.0, -half), (5.0, half))
@@ -163,7 +163,7 @@ def test_different_conditions_on_the_sides_of_a_box():
 
 @pytest.mark.parametrize("boundary", [fh.PlaneWave(), fh.Higdon()])
 def test_window_that_is_a_box(boundary):
-    """The same as bounds."""
+    """The field is that of the same box given as bounds."""
     fields = []
     for lattice in (
         fh.Lattice(SPACING, (-5.0, -5.0), (5.0, 5.0)),
@@ -176,8 +176,8 @@ def test_window_that_is_a_box(boundary):
 
 
 def test_thin_layer_cuts_bonds():
-    """A layer of one node where the stencil reaches three: the bonds beyond it are absent, two of the last near node's
-    and one of the next's.
+    """A layer of one node where the stencil reaches three: the bonds beyond it are absent, two of the last near node
+    and one of the next.
     """
     lattice = fh.Lattice(SPACING, (-5.0,), (5.0,))
     sim = fh.Simulation(lattice, fh.Diffusion(fh.Kernel(3 * SPACING, 1)), fh.PlaneWave(layer=SPACING))
@@ -237,7 +237,7 @@ def test_case_file(tmp_path):
 
 
 def test_check_says_what_closes_the_outline():
-    """And leaves the run as it is, the memory of the condition included."""
+    """And leaves the run as it is, including the memory of the condition."""
     sim, other = disc(fh.PlaneWave()), disc(fh.PlaneWave())
     text = sim.check(until=10.0).details
     assert "halo nodes from" in text and "PlaneWave()" in text and "stability" in text
@@ -297,8 +297,7 @@ def test_refused_windows(window, changes, message):
 
 
 def test_fronts():
-    """Rows 0 and 1 read nothing new, 2 reads what 0 gives, 3 what 2 gives; rows that wait for each other are
-    refused."""
+    """Rows 0 and 1 read nothing new, 2 reads what 0 gives, 3 what 2 gives; circular dependence is refused."""
     from scipy import sparse
 
     def update(entries):

@@ -1,5 +1,5 @@
-"""The condition from plane waves: its fit, published examples against the infinite lattice, any cloud of points, what
-is refused.
+"""The condition from plane waves: its fit, published examples against the infinite lattice, clouds of any points, and
+what is refused.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ def disc(reach, boundary, radius=RADIUS):
 
 
 def errors(sim, times):
-    """Largest differences from the infinite lattice over the near field."""
+    """Return the largest differences from the infinite lattice over the near field."""
     steps = [round(t / sim.dt) for t in times]
     rate = sim.model.coefficient / sim.lattice.spacing**2
     exact = InfiniteLattice(
@@ -53,22 +53,21 @@ def test_lattice_pml_beside_it(reach):
 
 
 def test_published_condition_grows_on_a_disc():
-    """Clouds turned to every node's own normal: overflow, as an independent program has it (log growth 10.9 per unit
-    time).
-    """
+    """Clouds turned to each node's normal overflow, as in an independent program (log growth 10.9 per unit time)."""
     published = fh.PlaneWave(fit="collocation", normals="free", wavenumber=1.0, thin=1)
     with pytest.raises(fh.UnstableError):
         disc(3, published, 10.0).run(60.0, progress=False, allow_unstable=True)
 
 
-# largest wavenumber; error at t = 250 in units of the largest value then: an independent program, two digits
+# largest wavenumber; error at t = 250 relative to the largest value then, two digits from an independent program
 EXAMPLE_1 = [(0.1, 0.029), (0.2, 0.010), (0.5, 0.029), (1.0, 0.072), (8.0, 0.34)]
 
 
 @pytest.mark.parametrize("wavenumber, known", EXAMPLE_1)
 def test_example_1_of_shojaei(wavenumber, known):
-    """Diffusion on a line, peridynamic, horizon and layer of four spacings, clouds of two; a step 10 times the
-    paper's."""
+    """Peridynamic diffusion on a line, with a horizon and a layer of four spacings and clouds of two; a step 10 times
+    the paper's.
+    """
     spacing = 0.125
     boundary = fh.PlaneWave(radius=2 * spacing, wavenumber=wavenumber, wavenumbers=20)
     sim = fh.Simulation(
@@ -84,7 +83,7 @@ def test_example_1_of_shojaei(wavenumber, known):
 
 def test_small_crosses_in_diffusion_never_grow():
     """Clouds of nearest neighbours: weights that are not negative and sum to at most 1, so that no value exceeds the
-    largest before.
+    largest one before.
     """
     for dim, exponent in ((1, 1), (2, 1), (3, 1)):
         lattice = fh.Lattice(0.1, (-1.0,) * dim, (1.0,) * dim)
@@ -111,8 +110,8 @@ def test_symmetry_in_space(balanced):
 
 
 def test_fitted_waves_go_on():
-    """A plane wave among the fitted ones meets its own next value: the residual, over that of values that stay, is a
-    small number.
+    """A plane wave among the fitted ones meets its own next value: the residual is small relative to that of values
+    that stay.
     """
     grid = np.stack(np.meshgrid(*[SPACING * np.arange(-12, 13)] * 2, indexing="ij"), -1).reshape(-1, 2)
     stencil = fh.Stencil.from_kernel(fh.Kernel(3 * SPACING, 2), SPACING, 2)
@@ -128,7 +127,7 @@ def test_fitted_waves_go_on():
 
 
 def random_disc(seed=3, count=1500):
-    """Points without any order in the unit disc, and a ring of absorbing ones around them."""
+    """Random points in the unit disc, and a ring of absorbing ones around them."""
     points = np.random.default_rng(seed).uniform(-1, 1, (count, 2))
     points = points[np.linalg.norm(points, axis=1) < 0.95]
     turn = np.linspace(0, 2 * np.pi, 160, endpoint=False)
@@ -137,8 +136,8 @@ def random_disc(seed=3, count=1500):
 
 
 def test_any_points():
-    """Points without order: waves along the normal go on; of the acceleration a tenth is missed at most, at every
-    second node at least.
+    """Random points: waves along the normal go on; at half of the nodes or more, at most a tenth of the acceleration
+    is missed.
     """
     points, absorbing, normals = random_disc()
     medium = Medium(2, 1.0, 0.005)

@@ -86,7 +86,7 @@ def given():
 
 
 def test_a_case_is_its_set_up():
-    """Bitwise, with sides, sources and coefficients by field."""
+    """The fields are bitwise those of the set-up in Python, with sides, sources and coefficients by field."""
     case = Case(CASE)
     ours, other = case.run(), fh.Simulation.of(given())
     other = fh.Simulation.of(fh.Setup(**{**given().arguments, "dt": ours.dt}))

@@ -151,9 +151,7 @@ def test_exact_ends():
 
 
 def test_a_beam_with_exact_ends():
-    """A beam can rotate: the fourfold factor 1 is split by the error of the sums, which are renewed long before this
-    shows.
-    """
+    """A beam can rotate: a fourfold factor 1 is split by the error of the sums, which are renewed before it shows."""
     sim = fh.Simulation(box(41), fh.Beam(), boundary=fh.Exact())
     sim.prepare(300.0)
     assert certify(sim).verdict == "certified"
@@ -204,9 +202,7 @@ def test_examining_leaves_the_run_alone():
 
 
 def test_run_refuses_what_grows(tmp_path, monkeypatch, capsys):
-    """Exit code 2, with the reason and the option that overrides it, before anything is written; `check` draws the
-    mode.
-    """
+    """Exit code 2 with the reason and the option to override it, before anything is written; `check` draws the mode."""
     monkeypatch.chdir(tmp_path)
     case = "backward_waves.toml"
     text = (EXAMPLES / case).read_text()
@@ -335,7 +331,7 @@ def test_long_surface_waves_grow_without_end_and_leave_through_the_sides():
 
 @pytest.mark.parametrize(("reach", "nodes", "warned"), [(8, None, True), (3, None, False), (3, 2, True)])
 def test_check_warns_of_a_layer_that_sends_much_back(reach, nodes, warned):
-    """For typical waves along the normal: more than ten times the target, or a thousandth if the thickness is given."""
+    """The limit for typical waves along the normal is ten times the target, or 1e-3 if the thickness is given."""
     lattice = fh.Lattice(1.0, (0.0,), (120.0,))
     model, u = fh.Wave(fh.Kernel(float(reach), int(reach < 8))), {"u": lambda x: np.exp(-((x - 60) ** 2) / 80)}
     sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=nodes), u)
@@ -430,7 +426,7 @@ def test_certificates_know_no_units(name, units):
 
 
 def test_layers_of_a_dragged_solid_are_certified():
-    """Its waves also leave in a run."""
+    """White noise decays, and in a run a pulse leaves through the layers."""
     model = fh.Correspondence(fh.Kernel(2.0, 1), 1.0, 0.3, stabilisation=0.5, drag=0.1)
     lattice, pulse = fh.Lattice(1.0, (-15.0, -15.0), (15.0, 15.0)), ["exp(-(x**2 + y**2)/8)", "0"]
     sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=8), {"u": pulse}, threads=1)
@@ -442,7 +438,7 @@ def test_layers_of_a_dragged_solid_are_certified():
 
 
 def test_run_refuses_what_grows_from_python_too():
-    """As on the command line, tenfold growth by the end is refused at the start, and less noted; it can be allowed."""
+    """Tenfold growth by the end is refused at the start, as on the command line, unless allowed; less is only noted."""
     make = lambda: fh.Simulation(box(30), wave(3, 0), boundary=undamped(10))  # noqa: E731
     sim = make()
     with pytest.raises(fh.InputError, match=r"not stable.*white noise.*allow_unstable=True"):
@@ -469,7 +465,7 @@ def test_a_run_that_is_no_longer_than_its_noise_is_not_remarked():
 
 
 def test_a_check_examines_modes_whatever_noise_tells():
-    """Both for a run that is no longer than its noise, and for one in which noise grows."""
+    """Modes are examined both for a run no longer than its noise, and for one in which noise grows."""
     sim = fh.Simulation(box(30, 30), wave(3), boundary=fh.LatticePML(nodes=12))
     assert sim.check(until=40.0).certificate.verdict == "certified"
     grows = fh.Simulation(box(30), wave(3, 0), boundary=undamped(10))
@@ -536,9 +532,7 @@ SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2*
 
 
 def largest_factor(sim):
-    """Return the largest of the factors by which the modes of the complete update, including layers, change in a
-    step.
-    """
+    """Return the largest factor by which modes of the complete update, including layers, change in a step."""
     complete = State(plain_twin(sim).engine)
     update = np.stack([complete.after(unit) for unit in np.eye(complete.size)], axis=1)
     return np.abs(np.linalg.eigvals(update)).max()

@@ -24,7 +24,7 @@ def test_nodes_and_memory_are_those_of_the_extended_domain(dim):
 
 
 def test_a_large_domain_is_priced_by_a_smaller_one():
-    """In proportion to the number of nodes, without the margins."""
+    """The price is proportional to the number of nodes, without the margins."""
     lattice = fh.Lattice(1.0, (0.0, 0.0), (299.0, 99.0))
     start = {"u": "exp(-((x-150)**2 + (y-50)**2)/8)"}
     layered = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), fh.LatticePML(target=1e-4, until=600.0), start)

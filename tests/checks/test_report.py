@@ -141,7 +141,7 @@ def test_a_sponge_that_sends_back_much_is_not_fine():
 
 
 def test_the_cheapest_sides_are_recommended():
-    """In 1D, the extended domain for a short run, and the layer for a long one."""
+    """In 1D the extended domain is recommended for a short run, and the layer for a long one."""
     line = fh.Lattice(0.25, -4, 4)
     for until, said in ((1.0, 'type = "extended"'), (4000.0, "as given; extended would take")):
         sim = fh.Simulation(line, fh.Wave(fh.Kernel(0.25)), fh.LatticePML(nodes=12), {"u": "exp(-2*x**2)"})

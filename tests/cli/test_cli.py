@@ -69,7 +69,7 @@ ABSORBERS = {  # other than a lattice PML, and the fraction of a fixed edge's er
     ids=lambda p: p.stem,
 )
 def test_examples_run_and_agree_with_the_infinite_medium(case, tmp_path, monkeypatch):
-    """Results, pictures, and an error 1000 times below that of a fixed edge, or 100 times with published conditions."""
+    """Results, pictures, and an error below 1e-3 of that of a fixed edge, or 1e-2 with published conditions."""
     monkeypatch.chdir(tmp_path)
     assert main(["run", str(case), "--json", "run.json"]) == 0
     facts = written("run.json", "run")
@@ -495,7 +495,7 @@ def test_a_picture_folder_that_cannot_be_made_is_refused_before_the_run(small, c
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.6, 1.0, 1.5])
 def test_ctrl_c_while_modules_are_imported_is_one_line(small, delay):
-    """Likewise at any other time before the run begins; afterwards the message is that of the run."""
+    """The same holds at any other time before the run begins; afterwards the message is that of the run."""
     script = (
         "import signal; from farhorizon.cli import process, _leave; signal.signal(signal.SIGINT, _leave); "
         'print("here", flush=True); process()'
@@ -540,8 +540,7 @@ def test_corrosion_goes_on_after_an_interrupt(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_a_killed_run_of_a_breaking_body_goes_on(tmp_path, monkeypatch, capsys):
-    """A run that is resumed, killed and resumed has bitwise the displacements, damage, probes and balance of one run.
-    """
+    """A run that is resumed, killed and resumed has bitwise the fields, probes and balance of one run."""
     monkeypatch.chdir(tmp_path)
     assert main(["run", str(BODY), "--out", "whole", "--json", "run.json"]) == 0
     pictures = {Path(p).name for p in written("run.json", "run")["pictures"]}
@@ -708,7 +707,7 @@ def test_keys_are_explained_at_the_prompt(capsys):
 
 
 def test_shells_complete_commands(tmp_path):
-    """As bash requests it: the answer arrives on file descriptor 8."""
+    """The request is that of bash: the answer arrives on file descriptor 8."""
     pytest.importorskip("argcomplete")
     asked = {"_ARGCOMPLETE": "1", "COMP_LINE": "farhorizon ch", "COMP_POINT": "13", "_ARGCOMPLETE_IFS": "\n"}
     script = f"exec 8>answer; {sys.executable} -m farhorizon"

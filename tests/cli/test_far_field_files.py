@@ -28,7 +28,7 @@ directions = 24
 
 
 def test_a_far_field_is_in_the_results_and_drawn(tmp_path, monkeypatch, capsys):
-    """In one run and in two parts it is bitwise that of a run in Python."""
+    """The far fields of one run and of a run in two parts are bitwise that of a run in Python."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.toml").write_text(CASE)
     assert main(["run", "a.toml", "--out", "whole", "--no-report"]) == 0
@@ -57,8 +57,8 @@ def test_a_far_field_is_in_the_results_and_drawn(tmp_path, monkeypatch, capsys):
 
 
 def test_a_far_field_is_the_same_in_si():
-    """In millimetres and units of two microseconds: fields have no unit, amplitudes have that of time and of the root
-    of a length, energies that of length^2 / time per frequency.
+    """The units are millimetres and two microseconds: fields have no unit, amplitudes have that of time and of the
+    root of a length, energies that of length^2 / time per frequency.
     """
     length, time = 1e-3, 2e-6
     unit = length**2 / time

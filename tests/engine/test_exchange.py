@@ -144,7 +144,7 @@ def test_rows_that_need_no_halo_are_swept_while_messages_travel(dim, real):
 
 @pytest.mark.parametrize("wide", [False, True], ids=["numbers", "pointers"])
 def test_calls_of_mpi(wide):
-    """Receives are posted before anything is sent, MPI is tested after each part of the box, and no message is left
+    """Receives are posted before anything is sent, MPI is polled as parts of the box are swept, and no message is left
     over.
     """
     mailbox = Mailbox(wide)

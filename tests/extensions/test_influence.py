@@ -44,7 +44,7 @@ def kernel_stencil(kernel, dim):
 
 @pytest.mark.parametrize("dim", [1, 2])
 def test_the_operator_tends_to_the_laplacian(dim):
-    """Against moments by adaptive quadrature of scipy; long waves have the symbol k^2."""
+    """Moments agree with adaptive quadrature of scipy, and long waves have the symbol k^2."""
     kernel = fh.Kernel(4.0, 1, influence=bump())
     moment = integrate.quad(lambda r: float(bump()(np.array(r))) * r**dim, 0, 1)[0] * 4.0 ** (dim + 1)
     sphere = {1: 2.0, 2: 2 * np.pi}[dim]

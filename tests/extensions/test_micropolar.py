@@ -141,8 +141,8 @@ def test_compiled_loop_and_definitions(model, sides):
 
 
 def test_layers_are_the_larger_domain():
-    """Up to the reflection, which decreases with the layer's thickness; all three branches cross it. Rotations near
-    their cut-off are slow, and require thick layers.
+    """They differ by the reflection, which decreases with the layer's thickness; all three branches cross it.
+    Rotations near their cut-off are slow, and require thick layers.
     """
     model, errors = MODELS["mirrors"], {}
     sims = {n: fh.Simulation(lattice(6, 5), model, fh.LatticePML(nodes=n), START) for n in (8, 16, 24)}

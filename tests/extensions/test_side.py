@@ -47,7 +47,7 @@ def simulation(boundary, **options):
 
 
 def test_it_runs_as_ours(sponge):
-    """With a power of two it is bitwise the built-in sponge; with a power of three it absorbs."""
+    """With a power of 2 the boundary is bitwise the built-in sponge; with a power of 3 it absorbs."""
     mine = simulation(sponge(nodes=20, strength=0.3, power=2.0))
     ours = simulation(fh.Sponge(nodes=20, strength=0.3))
     for sim in (mine, ours):

@@ -37,7 +37,7 @@ def exact(x, t, ricker):
 
 
 def test_its_wave_is_that_of_the_exact_solution(module):
-    """Of second order in the spacing, with a time step in proportion to it."""
+    """The error is of second order in the spacing, with a time step in proportion to it."""
     errors = []
     for spacing in (0.5, 0.25, 0.125):
         lattice = fh.Lattice(spacing, -12.0, 12.0)
@@ -66,7 +66,7 @@ def test_samples_are_a_signal(module):
 
 
 def test_a_class_is_known_to_case_files_and_checkpoints(tmp_path):
-    """By its name; its highest frequency follows from its spectrum."""
+    """The class is found by its name; its highest frequency follows from its spectrum."""
 
     @dataclass(frozen=True)
     class Sech(fh.Signal):

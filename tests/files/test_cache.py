@@ -1,4 +1,4 @@
-"""The cache folder: what lies damaged in it is made again, and what others may write is not run."""
+"""The cache folder: damaged files are made again, and code in a folder that others may write to is not run."""
 
 import importlib.util
 import os
@@ -28,7 +28,7 @@ def triple(x):
 
 
 def executed(path):
-    """The module of a file, executed anew."""
+    """Return the module of a file, executed anew."""
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)
     sys.modules[path.stem] = module
@@ -38,14 +38,14 @@ def executed(path):
 
 
 def loaded(path):
-    """How often the module of a file, executed anew and used, found compiled code."""
+    """Execute the module of a file anew, use it, and return how often it found compiled code."""
     module = executed(path)
     assert module.double(3.5) == 7.0 and module.triple.ctypes(2.0) == 6.0
     return sum(module.double.stats.cache_hits.values()) + module.triple.cache_hits
 
 
 def test_damaged_machine_code_is_compiled_again(tmp_path):
-    """One bit anywhere, a file cut short, an empty one, none: compiled again, once."""
+    """A flipped bit, a truncated, an empty or a missing file: compiled again, once."""
     path = tmp_path / "compiled_here.py"
     path.write_text(MODULE)
     assert (loaded(path), loaded(path)) == (0, 2)
@@ -61,7 +61,7 @@ def test_damaged_machine_code_is_compiled_again(tmp_path):
 
 
 def test_machine_code_of_types_that_are_no_more_is_compiled_again(tmp_path, monkeypatch):
-    """As another version of the program has left it."""
+    """Another version of the program may have left such code."""
     path = tmp_path / "compiled_before.py"
     path.write_text(MODULE.replace("2 * x", "x[0]"))
     before = ModuleType("types_of_before")
@@ -72,7 +72,7 @@ def test_machine_code_of_types_that_are_no_more_is_compiled_again(tmp_path, monk
     assert executed(path).double((5, 6)) == 5
 
 
-#: Waits as if the function took long to compile, and says that it is compiled.
+#: Waits as if the function took long to compile, and reports that it was compiled.
 SLOWLY = """
 import sys, time
 from numba.core.ccallback import CFunc
@@ -100,7 +100,7 @@ def test_of_processes_that_start_together_one_compiles(tmp_path):
 
 
 def test_all_compiled_functions_have_that_cache():
-    """No module of the package takes Numba's own decorators."""
+    """No module of the package imports Numba's own decorators."""
     for file in cache.Path(build.__file__).parents[2].rglob("*.py"):
         lines = [line for line in file.read_text().splitlines() if line.startswith("from numba import")]
         assert not any(word in line for line in lines for word in ("njit", "cfunc", "jit")), file.name
@@ -116,7 +116,7 @@ def test_damaged_generated_programs_are_written_again(tmp_path, monkeypatch, dam
 
 
 def test_half_a_module_is_none(tmp_path, monkeypatch):
-    """A program whose import was cut short is imported again."""
+    """A module whose import was interrupted is imported again."""
     monkeypatch.setattr(build, "cache_folder", lambda: tmp_path)
     text = "from farhorizon.engine.rows import build\nif build.CUT_SHORT:\n    raise KeyboardInterrupt\nVALUE = 1\n"
     monkeypatch.setattr(build, "CUT_SHORT", True, raising=False)
@@ -138,7 +138,7 @@ def test_damaged_arrays_are_none(tmp_path):
         damaged[place] ^= 4
         path.write_bytes(damaged)
         assert cache.kept(path) is None
-    cache.keep(tmp_path / "none" / "a.npz", poles=np.zeros(2))  # it is a cache only
+    cache.keep(tmp_path / "none" / "a.npz", poles=np.zeros(2))  # a cache that cannot be written is no error
 
 
 def test_old_temporary_files_go(tmp_path):
@@ -151,7 +151,7 @@ def test_old_temporary_files_go(tmp_path):
 
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners of POSIX")
 def test_a_shared_folder_that_others_may_write_is_not_taken(tmp_path, monkeypatch):
-    """Whoever can write there can have us run what they like."""
+    """Whoever can write there could have us run any code."""
     monkeypatch.delenv("FARHORIZON_CACHE", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null/none")
     monkeypatch.setattr(cache.tempfile, "tempdir", str(tmp_path))

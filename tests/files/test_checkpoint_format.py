@@ -1,4 +1,4 @@
-"""The file of a checkpoint: what is written comes back bit by bit, and damage is told."""
+"""The file of a checkpoint: what is written is read back bitwise, and damage is reported."""
 
 import os
 from pathlib import Path
@@ -69,7 +69,7 @@ def test_incomplete_checkpoint(tmp_path):
 
 
 def test_any_flipped_byte_is_told_or_harmless(tmp_path):
-    """Damage anywhere: either FileFormatError, or (in padding) everything comes back as it was."""
+    """Damage anywhere gives a FileFormatError, or (in padding) leaves everything as it was."""
     path: Path = tmp_path / "c.h5"
     arrays = checkpoint_arrays()
     write_checkpoint(path, arrays, {"step": 12})

@@ -1,4 +1,4 @@
-"""HDF5 files of ours: other files, truncated ones, newer ones, and those that refer to others are told."""
+"""HDF5 files of this package: foreign, truncated and newer files, and those that refer to others, are refused."""
 
 import h5py
 import numpy as np
@@ -50,7 +50,7 @@ def test_newer_version(tmp_path):
 
 @pytest.mark.parametrize("kind", ["external data", "external link", "soft link", "virtual"])
 def test_what_stands_in_other_files_is_refused(tmp_path, kind):
-    """A results file may come from anybody: what it refers to is not read, nor are links of a checkpoint followed."""
+    """A results file may come from anybody: what it refers to is not read, nor are links in a checkpoint followed."""
     path = write(tmp_path / "a.h5", dim=1).path
     secret = tmp_path / "secret"
     secret.write_bytes(b"root:x:0:0" * 100)
@@ -76,7 +76,7 @@ def test_what_stands_in_other_files_is_refused(tmp_path, kind):
 
 
 def test_no_text_is_kept_where_hdf5_has_no_check_sum(tmp_path):
-    """Texts of variable length lie in a heap without one: a flipped bit there made HDF5 hang or crash."""
+    """Texts of variable length are in a heap without a check sum: a flipped bit there made HDF5 hang or crash."""
     case = (
         'lattice = { spacing = 0.5, lower = [-2.0], upper = [2.0] }\nmodel = { type = "wave", kernel = { horizon = '
         "1.0 } }\n"

@@ -1,4 +1,4 @@
-"""Results files in parts, as several processes write them: read as one, by us and by VTK, and merged into one."""
+"""Results files in parts, as several processes write them: read as one file, by us and by VTK, and merged into one."""
 
 import itertools
 import shutil
@@ -17,19 +17,19 @@ CUTS = {1: ([0, 3, 7],), 2: ([0, 4, 7], [0, 2, 5]), 3: ([0, 3, 7], [0, 5], [0, 2
 
 
 def boxes_of(dim):
-    """All boxes of a small lattice."""
+    """Return all boxes of a small lattice."""
     along = [list(itertools.pairwise(ends)) for ends in CUTS[dim]]
     return list(itertools.product(*along))
 
 
 def field(dim, output, vector):
-    """Entries that all differ."""
+    """Return a field whose entries all differ."""
     shape = (dim,) * vector + tuple(ends[-1] for ends in CUTS[dim])
     return np.arange(np.prod(shape)).reshape(shape) / 7 + output
 
 
 def written(path, dim, outputs=3, parts=True, vector=False, **options):
-    """A file of some outputs, in parts or whole, and its writers, that of the whole last."""
+    """Write a file with some outputs, in parts or whole, and return its writers, that of the whole last."""
     boxes = boxes_of(dim) if parts else []
     shape = tuple(ends[-1] for ends in CUTS[dim])
     given = {
@@ -68,7 +68,7 @@ def append(writers, dim, k, vector=False):
 
 
 def content(path):
-    """All datasets and attributes of a file; of the fields their values."""
+    """Return all datasets and attributes of a file."""
     found = {}
 
     def look(name, item):
@@ -85,7 +85,7 @@ def content(path):
 
 @pytest.mark.parametrize(("dim", "vector"), [(1, False), (2, False), (2, True), (3, True)])
 def test_parts_are_read_as_one_and_merged(tmp_path, dim, vector):
-    """The merged file is the one that is written whole, to the last byte of every dataset."""
+    """The merged file equals the one that is written whole, to the last byte of every dataset."""
     written(tmp_path / "a.h5", dim, vector=vector, compress=dim == 2)
     written(tmp_path / "whole.h5", dim, parts=False, vector=vector, compress=dim == 2)
     results, whole = open_results(tmp_path / "a.h5"), open_results(tmp_path / "whole.h5")
@@ -102,7 +102,7 @@ def test_parts_are_read_as_one_and_merged(tmp_path, dim, vector):
 @pytest.mark.parametrize("outputs", [1, 3])
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_vtk_reads_parts_as_one(tmp_path, dim, outputs):
-    """Also while a part has one output more than the whole."""
+    """This holds even while a part has one output more than the whole."""
     pytest.importorskip("vtkmodules")
     from test_results import vtk_outputs
     from vtkmodules.util.numpy_support import vtk_to_numpy
@@ -131,7 +131,7 @@ def test_a_file_in_parts_is_taken_up(tmp_path):
 
 
 def test_parts_belong_to_their_file(tmp_path):
-    """They go where another run takes its place, and what is missing or not theirs is told."""
+    """They are removed when another run replaces the file; missing and foreign parts are reported."""
     path = tmp_path / "a.h5"
     written(path, 2)
     assert len(list(folder_of(path).iterdir())) == 4
@@ -150,7 +150,9 @@ def test_parts_belong_to_their_file(tmp_path):
 
 
 def test_what_is_no_part_is_not_read(tmp_path):
-    """A renamed file refers to parts of another; the file of the whole takes no fields; nothing merges into itself."""
+    """A renamed file refers to parts of another one, the file of the whole accepts no fields, and nothing merges into
+    itself.
+    """
     path = tmp_path / "a.h5"
     (_, whole) = written(path, 2)[-1]
     with pytest.raises(InputError, match="an output has every field of the file, no other"):

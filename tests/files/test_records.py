@@ -1,4 +1,4 @@
-"""Records apart from their run: tables, arrays, traces, and in results files."""
+"""Records by themselves: tables, arrays, traces, and in results files."""
 
 import sys
 from dataclasses import replace
@@ -34,7 +34,7 @@ def test_columns_are_named_by_their_components():
 
 
 def test_tables_and_arrays(tmp_path):
-    """All digits come back."""
+    """All digits are preserved."""
     found = records()
     found.data["u"] /= 3
     found.to_csv(tmp_path / "u.csv")
@@ -58,7 +58,7 @@ def test_without_obspy_the_error_names_the_extra(monkeypatch):
 
 
 def test_traces_of_obspy(tmp_path):
-    """A trace a receiver and component, as even in time; SAC, miniSEED and SEG-Y come back."""
+    """There is a trace for each receiver and component, with even time steps; SAC, miniSEED and SEG-Y are read back."""
     found = records(rows=50)
     stream = found.to_obspy("v", start="2026-01-01")
     assert [trace.stats.channel for trace in stream] == ["X"] * 3 + ["Y"] * 3
@@ -68,7 +68,7 @@ def test_traces_of_obspy(tmp_path):
         stream.select(channel="X", station="R00002").write(str(tmp_path / name), format=name)
         (back,) = obspy.read(str(tmp_path / name))
         np.testing.assert_allclose(back.data, found.data["v"][:, 2, 0], rtol=10.0**-digits)
-    found = replace(found, times=found.times / 64)  # SEG-Y has steps up to 65 ms, and single precision
+    found = replace(found, times=found.times / 64)  # SEG-Y has time steps up to 65 ms, and single precision
     single = found.to_obspy("v").select(channel="X", station="R00002")
     single[0].data = single[0].data.astype(np.float32)
     single.write(str(tmp_path / "SEGY"), format="SEGY")
@@ -86,7 +86,7 @@ def test_uneven_times_make_no_trace():
 
 
 def written(path, outputs=3):
-    """A results file with an output every four rows."""
+    """Write a results file with an output every four rows and return its writer."""
     more = {"shape": (4, 3), "spacing": 1.0, "lower": (0.0, 0.0), "fields": ("u",), "dtype": "float64"}
     writer = ResultsWriter.create(path, **more)
     writer.hold(records(0))
@@ -110,7 +110,7 @@ def test_results_have_the_rows_as_they_come(tmp_path):
 
 @pytest.mark.parametrize(("given", "kept"), [(None, 8), ({"line": 9}, 9)])
 def test_results_go_on_after_the_rows_of_the_checkpoint(tmp_path, given, kept):
-    """After those of the last output that is kept unless it says how many."""
+    """If no number of rows is given, they continue after those of the last output that is kept."""
     written(tmp_path / "a.h5")
     writer = ResultsWriter.resume(tmp_path / "a.h5", 2, recorded=given)
     writer.append_recorded(records(3, kept))
@@ -129,7 +129,7 @@ def test_xarray_has_them_with_their_coordinates(tmp_path):
 
 
 def test_xarray_names_the_units_of_records(tmp_path):
-    """Those of places, times, frequencies and what was recorded; directions have none."""
+    """Places, times, frequencies and recorded quantities have units; directions have none."""
     told = {"length": "mm", "time": "us", "frequency": "1/us", "stress": "GPa"}
     more = {"shape": (4, 3), "spacing": 1.0, "lower": (0.0, 0.0), "fields": ("u",), "dtype": "float64"}
     pattern = Recorded(
@@ -193,11 +193,11 @@ position = 0.4
 
 
 def test_recorders_of_a_case(tmp_path, monkeypatch, capsys):
-    """Run whole and in two parts they have the same bits, those of a run in Python; they are drawn."""
+    """A whole run and one in two parts have the data of a run in Python, those of receivers bitwise; they are drawn."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.toml").write_text(CASE)
     assert main(["run", "a.toml", "--out", "whole", "--no-report"]) == 0
-    monkeypatch.setattr(result_pictures, "plot_results", lambda *_: [])  # once is enough
+    monkeypatch.setattr(result_pictures, "plot_results", lambda *_: [])  # drawn once only
     assert main(["run", "a.toml", "--out", "part", "--until", "1.3", "--no-report"]) == 0
     assert main(["run", "a.toml", "--out", "part", "--resume", "--no-report"]) == 0
     whole, part = (open_results(f"{name}/a.h5").recorded for name in ("whole", "part"))
@@ -233,7 +233,7 @@ def test_recorders_of_a_case(tmp_path, monkeypatch, capsys):
     ],
 )
 def test_cases_that_are_refused(tmp_path, monkeypatch, capsys, old, new, message):
-    """Before any work, with the key."""
+    """Each is refused before any work, with the key."""
     monkeypatch.chdir(tmp_path)
     assert old in CASE
     (tmp_path / "a.toml").write_text(CASE.replace(old, new))

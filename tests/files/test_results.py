@@ -1,4 +1,4 @@
-"""Results files: what is written comes back, to us, to xarray and to VTK, and damage is told."""
+"""Results files: what is written is read back, by us, xarray and VTK, and damage is reported."""
 
 import h5py
 import numpy as np
@@ -12,7 +12,7 @@ SHAPES = {1: (7,), 2: (7, 5), 3: (7, 5, 4)}
 
 
 def values(dim, dtype, number):
-    """An array whose every entry is different, with a nan as outside a window."""
+    """Return an array whose entries all differ, with a nan as outside a window."""
     array = (np.arange(np.prod(SHAPES[dim])) + 100.0 * number + 1 / 3).reshape(SHAPES[dim]).astype(dtype)
     array.flat[2] = np.nan
     return array
@@ -63,7 +63,7 @@ def test_round_trip(tmp_path, dim, dtype):
 
 
 def test_packed_fields_are_the_same_fields(tmp_path):
-    """In a smaller file, which is taken up as others are."""
+    """Their file is smaller, and is resumed like any other."""
     plain, packed = (tmp_path / name for name in ("a.h5", "b.h5"))
     for path in (plain, packed):
         writer = ResultsWriter.create(
@@ -96,8 +96,8 @@ def test_provenance_and_units_come_back(tmp_path):
 
 
 def test_balance(tmp_path):
-    """Entries of a balance come back by name, in xarray too; rows without one are nan, and resuming cuts them like the
-    others.
+    """Entries of a balance are read back by name, also in xarray; rows without one are nan, and resuming truncates
+    them like the others.
     """
     names = ["stored", "x-", "residual"]
     writer = ResultsWriter.create(
@@ -134,7 +134,7 @@ def test_to_xarray(tmp_path, dim):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_vectors(tmp_path, dim):
-    """Components come first, in fields, probes and xarray; VTK's three components do not show."""
+    """Components come first in fields, probes and xarray; the three components of VTK are not visible."""
     data = np.stack([c + values(dim, "float64", 0) for c in range(dim)])
     writer = ResultsWriter.create(
         tmp_path / "a.h5",
@@ -166,7 +166,7 @@ def test_vectors(tmp_path, dim):
 
 
 def test_vectors_beside_scalars(tmp_path):
-    """Fields of different width in one file; probes show the vector, also where it is not written."""
+    """Fields of different width in one file; probes record the vector even if it is not written as a field."""
     damage = values(2, "float64", 0)
     u = np.stack([damage + 1, damage + 2])
     for fields in (("u", "damage"), ("damage",)):
@@ -223,7 +223,7 @@ def test_damaged_results_are_told_at_the_access(tmp_path):
 
 
 def vtk_outputs(path):
-    """Times and images as VTK, and so ParaView, reads them."""
+    """Return times and images as VTK, and hence ParaView, reads them."""
     from vtkmodules.vtkCommonDataModel import vtkImageData
     from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
     from vtkmodules.vtkIOHDF import vtkHDFReader
@@ -241,7 +241,7 @@ def vtk_outputs(path):
 
 
 def assert_same(results, index, image):
-    """Every node of an output has its place and its values in VTK's image too."""
+    """Check that every node of an output has the same position and values in VTK's image."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
     assert image.GetDimensions() == (*results.shape, 1, 1)[:3]
@@ -252,7 +252,7 @@ def assert_same(results, index, image):
         for node in np.ndindex(field.shape):
             place = [axis[i] for axis, i in zip(results.axes, node, strict=True)] + [0.0] * (3 - results.dim)
             number = image.FindPoint(place)
-            # round-off of origin + i spacing
+            # rounding of origin + i spacing
             np.testing.assert_allclose(image.GetPoint(number), place, rtol=0, atol=1e-12)
             np.testing.assert_array_equal(array[number], field[node])
 
@@ -271,7 +271,7 @@ def test_vtk_reads_the_file(tmp_path, dim, dtype, compress):
 
 
 def test_vtk_reads_vectors(tmp_path):
-    """Point data of three components, x fastest, the third one zero in the plane."""
+    """Point data have three components, x fastest, and the third is zero in 2D."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
     data = np.random.default_rng(1).standard_normal((2, 7, 5))
@@ -289,7 +289,7 @@ def test_vtk_reads_vectors(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_vtk_reads_a_single_output(tmp_path, dim):
-    """Both a new file with one output and one that was cut back to one; VTK lists the output twice."""
+    """A new file with one output, and one that was truncated to one; VTK lists the output twice."""
     write(tmp_path / "new.h5", dim, outputs=1)
     write(tmp_path / "cut.h5", dim, outputs=3)
     ResultsWriter.resume(tmp_path / "cut.h5", 1)
@@ -315,7 +315,7 @@ def test_vtk_reads_axes_of_one_node(tmp_path, shape):
 
 
 def contents(path):
-    """All that a results file tells."""
+    """Return everything that a results file contains."""
     results = open_results(path)
     fields = [results.field(name, k).tobytes() for name in results.field_names for k in range(len(results.times))]
     columns = [
@@ -336,7 +336,7 @@ def contents(path):
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("compress", [False, True])
 def test_any_flipped_bit_of_results_is_told_or_harmless(tmp_path, compress):
-    """Damage anywhere: FileFormatError, or (in padding) everything is read as it was."""
+    """Damage anywhere gives a FileFormatError, or (in padding) everything is read as it was."""
     path = write(tmp_path / "a.h5", compress=compress).path
     data, good, told = path.read_bytes(), contents(path), 0
     rng = np.random.default_rng(4)

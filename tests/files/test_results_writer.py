@@ -1,4 +1,4 @@
-"""Results files that are written: taken up, appended to, killed in the middle of it; what is refused."""
+"""Writing of results files: resumed, appended to, killed while writing; what is refused."""
 
 import os
 import signal
@@ -48,7 +48,7 @@ def test_resume_keeps_the_rows_asked_for(tmp_path):
 
 
 def test_half_an_output_does_not_count(tmp_path):
-    """An append that was cut short has made the datasets longer, but not the counts."""
+    """An interrupted append has made the datasets longer, but has not changed the counts."""
     write(tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5", "r+") as file:
         file["VTKHDF/PointData/u"].resize(4, axis=0)
@@ -146,9 +146,7 @@ def test_append_refuses_and_leaves_the_file(tmp_path):
 
 
 def test_one_count_too_many_is_not_counted(tmp_path):
-    """As HDF5 alone leaves a file that was killed between two of its writes: what is held counts, for readers and
-    writers.
-    """
+    """HDF5 alone leaves such a file when it is killed between two writes: readers and writers use what is stored."""
     write(tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5", "r+") as file:
         file["farhorizon"].attrs["outputs"] = 4
@@ -176,8 +174,8 @@ def test_finished_is_noted_and_taken_back(tmp_path):
     ("mode", "action"), [(0o000, "open_results"), (0o000, "ResultsWriter"), (0o444, "write"), (0o000, "write")]
 )
 def test_missing_permission_is_an_input_error(mode, action):
-    """By a user whom permissions bind."""
-    with tempfile.TemporaryDirectory() as folder:  # others have no way to pytest's
+    """The test runs as an unprivileged user."""
+    with tempfile.TemporaryDirectory() as folder:  # others have no access to pytest's
         os.chmod(folder, 0o777)
         path = write(Path(folder) / "a.h5", dim=1).path
         os.chmod(path, mode)
@@ -190,7 +188,7 @@ def refused(action, path):
 
 
 def without_privileges(function):
-    """Exit code of a child that runs a function as a user whom permissions bind: 0, or 1 if it raised."""
+    """Return the exit code of a child that runs a function as an unprivileged user: 0, or 1 if it raised."""
     child = os.fork()
     if child == 0:
         code = 1

@@ -1,4 +1,4 @@
-"""Classes that checkpoints know by name, because they derive from one."""
+"""Classes that checkpoints know by name, because they derive from a common class."""
 
 import numpy as np
 import pytest
@@ -7,8 +7,8 @@ import farhorizon as fh
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.shapes import Shape
 
-#: What is no part of a set-up, or is kept in other ways: runs, models and sides (which know themselves), constants,
-#: errors.
+#: Classes that are no part of a set-up, or are stored in other ways: runs, models and sides (which have their own
+#: registries), constants, errors.
 APART = (
     fh.LatticeModel,
     fh.Side,
@@ -35,7 +35,7 @@ def test_every_part_of_a_set_up_is_known():
 
 
 class Half(Shape):
-    """All below a height, a shape that users define."""
+    """Everything below a height, as a user-defined shape."""
 
     _shown = ("height",)
 
@@ -47,7 +47,7 @@ class Half(Shape):
 
 
 def test_a_shape_of_ones_own_is_in_checkpoints(tmp_path):
-    """What it is given is kept, and the run goes on bitwise."""
+    """Its arguments are stored, and the run continues bitwise."""
     lattice, model = fh.Lattice(1.0, (-6.0, -6.0), (6.0, 6.0)), fh.Diffusion(fh.Kernel(2.0))
     held = fh.Temperature(Half(-4.0), "sin(t)")
     sim = fh.Simulation(lattice, model, fh.Free(), {"u": "exp(-x**2)"}, constraints=[held], threads=1)

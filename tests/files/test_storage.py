@@ -1,4 +1,4 @@
-"""Files that are written: a process that dies anywhere, a full disk, two processes at once."""
+"""Writing of files: a process that dies at any point, a full disk, two processes at once."""
 
 import errno
 import os
@@ -18,7 +18,7 @@ SHAPE = (40, 30)
 
 
 def begun(path, outputs=2):
-    """A results file with some outputs, each filled with its number."""
+    """Return the writer of a results file with some outputs, each filled with its number."""
     writer = ResultsWriter.create(
         path, shape=SHAPE, spacing=1.0, lower=(0, 0), fields=("u", "v"), dtype="float64", probes=np.zeros((2, 2))
     )
@@ -34,7 +34,7 @@ def append(writer):
 
 
 def whole(path):
-    """Number of outputs of a results file, every number of which is right."""
+    """Return the number of outputs of a results file, after checking all its values."""
     results = open_results(path)
     count = len(results.times)
     for k in range(count):
@@ -47,7 +47,7 @@ def whole(path):
 
 
 def in_child(function):
-    """Exit code of a forked process that runs a function; 99 if it raised, minus the signal if it crashed."""
+    """Return the exit code of a forked process that runs a function; 99 if it raised, minus the signal if it died."""
     child = os.fork()
     if child == 0:
         code = 99
@@ -60,14 +60,14 @@ def in_child(function):
 
 
 def dying(number, function):
-    """Run a function and end the process in place of its call `number` of what changes a file."""
+    """Run a function, and end the process in place of its call `number` of the functions that change files."""
     calls = [0]
 
     def counted(call):
         def instead(*arguments, **options):
             calls[0] += 1
             if calls[0] == number:
-                if call is os.write:  # half of it is written
+                if call is os.write:  # half of the data is written
                     os.pwrite(
                         arguments[0], arguments[1][: len(arguments[1]) // 2], os.lseek(arguments[0], 0, os.SEEK_CUR)
                     )
@@ -82,8 +82,8 @@ def dying(number, function):
 
 
 def every_death(function):
-    """Exit codes of `function` with an end at its first call that changes a file, its second and so on, until it comes
-    to its own end.
+    """End `function` at its first call that changes a file, then at the second, and so on, and yield the numbers of
+    these calls until it runs to its end.
     """
     number = 1
     while (code := in_child(lambda: dying(number, function))) == 42:  # noqa: B023
@@ -93,14 +93,13 @@ def every_death(function):
 
 
 def test_an_append_that_dies_anywhere_is_there_or_not(tmp_path):
-    """The file reads, is resumed, and takes the next output, wherever the process ended, also in the middle of a
-    write."""
+    """The file can be read, resumed and appended to, wherever the process ended, even within a write."""
     path = tmp_path / "a.h5"
     begun(path)
     before = path.read_bytes()
     counts = set()
     for _ in every_death(lambda: append(ResultsWriter(path))):
-        counts.add(whole(path))  # a reader sees through a journal
+        counts.add(whole(path))  # a reader takes a journal into account
         writer = ResultsWriter.resume(path, 2)
         append(writer)
         append(ResultsWriter(path))
@@ -131,7 +130,7 @@ def test_a_creation_or_a_checkpoint_that_dies_anywhere_leaves_the_old_one_or_the
 
 
 def test_a_creation_over_an_interrupted_append_is_not_touched_by_it_later(tmp_path):
-    """The journal of the old file is gone before the new one stands there."""
+    """The journal of the old file is removed before the new file is in place."""
     path = tmp_path / "a.h5"
     begun(path)
     for _ in every_death(lambda: append(ResultsWriter(path))):
@@ -144,7 +143,7 @@ def test_a_creation_over_an_interrupted_append_is_not_touched_by_it_later(tmp_pa
 
 @pytest.mark.parametrize("room", [0, 100, 2_000, 9_000, 19_000])
 def test_a_full_disk_is_an_error_and_leaves_the_file(tmp_path, room):
-    """At a limit of the file's size: OSError, no crash at the exit, and what was there is there."""
+    """At a limit of the file size there is an OSError and no crash at exit, and the file is unchanged."""
     path, checkpoint = tmp_path / "a.h5", tmp_path / "a.ckpt"
     begun(path)
     write_checkpoint(checkpoint, {"u": np.zeros(10)}, {})
@@ -190,7 +189,7 @@ def test_a_lock_is_held_by_one_and_ends_with_its_process(tmp_path):
 
 
 def test_draft_is_a_file_of_its_own(tmp_path):
-    """Random reads, writes and truncations against the same on bytes; the file changes at the end only."""
+    """Random reads, writes and truncations against the same operations on bytes; the file changes only at the end."""
     rng = np.random.default_rng(5)
     path = tmp_path / "x"
     for _ in range(50):

@@ -1,4 +1,4 @@
-"""Boxes of a lattice: against all nodes counted, and by hand."""
+"""Boxes of a lattice against counts over all nodes, and by hand."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def test_boxes_cover_the_lattice_once(shape, processes):
 
 
 def test_neighbours_are_those_beside():
-    """And theirs are the boxes themselves."""
+    """The relation of neighbours is symmetric."""
     boxes = made((40, 41), 6, periodic=[1], topology=[2, 3])
     for number in range(6):
         for (axis, side), other in boxes.neighbours(number).items():
@@ -43,7 +43,9 @@ def test_least_is_exchanged(shape, processes, topology):
 
 
 def test_what_is_exchanged_is_counted():
-    """Of the middle of three slabs two faces, with the nodes beyond them and the edges; of four columns likewise."""
+    """The middle one of three slabs exchanges two faces, with the nodes beyond them and the edges; likewise four
+    columns.
+    """
     boxes = made((60, 20), 3, topology=[3, 1])
     assert boxes.exchanged(1, (2, 2), {(1, -1): 5, (1, 1): 4}) == [2 * 2 * (20 + 9 + 4), 0]
     assert boxes.size(1, {(1, -1): 5, (1, 1): 4, (0, 1): 7}) == [20, 29]
@@ -51,7 +53,7 @@ def test_what_is_exchanged_is_counted():
 
 
 def test_work_is_balanced():
-    """What lies beyond a side counts, and no box is thinner than it may be."""
+    """Nodes beyond a side count as work, and no box is thinner than the limit."""
     assert made((100,), 2, more={(0, -1): 20.0}).cuts == ((0, 40, 100),)
     assert made((20,), 4, more={(0, -1): 100.0}).cuts == ((0, 5, 10, 15, 20),)
     assert made((40,), 2, more={(0, 1): 30.0}, least=12).cuts == ((0, 28, 40),)
@@ -67,7 +69,7 @@ def test_too_many_processes():
 
 
 def test_a_part_has_the_same_coordinates():
-    """To the last bit."""
+    """They are equal to the last bit."""
     lattice = fh.Lattice(0.1, (0.3, -1.7), (4.3, 2.3))
     part = lattice.part([(7, 21), (30, 41)])
     for axis, ends in enumerate(((7, 21), (30, 41))):

@@ -1,4 +1,4 @@
-"""Meshes of volumes as regions, beside the shapes that they mesh; files as Gmsh writes them."""
+"""Meshes of volumes as regions, against the shapes that they mesh; files as Gmsh writes them."""
 
 import sys
 from pathlib import Path
@@ -8,7 +8,7 @@ import pytest
 
 import farhorizon as fh
 
-# A square of two triangles "left" (1) and two "right" (2), and the line between them, as Gmsh 4 writes it.
+# A square of two triangles "left" (1), one of two "right" (2), and the line between them, as Gmsh 4 writes it.
 TWO_SQUARES = """$MeshFormat
 4.1 0 8
 $EndMeshFormat
@@ -74,7 +74,7 @@ def test_groups_are_the_rectangles_that_they_mesh(tmp_path):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_triangulated_hull_is_the_hull(dim):
-    """Delaunay's elements of random points, nodes on faces included; each element by itself, too."""
+    """Delaunay elements of random points, also at points on faces, and a single element."""
     from scipy.spatial import Delaunay
 
     points = np.random.default_rng(dim).normal(size=(40, dim))

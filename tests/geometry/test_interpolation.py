@@ -1,4 +1,4 @@
-"""Values and derivatives between nodes: against the functions themselves, orders fitted, edges and holes."""
+"""Values and derivatives between nodes: against the functions themselves, with fitted orders; edges and holes."""
 
 import itertools
 
@@ -10,7 +10,7 @@ from farhorizon.geometry.interpolation import HALF_WIDTH, as_points, interpolati
 
 
 def sums(lattice, points, values, **options):
-    """A function of the coordinates at points, from its values at nodes."""
+    """Return a function of the coordinates at points, from its values at nodes."""
     nodes, weights = interpolation_blocks(lattice, np.asarray(points, float), **options).entries()
     return (weights * values.ravel()[nodes]).sum(1)
 
@@ -23,7 +23,7 @@ def drawn_points(lattice, count, seed, margin=HALF_WIDTH):
 @pytest.mark.parametrize("length", [4.0, 6.0, 20.0])
 def test_windowed_sinc_of_plane_waves(length):
     """Hicks (2002) chooses the window for waves of four nodes and more; by Kaiser's rule its ripple is exp(-shape),
-    3.5e-6, an axis, and dividing by the sum of the weights, which has it, too, doubles that.
+    3.5e-6 per axis, and the division by the sum of the weights, which has the same ripple, doubles it.
     """
     lattice = Lattice(0.5, (0.0, 0.0), (20.0, 15.0))
     x, y = lattice.coordinates()
@@ -36,7 +36,7 @@ def test_windowed_sinc_of_plane_waves(length):
 
 @pytest.mark.parametrize("derivative", [None, 0, 1])
 def test_linear_is_of_second_order(derivative):
-    """Errors at the same points on finer and finer lattices."""
+    """Errors at the same points on successively finer lattices."""
     errors, steps = [], np.array([0.4, 0.2, 0.1, 0.05])
     for spacing in steps:
         lattice = Lattice(spacing, (0.0, 0.0), (8.0, 4.0))
@@ -51,7 +51,7 @@ def test_linear_is_of_second_order(derivative):
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_derivatives_of_the_windowed_sinc(axis):
-    """Those of waves of six nodes in space, and of what the values themselves interpolate."""
+    """They are compared with those of waves of six nodes in space, and with differences of the interpolated values."""
     lattice = Lattice(0.5, (0.0, 0.0), (15.0, 12.0))
     x, y = lattice.coordinates()
     k = 2 * np.pi / 3.0 * np.array([0.6, 0.8])
@@ -78,7 +78,7 @@ def test_constants_are_kept(method):
 
 @pytest.mark.parametrize("method", ["sinc", "linear"])
 def test_a_point_on_a_node_is_that_node(method):
-    """In a corner, too; beside points that are between nodes the other weights are zero, exactly."""
+    """This holds in a corner, too, and together with points between nodes: the other weights are exactly zero."""
     lattice = Lattice(0.1, (0, 0), (3.0, 2.9))
     on = np.array([(0.0, 0.0), (3.0, 2.9), (0.3, 1.1)])
     for points in (on, np.concatenate([on, [(1.234, 1.567)]])):
@@ -102,7 +102,7 @@ def test_blocks_are_products():
 
 
 def test_mirrored_points_have_mirrored_weights():
-    """So that what is received at one point from another is the same both ways."""
+    """Reciprocity between two points requires this."""
     lattice = Lattice(0.25, -6.0, 6.0)
     for derivative, sign in ((None, 1), (0, -1)):
         left, right = interpolation_blocks(lattice, np.array([[-0.33], [0.33]]), derivative=derivative).entries()[1]
@@ -125,7 +125,7 @@ BODY = {"body": Box((0, 0), (30, 30)) - Disc(3.2, (15, 15))}
     ],
 )
 def test_refused(point, method, region, message):
-    """Outside, in a hole, or with a sum that would take nodes which are not there; told with a remedy."""
+    """Points outside, in a hole, or so close to an edge that nodes are missing; unknown methods."""
     lattice = Lattice(1.0, (0, 0), (30, 30), **region)
     with pytest.raises(InputError, match=message):
         interpolation_blocks(lattice, np.array([point]), method)
@@ -133,7 +133,7 @@ def test_refused(point, method, region, message):
 
 @pytest.mark.parametrize("point", [(0.5, 15.0), (30.0, 29.5), (11.0, 14.5), (0.0, 7.25)])
 def test_linear_reaches_the_edge(point):
-    """Where both nodes are there."""
+    """It is possible as long as both nodes exist."""
     lattice = Lattice(1.0, (0, 0), (30, 30), **BODY)
     x, y = lattice.coordinates()
     assert sums(lattice, [point], 2 * x - y, method="linear")[0] == pytest.approx(2 * point[0] - point[1], rel=1e-12)
@@ -146,7 +146,7 @@ def test_what_are_no_points(given):
 
 
 def test_points_of_a_line():
-    """One number each in 1D; a single point is one of a list."""
+    """In 1D a point is a number; a single point counts as a list of one."""
     assert as_points([1.0, 2.0], 1).shape == (2, 1)
     assert as_points(3.0, 1).shape == (1, 1)
     assert as_points((1.0, 2.0), 2).shape == (1, 2)
@@ -154,7 +154,7 @@ def test_points_of_a_line():
 
 @pytest.mark.parametrize("method", ["sinc", "linear"])
 def test_boxes_have_parts_of_the_sums(method):
-    """Together they are the sums over the whole lattice, also where a box is narrower than a block."""
+    """Together they are the sums over the whole lattice, even if a box is narrower than a block."""
     lattice = Lattice(1.0, (0.0, 0.0), (39.0, 30.0))
     points = np.array([[12.3, 10.0], [15.0, 14.6], [20.0, 15.0], [9.1, 21.7]])
     whole = interpolation_blocks(lattice, points, method, 0)

@@ -17,7 +17,7 @@ from farhorizon import Ball, Box, Disc, InputError, Lattice
     ],
 )
 def test_both_bounds_are_nodes(spacing, lower, upper, shape):
-    """Nodes lower, lower + dx, ..., upper, although dx is no exact double."""
+    """Nodes lower, lower + dx, ..., upper, although dx is not exactly representable."""
     lattice = Lattice(spacing, lower=lower, upper=upper)
     assert lattice.shape == shape and lattice.dim == len(shape) and lattice.nodes == np.prod(shape)
     for axis, n, low, high in zip(lattice.axes, shape, np.atleast_1d(lower), np.atleast_1d(upper), strict=True):
@@ -27,8 +27,8 @@ def test_both_bounds_are_nodes(spacing, lower, upper, shape):
 
 
 def test_window_of_the_published_disc():
-    """Radius 26 at spacing 0.25 holds 33949 nodes (Hermann et al. 2023, example 2: plane_wave_abc_waves.md section 2,
-    item 10).
+    """Radius 26 at spacing 0.25 contains 33949 nodes (Hermann et al. 2023, example 2: plane_wave_abc_waves.md section
+    2, item 10).
     """
     lattice = Lattice(0.25, window=Disc(26))
     assert lattice.nodes == 33949
@@ -37,7 +37,7 @@ def test_window_of_the_published_disc():
 
 
 def test_window_lies_on_the_lattice_through_the_origin():
-    """A window that is not aligned takes the nodes at whole multiples of the spacing inside its bounds."""
+    """A window that is not aligned contains the nodes at integer multiples of the spacing within its bounds."""
     lattice = Lattice(0.5, window=Disc(1.2, centre=(0.3, -10.1)))
     np.testing.assert_allclose(lattice.lower / 0.5, np.round(lattice.lower / 0.5))
     i, j = np.meshgrid(np.arange(-40, 41), np.arange(-40, 41))
@@ -58,7 +58,7 @@ def test_body_with_a_hole():
 
 @pytest.mark.parametrize("point", [(0.0, 0.0), (1.0, -2.0), (0.13, 0.37), (-1.0, 2.0)])
 def test_index_is_the_nearest_node(point):
-    """Brute force over all nodes."""
+    """It is compared with a search over all nodes."""
     lattice = Lattice(0.25, lower=(-1, -2), upper=(1, 2))
     x, y = lattice.coordinates()
     distance = (x - point[0]) ** 2 + (y - point[1]) ** 2
@@ -67,7 +67,7 @@ def test_index_is_the_nearest_node(point):
 
 @pytest.mark.parametrize("point", [(1.2, 0.0), (0.0, -2.2), (np.nan, 0.0), (0.0,), (0.0, 0.0, 0.0)])
 def test_index_beyond_the_near_field(point):
-    """Outside, non-finite or of another dimension: refused."""
+    """Points outside, not finite or of another dimension are refused."""
     with pytest.raises(InputError):
         Lattice(0.25, lower=(-1, -2), upper=(1, 2)).index(point)
 
@@ -90,7 +90,7 @@ def test_bounds_that_are_no_whole_number_of_spacings_apart(upper, nearest):
 
 
 def test_the_nearest_bounds_of_the_message_work():
-    """Following the advice makes a lattice."""
+    """Following the advice gives a lattice."""
     with pytest.raises(InputError) as error:
         Lattice(0.3, lower=(-1,), upper=(1.05,))
     nearest = float(error.value.remedy.split("[")[1].rstrip("]"))
@@ -99,7 +99,7 @@ def test_the_nearest_bounds_of_the_message_work():
 
 
 def test_rounding_in_the_bounds_is_no_error():
-    """A tenth is no double: 1e-9 of a spacing is allowed, 1e-6 is not."""
+    """Bounds may be off by 1e-9 of a spacing, since 0.1 is not exactly representable."""
     assert Lattice(0.1, lower=0.0, upper=0.1 * 3).shape == (4,)
     assert Lattice(0.1, lower=0.0, upper=0.3 + 0.5e-10).shape == (4,)
 
@@ -122,19 +122,19 @@ def test_rounding_in_the_bounds_is_no_error():
     ],
 )
 def test_bad_lattices_are_refused(options, match):
-    """Before any work, with the reason."""
+    """Each is refused before any work, with the reason."""
     with pytest.raises(InputError, match=match):
         Lattice(**options)
 
 
 def test_a_window_that_does_not_fit_into_memory_is_refused():
-    """Before its mask is made: 2e11 nodes."""
+    """It is refused before its mask of 2e11 nodes is made."""
     with pytest.raises(InputError, match=r"lattice\.spacing.*memory.*GiB.*remedy"):
         Lattice(1e-4, window=Disc(20.0))
 
 
 def test_the_node_of_a_number():
-    """Along a line a point is a number, or a list of one."""
+    """In 1D a point is a number, or a list of one."""
     line = Lattice(0.5, -2.0, 2.0)
     assert line.index(0.2) == line.index([0.2]) == line.index(np.float64(0.2)) == (4,)
     with pytest.raises(InputError, match=r"one coordinate per axis; value: \[0, 0\]; limit: one coordinate"):

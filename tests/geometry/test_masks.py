@@ -1,4 +1,4 @@
-"""Regions from a font and from an image: where letters are, how large, holes; pixels, their place and brightness;
+"""Regions from a font and from an image: position, size and holes of letters; position and brightness of pixels;
 refusals.
 """
 
@@ -16,7 +16,7 @@ def grid(n=201, half=1.0):
 
 
 def test_letter_height_and_place():
-    """A capital H is as high as asked for, centred, with its bar in the middle and gaps above and below it."""
+    """A capital H has the requested height and centre, with its bar in the middle and gaps above and below it."""
     letter = fh.Text("H", 1.2, centre=(0.3, -0.1), bold=True)
     low, high = letter.bounds()
     np.testing.assert_allclose(low + high, [0.6, -0.2], atol=1e-12)
@@ -26,7 +26,7 @@ def test_letter_height_and_place():
 
 
 def test_holes_of_letters():
-    """Inside an O there is none; its area is that of the outline by the shoelace formula."""
+    """The inside of an O is empty; its area is that of the outline by the shoelace formula."""
     letter = fh.Text("O", 1.5)
     assert not letter.contains([0.0, 0.0])
     areas = [
@@ -34,11 +34,13 @@ def test_holes_of_letters():
     ]
     assert len(areas) == 2
     found = letter.contains(grid(801)).mean() * 4
-    assert found == pytest.approx(abs(areas[0] - areas[1]), rel=0.01)  # a node stands for a cell of 1/400
+    assert found == pytest.approx(abs(areas[0] - areas[1]), rel=0.01)  # a node represents a cell of 1/400
 
 
 def test_letters_are_polygons_like_others():
-    """The same nodes as a Polygon of a letter's only loop, its edges included; text combines with other shapes."""
+    """The same nodes as those of a Polygon from the only loop of a letter, including its edges; text combines with
+    other shapes.
+    """
     letter = fh.Text("L", 1.0)
     points = grid()
     assert np.array_equal(letter.contains(points), fh.Polygon(letter._loops[0]).contains(points))
@@ -61,10 +63,10 @@ def test_text_refusals(arguments, message):
 
 
 def test_pixels():
-    """The top row of an image is on top; a pixel is a square of width / columns."""
+    """The first row of an image is at the top; a pixel is a square of width / columns."""
     pixels = np.array([[True, False, False], [False, False, True]])
     mask = fh.ImageMask(pixels, width=3.0, centre=(1.5, 1.0))
-    points = np.stack(np.meshgrid([0.5, 1.5, 2.5], [1.5, 0.5]), -1)  # middles of the pixels, the top row first
+    points = np.stack(np.meshgrid([0.5, 1.5, 2.5], [1.5, 0.5]), -1)  # centres of the pixels, the top row first
     assert np.array_equal(mask.contains(points), pixels)
     assert not mask.contains([[-0.5, 1.5], [3.5, 0.5], [0.5, 2.5], [2.5, -0.5]]).any()
     np.testing.assert_allclose(mask.bounds(), [[0.0, 0.0], [3.0, 2.0]], atol=1e-12)
@@ -74,7 +76,7 @@ def test_pixels():
 
 @pytest.mark.parametrize("channels", [1, 3, 4])
 def test_image_files(tmp_path, channels):
-    """Dark pixels of grey, coloured and transparent images; what is transparent is white."""
+    """Dark pixels of grey, coloured and transparent images; transparent pixels are white."""
     dark = np.random.default_rng(2).random((20, 30)) < 0.4
     values = np.where(dark, 0.2, 0.9)
     if channels == 1:
@@ -122,7 +124,7 @@ until = 0.1
 
 
 def test_drawn_specimens_in_a_case_and_in_a_checkpoint(tmp_path):
-    """An image is looked for beside the case file; a checkpoint holds its pixels."""
+    """An image is searched for in the folder of the case file; a checkpoint contains its pixels."""
     imsave(
         tmp_path / "spot.png",
         np.where(np.add.outer(np.arange(-9, 10) ** 2, np.arange(-9, 10) ** 2) < 80, 0.0, 1.0),

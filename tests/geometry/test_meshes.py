@@ -1,4 +1,4 @@
-"""Bodies bounded by triangles, beside the same bodies as inequalities; files beside what was written into them."""
+"""Bodies bounded by triangles against the same bodies as inequalities; files against what was written into them."""
 
 import struct
 
@@ -11,15 +11,15 @@ QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (
 
 
 def cube():
-    """Corners of the unit cube, and two triangles a face."""
+    """Return the corners of the unit cube, and two triangles per face."""
     corners = np.array([(x, y, z) for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
     return corners, np.array([t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))])
 
 
 def sphere(radius, parts=24):
-    """A sphere of longitudes and latitudes, as triangles; those at the poles have no area."""
+    """Return the triangles of a sphere of longitudes and latitudes; those at the poles have no area."""
     lon, lat = np.linspace(0, 2 * np.pi, 2 * parts + 1), np.linspace(-np.pi / 2, np.pi / 2, parts + 1)
-    lon[-1] = 0.0  # the first again, to the last bit
+    lon[-1] = 0.0  # equal to the first, to the last bit
     up, round_about = np.sin(lat), np.stack([np.cos(lon), np.sin(lon)], -1)
     grid = np.concatenate([round_about[:, None] * np.cos(lat)[:, None], np.ones((lon.size, 1, 1)) * up[:, None]], -1)
     grid *= radius
@@ -32,7 +32,7 @@ def nodes(lower, upper, spacing):
 
 
 def test_a_cube_with_faces_on_nodes_is_the_box():
-    """Its surface included, on all sides."""
+    """Its surface is included on all sides."""
     at = nodes(-0.5, 1.5, 0.25)
     inside = fh.Mesh(cube()).contains(at)
     np.testing.assert_array_equal(inside, fh.Box((0, 0, 0), (1, 1, 1)).contains(at))
@@ -50,7 +50,7 @@ def test_a_turned_cube_is_what_lies_within_its_planes():
 def test_a_sphere_and_a_cavity_in_it():
     at, radius = nodes(-1.25, 1.25, 0.125), np.linalg.norm(nodes(-1.25, 1.25, 0.125), axis=-1)
     inside = fh.Mesh(np.concatenate([sphere(1.1), sphere(0.6)])).contains(at)
-    sure = (np.abs(radius - 1.1) > 0.02) & (np.abs(radius - 0.6) > 0.02)  # the flat triangles lie 0.01 within
+    sure = (np.abs(radius - 1.1) > 0.02) & (np.abs(radius - 0.6) > 0.02)  # the flat triangles are at most 0.01 inside
     np.testing.assert_array_equal(inside[sure], ((radius < 1.1) & (radius > 0.6))[sure])
 
 
@@ -104,7 +104,7 @@ FILES = {
 @pytest.mark.parametrize("name", FILES)
 def test_files_hold_what_was_written(tmp_path, name, line_end):
     corners, faces = cube()
-    head, end, body = FILES[name](corners, faces).partition(b"end_header\n")  # line ends of text only
+    head, end, body = FILES[name](corners, faces).partition(b"end_header\n")  # line ends occur in text only
     if name in ("text.stl", "cube.obj", "text.ply"):
         body = body.replace(b"\n", line_end)
     if name != "binary.STL":

@@ -1,4 +1,4 @@
-"""Shapes that select nodes, and cuts that sever bonds, against counts done by hand."""
+"""Shapes that select nodes, and cuts that sever bonds, against counts by hand."""
 
 import math
 from fractions import Fraction
@@ -24,7 +24,7 @@ def test_disc_holds_the_nodes_on_its_rim():
     expected = i[:, None] ** 2 + i**2 <= 104**2
     assert expected.sum() == 33949  # integer offsets with i^2 + j^2 <= 104^2, 104 = 26 / 0.25
     np.testing.assert_array_equal(Disc(26).contains(nodes), expected)
-    # The same lattice shifted and scaled by numbers that no double holds exactly.
+    # The same lattice, shifted and scaled by numbers that are not exactly representable.
     np.testing.assert_array_equal(Disc(26 / 0.7, centre=(0.1, -0.3)).contains(nodes / 0.7 + [0.1, -0.3]), expected)
 
 
@@ -125,7 +125,7 @@ def test_refuses(make):
 
 # Cuts
 
-# each bond of horizon 3 once
+# each bond of a horizon of 3 once
 OFFSETS = [(i, j) for i in range(-3, 4) for j in range(0, 4) if i * i + j * j <= 9 and (j > 0 or i > 0)]
 
 
@@ -160,8 +160,8 @@ def test_bonds_across_a_horizontal_crack(row, ends):
     nodes = lattice(spacing, size, 2).reshape(-1, 2)
     crack = spacing * np.array([[float(left), float(row)], [float(right), float(row)]])
     assert count(Polyline(crack), nodes, spacing) == expected
-    # A joint on the way changes nothing, and neither does the other direction: a reflection turns one rule into the
-    # other.
+    # Neither a joint along the crack nor the reversed direction changes anything: a reflection turns one rule into
+    # the other.
     middle = np.array([[0.5 * spacing, float(row) * spacing]])
     assert count(Polyline(np.vstack([crack[:1], middle, crack[1:]])), nodes, spacing) == expected
     if row == 0:
@@ -172,7 +172,7 @@ def test_bonds_across_a_horizontal_crack(row, ends):
 
 def test_points_cut_the_bonds_that_span_them():
     x = np.arange(-5, 6)[:, None] * 0.1
-    for at in (0.0, 0.04):  # a node on the point is left of it, so both lie between nodes 0 and 1
+    for at in (0.0, 0.04):  # a node on the point is to its left, so that both lie between nodes 0 and 1
         for reach in (1, 2, 3):
             assert PointCut(at).cuts(x[:-reach], x[reach:]).sum() == reach
         np.testing.assert_array_equal(np.flatnonzero(PointCut(at).cuts(x[:-1], x[1:])), [5])
@@ -184,7 +184,7 @@ def test_rules_on_the_line_and_at_the_tips():
         return bool(segments_cross(start, end, (0, 0), (2, 0)))
 
     assert crossed((1, 1), (1, -1))
-    assert crossed((1, 0), (1, -1)) and not crossed((1, 0), (1, 1))  # a node on the crack is left of it
+    assert crossed((1, 0), (1, -1)) and not crossed((1, 0), (1, 1))  # a node on the crack is to its left
     assert crossed((1, 1e-12), (1, -1)) and crossed((1, -1e-12), (1, -1))
     assert not crossed((0.5, 0), (1.5, 0)) and not crossed((-1, 0), (3, 0))  # along the crack
     assert (
@@ -243,7 +243,7 @@ def test_reversal_changes_nothing(cut):
         result = cut.cuts(a, b)
         assert result.shape == (50, 40) and 0 < result.sum() < result.size
         np.testing.assert_array_equal(result, cut.cuts(b, a))
-    # Nothing that stays outside of the bounds on one side is cut.
+    # A bond that stays beyond one of the bounds is not cut.
     lower, upper = cut.bounds()
     beside = (np.maximum(start, end) < lower).any(axis=-1) | (np.minimum(start, end) > upper).any(axis=-1)
     assert not cut.cuts(start, end)[beside].any()
@@ -270,7 +270,7 @@ def test_penny_crack():
     end = start + np.array([0, 0, 0.5])
     # Offsets with i^2 + j^2 <= 4 on a square lattice: 13, the rim included.
     assert DiscCut((0, 0, 0), (0, 0, 5), 1).cuts(start, end).sum() == 13
-    # With the plane through the upper nodes these lie on the side of the normal.
+    # If the plane passes through the upper nodes, these are on the side of the normal.
     assert DiscCut((0, 0, 0.25), (0, 0, 1), 1).cuts(start, end).sum() == 13
     assert DiscCut((0, 0, 0.25), (0, 0, -1), 1).cuts(start, end).sum() == 0
     lower, upper = DiscCut((1, 2, 3), (0, 0, 5), 1).bounds()

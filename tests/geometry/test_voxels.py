@@ -1,4 +1,4 @@
-"""Regions made of cells, beside the arrays that they are made of."""
+"""Regions made of cells, against the arrays from which they are made."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_files(tmp_path):
 
 
 def test_a_mask_is_a_body():
-    """The same nodes as of the shape; a mask with a cavity is the medium around it."""
+    """It has the same nodes as the shape; a mask with a cavity is the medium around it."""
     disc = fh.Disc(1.0)
     whole = fh.Lattice(0.25, (-2, -2), (2, 2))
     there = ~disc.contains(np.stack(whole.coordinates(), -1))

@@ -388,7 +388,7 @@ def test_balance_knows_the_power_of_a_flux():
 
 
 def test_restored_run_is_bitwise_the_uninterrupted_one(tmp_path):
-    """With prescribed nodes, a crack that opens before and one that opens after the checkpoint, and the balance."""
+    """It has prescribed nodes, a crack that opens before and one that opens after the checkpoint, and a balance."""
 
     def make():
         held = [Temperature("x-", 3.0, "mirror"), Convection("x+", 2.0, Expression("1 + sin(t)", 2))]
@@ -422,8 +422,8 @@ def ground(half, depth, surface, sides):
 
 @pytest.mark.parametrize("surface", SURFACES.values(), ids=SURFACES)
 def test_surfaces_run_into_the_layers(surface):
-    """Against ground so wide that nothing returns, up to 1 R^2 / D: the error is below 1e-9 of what is left, while a
-    surface that ends with the near field is wrong by a third.
+    """The reference is ground so wide that nothing returns, up to 1 R^2 / D: the error is below 1e-9 of what is left,
+    while a surface that ends with the near field is wrong by a third.
     """
     layers = {"x": LatticePML(nodes=20), "y-": LatticePML(nodes=20), "y+": Free()}
     near, wide = ground(3.0, 3.0, surface, layers), ground(24.0, 24.0, surface, Free())

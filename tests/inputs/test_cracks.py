@@ -127,7 +127,7 @@ def test_diffusion_in_a_cracked_body_conserves_the_sum(dim, cracks, whole, integ
 
 @ALL
 def test_waves_in_a_cracked_body_conserve_energy(dim, cracks, whole):
-    """With undamped Verlet and free sides, over 1000 steps."""
+    """The run has undamped Verlet, free sides and 1000 steps."""
     sim, _ = cracked(dim, cracks, Wave)
     start = sim.energy()
     sim.step(1000)
@@ -170,7 +170,7 @@ def test_number_of_bonds_of_a_penny_crack():
 
 
 def test_a_crack_elsewhere_cuts_nothing():
-    """For a crack far outside the lattice."""
+    """The crack is far outside the lattice."""
     offsets = kernel_stencil(2, 3).offsets
     nodes, bonds = cut_bonds(Polyline([(50.0, 0.0), (60.0, 1.0)]), np.zeros(2), 0.5, (11, 11), offsets)
     assert nodes.shape == (0, 2) and bonds.shape == (0,)
@@ -292,7 +292,7 @@ def test_body_is_cut_from_what_surrounds_it():
     ],
 )
 def test_bad_cracks_are_refused(crack, dim, match):
-    """Another dimension, points where a surface is needed, too few or equal points, nan."""
+    """The dimension is wrong, points are given for a surface, there are too few or equal points, or nan."""
     with pytest.raises(InputError, match=match):
         as_cut(crack, dim)
 
@@ -316,7 +316,7 @@ LINE = [(3.2, 1.613), (3.2, 4.887)]
 
 @pytest.mark.parametrize("factor", [0.0, 0.25, 1.0])
 def test_a_partly_conducting_crack_scales_its_bonds(factor):
-    """Against the dense matrix with the cut bonds scaled by the factor; a factor of 1 is no crack."""
+    """The reference is the dense matrix with the cut bonds scaled by the factor; a factor of 1 is no crack."""
     stencil, lattice = kernel_stencil(2, 2), lattice_of((13, 15), SPACING)
     whole = dense_operator(lattice.shape, stencil.offsets, stencil.weights)
     cut = dense_operator(lattice.shape, stencil.offsets, stencil.weights, crossing(0, 6.4, [3.226], [9.774]))

@@ -82,7 +82,7 @@ def test_the_second_run_is_that_of_both_together(name):
 
 @pytest.mark.parametrize("stabilisation", [None, 0.6], ids=["state-based", "correspondence"])
 def test_below_a_free_surface_of_states(stabilisation):
-    """A notch that opens at the surface, in a box that stands on it."""
+    """The scatterer is a notch that opens at the surface, in a box that stands on it."""
     material = {"material": "state-based"}
     if stabilisation is not None:
         material = {"material": "correspondence", "stabilisation": stabilisation}
@@ -136,7 +136,7 @@ def _places(run, point):
 
 
 def test_without_a_scatterer_nothing_leaves_and_files_hold_it(tmp_path, monkeypatch):
-    """With the results file of a case that was interrupted half-way and resumed; below a free surface."""
+    """The record is in the results file of a case below a free surface that was interrupted half-way and resumed."""
     monkeypatch.chdir(tmp_path)
     text = """
     lattice = { spacing = 1.0, lower = [-24.0, -16.0], upper = [14.0, 0.0] }

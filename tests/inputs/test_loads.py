@@ -1,5 +1,4 @@
-"""Tractions and body forces on `Elastic` media: plane waves, momentum, reciprocity, energies, a half-space, restarts.
-"""
+"""Tractions and body forces on `Elastic` media: plane waves, momentum, reciprocity, energies, cases, bad input."""
 
 import numpy as np
 import pytest
@@ -111,7 +110,7 @@ def test_a_restored_run_goes_on_bit_by_bit(tmp_path):
 
 
 def test_a_blow_on_a_half_space_feels_no_box():
-    """Against a half-space from whose ends nothing returns; the load stays in its place."""
+    """The reference is a half-space from whose ends nothing returns; the load stays in its place."""
     setup = {
         "lattice": fh.Lattice(0.5, (-6.0, -6.0), (6.0, 0.0)),
         "model": material(0.5, plane="strain"),

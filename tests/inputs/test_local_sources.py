@@ -81,7 +81,7 @@ def test_a_moment_tensor_has_no_force_and_its_moment(dim, rng):
 
 
 def test_a_double_couple_is_that_of_the_formulas(rng):
-    """Against Aki and Richards (2002), Box 4.4, with x north, y east and z down."""
+    """The formulas are those of Aki and Richards (2002), Box 4.4, with x north, y east and z down."""
     strike, dip, rake = rng.uniform([0, 0, -180], [360, 90, 180])
     f, d, r = np.radians([strike, dip, rake])
     xx = -(np.sin(d) * np.cos(r) * np.sin(2 * f) + np.sin(2 * d) * np.sin(r) * np.sin(f) ** 2)
@@ -97,7 +97,7 @@ def test_a_double_couple_is_that_of_the_formulas(rng):
 
 
 def test_a_line_and_a_patch_have_their_length_and_area(rng):
-    """The total of a line source and its first moment, and the total of a patch."""
+    """The total and the first moment of a line source, and the total of a patch, are those of their geometry."""
     lattice = fh.Lattice(0.5, (-9.0, -9.0), (9.0, 9.0))
     corners = rng.uniform(-4, 4, (3, 2))
     (line,) = fh.LineSource(corners, 2.0).placed(lattice, 1, "source")
@@ -120,7 +120,7 @@ PLACES = ((3.0, 0.0), (1.5, 2.5), (-2.5, 2.0))  # beyond the eight nodes over wh
 
 
 def test_a_point_source_is_that_of_the_plane():
-    """Against the exact solution in the plane, to second order; nothing returns from the walls until then."""
+    """It converges to the exact solution in 2D with order 2; nothing returns from the walls until then."""
     at, until, errors = np.array([0.13, -0.07]), 14.0, []
     signal = fh.Ricker(0.15)
     for spacing in SPACINGS:
@@ -162,7 +162,7 @@ IN_THE_PLANE = {
 
 @pytest.mark.parametrize(("source", "solution"), IN_THE_PLANE.values(), ids=IN_THE_PLANE)
 def test_a_force_and_an_explosion_in_the_plane(source, solution):
-    """Against the exact solution, to second order; nothing returns from the walls until then."""
+    """They converge to the exact solutions with order 2; nothing returns from the walls until then."""
     errors, half, until = [], 11.0, 12.0
     for spacing in SPACINGS:
         model = elastic(spacing)
@@ -178,7 +178,7 @@ def test_a_force_and_an_explosion_in_the_plane(source, solution):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["force", "explosion", "double couple"])
 def test_in_space(kind):
-    """Finite elements, which have no horizon, against Aki and Richards (2002), eqs 4.23 and 4.29, to second order."""
+    """Finite elements, which have no horizon, converge to Aki and Richards (2002), eqs 4.23 and 4.29, with order 2."""
     signal, at, moment = fh.Gaussian(1.4), np.array([0.1, -0.05, 0.07]), np.eye(3)
     if kind == "force":
         source = fh.PointForce(at, (0.3, 1.0, -0.5), signal)

@@ -70,7 +70,7 @@ def test_where_the_medium_ends_nothing_lies_beyond(end):
 
 
 def test_a_body_has_no_data_where_it_has_no_nodes():
-    """A body with y > 0 only, in a square with absorbing sides: data outside the body do not count."""
+    """A half-space y < 0 in a square with absorbing sides: data outside the body do not count."""
     body = fh.Box((-3, -3), (3, 0))
     lattice = fh.Lattice(0.25, (-3, -3), (3, 3), body=body)
     sides = {"all": fh.LatticePML(), "y+": fh.Free()}

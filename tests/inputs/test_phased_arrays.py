@@ -27,7 +27,7 @@ def test_delays_at_an_angle():
 
 
 def test_the_sum_of_its_elements():
-    """Against a run with one line source per element, each with its own function of a delayed signal."""
+    """The reference has one line source per element, each with its own function of a delayed signal."""
     lattice, model = fh.Lattice(1.0, (-16.0, -14.0), (16.0, 14.0)), fh.Wave(fh.Kernel(2.0))
     array = fh.PhasedArray((-4.2, -2.0), (4.2, -2.0), 3, 0.7, BURST, speed=1.0, angle=40.0, width=3.0)
     half = np.array([1.5, 0.0])

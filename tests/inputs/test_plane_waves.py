@@ -268,7 +268,7 @@ def test_with_what_a_surface_sends_back_nothing_leaves_the_box(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20261127, 20261135))
 def test_random_media_and_directions_at_a_surface(seed):
-    """With random kernel, horizon, calibration, step, side, direction and type of wave."""
+    """Kernel, horizon, calibration, step, side, direction and type of wave are random."""
     rng = np.random.default_rng(seed)
     constants = {"young": 2.0, "density": 0.2, "plane": rng.choice(["strain", "stress"])}
     kernel = {"influence": rng.choice(["constant", "linear"]), "exponent": int(rng.integers(3))}

@@ -194,7 +194,7 @@ def solid(**options):
 
 @pytest.mark.parametrize("options", SOLIDS.values(), ids=SOLIDS)
 def test_displacements_are_those_of_a_plain_program(options):
-    """On a periodic lattice: some nodes follow both components, some a velocity in one component from where they
+    """The lattice is periodic: some nodes follow both components, some a velocity in one component from where they
     started, and some are released.
     """
     lattice = fh.Lattice(1.0, (0.0, 0.0), (12.0, 11.0))
@@ -369,8 +369,8 @@ RUNNING_ON = {
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize(("held", "model", "value", "until"), RUNNING_ON.values(), ids=RUNNING_ON)
 def test_what_is_held_runs_on_into_the_layers(held, model, value, until):
-    """Against a near field so wide that nothing returns: the error is within twice the target. Held nodes that end
-    before the layer are a different problem.
+    """The reference is a near field so wide that nothing returns: the error is within twice the target. Held nodes
+    that end before the layer are a different problem.
     """
     speed = model.speed if isinstance(model, fh.Wave) else model.p_speed
     layers, wide = fh.LatticePML(target=1e-6, until=until), 8 + int(until * speed) // 2 + 4

@@ -202,7 +202,7 @@ value = "exp(-x**2)"
 
 @EVERY
 def test_a_signal_drives_as_a_function_does(signal, tmp_path):
-    """Also from a checkpoint, which stores the signal."""
+    """The same holds from a checkpoint, which stores the signal."""
     runs = []
     for time in (signal, lambda t: float(signal(t))):
         sim = fh.Simulation(LINE, MODEL, fh.Exact(), sources=[fh.Source("exp(-99*x**2)", time=time)], threads=1)

@@ -109,7 +109,7 @@ def test_a_constant_force_accelerates_a_free_body():
 
 
 def test_source_in_an_unbounded_medium_in_1d():
-    """A point force spreads at the wave speed: the displacement behind the front is c / 2 per unit impulse.
+    """A point force spreads at the wave speed c: the displacement behind the front is 1 / (2 c) per unit impulse.
 
     For u_tt = u_xx + f delta(x): u = f/2 (t - |x|) behind the front (d'Alembert), here at nodes that the front passed
     long ago.

@@ -114,7 +114,7 @@ def test_stage_effects_add_up_to_the_step(integrator):
 
 @pytest.mark.parametrize("integrator", [Euler(), RungeKutta4(), RungeKuttaChebyshev(7)], ids=repr)
 def test_samples_of_prescribed_nodes(integrator):
-    """After the last stage a prescribed node has its value at the end of the step; the weights of every stage add up to
+    """After the last stage a prescribed node has its value at the end of the step; the weights of each stage add up to
     1.
     """
     times, weights = integrator.prescribed_samples(0.2)

@@ -20,7 +20,7 @@ def test_values_have_the_distribution(dim, modulus):
 
 @pytest.mark.parametrize("shift", [0.0, 0.05, -0.35])
 def test_a_cell_has_one_value_on_any_lattice(shift):
-    """Nodes half a cell from its middle, as those of a lattice between the cells' middles, go to one side."""
+    """Nodes midway between the middles of two cells all belong to the same side."""
     field = fh.Weibull(1.0, 4, 0.1, seed=2)
     x = shift + 0.1 * np.arange(-500, 500)
     one = field(x)

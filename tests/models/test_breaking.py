@@ -46,9 +46,7 @@ def test_small_strains_are_linear(shape):
 
 @pytest.mark.parametrize("shape", [(12, 11), (8, 7, 9)], ids=["2D", "3D"])
 def test_a_large_rotation_costs_no_force(shape):
-    """A rotation by 40 degrees about the last axis (z in space) costs no force to rounding, whereas the linear law
-    resists.
-    """
+    """To rounding, a rotation by 40 degrees about the last axis (z in space) costs no force; the linear law resists."""
     x = positions(shape)
     turn = np.eye(len(shape))
     turn[:2, :2] = [[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]]
@@ -390,7 +388,7 @@ def test_intact_bonds_of_a_layered_medium_are_those_of_the_stencil(dim, rule):
 
 @pytest.mark.parametrize("component", [0, 1], ids=["P", "S"])
 def test_an_interface_reflects_and_transmits_by_impedance(component):
-    """A weak pulse in a periodic strip of nonlinear bonds meets a medium a quarter as stiff, with impedances 2 : 1. A
+    """In a periodic strip of nonlinear bonds a weak pulse meets a medium a quarter as stiff, of half the impedance. A
     third of its part of wavenumber 2 is reflected and four thirds are transmitted, to second order at a fixed horizon
     in nodes. The interface lies midway between nodes.
     """

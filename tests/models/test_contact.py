@@ -81,9 +81,7 @@ def plane_through(lattice, rng):
     ("shape", "plane"), [((13, 12), None), ((13, 12), "stress"), ((10, 9, 11), None)], ids=["strain", "stress", "3D"]
 )
 def test_closed_bonds_push_in_pairs(name, shape, plane):
-    """Bonds across an oblique crack repel where they are shortened, whatever the states are; linear and angular
-    momentum are conserved.
-    """
+    """Bonds across an oblique crack repel where they are shorter, whatever the states; both momenta are conserved."""
     for trial in range(3):
         rng = draw(len(shape), plane == "stress", trial)
         spacing = rng.uniform(0.1, 2.0)
@@ -109,9 +107,7 @@ def test_closed_bonds_push_in_pairs(name, shape, plane):
 @pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize(("dim", "plane"), [(2, None), (2, "stress"), (3, None)], ids=["strain", "stress", "3D"])
 def test_a_closed_family_is_as_stiff_as_the_solid_is_to_p_waves(name, dim, plane):
-    """``C_xxxx = 1/2 sum c xi_x^4 / |xi|^2`` equals ``lam + 2 mu``, where c is the force density over the
-    elongation.
-    """
+    """``C_xxxx = 1/2 sum c xi_x^4 / |xi|^2`` is ``lam + 2 mu``, with c the force density over the elongation."""
     for trial in range(5):
         rng = draw(dim, plane == "stress", 10 + trial)
         spacing = rng.uniform(0.1, 2.0)
@@ -279,9 +275,8 @@ def test_a_pulse_crosses_a_closed_crack_of_springs_as_if_there_were_none():
     ids=["strain", "stress", "3D"],
 )
 def test_a_pulse_crosses_a_closed_crack(name, dim, plane):
-    """For any Poisson's ratio the pulse is transmitted with its full height, less than a third of a horizon ahead of
-    or behind one that met no crack, because nodes at the faces lack bonds for their states. Tension is reflected as
-    without contact.
+    """For any Poisson's ratio the pulse is transmitted with its full height, less than a third of a horizon ahead or
+    behind, because nodes at the faces lack bonds for their states. Tension is reflected as without contact.
     """
     rng = draw(20, dim, plane == "stress", name == "state-based")
     given = rng.uniform(0.05, 0.4), 0.25, rng.uniform(1.8, 2.4)
@@ -424,9 +419,7 @@ def test_energies_of_pieces_that_collide_add_up_to_the_square_of_the_step(name, 
 @pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize("dim", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_pieces_that_break_off_and_collide(name, dim):
-    """A blast shatters a block: momentum is conserved, and the energy is balanced as closely as for bonds
-    (`test_breaking`).
-    """
+    """A blast shatters a block: momentum is conserved, and energy balanced as closely as in `test_breaking`."""
     half = 6.0 if dim == 2 else 4.0
     lattice = fh.Lattice(0.5, (-half,) * dim, (half,) * dim)
     x = np.stack(lattice.coordinates())
@@ -443,9 +436,7 @@ def test_pieces_that_break_off_and_collide(name, dim):
 
 
 def breaks_at_random(sim, rng, share):
-    """Break a share of all bonds of a free body; returns the stiffness matrix of these bonds when all of them are
-    closed.
-    """
+    """Break a share of all bonds of a free body; returns the stiffness matrix of these bonds while all are closed."""
     engine, dim, table = sim.engine, sim.lattice.dim, sim.engine.bonds.table
     nodes = engine.core.node_indices().ravel()
     number = {node: i for i, node in enumerate(nodes.tolist())}

@@ -250,8 +250,8 @@ def test_isolated_nodes_are_said():
 
 @pytest.mark.parametrize("shape", [(20, 13), pytest.param((14, 9, 9), marks=pytest.mark.slow)])
 def test_layers_stretched_along_themselves_are_at_rest(shape):
-    """A patch test: with Poisson's ratio 0 a uniform strain along layers of any stiffness is in equilibrium, free faces
-    along them included.
+    """A patch test: with Poisson's ratio 0 a uniform strain along strata of any stiffness is in equilibrium, also at
+    free faces along them.
     """
     lattice = box(*shape)
     along, across = lattice.coordinates()[0], lattice.coordinates()[1]

@@ -15,7 +15,7 @@ from farhorizon.studies.compare import compare
 from helpers import kernel_stencil, lattice_of
 
 SATURATION, INTERFACE, METAL = 0.8, 0.1, 2.0
-pytestmark = pytest.mark.filterwarnings("ignore::farhorizon.ValidityWarning")  # for liquid above the saturation
+pytestmark = pytest.mark.filterwarnings("ignore::farhorizon.ValidityWarning")  # about liquid above the saturation
 SKEWED = fh.Stencil(
     np.array([[1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, -1], [2, 1], [-2, -1]]),
     np.array([1, 1, 0.6, 0.6, 0.4, 0.4, 0.05, 0.05]),
@@ -72,7 +72,7 @@ def test_against_plain_numpy(name, sides, limited):
     solid[..., 10:50] = True
     solid[..., 20:25] = False
     start = {"u": 0.1 * random.random(shape)}
-    start["u"][..., 21:23] = 1.5 * SATURATION  # a flow from here into the metal must not occur where dissolution is limited
+    start["u"][..., 21:23] = 1.5 * SATURATION  # must not flow back into the metal where dissolution is limited
     sim = fh.Simulation(
         lattice_of(shape), model(stencil, limited=limited), SIDES[sides], start, specimens=[fh.Specimen(solid, METAL)]
     )
@@ -188,7 +188,7 @@ def test_all_solid_stays(integrator):
         specimens=[fh.Specimen(np.ones(shape, bool), METAL)],
     )
     sim.step(50)
-    np.testing.assert_allclose(sim.fields["u"], METAL, rtol=1e-12)  # at the free sides the sum of levels in a stage rounds
+    np.testing.assert_allclose(sim.fields["u"], METAL, rtol=1e-12)  # at free sides the sum of levels in a stage rounds
     assert (sim.fields["u"][8:12, 32:64] == METAL).all()  # out of reach of any liquid there is no rounding either
     assert sim.fields["solid"].all()
 
@@ -235,9 +235,8 @@ def test_the_front_tends_to_that_of_the_stefan_problem():
 
 @pytest.mark.parametrize("metal, depth", [(1.0, 2.56), (4.0, 0.64), (12.0, 0.64)])
 def test_a_limited_front_is_that_of_diffusion_control(metal, depth):
-    """No liquid exceeds the saturation, whatever the concentration of the metal, and the front is that of the Stefan
-    problem. Without the limit, metal of 15 times the saturation makes the front a fifth too fast, which a warning
-    says.
+    """No liquid exceeds the saturation, whatever the metal holds, and the front is that of the Stefan problem. Without
+    the limit, metal of 15 times the saturation makes the front a fifth too fast, which a warning says.
     """
     errors = np.array([front_error(h, metal, depth, limited=True) for h in (0.02, 0.01)])
     assert abs(errors[1]) < 0.005 and abs(errors[1]) < 0.6 * abs(errors[0])  # of first order in the horizon
@@ -247,9 +246,7 @@ def test_a_limited_front_is_that_of_diffusion_control(metal, depth):
 
 
 def test_a_limit_that_long_stages_overshoot_is_told_with_what_keeps_it():
-    """Stages of Runge-Kutta-Chebyshev go beyond a step of Euler's, within which the limit holds. The case is steel in
-    a pit.
-    """
+    """Stages of Runge-Kutta-Chebyshev exceed a step of Euler's, within which the limit holds: steel in a pit."""
     steel = fh.Corrosion(fh.Kernel(4e-6), 8.5e-10, saturation=5.1e3, interface=1.0, limited=True, integrator="rkc")
     setup = {
         "lattice": fh.Lattice(2e-6, -399e-6, 3e-6),
@@ -424,9 +421,7 @@ def test_mass_balance_along_an_outline():
 
 
 def test_check_leaves_the_metal_alone():
-    """The certificate is that of the liquid; timing the steps and computing the certificate change neither phases nor
-    times.
-    """
+    """The certificate is that of the liquid; neither it nor timing the steps changes phases or times."""
     lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
     runs = [
         fh.Simulation(

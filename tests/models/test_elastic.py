@@ -240,8 +240,8 @@ def test_energy_of_a_free_body_is_conserved():
 
 
 def test_energy_is_half_the_work_of_a_stretch():
-    """Uniform strain, free contraction excluded: 1/2 (lam + 2 mu) strain^2 per volume, for nodes whose bonds do not
-    leave the body.
+    """Uniaxial strain, periodic across: 1/2 (lam + 2 mu) strain^2 per volume, for nodes whose bonds do not leave the
+    body.
     """
     lattice = lattice_of((21, 9), 0.5)
     strain = 1e-3
@@ -315,9 +315,7 @@ def test_body_forces_bring_their_impulse():
 
 
 def test_response_has_the_symmetry_of_the_load():
-    """A force along x at the origin of a cube with layers on all sides: reflections along x, y and z, and the exchange
-    of y and z.
-    """
+    """A force along x at the origin of a cube with layers: reflections along x, y and z, and exchange of y and z."""
     lattice = box(5, 3)
     force = np.zeros((3, *lattice.shape))
     force[0, 5, 5, 5] = 1.0
@@ -409,9 +407,7 @@ def test_a_free_surface_runs_into_the_layers(nodes, wanted):
 
 
 def test_modes_between_like_sides_are_even_or_odd():
-    """Under reflection the component along the normal changes its sign; the halves have the eigenvalues of the
-    whole.
-    """
+    """Reflection reverses the component along the normal; the halves have the eigenvalues of the whole."""
     sim = fh.Simulation(lattice_of((7, 7)), elastic(), fh.LatticePML(nodes=4), threads=1)
     strip = Strip(sim, 0, 7)
     assert strip._images is not None

@@ -95,7 +95,7 @@ def forces_by_the_definitions(lattice, crack, model, u, lame=None, shear=None):
         e = sum((w[k] * np.outer(values[j] - values[i], xi[k]) for k, j in bonds_of), np.zeros((dim, dim))) @ inverse
         stress = lame[i] * np.trace(e) * np.eye(dim) + shear[i] * (e + e.T)
         pull = model.stabilisation * (lame[i] + 2 * shear[i])
-        for k, j in bonds_of:  # gradient of the energy pull/2 sum w |eta - e xi|^2 of this node, which vanishes for linear displacements
+        for k, j in bonds_of:  # from pull/2 sum w |eta - e xi|^2 of this node, zero for linear displacements
             rest = pull * w[k] * (values[j] - values[i] - e @ xi[k])
             force[i] += rest
             force[j] -= rest
@@ -415,8 +415,8 @@ def test_both_ends_find_that_a_bond_breaks_by_its_energy(dim, dtype):
 def surface_wave_speed(model, nodes, corrected=False):
     """Speed of a Rayleigh wave `nodes` long over that of the classical theory, optionally with a corrected surface.
 
-    One period of the free half-space is run, and a cosine in time is fitted to the projection of its displacements on
-    those at the start.
+    The free half-space is one wavelength wide, and a cosine in time is fitted to the projection of its displacements
+    on those at the start.
     """
     length, depth = float(nodes), 2.5 * nodes
     ratio = model.shear / model.p_modulus

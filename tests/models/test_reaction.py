@@ -123,7 +123,7 @@ def test_a_wave_of_vectors_on_a_foundation():
     sim = fh.Simulation(box(12, 2), model, fh.LatticePML(nodes=20), pulse)
     infinite = InfiniteLattice(sim.stencil, model.coefficient, sim.model.integrator, sim.dt, 150, pulse["u"])
     sim.step(150)
-    assert np.abs(sim.fields["u"] - infinite.after(150)).max() < 1e-4  # the error of the layer itself, see docs/limits.md
+    assert np.abs(sim.fields["u"] - infinite.after(150)).max() < 1e-4  # of the layer itself, see docs/limits.md
     assert sim.fields["u"].shape == (2, 25, 25)
     twin = fh.Simulation(box(12, 2), model, fh.Periodic(), {"u": [1.0, 1.0]})
     twin.step(40)
@@ -197,7 +197,7 @@ def test_a_step_just_below_the_limit_is_stable():
     limit = fh.Simulation(box(20), model, fh.Periodic()).step_limit
     sim = fh.Simulation(box(20), model, fh.Periodic(), {"u": noise}, dt=0.999 * limit)
     sim.step(20000)
-    assert np.abs(sim.fields["u"]).max() < 200 * np.abs(noise).max()  # at 0.999 the shortest wave swings by 1/sin(..) = 22
+    assert np.abs(sim.fields["u"]).max() < 200 * np.abs(noise).max()  # at 0.999 the shortest wave swings 1/sin(..) = 22
 
 
 def test_static_decay_of_a_line_source():

@@ -1,4 +1,4 @@
-"""The fully discrete boundary against chains from which nothing returns, at the same time step."""
+"""The fully discrete boundary against chains from which nothing returns, with the same time step."""
 
 import numpy as np
 import pytest
@@ -22,11 +22,11 @@ def kernel_of(weights, recursion, steps):
 @pytest.mark.parametrize("name", EXAMPLES)
 @pytest.mark.parametrize(
     ("last", "dt", "bound"),
-    # the aims: 1e-13 at t = 40, 1e-12 at t = 400
+    # required: 1e-13 at t = 40, 1e-12 at t = 400
     [(40.0, 0.005, 1e-13), (400.0, 0.02, 1e-12)],
 )
 def test_published_examples(name, last, dt, bound):
-    """Error of the boundary at several times up to the last."""
+    """Error of the boundary at two times, the second being the last."""
     example, times = EXAMPLES[name], (0.3 * last, last)
     kernel = kernel_of(BAR, Recursion.of(Verlet(), dt), round(last / dt) + 1)
     truncated, infinite = (example.run(dt, times, k)[0] for k in (kernel, None))
@@ -46,7 +46,7 @@ RANDOM = [
 @pytest.mark.parametrize("reach", [1, 2, 7, 25])
 @pytest.mark.parametrize(("kind", "share", "steps"), RANDOM)
 def test_random_data_on_the_whole_near_field(reach, kind, share, steps):
-    """Drivers included, with random velocities; the aim is 1e-12."""
+    """Data include the drivers, and random velocities; 1e-12 is required."""
     weights, rng = gaussian_weights(reach), np.random.default_rng(reach)
     recursion = recursion_at(weights, kind, share)
     u = rng.uniform(-1, 1, 101)
@@ -60,7 +60,7 @@ def test_random_data_on_the_whole_near_field(reach, kind, share, steps):
 
 @pytest.mark.parametrize("block", [None, 1, 48])
 def test_ways_to_convolve(block):
-    """Direct sum and blocks of any size are the same to rounding."""
+    """A direct sum and blocks of any size agree to rounding."""
     recursion = recursion_at(BAR, "wave", 0.4)
     kernel = kernel_of(BAR, recursion, 200)
     u = np.random.default_rng(6).uniform(-1, 1, 30)
@@ -69,7 +69,7 @@ def test_ways_to_convolve(block):
 
 
 def test_pieces_of_a_run_are_the_run():
-    """Runs may stop anywhere within a block."""
+    """A run may stop anywhere within a block."""
     recursion = recursion_at(BAR, "damped", 0.4)
     kernel = kernel_of(BAR, recursion, 300)
     u = np.random.default_rng(7).uniform(-1, 1, 30)
@@ -82,7 +82,7 @@ def test_pieces_of_a_run_are_the_run():
 
 @pytest.mark.parametrize("kind", ["wave", "diffusion"])
 def test_exact_on_one_end_only(kind):
-    """A free end opposite, with a convolution and with a sum of exponentials."""
+    """The opposite end is free; the exact one is a convolution, or a sum of exponentials."""
     recursion = recursion_at(BAR, kind, 0.4)
     kernel = kernel_of(BAR, recursion, 800)
     found = compress(kernel, 1e-11, largest_angle(BAR, recursion))
@@ -94,7 +94,7 @@ def test_exact_on_one_end_only(kind):
 
 
 def test_beam():
-    """Biharmonic stencil, random data."""
+    """The stencil is biharmonic, and the data are random."""
     recursion = recursion_at(BEAM, "wave", 0.6)
     u = np.random.default_rng(8).uniform(-1, 1, 20)
     kernel = kernel_of(BEAM, recursion, 1000)
@@ -103,7 +103,9 @@ def test_beam():
 
 
 def test_weight_of_the_first_sample_matters():
-    """With weight 1 instead of 1/2 data on the drivers give an error of the order of dt; with the right weight none."""
+    """With weight 1 instead of 1/2 data on the drivers cause an error of the order of dt; with the right weight,
+    none.
+    """
     recursion = recursion_at(BAR, "wave", 0.4)
     kernel, u = kernel_of(BAR, recursion, 200), np.ones(20)
     infinite, near = long_chain(BAR, recursion, u, 200)
@@ -113,7 +115,7 @@ def test_weight_of_the_first_sample_matters():
 
 
 def test_damping_beyond_one_a_step():
-    """d dt = 1.5: a step reverses the increment (keep < 0)."""
+    """For d dt = 1.5 a step reverses the increment (keep < 0)."""
     recursion = Recursion.of(Verlet(), 0.1, 15.0)
     assert recursion.keep < 0
     u = np.random.default_rng(11).uniform(-1, 1, 20)
@@ -137,7 +139,7 @@ def test_first_step_is_the_integrator():
 
 
 def test_rounding_does_not_drift():
-    """In increments a bar at rest at 1 stays there exactly."""
+    """In increments a bar at rest at 1 remains there exactly."""
     recursion = recursion_at(BAR, "wave", 0.3)
     np.testing.assert_array_equal(Bar(BAR, recursion, np.ones(40)).run(5000), np.ones(40))
 

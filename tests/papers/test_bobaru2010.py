@@ -7,9 +7,8 @@ from farhorizon.papers import bobaru2010 as paper
 from farhorizon.papers.bobaru2010 import DIVISIONS, KERNELS, RATIOS, SLOPES, DiffusionExample, difference
 from farhorizon.papers.reproductions import REPRODUCTIONS
 
-#: Mid temperatures at 8 s by an independent program that is exact in time (matrix exponential of the same grids); rows
-#: 3L/100 .. 3L/800,
-#: columns m = 2, 4, 8, 16. The paper has them in an image only.
+#: Mid temperatures at 8 s by an independent program that is exact in time (matrix exponential of the same grids);
+#: rows 3L/100 .. 3L/800, columns m = 2, 4, 8, 16. The paper has them only in an image.
 MIDDLE = {
     (1, "constant"): [
         [50.751, 52.268, 53.569, 54.748],
@@ -41,13 +40,13 @@ CASES = [(n, kernel) for n in (1, 2) for kernel in KERNELS]
 
 @pytest.mark.parametrize(("number", "kernel"), CASES)
 def test_mid_temperatures(number, kernel):
-    """All three printed decimals (half a unit of the last, and a tenth of it for the roundings on both sides)."""
+    """All three decimals agree (half a unit of the last, and a tenth of it for the rounding on both sides)."""
     np.testing.assert_allclose(paper.studies(number, kernel)["middle"].values, MIDDLE[number, kernel], atol=0.00055)
 
 
 @pytest.mark.parametrize(("number", "kernel"), CASES)
 def test_rates(number, kernel):
-    """Within 0.03 of the paper's; its last entry, 1.4433, stands apart from all variants of grid and sum: 0.06."""
+    """They are within 0.03 of the paper's; its last entry, 1.4433, differs from all variants of grid and sum: 0.06."""
     slopes = paper.studies(number, kernel)["difference"].rates(3)
     for m, ours, printed in zip(RATIOS, slopes, SLOPES[number, kernel], strict=True):
         assert abs(ours - printed) < (0.06 if (number, kernel, m) == (2, "triangular", 16) else 0.03)
@@ -55,19 +54,19 @@ def test_rates(number, kernel):
 
 @pytest.mark.parametrize(("number", "kernel"), CASES)
 def test_the_curves_cross_at_the_classical_value(number, kernel):
-    """The paper: m* between 3 and 5, smaller for the constant kernel; the value there is of second order in the
-    horizon.
-    """
+    """As in the paper m* is between 3 and 5; the deviation of the value there is of second order in the horizon."""
     at, value = paper.studies(number, kernel)["middle"].crossing()
     assert 3 < at < 5
-    # the gap at m* is of second order: the square of the horizon (0.0375 cm) over the bar, of 100 C
+    # the gap at m* is of second order: the square of the horizon (0.0375 cm) over the bar's length, times 100 C
     assert value == pytest.approx(
         float(DiffusionExample(number).classical.temperature(5.0, 8.0)), abs=100 * 0.0375 / 10 * 0.0375
     )
 
 
 def test_one_held_node_has_no_limit():
-    """Every doubling of m moves the middle by about as much as the one before; with a held layer by half as much."""
+    """Every doubling of m changes the mid temperature by about as much as the one before; with a held layer, by half
+    as much.
+    """
     for kernel in KERNELS:
         node = paper.limits(kernel, (4, 8, 16, 32)).increments()[0]
         layer = paper.limits(kernel, (4, 8, 16, 32), kind="volume").increments()[0]
@@ -76,7 +75,7 @@ def test_one_held_node_has_no_limit():
 
 
 def test_example_3():
-    """Not farther from the classical solution than the paper: 3.43e-5 and 2.84e-5."""
+    """The difference from the classical solution is at most that of the paper: 3.43e-5 and 2.84e-5."""
     for kernel, printed in (("constant", 3.43e-5), ("triangular", 2.84e-5)):
         example = DiffusionExample(3)
         sim, bar = example.simulation(kernel, 3 * np.pi / 800, 4, 0.02)
@@ -87,9 +86,8 @@ def test_example_3():
 
 @pytest.mark.parametrize(
     ("number", "ratio", "kernel", "error", "largest"),
-    # independent program, in units of the conductivity, with the error of the temperature itself, away from the ends:
-    # within a horizon of
-    # a held node the temperature has a boundary layer that no choice of bonds removes
+    # From an independent program, in units of the conductivity, with the error of the temperature itself, away from
+    # the ends: within a horizon of a held node the temperature has a boundary layer that no choice of bonds removes.
     [
         (1, 2, "constant", 0.0600, 16.27),
         (1, 2, "triangular", 0.0483, 16.27),
@@ -110,7 +108,7 @@ def test_flux(number, ratio, kernel, error, largest):
 
 
 def test_profiles_tell_the_bulk_from_the_held_ends(tmp_path):
-    """Figure 8: the rows beside a matrix of the paper's sums (eqs 12 to 18) that is exact in time and the Fourier
+    """Figure 8: the rows against a matrix of the paper's sums (eqs 12 to 18) that is exact in time, and the Fourier
     series of eq. 33.
     """
     nodes, length, alpha, m = 1067, 10.0, 1.14, 4
@@ -140,7 +138,7 @@ def test_profiles_tell_the_bulk_from_the_held_ends(tmp_path):
 
 
 def test_grids():
-    """The numbers of nodes: odd, so that there is a middle; 1067 is the paper's."""
+    """The numbers of nodes are odd, so that there is a middle node; 1067 is the paper's."""
     assert [round(10 * 4 / (30 / d)) for d in DIVISIONS] == [133, 267, 533, 1067]
 
 

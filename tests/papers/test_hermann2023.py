@@ -1,5 +1,5 @@
-"""The examples of Hermann et al. (2023): node numbers as printed, the order of the conditions, errors that other
-programs found.
+"""The examples of Hermann et al. (2023): node numbers as printed, the ranking of the conditions, and errors found by
+an independent program.
 """
 
 import numpy as np
@@ -17,8 +17,8 @@ def rows(outcome):
 
 
 def test_example_1(tmp_path):
-    """Finite elements: counts; the lattice PML below 1e-7, the repaired condition below the published and the
-    first-order one at the end.
+    """Finite elements: node counts; the error of the lattice PML is below 1e-7, that of the repaired condition at the
+    end below those of the published and first-order ones.
     """
     outcome = REPRODUCTIONS.find("hermann2023-ex1").run(tmp_path)
     found = rows(outcome)
@@ -30,7 +30,7 @@ def test_example_1(tmp_path):
     )
     assert all(path.stat().st_size > 20_000 for path in outcome.pictures)
     # Errors of an independent program at t = 50 for clouds of 1, 2 and 3 spacings, two digits; its near field has one
-    # node more on each side.
+    # more node on each side.
     for name, error in (
         ("published, 1 spacing", 3.1e-2),
         ("published, 2 spacings", 1.2e-2),
@@ -42,11 +42,11 @@ def test_example_1(tmp_path):
 def test_counts_of_example_2():
     printed = [row for row in paper._disc_counts(6) if row.printed is not None]
     assert len(printed) == 2 and all(row.deviation == 0 for row in printed)
-    assert paper._disc_counts(6)[-1].ours == 3800  # |x| > R - horizon: the layer lies in the disc
+    assert paper._disc_counts(6)[-1].ours == 3800  # |x| > R - horizon: the layer is within the disc
 
 
 def test_large_domain_of_example_3():
-    """Until nothing has come back, the near field of the large domain is that of a disc with a lattice PML."""
+    """As long as nothing has returned, the near field of the large domain equals that of a disc with a lattice PML."""
     setup = {**paper.notched(14.0, 0.05), "initial": {"u": paper.narrow_pulse}}
     assert (
         measured_run(setup, LatticePML(nodes=30), [4.0, 9.0, 14.0], paper.large_domain(setup, 14.0)).errors < 1e-8
@@ -54,23 +54,23 @@ def test_large_domain_of_example_3():
 
 
 def test_growth_is_measured():
-    """Of a fixed edge none, of the published clouds on a disc much."""
+    """A fixed edge does not grow; the published clouds on a disc grow rapidly."""
     setup = paper.disc(6.0, 3, 0.05)
-    assert abs(growth_from_noise({**setup, "boundary": Fixed()}, Fixed(), 60.0)) < 0.02  # damping of 0.0125
+    assert abs(growth_from_noise({**setup, "boundary": Fixed()}, Fixed(), 60.0)) < 0.02  # the damping is 0.0125
     assert growth_from_noise(setup, paper.published(0.75), 60.0) > 1
 
 
 def test_energy_of_a_known_field():
-    """Eq 55 of a bilinear field is exact, and so are lumped masses for a constant rate: over the unit square 1/2 (1/3 +
-    1/3 + 9).
+    """Eq 55 is exact for a bilinear field, and so are lumped masses for a constant rate: over the unit square 1/2
+    (1/3 + 1/3 + 9).
     """
     x, y = np.meshgrid(np.linspace(0, 1, 6), np.linspace(0, 1, 6), indexing="ij")
     assert paper.energy(x * y, np.full_like(x, 3.0), 0.2) == pytest.approx((2 / 3 + 9) / 2, rel=1e-14)
 
 
 def test_energy_of_the_pulse():
-    """That of a gaussian is pi/2 whatever its width, to the square of the spacing over its length; the damped continuum
-    starts from it.
+    """The energy of a Gaussian is pi/2 whatever its width, to the square of the spacing over its length; the damped
+    continuum starts from it.
     """
     setup = paper.square(paper.RADIUS, 0.01)
     x, y = setup["lattice"].coordinates()
@@ -81,8 +81,8 @@ def test_energy_of_the_pulse():
 
 
 def test_the_continuum_solves_its_equation():
-    """``u_tt + 2 d u_t = u_rr + u_r / r`` by differences at t = 30, and at late times a diffusing pulse of the same
-    content, ``M / (4 pi D t)``.
+    """``u_tt + 2 d u_t = u_rr + u_r / r`` by differences at t = 30; at late times the solution is a diffusing pulse
+    of the same content, ``M / (4 pi D t)``.
     """
     lattice = Lattice(0.05, (-1.0, -1.0), (1.0, 1.0))
     medium, h = paper.Continuum(lattice, 3e4), 1e-2
@@ -97,23 +97,23 @@ def test_the_continuum_solves_its_equation():
 
 
 def test_late_energies():
-    """The lattice PML keeps the energy of the infinite medium, on the lattice until the front has left, then of the
-    continuum; others do not.
+    """The lattice PML has the energy of the infinite medium: that of the lattice until the front has left, then that
+    of the continuum; other conditions do not.
     """
     setup = paper.square(paper.RADIUS, 0.1)
     times = np.array([20.0, 100.0, 200.0, 205.0, 400.0])
     exact = paper.exact_energies(setup, times)
-    # all of it is there, and all of it is in the front, damped
+    # all of the energy is present, in the front, and damped
     assert exact[0] == pytest.approx(np.exp(-2 * paper.DAMPING * 20), rel=0.1)
     later = paper.energy(*paper.Continuum(setup["lattice"], 200.0).state(200.0), 0.5) / (np.pi / 2)
-    assert exact[2] == pytest.approx(later, rel=2e-3)  # where one takes over from the other they agree
+    assert exact[2] == pytest.approx(later, rel=2e-3)  # they agree where one takes over from the other
     np.testing.assert_allclose(paper.relative_energies(setup, LatticePML(nodes=30), times), exact, rtol=2e-3)
     assert paper.relative_energies(setup, paper.LONG["first order, A13"], times)[2] > 2 * exact[2]
     assert np.isnan(paper.relative_energies(setup, paper.LONG["published, 3 spacings"], times)[-1])
 
 
 def test_appendix_b():
-    """Errors of an independent program at t = 5, 10, 15 for the published cloud of 26 nodes."""
+    """The errors are those of an independent program at t = 5, 10, 15 for the published cloud of 26 nodes."""
     from farhorizon.medium.kernel import Kernel
     from farhorizon.models import Wave
 
@@ -131,7 +131,7 @@ def test_appendix_b():
 
 @pytest.mark.slow
 def test_figure_b1(tmp_path):
-    """To t = 15 by default; exact ends are exact at their own step."""
+    """The run ends at t = 15 by default; exact ends are exact at their own time step."""
     outcome = REPRODUCTIONS.find("hermann2023-appB").run(tmp_path)
     assert outcome.infinite_error["exact ends, dt = 0.001"] < 1e-12
     assert rows(outcome)["published, centre and 25 nodes, t = 15"].ours == pytest.approx(1.8e-4, rel=0.03)
@@ -139,7 +139,7 @@ def test_figure_b1(tmp_path):
 
 @pytest.mark.slow
 def test_figure_10(tmp_path):
-    """The history; at the end of the published 5e6 steps the lattice PML has the energy of the infinite medium."""
+    """The history; after the published 5e6 steps the lattice PML has the energy of the infinite medium."""
     found = {what: row.ours for what, row in rows(REPRODUCTIONS.find("hermann2023-fig10").run(tmp_path)).items()}
     assert found["lattice PML, largest difference at (20, 10) to t = 60"] < 1e-9
     assert found["first order, A13, largest difference at (20, 10) to t = 60"] > 1e-3
@@ -149,8 +149,8 @@ def test_figure_10(tmp_path):
 
 
 def test_figure_6(tmp_path):
-    """The series of high order and the fine lattice are at the closed form, the series of order 4 and the local
-    relation are not.
+    """The series of high order and the fine lattice agree with the closed form, the series of order 4 and the local
+    relation do not.
     """
     found = {what: row.ours for what, row in rows(REPRODUCTIONS.find("hermann2023-fig6").run(tmp_path)).items()}
     at = "frequency at wavenumber 3, "
@@ -162,11 +162,11 @@ def test_figure_6(tmp_path):
 
 @pytest.mark.slow
 def test_example_2(tmp_path):
-    """Both horizons: A better than B; the repaired fit and Higdon's condition as good as known; the lattice PML below
-    1e-7.
+    """For both horizons A is better than B, the repaired fit and Higdon's condition are as good as known, and the
+    error of the lattice PML is below 1e-7.
     """
     errors = REPRODUCTIONS.find("hermann2023-ex2").run(tmp_path).infinite_error
-    for reach, fit, higdon in ((6, 4.5e-4, 8.4e-4), (3, 1.8e-4, 1.1e-3)):  # an independent program
+    for reach, fit, higdon in ((6, 4.5e-4, 8.4e-4), (3, 1.8e-4, 1.1e-3)):  # by an independent program
         mark = f"horizon {reach} spacings: "
         assert errors[mark + "repaired"] < 2 * fit
         assert errors[mark + "Higdon (0, 45)"] < 2 * higdon

@@ -14,14 +14,14 @@ COARSE = 0.005  # five times the paper's step: errors of the conditions change i
 
 
 def largest(setup, boundary):
-    """Largest error at t = 250 relative to the largest value then."""
+    """Return the largest error at t = 250, relative to the largest value at that time."""
     reference = infinite(setup, paper.END)
     found = measured_run(setup, boundary, [paper.END], reference)
     return found.errors[0] / np.abs(reference(round(paper.END / setup["dt"]))).max()
 
 
 def test_table_1(tmp_path):
-    """All 14 entries and the series, which are right as printed."""
+    """All 14 entries and the series, which are correct as printed."""
     found = REPRODUCTIONS.find("shojaei2020-table1").run(tmp_path).rows
     assert len(found) == 14 + 4
     assert max(abs(row.deviation) for row in found) < 1e-12
@@ -37,19 +37,21 @@ def test_table_1(tmp_path):
     ],
 )
 def test_example_1(operator, layer, radius, wavenumber, known):
-    """Largest errors of an independent program; eq 47's advice is as bad as a value held at zero."""
+    """Largest errors against an independent program; the advice of eq 47 is as bad as a value held at zero."""
     setup = {**paper.line(operator, layer), "dt": COARSE}
     assert largest(setup, paper.published(wavenumber, radius)) == pytest.approx(known, rel=0.1)
 
 
 def test_held_at_zero_and_lattice_pml():
     setup = {**paper.line(Kernel(0.5, 1), 4), "dt": COARSE}
-    assert largest(setup, Fixed()) == pytest.approx(0.41, rel=0.02)  # an independent program
+    assert largest(setup, Fixed()) == pytest.approx(0.41, rel=0.02)  # by an independent program
     assert largest(setup, LatticePML()) < 1e-5
 
 
 def test_stability():
-    """Of the published layers: certified for four spacings, refused for one; that fixed ends cannot grow is a proof."""
+    """The published layers are certified for four spacings and refused for one; that fixed ends do not grow is
+    proved.
+    """
     assert stability(paper.line(Kernel(0.5, 1), 4), paper.published(0.25), COARSE)[0] < 0
     less_one, how = stability(paper.line(Kernel(0.5, 1), 1), paper.published(0.25, layer=1), COARSE)
     assert less_one > 0.01 and how == "not certified"

@@ -1,4 +1,4 @@
-"""Examples 2 and 3 of Shojaei et al. (2020): their constants and nodes, and the layer against the infinite medium."""
+"""Examples 2 and 3 of Shojaei et al. (2020): constants and nodes, and the layer against the infinite medium."""
 
 from dataclasses import replace
 
@@ -21,8 +21,8 @@ from farhorizon.papers.shojaei2020_corrosion import (
 
 
 def test_constants_are_those_of_exponent_two():
-    """c_int is 4 / (pi horizon^2), that of a unit diffusivity in the plane (table 1, p = 2, to the digits printed);
-    c_liq ten times as much.
+    """c_int is 4 / (pi horizon^2), the constant of a unit diffusivity in the plane (table 1, p = 2, to the digits
+    printed); c_liq is ten times as large.
     """
     assert Kernel(0.04, 2).scaling_constant(2) == pytest.approx(INTERFACE, abs=0.01)
     assert LIQUID / INTERFACE == pytest.approx(10, rel=1e-6)
@@ -30,13 +30,13 @@ def test_constants_are_those_of_exponent_two():
 
 @pytest.mark.parametrize("example, printed", [(LETTERS, 31417), (SPHERE, 523155)])
 def test_nodes(example, printed):
-    """Of the near fields, as printed in sections 5.2 and 5.3."""
+    """The near fields have the numbers of nodes printed in sections 5.2 and 5.3."""
     assert CLOSURES[0][1](example.spacing, example.region)["lattice"].nodes == printed
 
 
 def test_small_letters():
-    """At four times the spacing: the layer keeps to its target, dissolution goes on step by step as in the infinite
-    medium; closed rims do not.
+    """At four times the spacing the layer meets its target, and nodes dissolve at the same steps as in the infinite
+    medium; closed rims do neither.
     """
     example = replace(LETTERS, coarser=4)
     runs = example.closed()
@@ -52,13 +52,13 @@ def test_small_letters():
 
 
 def test_letters_dissolve_in_time_with_exponent_two_only():
-    """Before t = 0.085, when the near field is almost empty in the paper; at four times the spacing."""
+    """They do so before t = 0.085, when the near field in the paper is almost empty; at four times the spacing."""
     times = [last_dissolution(replace(LETTERS, coarser=4, exponent=p)) for p in (2, 1)]
     assert times[0] < 0.085 < times[1]
 
 
 def test_outward_share():
-    """All of the rim where a hill about 0 falls, none in a bowl, half on a slope."""
+    """The share is 1 for a hill about 0, 0 for a bowl, and half for a slope."""
     axes = [np.arange(-10, 11) * LETTERS.spacing] * 2
     x, y = np.meshgrid(*axes, indexing="ij")
     disc = np.hypot(x, y) <= 9.5 * LETTERS.spacing
@@ -69,7 +69,7 @@ def test_outward_share():
 
 
 def test_asymmetry():
-    """Of a radial field none, of one with a bump its height."""
+    """A radial field has none; one with a bump has the height of the bump."""
     x = np.linspace(-1, 1, 9)
     u = np.add.outer(x**2, x**2)
     assert asymmetry(u) == 0
@@ -79,7 +79,7 @@ def test_asymmetry():
 
 @pytest.mark.slow
 def test_full_letters(tmp_path):
-    """Example 2 in full size: 1e-5 of the current maximum at 0.076 and 0.266, no event moved."""
+    """Example 2 at full size: 1e-5 of the current maximum at 0.076 and 0.266, and no node dissolves at another step."""
     outcome = REPRODUCTIONS.find("shojaei2020-ex2").run(tmp_path)
     found = {row.what: row.ours for row in outcome.rows}
     for time in ("0.076", "0.266"):
@@ -90,7 +90,7 @@ def test_full_letters(tmp_path):
 
 @pytest.mark.slow
 def test_sphere(tmp_path):
-    """Example 3 at twice the spacing: symmetric, and with the layer's target."""
+    """Example 3 at twice the spacing: symmetric, and within the layer's target."""
     outcome = REPRODUCTIONS.find("shojaei2020-ex3").run(tmp_path)
     found = {row.what: row.ours for row in outcome.rows}
     assert found["LatticePML, largest asymmetry at the end"] < 1e-12
@@ -100,7 +100,7 @@ def test_sphere(tmp_path):
 
 @pytest.mark.slow
 def test_full_sphere():
-    """523 155 nodes with a layer: symmetric to 1e-12, and a mass balance, while a third of the metal dissolves."""
+    """523 155 nodes with a layer: symmetric to 1e-12, with a mass balance, while a third of the metal dissolves."""
     sim = SPHERE.closed(1)["LatticePML"]
     sim.run(0.005, progress=False)
     assert asymmetry(sim.fields["u"]) < 1e-12

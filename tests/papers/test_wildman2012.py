@@ -1,5 +1,5 @@
-"""Wildman and Gazonas (2012): energies, errors and cracks as printed, or as an independent program of the same scheme
-found them.
+"""Wildman and Gazonas (2012): energies, errors and cracks as printed, or as found by an independent program of the
+same scheme.
 """
 
 import functools
@@ -19,8 +19,8 @@ def rows(outcome):
 @pytest.mark.parametrize(
     ("kernel", "known"),
     [
-        # strain energy of the whole square over the initial one at t = 0.5, 1, 1.5, 2, 3, 5, an independent program
-        # with the same layer
+        # strain energy of the whole square over the initial one at t = 0.5, 1, 1.5, 2, 3, 5, by an independent
+        # program with the same layer
         ("Gaussian", (0.146, 1.2e-3, 1.15e-4, 3.8e-5, 8.4e-6, 1.3e-6)),
         ("Heaviside", (0.214, 1.3e-2, 2.4e-3, 1.3e-3, 5.3e-4, 1.3e-4)),
     ],
@@ -32,14 +32,14 @@ def test_energy_of_figure_2(kernel, known):
 
 
 def test_initial_energy():
-    """Integral of the energy of eq. 3-1: 1.2 (Gaussian) of an independent program."""
+    """Integral of the energy of eq. 3-1: 1.2 (Gaussian) by an independent program."""
     square = paper.plate(paper.KERNELS["Gaussian"], paper.published())
     assert paper.strain_energy(square) == pytest.approx(1.198, abs=5e-4)
 
 
-# Largest difference from a domain three times as large until t = 2.2, over the initial maximum, an independent program
-# (ours: the infinite lattice).
-ERRORS = [  # the first two in the fast tests
+# Largest difference from a domain three times as large until t = 2.2, over the initial maximum, by an independent
+# program (ours: from the infinite lattice).
+ERRORS = [  # the first two are in the fast tests
     ("Gaussian", "layer, as published", 2.3e-4),
     ("Gaussian", "layer, published ramp, 200/s", 1.0e-3),
     ("Heaviside", "layer, as published", 1.7e-2),
@@ -62,8 +62,8 @@ def infinite(kernel):
     ("kernel", "label", "known"), [*ERRORS[:2], *(pytest.param(*row, marks=pytest.mark.slow) for row in ERRORS[2:])]
 )
 def test_errors_of_the_layers(kernel, label, known):
-    """Raising the strength makes it worse, a ramp over the whole layer better, the Heaviside kernel is worse by fifty
-    times.
+    """A greater strength increases the error, a ramp over the whole layer decreases it, and the Heaviside kernel has
+    fifty times the error.
     """
     assert infinite(kernel).error(paper.ABSORBERS[label]) == pytest.approx(known, rel=0.25)
 
@@ -72,15 +72,15 @@ def test_errors_of_the_layers(kernel, label, known):
     ("kernel", "limit"), [("Gaussian", 1e-6), pytest.param("Heaviside", 1.7e-3, marks=pytest.mark.slow)]
 )
 def test_lattice_pml_with_the_same_nodes(kernel, limit):
-    """1e-6 where the published layer keeps 2.3e-4, and a tenth of its 1.7e-2 (an independent program's errors)."""
+    """1e-6 where the published layer has 2.3e-4, and a tenth of its 1.7e-2 (errors by an independent program)."""
     assert infinite(kernel).error_of(paper.lattice_plate(paper.KERNELS[kernel])) <= limit
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kernel", ["Gaussian", "Heaviside"])
 def test_lattice_pml_for_hundreds_of_crossings(kernel):
-    """To t = 100, when a longitudinal wave would have crossed the near field 180 times, nothing of the pulse is seen
-    again: 1e-4 of it.
+    """By t = 100 a longitudinal wave would have crossed the near field 180 times; nothing of the pulse returns, to
+    1e-4 of it.
     """
     sim = paper.lattice_plate(paper.KERNELS[kernel])
     start = sim.energy()
@@ -89,8 +89,8 @@ def test_lattice_pml_for_hundreds_of_crossings(kernel):
 
 
 def test_thin_layers():
-    """Quadratic ramps for a reflection of 1e-3, 20 and 10 cells: an independent program found 4.1e-4 and 1.8e-3 at
-    most.
+    """Quadratic ramps for a reflection of 1e-3, with 20 and 10 cells: at most 4.1e-4 and 1.8e-3 by an independent
+    program.
     """
     for nodes, known in ((20, 4.1e-4), (10, 1.8e-3)):
         assert 0.5 * known < infinite("Gaussian").error(NonlocalPML(nodes, "quadratic", reflection=1e-3)) < 1.1 * known
@@ -98,7 +98,7 @@ def test_thin_layers():
 
 @pytest.mark.slow
 def test_forward_euler():
-    """The paper's integrator at t = 2: 2.2e-4 with dt = 1e-3 (growing), 3.9e-5 with 5e-4, interior 5.3e-7 (an
+    """The paper's integrator at t = 2: 2.2e-4 with dt = 1e-3 (growing), 3.9e-5 with 5e-4, and 5.3e-7 inside (by an
     independent program).
     """
     whole, _ = paper.split_energies(paper.KERNELS["Gaussian"], 1e-3, (1.64, 2.0))
@@ -115,8 +115,9 @@ def test_figure_3(tmp_path):
 
 @pytest.mark.slow
 def test_figure_4(tmp_path):
-    """The two part when the fixed edge has answered; at the end the layer's is below a thousandth of the fixed
-    one's."""
+    """The two histories part when the fixed edge has reflected; at the end that with the layer is below a hundredth
+    of that with the fixed edge.
+    """
     outcome = REPRODUCTIONS.find("wildman2012-fig4").run(tmp_path)
     found = rows(outcome)
     assert found["time at which the two part (0.1 % of the peak)"].ours == pytest.approx(0.73, abs=0.1)
@@ -124,7 +125,7 @@ def test_figure_4(tmp_path):
 
 
 def test_figure_5(tmp_path):
-    """11.4 % from the local solution and 3.0 % from the nonlocal one (an independent program)."""
+    """11.4 % from the local solution and 3.0 % from the nonlocal one (by an independent program)."""
     found = rows(REPRODUCTIONS.find("wildman2012-fig5").run(tmp_path))
     assert found["layer, from the local solution / peak"].ours == pytest.approx(0.114, abs=0.005)
     assert found["layer, from the nonlocal solution / peak"].ours == pytest.approx(0.030, abs=0.002)
@@ -133,7 +134,7 @@ def test_figure_5(tmp_path):
 
 
 def test_figure_7(tmp_path):
-    """250 N: three nodes down and across, within one."""
+    """250 N: three nodes down and across, to within one node."""
     outcome = REPRODUCTIONS.find("wildman2012-fig7").run(tmp_path)
     found = rows(outcome)
     assert abs(found["nodes down"].ours - 3) <= 1 and abs(found["nodes across"].ours - 3) <= 1
@@ -143,7 +144,7 @@ def test_figure_7(tmp_path):
 
 @pytest.mark.slow
 def test_figure_9(tmp_path):
-    """Every separation within one node at each tip of the paper's fit."""
+    """Every separation is within one node per tip of the paper's fit."""
     found = [
         row
         for what, row in rows(REPRODUCTIONS.find("wildman2012-fig9").run(tmp_path)).items()
@@ -154,13 +155,13 @@ def test_figure_9(tmp_path):
 
 
 def test_growth_is_a_rate():
-    """Of an exponential its own, whatever comes before the last half."""
+    """The rate of an exponential is found, whatever precedes the last half."""
     times = np.linspace(0, 40, 81)
     assert paper.late_growth(times, np.exp(0.3 * times) + 1e3 * np.exp(-2 * times)) == pytest.approx(0.3, abs=1e-6)
 
 
 def test_every_long_run_starts():
-    """Free faces lower the step's limit to 0.0143: all set-ups run with the step of their reproduction, and lose energy
+    """Free faces lower the step limit to 0.0143: all set-ups run with the step of their reproduction, and lose energy
     at first.
     """
     for kernel, boundary in paper.LONG.values():
@@ -170,8 +171,9 @@ def test_every_long_run_starts():
 
 @pytest.mark.slow
 def test_long_times(tmp_path):
-    """What an independent program found to grow and to decay: the Heaviside kernel grows unless cross-damped by 0.5,
-    free faces grow. So do fixed faces, whose held nodes carry stress, where that program has clamped ones, which decay.
+    """Growth and decay as found by an independent program: the Heaviside kernel grows unless its cross-damping is
+    0.5, and free faces grow. So do fixed faces, whose held nodes carry stress; in that program they are clamped, and
+    decay.
     """
     found = {
         what.removesuffix(", rate (1/s)"): row.ours
@@ -194,7 +196,7 @@ def test_long_times(tmp_path):
 
 @pytest.mark.slow
 def test_drag_is_a_rate():
-    """250 N at 10, 20 and 40 ns: the same crack within a node, for D goes with the step."""
+    """250 N at 10, 20 and 40 ns: the same crack to within a node, because D scales with the step."""
     found = []
     for dt in (10e-9, 20e-9, 40e-9):
         sim, before = paper.indent(250.0, dt)

@@ -1,4 +1,4 @@
-"""Curves are drawn for awkward data, and told apart."""
+"""Curves are drawn for awkward data, and can be told apart."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from farhorizon.pictures import fields as fields_module
 
 
 def test_neighbouring_curves_differ_in_colour_and_dashes(tmp_path, monkeypatch):
-    """Curves that coincide, as ours and the infinite medium, are both seen."""
+    """Curves that coincide, such as ours and that of the infinite medium, are both visible."""
     from matplotlib.axes import Axes
 
     lines = []
@@ -43,7 +43,7 @@ def test_error_history(tmp_path):
 
 @pytest.mark.parametrize("number", [1, 2, 4])
 def test_curve_panels(tmp_path, number):
-    """One, two or four panels; a panel of one curve has no legend."""
+    """One, two or four panels; a panel with one curve has no legend."""
     x = np.linspace(0, 1, 20)
     panels = [
         (f"panel {n}", [("one", x, x), ("other", x, x**2), ("third", x, x**3)][: 3 - n % 3]) for n in range(number)
@@ -53,7 +53,7 @@ def test_curve_panels(tmp_path, number):
 
 
 def test_values_between_gaps_are_points(tmp_path, monkeypatch):
-    """Which a line between its values alone would not show."""
+    """A line that connects neighbouring values would not show them."""
     from matplotlib.axes import Axes
 
     markers, plotted = [], Axes.plot
@@ -77,7 +77,7 @@ def test_thin_curves_of_panels_all_have_dashes_of_their_own(tmp_path, monkeypatc
 
 
 def test_panels_of_places_have_equal_axes(tmp_path, monkeypatch):
-    """So that angles are seen as they are."""
+    """Both axes have the same scale, so that angles are not distorted."""
     from matplotlib.figure import Figure
 
     made, x = [], np.linspace(-10, 10, 20)
@@ -126,7 +126,7 @@ def test_log_panels(tmp_path, monkeypatch):
 
 
 def test_reflection_that_is_rounding_leaves_a_gap(monkeypatch):
-    """No wave turns into another one at right angles: that is no curve down to -280 dB."""
+    """At normal incidence waves are not converted, which is not a curve down to -280 dB."""
     seen = []
     monkeypatch.setattr(drawing, "lines", lambda curves, *_, **__: seen.extend(curves))
     drawing.reflection_picture(np.array([0.0, 5.0, 10.0]), [("P to S", np.array([1e-14, 1e-4, 1e-2]))], "", "a.png")
@@ -134,7 +134,7 @@ def test_reflection_that_is_rounding_leaves_a_gap(monkeypatch):
 
 
 def test_waterfall(tmp_path):
-    """Lines over time, with something behind the last."""
+    """Lines over time, with another curve behind the last."""
     x, times = np.linspace(0, 1, 51), np.linspace(0, 1, 6)
     lines = np.array([np.exp(-200 * (x - 0.3 - 0.4 * t) ** 2) for t in times])
     drawing.waterfall(x, times, lines, tmp_path / "w.png", xlabel="x", ylabel="u", backdrop=("ramp", x**2))

@@ -1,4 +1,4 @@
-"""Deformed lattices: cells that stay together where the lattice is whole, and the factor of displacements."""
+"""Deformed lattices: cells that stay connected where the lattice is whole, and the factor of the displacements."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ AT = np.stack(np.meshgrid(*AXES, indexing="ij"))
 
 
 def shared_edges(cells):
-    """Whether each cell begins where the one before it along x ends."""
+    """Return whether each cell begins where the previous one along x ends."""
     return np.isclose(cells[:-1, :, [1, 2]], cells[1:, :, [0, 3]]).all((2, 3))
 
 
 def test_cells_of_a_whole_lattice_have_their_corners_in_common():
-    """Under an affine map corners inside go where the map takes them: there is nothing between cells."""
+    """Under an affine map inner corners are mapped by it: there are no gaps between cells."""
     slope = np.array([[0.1, 0.2], [-0.05, 0.15]])
     cells = deformed_cells(np.tensordot(slope, AT, 1), AXES)
     assert shared_edges(cells).all()
@@ -24,7 +24,7 @@ def test_cells_of_a_whole_lattice_have_their_corners_in_common():
 
 
 def test_a_crack_opens_between_cells():
-    """Faces that have moved apart by more than half a spacing keep their own edges; so do those beside no node."""
+    """Cells that have moved apart by more than half a spacing keep their own edges; so do those without a neighbour."""
     moves = np.zeros(AT.shape)
     moves[0, 4:] = 0.4
     cells = deformed_cells(moves, AXES)

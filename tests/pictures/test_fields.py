@@ -25,7 +25,7 @@ def test_field_panels(tmp_path, dim, number, shared):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_gradient_panels(tmp_path, dim):
-    """Of a field that is constant somewhere, outside a window and beside a solid."""
+    """The fields are constant somewhere, outside a window and beside a solid."""
     axes = axes_of(dim)
     fields = [("a", wave(axes, 0.0)), ("b", np.zeros([a.size for a in axes]))]
     drawing.gradient_panels(fields, axes, tmp_path / "u.png", solids=[u > 0.9 for _, u in fields])
@@ -63,7 +63,7 @@ def test_field_panels_refuses(tmp_path):
 
 
 def test_field_table(tmp_path, monkeypatch):
-    """One scale a row, up to five times the first column; a run that ended early leaves a panel blank."""
+    """There is one scale per row, up to five times the first column; a run that ended early leaves a panel blank."""
     from matplotlib.axes import Axes
 
     axes = axes_of(2)
@@ -84,7 +84,7 @@ def test_field_table(tmp_path, monkeypatch):
 
 
 def test_coarse_fields_are_drawn_between_nodes_and_broken_bonds_over_them():
-    """At the nodes the colours are those of the values; what is broken is black; a panel ends where its field does."""
+    """At the nodes the colours are those of the values; broken bonds are black; a panel ends where its field does."""
     axes = axes_of(2)
     field = np.nan_to_num(wave(axes, 0))
     broken = np.zeros(field.shape)
@@ -129,7 +129,7 @@ def test_outline_of_metal(tmp_path, dim):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_titles_are_no_wider_than_their_panels(dim):
-    """Long ones are wrapped, formulas stay whole."""
+    """Long titles are wrapped, formulas are not split."""
     axes = axes_of(dim)
     name = r"t = $1.5 \times 10^{-6}$ s, crack where bonds cannot break, and so on"
     draw = drawing.field_panels if dim == 2 else drawing.slice_panels
@@ -156,7 +156,7 @@ def test_no_place_among_panels_stays_empty(number, ratio, bars):
 
 @pytest.mark.parametrize(("number", "rows", "named"), [(1, 1, 1), (3, 1, 1), (4, 2, 2), (5, 2, 2), (8, 2, 2)])
 def test_bars_of_panels_are_named_at_the_ends_of_rows(number, rows, named):
-    """Elsewhere a name would be taken for that of the next panel's axis; four panels with bars are two rows."""
+    """Elsewhere a name would seem to belong to the axis of the next panel; four panels with bars form two rows."""
     axes = axes_of(2)
     figure = drawing.field_panels(
         [("", wave(axes, k)) for k in range(number)], axes, None, shared_scale=False, label="u"
@@ -169,7 +169,9 @@ def test_bars_of_panels_are_named_at_the_ends_of_rows(number, rows, named):
 @pytest.mark.parametrize("shared", [True, False])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_colours_reach_as_far_as_what_is_seen(dim, shared):
-    """What is broken is dark, whatever its value: it has no part in the range, and the bar no arrow for it."""
+    """Nodes with broken bonds are dark, whatever their value: they do not affect the range, nor the arrows of the
+    bar.
+    """
     axes = axes_of(dim)
     field, broken = np.nan_to_num(wave(axes, 0)), np.zeros([axis.size for axis in axes])
     broken[:3] = 0.5
@@ -178,7 +180,7 @@ def test_colours_reach_as_far_as_what_is_seen(dim, shared):
     draw = drawing.field_panels if dim == 2 else drawing.slice_panels
 
     def drawn(part):
-        """Ends of colours, and of bars."""
+        """Return the upper ends of the colours, and the arrows of the bars."""
         figure = draw([("", field), ("", field)], axes, None, broken=[part, part], shared_scale=shared)
         bars = [panel._colorbar for panel in figure.axes if hasattr(panel, "_colorbar")]
         return {bar.vmax for bar in bars}, {bar.extend for bar in bars}

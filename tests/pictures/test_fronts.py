@@ -1,4 +1,4 @@
-"""Fronts of a corrosion."""
+"""Corrosion fronts."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from farhorizon.pictures import fronts
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_front(tmp_path, dim):
-    """Times of dissolution, metal that is left, a window and a film; a field without metal is drawn too."""
+    """Times of dissolution, remaining metal, a window and a film; a field without metal is drawn, too."""
     axes = axes_of(dim)
     radius = np.sqrt(sum(x**2 for x in np.meshgrid(*axes, indexing="ij")))
     dissolved = np.where(radius > 0.8, 0.0, np.where(radius < 0.3, np.nan, 1 - radius))

@@ -1,4 +1,4 @@
-"""What a results file has over time, drawn: energies, tips, power."""
+"""Pictures of the histories in a results file: energies, tips, power."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ TIMES = np.arange(100.0)
 
 
 def drawn(monkeypatch, name):
-    """What a function of `histories` is given."""
+    """Record the arguments of a function of `histories`."""
     seen = []
     monkeypatch.setattr(histories, name, lambda *given, **named: seen.append((given, named)))
     return seen
@@ -29,8 +29,8 @@ def recorded(path, *records, units=None):
 
 
 def test_tips_that_are_seen_for_a_moment_are_left_out_and_counted(tmp_path, monkeypatch):
-    """Two of seven run; two more are there for three records, and three never: those have no line, and none of them a
-    spectrum.
+    """Of seven tips two are always present, two for three records only, and three never: the latter five have no
+    line, and no tip has a spectrum.
     """
     places = np.full((100, 7, 2), np.nan)
     places[:, :2], places[50:53, 2:4] = 1.0, 2.0
@@ -47,7 +47,7 @@ def test_tips_that_are_seen_for_a_moment_are_left_out_and_counted(tmp_path, monk
 
 
 def test_power_is_named_by_its_surface(tmp_path, monkeypatch):
-    """In time and over frequency, with units; files of earlier versions have points alone."""
+    """It is drawn in time and over frequency, with units; files of earlier versions have only points."""
     surfaces = {"points": np.array([[2.5, 0.0], [0.0, 0.0]]), "times": TIMES, "data": {"power": np.ones((100, 2))}}
     spectra = {"frequencies": np.array([0.1, 0.2]), "spectra": {"energy": np.ones((2, 2))}}
     names = ("plane x = 2.5", "disc around (0, 0)")
@@ -68,7 +68,7 @@ def test_power_is_named_by_its_surface(tmp_path, monkeypatch):
 
 
 def test_one_surface_stands_in_the_title(tmp_path, monkeypatch):
-    """For one curve has no legend."""
+    """A single curve has no legend."""
     power = Recorded("power", np.zeros((1, 2)), TIMES, {"power": np.ones((100, 1))}, labels=("plane x = 2.5",))
     seen = drawn(monkeypatch, "lines")
     plot_results(recorded(tmp_path / "a.h5", power), tmp_path)
@@ -81,7 +81,7 @@ def test_tips_of_no_crack_have_no_picture(tmp_path):
 
 
 def test_patterns_have_units(tmp_path, monkeypatch):
-    """Of a plane: a cross section is a length."""
+    """In 2D a cross section is a length."""
     around = {"points": np.eye(2), "times": np.zeros(0), "data": {}, "frequencies": np.ones(1), "directions": True}
     seen = drawn(monkeypatch, "polar_picture")
     for name in ("cross_section", "intensity_P"):
@@ -105,11 +105,11 @@ def test_energies_and_balances_have_units(tmp_path, monkeypatch):
     (_, energy), (_, balance) = seen
     assert energy["ylabel"] == "stored energy (J)" and balance["ylabel"] == "energy (J)"
     low, high = energy["limits"]
-    assert low == 0 and high > 1  # rounding is no change
+    assert low == 0 and high > 1  # rounding errors do not count as a change
 
 
 def test_tensors_that_are_symmetric_are_drawn_once(tmp_path):
-    """A stress has three components in the plane, a gradient four."""
+    """In 2D a stress has three components, a gradient four."""
     path = tmp_path / "a.h5"
     writer = ResultsWriter.create(
         path, shape=(5, 5), spacing=1.0, lower=(0.0, 0.0), fields=("u",), dtype="float64", probes=None
@@ -134,7 +134,7 @@ def test_tensors_that_are_symmetric_are_drawn_once(tmp_path):
     ],
 )
 def test_energy_scale(tmp_path, monkeypatch, energy, log):
-    """Logarithmic if it falls by more than two decades after its largest value, however it has risen."""
+    """Logarithmic if it falls by more than two decades after its largest value, however it rose."""
     shape = {"shape": (11,), "spacing": 1.0, "lower": (0.0,), "dtype": "float64"}
     writer = ResultsWriter.create(tmp_path / "a.h5", **shape, fields=("u", "v"))
     for k, value in enumerate(energy):
@@ -146,7 +146,7 @@ def test_energy_scale(tmp_path, monkeypatch, energy, log):
 
 
 def test_energies_are_seen_down_to_a_millionth(tmp_path, monkeypatch):
-    """What a run begins with and what rounding leaves at its end would fill the axis."""
+    """The initial energy and the rounding errors at the end would fill the axis."""
     shape = {"shape": (11,), "spacing": 1.0, "lower": (0.0,), "dtype": "float64"}
     writer = ResultsWriter.create(tmp_path / "a.h5", **shape, fields=("u",))
     for k, value in enumerate([1e-15, 2.0, 1e-3, 1e-12]):

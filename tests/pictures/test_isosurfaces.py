@@ -1,4 +1,4 @@
-"""Surfaces of fields in space, against spheres whose area and radius are known."""
+"""Isosurfaces of fields in 3D, against spheres of known area and radius."""
 
 import io
 
@@ -28,14 +28,14 @@ def area(triangles):
 
 
 def test_a_sphere_is_where_it_is():
-    """Linear interpolation of a distance: off by less than h^2 / (8 r) = 0.0013; chords take less area."""
+    """Linear interpolation of a distance has an error below h^2 / (8 r) = 0.0013; chords have a smaller area."""
     found = isosurface(DISTANCE, AXES, 1.0)
     radii = np.linalg.norm(found - CENTRE, axis=-1)
     assert np.abs(radii - 1).max() < 0.00125 and area(found) == pytest.approx(4 * np.pi, rel=0.01)
 
 
 def test_outside_a_window_there_is_no_surface():
-    """Of the sphere the part beyond the first plane of nodes, at x = 0.1: 2 pi r (r - x)."""
+    """Only the part of the sphere beyond the first plane of nodes, at x = 0.1, remains: 2 pi r (r - x)."""
     halved = np.where(np.broadcast_to(AXES[0][:, None, None] > 0.05, DISTANCE.shape), DISTANCE, np.nan)
     found = isosurface(halved, AXES, 1.0)
     assert found[..., 0].min() >= 0.1 - 1e-6 and area(found) == pytest.approx(2 * np.pi * 0.9, rel=0.01)
@@ -55,7 +55,7 @@ def test_levels_are_shares_of_the_largest_value_on_both_sides_of_zero():
 
 
 def file(path, values):
-    """A results file of one output."""
+    """Return a results file with one output."""
     place = {"spacing": 0.1, "lower": [axis[0] for axis in AXES[: values.ndim]]}
     writer = ResultsWriter.create(path, shape=values.shape, fields=("u",), dtype="float64", **place)
     writer.append(0, 0.0, {"u": values})
@@ -74,7 +74,7 @@ def test_surfaces_of_a_results_file(tmp_path):
 
 
 def test_titles_are_whole_and_the_legend_has_what_is_seen():
-    """With and without a title of the whole; a level that no panel reaches is no entry."""
+    """With and without a title of the figure; the legend omits levels that no panel reaches."""
     pytest.importorskip("skimage")
     axes = [np.linspace(-1.0, 1.0, 9)] * 3
     x, y, z = np.meshgrid(*axes, indexing="ij")
@@ -89,15 +89,15 @@ def test_titles_are_whole_and_the_legend_has_what_is_seen():
             assert 0 < box.y0 and box.y1 < figure.bbox.height
         (legend,) = figure.legends
         assert len(legend.get_texts()) == 2
-    figure = isosurface_panels([("t = 0", bell), ("t = 1", 0.3 * bell)], axes, None)  # alike: levels of all
+    figure = isosurface_panels([("t = 0", bell), ("t = 1", 0.3 * bell)], axes, None)  # comparable: levels of all panels
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["u = 0.2", "u = 0.5"]
-    figure = isosurface_panels([("t = 0", bell - 0.25)], axes, None)  # below zero as well, but less far
+    figure = isosurface_panels([("t = 0", bell - 0.25)], axes, None)  # also below zero, but less far
     levels = [float(text.get_text().removeprefix("u = ")) for text in figure.legends[0].get_texts()]
     np.testing.assert_allclose(levels, [-0.15, 0.15, 0.375])
 
 
 def test_panels_that_are_not_comparable_have_levels_of_their_own():
-    """A wave that leaves is seen to its end: the levels of all times would leave its panel empty."""
+    """A wave that leaves is visible to the end: common levels would leave its last panel empty."""
     axes = [np.linspace(-1.0, 1.0, 9)] * 3
     x, y, z = np.meshgrid(*axes, indexing="ij")
     bell = np.exp(-3 * (x**2 + y**2 + z**2))

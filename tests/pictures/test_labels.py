@@ -1,4 +1,4 @@
-"""What stands in the pictures of validations and papers, drawn of results that are made up: no program text."""
+"""Text in the pictures of validations and papers, drawn from made-up results: no names of program variables."""
 
 from types import SimpleNamespace
 
@@ -16,7 +16,7 @@ LINE = np.linspace(0.0, 10.0, 40)
 
 @pytest.fixture
 def panels(monkeypatch):
-    """What pictures of curves are given; they are drawn as well."""
+    """Arguments of the pictures of curves, which are drawn as well."""
     seen, draw = [], curves.curve_panels
 
     def drawn(given, path, **named):
@@ -73,7 +73,7 @@ def test_paths_of_branches_have_equal_axes(tmp_path, monkeypatch, panels):
 
 
 def test_damage_is_drawn_as_elsewhere(tmp_path, monkeypatch):
-    """In its colours, on axes with units."""
+    """It is in the colours of damage, on axes with units."""
     damage = np.linspace(0.0, 0.5, 81 * 41).reshape(81, 41)
     axes = [0.0005 * np.arange(-40.0, 41), 0.0005 * np.arange(-40.0, 1)]
     balance = dict.fromkeys(("work", "kinetic", "strain", "lost", "drag", "broken"), 1.0)

@@ -1,4 +1,4 @@
-"""What `farhorizon plot` is given at the command line."""
+"""Arguments of `farhorizon plot` on the command line."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Polar plots: a panel a frequency and plane, a line a wave."""
+"""Polar plots: a panel for each frequency and plane, a line for each wave."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from farhorizon.pictures.style import counted_in
 
 @pytest.mark.parametrize(("dim", "rows"), [(2, 1), (3, 3)])
 def test_panels_of_frequencies_and_planes(tmp_path, dim, rows):
-    """Lobes lie where the levels are; of six frequencies four are drawn; lines are closed."""
+    """Lobes point in the directions of the largest levels; four of six frequencies are drawn; lines are closed."""
     directions, frequencies = as_directions(36, dim, "directions"), np.linspace(0.1, 0.6, 6)
     lobes = np.multiply.outer(frequencies, directions[:, 0] ** 2)
     figure = polar_picture(directions, frequencies, {"P": lobes, "S": 0.5 * lobes}, tmp_path / "a.png", "levels")

@@ -36,8 +36,8 @@ def write_results(path, dim, outputs=6, observed=True):
 
 
 def test_panels_share_a_scale_unless_some_would_be_empty(tmp_path, monkeypatch):
-    """A wave that leaves is still seen; a field that stays alike, or starts from nothing, is compared on one scale;
-    zeros are left out.
+    """A wave that leaves remains visible; fields of similar size, or that start from zero, share one scale; zeros are
+    omitted.
     """
     seen = []
     monkeypatch.setattr(
@@ -49,7 +49,7 @@ def test_panels_share_a_scale_unless_some_would_be_empty(tmp_path, monkeypatch):
         for k, amplitude in enumerate(amplitudes):
             writer.append(k, float(k), {"u": np.full(5, amplitude)})
         drawing.plot_results(open_results(path), tmp_path)
-    assert seen == [(3, True), (3, False), (2, True)]  # the last one has nothing to show
+    assert seen == [(3, True), (3, False), (2, True)]  # there is nothing to show in the last one
 
 
 @pytest.mark.parametrize("dim", [1, 2, 3])
@@ -71,7 +71,7 @@ def test_plot_few_outputs(tmp_path, outputs, expected):
     ("times", "titles"), [(None, ["t = 0", "t = 2", "t = 3", "t = 5"]), ([1.2, 0.9, 99.0], ["t = 1", "t = 5"])]
 )
 def test_chosen_times(tmp_path, monkeypatch, times, titles):
-    """Up to four evenly spaced outputs, or the nearest to the times asked for, each once."""
+    """Up to four evenly spaced outputs are drawn, or the nearest to the requested times, each once."""
     results = write_results(tmp_path / "a.h5", 1)
     seen = []
     monkeypatch.setattr(
@@ -84,7 +84,7 @@ def test_chosen_times(tmp_path, monkeypatch, times, titles):
 
 
 def axes_and_fields(path, dim=2, outputs=4, vector=True, units=None):
-    """A results file with a vector u (zero at first), a scalar v, and what they are."""
+    """Return a results file with a vector or scalar u, zero at first, and a scalar v."""
     axes = axes_of(dim, 9)
     shape = tuple(a.size for a in axes)
     writer = ResultsWriter.create(
@@ -117,7 +117,7 @@ def test_zeros_are_left_out_and_said(tmp_path):
 
 
 def test_rounding_is_left_out_unless_a_scale_shows_it(tmp_path):
-    """The first of three outputs is a tenth of a millionth of the others."""
+    """The first of three outputs is 1e-7 times as large as the others."""
     writer = ResultsWriter.create(
         tmp_path / "a.h5", shape=(9,), spacing=0.25, lower=(0.0,), fields=("u",), dtype="float64"
     )
@@ -158,11 +158,11 @@ def test_divergence_and_curl_are_those_of_the_displacements(tmp_path, monkeypatc
     rotation = np.sqrt((y - 3) ** 2 + z[0] ** 2) if z else y - 3
     np.testing.assert_allclose(seen[r"divergence $\nabla \cdot u$"], 3 * x + (x if z else 0), atol=1e-12)
     np.testing.assert_allclose(seen[r"curl $\nabla \times u$"], rotation, atol=1e-12)
-    assert len(drawing.plot_results(open_results(path), tmp_path)) == 1 + dim  # they are drawn where asked for
+    assert len(drawing.plot_results(open_results(path), tmp_path)) == 1 + dim  # they are drawn only on request
 
 
 def test_films_and_surfaces_tell_divergence_and_curl_as_pictures_do(tmp_path, monkeypatch):
-    """Numbers without a unit, which are no displacements."""
+    """They are labelled as numbers without a unit, not as displacements."""
     path, seen = tmp_path / "a.h5", []
     writer = ResultsWriter.create(
         path,
@@ -196,7 +196,7 @@ def test_films_and_surfaces_tell_divergence_and_curl_as_pictures_do(tmp_path, mo
 
 @pytest.mark.parametrize("normal", ["x", "y", "z"])
 def test_a_slice_is_that_of_its_plane(tmp_path, monkeypatch, normal):
-    """The nearest plane of nodes, drawn on the other two axes with their names; cracks are projected onto it."""
+    """The nearest plane of nodes is drawn on the other two axes with their names; cracks are projected onto it."""
     seen = {}
     monkeypatch.setattr(
         fields, "_images", lambda arrays, *given, **named: seen.update(named, arrays=arrays, given=given)
@@ -239,7 +239,7 @@ def test_in_space_the_three_planes_through_the_middle_are_in_one_picture(tmp_pat
 
 
 def drawing_of(function, seen):
-    """A function that notes what it is given."""
+    """Return a function that records its arguments."""
 
     def noting(*given, **named):
         seen.append((given, named))
@@ -250,7 +250,7 @@ def drawing_of(function, seen):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_what_is_broken_and_regions_are_drawn_over_fields(tmp_path, monkeypatch, dim):
-    """Dark where bonds are broken; outlines and names of materials; the damage itself is left as it is."""
+    """Broken bonds are dark, and media have outlines and names; the damage itself is drawn as it is."""
     axes = axes_of(dim, 11)
     shape = tuple(axis.size for axis in axes)
     numbers = np.zeros(shape, np.int32)
@@ -302,7 +302,7 @@ def test_a_deformed_lattice_has_its_nodes_where_they_moved(tmp_path, monkeypatch
     assert is_picture(tmp_path / "deformed.png")
     cells = deformed_cells(3 * results.field("u", 3), results.axes)
     np.testing.assert_array_equal(drawn[0], cells.reshape(-1, 4, 2))
-    drawing.plot_results(results, tmp_path, View(deformed=0.0))  # all at rest among them
+    drawing.plot_results(results, tmp_path, View(deformed=0.0))  # including the output at rest
     with pytest.raises(InputError, match="--deformed: only a run in 2D with displacements"):
         scalar = axes_and_fields(tmp_path / "b.h5", vector=False)
         drawing.plot_results(scalar, tmp_path, View(deformed=0.0))
@@ -329,7 +329,9 @@ def test_a_film_has_every_output(tmp_path, dim):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_bar_of_a_film_has_the_same_arrows_in_all_frames(monkeypatch, dim):
-    """Those for what any frame has beyond the scale, where it is seen: an arrow that comes and goes would flicker."""
+    """The arrows are those for visible values beyond the scale in any frame: an arrow that comes and goes would
+    flicker.
+    """
     axes = axes_of(dim)
     field = np.nan_to_num(wave(axes, 0))
     loud = 9 * field
@@ -361,7 +363,7 @@ def test_mp4(tmp_path):
 
 
 def test_what_makes_a_run_doubtful_is_told_once_beside_its_marks(tmp_path, monkeypatch):
-    """Panels from its time on have a mark; a long text in each of them would cover the next."""
+    """Panels from that time on have a mark; a long text in each of them would cover the next."""
     writer = ResultsWriter.create(tmp_path / "a.h5", **SQUARE, fields=("u",))
     cautions = [Caution(2.0, "crack where bonds cannot break", "...")]
     for k in range(4):
@@ -375,7 +377,7 @@ def test_what_makes_a_run_doubtful_is_told_once_beside_its_marks(tmp_path, monke
 
 
 def test_cracks_that_are_drawn_as_lines_are_not_drawn_as_broken_bonds_too(tmp_path, monkeypatch):
-    """Only what breaks beside them later is dark; without lines all that is broken is."""
+    """Only bonds that break later are dark; without lines all broken bonds are."""
     damage = np.zeros((2, 9, 9))
     damage[:, 3:5, 4:6], damage[1, 5, 4:6] = 0.4, 0.3
     writer = ResultsWriter.create(tmp_path / "a.h5", **SQUARE, fields=("u", "damage"))

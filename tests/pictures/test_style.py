@@ -1,4 +1,4 @@
-"""What all pictures have in common."""
+"""Common properties of all pictures."""
 
 import subprocess
 import sys
@@ -11,7 +11,7 @@ from farhorizon.pictures import fields, style
 
 
 def test_a_few_nodes_do_not_dim_the_others():
-    """A spike on some corners is cut off, with an arrow on the bar; a narrow pulse is not."""
+    """The colours are cut off below a spike at a few nodes, with an arrow on the bar, but not below a narrow pulse."""
     x, y = np.meshgrid(np.arange(40.0), np.arange(30.0), indexing="ij")
     wave = np.sin(x / 5) * np.cos(y / 4)
     spiked = wave.copy()
@@ -27,7 +27,7 @@ def test_a_few_nodes_do_not_dim_the_others():
 
 
 def test_color_range():
-    """Diverging and symmetric for both signs, from zero for one sign, tight for a small variation of a large value."""
+    """Diverging and symmetric for both signs, from zero for one sign, tight for small variations of a large value."""
     assert style.color_range([np.array([-1.0, 3.0])]) == {"cmap": "RdBu_r", "vmin": -3, "vmax": 3}
     assert style.color_range([np.array([0.1, np.nan]), np.array([3.0])]) == {"cmap": "viridis", "vmin": 0, "vmax": 3}
     assert style.color_range([np.array([-1e-6, 1.0])]) == {"cmap": "viridis", "vmin": 0, "vmax": 1}
@@ -35,9 +35,7 @@ def test_color_range():
 
 
 def test_one_color_map_in_all_panels():
-    """With scales of their own, panels of a wave keep its diverging map, also where the field has one sign only, or is
-    zero.
-    """
+    """With their own scales, panels of a wave keep its diverging map, even if a field has only one sign or is zero."""
     assert style.color_range([np.array([0.0, 3.0])], signed=True) == {"cmap": "RdBu_r", "vmin": -3, "vmax": 3}
     assert style.color_range([np.zeros(2)], signed=True) == {"cmap": "RdBu_r", "vmin": -1, "vmax": 1}
 
@@ -59,7 +57,7 @@ def test_pictures_leave_matplotlib_as_it_was(tmp_path):
 
 
 def test_a_given_range_is_about_zero_where_it_has_both_signs():
-    """Equal magnitudes are equally dark, as in the symmetric range; the bar ends at the limits."""
+    """Equal magnitudes are equally dark, as in a symmetric range; the bar ends at the limits."""
     from matplotlib import colormaps
 
     assert style.scale_of([np.ones(2)], (-3.0, 3.0), None)["cmap"] == style.DIVERGING
@@ -111,7 +109,7 @@ def test_figures_show_themselves_in_notebooks():
 
 
 def test_pictures_have_no_empty_edges(tmp_path):
-    """However large the layout takes its figure."""
+    """They have none however large the layout makes its figure."""
     from matplotlib.image import imread
 
     with style.figure_at(tmp_path / "a.png", (4.0, 6.0), "compressed") as figure:

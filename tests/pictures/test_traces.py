@@ -11,14 +11,16 @@ TIMES = np.linspace(0.0, 20.0, 201)
 
 
 def traces(points):
-    """A pulse of 0.3 cycles per unit of time that passes with speed 1."""
+    """Return a pulse of 0.3 cycles per unit of time that passes with speed 1."""
     late = TIMES[:, None] - 6 - points[:, 0]
     return np.exp(-(late**2) / 4) * np.cos(2 * np.pi * 0.3 * late)
 
 
 @pytest.mark.parametrize("count", [1, 3, 9, 60])
 def test_pictures_of_few_and_many(tmp_path, count):
-    """Curves and spectra of few, wiggles, a section and spectra of many; the spectrum has its peak where it is."""
+    """Curves and spectra for few receivers; wiggles, a section and spectra for many; the spectrum peaks at the
+    pulse's frequency.
+    """
     points = np.column_stack([np.linspace(0, 4, count), np.zeros(count)])
     figure = trace_picture(points, TIMES, traces(points), tmp_path / "u.png", label="u")
     assert is_picture(tmp_path / "u.png")
@@ -26,7 +28,7 @@ def test_pictures_of_few_and_many(tmp_path, count):
     assert len(axes) == (3 if count > 7 else 2)
     line = axes[-1].get_lines()[0]
     assert line.get_xdata()[np.argmax(line.get_ydata())] == pytest.approx(0.3, abs=0.05)
-    assert line.get_xdata()[-1] < 1.5  # nothing is drawn of what is empty
+    assert line.get_xdata()[-1] < 1.5  # the empty part is not drawn
     if count > 7:
         wiggles = [one.get_xdata()[0] for one in axes[0].get_lines()]  # nothing has arrived yet
         np.testing.assert_allclose(wiggles, points[:: 1 if count < 42 else 2, 0], atol=0.02)
@@ -35,7 +37,7 @@ def test_pictures_of_few_and_many(tmp_path, count):
 
 
 def test_zeros_and_a_single_row(tmp_path):
-    """Nothing to show is shown as nothing."""
+    """Empty data give empty pictures."""
     points = np.zeros((9, 2))
     trace_picture(points, TIMES, np.zeros((201, 9)), tmp_path / "zero.png", label="u")
     trace_picture(points[:1], TIMES[:1], np.ones((1, 1)), tmp_path / "one.png", label="u")
@@ -43,7 +45,9 @@ def test_zeros_and_a_single_row(tmp_path):
 
 
 def test_spectra_of_one_frequency_and_energies_with_signs():
-    """One frequency is a mark, not a line of no length; what flows back is negative; the unit is named."""
+    """One frequency is a marker instead of a line of zero length; energy that flows back is negative; the unit is
+    given.
+    """
     with counted_in({"frequency": "1/us"}):
         figure = spectrum_picture(np.zeros((1, 2)), np.array([0.2]), np.array([[-3.0]]), None, label="energy")
     (line,) = figure.axes[0].get_lines()
@@ -73,7 +77,7 @@ def test_labels_stand_for_places_in_spectra():
 
 
 def test_positions_along_a_line():
-    """By the coordinate along an axis, by the distance otherwise, by number where they lie on no line."""
+    """They are the coordinate along an axis, otherwise the distance, or numbers if the points do not lie on a line."""
     even = np.linspace(1.0, 3.0, 5)
     name, places = positions(np.column_stack([np.full(5, 2.0), even]))
     assert name == "y" and np.array_equal(places, even)

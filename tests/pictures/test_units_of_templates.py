@@ -1,4 +1,4 @@
-"""The cases to start from name their units, so that their pictures do."""
+"""The case templates specify units, which appear in their pictures."""
 
 import pytest
 

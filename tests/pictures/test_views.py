@@ -1,4 +1,4 @@
-"""What is drawn of a results file: times, ranges and slices that there are."""
+"""Views of a results file: times, ranges and slices that exist."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_an_empty_range_is_refused(limits):
 
 @pytest.mark.parametrize("asked", [{"deformed": 0.0, "movie": True}, {"isosurfaces": [], "movie": True}])
 def test_one_kind_of_picture_is_drawn_at_a_time(asked):
-    """The film was left out without a word."""
+    """The film was once omitted silently."""
     with pytest.raises(InputError, match="--movie; remedy: plot once for each"):
         View(**asked)
 

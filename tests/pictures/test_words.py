@@ -1,4 +1,4 @@
-"""What quantities are called at axes."""
+"""Names of quantities on axes."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Odd arguments to every public callable: each answer is a value or an InputError that names the argument.
+"""Passes odd arguments to every public callable: the answer is a value or an InputError that names the argument.
 
 python tests/robustness/arguments.py --seed 7
 """
@@ -21,7 +21,7 @@ LIMIT = 120.0
 
 
 def odd_values():
-    """What nobody should give, by name."""
+    """Return values that no argument should have, by name."""
     return {
         "none": None,
         "text": "text",
@@ -54,7 +54,7 @@ def odd_values():
 
 
 def good():
-    """Sound arguments of each public callable."""
+    """Return valid arguments of each public callable."""
     import farhorizon as fh
 
     lattice, kernel = fh.Lattice(0.5, (-3.0, -3.0), (3.0, 3.0)), fh.Kernel(1.0)
@@ -161,7 +161,7 @@ def good():
     }
 
 
-#: Public names that are no callables for users' arguments, or that compute for long.
+#: Public names that are not called by users, or that compute for a long time.
 NOT_CALLED = {
     "Certificate",
     "FarhorizonError",
@@ -179,7 +179,7 @@ NOT_CALLED = {
 
 
 def jobs():
-    """Each argument of each public callable with each odd value, and the methods of a run."""
+    """Return each argument of each public callable and of the methods of a run with each odd value."""
     import farhorizon as fh
 
     found = []
@@ -207,7 +207,7 @@ METHODS = {
 
 
 def call(job):
-    """Call, and for what is made use it in a simulation."""
+    """Make the call, and use its result in a simulation."""
     import farhorizon as fh
 
     odd = odd_values()[job["odd"]]
@@ -277,7 +277,7 @@ def answer(job):
             return {"class": "unstable"}
         except Exception as error:
             if job["odd"] in ("function", "class") and isinstance(error, ZeroDivisionError | TypeError):
-                return {"class": "refused"}  # by the user's own callable
+                return {"class": "refused"}  # raised by the user's own callable
             return {
                 "class": "traceback",
                 "where": f"{job['name']}({job['argument']}={job['odd']}): {type(error).__name__}: {str(error)[:120]}",
@@ -286,7 +286,7 @@ def answer(job):
 
 
 def campaign(count, seed, processes, folder, report=print):
-    """Counts by class of `count` calls drawn at random, all of them if there are no more."""
+    """Return the number of answers by class, for at most `count` calls drawn at random."""
     every = jobs()
     chosen = machinery.random_of(seed).permutation(len(every))[:count]
     drawn = ({**every[int(k)], "seed": seed} for k in chosen)

@@ -1,5 +1,4 @@
-"""Random cases: sound ones, of every model with what may stand around it, and the same with something odd in one
-place."""
+"""Random case files: sound ones, of every model with other parts, and the same with an odd value in one place."""
 
 from __future__ import annotations
 
@@ -55,7 +54,7 @@ ODD_TEXTS = [
 
 
 def toml(value) -> str:
-    """A value as TOML; dictionaries inline."""
+    """Return a value as TOML, with inline dictionaries."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -72,12 +71,12 @@ def toml(value) -> str:
 
 
 def text_of(case: dict) -> str:
-    """A case file: one line a key."""
+    """Return a case file with one line per key."""
     return "\n".join(f"{key} = {toml(value)}" for key, value in case.items()) + "\n"
 
 
 def crack_across(dim: int, at: float, reach: float) -> list[list[float]]:
-    """Points of a crack across the x axis."""
+    """Return the points of a crack across the x axis."""
     return {
         1: [[at]],
         2: [[at, -reach], [at, reach]],
@@ -86,7 +85,7 @@ def crack_across(dim: int, at: float, reach: float) -> list[list[float]]:
 
 
 def with_record(text: str, file: str, dt: float) -> str:
-    """The case of a second run, of whose box the first one has recorded the shell: with a crack in it."""
+    """Return the case of a second run with a crack in the box whose shell the first one has recorded."""
     first = tomllib.loads(text)
     spacing, dim = first["lattice"]["spacing"], len(first["lattice"]["lower"])
     second = {key: first[key] for key in ("lattice", "model", "boundary") if key in first}
@@ -96,7 +95,7 @@ def with_record(text: str, file: str, dt: float) -> str:
 
 
 class Draw:
-    """One sound case from a generator: plain numbers of random units, data that end well inside the near field."""
+    """A sound random case: plain numbers in random units, data that end well inside the near field."""
 
     def __init__(self, rng):
         self.rng = rng
@@ -106,7 +105,7 @@ class Draw:
         self.half = int(rng.integers(8, 17)) if self.dim == 1 else int(rng.integers(7, 11)) if self.dim == 2 else 6
         self.span = self.half * self.spacing
         self.names = "xyz"[: self.dim]
-        self.solid = False  # whether sides are of a body that ends
+        self.solid = False  # whether the sides belong to a body that ends
         self.vector = False
 
     def chance(self, p: float) -> bool:
@@ -121,12 +120,12 @@ class Draw:
     # --- parts -------------------------------------------------------------------------------------------------
 
     def bump(self, share: float = 0.55, height: float = 1.0) -> str:
-        """Smooth, and zero beyond a share of the near field."""
+        """Return a smooth function that is zero beyond a fraction of the near field."""
         squares = "+".join(f"{name}**2" for name in self.names)
         return f"{height!r}*max(0, 1-({squares})/{(share * self.span) ** 2!r})**3"
 
     def kernel(self) -> dict:
-        reach = int(self.rng.integers(2, 4)) if self.dim == 1 else 2  # few shapes: each is compiled once
+        reach = int(self.rng.integers(2, 4)) if self.dim == 1 else 2  # few shapes, since each is compiled once
         kernel = {
             "horizon": reach * self.spacing,
             "exponent": int(self.rng.integers(0, 3)),
@@ -148,7 +147,7 @@ class Draw:
         )
 
     def sides(self, open_ones: list[dict], closed: list[dict]) -> dict:
-        """Conditions on all sides, on some of them others, on an axis periodic."""
+        """Return conditions on all sides, some with exceptions or with a periodic axis."""
         found = {"all": self.one(*open_ones)}
         for name in self.names:
             if self.chance(0.25):
@@ -173,7 +172,7 @@ class Draw:
         return self.length / self.time
 
     def pml(self) -> dict:
-        """A layer; sometimes an extended domain in its place, or whichever is cheaper."""
+        """Return a layer, sometimes an extended domain in its place, or the cheaper of the two."""
         if self.chance(0.15):
             return {"type": self.one("extended", "auto"), "target": self.one(1e-3, 1e-4, 1e-6)}
         found: dict = {"type": "lattice-pml"}
@@ -292,7 +291,7 @@ class Draw:
     def elastic(self) -> dict:
         self.dim, self.names, self.vector = max(2, self.dim), "xyz"[: max(2, self.dim)], True
         material = self.one("bond-based", "bond-based", "state-based", "correspondence", "finite-element")
-        twice = material in ("state-based", "correspondence")  # as far do their forces reach
+        twice = material in ("state-based", "correspondence")  # whose forces reach twice as far
         self.half = 5 if self.dim == 3 else 14 if twice else min(self.half, 9)
         self.span = self.half * self.spacing
         model = {"type": "elastic", "young": 2.5 * self.speed**2, "material": material, "density": 1.0}
@@ -322,7 +321,7 @@ class Draw:
         }
         still = ["0"] * (self.dim - 1)
         case["initial"] = {"u": [self.bump(0.5, 0.02 * self.length), *still]}
-        if model.get("critical_stretch") == 0.06:  # which the displacements are below, and soon above
+        if model.get("critical_stretch") == 0.06:  # the displacements are below it, and soon above
             case["initial"]["v"] = [self.bump(0.5, 0.2 * self.speed), *still]
         if self.chance(0.2):
             case["load"] = [
@@ -335,11 +334,11 @@ class Draw:
         return case
 
     def from_outside(self) -> dict:
-        """A wave that comes into a box in which something scatters it; below a free surface, too."""
+        """Return a case of a wave that enters a box, often with a scatterer in it, sometimes below a free surface."""
         materials = {1: ["wave"], 2: ["wave", "bond-based", "state-based"], 3: ["wave", "bond-based"]}[self.dim]
         material = self.one(*materials)
         elastic, reach = material != "wave", 4 if material == "state-based" else 2
-        length = 3 if self.dim == 2 else 1  # of half a crack
+        length = 3 if self.dim == 2 else 1  # half length of a crack
         self.vector, self.half = elastic, {1: 14, 2: 6 * reach + 2, 3: 8}[self.dim]
         self.span = self.half * self.spacing
         model = {"type": "wave", "speed": self.speed}
@@ -353,7 +352,7 @@ class Draw:
         if surface:
             case["boundary"]["y+"] = {"type": "free"}
         case["incident"] = [self.incident(elastic, surface)]
-        inner = (2 * reach + length) * self.spacing  # two reaches inside its faces there is a place for a crack
+        inner = (2 * reach + length) * self.spacing  # two reaches inside its faces there is room for a crack
         if self.chance(0.5):
             within = {"lower": [-inner] * self.dim, "upper": [inner] * self.dim}
             if surface:
@@ -364,7 +363,7 @@ class Draw:
         return case
 
     def incident(self, elastic: bool, surface: bool) -> dict:
-        """What comes in: towards +x, up to a free surface or along it."""
+        """Return an incident wave that travels towards +x, towards a free surface or along it."""
         ahead = self.number(-1, 1)
         direction = [1.0, *([abs(ahead) + 0.2 if surface else ahead] * (self.dim - 1))]
         low = self.number(0.05, 0.15)
@@ -382,7 +381,7 @@ class Draw:
         return self.one(plane, plane, given, *[along] * (elastic and surface))
 
     def passing(self) -> dict:
-        """Waves that come into a box from a source beside it, where a shell records them for another run."""
+        """Return a case of waves from a source beside a box, at whose surface a shell records them for another run."""
         elastic = self.dim > 1 and self.chance(0.5)
         self.vector, self.half = elastic, {1: 14, 2: 12, 3: 8}[self.dim]
         self.span = self.half * self.spacing
@@ -433,7 +432,7 @@ class Draw:
         }
 
     def signal(self) -> dict:
-        """A table with a signal that is resolved."""
+        """Return a table with a signal that is resolved."""
         low, long = self.number(0.05, 0.2) / self.time, self.number(2, 8) * self.time
         return self.one(
             {"type": "ricker", "frequency": low},
@@ -445,7 +444,7 @@ class Draw:
         )
 
     def local_source(self, vector: bool) -> dict:
-        """A source between nodes, most of which leave the sinc the nodes that it needs."""
+        """Return a source between nodes, most of which have enough nodes around them for the sinc."""
         near = 0.4 * self.span
         at, end = ([self.number(-near, near) for _ in range(self.dim)] for _ in range(2))
         strength = [self.number(-1, 1) for _ in range(self.dim)] if vector else self.number(0.5, 1.0)
@@ -486,7 +485,7 @@ class Draw:
         return case
 
     def acted_on(self, case: dict, kind: str) -> dict:
-        """Sources, a crack, a medium that varies, nodes that are moved."""
+        """Add sources, a crack, a medium that varies, or nodes that are moved to a case."""
         body = kind == "correspondence"
         if self.chance(0.25) and kind in ("wave", "diffusion", "heat"):
             bump = self.bump(0.4, 1 / self.time**2)
@@ -527,7 +526,7 @@ class Draw:
         return case
 
     def uneven(self, model: dict) -> dict:
-        """Constants that vary from node to node, in the table of the model or by region."""
+        """Let constants vary from node to node, in the table of the model, or return them by region."""
         model.setdefault("density", 1.0)
         names = [name for name in ("speed", "young", "poisson", "density") if name in model]
         if model.get("material") in ("bond-based", "finite-element"):
@@ -542,14 +541,14 @@ class Draw:
         return {}
 
     def half_of_it(self) -> dict:
-        """A region: a ball in the middle, else the upper half."""
+        """Return a region: a ball in the middle, or the upper half."""
         if self.dim == 3:
             return {"radius": 0.6 * self.span}
         far = 10 * self.span
         return {"lower": [-far] * (self.dim - 1) + [0.1 * self.spacing], "upper": [far] * self.dim}
 
     def tips(self, case: dict) -> dict:
-        """What listens to the tips of cracks in the plane."""
+        """Return recorders of the tips of cracks in 2D."""
         if self.dim != 2 or case["model"]["type"] not in ("wave", "elastic") or not self.chance(0.5):
             return {}
         if "critical_stretch" in case["model"]:
@@ -560,7 +559,7 @@ class Draw:
         return {"stress_intensity": [{"every": self.one(1, 5)}]}
 
     def recorders(self, kind: str) -> dict:
-        """What listens to a run between the nodes, at frequencies, across surfaces and from outside."""
+        """Return recorders at points, at frequencies, across surfaces and of the far field."""
         found: dict = {}
         if kind == "correspondence":
             return found
@@ -607,7 +606,7 @@ class Draw:
 
 
 def places(value, path=()):
-    """All places in a case, outer ones too."""
+    """Yield all places in a case, including outer ones."""
     if isinstance(value, dict | list):
         for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
             yield (*path, key)
@@ -615,8 +614,7 @@ def places(value, path=()):
 
 
 def spoilt(case: dict, rng) -> str:
-    """A case file with something odd in one place or two: a value, a missing key, a key of another part, a
-    character."""
+    """Return a case file with one or two oddities: a value, a missing key, a wrong key, a character."""
     for _ in range(int(rng.integers(1, 3))):
         found = list(places(case))
         if not found:
@@ -644,7 +642,7 @@ def spoilt(case: dict, rng) -> str:
 
 
 class Odd:
-    """A piece of TOML that is no value of Python's."""
+    """TOML text that is not a Python value."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -654,7 +652,7 @@ class Odd:
 
 
 def random_case(rng, odd: float = 0.35) -> tuple[str, bool]:
-    """Text of a case file, and whether it was spoilt."""
+    """Return the text of a case file, and whether it was spoilt."""
     case = Draw(rng).case()
     if rng.random() < odd:
         return spoilt(case, rng), True

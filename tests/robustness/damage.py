@@ -1,4 +1,4 @@
-"""Flips bits in every kind of file that the program reads again: each is told, or changes nothing.
+"""Flips bits in every kind of file that the program reads again: damage is reported, or has no effect.
 
 python tests/robustness/damage.py --flips 1000 --seed 7
 """
@@ -28,7 +28,7 @@ output = { every = 0.5, probes = [[1.0]] }
 
 
 def told(path):
-    """All that a results file says."""
+    """Return everything that a results file contains."""
     from farhorizon.files.results import open_results
 
     found = open_results(path)
@@ -55,7 +55,7 @@ def told(path):
 
 
 class Damager:
-    """A finished run, and one that was ended half-way."""
+    """A finished run, and one that was interrupted half-way."""
 
     def __init__(self):
         self.folder = Path(tempfile.mkdtemp(prefix="farhorizon-damage-"))
@@ -118,7 +118,7 @@ class Damager:
 
 
 def campaign(flips, seed, processes, folder, report=print):
-    """Counts by class of so many damaged files."""
+    """Return the number of damaged files by class."""
     jobs = ({"seed": seed, "number": number} for number in range(flips))
     return machinery.table(machinery.answers(Path(__file__), jobs, processes, LIMIT, folder), BAD, folder, report)
 

@@ -1,13 +1,13 @@
 """Random case files: each runs, or is refused in one line.
 
-None ends in a traceback, a crash, a hang or numbers that are not finite.
+None ends in a traceback, a crash, a hang or values that are not finite.
 
     python tests/robustness/fuzz.py --cases 10000 --seed 7 --processes 16
     python tests/robustness/fuzz.py --show 123 --seed 7
 
-Most cases are run from Python: half of the run, a checkpoint, the rest; the same from the checkpoint, which must be
-bitwise the same. Some go through the command line (run and check). What was spoilt on purpose may be refused; of
-what was not, at least half must be accepted.
+Most cases are run from Python: half of the run, a checkpoint, the rest, and the rest again from the checkpoint,
+which must be bitwise the same. Some go through the command line (run and check). Cases that were spoilt on purpose
+may be refused; the tests require that more than 0.4 of all are accepted.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ import machinery
 
 BAD = ("traceback", "crash", "hang", "not finite", "other resume", "wrong exit")
 MOST_STEPS = 60
-LIMIT = 180.0  # seconds of processor time that a case may take
-LARGEST = 2**28  # bytes of a set-up that is run, not only made: `check` announces what larger ones take
+LIMIT = 180.0  # seconds of processor time per case
+LARGEST = 2**28  # bytes of the largest set-up that is run: `check` reports the memory of larger ones
 
 
 def place(error):
-    """Where an error came from, in our code."""
+    """Return where in the package an error was raised."""
     frames = [f for f in traceback.extract_tb(error.__traceback__) if "farhorizon" in f.filename]
     where = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "?"
     return f"{type(error).__name__} at {where}: {str(error)[:150]}"
 
 
 def large(sim):
-    """Whether a run is only made."""
+    """Return whether a run is too large to be computed."""
     import farhorizon as fh
 
     return isinstance(sim, fh.Simulation) and sim.engine.nbytes > LARGEST
 
 
 def library(text, folder):
-    """Run a case from Python, and half of it again from its checkpoint."""
+    """Run a case from Python, and its second half again from its checkpoint."""
     import numpy as np
 
     import farhorizon as fh
@@ -85,7 +85,7 @@ def library(text, folder):
 
 
 def recorded(text, folder, dt, until):
-    """Run a case with a shell from the command line, and what its results file has recorded as a wave."""
+    """Run a case with a shell on the command line, then one with the recorded wave from its results file."""
     from farhorizon.cli import main
 
     path, said = folder / "first.toml", io.StringIO()
@@ -98,7 +98,7 @@ def recorded(text, folder, dt, until):
 
 
 def command(text, folder, arguments):
-    """Run the command line on a case that cannot take long."""
+    """Run a command on a case that does not take long."""
     from farhorizon.case.case import Case
     from farhorizon.cli import main
     from farhorizon.errors import InputError
@@ -121,7 +121,7 @@ def command(text, folder, arguments):
 
 
 def answer(job):
-    """Class of one case, and where it went wrong."""
+    """Return the class of one case, and where it went wrong."""
     rng = machinery.random_of(job["seed"], job["number"])
     text, odd = cases.random_case(rng)
     mode = rng.random()
@@ -141,7 +141,7 @@ def answer(job):
 
 
 def campaign(count, seed, processes, folder, report=print, first=0):
-    """Counts by class of so many cases; asserts nothing."""
+    """Return the number of cases by class, without assertions."""
     shares = {"sound": [0, 0]}
 
     def watched(found):

@@ -1,11 +1,10 @@
-"""Kills runs at single calls of the file system, and looks whether they go on as if nothing had been.
+"""Kills runs at single calls of the file system, and checks that they can be continued with the same results.
 
     python tests/robustness/kill.py --kills 500 --seed 7 --processes 2
 
-A library that is preloaded counts the calls that change files below the folder of the results (writes, renames,
-truncations, removals, ...) and ends the process at one of them, in the middle of it if it is a write. Then the run
-is resumed, or begun anew where there is no checkpoint, and must end with results that are bit by bit those of a run
-that nobody disturbed.
+A preloaded library counts the calls that change files below the folder of the results (writes, renames,
+truncations, removals, ...) and ends the process at one of them, within it if it is a write. Then the run is
+resumed, or restarted if there is no checkpoint, and its results must be bitwise those of an undisturbed run.
 """
 
 from __future__ import annotations
@@ -55,11 +54,11 @@ run = { until = 0.4 }
 output = { every = 0.1, balance = true }
 """,
 }
-PICTURED = "exact"  # the case that draws pictures, too
+PICTURED = "exact"  # the only case that draws pictures
 
 
 def compiled_shim(folder: Path):
-    """The library that is preloaded; None where no compiler makes it."""
+    """Return the preloaded library, or None if it cannot be compiled."""
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None or not sys.platform.startswith("linux"):
         return None
@@ -72,8 +71,8 @@ def compiled_shim(folder: Path):
 
 
 def run(arguments, period, pictures, calls=None, **environment):
-    """Exit code of the command line in a fork of this process, which has everything loaded; its calls that change files
-    are written to `calls`.
+    """Return the exit code of the command line in a fork of this process, in which everything is loaded; the number
+    of its calls that change files is written to `calls`.
     """
     child = os.fork()
     if child == 0:
@@ -83,7 +82,7 @@ def run(arguments, period, pictures, calls=None, **environment):
             from farhorizon.pictures import result_pictures
 
             marching.CHECKPOINT_SECONDS = period
-            if not pictures:  # they take most of the time
+            if not pictures:  # pictures take most of the time
                 result_pictures.plot_results = lambda *_: []
             os.environ.update(environment)
             code = main(arguments)
@@ -96,7 +95,7 @@ def run(arguments, period, pictures, calls=None, **environment):
 
 
 class Killer:
-    """Undisturbed runs of each case, and the numbers of their calls."""
+    """Undisturbed runs of each case, and their numbers of calls."""
 
     def __init__(self):
         import farhorizon.case.case  # noqa: F401 (once, for all forks)
@@ -105,7 +104,7 @@ class Killer:
         self.calls = {}
 
     def whole(self, name, period):
-        """Folder of the undisturbed run."""
+        """Return the folder of the undisturbed run."""
         folder = self.folder / f"whole-{name}-{period:g}"
         if folder not in self.calls:
             (self.folder / f"{name}.toml").write_text(CASES[name])
@@ -115,7 +114,7 @@ class Killer:
         return folder
 
     def answer(self, job):
-        """Kill one run and look what becomes of it."""
+        """Kill one run and examine whether it can be continued."""
         rng = machinery.random_of(job["seed"], job["number"])
         name, period = str(rng.choice(list(CASES))), float(rng.choice([0.0, 30.0]))
         whole = self.whole(name, period)
@@ -128,7 +127,7 @@ class Killer:
         if run(arguments, period, name == PICTURED, **dying) != 137:
             return told | {"class": "not killed"}
         resumed = (out / f"{name}.ckpt").exists()
-        again = "--resume" if resumed else "--force"  # which one needs that died behind its end
+        again = "--resume" if resumed else "--force"  # needed if it died after its end
         code = run([*arguments, again], period, name == PICTURED)
         found = told | {"class": "resumed" if resumed else "begun anew"}
         try:
@@ -142,7 +141,7 @@ class Killer:
 
 
 def campaign(kills, seed, processes, folder, report=print):
-    """Counts by class of so many kills; what is lost is told. None where nothing can be preloaded."""
+    """Return the number of kills by class, and report lost runs; None if no library can be preloaded."""
     library = compiled_shim(folder)
     if library is None:
         return None

@@ -1,5 +1,6 @@
-"""What fuzzers, killers and damagers share: seeds, workers that may crash or hang, and what counts as the same
-results."""
+"""Common parts of the fuzzers, killers and damagers: seeds, workers that may crash or hang, and comparison of
+results.
+"""
 
 from __future__ import annotations
 
@@ -16,23 +17,25 @@ from pathlib import Path
 import numpy as np
 
 HERE = Path(__file__).parent
-MOST_JOBS = 500  # of a worker: what was compiled stays in memory
+MOST_JOBS = 500  # per worker: compiled code stays in memory
 
 
 def seed_of(given=None):
-    """The seed that was given, that of FARHORIZON_SEED, or one of the clock; printed, so that it can be given again."""
+    """Return the given seed, that of FARHORIZON_SEED, or one from the clock, and print it, so that it can be
+    repeated.
+    """
     found = int(given if given is not None else os.environ.get("FARHORIZON_SEED", time.time_ns() % 10**6))
     print(f"seed {found} (FARHORIZON_SEED={found} gives the same again)", flush=True)
     return found
 
 
 def random_of(*numbers):
-    """A generator of its own for each case: case 17 of a seed is the same whatever was before it."""
+    """Return a generator for each case: case 17 of a seed does not depend on the cases before it."""
     return np.random.default_rng(numbers)
 
 
 class Worker:
-    """A child process that answers jobs, one JSON line each; what it says on stderr is kept for when it dies."""
+    """A child process that answers jobs, as one JSON line each; its stderr is kept in case it dies."""
 
     def __init__(self, script, errors):
         self.errors = open(errors, "w+")
@@ -52,7 +55,7 @@ class Worker:
         self.process.stdin.flush()
 
     def processor_time(self):
-        """Seconds of processor time so far; 0 where the operating system does not tell."""
+        """Return the seconds of processor time so far; 0 if the operating system does not provide them."""
         try:
             fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
         except OSError:
@@ -60,12 +63,13 @@ class Worker:
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def hangs(self, limit):
-        """Whether its job took more processor time than a limit, or ten times as long without: others may be at
-        work."""
+        """Return whether its job has exceeded the limit of processor time, or ten times as much real time, as others
+        may be at work.
+        """
         return self.processor_time() - self.before > limit or time.monotonic() - self.since > 10 * limit
 
     def end(self):
-        """Kill it; returns its exit code and the last that it said."""
+        """Kill the process and return its exit code and its last output."""
         self.process.kill()
         code = self.process.wait()
         self.process.stdin.close()
@@ -77,8 +81,8 @@ class Worker:
 
 
 def answers(script, jobs: Iterable[dict], processes: int, limit: float, folder: Path) -> Iterator[dict]:
-    """Answers of workers to jobs, in the order in which they come; of a worker that died or took too long an answer in
-    its place.
+    """Yield the answers of workers to jobs as they arrive, and an answer in place of a worker that died or exceeded
+    the limit.
 
     Parameters
     ----------
@@ -134,16 +138,16 @@ def answers(script, jobs: Iterable[dict], processes: int, limit: float, folder: 
 
 
 def serve(answer):
-    """Answer the jobs that come on stdin until it ends."""
+    """Answer the jobs on stdin until it ends."""
     out = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # what a case prints is not an answer
+    os.dup2(2, 1)  # the output of a case is not an answer
     for line in sys.stdin:
         out.write(json.dumps(answer(json.loads(line))) + "\n")
         out.flush()
 
 
 def table(found: Iterable[dict], bad: Iterable[str], folder: Path, report=print) -> Counter:
-    """Count answers by class and keep what is bad in a folder, one file each; each bad place is reported once."""
+    """Count answers by class and keep bad ones in a folder, one file each; each bad place is reported once."""
     counts: Counter = Counter()
     places: Counter = Counter()
     for number, answer in enumerate(found, 1):
@@ -162,7 +166,7 @@ def table(found: Iterable[dict], bad: Iterable[str], folder: Path, report=print)
 
 
 def same_results(one: Path, other: Path):
-    """Assert that two results files tell the same, bit by bit."""
+    """Assert that two results files are bitwise equal."""
     from farhorizon.files.results import open_results
 
     a, b = open_results(one), open_results(other)

@@ -1,4 +1,4 @@
-"""Input that once ended in a traceback, a crash or an endless loop: refused in one line, or run."""
+"""Inputs that once caused a traceback, a crash or an endless loop: refused in one line, or run."""
 
 import numpy as np
 import pytest
@@ -68,7 +68,7 @@ def test_long_texts_are_cut_in_messages():
 
 
 def test_dollars_are_letters_in_a_drawn_text():
-    """A pair of them is no mathematics: the area of "$5 and $6" is that of its letters one by one."""
+    """A pair of dollar signs does not delimit mathematics: "$x$" is more than twice as wide as "x"."""
     for text in (r"$\frac$", "$5 and $6"):
         assert np.isfinite(fh.Text(text, 1.0).bounds()).all()
     assert np.ptp(fh.Text("$x$", 1.0).bounds(), axis=0)[0] > 2 * np.ptp(fh.Text("x", 1.0).bounds(), axis=0)[0]
@@ -93,7 +93,7 @@ def test_times_between_outputs_that_are_none(every):
 
 
 def test_whole_numbers_of_any_kind_are_one():
-    """4, 4.0 as NumPy's integers: the same layers; halves are refused."""
+    """4 as a Python or NumPy integer gives the same layers; fractions are refused."""
     fields = []
     for nodes in (4, np.uint8(4), np.int8(4), np.int64(4)):
         for kind in (fh.Sponge, fh.LatticePML):
@@ -124,7 +124,7 @@ def test_a_case_without_probes(lattice):
 
 
 def test_corrosion_beside_a_layer_that_is_chosen():
-    """The specimen is placed before there is a layer beyond which nothing of it may lie."""
+    """The specimen is placed before the layer, beyond which it may not extend, exists."""
     lattice = fh.Lattice(0.25, (-3.0, -3.0), (3.0, 3.0))
     model = fh.Corrosion(fh.Kernel(0.5), saturation=0.9)
     beside = fh.LatticePML(target=1e-6)
@@ -136,7 +136,7 @@ def test_corrosion_beside_a_layer_that_is_chosen():
 
 @pytest.mark.parametrize("value", [1e200, -1e300])
 def test_data_whose_energy_overflows_are_refused(value):
-    """A field that is constant stretches no bond, so that the run was finite and its energy was not."""
+    """A constant field stretches no bond: the run was finite, but its energy was not."""
     lattice = fh.Lattice(1.0, (-6.0, -6.0), (6.0, 6.0))
     kernel = fh.Kernel(2.0, 0, "gaussian")
     setups = {
@@ -151,7 +151,7 @@ def test_data_whose_energy_overflows_are_refused(value):
 
 
 def test_a_horizon_far_beyond_the_near_field_is_refused_at_once(monkeypatch):
-    """The modes of a stencil that reaches 108 nodes took minutes to find before it was seen that it does not fit."""
+    """It took minutes to find the modes of a stencil that reaches 108 nodes before it turned out not to fit."""
 
     def searched(*_):
         raise AssertionError("modes were looked for")
@@ -164,7 +164,7 @@ def test_a_horizon_far_beyond_the_near_field_is_refused_at_once(monkeypatch):
 
 @pytest.mark.parametrize("young", [5e-324, 1e-200, "1e100*(x + 9)"])
 def test_constants_of_a_body_that_vanish_or_overflow_are_refused(young):
-    """The speed of waves was zero, and something was divided by it."""
+    """The wave speed was zero, and was a divisor."""
     lattice, kernel = fh.Lattice(1.0, (-6.0, -6.0), (6.0, 6.0)), fh.Kernel(2.0, 0, "gaussian")
     with pytest.raises(fh.InputError, match=r"model.young: is beyond what can be computed with.*1e-60 to 1e\+60"):
         model = fh.Correspondence(kernel, young, 0.25, critical_stretch=0.2)

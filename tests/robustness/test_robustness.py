@@ -1,6 +1,6 @@
-"""Few cases of the fuzzers, killers and damagers beside this file, and thousands of them in the slow tests.
+"""A few cases of the fuzzers, killers and damagers in this folder, and thousands of them in the slow tests.
 
-Each prints its seed; FARHORIZON_SEED gives the same again. For more of them, on more cores, run the scripts themselves.
+Each prints its seed; FARHORIZON_SEED repeats it. For more cases, on more cores, run the scripts themselves.
 """
 
 import os
@@ -17,8 +17,8 @@ PROCESSES = 2 if (os.cpu_count() or 1) > 1 else 1
 
 @pytest.mark.parametrize("count", [12, pytest.param(2000, marks=pytest.mark.slow)])
 def test_random_cases_run_or_are_refused(count, tmp_path):
-    """No traceback, crash or hang, fields that are finite, resumes that are bitwise; the fast tier has the same cases
-    always, for its time: none in single precision takes kernels that would have to be compiled for it alone.
+    """No traceback, crash or hang, finite fields, and bitwise resumption. The fast tier always has the same cases to
+    save time: none in single precision uses kernels that would have to be compiled for it alone.
     """
     counts = fuzz.campaign(count, 40 if count == 12 else machinery.seed_of(), PROCESSES, tmp_path)
     assert not {name: counts[name] for name in fuzz.BAD if counts[name]}
@@ -46,7 +46,7 @@ def test_odd_arguments_are_taken_or_named(tmp_path):
 
 
 def test_every_public_callable_is_tried():
-    """A new public name is given odd arguments, too."""
+    """New public names must be given odd arguments, too."""
     import farhorizon as fh
 
     assert set(arguments.good()) | arguments.NOT_CALLED == set(fh.__all__)

@@ -1,6 +1,4 @@
-"""Far-field patterns of soft and rigid cylinders hit by a plane wave, direction by direction, against the Hankel
-series.
-"""
+"""Far-field patterns of soft and rigid cylinders hit by a plane wave, by direction, against the Hankel series."""
 
 import numpy as np
 import pytest

@@ -34,9 +34,7 @@ def grows(rate):
 
 
 def test_what_rose_in_a_short_run_is_looked_at_again_before_a_longer_one():
-    """Growth of noise in a short run may be transient; a longer run is refused only if the growth is still there.
-    Each duration is examined once.
-    """
+    """Noise that grows in a short run may be transient; growth that is still there is refused, and examined once."""
     for longer, refused in ((Certificate(UNDECIDED, "noise", quiet=50.0), False), (grows(0.047), True)):
         run, known = Examined({12.5: grows(0.047), 50.0: longer}), Examination()
         assert known.of(run, 12.5, False).verdict == NOT_CERTIFIED

@@ -1,6 +1,4 @@
-"""Fourier sums accumulated during a run: against the FFT of the whole record, in any batches, and across a
-checkpoint.
-"""
+"""Fourier sums accumulated in a run: against the FFT of the whole record, in any batches, across a checkpoint."""
 
 import numpy as np
 import pytest

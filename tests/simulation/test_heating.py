@@ -39,9 +39,7 @@ def forces(sim, warm=True):
 
 @pytest.mark.parametrize("plane", ["strain", "stress"])
 def test_a_bond_based_plate_grows_without_stress(plane):
-    """A linear temperature strains each bond by the mean of its ends, as the displacements do, so that no node is
-    accelerated.
-    """
+    """A linear temperature strains each bond by the mean of its ends, as the displacements do: no node accelerates."""
     sim = warmed(2, "bond-based", plane)
     assert np.abs(forces(sim)).max() < 1e-12 * np.abs(forces(sim, warm=False)).max()
     sim.step(20)
@@ -111,9 +109,7 @@ def pulse(spacing, material="bond-based"):
 @pytest.mark.slow
 @pytest.mark.parametrize("material", MATERIALS)
 def test_waves_of_sudden_heat_are_the_classical_ones(material):
-    """At second order: ``u_xx c^2 - u_tt = B w_x``, where B is the force of an isotropic strain divided by the
-    density.
-    """
+    """At second order: ``u_xx c^2 - u_tt = B w_x``, with B the force of an isotropic strain over the density."""
     errors, spacings = [], (0.25, 0.125, 0.0625)
     for spacing in spacings:
         sim = pulse(spacing, material)

@@ -48,9 +48,7 @@ def fitted_order(spacings, errors):
 
 
 def test_mode_three_comes_to_its_static_value():
-    """To within the uncertainty of the tip's position between two nodes, a quarter of a spacing relative to the half
-    length.
-    """
+    """To within the uncertainty of the tip's position: a quarter of a spacing relative to the half length."""
     large, small = fh.StressIntensity(), fh.StressIntensity([(HALF, 0.0)], (1.0, 2.0), every=4, name="small")
     sim = sheared([large, small]).run("static", tolerance=0.01, limit=200.0)
     exact = np.sqrt(np.pi * HALF)
@@ -250,9 +248,7 @@ def test_turned_cracks_under_random_loads_converge(reach, plane):
     ],
 )
 def test_cracks_in_materials_of_states(options):
-    """As with bonds: both modes of a crack oblique to the lattice converge at first order, also those from the
-    opening.
-    """
+    """As with bonds: both modes of an oblique crack converge at first order, also those from the opening."""
     stress, spacings, errors, openings = np.array([[0.3, 0.5], [0.5, 1.2]]), (0.5, 0.25, 0.125), [], []
     for spacing in spacings:
         model = fh.Elastic(fh.Kernel(2 * spacing, exponent=1), young=1.0, **options)

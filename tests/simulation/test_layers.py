@@ -350,9 +350,7 @@ def test_what_a_refusal_in_diffusion_names_is_kept():
 
 @pytest.mark.parametrize(("end", "said"), [(1e4, "are not predicted"), (60.0, "chooses them for a longer run")])
 def test_a_run_beyond_its_layers_is_told_to_ask_for_longer_ones_only_where_there_are_any(end, said):
-    """The warning depends on what the layers that end first were asked for: for solids, 60 crossings can be
-    predicted.
-    """
+    """The warning depends on what was asked of the layers that end first; for solids, 60 crossings are predicted."""
     lattice, model = fh.Lattice(1.0, (-14.0, -14.0), (14.0, 14.0)), fh.Elastic(fh.Kernel(2.0), young=1.0)
     bell = "exp(-(x**2+y**2)/8)"
     layers = {"x": fh.LatticePML(target=1e-2, until=end), "y": fh.LatticePML(target=1e-2, until=1e4)}

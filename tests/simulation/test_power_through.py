@@ -32,9 +32,7 @@ def elastic(observe, material="bond-based", **more):
 
 
 def energy_inside(run, inside):
-    """Kinetic and strain energy of nodes half a step ago, by definition, with half the energy of bonds across the
-    edge.
-    """
+    """Kinetic and strain energy of nodes half a step ago, by definition; bonds across the edge count half."""
     stencil, near, engine = run.stencil, run.parts.near, run.engine
     components, dim = stencil.components, run.lattice.dim
     u = run.fields["u"].reshape(components, *run.lattice.shape)
@@ -146,9 +144,7 @@ def test_what_leaves_at_a_frequency_is_what_the_source_does(kind, dim, until):
 
 
 def test_all_frequencies_carry_what_goes_through_in_time():
-    """Parseval's theorem, over the frequencies of a discrete transform of the run, which ends when all has left but
-    rounding.
-    """
+    """Parseval's theorem, over the frequencies of a discrete transform of a run that ends when all has left."""
     steps, every = 900, []
     for frequencies in ((), every):
         power = fh.PowerThrough([("x", 5.5), fh.Disc(6.2)], frequencies)
@@ -190,9 +186,7 @@ MATERIALS = {
 
 
 def energy_of_states(run, crack, inside):
-    """Energy of nodes half a step ago, by definition: that of each state, with half of that of springs across the
-    edge.
-    """
+    """Energy of nodes half a step ago, by definition: that of each state; springs across the edge count half."""
     lattice, model, dim = run.lattice, run.model, run.lattice.dim
     states, h = model.force_states(lattice.spacing, dim), lattice.spacing
     nodes, bonds = cut_bonds(as_cut(crack, dim), lattice.lower, h, lattice.shape, states.offsets)

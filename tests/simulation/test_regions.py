@@ -87,9 +87,7 @@ density = 1.0
 
 
 def test_materials_have_the_names_of_the_case(tmp_path, monkeypatch, capsys):
-    """Names distinguish regions of equal constants; a region without a name keeps that of the material that it
-    changes.
-    """
+    """Names distinguish regions of equal constants; a region without a name keeps that of the one it changes."""
     monkeypatch.chdir(tmp_path)
     Path("a.toml").write_text(NAMED)
     assert main(["run", "a.toml", "--threads", "1"]) == 0

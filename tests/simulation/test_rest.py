@@ -129,9 +129,7 @@ def test_observers_see_the_end():
 
 
 def lattice_potential(n):
-    """Return the static field of a unit force on the infinite cubic lattice, ``integral of exp(-6 t) I I I (2 t)
-    dt``.
-    """
+    """Static field of a unit force on the infinite cubic lattice, ``integral of exp(-6 t) I I I (2 t) dt``."""
 
     def integrand(s):
         t = s / (1 - s)
@@ -142,9 +140,7 @@ def lattice_potential(n):
 
 @pytest.mark.slow
 def test_a_force_in_space_beside_the_lattice_potential():
-    """Far away, the field is 1 / 4 pi r: the nine nodes along each axis hold a small part of it, and the layers the
-    rest.
-    """
+    """The field far away is 1 / 4 pi r: nine nodes along each axis hold a small part of it, the layers the rest."""
     force = np.zeros(CUBE.shape)
     force[4, 4, 4] = 1.0
     model = fh.Wave(fh.Stencil.finite_difference(3))

@@ -1,5 +1,4 @@
-"""Layers that choose their thickness: what their runs get wrong is below the target, for set-ups that nobody tuned
-on."""
+"""Errors of layers that choose their thickness are below the target, for set-ups on which nothing was tuned."""
 
 import os
 import warnings
@@ -22,7 +21,7 @@ def pulse(lattice, centre, width):
 
 
 def wave_setup(random, dim):
-    """A pulse anywhere in a near field of up to 3 : 1 that holds it, a time of 2 to 12 crossings."""
+    """A pulse anywhere in a near field of up to 3 : 1 that contains it, and a run of 2 to 12 crossings."""
     exponent, influence, reach = KERNELS[random.integers(len(KERNELS) if dim < 3 else 2)]
     shape = random.choice([25, 33, 41], dim) if dim < 3 else np.full(3, 17)
     if dim == 2:
@@ -36,8 +35,8 @@ def wave_setup(random, dim):
 
 
 def with_layers(setup, target, until, most=np.inf):
-    """The run with layers for a target, and that; if it is refused, for the least that can be had, which is named and
-    below `most`.
+    """Return the run with layers for a target, and the target. If it is refused, the least possible one, which the
+    message names and which is below `most`, replaces it.
     """
     try:
         return fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until)), target
@@ -111,8 +110,8 @@ def test_random_elastic_pulses_keep_their_target(case):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", range(16))
 def test_random_dragged_pulses_keep_their_target(case):
-    """Of velocities that move towards the mean of their neighbours, those in the layers and across a side included:
-    solids of several kernels, displaced or struck, against a domain from which nothing returns.
+    """Drag moves velocities towards the mean of their neighbours, also in the layers and across a side. Solids of
+    several kernels, displaced or struck, against a domain from which nothing returns.
     """
     seed = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
     random = np.random.default_rng([seed, case])
@@ -127,8 +126,8 @@ def test_random_dragged_pulses_keep_their_target(case):
 
 
 def dragged_error(model, initial, target, until):
-    """What layers for a target leave of the largest value, against a domain that is larger on each side by three
-    quarters of the way that long waves run: short ones, which drag stops, run ahead of them before they are gone.
+    """Return the error of layers for a target relative to the largest value, against a domain larger on each side by
+    three quarters of the way of long waves, since short ones run ahead of them until drag stops them.
     """
     ((kind, values),) = initial.items()
     shape, room = np.array(values.shape[1:]), int(0.75 * until * model.p_speed) + 8
@@ -149,15 +148,15 @@ def dragged_error(model, initial, target, until):
 
 @pytest.mark.parametrize("drag", [0.02, 0.5])
 def test_layers_drag_as_the_medium_does(drag):
-    """Where what lay in the layer dragged as it was, 3 and 45 targets came back."""
+    """When the drag read the values in the layer as they are, 3 and 45 times the target came back."""
     model = fh.Correspondence(fh.Kernel(2.0, 1), 1.0, 0.3, stabilisation=0.5, drag=drag)
     bell = pulse(fh.Lattice(1.0, (-12.0, -12.0), (12.0, 12.0)), (0.0, 0.0), np.sqrt(8.0))
     assert dragged_error(model, {"u": np.stack([bell, 0 * bell])}, 1e-5, 50.0) <= 1e-5
 
 
 def test_no_images_are_heard_in_long_runs():
-    """Where the medium goes on along the sides a run of ten times the length needs no more than a few nodes more; once
-    waves of images travelled along them, and 59 nodes in place of 12 were taken.
+    """Where the medium continues along the sides, a run ten times as long needs only a few nodes more; once, waves of
+    images travelled along them, and 59 nodes were chosen instead of 12.
     """
     lattice = fh.Lattice(1.0, (-25.0, -25.0), (25.0, 25.0))
     model, u = fh.Elastic(fh.Kernel(2.0, 1, "gaussian"), young=1.0), pulse(lattice, (4.0, -3.0), 5.0)
@@ -173,8 +172,8 @@ def test_no_images_are_heard_in_long_runs():
 @pytest.mark.slow
 @pytest.mark.parametrize("model", [fh.Elastic(fh.Kernel(2.0, 1), young=1.0), fh.Wave(fh.Stencil.finite_element(2))])
 def test_sources_that_go_on_ask_for_no_more_in_long_runs(model):
-    """20 crossings of waves, and of elements with a force that stays; once images of it were heard, and 45 to 60 nodes
-    in place of 13 to 16 were taken.
+    """20 crossings, of waves in a solid and of finite elements under a force that stays; once, images of the source
+    were heard, and 45 to 60 nodes were chosen instead of 13 to 16.
     """
     random, speed = np.random.default_rng([SEED, 6, model.order]), np.sqrt(model.coefficient)
     lattice, stays = fh.Lattice(1.0, (-20.0, -20.0), (20.0, 20.0)), isinstance(model, fh.Wave)
@@ -199,8 +198,8 @@ def pulse_in_elements(width, target, until=494.0):
 
 @pytest.mark.slow
 def test_backward_waves_take_no_more_nodes_than_they_need():
-    """Waves that were left out of those that are followed by themselves rang in the prediction, and what comes after
-    the end of the run folded back into it: 19 nodes were taken.
+    """When some waves were not followed individually they rang in the prediction, and what comes after the end of the
+    run folded back into it: 19 nodes were chosen.
     """
     assert max(one.nodes for one in fh.Simulation(**pulse_in_elements(2.5, 1e-4)).thickness.values()) <= 8
 
@@ -208,7 +207,7 @@ def test_backward_waves_take_no_more_nodes_than_they_need():
 @pytest.mark.slow
 @pytest.mark.parametrize(("width", "target", "most"), [(2.5, 1e-4, 8), (4.0, 1e-5, 16), (3.0, 1e-6, 24)])
 def test_backward_waves_keep_their_target_with_no_more(width, target, most):
-    """19, 28 and 35 nodes were taken."""
+    """Once, 19, 28 and 35 nodes were chosen."""
     setup = pulse_in_elements(width, target)
     assert max(one.nodes for one in fh.Simulation(**setup).thickness.values()) <= most
     assert max(compare(setup, 494.0, beside=False).curves["lattice PML"]["error_rel_initial"]) <= target
@@ -217,7 +216,7 @@ def test_backward_waves_keep_their_target_with_no_more(width, target, most):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", range(8))
 def test_sources_of_any_pace_keep_their_target_where_waves_run_backward(case):
-    """Random forces that rise slowly or at once and stay, or swing; a target is kept or refused."""
+    """Random forces that rise slowly or at once, and then stay or oscillate; a target is kept or refused."""
     seed = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
     random = np.random.default_rng([seed, case])
     print(f"seed {seed}, set-up {case}")
@@ -242,9 +241,9 @@ def test_sources_of_any_pace_keep_their_target_where_waves_run_backward(case):
 
 @pytest.mark.parametrize("case", [*range(4), *(pytest.param(n, marks=pytest.mark.slow) for n in range(4, 24))])
 def test_sources_at_the_end_of_a_bar_keep_their_target(case):
-    """Waves that fall within a node or two without travelling reach the layer from one of its last nodes: smooth forces
-    that leave the bar displaced, against a bar that goes on. A target is kept or refused, up to a reach of 4; wider
-    stencils may leave four targets (docs/limits.md).
+    """Waves that decay within a node or two without travelling reach the layer from one of its last nodes: smooth
+    forces that leave the bar displaced, against a bar that continues. A target is kept or refused, up to a reach of
+    4; wider stencils may leave four times the target (docs/limits.md).
     """
     seed = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
     random = np.random.default_rng([seed, case])
@@ -278,7 +277,7 @@ def test_sources_at_the_end_of_a_bar_keep_their_target(case):
 @pytest.mark.parametrize("place", [0, 1, 2])
 @pytest.mark.parametrize(("reach", "influence", "target"), [(3.0, "constant", 1e-4), (6.0, "linear", 1e-3)])
 def test_what_comes_back_of_a_source_at_the_end_of_a_bar_is_known(reach, influence, target, place):
-    """The prediction for the layer beside it is what is measured in the run, to the digits that it is told by."""
+    """The prediction for the layer next to it is the error of the run, to the digits that are reported."""
     force, until = np.zeros(60), 300.0
     force[place] = 1.0
     setup = {
@@ -301,8 +300,8 @@ def test_what_comes_back_of_a_source_at_the_end_of_a_bar_is_known(reach, influen
 
 @pytest.mark.parametrize("case", [6, 7, *(pytest.param(n, marks=pytest.mark.slow) for n in range(6))])
 def test_echoes_of_all_sides_meet_in_the_middle(case):
-    """Each is predicted to make at most 0.2 of the target there; as long as one side was looked at alone, they made
-    1.04 of it together (case 6).
+    """Each is predicted to make at most 0.2 of the target there; when each side was considered alone, they made 1.04
+    of it together (case 6).
     """
     random = np.random.default_rng([SEED, 5, case])
     half = random.integers(20, 37) + np.zeros(2)
@@ -316,7 +315,7 @@ def test_echoes_of_all_sides_meet_in_the_middle(case):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", range(3))
 def test_slow_echoes_of_all_sides_count_in_long_runs(case):
-    """Long waves come back from all sides at once, and are predicted to make at most 0.8 of the target together."""
+    """Long waves return from all sides at once, and are predicted to make at most 0.8 of the target together."""
     random = np.random.default_rng([SEED, 4, case])
     lattice, model = fh.Lattice(1.0, (-31.0, -62.0), (31.0, 62.0)), fh.Wave(fh.Kernel(1.0))
     u = pulse(lattice, random.uniform(-1, 1, 2) * (8.0, 35.0), random.uniform(4.0, 7.0))
@@ -339,8 +338,8 @@ def test_random_elastic_pulses_keep_their_target_in_long_runs(case):
 
 @pytest.mark.slow
 def test_stabilised_correspondence_takes_as_few_nodes_as_scalars_and_bonds_more():
-    """Without backward waves nothing is damped, so vectors return little more than scalars do; bonds take 4 or 5 nodes
-    for 1e-3.
+    """Without backward waves nothing is damped, so that vectors reflect little more than scalars; bonds need 4 or 5
+    nodes for 1e-3.
     """
     lattice = fh.Lattice(1.0, (-16.0, -16.0), (16.0, 16.0))
     x, y = lattice.coordinates()
@@ -387,8 +386,8 @@ def test_random_diffusion_keeps_its_target_at_all_times(case):
     ids=["elastic", "scalar"],
 )
 def test_waves_along_a_wall_keep_the_target(model, wall):
-    """Where layers damp short waves, what runs along a side that is free, or that holds it, leaves as all else does:
-    P, S and surface waves, against a domain from which nothing returns.
+    """Where layers damp short waves, those that travel along a free or fixed side leave like all others: P, S and
+    surface waves, against a domain from which nothing returns.
     """
     lattice, until, target = fh.Lattice(1.0, (-15.0, -20.0), (15.0, 0.0)), 120.0, 1e-5
     bell = pulse(lattice, np.array([1.0, -10.0]), 3.0)
@@ -410,8 +409,8 @@ def test_waves_along_a_wall_keep_the_target(model, wall):
 
 @pytest.mark.parametrize("case", [*range(4), *(pytest.param(n, marks=pytest.mark.slow) for n in range(4, 20))])
 def test_waves_that_alternate_are_kept_back_or_refused(case):
-    """Near the limit of Euler's step the shortest waves of diffusion change their sign with every step and hardly
-    decay: layers become thicker, or the target is refused with what can be had.
+    """Near the limit of Euler's step, the shortest waves of diffusion change sign in every step and hardly decay:
+    layers become thicker, or the target is refused, and the least possible one is named.
     """
     random = np.random.default_rng([SEED, 4, case])
     dim = 1 + case % 2
@@ -429,7 +428,7 @@ def test_waves_that_alternate_are_kept_back_or_refused(case):
 
 @pytest.mark.slow
 def test_waves_that_outlive_those_steps_are_refused():
-    """At 0.99 of the limit they keep 0.98 of their size in each step, and are there long after those that are taken."""
+    """At 0.99 of the limit they keep 0.98 of their size in each step, and outlast the steps that are followed."""
     model, lattice = fh.Diffusion(fh.Kernel(2.0, 0, "constant"), 1.0), fh.Lattice(1.0, (-13.0,), (13.0,))
     limit = fh.Simulation(lattice, model, fh.Fixed()).step_limit
     setup = {"lattice": lattice, "model": model, "initial": {"u": pulse(lattice, np.zeros(1), 2.0)}, "dt": 0.99 * limit}
@@ -452,8 +451,8 @@ def test_what_layers_given_by_hand_send_back_of_alternating_waves_is_told():
 
 
 def told_and_missed(lattice, model, layer, u):
-    """What a set-up says that layers given by hand send back, of which a check warns, and the largest error of the run,
-    in diffusion of the largest value at the same time.
+    """Return the reflection that a set-up reports for layers given by hand, of which a check warns, and the largest
+    error of the run, for diffusion relative to the largest value at the same time.
     """
     until = layer.until
     near = fh.Simulation(lattice, model, layer, {"u": u}, threads=1)
@@ -487,7 +486,7 @@ def test_what_layers_given_by_hand_send_back_of_diffusion_is_told(number):
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("number", range(12))
 def test_what_profiles_by_hand_send_back_is_told(number):
-    """Of waves and diffusion alike, whatever the stretch is; a whole `Layer` is taken as it is."""
+    """For waves and diffusion alike, whatever the stretch; a whole `Layer` is not assessed."""
     random = np.random.default_rng([SEED, number])
     print("seed", SEED)
     dim, half, nodes = 1 + number % 2, float(random.integers(12, 20)), int(random.integers(3, 10))
@@ -510,7 +509,7 @@ def test_what_profiles_by_hand_send_back_is_told(number):
 
 
 def test_short_waves_that_stages_hardly_damp_are_refused():
-    """The stages of Runge-Kutta-Chebyshev leave of short waves nine tenths a step, which layers send back."""
+    """The stages of Runge-Kutta-Chebyshev leave nine tenths of short waves in each step, which layers reflect."""
     lattice = fh.Lattice(1.0, (-13.0,), (13.0,))
     model = fh.Diffusion(fh.Kernel(2.0, 0, "constant"), 1.0, integrator=fh.RungeKuttaChebyshev(8))
     limit = fh.Simulation(lattice, model, fh.Fixed()).step_limit
@@ -523,7 +522,7 @@ def test_short_waves_that_stages_hardly_damp_are_refused():
 
 
 def backward_setup(random, where):
-    """A narrow pulse in a medium of which many waves run backward; 2 to 10 crossings, in space 2 to 3."""
+    """A narrow pulse in a medium in which many waves run backward; 2 to 10 crossings, in 3D 2 to 3."""
     dim = {"line": 1, "guide": 2, "plane": 2, "space": 3}[where]
     reach, exponent = int(random.integers(1, 5 if dim < 3 else 4)), int(random.integers(0, 2))
     model = fh.Wave(fh.Kernel(float(reach), exponent, "constant") if reach > 1 else fh.Stencil.finite_element(dim))
@@ -537,7 +536,7 @@ def backward_setup(random, where):
 
 
 class InfiniteGuide:
-    """The infinite lattice of a guide that is periodic across: of copies of it side by side."""
+    """Infinite lattice of a guide that is periodic across, made of copies side by side."""
 
     def __init__(self, sim, u, steps):
         self.period, copies = u.shape[0], 2 * int(np.ceil(1.2 * steps * sim.dt / u.shape[0])) + 3
@@ -563,8 +562,8 @@ class InfiniteGuide:
     ],
 )
 def test_data_of_waves_that_run_backward_keep_their_target(where, case):
-    """Or it is refused for what the layers are predicted to send back; as long as no prediction followed such waves all
-    of these were refused.
+    """Or it is refused for what the layers are predicted to reflect; before a prediction followed such waves, all of
+    these were refused.
     """
     random = np.random.default_rng([SEED, 6, len(where), case])
     lattice, model, u, until = backward_setup(random, where)
@@ -594,8 +593,8 @@ def test_data_of_waves_that_run_backward_keep_their_target(where, case):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", range(3))
 def test_forward_waves_that_leave_as_backward_ones_keep_their_target(case):
-    """A pulse that holds next to nothing of waves that run backward, but waves of nearly their frequency: these leave
-    a layer as backward ones. As long as nobody followed them, they left 6 targets.
+    """A pulse with next to no backward waves, but with waves of nearly their frequency, which leave a layer as
+    backward ones. When these were not followed, they left 6 times the target.
     """
     random = np.random.default_rng([SEED, 10, case])
     lattice, model = fh.Lattice(1.0, (-22.0, -22.0), (22.0, 22.0)), fh.Wave(fh.Kernel(3.0, 0, "constant"))
@@ -612,7 +611,7 @@ def test_forward_waves_that_leave_as_backward_ones_keep_their_target(case):
 
 @pytest.mark.parametrize("elastic", [False, True])
 def test_data_in_space_that_are_odd_about_their_middle_keep_their_target(elastic):
-    """Averaged round the point of a side that faces them they are nothing, and elsewhere they are not."""
+    """Averaged around the point of a side that faces them they vanish, but elsewhere they do not."""
     lattice = fh.Lattice(1.0, (-9.0,) * 3, (9.0,) * 3)
     bell = np.exp(-sum(x**2 for x in lattice.coordinates()) / 5.0)
     odd = np.stack([x * bell for x in lattice.coordinates()])
@@ -632,8 +631,8 @@ def test_data_in_space_that_are_odd_about_their_middle_keep_their_target(elastic
 @pytest.mark.slow
 @pytest.mark.parametrize("case", range(4))
 def test_waves_that_run_backward_in_space_are_followed_each(case):
-    """By all modes of the chain in front of a side, as in the plane. As long as one mode stood for them, 13 nodes made
-    6 times the target in place of 0.3 (case 0 is of that kind).
+    """By all modes of the chain in front of a side, as in 2D. When one mode stood for all, 13 nodes made 6 times the
+    target instead of 0.3 (case 0 is of that kind).
     """
     random = np.random.default_rng([SEED, 9, case])
     model, width = fh.Wave(fh.Kernel(3.0 if case == 0 else float(random.integers(2, 4)), 0)), random.uniform(1.9, 2.4)
@@ -653,7 +652,7 @@ def test_waves_that_run_backward_in_space_are_followed_each(case):
 
 @pytest.mark.parametrize("case", [*range(3), *(pytest.param(n, marks=pytest.mark.slow) for n in range(3, 12))])
 def test_waves_that_hardly_move_keep_their_target_in_long_runs(case):
-    """Of wide kernels of exponent 0 short waves come back late. As long as a sample stood for them, they made 1.35
+    """With wide kernels of exponent 0, short waves return late. When a sample stood for all of them, they made 1.35
     times the target.
     """
     random = np.random.default_rng([SEED, 7, case])
@@ -672,9 +671,9 @@ def test_waves_that_hardly_move_keep_their_target_in_long_runs(case):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", range(8))
 def test_waves_that_turn_round_come_together_again_within_the_target(case):
-    """In the plane those of nearly the largest frequency, which hardly move, come in as forward waves and leave as
-    backward ones, back to where they set out, long after others have left. As long as they were followed for 512 nodes
-    only, as far as the side and as waves of many phases, they made 10 times the target.
+    """In 2D, waves of nearly the largest frequency hardly move: they arrive as forward waves and leave as backward
+    ones, back to where they began, long after others have left. When they were followed for 512 nodes only, as far as
+    the side and as waves of many phases, they made 10 times the target.
     """
     random = np.random.default_rng([SEED, 8, case])
     kernel = [fh.Kernel(3.0, 1, "constant"), fh.Kernel(float(random.integers(4, 7)), 0, "linear")][case % 2]
@@ -693,8 +692,8 @@ def test_waves_that_turn_round_come_together_again_within_the_target(case):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", range(6))
 def test_elastic_waves_that_run_backward_keep_their_target(case):
-    """P and S waves of short pulses in the plane, all modes of both followed together. As long as a long wave of either
-    stood for them, those that turn round made 5 times the target of bonds.
+    """P and S waves of short pulses in 2D, with all modes of both followed together. When one long wave stood for
+    each, those that turn round made 5 times the target with bonds.
     """
     random = np.random.default_rng([SEED, 9, case])
     model = [
@@ -718,7 +717,7 @@ def test_elastic_waves_that_run_backward_keep_their_target(case):
 
 
 def test_what_no_prediction_follows_of_waves_that_run_backward():
-    """In a medium that varies a target is refused, and layers of which no target is asked say so everywhere."""
+    """In a medium that varies, a target is refused; layers without a target give a note in every medium."""
     lattice = fh.Lattice(1.0, (-18.0, -18.0), (18.0, 18.0))
     u, model = pulse(lattice, (0.0, 0.0), 2.0), fh.Wave(fh.Kernel(3.0, 0, "constant"), 1.0)
     setup = {"lattice": lattice, "model": model, "initial": {"u": u}, "threads": 1}
@@ -732,8 +731,8 @@ def test_what_no_prediction_follows_of_waves_that_run_backward():
 
 @pytest.mark.parametrize("walls", ["periodic", "fixed", "free"])
 def test_waveguides_keep_their_target(walls):
-    """A guide 21 nodes wide to 40 of its lengths, where modes near cut-off come back late; against a guide ten times as
-    long.
+    """A guide 21 nodes wide for 20 of its lengths, where modes near cut-off return late; against a guide more than
+    twenty times as long.
     """
     boundary = {"periodic": fh.Periodic(), "fixed": fh.Fixed(), "free": fh.Free()}[walls]
     model, until, more = fh.Wave(fh.Kernel(2.0), 1.0), 800.0, 430
@@ -792,7 +791,7 @@ def test_units_change_no_layer(scale):
 
 
 def test_sources_and_data_that_are_not_known():
-    """A source that splits is predicted; one that does not is stood in for by pulses, which is careful."""
+    """A source that splits into space and time is predicted; pulses stand for one that does not, conservatively."""
     lattice, model = fh.Lattice(1.0, (-20.0, -20.0), (20.0, 20.0)), fh.Wave(fh.Kernel(2.0))
     shape = pulse(lattice, (0.0, 0.0), 3.0)
 
@@ -827,8 +826,8 @@ def test_checkpoints_and_remade_runs_keep_the_layers(tmp_path):
 
 @pytest.mark.parametrize("model", [fh.Wave(fh.Kernel(2.0)), fh.Diffusion(fh.Kernel(2.0))], ids=["wave", "diffusion"])
 def test_a_run_that_outlasts_its_layers_says_what_comes_back(model):
-    """Nothing while they are predicted to keep their target; then how much, which is what comes back. It is looked at
-    some way ahead, and told again only where it is news; the largest error is looked for at three times only.
+    """No warning while they are predicted to keep their target; then one with the reflection, as the run shows it.
+    The prediction looks ahead and is repeated only if it changes; the error is measured at three times.
     """
     lattice, end, wanted = fh.Lattice(1.0, (-16.0,), (16.0,)), 30.0, 1e-4
     initial, late = {"u": pulse(lattice, (0,), 2.5)}, 10 * end if model.order == 2 else 40 * end
@@ -856,7 +855,7 @@ def test_a_run_that_outlasts_its_layers_says_what_comes_back(model):
 
 
 def test_what_is_predicted_of_a_run_that_goes_on_asks_nothing_of_its_signals():
-    """They need not be defined beyond its end."""
+    """Signals need not be defined beyond the end of the run."""
 
     def signal(t):
         if t > 42.0:
@@ -872,11 +871,11 @@ def test_what_is_predicted_of_a_run_that_goes_on_asks_nothing_of_its_signals():
     sim.run(until=39.0)
     assert {one.until for one in sim.parts.around.foretold.values()} == {39.0}
     with warnings.catch_warnings(action="error"):
-        sim.run(until=41.0)  # goes on
+        sim.run(until=41.0)  # no warning
 
 
 def test_a_run_in_many_pieces_is_warned_of_a_few_times():
-    """Each time it is half as long again as what was told."""
+    """A warning is repeated once the run is half as long again as at the last one."""
     lattice = fh.Lattice(1.0, (-16.0,), (16.0,))
     layer = fh.LatticePML(target=1e-4, until=30.0)
     sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), layer, {"u": pulse(lattice, (0,), 2.5)}, threads=1)
@@ -888,7 +887,7 @@ def test_a_run_in_many_pieces_is_warned_of_a_few_times():
 
 
 def test_what_comes_back_counts_by_the_larger_target_of_an_axis():
-    """A side that is asked for less is not to blame for what the other one sends back."""
+    """A side with a small target is not blamed for what the other one, with a larger target, reflects."""
     lattice = fh.Lattice(1.0, (-16.0,), (16.0,))
     sides = {"x-": fh.LatticePML(target=1e-2, until=200.0), "x+": fh.LatticePML(target=1e-7, until=200.0)}
     sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), sides, {"u": pulse(lattice, (0,), 2.5)}, threads=1)
@@ -901,7 +900,7 @@ def test_what_comes_back_counts_by_the_larger_target_of_an_axis():
 
 
 def test_a_run_beside_a_wall_goes_on():
-    """Which asks for nothing."""
+    """The wall has no target."""
     lattice = fh.Lattice(1.0, (-16.0,), (16.0,))
     sides = {"x-": fh.Free(), "x+": fh.LatticePML(target=1e-4, until=30.0)}
     sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), sides, {"u": pulse(lattice, (0,), 2.5)}, threads=1)
@@ -925,8 +924,8 @@ def test_solids_are_predicted_as_far_as_they_can_be():
 
 
 def test_a_refusal_is_of_what_was_asked():
-    """Of a side without a target nothing was: what it might keep of the usual one is not told. Sides that see less
-    keep what the others keep.
+    """A side without a target was not asked for any: what it could keep of the default is not stated. Sides that see
+    weaker waves keep what the others keep.
     """
     lattice = fh.Lattice(1.0, (-15.0,), (15.0,))
     medium, u = fh.Wave(fh.Kernel(3.0, 0)).stencil(1.0, 1).with_reaction(0.01), {"u": pulse(lattice, (5,), 1.5)}
@@ -962,10 +961,10 @@ def test_a_run_longer_than_can_be_foreseen_says_so():
 def test_a_target_that_no_layer_keeps_is_refused():
     lattice = fh.Lattice(1.0, (-20.0,), (20.0,))
     noise = np.zeros(41)
-    noise[20] = 1.0  # all waves that the lattice carries, those that hardly move, too
+    noise[20] = 1.0  # all waves that the lattice carries, including those that hardly move
     with pytest.raises(fh.InputError, match=r"no layer meets the target.*Extended") as refused:
         fh.Simulation(lattice, fh.Wave(fh.Kernel(3.0)), fh.LatticePML(target=1e-9, until=20000.0), {"u": noise})
-    most = float(str(refused.value.limit).removeprefix(">= "))  # the least that can be had
+    most = float(str(refused.value.limit).removeprefix(">= "))  # the least possible target
     assert 1e-9 < most < 0.1
     fh.Simulation(lattice, fh.Wave(fh.Kernel(3.0)), fh.LatticePML(target=2 * most, until=20000.0), {"u": noise})
     with pytest.raises(fh.InputError, match=r"until"):
@@ -975,8 +974,8 @@ def test_a_target_that_no_layer_keeps_is_refused():
 @pytest.mark.parametrize("sides", [fh.LatticePML(target=1e-4), fh.LatticePML(), fh.LatticePML(nodes=8), fh.Sponge(12)])
 @pytest.mark.parametrize("factor", [4.0, 0.01])
 def test_a_coefficient_everywhere_is_another_speed(sides, factor):
-    """Layers, predictions, certificates and fields are those of the medium that the coefficient makes: its layers once
-    were made for the speed of the model, and missed their targets a thousandfold.
+    """Layers, predictions, certificates and fields are those of the medium that the coefficient makes; once, its
+    layers were made for the speed of the model, and missed their targets a thousandfold.
     """
     lattice, speed = fh.Lattice(1.0, (-12.0, -12.0), (12.0, 12.0)), float(np.sqrt(factor))
     pulse = {"u": "exp(-(x**2 + y**2)/6)"}
@@ -1000,7 +999,7 @@ def test_a_coefficient_everywhere_is_another_speed(sides, factor):
 
 
 def test_layers_go_by_the_fastest_waves_at_their_side():
-    """Ground of two layers: the lower side has the stiff one, the upper the soft one, the others both."""
+    """Ground of two strata: the lower side has the stiff one, the upper side the soft one, the others both."""
     lattice = fh.Lattice(1.0, (-20.0, -20.0), (20.0, 20.0))
     ground = {"coefficient": "where(y < 0, 9, 1)", "initial": {"u": "exp(-(x**2 + (y - 2)**2)/6)"}}
     sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), fh.LatticePML(nodes=8), threads=1, **ground)
@@ -1015,8 +1014,8 @@ def test_layers_go_by_the_fastest_waves_at_their_side():
 
 @pytest.mark.slow
 def test_solids_keep_their_target_in_runs_that_go_beyond_the_room():
-    """Short pulses in the plane, whose waves are followed for 512 nodes, slow ones longer; what comes later is told
-    from the second half of that time. A note told of them, and up to 12 targets came back.
+    """Short pulses in 2D, whose waves are followed for 512 nodes, slow ones longer; what comes later is estimated
+    from the second half of that time. Once a note warned of them instead, and up to 12 times the target came back.
     """
     seed = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))
     print(f"seed {seed}")
@@ -1035,10 +1034,10 @@ def test_solids_keep_their_target_in_runs_that_go_beyond_the_room():
 @pytest.mark.slow
 @pytest.mark.parametrize(("vectors", "short"), [(False, False), (True, False), (False, True), (True, True)])
 def test_what_comes_back_beside_walls_is_no_more_than_is_told(vectors, short):
-    """Random bonds whose short waves run backward, nodes, walls and sources: against a domain from which nothing
-    returns; what a wall outside turns round into such waves is damped, which the prediction knows of by an allowance
-    alone. Short pulses at the start are turned round the more the longer a run is: in one of forty trials it was more
-    than is told, up to three times as much.
+    """Random bonds whose short waves run backward, nodes, walls and sources, against a domain from which nothing
+    returns. What a wall outside turns into such waves is damped, and the prediction includes it by an allowance only.
+    Short initial pulses are turned the more the longer a run is: in one of forty trials the reflection was larger
+    than reported, up to three times.
     """
     seed = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))
     print(f"seed {seed}")

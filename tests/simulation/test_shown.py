@@ -1,4 +1,4 @@
-"""What notebooks show of a run, and what they take from it."""
+"""What notebooks show of runs, models and reports: figures, films, tables and xarray data."""
 
 import builtins
 from html.parser import HTMLParser
@@ -21,7 +21,7 @@ def solid(dim):
 
 
 class Cells(HTMLParser):
-    """Texts of the cells of a table."""
+    """Parser that collects the texts of the cells of a table."""
 
     def __init__(self, text):
         super().__init__()
@@ -40,7 +40,7 @@ class Cells(HTMLParser):
 
 
 def test_a_run_draws_itself(tmp_path):
-    """What is drawn is the field, in its own axes; notebooks get a PNG."""
+    """The image is the field, in axes of its own; notebooks get a PNG."""
     sim = wave()
     sim.step(7)
     figure = sim.plot("u", tmp_path / "u.pdf")

@@ -1,4 +1,4 @@
-"""Simulation: state, guard, observers, refusals."""
+"""Simulation: state, energies, guard, observers and refusals."""
 
 import itertools
 import tracemalloc
@@ -42,7 +42,7 @@ def test_resumed_run_is_bitwise_equal(tmp_path, model, steps):
 
 
 def test_resumed_bar_is_bitwise_equal(tmp_path):
-    """1D runs in increments: they are part of the state too."""
+    """Runs in 1D advance by increments, which are part of the state, too."""
 
     def make():
         return fh.Simulation(fh.Lattice(0.25, -4, 4), fh.Wave(KERNEL), initial={"u": lambda x: np.exp(-4 * x**2)})
@@ -129,7 +129,9 @@ def test_energy_is_conserved(boundary):
 
 
 def test_viscous_damping_takes_energy_at_its_rate():
-    """A uniform velocity in a free body decays like exp(-2 d t); the scheme's factor is ((1 - d dt)/(1 + d dt))."""
+    """A uniform velocity in a free body decays like exp(-2 d t), in the scheme by the factor (1 - d dt)/(1 + d dt) a
+    step.
+    """
     sim = simulation(model=fh.Wave(KERNEL, damping=0.2), boundary=fh.Free(), initial={"v": 1.0})
     sim.step(50)
     share = 0.2 * sim.dt
@@ -138,7 +140,7 @@ def test_viscous_damping_takes_energy_at_its_rate():
 
 
 def test_total_is_conserved_by_diffusion():
-    """No flux through free faces, cracks and the rim of a cavity."""
+    """There is no flux through free faces, cracks and the rim of a cavity."""
     body = fh.Box((-3, -3), (3, 3)) - fh.Disc(0.8, (1.0, 1.0))
     lattice = fh.Lattice(0.25, (-3, -3), (3, 3), body=body)
     sim = fh.Simulation(lattice, fh.Diffusion(KERNEL), fh.Free(), {"u": pulse}, cracks=[[(-2, -1.1), (1, -1.1)]])
@@ -153,8 +155,8 @@ def test_total_is_conserved_by_diffusion():
     "make", [fh.Wave, fh.Diffusion, lambda k: fh.Diffusion(k, integrator="rk4")], ids=["Verlet", "Euler", "RK4"]
 )
 def test_a_fixed_rim_is_the_medium_with_zeros_outside(make, dim):
-    """Nodes outside the body stay at the background, and bonds to them remain: eigenmodes of the operator cut to the
-    body's nodes.
+    """Nodes outside the body stay at the background and keep their bonds: against eigenmodes of the operator
+    restricted to the nodes of the body.
     """
     n = 17
     body = fh.Box(-1.0, 1.1) if dim == 1 else fh.Disc(1.0, (0.1, 0.0))
@@ -196,13 +198,11 @@ def test_a_body_whose_rim_is_held_conducts_there_by_its_own_coefficient(coeffici
     found, wanted = cooled(1.0, coefficient=coefficient), cooled(0.5)
     np.testing.assert_allclose(found.fields["u"], wanted.fields["u"], atol=1e-13)
     assert found.balance()["rim"] == pytest.approx(wanted.balance()["rim"], rel=1e-12)
-    assert wanted.balance()["rim"] < -10  # what has left through the rim, of the 221 nodes' 1
+    assert wanted.balance()["rim"] < -10  # what has left through the rim, of 1 on each of 221 nodes
 
 
 def test_fixed_sides_reach_the_linear_profile():
-    """Steady diffusion between two fixed sides, periodic along them: linear up to the boundary layer of width one
-    horizon.
-    """
+    """Steady diffusion between two fixed sides, periodic along them: linear between the first nodes outside."""
     sides = {"x-": fh.Fixed(0.0), "x+": fh.Fixed(1.0), "y": fh.Periodic()}
     sim = fh.Simulation(LATTICE, fh.Diffusion(fh.Stencil.finite_difference(2)), sides)
     sim.run(150.0)
@@ -212,7 +212,7 @@ def test_fixed_sides_reach_the_linear_profile():
 
 
 def test_sponge_absorbs_most_and_never_grows():
-    """A thick sponge returns less than a hundredth of the pulse, and the energy of what it damps only falls."""
+    """A thick sponge reflects less than a hundredth of the pulse, and the energy only falls."""
     sponge, exact = simulation(boundary=fh.Sponge(nodes=40)), simulation()
     energies = []
     for t in (2, 6, 10, 20, 40):
@@ -250,7 +250,7 @@ def test_an_end_in_the_past_is_refused():
 
 
 def test_guard_names_step_place_and_cause():
-    """A value that turns into nan is found within one interval and placed."""
+    """A value that turns into nan is found within one interval and located."""
     sim = simulation()
     sim.step(10)
     sim.engine.core.view(sim.engine.current)[0, 5, 5] = np.nan
@@ -259,8 +259,8 @@ def test_guard_names_step_place_and_cause():
 
 
 def test_backward_waves_grow_and_the_program_says_so():
-    """1D, p = 0, no damping: white noise grows in the layer at a rate below (backward-wave growth) x (largest sigma);
-    check() warns.
+    """1D, p = 0, no damping: white noise grows in the layer at a rate below (growth of backward waves) x (largest
+    sigma); check() warns.
     """
     lattice = fh.Lattice(0.1, -2, 2)
     noise = np.random.default_rng(0).standard_normal(lattice.shape)
@@ -277,8 +277,8 @@ def test_backward_waves_grow_and_the_program_says_so():
 
 @pytest.mark.parametrize("dim, n", [(1, 20_000), (2, 400), (3, 40)])
 def test_the_memory_estimate_is_that_of_the_set_up(dim, n):
-    """What is refused for memory is what would not fit: the peak is traced, tables of a small layout and Python's own
-    aside.
+    """The estimate by which set-ups are refused, against the traced peak; without the tables of a small layout and
+    Python's own memory.
     """
     lattice = fh.Lattice(0.25, (0.0,) * dim, ((n - 1) * 0.25,) * dim)
     u = lambda *x: np.exp(-4 * sum((a - n / 8) ** 2 for a in x))  # noqa: E731
@@ -341,7 +341,7 @@ BAD = [
 
 @pytest.mark.parametrize("scale", [1e-15, 1e15])
 def test_energies_in_single_precision_to_the_ends_of_its_range(scale):
-    """Exactly, but for rounding: the scale is one of units."""
+    """Relative to the squared amplitude, the energy is the same up to rounding."""
     energies = [
         simulation(dtype="float32", initial={"u": f"{size}*exp(-9*(x**2 + y**2))"}).run(1.0).energy() / size**2
         for size in (1.0, scale)
@@ -365,7 +365,7 @@ def test_what_a_notebook_shows():
 
 
 def test_another_model_has_a_step_and_layers_of_its_own():
-    """What is compared with a run has its step and its layers; a faster medium has other ones, as if it were new."""
+    """A run remade with other sources keeps its step and layers; one with a faster medium has its own, as if new."""
     lattice, start = fh.Lattice(0.5, (-4.0, -4.0), (4.0, 4.0)), {"u": "exp(-3*(x**2 + y**2))"}
     sides = fh.LatticePML(target=1e-6, until=20.0)
     sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), sides, start)

@@ -1,4 +1,4 @@
-"""Spectra while running: against the FFT of the record, and the lattice's exact response in frequency."""
+"""Spectra accumulated during a run: against the FFT of the record, and the exact frequency response of the lattice."""
 
 import numpy as np
 import pytest
@@ -22,8 +22,8 @@ POINTS = [(0.13, 0.2), (-1.0, 0.5), (0.7, -0.41)]
 
 @pytest.mark.parametrize("record", [["u"], ["u", "stress", "curl"]])
 def test_as_the_fft_of_the_record(record):
-    """At points between nodes and on all nodes of a region; frequencies of the FFT, the lowest and the highest that the
-    lattice carries among them.
+    """At points between nodes and at all nodes of a region, for frequencies of the FFT that include the lowest and
+    the highest that the lattice carries.
     """
     steps = 150
     receivers = fh.Receivers(POINTS, record)
@@ -69,13 +69,13 @@ def test_response_of_the_line_in_frequency():
     z = np.exp(-1j * kappa)[:, None]
     nodes = np.abs(np.round(spectra.points[:, 0] / h))
     exact = s[:, None] * h**2 * z**nodes / (c**2 * (1 / z - z))
-    # the signal begins with exp(-25) of its peak, and so much of it is in the slowest waves, which remain
+    # the signal begins at exp(-25) of its peak, the size of the slowest waves, which remain
     np.testing.assert_allclose(spectra.data["u"], exact, rtol=0, atol=1e-9 * np.abs(exact).max())
 
 
 @pytest.mark.parametrize("every", [2, 3])
 def test_terms_of_every_few_steps(every):
-    """Of a pulse that comes and goes the sums are those of all steps, in whatever batches it is run."""
+    """For a pulse that comes and goes, the sums are those of all steps, in whatever batches it is run."""
     frequencies, points = [0.05, 0.2, 0.4], [(0.13, 0.2), (-1.0, 0.5)]
     all_steps, few = fh.Spectra(points, frequencies, name="all"), fh.Spectra(points, frequencies, every=every)
     inside = fh.Spectra(fh.Disc(0.6), frequencies, every=every, name="disc")
@@ -89,7 +89,7 @@ def test_terms_of_every_few_steps(every):
         run.run(until=40.0)
     assert runs[0].engine.watch_stride == 1 and runs[1].engine.watch_stride == every
     largest = np.abs(all_steps.data["u"]).max()
-    # what is left in the near field at the end, and of the signal above its highest frequency
+    # what is left in the near field at the end, and the signal above the highest frequency
     np.testing.assert_allclose(few.data["u"], all_steps.data["u"], rtol=0, atol=1e-3 * largest)
     assert 0.2 * largest < np.abs(inside.data["u"]).max()
     alone = fh.Spectra(points, frequencies, every=every)
@@ -128,7 +128,7 @@ def test_saved_and_taken_up_the_sums_are_the_same_bit_by_bit(tmp_path):
     ],
 )
 def test_refused(where, frequencies, options, message):
-    """By the run at the latest, with a remedy where there is one."""
+    """By the run at the latest."""
     run = elastic()
     assert run.parts.near.highest_frequency < 0.5 / run.dt
     if isinstance(frequencies, str):
@@ -138,7 +138,7 @@ def test_refused(where, frequencies, options, message):
 
 
 def test_a_plane_is_its_layer_of_nodes():
-    """The nodes nearest to it, as a thin region has them; in a case file by axis and position."""
+    """A plane stands for the nodes nearest to it, as a thin region does."""
     lattice, model = fh.Lattice(0.5, (-4.0, -3.0), (4.0, 3.0)), fh.Wave(fh.Kernel(1.0))
     plane = fh.Spectra(("y", 1.1), [0.1], name="plane")
     thin = fh.Spectra(fh.Box((-4.0, 0.9), (4.0, 1.1)), [0.1], name="thin")

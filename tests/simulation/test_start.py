@@ -1,4 +1,4 @@
-"""What is said of a run as it begins."""
+"""Notes on a run as it begins, and initial data up to its sides."""
 
 import os
 
@@ -22,7 +22,7 @@ def with_sides(sides, dtype, model=WAVES, shape=(17, 17), constraints=(), **init
 
 @pytest.mark.parametrize("sides", LOOSE.values(), ids=LOOSE)
 def test_a_body_that_nothing_holds_is_no_case_for_single_precision(sides):
-    """Which goes on as it was in double precision."""
+    """A note says so; in double precision the velocity stays as it was."""
     assert any("single precision" in note for note in with_sides(sides, "float32", v=1e-3).notes)
     exact = with_sides(sides, "float64", v=1e-3)
     assert not exact.notes
@@ -44,8 +44,8 @@ def test_a_body_is_held_by_some_of_its_nodes():
 @pytest.mark.parametrize("damping", [0.0, 0.3])
 @pytest.mark.parametrize("field", ["u", "v"])
 def test_data_may_reach_up_to_the_sides(field, damping):
-    """A near field that is displaced, or struck, as a whole, from its first to its last nodes, with those of the
-    corners: against the infinite lattice.
+    """A near field that is displaced or struck as a whole, up to its last nodes and corners, against the infinite
+    lattice.
     """
     model, values = fh.Wave(fh.Kernel(2.0), damping=damping), np.ones((13, 13))
     sim = with_sides(fh.LatticePML(nodes=20), "float64", model, (13, 13), **{field: values})
@@ -58,7 +58,7 @@ def test_data_may_reach_up_to_the_sides(field, damping):
 
 
 def test_data_at_the_sides_go_on_after_a_restart(tmp_path):
-    """Whose layers have just begun."""
+    """Saved after one step, when the layers have just begun."""
     sides, data = fh.LatticePML(nodes=8), {"u": np.ones((13, 13))}
     whole, first = (with_sides(sides, "float64", WAVES, (13, 13), **data) for _ in range(2))
     first.step(1)
@@ -72,7 +72,7 @@ def test_data_at_the_sides_go_on_after_a_restart(tmp_path):
 
 @pytest.mark.slow
 def test_rounding_pushes_a_body_as_the_note_says():
-    """Random bodies: as weak springs would, whose work on a motion grows with the square of the steps."""
+    """Random bodies: like weak springs, whose work on a motion grows with the square of the number of steps."""
     rng = np.random.default_rng(SEED)
     print(f"seed {SEED}")
     for _ in range(6):
@@ -91,7 +91,7 @@ def test_rounding_pushes_a_body_as_the_note_says():
 
 @pytest.mark.parametrize("boundary", [fh.LatticePML(nodes=4), fh.Extended(1e-3, until=5.0)], ids=["layer", "extended"])
 def test_components_may_be_given_in_different_ways(boundary):
-    """An array beside a number, an expression or a function: the run of the same values as one array."""
+    """An array beside a number, an expression or a function gives the same run as one array of all values."""
     lattice = lattice_of((13, 13))
     bell = "exp(-((x - 6)**2 + (y - 6)**2)/3)"
     values = np.exp(-sum((x - 6) ** 2 for x in lattice.coordinates()) / 3)

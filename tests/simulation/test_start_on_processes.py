@@ -1,4 +1,4 @@
-"""No process looks at the whole lattice: what it evaluates and holds at the start follows from its own nodes."""
+"""No process sees the whole lattice: what it evaluates and holds at the start depends on its own nodes."""
 
 import json
 import shutil
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 PROGRAM = Path(__file__).parents[1] / "start_on_processes.py"
-TWICE = "states that vary in a body"  # are put together once more when their fastest oscillation is known
+TWICE = "states that vary in a body"  # is assembled once more when its fastest oscillation is known
 
 
 def start_of(processes):
@@ -25,13 +25,13 @@ def start_of(processes):
 
 @pytest.mark.slow
 def test_the_start_of_a_process_does_not_depend_on_the_whole():
-    """As many nodes each, on two processes and on four: points and bytes of a node stay as they are."""
+    """With as many nodes per process, on two and on four: points and bytes per node stay the same."""
     two, four = start_of(2), start_of(4)
     assert two.keys() == four.keys()
     for name, found in two.items():
         for what, of_a_node in found.items():
             grown = four[name][what] / max(of_a_node, 1e-12)
             assert grown < 1.15 or four[name][what] < 0.1, (name, what, two, four)
-        # metal is looked at for the cuts, for the check that there is some, and to be laid, with what bonds reach; a
-        # medium that varies for the middle of all, for its extremes, for the cuts, and to be laid
+        # metal is evaluated for the cuts, for the check that there is some, and when it is laid, with what bonds reach;
+        # a medium that varies for its median, for its extremes, for the cuts, and when it is laid
         assert found["points"] < 5 * (1 + (name == TWICE)), (name, found)

@@ -1,4 +1,4 @@
-"""Time steps that divide outputs and ends of runs."""
+"""Time steps that divide intervals of outputs and lengths of runs."""
 
 from fractions import Fraction
 
@@ -11,8 +11,8 @@ from farhorizon.simulation.steps import last_step, steps_between, whole_steps
 
 
 def test_the_step_divides_what_it_is_made_for():
-    """Random intervals that have a common part, in any unit: whole numbers of steps, by exact fractions, and no larger
-    step would do.
+    """Random intervals with a common part, in any unit: whole numbers of steps, verified by exact fractions; no
+    larger step would do.
     """
     seed = 20261
     rng = np.random.default_rng(seed)
@@ -38,7 +38,7 @@ def test_counting_steps():
 
 @pytest.mark.parametrize("every", [-1.0, 0.0, np.nan, np.inf, 0.25])
 def test_outputs_between_steps_are_refused(every):
-    """Whatever is no whole number of steps, with values that are; what the message proposes is accepted."""
+    """An interval that is no whole number of steps is refused with two that are; a step made for it is accepted."""
     lattice = fh.Lattice(0.25, [-2.0], [2.0])
     sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(0.75)), dt=0.1)
     with pytest.raises(fh.InputError, match=r"run\.every") as error:
@@ -79,8 +79,8 @@ probes = [[1.13]]
     [(1.0, 0.01, None), (70.0, 1.75, 0.5), (0.3, None, None), (1e-3, 0.3e-3, 0.1e-3), (3.0, None, 0.7)],
 )
 def test_outputs_of_a_case_are_even(until, every, probe_every):
-    """Outputs at multiples of `every` to rounding, the run ends when it is to; half the step limit or a little less is
-    the step.
+    """Outputs lie at multiples of `every` to rounding, and the run ends when it should; the step is half the limit or
+    a little less.
     """
     text = CASE.replace("until = 1.0", f"until = {until}").replace(
         "every = 0.01", "" if every is None else f"every = {every}"

@@ -1,4 +1,4 @@
-"""How much faster solids with cracks oscillate than whole ones, and that layers are chosen once for the step."""
+"""How much faster solids with cracks oscillate than whole ones, and that layers are chosen once, for that step."""
 
 import itertools
 
@@ -30,7 +30,7 @@ def setup_of(name="nearly incompressible", boundary=CHOSEN, cracks=(CRACK,), **o
 
 
 def counted(monkeypatch, owner, name):
-    """How often something is called from now on, as a list that grows."""
+    """Return a list that grows with each call of a function from now on."""
     calls, called = [], getattr(owner, name)
 
     def counting(*given, **named):
@@ -42,7 +42,7 @@ def counted(monkeypatch, owner, name):
 
 
 class Counting(Team):
-    """One process that counts the sums over all of them."""
+    """One process that counts its sums over all processes."""
 
     sums = 0
 
@@ -52,7 +52,7 @@ class Counting(Team):
 
 
 def dense_rate(setup):
-    """The largest squared frequency, from all of a matrix."""
+    """Return the largest squared frequency, from the eigenvalues of the whole matrix."""
     grid = assembled(setup).grid
     engine = grid.engine
     nodes = engine.all_components(
@@ -88,7 +88,7 @@ def test_what_is_below_a_known_rate_is_not_looked_for_any_longer():
 @pytest.mark.parametrize("boundary", [fh.LatticePML(nodes=6), CHOSEN], ids=["given", "chosen"])
 @pytest.mark.parametrize("name", SOLIDS)
 def test_mirrored_cracks_have_the_same_step_limit(name, boundary):
-    """Cracks that end inside, and those that run into a layer; beside data in the middle."""
+    """Cracks that end inside, and those that run into a layer; with data in the middle."""
     middle = {"u": ["exp(-(x**2 + y**2)/3)", 0.0]}
     for crack in (CRACK, INTO):
         limits = [
@@ -101,7 +101,7 @@ def test_mirrored_cracks_have_the_same_step_limit(name, boundary):
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("poisson", [0.42, 0.43, 0.44])
 def test_what_oscillates_at_a_crack_is_found_in_a_large_box(poisson):
-    """Mirror images of a crack have the same limit, which covers the fastest oscillation, of each of four."""
+    """All four mirror images of a crack have the same limit, which covers the fastest oscillation."""
     solid, limits, middle = fh.Elastic(KERNEL, 1.0, poisson, material="state-based"), [], [0.0, 0.0]
     lattice = fh.Lattice(1.0, (-150.0, -150.0), (150.0, 150.0))
     for a, b in itertools.product((1, -1), repeat=2):
@@ -109,14 +109,14 @@ def test_what_oscillates_at_a_crack_is_found_in_a_large_box(poisson):
         setup = fh.Setup(lattice, solid, fh.LatticePML(nodes=6), {"u": middle}, cracks=cracks, threads=1)
         limits.append(fh.Simulation.of(setup).step_limit)
     assert limits == pytest.approx([limits[0]] * 4, rel=1e-6)
-    small = fh.Lattice(1.0, (-30.0, -30.0), (30.0, 30.0))  # in which what oscillates at the crack has room, just so
+    small = fh.Lattice(1.0, (-30.0, -30.0), (30.0, 30.0))  # just large enough for what oscillates at the crack
     parts = fh.Simulation.of(fh.Setup(small, solid, fh.LatticePML(nodes=6), {"u": middle}, cracks=[CRACK])).parts
     assert (limits[0] / parts.near.step_limit) ** 2 == pytest.approx(1, rel=1e-4)
     assert largest_rate(parts.grid, Team()) < parts.near.rate_limit
 
 
 def test_noise_in_a_large_box_stays_bounded_near_the_limit():
-    """What oscillates at the crack alone, faster than any wave of the medium, does not grow."""
+    """Oscillations at the crack, which are faster than any wave of the medium, do not grow."""
     lattice = fh.Lattice(1.0, (-150.0, -150.0), (150.0, 150.0))
     noise = {"u": 1e-3 * np.random.default_rng(5).standard_normal((2, *lattice.shape))}
     solid = fh.Elastic(KERNEL, 1.0, 0.44, material="state-based")
@@ -127,7 +127,7 @@ def test_noise_in_a_large_box_stays_bounded_near_the_limit():
 
 
 def test_where_moduli_differ_waves_along_the_interface_are_found():
-    """Beside the converged rate of a narrow and a wide box."""
+    """The limit covers the converged rate, in a narrow and a wide box."""
     for size in (20.0, 60.0):
         lattice = fh.Lattice(1.0, (-size, -12.0), (size, 12.0))
         solid = fh.Elastic(KERNEL, "1 + (y > 0.3)", "0.3 + 0.14*(y > 0.3)", material="state-based")
@@ -162,7 +162,7 @@ def test_a_run_with_the_step_that_was_found_is_stable(name, cracks):
     sim.step(150)
     early = np.abs(sim.fields["u"]).max()
     sim.step(1500)
-    # what oscillates at the crack alone, faster than any wave, stays as it is
+    # oscillations at the crack, faster than any wave, persist
     assert sim.dt == pytest.approx(sim.step_limit / 2) and np.abs(sim.fields["u"]).max() < 1.5 * early
 
 
@@ -170,7 +170,7 @@ def test_a_run_with_the_step_that_was_found_is_stable(name, cracks):
 @pytest.mark.parametrize("cracks", [[CRACK], [INTO], [CRACK, INTO]])
 @pytest.mark.parametrize("name", ["nearly incompressible", "correspondence"])
 def test_the_limit_is_that_of_the_layers_that_were_chosen(name, cracks):
-    """A trial with a few nodes in their place tells of thicker and thinner ones, too."""
+    """A trial with a few nodes in place of the layers also covers thicker and thinner ones."""
     trial = fh.Simulation.of(setup_of(name, cracks=cracks)).rate_limit
     for nodes in (1, 3, 30):
         parts = fh.Simulation.of(setup_of(name, fh.LatticePML(nodes=nodes), cracks)).parts
@@ -198,7 +198,7 @@ def test_layers_are_chosen_once(monkeypatch, name, boundary, asked, chosen):
 
 
 def test_what_is_not_stiffer_is_assembled_once(monkeypatch):
-    """Nothing chooses, and the crack adds nothing; or all bonds are there; or they are springs."""
+    """No layer is chosen, and the crack adds nothing; or no bond is cut; or the bonds are springs."""
     assemblies = counted(monkeypatch, assembly, "assembled")
     for setup in (
         setup_of("state-based", fh.LatticePML(nodes=5)),
@@ -212,7 +212,7 @@ def test_what_is_not_stiffer_is_assembled_once(monkeypatch):
 
 
 def test_the_chosen_layers_are_those_of_the_same_step():
-    """What a trial has of layers leaves no trace."""
+    """The layers of the trial leave no trace."""
     sim = fh.Simulation.of(setup_of("correspondence", cracks=[INTO]))
     again = fh.Simulation.of(setup_of("correspondence", cracks=[INTO], dt=sim.dt))
     assert sim.beyond == again.beyond and sim.notes == again.notes and sim.thickness.keys() == again.thickness.keys()
@@ -221,7 +221,7 @@ def test_the_chosen_layers_are_those_of_the_same_step():
 
 @pytest.mark.slow
 def test_a_set_up_serves_whose_trial_does_not():
-    """An oblique crack across a side that is an extended domain, because no layer keeps the target."""
+    """An oblique crack across a side that extends the domain, because no layer keeps the target."""
     given = {"cracks": [[(2.0, 0.2), (30.0, 14.0)]], "initial": {"u": ["exp(-(x + 2)**2 - (y + 2)**2)", 0.0]}}
     auto, far = (
         fh.Simulation.of(setup_of("correspondence", side(1e-12, until=15.0), **given))
@@ -239,7 +239,7 @@ def test_what_is_refused_is_said_of_the_set_up_itself():
 
 
 def test_a_lattice_on_which_no_layer_is_chosen_is_refused_before_any_work(monkeypatch):
-    """Its trial, whose layers nobody chooses, is not put together first."""
+    """Its trial is not assembled first."""
     assemblies = counted(monkeypatch, assembly, "assembled")
     monkeypatch.setattr(share, "_CHOSEN", 100)
     with pytest.raises(fh.InputError, match="no process has on so large a lattice"):

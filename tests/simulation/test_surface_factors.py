@@ -1,4 +1,4 @@
-"""How much stiffer bonds near surfaces are to be: counted node by node, beside layers, bad input."""
+"""Factors by which bonds near surfaces are stiffened: against a count node by node, beside layers, and bad input."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from farhorizon.medium.stencil import Stencil
 
 
 def counted(lattice, model, exists):
-    """The factor of each node, one bond after the other; `exists` tells by the indices of a node."""
+    """Return the factor of each node, counted bond by bond; `exists` tells from its indices whether a node exists."""
     offsets, weights = Stencil.family(model.kernel, lattice.spacing, lattice.dim)
     found = np.ones(lattice.shape)
     for node in np.ndindex(lattice.shape):
@@ -20,7 +20,7 @@ def counted(lattice, model, exists):
 
 @pytest.mark.parametrize("material", [{}, {"material": "state-based", "poisson": 0.3}], ids=["bonds", "states"])
 def test_each_node_is_made_up_for_what_it_lacks(material):
-    """A corner of two free sides, periodic and absorbing ones, in the plane and in space; a hole."""
+    """A corner of two free sides, and sides beyond which the medium continues, in the plane and in space; a hole."""
     model = fh.Elastic(fh.Kernel(1.0, 1), 1.0, **material)
     plane = fh.Lattice(0.5, (0.0, 0.0), (4.0, 4.5))
     found = fh.surface_factor(plane, model, {"x-": fh.LatticePML(), "x+": fh.Free(), "y-": fh.Fixed(), "y+": fh.Free()})
@@ -41,8 +41,8 @@ def test_each_node_is_made_up_for_what_it_lacks(material):
 @pytest.mark.slow
 @pytest.mark.parametrize("material", [{}, {"material": "state-based", "poisson": 0.3}], ids=["bonds", "states"])
 def test_a_corrected_surface_runs_into_layers(material):
-    """What a pulse at the surface leaves in a box is what it does in one three times as wide, as nearly as beside the
-    surface as it is.
+    """Against a box three times as wide, a pulse at the corrected surface leaves an error that is at most half as
+    large again as at the uncorrected one.
     """
     errors = {}
     for corrected in (False, True):

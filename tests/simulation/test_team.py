@@ -1,4 +1,4 @@
-"""Runs on 2 and 4 processes against the same on one, bit by bit; what is refused ends on all of them."""
+"""Runs on 2 and 4 processes against the same runs on one, bit for bit; refusals end on all processes."""
 
 import json
 import re
@@ -48,16 +48,16 @@ def mpi():
 
 
 def told(folder, processes, *arguments):
-    """What the program prints on so many processes, which all must come through; its files go into a folder."""
-    python = [sys.executable, "-m", "mpi4py"]  # which ends all processes where one fails
+    """Return what the program prints on several processes, all of which must succeed; its files go into a folder."""
+    python = [sys.executable, "-m", "mpi4py"]  # which ends all processes when one fails
     command = ["mpiexec", "-n", str(processes), *python, str(PROGRAM), str(folder), *arguments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=1500)
     assert done.returncode == 0, done.stderr[-2000:]
     return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
 
 
-#: Where the order of a sum is that of a box: parts of rows in which no bond may break, the values of an incident wave,
-#: tiles of the liquid beside those with metal, tiles in which bonds of states have broken beside a crack.
+#: Cases in which the order of a sum depends on the box: parts of rows in which no bond may break, values of an incident
+#: wave, tiles of the liquid beside those with metal, tiles in which bonds of states have broken beside a crack.
 TO_ROUNDING = (
     *("breaking", "breaking strata", "an incident wave", "an incident wave below a surface", "states with drag"),
     *("states that break", "states that break by energy", "states that break and close"),
@@ -74,7 +74,7 @@ def check_all(found, least):
         # sums of energies are taken in another order
         assert line["moves"] > 1e-3 and line["energy"] < 1e-6, line
         assert line["energy"] < 1e-13 or line["case"] == "single precision", line
-        foreseen, sent = line["bytes"]  # what a check says before
+        foreseen, sent = line["bytes"]  # what a check predicts
         assert foreseen == sent > 0, line
 
 
@@ -84,7 +84,7 @@ ON_FOUR = pytest.param(4, "slow", marks=pytest.mark.slow)
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("processes", [2, 4])
 def test_several_processes_compute_what_one_does(tmp_path, processes):
-    """A set-up of a kind; the slow tests have all."""
+    """One set-up of each kind; the slow tests have all."""
     found = told(tmp_path, processes, "few", "fields", "files", "kept")
     check_all(found, 4)
     check_refused(found)
@@ -95,7 +95,7 @@ def test_several_processes_compute_what_one_does(tmp_path, processes):
 @pytest.mark.slow
 @pytest.mark.parametrize(("processes", "size"), [(2, "all"), (2, "slow"), (4, "slow")])
 def test_fields_are_those_of_one_process(tmp_path, processes, size):
-    """To the last bit: layers cut across, chosen, of either precision; periodic sides, sources, several dimensions."""
+    """To the last bit: layers cut or chosen, in either precision; periodic sides, sources, several dimensions."""
     found = told(tmp_path, processes, size, "fields")
     check_all(found, {"all": 24, "slow": 54}[size])
     check_refused(found)
@@ -105,7 +105,7 @@ def test_fields_are_those_of_one_process(tmp_path, processes, size):
 
 
 def check_refused(found):
-    """One message on all, as of a run that explodes."""
+    """Check that all processes give one message, also for a run that becomes unstable."""
     for line in (line for line in found if "refused" in line):
         words = {"too many": "so many", "one alone": "finite", "unshared": "Unshared"}
         words |= {"wet": "acts on solid nodes", "no metal": "a specimen holds no node"}
@@ -126,7 +126,7 @@ def test_files_are_those_of_one_process(tmp_path, processes, size):
 
 
 def check_files(found, folder, processes, count):
-    """Fields and probes to the last bit; what receivers hear of nodes of several boxes is a sum in another order."""
+    """Fields and probes agree to the last bit; receivers between nodes of several boxes are sums in another order."""
     files = [line for line in found if "files" in line]
     assert len(files) == count
     for line in files:
@@ -142,7 +142,7 @@ def check_files(found, folder, processes, count):
 @pytest.mark.slow
 @pytest.mark.parametrize(("processes", "size"), [(2, "all"), (4, "slow")])
 def test_runs_go_on_on_other_boxes_and_on_fewer_processes(tmp_path, processes, size):
-    """As if nothing had happened, what layers remember included."""
+    """As if they had not been interrupted, including the memory of layers."""
     found = told(tmp_path, processes, size, "kept")
     check_kept(found, processes, {"all": 8, "slow": 18}[size])
     (line,) = (line for line in found if "adopted" in line)
@@ -185,7 +185,7 @@ def assert_same_results(one, other):
 
 
 def assert_same_files(one, other):
-    """Dataset by dataset; but for the provenance, and for energies and sums over nodes in another order."""
+    """Compare files dataset by dataset, except the provenance; energies and records are sums in another order."""
     ours, theirs = datasets(one), datasets(other)
     assert ours.keys() == theirs.keys()
     for name, values in theirs.items():
@@ -196,7 +196,7 @@ def assert_same_files(one, other):
 
 
 def datasets(path):
-    """All of a file, and its attributes but the provenance."""
+    """Return all datasets of a file, and its attributes except the provenance."""
     found = {}
 
     def look(name, item):
@@ -210,7 +210,7 @@ def datasets(path):
 
 
 def on_one(folder):
-    """The folder of results of one process; one run stops in the middle, which others go on with."""
+    """Return the folder of results of one process; one run stops half-way, and others continue it."""
     for name, text in (("case", CASE), ("breaks", BREAKS), ("refused", REFUSED)):
         (folder / f"{name}.toml").write_text(text)
     for name, out, more in (
@@ -226,7 +226,7 @@ def on_one(folder):
 
 @pytest.mark.parametrize(("processes", "size"), [(2, "all"), ON_FOUR])
 def test_the_command_line_runs_a_case_on_all_processes(tmp_path, monkeypatch, processes, size):
-    """The first process prints, all return the same; the files are those of one process."""
+    """The first process prints, and all return the same code; the files are those of one process."""
     folder, alone = tmp_path, on_one(tmp_path)
     (folder / "blocked" / "case.h5.parts").mkdir(parents=True)
     (folder / "blocked" / "case.h5.parts" / "0001.h5").write_text("mine")
@@ -254,7 +254,7 @@ def test_the_command_line_runs_a_case_on_all_processes(tmp_path, monkeypatch, pr
         np.testing.assert_allclose(ours[name], values, rtol=0, atol=1e-12 * theirs["work"].max())
     assert {path.name for path in Path("together/case").iterdir()} == {path.name for path in (alone / "case").iterdir()}
     assert main(["run", "case.toml", "--resume", "--out", "one", "--quiet", "--no-report"]) == 0
-    for place in ("goes_on", "one", "from_one"):  # on the same boxes and then on others, on one process, from one
+    for place in ("goes_on", "one", "from_one"):  # on the same and then other boxes, on one process, from one
         assert_same_results(f"{place}/case.h5", alone / "case.h5")
         assert not [path.name for path in Path(place).iterdir() if "ckpt" in path.name or path.name.startswith(".")]
         np.testing.assert_array_equal(fh.open_results(f"{place}/case.h5").probe_values, other.probe_values)
@@ -274,7 +274,7 @@ def test_the_command_line_runs_a_case_on_all_processes(tmp_path, monkeypatch, pr
         assert code == 2 and word in error and error.count("farhorizon:") == 1, lines[command]
 
 
-#: Steps without end, which the second process leaves in the midst of one.
+#: Endless steps, in the midst of which the second process ends.
 ENDS = """
 import os, signal, threading, time
 from mpi4py import MPI
@@ -298,7 +298,7 @@ sim.engine.advance_alone(10**9)
 
 @pytest.mark.parametrize("killed", [True, False], ids=["killed", "failing"])
 def test_a_process_that_is_no_more_ends_all(killed):
-    """None waits for its messages for ever."""
+    """No process waits for its messages for ever."""
     command = ["mpiexec", "-n", "2", sys.executable, "-m", "mpi4py", "-c", ENDS.format(killed=killed)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode != 0 and done.stdout.count("steps") == 1 + killed, done.stderr[-2000:]

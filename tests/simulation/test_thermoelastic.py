@@ -1,4 +1,4 @@
-"""Displacements and a temperature that change each other, against dense numpy programs and the coupled plane wave."""
+"""Coupled displacements and temperature, against dense numpy programs and the coupled plane wave."""
 
 import numpy as np
 import pytest
@@ -7,21 +7,21 @@ import farhorizon as fh
 
 BONDS, FAMILY = fh.Kernel(2.0, exponent=1), fh.Kernel(2.0)
 ZERO = 300.0  # reference temperature
-STILL = 1e-30  # a conductivity that moves nothing
+STILL = 1e-30  # a conductivity without effect
 
 
 def both(coupling=0.2, conductivity=0.3, integrator="euler", capacity=2.0, kernel=BONDS, coupled=True, **more):
-    """Models with a coupling constant ``T0 beta^2 / rho c M`` of the plane or of space."""
+    """Model with the coupling constant ``T0 beta^2 / rho c M`` of the plane or of space."""
     solid = fh.Elastic(kernel, young=1.5, density=1.2, **more)
     dim = 3 if more.get("plane") is None else 2
     expansion = np.sqrt(coupling * capacity * solid.p_modulus / ZERO) / (dim * solid.lame + 2 * solid.shear)
-    # the specific heat is per mass of the heat's own density
+    # the specific heat is per mass, by the density of the heat model
     heat = fh.Heat(fh.Kernel(kernel.horizon), 4.0, capacity / 4, conductivity, integrator)
     return fh.Thermoelastic(solid, heat, expansion, ZERO, coupled)
 
 
 def noise(lattice, seed=0):
-    """Initial data."""
+    """Random initial displacements, velocities and temperatures."""
     random = np.random.default_rng(seed)
     shape = (lattice.dim, *lattice.shape)
     return {
@@ -60,12 +60,12 @@ SOLIDS = {
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", SOLIDS)
 def test_nothing_is_lost_without_conduction(name):
-    """Kinetic and strain energy and that of the temperature add up to rounding, in noise, which moves ten orders more
-    between them; of bonds and of states.
+    """The sum of kinetic, strain and thermal energy is constant to rounding, for noise, which moves ten orders more
+    between them; for bonds and states.
     """
     lattice, more, sides, others = SOLIDS[name]
     start = noise(lattice)
-    if name == "held":  # bonds know of no heat there
+    if name == "held":  # bonds feel no heat there
         start["T"][:4], start["T"][-4:] = ZERO, ZERO
     sim = fh.Simulation(lattice, both(conductivity=STILL, **more), sides, start, **others)
     first, thermal, found = total(sim), sim.energies()["thermal"], []
@@ -80,7 +80,7 @@ def test_nothing_is_lost_without_conduction(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("more", [{}, {"material": "state-based", "poisson": 0.3}], ids=["bonds", "states"])
 def test_nothing_is_lost_where_the_material_varies(more):
-    """Stiffness, density and expansion from node to node: each bond pushes as it is pushed."""
+    """Stiffness, density and expansion vary from node to node: each bond acts alike on both of its ends."""
     x, y = square().coordinates()
     solid = fh.Elastic(BONDS, young=1 + 0.5 * np.sin(x), density=1 + 0.3 * np.cos(y), **more)
     heat = fh.Heat(FAMILY, conductivity=STILL)
@@ -92,7 +92,7 @@ def test_nothing_is_lost_where_the_material_varies(more):
 
 
 def dense(lattice, model, sides):
-    """Matrices of a periodic or free square: acceleration and conduction, and heat's push and the trace, by bond."""
+    """Matrices of a periodic or free square, bond by bond: accelerations, thermal forces and conduction."""
     solid, nodes, n = model.elastic, lattice.nodes, lattice.shape[0]
     place = np.arange(nodes).reshape(lattice.shape)
     of_u, pushed = np.zeros((2 * nodes, 2 * nodes)), np.zeros((2 * nodes, nodes))
@@ -121,12 +121,12 @@ def dense(lattice, model, sides):
 @pytest.mark.parametrize("integrator", ["euler", "rk4"])
 @pytest.mark.parametrize("sides", [fh.Periodic(), fh.Free()], ids=["periodic", "free"])
 def test_the_steps_are_those_of_a_plain_program(sides, integrator):
-    """And the quadratic form that proves them stable never grows, in noise, with conduction."""
+    """For noise, with conduction; and the quadratic form that proves the steps stable never grows."""
     lattice, model = square(7), both(conductivity=1.0, integrator=integrator)
     sim = fh.Simulation(lattice, model, sides, noise(lattice))
     of_u, pushed, conducts = dense(lattice, model, sides)
     dt, solid, heat = sim.dt, model.elastic, model.heat
-    scale = solid.density * ZERO / heat.heat_capacity  # of the trace, the adjoint of the push
+    scale = solid.density * ZERO / heat.heat_capacity  # of the trace, the adjoint of the thermal forces
     z, identity = dt * conducts, np.eye(lattice.nodes)
     growth = (
         identity + z
@@ -150,13 +150,13 @@ def test_the_steps_are_those_of_a_plain_program(sides, integrator):
         older, u, theta = u, newer, later
         sim.step()
         np.testing.assert_allclose(sim.fields["u"].ravel(), u, rtol=0, atol=1e-13)
-        np.testing.assert_allclose(sim.fields["T"].ravel() - ZERO, theta, rtol=0, atol=1e-11)  # of a sum with 300
+        np.testing.assert_allclose(sim.fields["T"].ravel() - ZERO, theta, rtol=0, atol=1e-11)  # for a sum with 300
     assert (np.diff(forms) < 1e-14 * forms[0]).all()
     assert forms[-1] < 0.9 * forms[0] and min(forms) > 0
 
 
 def characteristic(model, sides_of, dt, k, spacing):
-    """Coefficients of the polynomial of growth factors of a step, of P waves along x of a wavenumber."""
+    """Coefficients of the polynomial of the growth factors of a step, for P waves of one wavenumber along x."""
     solid, heat = model.elastic, model.heat
     stencil = solid.stencil(spacing, sides_of)
     x = spacing * stencil.offsets[:, 0]
@@ -178,7 +178,7 @@ def characteristic(model, sides_of, dt, k, spacing):
 @pytest.mark.parametrize("conductivity", [0.003, 0.1, 3.0], ids=["adiabatic", "between", "isothermal"])
 @pytest.mark.parametrize("waves", [1, 3, 9])
 def test_plane_waves_are_those_of_the_lattice(conductivity, waves):
-    """The amplitudes of u and T follow the recurrence of the characteristic equation on the lattice, to rounding."""
+    """The amplitudes of u and T satisfy the recurrence of the lattice's characteristic equation, to rounding."""
     n, plane = 24, "stress"
     lattice = fh.Lattice(1.0, (0.0, 0.0), (n - 1.0, 4.0))
     model = both(conductivity=conductivity, integrator="rk4", plane=plane)
@@ -200,7 +200,7 @@ def test_plane_waves_are_those_of_the_lattice(conductivity, waves):
 
 def continuum(model, k, dim):
     """Rates of plane waves ``exp(s t)`` in the continuum: ``(s^2 + c^2 k^2)(s + D k^2) + e c^2 k^2 s = 0`` with the
-    coupling constant e, the decaying one last.
+    coupling constant e, as `ordered` sorts them: the decaying one between the two waves.
     """
     solid, heat = model.elastic, model.heat
     beta = model.expansion * (3 * solid.bulk if solid.plane != "stress" else 2 * (solid.lame + solid.shear))
@@ -216,13 +216,13 @@ def ordered(rates):
 @pytest.mark.parametrize("dim, plane", [(2, None), (2, "stress"), (3, None)])
 @pytest.mark.parametrize("conductivity", [0.003, 0.5, 30.0], ids=["adiabatic", "between", "isothermal"])
 def test_plane_waves_are_those_of_the_continuum(dim, plane, conductivity):
-    """Speed, attenuation, and the decay of what is left behind: of second order in the spacing."""
+    """Speed, attenuation, and the decay of what is left behind, at second order in the spacing."""
     errors, spacings = [], np.array([0.2, 0.1, 0.05])
     for spacing in spacings:
         model = both(
             conductivity=conductivity, integrator="rk4", kernel=fh.Kernel(2 * spacing, exponent=1), plane=plane
         )
-        dt = 0.05 * spacing if conductivity < 1 else 0.2 * spacing**2  # of the conduction's limit
+        dt = 0.05 * spacing if conductivity < 1 else 0.2 * spacing**2  # for the limit of conduction
         rates = ordered(np.log(np.roots(characteristic(model, dim, dt, 1.0, spacing)).astype(complex)) / dt)
         exact = continuum(model, 1.0, dim)
         errors.append(np.abs(rates[[0, 1]] - exact[[0, 1]]) / np.abs(exact[[0, 1]]))
@@ -242,8 +242,8 @@ MATERIALS = {
 @pytest.mark.parametrize("material", MATERIALS)
 @pytest.mark.parametrize("dim, plane", [(2, None), (2, "stress"), (3, None)])
 def test_what_is_stretched_cools_as_the_classical_solution_says(material, dim, plane):
-    """By ``T0 beta tr e / rho c`` inside, in one step of an even dilatation: beta is ``E alpha / (1 - 2 nu)``, in plane
-    stress ``E alpha / (1 - nu)``.
+    """By ``T0 beta tr e / rho c`` in the interior, in one step of a uniform dilatation: beta is
+    ``E alpha / (1 - 2 nu)``, in plane stress ``E alpha / (1 - nu)``.
     """
     lattice = fh.Lattice(1.0, (-5.0,) * dim, (5.0,) * dim)
     model = both(conductivity=STILL, material=material, plane=plane, **MATERIALS[material])
@@ -253,12 +253,12 @@ def test_what_is_stretched_cools_as_the_classical_solution_says(material, dim, p
     beta = model.expansion * solid.young / (1 - (2 if plane is None else 1) * solid.poisson)
     inside = (slice(4, -4),) * dim
     expected = -ZERO * beta * dim * rate * sim.dt / capacity
-    np.testing.assert_allclose(sim.fields["T"][inside] - ZERO, expected, rtol=1e-9)  # of a sum with 300
+    np.testing.assert_allclose(sim.fields["T"][inside] - ZERO, expected, rtol=1e-9)  # for a sum with 300
 
 
 @pytest.mark.parametrize("dim, plane", [(2, None), (2, "stress"), (3, None)])
 def test_a_free_body_grows_without_stress(dim, plane):
-    """Warmed evenly and displaced as it would be: no forces, and nothing moves nor cools, with a hole in it."""
+    """Warmed evenly and displaced accordingly, with a hole in it: no forces arise, and nothing moves or cools."""
     reach, model = 6.0, both(plane=plane)
     body = fh.Box((-7.0,) * dim, (7.0,) * dim) - (fh.Disc if dim == 2 else fh.Ball)(2.2, (1.0,) * dim)
     lattice = fh.Lattice(1.0, (-reach,) * dim, (reach,) * dim, body=body)
@@ -274,7 +274,7 @@ def test_a_free_body_grows_without_stress(dim, plane):
 
 
 def update(lattice, model, sides, dt):
-    """The map of a step of u, u one step ago and the temperature, by Euler, as a matrix."""
+    """The map of one Euler step of u, u one step ago and the temperature, as a matrix."""
     of_u, pushed, conducts = dense(lattice, model, sides)
     scale = model.elastic.density * ZERO / model.heat.heat_capacity
     n, m = of_u.shape[0], lattice.nodes
@@ -288,8 +288,8 @@ def update(lattice, model, sides, dt):
     "coupling, conductivity, above", [(0.02, 0.01, 1.03), (0.02, 4.0, 1.03), (0.5, 4.0, 1.1), (0.5, 1.0, None)]
 )
 def test_the_step_limit_is_safe_and_near(coupling, conductivity, above):
-    """At the limit nothing grows, a little above it something does, where the step of one of the fields decides; steps
-    above it are refused, as is that of the solid alone.
+    """At the limit nothing grows; a little above it something does, where the step of one of the fields decides;
+    steps above it are refused, and so is that of the solid alone.
     """
     lattice, sides = square(7), fh.Periodic()
     model = both(coupling=coupling, conductivity=conductivity)
@@ -297,7 +297,7 @@ def test_the_step_limit_is_safe_and_near(coupling, conductivity, above):
     alone = fh.Simulation(lattice, model.elastic, sides)
     limit = sim.step_limit
     assert sim.dt == pytest.approx(min(limit / 2, sim.parts.near.coupling.dt)) and limit < alone.step_limit
-    # marginal modes, of rigid motion, are twofold: rounding splits them by its root
+    # the marginal modes of rigid motion are double: rounding splits them by its root
     assert np.abs(np.linalg.eigvals(update(lattice, model, sides, limit))).max() < 1 + 1e-6
     if above is not None:
         assert np.abs(np.linalg.eigvals(update(lattice, model, sides, above * limit))).max() > 1.01
@@ -310,7 +310,7 @@ def test_the_step_limit_is_safe_and_near(coupling, conductivity, above):
 @pytest.mark.slow
 @pytest.mark.parametrize("more", [{"material": "state-based", "poisson": 0.05}, MATERIALS["correspondence"]])
 def test_the_step_limit_is_safe_for_states(more):
-    """At it noise keeps its energy for three hundred steps, beside a hole, also where the dilatation softens."""
+    """Just below it, noise keeps its energy for three hundred steps beside a hole, even if the dilatation softens."""
     lattice, more = square(15, body=BODY), {"material": "correspondence"} | more
     model = both(coupling=0.5, conductivity=STILL, **more)
     limit = fh.Simulation(lattice, model, fh.Free()).step_limit
@@ -322,7 +322,7 @@ def test_the_step_limit_is_safe_for_states(more):
 
 
 def shock(coupling, coupled=True, spacing=0.5):
-    """The face of a half-space is heated at once by one, with a thermal strain that is the same for all couplings."""
+    """A half-space whose face is suddenly heated by one, with the same thermal strain for all couplings."""
     lattice = fh.Lattice(spacing, (-1.5 * spacing, 0.0), (40.0 - spacing / 2, 4 * spacing))
     solid = fh.Elastic(fh.Kernel(2 * spacing, exponent=1), young=5 / 6)  # so that P waves have the speed 1
     expansion = 1e-3
@@ -337,7 +337,7 @@ def shock(coupling, coupled=True, spacing=0.5):
 
 @pytest.mark.slow
 def test_small_coupling_is_that_of_a_temperature_by_itself():
-    """The half-space that is heated at once: the difference goes with the coupling constant, to first order."""
+    """The half-space that is suddenly heated: the difference is of first order in the coupling constant."""
     runs = [shock(coupling).run(15.0, progress=False) for coupling in (0.04, 0.02, 0.01, 1e-9)]
     alone = shock(1e-9, coupled=False).run(15.0, progress=False)
     for name in ("u", "T"):
@@ -346,7 +346,7 @@ def test_small_coupling_is_that_of_a_temperature_by_itself():
         apart = [np.abs(one - fields[-1]).max() for one in fields[:-1]]
         order = np.polyfit(np.log([0.04, 0.02, 0.01]), np.log(apart), 1)[0]
         assert 0.95 < order < 1.05
-        assert np.abs(alone.fields[name] - fields[-1]).max() < 2e-3 * size  # of its own, larger steps
+        assert np.abs(alone.fields[name] - fields[-1]).max() < 2e-3 * size  # its own, larger steps
 
 
 @pytest.mark.slow
@@ -373,7 +373,7 @@ def test_a_run_goes_on_bit_for_bit(tmp_path, dtype):
 
 
 def test_what_bonds_gave_to_the_temperature_comes_back_as_they_break():
-    """A plate that is pulled to dust has no memory of what its bonds took from the heat."""
+    """A plate that is pulled to dust does not remember what its bonds took from the heat."""
     lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
     model = both(conductivity=STILL, critical_stretch=1e-2)
     x, y = lattice.coordinates()
@@ -391,8 +391,8 @@ def test_what_bonds_gave_to_the_temperature_comes_back_as_they_break():
 
 @pytest.mark.slow
 def test_layers_of_each_field_send_back_a_quarter_of_the_coupling_at_most():
-    """Beside those that both fields do not share the solid goes from its adiabatic stiffness to the isothermal one:
-    long waves feel a step of the impedance by half of the coupling constant, shorter ones less.
+    """At layers that the fields do not share, the solid changes from its adiabatic stiffness to the isothermal one:
+    long waves see a step of the impedance by half of the coupling constant, shorter ones less.
     """
     coupling, returned = 0.02, []
     for width in (2.0, 4.0, 8.0):
@@ -404,14 +404,14 @@ def test_layers_of_each_field_send_back_a_quarter_of_the_coupling_at_most():
             model = both(coupling=coupling, conductivity=0.05)
             runs.append(fh.Simulation(lattice, model, sides, start, dt=0.4))
         near, far = (run.run(60.0, progress=False).fields["u"][0, :, 2] for run in runs)
-        returned.append(np.abs(near - far[100:-100])[30:-30].max() / 0.5)  # of each half of the pulse
+        returned.append(np.abs(near - far[100:-100])[30:-30].max() / 0.5)  # per half of the pulse
     assert max(returned) < coupling / 4
     assert returned == sorted(returned)
 
 
 @pytest.mark.slow
 def test_noise_between_layers_does_not_grow():
-    """Displacements, velocities and a temperature at random, for thirty crossings, at 0.95 of the step limit."""
+    """Random displacements, velocities and temperatures, for thirty crossings, at 0.95 of the step limit."""
     lattice = fh.Lattice(1.0, (0.0, 0.0), (49.0, 49.0))
     start = noise(lattice)
     window = np.zeros(lattice.shape)
@@ -424,11 +424,11 @@ def test_noise_between_layers_does_not_grow():
     for _ in range(30):
         sim.run(sim.time + sim.crossing, progress=False, allow_unstable=True)
         sizes.append(np.abs(sim.fields["u"]).max())
-    assert max(sizes[-5:]) < 0.5 * sizes[3] < 0.5 * sizes[0]  # as without coupling: low tones leave slowly in the plane
+    assert max(sizes[-5:]) < 0.5 * sizes[3] < 0.5 * sizes[0]  # as without coupling: long waves leave slowly in 2D
 
 
 def test_what_is_given_by_field_comes_to_its_field():
-    """And what is not to both: sides, sources, coefficients, cracks and conditions."""
+    """Sides, sources, coefficients, cracks and conditions; what is given without a field applies to both."""
     model, crack = both(), fh.Crack([(3.0, 5.5), (7.0, 5.5)], factor=0.5)
     held, moved = fh.Temperature("x-", 310.0), fh.Prescribed(fh.Box((4.0, 4.0), (5.0, 5.0)), [0.0, 0.0])
     setup = fh.Setup(
@@ -452,7 +452,7 @@ def test_what_is_given_by_field_comes_to_its_field():
     assert heat.background == ZERO and len(heat.sources) == len(setup.sources) == 1
     plain = fh.Setup(square(), model, fh.Free())
     assert plain.boundary == plain.loads[0].temperature.boundary
-    fh.Simulation.of(fh.Setup(**setup.arguments)).step(2)  # a set-up is one of its own arguments
+    fh.Simulation.of(fh.Setup(**setup.arguments)).step(2)  # a set-up can be made from its own arguments
 
 
 def thermoelastic(**changes):

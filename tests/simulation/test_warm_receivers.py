@@ -1,4 +1,4 @@
-"""Stresses at points of solids that heat strains: what is strained and free is not stressed, what is held is."""
+"""Stresses at points of heated solids: those that are free are not stressed, and those that are held are."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def plate(half=12.0):
 @pytest.mark.parametrize("plane", ["strain", "stress"])
 @pytest.mark.parametrize("material", MATERIALS)
 def test_what_is_held_is_stressed_and_what_is_free_is_not(material, plane):
-    """Warmed evenly: by the classical ``- E alpha T / (1 - nu)`` in plane stress, ``- E alpha T / (1 - 2 nu)`` in plane
+    """Warmed evenly: the classical ``- E alpha T / (1 - nu)`` in plane stress, ``- E alpha T / (1 - 2 nu)`` in plane
     strain.
     """
     model, load = solid(material, plane), fh.ThermalLoad(35.0, expansion=1e-3, reference=20.0)
@@ -44,7 +44,7 @@ def test_what_is_held_is_stressed_and_what_is_free_is_not(material, plane):
 
 @pytest.mark.parametrize("material", MATERIALS)
 def test_a_frame_of_held_nodes_may_be_warm(material):
-    """A held side may not, and says so; inside a frame as wide as bonds reach nothing moves, and all is stressed."""
+    """A held side may not; inside a frame of held nodes as wide as bonds reach, nothing moves and all is stressed."""
     model, load = solid(material, "stress"), fh.ThermalLoad(35.0, expansion=1e-3, reference=20.0)
     with pytest.raises(fh.InputError, match="Prescribed nodes beside a Free side"):
         fh.Simulation(plate(), model, fh.Fixed(), loads=[load])
@@ -58,13 +58,13 @@ def test_a_frame_of_held_nodes_may_be_warm(material):
 
 
 def given(every=None):
-    """A temperature that rises in a spot, of which the solid knows by looks that are some time apart."""
+    """A temperature that rises in a spot, which the solid may read only at intervals."""
     load = fh.ThermalLoad("20 + 40*exp(-(x**2 + y**2)/1.5)*(1 - exp(-t/3))", 1e-3, 20.0, every=every)
     return {"model": solid("state-based"), "loads": [load], "boundary": fh.LatticePML(nodes=8)}
 
 
 def computed(coupled):
-    """One that is computed with the displacements, or beside them."""
+    """A temperature that is computed with the displacements, or beside them."""
     heat = fh.Heat(fh.Kernel(2.0), density=1.0, specific_heat=0.5, conductivity=0.1)
     model = fh.Thermoelastic(solid(), heat, expansion=1e-3, reference=300.0, coupled=coupled)
     return {"model": model, "boundary": fh.Free(), "initial": {"T": "300 + 40*exp(-(x**2 + y**2)/6)"}}
@@ -75,8 +75,8 @@ SETUPS = {"given": given(), "given at looks": given(4.0), "coupled": computed(Tr
 
 @pytest.mark.parametrize("name", SETUPS)
 def test_stresses_are_those_of_the_strains_that_heat_has_not_made(name):
-    """In every step of a run, on nodes, where fields tell what heat strains; the flux of energy is that of the mean of
-    two steps, and sums of Fourier are of the rows.
+    """In every step of a run, on nodes, where the fields contain the thermal strain. The energy flux is that of the
+    mean stress of two steps, and Fourier sums are those of the rows.
     """
     receivers, spectra = fh.Receivers(POINTS, RECORD), fh.Spectra(POINTS, [0.02, 0.05], ["stress"])
     sim = fh.Simulation(plate(), **SETUPS[name], observe=[receivers, spectra])

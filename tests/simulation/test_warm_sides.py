@@ -1,5 +1,5 @@
-"""A temperature that goes on with the displacements through absorbing sides, against domains from whose ends nothing
-comes back.
+"""A temperature that continues with the displacements through absorbing sides, against domains from whose ends
+nothing returns.
 """
 
 import os
@@ -23,7 +23,7 @@ MATERIALS = {
 def both(
     coupling=0.2, diffusivity=0.3, kernel=None, family=2.0, plane=None, dim=2, coupled=True, material="bond-based"
 ):
-    """Models with a coupling constant ``T0 beta^2 / rho c M``."""
+    """Model with the coupling constant ``T0 beta^2 / rho c M``."""
     more = {"material": material, **MATERIALS[material]}
     solid = fh.Elastic(kernel or fh.Kernel(2.0, exponent=1), young=1.5, density=1.2, plane=plane, **more)
     beta = (2 if dim == 2 and plane else 3) * solid.lame + 2 * solid.shear
@@ -33,10 +33,10 @@ def both(
 
 
 def errors(lower, upper, open_sides, far, model, initial, sides, until, **more):
-    """The largest errors of both fields, over the largest value of that field.
+    """Return the largest errors of both fields, relative to the largest value of each.
 
-    `open_sides` are those beyond which the larger lattice has `far` nodes more; waves that come back from its end are
-    still on their way.
+    `open_sides` are those beyond which the larger lattice has `far` more nodes; waves that its ends reflect are still
+    on their way.
     """
     low, high = np.array(lower, float), np.array(upper, float)
     less = np.array([far * (f"{axis}-" in open_sides) for axis in "xyz"[: len(low)]])
@@ -45,7 +45,7 @@ def errors(lower, upper, open_sides, far, model, initial, sides, until, **more):
     large = fh.Simulation(fh.Lattice(1.0, low - less, high + more_nodes), model, sides, initial, dt=small.dt, **more)
     assert small.parts.warm == large.parts.warm != frozenset()
     stiffening = small.parts.near.coupling.stiffening if model.coupled else 0.0
-    # the fastest wave goes there and back
+    # the fastest wave would go there and back
     assert 2 * far > 1.1 * until * small.model.p_speed * np.sqrt(small.strongest * (1 + stiffening))
     part = tuple(slice(a, None if b == 0 else -b) for a, b in zip(less, more_nodes, strict=True))
     sizes, found = np.zeros(2), np.zeros(2)
@@ -70,8 +70,8 @@ STRIP = {"x": fh.LatticePML(nodes=24), "y": fh.Periodic()}
     ids=["heat that reaches the side", "by itself", "a coupled wave"],
 )
 def test_plane_waves_and_heat_leave(initial, coupled):
-    """Along one axis: the expansion once fell to zero beside the side, and 0.2 of u and a quarter of the coupling were
-    missed.
+    """Along one axis. Once the expansion fell to zero beside the side, and 0.2 of u and a quarter of the coupling
+    were missed.
     """
     model = both(coupled=coupled)
     found = errors((-24.0, 0.0), (24.0, 4.0), ("x-", "x+"), 120, model, initial, STRIP, 150.0)
@@ -83,7 +83,7 @@ def test_plane_waves_and_heat_leave(initial, coupled):
 @pytest.mark.parametrize("coupled", [True, False])
 @pytest.mark.parametrize("initial", [{"T": f"300 + {SPOT.format(12)}"}, {"u": [PUSH, 0.0]}], ids=["heat", "wave"])
 def test_states_go_on_with_the_heat(material, coupled, initial):
-    """What the law makes of strained states is continued, and the springs beside them."""
+    """The layers continue the force states and the springs beside them."""
     model = both(material=material, coupled=coupled)
     found = errors((-24.0, 0.0), (24.0, 4.0), ("x-", "x+"), 130, model, initial, STRIP, 120.0)
     assert max(found) < 1e-5
@@ -104,7 +104,7 @@ OPEN = ("x-", "x+", "y-", "y+")
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", ["hot", "hot by itself", "pushed"])
 def test_the_plane(name):
-    """A hot spot near a side whose heat leaves, after the waves; and waves at all angles."""
+    """A hot spot near a side, whose heat leaves after the waves; and waves at all angles."""
     hot = {"T": "300 + exp(-((x-5)**2 + (y-2)**2)/6)"}
     pushed = {"u": ["x*exp(-(x**2 + y**2)/6)", "0.5*exp(-(x**2 + y**2)/6)"]}
     initial = pushed if name == "pushed" else hot
@@ -115,7 +115,7 @@ def test_the_plane(name):
 
 @pytest.mark.slow
 def test_space():
-    """A hot spot beside an edge of layers, in a quarter of space that repeats along the third axis."""
+    """A hot spot near the edge of two layers, in a domain that is periodic along the third axis."""
     sides = {"x": fh.LatticePML(nodes=10), "y": fh.LatticePML(nodes=10), "z": fh.Periodic()}
     model = both(kernel=fh.Kernel(1.5, exponent=1), family=1.5, dim=3)
     initial = {"T": "300 + exp(-((x-2)**2 + (y-1)**2 + 2*(cos(pi*z/3) - 1)**2)*0.5)"}
@@ -148,7 +148,7 @@ VARIANTS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", VARIANTS)
 def test_what_varies_and_breaks(name):
-    """In front of the layers, or evenly along their normals."""
+    """In front of the layers, or uniformly along their normals."""
     model, initial, more = VARIANTS[name]
     sides = {"x": fh.LatticePML(nodes=24), "y": fh.Periodic()}
     found = errors((-13.0, -6.0), (13.0, 6.0), ("x-", "x+"), 45, model, initial, sides, 40.0, **more)
@@ -158,7 +158,7 @@ def test_what_varies_and_breaks(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(8))
 def test_at_random(number):
-    """Kernels, couplings, conductivities, sides and data at random keep the model's target."""
+    """Random kernels, couplings, conductivities, sides and data keep the model's target."""
     print("seed", SEED)
     random = np.random.default_rng([SEED, number])
     kinds = random.permutation(["open", random.choice(["open", "periodic", "one"])])
@@ -173,7 +173,7 @@ def test_at_random(number):
     plane, material = random.choice(["stress", None]), random.choice(list(MATERIALS))
     model = both(
         10 ** random.uniform(-2, -0.3),
-        10 ** random.uniform(-1.5, -0.3),  # what the steps of the solid bear
+        10 ** random.uniform(-1.5, -0.3),  # within the steps of the solid
         fh.Kernel(random.choice([1.5, 2.0, 3.0]), exponent=int(random.integers(2))),
         random.choice([1.5, 2.0, 3.0]),
         plane,
@@ -192,7 +192,7 @@ def test_at_random(number):
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(6))
 def test_layers_that_choose_themselves_keep_their_targets(number):
-    """By what a hot spot does at once, and displacements; of coupling constants as solids have them."""
+    """For a hot spot, with or without displacements, and coupling constants as solids have them."""
     print("seed", SEED)
     random = np.random.default_rng([SEED, 1, number])
     target = 10 ** random.uniform(-6, -3)
@@ -218,16 +218,16 @@ def test_layers_that_choose_themselves_keep_their_targets(number):
 
 
 def test_a_hot_spot_on_the_edge_keeps_its_heat_out_of_the_first_rows():
-    """Its nodes lie in front of the layer, whose memory begins with nothing: both fields have as many there."""
+    """Unstretched nodes are put before the layer, whose memory begins with nothing: as many for both fields."""
     sim = fh.Simulation(fh.Lattice(1.0, (-9.0, 0.0), (9.0, 4.0)), both(family=3.0), STRIP)
     heat = sim._march.heating._heat.parts.grid
     assert sim.parts.grid.margins == heat.margins
-    assert sim.parts.grid.margins[0, 1] == 4  # one and the reach of the heat
+    assert sim.parts.grid.margins[0, 1] == 4  # one plus the reach of the heat
     assert sim.engine.layout.box.nodes == heat.engine.layout.box.nodes
 
 
 def matrix_of_a_step(sim):
-    """The map of displacements now and a step ago, of the temperature, and of all that layers remember, as a matrix."""
+    """One step of the displacements now and a step ago, the temperature, and the memory of all layers, as a matrix."""
     march, solid = sim._march, sim.engine
     heating = march.heating
     heat = heating._heat.parts.grid.engine
@@ -277,7 +277,7 @@ def matrix_of_a_step(sim):
 @pytest.mark.parametrize("material", MATERIALS)
 @pytest.mark.parametrize("coupled", [True, False])
 def test_no_mode_between_layers_grows(material, coupled):
-    """The spectral radius of a step of both fields and all memory, near its limit; strong coupling."""
+    """The spectral radius of a step of both fields and all memory, near the step limit, with strong coupling."""
     print("seed", SEED)
     model = both(0.3, 0.3, fh.Kernel(1.5, exponent=1), 1.5, coupled=coupled, material=material)
     sides, strip = {"x": fh.LatticePML(nodes=6), "y": fh.Periodic()}, fh.Lattice(1.0, (0.0, 0.0), (6.0, 3.0))
@@ -289,7 +289,7 @@ def test_no_mode_between_layers_grows(material, coupled):
 @pytest.mark.slow
 @pytest.mark.parametrize("material", MATERIALS)
 def test_noise_between_corners_does_not_grow(material):
-    """Displacements, velocities and a temperature at random, for thirty crossings, at 0.95 of the step limit."""
+    """Random displacements, velocities and temperatures, for thirty crossings, at 0.95 of the step limit."""
     print("seed", SEED)
     random, box = np.random.default_rng(SEED), fh.Lattice(1.0, (0.0, 0.0), (36.0, 36.0))
     inside = np.zeros(box.shape)
@@ -338,7 +338,7 @@ def test_which_sides_both_fields_go_through(name):
     ids=["extended", "both"],
 )
 def test_extended_domains_are_as_layers(sides, coupled):
-    """A hot spot and its waves, whatever stands beyond: of the domain that the length of the run asks for."""
+    """A hot spot and its waves, with a domain as large as the length of the run requires."""
     initial = {"T": "300 + exp(-((x-5)**2 + (y-2)**2)/4)"}
     box, model = fh.Lattice(1.0, (-14.0, -14.0), (14.0, 14.0)), both(coupled=coupled)
     runs = [
@@ -352,14 +352,14 @@ def test_extended_domains_are_as_layers(sides, coupled):
 
 
 def test_a_heat_of_several_stages_shares_no_layer():
-    """A layer has no memory of each of them."""
+    """A layer has no memory for each of them."""
     heat = fh.Heat(fh.Kernel(2.0), 4.0, 0.5, 0.3, "rk4")
     sim = fh.Simulation(SQUARE, fh.Thermoelastic(both().elastic, heat, 1e-3, ZERO), fh.LatticePML(nodes=6))
     assert not sim.parts.warm and sim.engine.warm_layers is None
 
 
 def test_a_heat_that_needs_shorter_steps_is_not_shared():
-    """Without coupling the solid goes by its own steps, which so fast a heat does not bear."""
+    """Without coupling, the solid takes its own steps, at which so fast a heat is not stable."""
     for diffusivity, count in ((0.3, 4), (30.0, 0)):
         sim = fh.Simulation(SQUARE, both(diffusivity=diffusivity, coupled=False), fh.LatticePML(nodes=6))
         assert len(sim.parts.warm) == count
@@ -368,7 +368,7 @@ def test_a_heat_that_needs_shorter_steps_is_not_shared():
 @pytest.mark.parametrize("material", MATERIALS)
 @pytest.mark.parametrize("place", [0.0, 16.0])
 def test_the_energy_of_a_hot_spot_beside_a_side(place, material):
-    """Of nodes that do not move, it is that between periodic sides: bonds beside the layer see heat, too."""
+    """For nodes that do not move, it is that between periodic sides: bonds into the layer feel the heat, too."""
     initial, box = {"T": f"300 + {SPOT.format(place)}"}, fh.Lattice(1.0, (-24.0, 0.0), (24.0, 4.0))
     model = both(coupled=False, material=material)
     found = [fh.Simulation(box, model, sides, initial).energies()["strain"] for sides in (STRIP, fh.Periodic())]
@@ -384,7 +384,7 @@ def test_the_energy_of_a_hot_spot_beside_a_side(place, material):
 )
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_a_run_goes_on_bit_for_bit(tmp_path, sides, dtype, coupled):
-    """From a checkpoint, and pickled: the layers of both fields remember."""
+    """From a checkpoint, and pickled, with the memory of the layers of both fields."""
     import pickle
 
     initial = {"T": "300 + exp(-(x**2 + y**2)/4)", "u": ["0.1*x*exp(-(x**2 + y**2)/4)", 0.0]}

@@ -1,4 +1,4 @@
-"""Data of waves in parts."""
+"""Division of wave data into parts that are followed separately."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ SEED = 20261122
 
 
 def test_each_moment_of_a_source_is_whole_in_one_part():
-    """And no part is switched on or off at once, but with the source."""
+    """No part is switched on or off at once, except with the source itself."""
     random = np.random.default_rng(SEED)
     half, course, still = 20, random.uniform(0.5, 1.0, 130), Datum(np.ones(3), "v")
     course[55:] *= np.where(np.arange(75) < 60, 0.0, 1.0)  # the part around 80 holds nothing
@@ -62,7 +62,7 @@ def test_short_runs_and_waveguides_are_followed_whole(model, every):
 
 
 def test_in_long_runs_all_waves_are_followed_until_images_come():
-    """And longer the long ones, and of scalars those that go no farther than the room."""
+    """Long waves are followed longer, and for scalars those that travel no farther than the room."""
     scalar = plane(fh.Wave(fh.Kernel(2.0)))
     long_ones, slow, all_ones = followed_parts(scalar, pulse_at(15), 900.0, 1e-5, 512, True, 16)
     assert long_ones.time == 900.0 and long_ones.smooth > 0 and long_ones.limit == np.inf
@@ -73,7 +73,7 @@ def test_in_long_runs_all_waves_are_followed_until_images_come():
 
 
 def test_slow_waves_of_solids_are_followed_until_they_are_back():
-    """Of a medium of speed 1: a room of 512 nodes is 512 units of time, in which those from nearby are."""
+    """In a medium of speed 1, a room of 512 nodes is 512 units of time, within which those from nearby are back."""
     solid = plane(fh.Elastic(fh.Kernel(2.0), young=1.0))
     _, all_ones = followed_parts(solid, pulse_at(15), 2000.0, 1e-5, 512, True, 16)
     assert all_ones.time == 512.0 and all_ones.later == pytest.approx(2000 / 512)
@@ -83,11 +83,11 @@ def test_slow_waves_of_solids_are_followed_until_they_are_back():
     assert followed_parts(solid, pulse_at(15), 2000.0, 1e-5, 512, True, 60)[-1].time == 1350.0  # from a thick layer
     source = [replace(pulse_at(80)[0], kind="source", time=np.ones(4000))]
     last = followed_parts(solid, source, 2000.0, 1e-5, 512, True, 16)[-1]
-    assert last.time < 600.0 and last.later == 1.0  # what it sends at the end
+    assert last.time < 600.0 and last.later == 1.0  # a source sends until the end
 
 
 def test_data_that_send_the_same_waves_are_known_as_one():
-    """Fields of either sign, and mirrored ones where the sides along both ways are alike; no others."""
+    """Fields of either sign, and mirror images where the sides in both directions are alike; no others."""
     random = np.random.default_rng(SEED)
     towards, across = random.normal(size=(2, 7, 5))
     data = [Datum(towards, "u", component=0), Datum(across, "u", component=1)]
@@ -106,7 +106,7 @@ def test_data_that_send_the_same_waves_are_known_as_one():
 
 
 def test_components_that_are_followed_apart_are_known_in_any_order():
-    """Each with a sign and a mirror image of its own, but what is of one component has one sign; in space there are
+    """Each component may have its own sign and mirror image, but data of one component have one sign; in 3D there are
     two axes along a side.
     """
     random = np.random.default_rng(SEED)

@@ -1,4 +1,4 @@
-"""The work of nodes by which a lattice is shared out: against the bonds that the engine counts, and box by box."""
+"""Work of nodes, by which a lattice is divided: against the bonds that the engine counts, and box by box."""
 
 from dataclasses import replace
 
@@ -28,14 +28,14 @@ def band(low, high, ends=(5.5, 30.5)):
 
 
 def busiest(run, boxes):
-    """Work of the busiest box over the mean."""
+    """Return the work of the busiest box relative to the mean."""
     beyond = work_beyond(run.parts.around, run.stencil, run.lattice)
     work = work_of_boxes(boxes, work_of(run.setup, run.model, run.lattice), beyond)
     return work.max() / work.mean()
 
 
 def equal(run, topology):
-    """Boxes of as many nodes, layers counted as they were before nodes were told apart."""
+    """Boxes of equal numbers of nodes, including layers, whatever the work of each node."""
     beyond = work_beyond(run.parts.around, run.stencil, run.lattice)
     cuts = []
     for axis, (n, count) in enumerate(zip(run.lattice.shape, topology, strict=True)):
@@ -53,12 +53,12 @@ def equal(run, topology):
     ],
 )
 def test_nodes_that_lack_bonds_are_those_of_the_engine(given):
-    """All of a crack; at a rim at least these, for it is looked at box by box."""
+    """All of those at a crack; at a rim at least these, because it is examined box by box."""
     run = plane(SOLID, **given)
     costs, work = costs_of(run.setup, run.model), work_of(run.setup, run.model, run.lattice)
     lacks = np.nan_to_num(run.fields["damage"]) > 0
     lacks |= np.nan_to_num(run.parts.breaking.families, nan=99) < run.parts.breaking.families.max()
-    inner = (slice(3, -3),) * 2  # bonds across free sides are not looked at
+    inner = (slice(3, -3),) * 2  # bonds across free sides are not counted
     more = work[inner] > costs.node
     assert (
         lacks[inner].sum() > 100
@@ -70,7 +70,7 @@ def test_nodes_that_lack_bonds_are_those_of_the_engine(given):
 
 @pytest.mark.parametrize("model", [fh.Wave(fh.Kernel(3.0), LAYERED), fh.Elastic(fh.Kernel(3.0), LAYERED)])
 def test_nodes_whose_bonds_see_several_media_have_more_work(model):
-    """Those within one reach of an interface, here across the rows, and not those beside a hole."""
+    """Those within one reach of an interface, here across the rows, but not those beside a hole."""
     body = fh.Box((-1.0, -1.0), (70.0, 70.0)) - fh.Disc(6.0, (12.0, 32.0))
     lattice = fh.Lattice(1.0, (0.0, 0.0), (60.0, 60.0), body=body)
     run = fh.Simulation(lattice, model, fh.Free())
@@ -88,7 +88,7 @@ def test_nodes_whose_bonds_see_several_media_have_more_work(model):
 
 
 def test_parts_have_the_work_of_the_whole():
-    """Also where bonds reach into the next one, in the plane and of metal in space."""
+    """Also where bonds reach into the next part, in the plane, and for metal in space."""
     metal = fh.Specimen(fh.Ball(5.0, (9.0, 8.0, 7.0)))
     solid = fh.Setup(
         fh.Lattice(1.0, (0, 0, 0), (19, 17, 18)), fh.Corrosion(fh.Kernel(2.0), saturation=0.5), specimens=[metal]
@@ -107,7 +107,7 @@ SEED = int(np.random.default_rng().integers(2**31))
 
 @pytest.mark.parametrize("case", range(8))
 def test_uneven_boxes_are_more_even_in_work(case):
-    """Off-centre bands of cracks, holes and metal at random places, in bonds that break and in stencils alone."""
+    """Off-centre bands of cracks, holes and metal at random places, with bonds that break and with stencils alone."""
     rng = np.random.default_rng([SEED, case])
     at, count = rng.integers(0, 9), int(rng.integers(2, 4))
     kind = ("cracks", "hole", "metal", "breaking")[case % 4]
@@ -127,7 +127,7 @@ def test_uneven_boxes_are_more_even_in_work(case):
         told = f"seed {SEED}, {kind}, {topology}: {boxes.cuts}"
         before, now = busiest(run, equal(run, topology)), busiest(run, boxes)
         assert boxes.cuts != equal(run, topology).cuts and now < before, told
-        if topology[0] == 1:  # cut along one axis alone the work of a row is all that stays
+        if topology[0] == 1:  # cut along one axis, only the work of a row remains
             along = work_along(run.setup, run.model, work_beyond(run.parts.around, run.stencil, run.lattice))[1]
             assert now - 1 <= along.max() * count / along.sum() + 0.01, told
 

@@ -75,7 +75,7 @@ def test_command_runs_each(name, capsys, tmp_path):
     found = written(tmp_path / "f.json", "reproduce")
     assert found["name"] == name and found["rows"]
     assert found["pictures"] or name in CONSTANTS
-    assert all(isinstance(row["ours"], float | int) or row["note"] for row in found["rows"])  # values that overflow have a note
+    assert all(isinstance(row["ours"], float | int) or row["note"] for row in found["rows"])  # overflows have a note
     assert {path.name for path in tmp_path.glob("*.png")} == set(found["pictures"])
     for picture in found["pictures"]:
         content = (tmp_path / picture).read_bytes()

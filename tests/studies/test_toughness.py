@@ -53,8 +53,8 @@ def spent_in_a_strip(model, spacing, energy, stress):
 
 @pytest.mark.parametrize(("poisson", "squares"), [(0.25, 2 - 2 / np.sqrt(3)), (0.5 - 1e-9, 0.912622)])
 def test_speed_of_rayleigh_waves(poisson, squares):
-    """Closed for a Poisson's ratio of 1/4, ``(c / c_S)^2 = 2 - 2 / sqrt(3)``; the root of ``x^3 - 8 x^2 + 24 x - 16``
-    where the medium is incompressible (Rayleigh, 1885).
+    """Closed form for a Poisson's ratio of 1/4, ``(c / c_S)^2 = 2 - 2 / sqrt(3)``; the root of ``x^3 - 8 x^2 + 24 x -
+    16`` for an incompressible medium (Rayleigh, 1885).
     """
     assert rayleigh_speed(2 * poisson / (1 - 2 * poisson), 1.0, 1.0) ** 2 == pytest.approx(squares, rel=1e-5)
 
@@ -107,7 +107,7 @@ def test_a_weak_stabilisation_lets_no_crack_gain_energy(published):
     options = MATERIALS["correspondence"] | {"stabilisation": 0.1}
     if published:
         model = fh.Correspondence(fh.Kernel(1.5, 1), 1.0, 0.2, stabilisation=0.1, critical_stretch=0.01)
-        expected = 0.5 * model.young * model.kernel.horizon * model.critical_stretch**2  # about what it spends
+        expected = 0.5 * model.young * model.kernel.horizon * model.critical_stretch**2  # roughly what it spends
     else:
         model, expected = material(**options), 2e-4
         model.critical_stretch = calibrated_stretch(model, 0.5, expected)

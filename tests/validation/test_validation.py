@@ -207,7 +207,8 @@ def test_command_computes(capsys, tmp_path):
 
 
 def steady_cracks():
-    """For each speed of the lattice-fracture load, the longest bonds ahead and beside, and the bound on the history.
+    """Expected values and bounds for each speed of the lattice-fracture load: the ratio of energies, the longest bonds
+    ahead and beside, and the deviation of the history.
 
     A load 10 nodes behind is equivalent to a distant one up to 1/10^2; the layers are designed for 1e-6 of a largest
     value that is several times the elongation of the bond that opens.
@@ -229,8 +230,8 @@ def steady_cracks():
     ids=["state-based", "correspondence"],
 )
 def test_a_penny_in_a_material_of_states_opens_as_in_bonds(material):
-    """The static opening in the middle, 8 p a / pi E', and K from it, are exact to half a horizon of the radius; the
-    opening converges with first order, which two lattices show to a third.
+    """The errors of the static opening in the middle, 8 p a / pi E', and of K from it are below half a horizon over
+    the radius; the opening converges with first order, which two lattices show to a third.
     """
     stiffness, errors = pressurised.YOUNG / (1 - material["poisson"] ** 2), []
     for spacing in pressurised.COARSE:

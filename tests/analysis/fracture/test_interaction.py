@@ -68,8 +68,7 @@ def test_inertia_is_part_of_it():
         domain = InteractionDomain(lattice, (0.0, 0.0), (1.0, 0.0), (1.5, 3.0), [crack], medium)
         x, y = (axis.ravel()[domain.nodes] for axis in lattice.coordinates())
         u = np.stack([x**2 * y**2, -(2.0 / 9.0) * x * y**3], axis=-1)
-        # div of stress for lame = shear = 1: 3 u_xx + u_yy + 2 v_xy, 3 v_yy + v_xx + 2 u_xy; the faces are free of
-        # stress
+        # div of stress for lame = shear = 1: 3 u_xx + u_yy + 2 v_xy, 3 v_yy + v_xx + 2 u_xy; faces are free of stress
         force = np.stack([6 * y**2 + 2 * x**2 - (4.0 / 3.0) * y**2, -4.0 * x * y + 8.0 * x * y], axis=-1)
         errors.append(np.abs(domain.intensities(u, force)).max())
         parts.append(np.abs(domain.intensities(u)).max())

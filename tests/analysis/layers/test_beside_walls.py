@@ -1,5 +1,5 @@
-"""The error of damped layers beside walls: the damping of backward waves alone causes it, and it bounds the share of
-such waves in the data.
+"""The error of damped layers beside walls: the damping of backward waves alone causes it, and it depends on the share
+of such waves in the data.
 """
 
 from dataclasses import replace
