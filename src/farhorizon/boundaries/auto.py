@@ -22,9 +22,9 @@ class Auto(Side):
     Parameters
     ----------
     target : float, optional
-        Desired error, as in both.
+        Desired error, as for `LatticePML` and `Extended`.
     until : float, optional
-        Length of the run, as in both.
+        Length of the run, as for `LatticePML` and `Extended`.
 
     Raises
     ------

@@ -81,9 +81,11 @@ def _inside(
         yield Key(place, types, _kind(found, defs), said, text)
         for kind, inner in _tables(found, defs):
             if kind not in within:
-                tag = inner["properties"].get("type", {}).get("const")
                 step = f"{place}.{_SIDE}" if place == "boundary" else place
-                yield from _inside(inner, defs, step, (*types, tag) if tag else types, (*within, kind))
+                tag = inner["properties"].get("type", {})
+                tags = tag.get("enum", [tag["const"]] if "const" in tag else [])
+                for own in [(*types, one) for one in tags] or [types]:
+                    yield from _inside(inner, defs, step, own, (*within, kind))
 
 
 def _empty(default: Any) -> bool:

@@ -7,7 +7,7 @@ when a run first needs it, for the types of the tables that it reads.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Set
 from types import ModuleType
 from typing import Any
 
@@ -146,8 +146,13 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
     def address(function: Function, stage: Struct, one: Struct) -> int:
         return _address(function, (ALONE.type, stage.type, one.type, tables.type, inputs.type, size, size))
 
+    does = [[one for operation in operations for one in _does(table, inputs.table, *operation)] for operations in lists]
+    staged = {*sums, *(kind for found in does for _, kind, _, _ in found)}
     stages = [
-        [_stages([levels[i] for i in places], table, part, (phase + part) % 2 == 1) for part, places in enumerate(turn)]
+        [
+            _stages([levels[i] for i in places], table, part, (phase + part) % 2 == 1, staged)
+            for part, places in enumerate(turn)
+        ]
         for phase, turn in enumerate(table.rotation)
     ]
     with _COMPILING, importing(program.__name__):
@@ -156,9 +161,6 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
             for places, functions in zip((one.table.each, one.table.ahead), parts[which], strict=True):
                 places[:] = [address(function, first, one) for function in functions]
             _set_called(program, first, one)
-        does = [
-            [one for operation in operations for one in _does(table, inputs.table, *operation)] for operations in lists
-        ]
         rows = [
             [
                 (address(function, stage[kind], sums[which]), stage[kind].address, sums[which].address, number)
@@ -167,7 +169,7 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
             ]
             for turn in stages
         ]
-    kept = [*sums.values(), *(one for turn in stages for stage in turn for one in stage)]
+    kept = [*sums.values(), *(one for turn in stages for stage in turn for one in stage.values())]
     return kept, np.array(rows, np.int64).reshape(len(rows), -1, 4)
 
 
@@ -270,10 +272,10 @@ def _sums(tables: Tables, which: int, parts: int, ahead: int) -> Struct:
     return Struct(Sums(*pass_of(tables, which), material, liquid, media, tables.work_space, *room, free))
 
 
-def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool) -> list[Struct]:
-    """A stage of the field and those of the passes, in this order: sums that make states, sums that make forces of
-    states, forces and traces where heat passes through layers, increments summed over neighbours, and sums that go into
-    a level of their own.
+def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool, wanted: Set[int]) -> dict[int, Struct]:
+    """The wanted ones of: a stage of the field and those of the passes, in this order: sums that make states, sums that
+    make forces of states, forces and traces where heat passes through layers, increments summed over neighbours, and
+    sums that go into a level of their own.
     """
     src, base, out = levels
     a, a_difference, b, scale, _ = tables.numbers[part]
@@ -282,18 +284,16 @@ def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool)
     heat, drag = tables.heat, tables.drag
     pushed, traced = (tables.pushes.columns, tables.pushes.rows), (tables.traces.columns, tables.traces.rows)
     read, made = (tables.gather.columns, tables.gather.rows), (tables.scatter.columns, tables.scatter.rows)
-    return [
-        Struct(stage)
-        for stage in (
-            Stage(src, base, out, part, a, a_difference, b, scale, tables.increments, n, n, backward),
-            Stage(src, states, states, part, none, none, none, one, False, *read, backward),
-            Stage(states, out, out, part, none, none, one, scale, False, *made, not backward),
-            Stage(heat.warmth, out, out, part, none, none, one, scale, False, *pushed, backward),
-            Stage(src, heat.traces, heat.traces, part, none, none, one, one, False, *traced, backward),
-            Stage(drag.moved, drag.beyond, drag.beyond, part, none, none, none, one, False, n, n, backward),
-            Stage(src, inflow, inflow, part, one, one, one, one, False, n, n, backward),
-        )
-    ]
+    stages = (
+        Stage(src, base, out, part, a, a_difference, b, scale, tables.increments, n, n, backward),
+        Stage(src, states, states, part, none, none, none, one, False, *read, backward),
+        Stage(states, out, out, part, none, none, one, scale, False, *made, not backward),
+        Stage(heat.warmth, out, out, part, none, none, one, scale, False, *pushed, backward),
+        Stage(src, heat.traces, heat.traces, part, none, none, one, one, False, *traced, backward),
+        Stage(drag.moved, drag.beyond, drag.beyond, part, none, none, none, one, False, n, n, backward),
+        Stage(src, inflow, inflow, part, one, one, one, one, False, n, n, backward),
+    )
+    return {kind: Struct(stage) for kind, stage in enumerate(stages) if kind in wanted}
 
 
 def _address(function: Function, kinds: tuple[types.Type, ...]) -> int:

@@ -172,10 +172,23 @@ class Tables(NamedTuple):
     heat: Warmth
 
 
-def operations_of(tables: Tables, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
+class Asked(NamedTuple):
+    """The inputs that there are: on them, and on the tables, the operations of a step depend."""
+
+    fed: bool
+    held: bool
+    watched: bool
+
+
+def asked_by(inputs: Inputs) -> Asked:
+    """Return which inputs there are."""
+    return Asked(len(inputs.source_fields) > 0, inputs.held.size > 0, inputs.watched.size > 0)
+
+
+def operations_of(tables: Tables, asked: Asked) -> tuple[np.ndarray, np.ndarray]:
     """Return the operations of a step: `operations` and `starts` for tables that lack them."""
-    lists = [_stage(tables, inputs, stage) for stage in range(len(tables.numbers))]
-    kept = inputs.watched.size + tables.listening.rows.size
+    lists = [_stage(tables, asked, stage) for stage in range(len(tables.numbers))]
+    kept = asked.watched or tables.listening.rows.size
     lists[-1] += _chosen((DISSOLVE, tables.phases.runs.size), (KEEP, kept), (WARM, tables.heat.rate.size))
     starts = np.cumsum([0, *map(len, lists)])
     return table_of(itertools.chain(*lists)), starts
@@ -186,19 +199,19 @@ def table_of(operations: Iterable[Operation]) -> np.ndarray:
     return np.array(list(operations), np.int64).reshape(-1, 3)
 
 
-def _stage(tables: Tables, inputs: Inputs, stage: int) -> list[Operation]:
-    damped, fed, flows = tables.damping.nodes.size, len(inputs.source_fields), tables.flows.effects[stage] != 0
+def _stage(tables: Tables, asked: Asked, stage: int) -> list[Operation]:
+    damped, flows = tables.damping.nodes.size, tables.flows.effects[stage] != 0
     return (
         _chosen((DAMP_OLD, damped))
         + operator_operations(tables, melting=stage == 0)
-        + _chosen((ENDS, len(tables.ends.nodes)), (FEED, fed), (INERTIA, tables.mobility.size))
+        + _chosen((ENDS, len(tables.ends.nodes)), (FEED, asked.fed), (INERTIA, tables.mobility.size))
         + _drag_operations(tables)
         + _chosen(
             (DAMP_NEW, damped),
             (FILTER, tables.filter.runs.size),
             (DAMPERS, tables.dampers.runs.size),
-            (HOLD, inputs.held.size),
-            (WORK, fed and tables.work.size),
+            (HOLD, asked.held),
+            (WORK, asked.fed and tables.work.size),
             (FLOW_LAYERS, flows and tables.flows.inflow.size),
             (FLOW, flows and tables.flows.accounts.size),
             (DEPEND, tables.dependents.nodes.size),

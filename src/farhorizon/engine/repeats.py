@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.engine.operations import Tables, operations_of
+from farhorizon.engine.operations import Asked, Tables, asked_by, operations_of
 from farhorizon.engine.tables import Inputs
 
 
@@ -18,7 +18,7 @@ class Repeats:
     def __init__(self) -> None:
         self._room: dict[str, np.ndarray] = {}
         self._nothing: tuple[tuple[Any, ...], Inputs] | None = None
-        self._planned: tuple[Tables, Inputs, Tables] | None = None
+        self._planned: tuple[Tables, Asked, Tables] | None = None
 
     def nothing(self, steps: int, tables: Tables, held: np.ndarray, watched: np.ndarray, stride: int) -> Inputs:
         """Return inputs without sources for a number of steps; prescribed values are zero.
@@ -61,10 +61,11 @@ class Repeats:
         return kept[: steps * width].reshape(steps, width)
 
     def planned(self, tables: Tables, inputs: Inputs) -> Tables:
-        """Return the tables with their operations, the identical object for the same inputs."""
-        if self._planned is None or self._planned[0] is not tables or not _same(self._planned[1][1:], inputs[1:]):
-            operations, starts = operations_of(tables, inputs)
-            self._planned = tables, inputs, tables._replace(operations=operations, starts=starts)
+        """Return the tables with their operations, the identical object as long as these stay the same."""
+        asked = asked_by(inputs)
+        if self._planned is None or self._planned[0] is not tables or self._planned[1] != asked:
+            operations, starts = operations_of(tables, asked)
+            self._planned = tables, asked, tables._replace(operations=operations, starts=starts)
         return self._planned[2]
 
 

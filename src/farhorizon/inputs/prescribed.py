@@ -273,7 +273,7 @@ class PrescribedNodes:
                 "a prescribed value needs a scheme of one stage",
                 value=integrator.name,
                 key="constraint",
-                remedy="integrator = euler",
+                remedy="integrator = euler, or a Temperature, which holds in all stages",
             )
         self.constraints, self.dt, self.background = constraints, dt, background
         self.nodes = [c.nodes(lattice) for c in constraints]

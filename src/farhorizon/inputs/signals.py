@@ -269,9 +269,9 @@ class ToneBurst(Signal):
     Parameters
     ----------
     frequency : float
-        f, in cycles per time.
+        Frequency f of the sine, in cycles per time.
     cycles : float
-        n, at least 1.
+        Number n of cycles, at least 1.
 
     Raises
     ------
@@ -322,7 +322,7 @@ class Step(Signal):
     Parameters
     ----------
     rise : float
-        T, the rise time.
+        Time T over which the load rises.
 
     Raises
     ------
@@ -371,7 +371,7 @@ class Chirp(Signal):
     first, last : float
         Frequencies f0 and f1 at the start and at the end, in cycles per time.
     duration : float
-        T.
+        Duration T of the signal.
 
     Raises
     ------

@@ -16,7 +16,7 @@ class Diffusion(LatticeModel):
     ----------
     operator : Kernel or Stencil
     diffusivity : float
-        :math:`\chi^2` (length^2 / time) of long waves.
+        Diffusivity :math:`\chi^2` of long waves (length^2 / time).
     integrator : {"euler", "rk4", "rkc"} or RungeKuttaChebyshev
         Forward Euler, the classical Runge-Kutta method of fourth order, or the stabilised Runge-Kutta-Chebyshev method
         of second order, for long runs.

@@ -40,8 +40,10 @@ class Struct:
     type : StructType
     parts : list
         Type and words of each field; the words of an array are its address, its shape and its strides.
-    words : ndarray
+    words : list of int
         Words of all fields, one after the other.
+    address : int
+        Where they lie in memory.
     """
 
     def __init__(self, table: Any, last: Struct | None = None) -> None:
@@ -58,8 +60,9 @@ class Struct:
             self.type = last.type
         else:
             self.type = _struct_type(type(table).__name__, table._fields, kinds)
-        self.words: np.ndarray = np.concatenate([part.words for part in self.parts])
-        self.address = _address(self.words)
+        self.words: list[int] = [word for part in self.parts for word in part.words]
+        self._memory = np.array(self.words, np.int64)
+        self.address = _address(self._memory)
 
     def __reduce__(self) -> tuple[type[Struct], tuple[Any]]:
         return Struct, (self.table,)  # a copy has arrays of its own
@@ -82,7 +85,7 @@ class _Value(NamedTuple):
     """An array or a number as a part of a struct."""
 
     type: types.Type
-    words: np.ndarray
+    words: tuple[int, ...]
 
 
 def _part(value: Any, last: Any = None) -> Struct | _Value:
@@ -91,12 +94,12 @@ def _part(value: Any, last: Any = None) -> Struct | _Value:
     if isinstance(value, np.ndarray):
         flags = value.flags
         kind = _array_type(value.dtype, value.ndim, flags.c_contiguous, flags.writeable)
-        return _Value(kind, np.array([_address(value), *value.shape, *value.strides], np.int64))
+        return _Value(kind, (_address(value), *value.shape, *value.strides))
     if isinstance(value, (float, np.floating)):
         bits = np.zeros(1, np.int64)
         bits.view(type(value))[0] = value
-        return _Value(numba.typeof(value), bits)
-    return _Value(numba.typeof(value), np.array([value], np.int64))
+        return _Value(numba.typeof(value), (int(bits[0]),))
+    return _Value(numba.typeof(value), (int(value),))
 
 
 class StructType(types.Type):
