@@ -141,7 +141,7 @@ def _calls(levels: np.ndarray, tables: Struct, inputs: Struct) -> tuple[list[Str
         which: _on_parts(program, table, inputs.table, which, which in split) if which in swept else ([], [])
         for which in used
     }
-    sums = {which: _sums(table, which, *map(len, parts[which])) for which in used}
+    sums = {which: _sums(tables, which, *map(len, parts[which])) for which in used}
 
     def address(function: Function, stage: Struct, one: Struct) -> int:
         return _address(function, (ALONE.type, stage.type, one.type, tables.type, inputs.type, size, size))
@@ -260,8 +260,9 @@ def _keeps(tables: Tables, inputs: Inputs) -> tuple[bool, bool]:
     return bool(inputs.watched.size), bool(tables.listening.rows.size)
 
 
-def _sums(tables: Tables, which: int, parts: int, ahead: int) -> Struct:
+def _sums(struct: Struct, which: int, parts: int, ahead: int) -> Struct:
     """Sums that the operations of a pass take, with room for addresses."""
+    tables: Tables = struct.table
     everywhere = tables.material
     alike = everywhere._replace(coefficient=everywhere.coefficient[:1])
     material = everywhere if which in _OF_BONDS else alike
@@ -269,7 +270,7 @@ def _sums(tables: Tables, which: int, parts: int, ahead: int) -> Struct:
     media = tables.media if which == SPRINGS else one_medium(tables.numbers.dtype)
     room = np.zeros(4, np.int64), np.zeros(parts, np.int64), np.zeros(ahead, np.int64)
     free = tables.free if ahead else np.zeros_like(tables.free)
-    return Struct(Sums(*pass_of(tables, which), material, liquid, media, tables.work_space, *room, free))
+    return Struct(Sums(*pass_of(tables, which), material, liquid, media, tables.work_space, *room, free), beside=struct)
 
 
 def _stages(levels: list[np.ndarray], tables: Tables, part: int, backward: bool, wanted: Set[int]) -> dict[int, Struct]:

@@ -7,6 +7,7 @@ thousand numbers in the call of each function that uses one, and LLVM spends mos
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 from functools import lru_cache
 from operator import is_
 from pathlib import Path
@@ -34,6 +35,8 @@ class Struct:
     table : NamedTuple
     last : Struct, optional
         One of the same class: what both have in common need not be examined again.
+    beside : Struct, optional
+        One of another class, which may have named tuples in common with this one.
 
     Attributes
     ----------
@@ -46,11 +49,12 @@ class Struct:
         Where they lie in memory.
     """
 
-    def __init__(self, table: Any, last: Struct | None = None) -> None:
+    def __init__(self, table: Any, last: Struct | None = None, beside: Struct | None = None) -> None:
         self.table = table  # keeps its arrays alive
         self.parts: list[Struct | _Value]
         if last is None:
-            self.parts = [_part(value) for value in table]
+            known = {} if beside is None else dict(beside._inner())
+            self.parts = [known.get(id(value)) or _part(value) for value in table]
         else:
             before = zip(table, last.table, last.parts, strict=True)
             self.parts = [part if value is old else _part(value, part) for value, old, part in before]
@@ -63,6 +67,13 @@ class Struct:
         self.words: list[int] = [word for part in self.parts for word in part.words]
         self._memory = np.array(self.words, np.int64)
         self.address = _address(self._memory)
+
+    def _inner(self) -> Iterator[tuple[int, Struct]]:
+        """Yield the structs in this one, by the identity of their named tuples."""
+        for part in self.parts:
+            if isinstance(part, Struct):
+                yield id(part.table), part
+                yield from part._inner()
 
     def __reduce__(self) -> tuple[type[Struct], tuple[Any]]:
         return Struct, (self.table,)  # a copy has arrays of its own
