@@ -49,16 +49,27 @@ def test_the_extent_knows_no_units_and_no_amplitude():
 
 @pytest.mark.parametrize("wall", [1, -1])
 def test_a_wall_opposite_sends_its_image_after_the_data(wall):
-    """The image of a wall far behind the data changes nothing, and that of a wall right behind them at most one
-    node.
+    """The image of a wall far behind the data changes nothing. That of a wall right behind them arrives with them and
+    changes at most one node, but what returns is, as predicted, that of the data and their image in the infinite
+    lattice.
     """
+    steps, line = 400, stencil(1)  # waves travel twice the length of the near field
 
-    def nodes(place, mirror):
+    def found(place, mirror):
         start = np.exp(-((np.arange(80) - place) ** 2) / 9)
-        return extent(medium(stencil(1), Verlet(), 0.4, 100), [Datum(start, "u")], [1.0], mirror, 1e-5).nodes
+        return start, extent(medium(line, Verlet(), 0.4, steps), [Datum(start, "u")], [1.0], mirror, 1e-5)
 
-    assert nodes(60.0, wall) == nodes(60.0, 0)
-    assert abs(nodes(2.0, wall) - nodes(2.0, 0)) <= 1
+    assert found(60.0, wall)[1].nodes == found(60.0, 0)[1].nodes
+    start, beside = found(2.0, wall)
+    alone = found(2.0, 0)[1]
+    assert abs(beside.nodes - alone.nodes) <= 1
+    wide = np.zeros(2400)
+    wide[1200:1280], wide[1120:1200] = start, wall * start[::-1]
+    lattice = InfiniteLattice(line, 1.0, Verlet(), 0.4, steps, wide)
+    moments = np.ceil(np.arange(1, 17) * steps / 16).astype(int)
+    returned = max(np.abs(lattice.after(n)[1280 + 2 * beside.nodes :]).max() for n in moments)
+    assert beside.predicted == pytest.approx(returned, rel=1e-6)
+    assert abs(beside.predicted / alone.predicted - 1) > 1e-3  # the image is felt, well above the tolerance
 
 
 @pytest.mark.parametrize("dim", [1, 2, 3])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import special
 
 from farhorizon import Fixed, InputError, Kernel, NonlocalPML, Simulation
 from farhorizon.papers import wildman2012 as paper
@@ -17,13 +18,19 @@ def stretches(layer, near, speed):
 
 
 def test_published_profile():
-    """Section 3A: a millionth of the top at the entrance, a Gaussian, and the top over the last tenth of a metre."""
-    layer = NonlocalPML(30, "gaussian", 50.0)
-    phi = layer.stretch(0.01, 1.0)
-    assert (phi[19:] == 50).all() and (np.diff(phi[:20]) > 0).all()
-    assert layer.shape(0.0) == pytest.approx(1e-6, rel=1e-12)
+    """Section 3A: a millionth of the top at the entrance, a Gaussian over 0.2 m, and the top over the last tenth of a
+    metre. The strength that is found for the reflection of its closed integral is the published one.
+    """
+    layer = paper.published()
+    phi = layer.stretch(paper.SPACING, paper.SPEED)
+    depth = 0.01 * np.arange(1, 31)
     sigma = 0.2 / np.sqrt(2 * np.log(1e6))
-    assert phi[9] == pytest.approx(50 * np.exp(-(0.1**2) / (2 * sigma**2)), rel=1e-12)
+    np.testing.assert_allclose(phi, 50 * np.exp(-(np.minimum(depth - 0.2, 0) ** 2) / (2 * sigma**2)), rtol=1e-12)
+    assert layer.shape(0.0) == pytest.approx(1e-6, rel=1e-12)
+    integral = 50 * (0.1 + sigma * np.sqrt(np.pi / 2) * special.erf(0.2 / (sigma * np.sqrt(2))))
+    assert (phi.sum() - phi[-1] / 2) * paper.SPACING == pytest.approx(integral, rel=1e-5)
+    found = NonlocalPML(30, "gaussian", reflection=np.exp(-2 * integral / paper.SPEED))
+    assert found.stretch(paper.SPACING, paper.SPEED)[-1] == pytest.approx(50, rel=1e-6)
 
 
 @pytest.mark.parametrize("ramp", ["cubic", "quadratic", "gaussian"])

@@ -23,19 +23,6 @@ def disc(boundary, radius=5.0, **options):
     return fh.Simulation(fh.Lattice(SPACING, window=fh.Disc(radius)), model, boundary, {"u": pulse}, dt=0.05, **options)
 
 
-def noise(sim, seed=1):
-    """Put random values on the near field of a fresh simulation."""
-    engine = sim.engine
-    values = np.random.default_rng(seed).standard_normal(sim.lattice.shape)
-    values = values if sim.lattice.mask is None else np.where(sim.lattice.mask, values, 0.0)
-    for level in (engine.current, engine.older)[: sim.model.order]:
-        near = sim.parts.grid.view(level)
-        near[...] = values.reshape(near.shape)
-    sim.closure.start()
-    sim._march.feed.scale = 1e6
-    return sim
-
-
 def test_halo_is_what_the_stencil_reads():
     sim = disc(fh.Higdon())
     near, halo = sim.closure.outline.near, sim.closure.halo

@@ -427,7 +427,7 @@ def test_what_is_held_at_the_background_runs_on():
     assert np.abs(fields[1] - fields[0]).max() < 1e-13  # rounding errors of values of 5 over a hundred steps
 
 
-SOLIDS = {
+PULLED = {
     "bonds": {},
     "bonds that break": {"critical_stretch": 1.2e-3},
     "states": {"poisson": 0.3, "material": "state-based", "density": "1 + 0.03*x"},
@@ -437,12 +437,12 @@ SOLIDS = {
 
 
 @pytest.mark.parametrize("until", [None, 14.3], ids=["held", "released"])
-@pytest.mark.parametrize("name", SOLIDS)
+@pytest.mark.parametrize("name", PULLED)
 def test_what_holds_nodes_does_the_work_that_is_found(name, until):
     """A plate is pulled apart at its ends, one of which may be released, while a traction acts on its side: energies
     add up to rounding.
     """
-    constants = SOLIDS[name]
+    constants = PULLED[name]
     model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, **constants)
     ends = [
         fh.Prescribed(fh.Box((7.0, -8.0), (8.0, 8.0)), velocity=["1.5e-3*sin(t/8)**2", None], until=until),

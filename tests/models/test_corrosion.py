@@ -503,28 +503,37 @@ def test_specimen_next_to_the_layer():
 
 @pytest.mark.parametrize("limited", [False, True])
 def test_pit_under_a_film(limited):
-    """Metal under a film dissolves only through the hole in it, and the pit undercuts the film. A film that forms
-    later has another result than none.
+    """Metal under a film dissolves only through the hole in it, and the pit undercuts the film. Under a film that forms
+    later, what has dissolved until then is as without it, and from then on less dissolves; one that would form after
+    the end changes nothing.
     """
     lattice = fh.Lattice(1.0, (-15.0, -10.0), (15.0, 10.0))
     plate = fh.Specimen(fh.Box((-15.0, -10.0), (15.0, 0.0)), METAL)
     film = [[(-16.0, 0.5), (-2.5, 0.5)], [(2.5, 0.5), (16.0, 0.5)]]
     sides = {"x": fh.Free(), "y-": fh.Free(), "y+": fh.LatticePML(nodes=12)}
 
-    def run(cracks):
+    def run(cracks, until=150.0):
         sim = fh.Simulation(
             lattice, model(kernel_stencil(2, 2), limited=limited), sides, specimens=[plate], cracks=cracks, balance=True
         )
-        sim.run(150.0, progress=False)
+        sim.run(until, progress=False)
         assert abs(sim.balance()["residual"]) < 1e-10
         return sim.fields["solid"]
 
-    bare, pitted, late = run([]), run(film), run([fh.Crack(f, opens=1.0) for f in film])
+    def forming(time):
+        return [fh.Crack(f, opens=time) for f in film]
+
+    bare, pitted, late = run([]), run(film), run(forming(60.0))
     assert pitted.sum() > bare.sum()
     assert pitted[0, 10] == 1 and pitted[15, 10] == 0 and bare[0, 10] == 0  # nodes at y = 0
     assert (pitted[:13, 9] == 0).any() and (pitted[:13, 10] == 0).any()  # undercut
     assert np.array_equal(pitted, pitted[::-1])
-    assert np.array_equal(late, bare) is False
+    assert np.array_equal(run(forming(60.0), 60.0), run([], 60.0))
+    for under in (slice(0, 10), slice(21, 31)):  # three nodes and more from the hole, whose edges are at x = 2.5
+        assert bare[under].sum() < late[under].sum() < pitted[under].sum()
+    assert not (bare > late).any()  # nothing dissolves that would not without the film
+    assert np.array_equal(late, late[::-1])
+    assert np.array_equal(run(forming(151.0)), bare)
 
 
 def test_resume_is_bitwise(tmp_path):

@@ -3,6 +3,7 @@ infinite lattice.
 """
 
 import itertools
+import os
 
 import numpy as np
 import pytest
@@ -538,9 +539,10 @@ def test_noise_decays_in_layers_of_wide_bonds(reach, exponent, near, nodes, unti
     """The prototype material and similar ones: unless alpha rises, noise grows by 1e-3 to 1e-2 c/spacing after a few
     hundred time units.
     """
-    seed = int(np.random.default_rng().integers(2**31))
+    seed = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
+    print(f"seed {seed}")
     sizes = noise_over_time(reach, exponent, near, nodes, until, seed)
-    assert sizes[-1] < sizes[-3] < sizes[0], f"seed {seed}: {sizes}"
+    assert sizes[-1] < sizes[-3] < sizes[0], sizes
 
 
 def test_one_message_says_which_material_sides_and_layers_go_together():

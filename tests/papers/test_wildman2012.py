@@ -77,15 +77,23 @@ def test_lattice_pml_with_the_same_nodes(kernel, limit):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kernel", ["Gaussian", "Heaviside"])
-def test_lattice_pml_for_hundreds_of_crossings(kernel):
-    """By t = 100 a longitudinal wave would have crossed the near field 180 times; nothing of the pulse returns, to
-    1e-4 of it.
+@pytest.mark.parametrize(("kernel", "most"), [("Gaussian", 1e-4), ("Heaviside", 1e-3)])
+def test_lattice_pml_for_hundreds_of_crossings(kernel, most):
+    """By t = 100 a longitudinal wave would have crossed the near field 180 times. From t = 10 on at most 1e-4 of the
+    pulse is found there, although what is left grows slowly, from rounding errors; with the Heaviside kernel, whose
+    slow short waves remain, at most as much as its layer reflects, 1e-3.
     """
     sim = paper.lattice_plate(paper.KERNELS[kernel])
-    start = sim.energy()
-    early, late = (abs(sim.run(t, progress=False).energy()) / start for t in (10.0, 100.0))
-    assert late <= max(early, 1e-8)
+    start, pulse = sim.energy(), np.abs(sim.fields["u"]).max()
+    energies = []
+    for t in (10.0, 50.0, 100.0):
+        sim.run(t, progress=False)
+        assert np.abs(sim.fields["u"]).max() <= most * pulse
+        energies.append(abs(sim.energy()) / start)
+    if kernel == "Gaussian":
+        assert max(energies) <= most**2
+    else:  # the energy of the short waves decreases
+        assert energies[2] < energies[1] < energies[0]
 
 
 def test_thin_layers():

@@ -3,7 +3,6 @@ infinite lattice and the optical theorem.
 """
 
 import copy
-import os
 import pickle
 import re
 import warnings
@@ -16,10 +15,6 @@ from farhorizon.analysis.radiation import squared_frequency, waves_sent
 from farhorizon.analysis.references.driven import Scheme
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.simulation import far_field
-
-SEED = int(os.environ.get("FARHORIZON_SEED", "20261123"))
-print(f"far field: seed {SEED}")
-RANDOM = np.random.default_rng(SEED)
 
 _SCALAR = fh.Kernel(horizon=2.0)
 _BONDS = {"kernel": fh.Kernel(horizon=2.0, influence="linear", exponent=1), "young": 2.0, "density": 0.5}

@@ -1,5 +1,6 @@
 """The uniform host of a medium that varies, found by processes that each see a part of it."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from farhorizon.geometry import lattice as lattices
 from farhorizon.simulation.host import looked_at, node_factor, varied
 from threads_as_processes import on_threads
 
-SEED = int(np.random.default_rng().integers(2**31))
+SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
 KERNEL = fh.Kernel(2.0)
 
 
@@ -27,6 +28,7 @@ def random_setup(rng):
 @pytest.mark.parametrize("count", [2, 3, 4])
 def test_the_medium_beside_which_one_varies_is_that_of_the_sorted_nodes(count):
     """The host has the medium of the middle node, sorted by speed and then by number, on any number of processes."""
+    print(f"seed {SEED}")
     rng = np.random.default_rng([SEED, count])
     for _ in range(6):
         setup = random_setup(rng)
@@ -55,6 +57,7 @@ def test_a_density_that_turns_out_to_be_uniform_does_not_vary():
 
 def test_beyond_a_held_rim_a_part_has_the_factor_of_the_nearest_node_of_the_whole():
     """Also where that node belongs to another part."""
+    print(f"seed {SEED}")
     rng = np.random.default_rng(SEED)
     for _ in range(20):
         shape = tuple(rng.integers(20, 40, 2).tolist())

@@ -13,7 +13,6 @@ from farhorizon.studies.compare import compare
 
 SEED = 20261122
 KERNELS = [(2, "constant", 1), (2, "constant", 3), (1, "linear", 4), (2, "gaussian", 3), (2, "linear", 5)]
-print(f"far field: seed {SEED}")
 
 
 def pulse(lattice, centre, width):
@@ -34,16 +33,24 @@ def wave_setup(random, dim):
     return lattice, model, pulse(lattice, random.uniform(-1, 1, dim) * room, width), until
 
 
-def with_layers(setup, target, until, most=np.inf):
+def with_layers(setup, target, until, most=None, **periodic):
     """Return the run with layers for a target, and the target. If it is refused, the least possible one, which the
-    message names and which is below `most`, replaces it.
+    message names, replaces it. It must be above the target and below `most`: unless given, 1e-3, the largest target
+    that is asked for here, or for targets above 1e-4 ten times the target.
     """
+
+    def run(target):
+        layer = fh.LatticePML(target=target, until=until)
+        return fh.Simulation(**setup, boundary={"all": layer, **periodic} if periodic else layer)
+
     try:
-        return fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until)), target
+        return run(target), target
     except fh.InputError as refused:
+        assert "no layer meets the target" in str(refused)
         least = 1.01 * float(str(refused.limit).removeprefix(">= "))
-        assert least < most
-        return fh.Simulation(**setup, boundary=fh.LatticePML(target=least, until=until)), least
+        print(f"target {target:.3g}, refused: {least:.3g}")
+        assert target < least < (most or max(1e-3, 10 * target))
+        return run(least), least
 
 
 def worst_error(sim, u, until, times=40):
@@ -216,11 +223,20 @@ def test_backward_waves_keep_their_target_with_no_more(width, target, most):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", range(8))
 def test_sources_of_any_pace_keep_their_target_where_waves_run_backward(case):
-    """Random forces that rise slowly or at once, and then stay or oscillate; a target is kept or refused."""
+    """Random forces that rise slowly or at once, and then stay or oscillate. If a target is refused, the least one that
+    is named instead is kept.
+    """
     seed = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
-    random = np.random.default_rng([seed, case])
     print(f"seed {seed}, set-up {case}")
-    dim, half = 1 + case % 2, 18.0
+    setup, target, until = forced_setup(np.random.default_rng([seed, case]), 1 + case % 2)
+    _, target = with_layers(setup, target, until)
+    found = compare({**setup, "boundary": fh.LatticePML(target=target, until=until)}, until, beside=False)
+    assert max(found.curves["lattice PML"]["error_rel_initial"]) <= target
+
+
+def forced_setup(random, dim):
+    """A force in a medium in which some waves run backward, and 3 to 12 crossings."""
+    half = 18.0
     kernel = fh.Kernel(float(random.integers(2, 5)), int(random.integers(0, 2)), "constant")
     model = fh.Wave(fh.Stencil.finite_element(dim) if random.random() < 0.5 else kernel)
     lattice = fh.Lattice(1.0, (-half,) * dim, (half,) * dim)
@@ -228,26 +244,45 @@ def test_sources_of_any_pace_keep_their_target_where_waves_run_backward(case):
     shape = pulse(lattice, random.uniform(-4, 4, dim), random.uniform(2.0, 3.0))
     source = fh.Source(shape, lambda t: min(t / rise, 1.0) * (1.0 if stays else np.sin(2 * np.pi * t / period)))
     target, until = float(random.choice([1e-3, 1e-4])), float(random.uniform(3, 12) * 2 * half)
-    try:
-        sides = fh.LatticePML(target=target, until=until)
-        setup = {"lattice": lattice, "model": model, "boundary": sides, "sources": [source], "threads": 1}
-        fh.Simulation(**setup)
-    except fh.InputError as refusal:
-        assert "target" in str(refusal)
-        return
-    found = compare(setup, until, beside=False).curves["lattice PML"]["error_rel_initial"]
-    assert max(found) <= target
+    return {"lattice": lattice, "model": model, "sources": [source], "threads": 1}, target, until
+
+
+@pytest.mark.parametrize("kind", ["bar", "line", pytest.param("plane", marks=pytest.mark.slow)])
+def test_few_targets_for_sources_are_refused(kind):
+    """Of random set-ups like those of the test above and the one below, which keep their target or the least that is
+    named instead, at least three in four keep the one that is asked for.
+    """
+    kept, count = 0, {"bar": 24, "line": 16, "plane": 8}[kind]
+    for case in range(count):
+        random = np.random.default_rng([SEED, 11, case])
+        setup, target, until = bar_setup(random) if kind == "bar" else forced_setup(random, 1 + (kind == "plane"))
+        kept += with_layers(setup, target, until)[1] == target
+    assert kept >= 0.75 * count
 
 
 @pytest.mark.parametrize("case", [*range(4), *(pytest.param(n, marks=pytest.mark.slow) for n in range(4, 24))])
 def test_sources_at_the_end_of_a_bar_keep_their_target(case):
     """Waves that decay within a node or two without travelling reach the layer from one of its last nodes: smooth
-    forces that leave the bar displaced, against a bar that continues. A target is kept or refused, up to a reach of
-    4; wider stencils may leave four times the target (docs/limits.md).
+    forces that leave the bar displaced, against a bar that continues. A target is kept, or the least one that is named
+    when it is refused, up to a reach of 4; wider stencils may leave four times the target (docs/limits.md).
     """
     seed = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
-    random = np.random.default_rng([seed, case])
     print(f"seed {seed}, set-up {case}")
+    setup, target, until = bar_setup(np.random.default_rng([seed, case]))
+    exact = fh.Simulation(**setup, boundary=fh.Extended(target=1e-3 * target, until=until))
+    run, target = with_layers(setup, target, until)
+    worst = largest = 0.0
+    while run.time < until:
+        run.step(3)
+        exact.step(3)
+        here = exact.fields["u"]
+        largest = max(largest, np.abs(here).max())
+        worst = max(worst, np.abs(run.fields["u"] - here).max())
+    assert worst <= target * largest
+
+
+def bar_setup(random):
+    """A bar, with a force on one of its first three nodes."""
     volume, influence = random.choice(["ramp", "full"]), random.choice(["constant", "gaussian"])
     kernel = fh.Kernel(float(random.integers(2, 5)), int(random.integers(1, 3)), str(influence), volume=str(volume))
     force, target, until = np.zeros(60), 10.0 ** -random.integers(3, 7), random.uniform(150.0, 600.0)
@@ -258,20 +293,7 @@ def test_sources_at_the_end_of_a_bar_keep_their_target(case):
         "sources": [fh.Source(force, fh.Gaussian(random.uniform(4.0, 20.0)))],
         "threads": 1,
     }
-    sides = fh.LatticePML(target=target, until=until), fh.Extended(target=1e-3 * target, until=until)
-    try:
-        run, exact = (fh.Simulation(boundary=side, **setup) for side in sides)
-    except fh.InputError as refusal:
-        assert "target" in str(refusal)
-        return
-    worst = largest = 0.0
-    while run.time < until:
-        run.step(3)
-        exact.step(3)
-        here = exact.fields["u"]
-        largest = max(largest, np.abs(here).max())
-        worst = max(worst, np.abs(run.fields["u"] - here).max())
-    assert worst <= target * largest
+    return setup, target, until
 
 
 @pytest.mark.parametrize("place", [0, 1, 2])
@@ -562,21 +584,16 @@ class InfiniteGuide:
     ],
 )
 def test_data_of_waves_that_run_backward_keep_their_target(where, case):
-    """Or it is refused for what the layers are predicted to reflect; before a prediction followed such waves, all of
-    these were refused.
+    """All but one, which is refused for what the layers are predicted to reflect, and keeps the least target that is
+    named instead; before a prediction followed such waves, all of these were refused.
     """
     random = np.random.default_rng([SEED, 6, len(where), case])
     lattice, model, u, until = backward_setup(random, where)
-    target = 10.0 ** -random.integers(3, 6)
-    layer = fh.LatticePML(target=target, until=until)
-    sides = {"x": fh.Periodic(), "y": layer} if where == "guide" else layer
-    setup = {"lattice": lattice, "model": model, "boundary": sides, "initial": {"u": u}, "threads": 1}
-    try:
-        sim = fh.Simulation(**setup)
-        sim.examine(until)
-    except fh.InputError as refused:
-        assert "no layer meets" in str(refused) or "not stable" in str(refused)
-        return
+    wanted = 10.0 ** -random.integers(3, 6)
+    setup = {"lattice": lattice, "model": model, "initial": {"u": u}, "threads": 1}
+    sim, target = with_layers(setup, wanted, until, 10 * wanted, **({"x": fh.Periodic()} if where == "guide" else {}))
+    assert target == wanted or (where, case) == ("line", 6)
+    sim.examine(until)
     steps, worst = int(until / sim.dt), 0.0
     infinite = (
         InfiniteGuide(sim, u, steps)
@@ -594,18 +611,16 @@ def test_data_of_waves_that_run_backward_keep_their_target(where, case):
 @pytest.mark.parametrize("case", range(3))
 def test_forward_waves_that_leave_as_backward_ones_keep_their_target(case):
     """A pulse with next to no backward waves, but with waves of nearly their frequency, which leave a layer as
-    backward ones. When these were not followed, they left 6 times the target.
+    backward ones. When these were not followed, they left 6 times the target. If it is refused, as in cases 1 and 2,
+    the least target that is named instead is kept.
     """
     random = np.random.default_rng([SEED, 10, case])
     lattice, model = fh.Lattice(1.0, (-22.0, -22.0), (22.0, 22.0)), fh.Wave(fh.Kernel(3.0, 0, "constant"))
     u = pulse(lattice, random.uniform(-4, 4, 2), random.uniform(4.7, 5.2))
-    dt, until, target = 0.95 * fh.Simulation(lattice, model, fh.Fixed()).step_limit, 400.0, 1e-6
+    dt, until = 0.95 * fh.Simulation(lattice, model, fh.Fixed()).step_limit, 400.0
     setup = {"lattice": lattice, "model": model, "initial": {"u": u}, "dt": dt, "threads": 1}
-    try:
-        sim = fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until))
-    except fh.InputError as refused:
-        assert "no layer meets" in str(refused)
-        return
+    sim, target = with_layers(setup, 1e-6, until, 1e-5)
+    assert case > 0 or target == 1e-6
     assert worst_error(sim, u, until) <= target
 
 
@@ -641,11 +656,7 @@ def test_waves_that_run_backward_in_space_are_followed_each(case):
     u = pulse(lattice, random.uniform(-1, 1, 3), width)
     dt = (0.95 if case == 0 else random.uniform(0.3, 0.95)) * fh.Simulation(lattice, model, fh.Fixed()).step_limit
     setup = {"lattice": lattice, "model": model, "initial": {"u": u}, "dt": dt, "threads": 1}
-    try:
-        sim = fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until))
-    except fh.InputError as refused:
-        assert "no layer meets" in str(refused)
-        return
+    sim = fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until))
     print([one.layer.columns for one in sim.thickness.values()])
     assert worst_error(sim, u, until, 16) <= target
 

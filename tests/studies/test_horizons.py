@@ -7,7 +7,7 @@ from farhorizon import InputError
 from farhorizon.studies.horizons import Study, over_horizons
 
 
-def test_the_table_is_filled_the_table():
+def test_the_table_has_every_horizon_and_ratio():
     found = over_horizons(lambda h, m: {"a": h * m, "b": h**2 / m}, [0.4, 0.2, 0.1], [2, 4], workers=2)
     assert found["a"].values == pytest.approx(np.outer([0.4, 0.2, 0.1], [2, 4]))
     assert found["b"].rates() == pytest.approx([2, 2])

@@ -144,9 +144,16 @@ def test_surface_response_solves_the_semi_infinite_problem():
         np.testing.assert_allclose(
             response[number], np.linalg.solve(sigma[number] * np.eye(size) - matrix, right)[:reach], atol=1e-12
         )
-    # ghosts from drivers: the last block of the companion matrix of the K decaying roots
-    decay = np.abs(np.linalg.eigvals(response)).max(1)
-    assert (decay > 0).all()
+    # waves z^j with |z| < 1, counted into the chain: ghosts are z^K times the drivers in the order of their depth
+    steps = np.arange(reach)
+    for value, ghosts in zip(sigma, response, strict=True):
+        roots = np.roots(full - value * (np.arange(full.size) == reach))
+        roots = roots[np.abs(roots) < 1]
+        assert roots.size == reach
+        np.testing.assert_allclose(
+            ghosts[:, ::-1] @ roots ** steps[:, None], roots ** (reach + steps[:, None]), rtol=0, atol=1e-12
+        )
+    assert (np.abs(np.linalg.eigvals(response[:, :, ::-1])) < 1).all()
 
 
 def test_point_on_the_spectrum_is_refused():
