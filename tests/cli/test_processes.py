@@ -59,7 +59,7 @@ def started(folder, before="", *arguments):
 
 
 # a number of processes that does not fit is tested in the fast tier by "too many", and by `tests/on_processes.py`
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("what", [pytest.param(w, marks=pytest.mark.slow) if w == "topology" else w for w in BAD])
 def test_bad_input_ends_all_processes(tmp_path, what):
     before, arguments, words = BAD[what]

@@ -224,6 +224,7 @@ def on_one(folder):
     return folder / "alone"
 
 
+@pytest.mark.slow  # the fast tier has the case of the README, `tests/cli/test_processes.py`
 @pytest.mark.parametrize(("processes", "size"), [(2, "all"), ON_FOUR])
 def test_the_command_line_runs_a_case_on_all_processes(tmp_path, monkeypatch, processes, size):
     """The first process prints, and all return the same code; the files are those of one process."""
@@ -296,6 +297,7 @@ sim.engine.advance_alone(10**9)
 """
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("killed", [True, False], ids=["killed", "failing"])
 def test_a_process_that_is_no_more_ends_all(killed):
     """No process waits for its messages for ever."""

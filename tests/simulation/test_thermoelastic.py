@@ -57,7 +57,7 @@ SOLIDS = {
 }
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", SOLIDS)
 def test_nothing_is_lost_without_conduction(name):
     """The sum of kinetic, strain and thermal energy is constant to rounding, for noise, which moves ten orders more

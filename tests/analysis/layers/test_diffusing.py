@@ -236,6 +236,7 @@ def random_data(random: np.random.Generator, shape: tuple[int, ...]) -> np.ndarr
     ]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("number", range(6))
 def test_random_data_keep_their_target_in_diffusion(number):
     random = np.random.default_rng([SEED, number])
