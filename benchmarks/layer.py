@@ -9,8 +9,9 @@ Measures, in one process with interleaved repeats (medians of the ratios of a ro
 - cube: 3D 100^3, m = 3, for information; and, if there are two threads, a step on one thread over that on two. Target:
   at least 1.6.
 - thin: layers of 4, 8 and 12 nodes around both, for a target of 1e-4 in five crossings, on one thread: the step over
-  that of the bare engine, the same for layers with full memory, that of the bare stencil on all nodes (the cost of
-  layers if they were free), and the memory of the layers in units of near fields. Aims: 1.08, 1.15 and 1.3 around the
+  that of the bare engine, the same for layers with full memory, for a run in single precision (over the same bare step,
+  which is in double precision), that of the bare stencil on all nodes (the cost of layers if they were free), and the
+  memory of the layers in units of near fields. Aims: 1.08, 1.15 and 1.3 around the
   square, 1.8, 2.6 and 4.5 around the cube; memory there 2, 4 and 10.
 - chosen: layers chosen for a target, on one thread: the step over that of the bare engine. Around the cube for 1e-4 in
   a run of five crossings, aim 2.4; around an elastic cube of 64^3 with a horizon of two nodes for 1e-3 and 1e-4, aims
@@ -36,7 +37,13 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
 def simulation(
-    dim: int, n: int, threads: int, nodes: int = 12, target: float | None = None, until: float | None = None
+    dim: int,
+    n: int,
+    threads: int,
+    nodes: int = 12,
+    target: float | None = None,
+    until: float | None = None,
+    dtype: str = "float64",
 ) -> Simulation:
     """Near field of n^dim nodes with layers on all sides, set up with data in the middle, which noise then replaces to
     prevent denormal numbers.
@@ -44,7 +51,7 @@ def simulation(
     pulse = "*".join(f"exp(-({axis} - {n / 2})**2)" for axis in "xyz"[:dim])
     lattice = Lattice(1.0, (0.0,) * dim, (n - 1.0,) * dim)
     layer = LatticePML(nodes=nodes, target=target, until=until)
-    sim = Simulation(lattice, Wave(Kernel(3.0)), layer, {"u": pulse}, threads=threads)
+    sim = Simulation(lattice, Wave(Kernel(3.0)), layer, {"u": pulse}, threads=threads, dtype=dtype)
     core = sim.engine.core
     core.view(sim.engine.current)[...] = np.random.default_rng(1).standard_normal(core.nodes)
     return sim
@@ -107,7 +114,9 @@ def thin(repeats: int) -> list[dict[str, Any]]:
             sim = simulation(dim, n, 1, nodes, 1e-4, until=5.0 * n)
             bare, full = bare_engine(sim.stencil, sim.lattice.shape, 1), simulation(dim, n, 1, nodes)
             box = bare_engine(sim.stencil, sim.engine.layout.box.nodes[-dim:], 1)
-            cases = {"layers": steps(sim.engine), "full": steps(full.engine), "bare": steps(bare), "box": steps(box)}
+            single = simulation(dim, n, 1, nodes, 1e-4, until=5.0 * n, dtype="float32")
+            engines = {"layers": sim.engine, "full": full.engine, "single": single.engine, "bare": bare, "box": box}
+            cases = {name: steps(engine) for name, engine in engines.items()}
             times = interleaved(cases, repeats)
             found = ratio(times, "layers", "bare")
             memory = (sim.engine.nbytes - bare.nbytes) / (8 * n**dim)
@@ -120,6 +129,7 @@ def thin(repeats: int) -> list[dict[str, Any]]:
                     "met": verdict(found, aim, larger=False),
                     "all nodes": ratio(times, "box", "bare"),
                     "in full": ratio(times, "full", "bare"),
+                    "in single": ratio(times, "single", "bare"),
                     "near fields": memory,
                     "memory aim": "-" if memory_aim is None else memory_aim,
                     "memory met": "-" if memory_aim is None else verdict(memory, memory_aim, larger=False),
