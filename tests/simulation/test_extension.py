@@ -67,6 +67,13 @@ def test_the_number_that_a_warning_names_meets_the_target():
     assert not fh.Simulation(LATTICE, WAVE, sides | {"x": fh.Extended(1e-4, enough, 30.0)}, BLOB).doubts
 
 
+def test_nodes_are_taken_where_no_domain_meets_the_target():
+    """The domain that the target needs would be refused; the one that is given is small."""
+    sim = fh.Simulation(LATTICE, WAVE, fh.Extended(1e-4, 3, 1e5), BLOB)
+    (doubt,) = sim.doubts
+    assert doubt.endswith("no domain that fits into memory meets it")
+
+
 @pytest.mark.parametrize("side", [fh.Extended(nodes=3, until=30.0), fh.Extended(1e-4, 3)])
 def test_nodes_without_a_target_or_an_end_are_taken_as_they_are(side):
     sim = fh.Simulation(LATTICE, WAVE, side, BLOB)

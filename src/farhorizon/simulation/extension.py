@@ -10,6 +10,7 @@ import numpy as np
 
 from farhorizon.analysis.extent import Extent, Waves, extent, largest
 from farhorizon.analysis.layers.side_data import Datum
+from farhorizon.errors import InputError
 from farhorizon.machine import available_memory
 from farhorizon.simulation.drives import Drive
 from farhorizon.simulation.near_field import NearField
@@ -157,10 +158,14 @@ def _too_near(given: Sides, emitters: Emitters) -> list[str]:
                 predicted[key] = one.predicted
     doubts = []
     for (nodes, target, until), keys in missed.items():
-        enough = emitters.extents_for(dict.fromkeys(keys, target), until)
+        try:
+            enough = emitters.extents_for(dict.fromkeys(keys, target), until)
+            remedy = f"{max(one.nodes for one in enough.values())} nodes would meet it"
+        except InputError:
+            remedy = "no domain that fits into memory meets it"
         doubts.append(
             f"extended domain of {nodes} nodes ({', '.join(side_name(*key) for key in keys)}): "
             f"up to {max(predicted[key] for key in keys):.1g} of the largest value may return, more than the target "
-            f"{target:g}; {max(one.nodes for one in enough.values())} nodes would meet it"
+            f"{target:g}; {remedy}"
         )
     return doubts
