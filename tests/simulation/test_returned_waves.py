@@ -1042,18 +1042,36 @@ def test_solids_keep_their_target_in_runs_that_go_beyond_the_room():
         assert worst_error(near, u, until) < target, (kernel, shape, width, until)
 
 
+@pytest.mark.parametrize("vectors", [False, True])
+def test_the_same_is_told_beside_walls_of_any_axis_and_end(vectors):
+    kernel = fh.Kernel(3.0, 1)
+    model, layer = fh.Elastic(kernel, 1.0) if vectors else fh.Wave(kernel), fh.LatticePML(nodes=20, target=1e-12)
+    bell = pulse(fh.Lattice(1.0, (0.0, 0.0), (39.0, 29.0)), (17.0, 9.0), 2.5)
+    below = np.stack([bell, 0.5 * bell]) if vectors else bell
+    across = np.swapaxes(below, -1, -2)[::-1] if vectors else bell.T
+    turned = across[..., ::-1, :] * (np.array([-1, 1])[:, None, None] if vectors else 1)
+    told = []
+    for u, axis, end in ((below, "y", "-"), (across, "x", "-"), (turned, "x", "+")):
+        sides = {"x": layer, "y": layer}
+        sides |= {side: sides[axis] for side in (axis + "-", axis + "+")} | {axis + end: fh.Free()}
+        del sides[axis]
+        lattice = fh.Lattice(1.0, (0.0, 0.0), np.array(u.shape[-2:]) - 1.0)
+        sim = fh.Simulation(lattice, model, sides, {"u": u}, threads=1)
+        told.append(sorted(note.split("reflect ")[1] for note in sim.notes if "predicted to reflect" in note))
+    assert told[0] == told[1] == told[2] and len(told[0]) == 2
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("vectors", "short"), [(False, False), (True, False), (False, True), (True, True)])
 def test_what_comes_back_beside_walls_is_no_more_than_is_told(vectors, short):
     """Random bonds whose short waves run backward, nodes, walls and sources, against a domain from which nothing
-    returns. What a wall outside turns into such waves is damped, and the prediction includes it by an allowance only.
-    Short initial pulses are turned the more the longer a run is: in one of forty trials the reflection was larger
-    than reported, up to three times.
+    returns. What a wall outside turns into such waves is damped, and the prediction includes an estimate of it. For
+    short initial pulses, in one of seventy trials the reflection was larger than reported, 1.2 times.
     """
     seed = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))
     print(f"seed {seed}")
     random = np.random.default_rng([seed, 2 * short + vectors])
-    most = 3.0 if short else 1.1  # told by one digit
+    most = 1.4 if short else 1.1  # told by one digit
     for _ in range(6):
         kernel = fh.Kernel(
             float(random.integers(2, 6)), int(random.integers(2)), volume=str(random.choice(["ramp", "full"]))

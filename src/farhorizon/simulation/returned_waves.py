@@ -207,5 +207,7 @@ class ReturnedWaves:
         damped, walls = high_pass(waves.stencil), any(side.image for side in waves.beside(axis))
         if not walls or not layer.filtered or damped is None or damped.weak:
             return 0.0
-        way = waves.media(axis, side)[0].speed / waves.spacing * until
-        return lacking_beside_walls(layer, damped, waves.stencil, way, waves.as_fast_as_backward)
+        per_time = waves.media(axis, side)[0].speed / waves.spacing
+        kept = max(waves.recursion.keep, 0.0) ** (0.5 / (per_time * waves.dt))
+        turned = waves.turned_by_walls(axis)
+        return lacking_beside_walls(layer, damped, waves.stencil, per_time * until, turned, kept)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from scipy import fft
@@ -12,7 +11,7 @@ from scipy.ndimage import affine_transform
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.arrivals import arrivals, round_a_point
-from farhorizon.analysis.layers.beside_walls import as_fast_as_backward
+from farhorizon.analysis.layers.beside_walls import turned_by_wall
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.returned import Arrivals
 from farhorizon.analysis.layers.samples import Sample
@@ -86,6 +85,7 @@ class WaveField:
     # by the key of equivalent sides
     _sent: dict[tuple[object, ...], tuple[list[Arrivals], float]] = field(default_factory=dict)
     _samples: dict[tuple[Stencil, float, int, int], Sample] = field(default_factory=dict)
+    _turned: dict[int, np.ndarray] = field(default_factory=dict)  # by axis
 
     def alike(self, axis: int, side: int, until: float, wanted: float) -> tuple[object, ...]:
         """Return a key that is the same for equivalent sides."""
@@ -378,17 +378,27 @@ class WaveField:
             fields = [np.concatenate([field, -field], place) for field in fields]
         return fields, near, fields[0].shape[place] if above and below else 0
 
-    @cached_property
-    def as_fast_as_backward(self) -> float:
-        """Share of the data that consists of waves with frequencies as high as those of backward waves."""
-        damped, found = high_pass(self.stencil), 0.0
+    def turned_by_walls(self, axis: int) -> np.ndarray:
+        """Return the backward waves that the walls beside the layers of an axis make of the data: their amplitude and
+        the root of the sum of their squares, see `analysis.layers.beside_walls.turned_by_wall`.
+        """
+        if axis not in self._turned:
+            walls = [other for other in range(len(self.shape)) for s in (-1, 1) if self.sides[other, s].image]
+            self._turned[axis] = sum((self._turned_by(wall, axis) for wall in walls if wall != axis), np.zeros(2))
+        return self._turned[axis]
+
+    def _turned_by(self, wall: int, axis: int) -> np.ndarray:
+        """Return the same for a wall across an axis."""
+        order = [wall, axis, *(other for other in range(len(self.shape)) if other not in (wall, axis))]
+        damped, stencil = high_pass(self.stencil), self.stencil.along(axis).along(1 + wall - (wall > axis))
         assert damped is not None
-        medium = LatticeMedium(self.stencil, self.coefficient, self.spacing, self.recursion, self.dt)
+        medium, found = LatticeMedium(stencil, self.coefficient, self.spacing, self.recursion, self.dt), np.zeros(2)
         largest = {one.kind: max(_size(other) for other in self.data if other.kind == one.kind) for one in self.data}
         for datum in self.data:
             fields = [datum.values]
-            for axis in range(len(self.shape)):
-                fields = self._unfold(fields, axis, axis)[0]
-            share = as_fast_as_backward(medium, damped, replace(datum, values=fields[0]))
-            found += share * _size(datum) / (largest[datum.kind] or 1.0)
+            for along in order:
+                fields = self._unfold(fields, along, along)[0]
+            component = order.index(datum.component) if self.stencil.components > 1 else 0
+            turned = replace(datum, values=fields[0].transpose(order), component=component)
+            found += turned_by_wall(medium, damped, turned) * _size(datum) / (largest[datum.kind] or 1.0)
         return found

@@ -1,5 +1,5 @@
-"""The error of damped layers beside walls: the damping of backward waves alone causes it, and it depends on the share
-of such waves in the data.
+"""The error of damped layers beside walls: the damping of backward waves alone causes it, and it depends on the
+amplitude of such waves that walls make of the data.
 """
 
 from dataclasses import replace
@@ -9,13 +9,12 @@ import pytest
 from test_returned import medium, pulse
 
 import farhorizon as fh
-from farhorizon.analysis.layers.beside_walls import as_fast_as_backward, lacking_beside_walls
+from farhorizon.analysis.layers.beside_walls import lacking_beside_walls, turned_by_wall
 from farhorizon.analysis.layers.short_waves import high_pass
 from farhorizon.analysis.layers.side_data import Datum
 from farhorizon.engine.engine import Layer
 
 SCALAR, SOLID = fh.Wave(fh.Kernel(3.0, 1, "constant")), fh.Elastic(fh.Kernel(2.0, 1, "constant"), young=1.0)
-NODES = 64  # of a periodic lattice
 
 
 def largest_error(model, wall, until, damped, monkeypatch):
@@ -53,34 +52,6 @@ def test_damping_alone_takes_what_comes_back(model, wall, until, monkeypatch):
     assert largest_error(model, wall, until, False, monkeypatch) < 1e-12 < 1e-9 < damped
 
 
-def wave(along, across, kind=1.0):
-    """A plane wave with a given number of periods along each axis of a lattice of `NODES`."""
-    x, y = np.ix_(np.arange(NODES), np.arange(NODES))
-    return kind * np.cos(2 * np.pi * (along * x + across * y) / NODES)
-
-
-def test_waves_count_by_their_frequency():
-    """P and S waves of the same length, only one of which is as fast as backward waves, are told apart by the symbol
-    at their wavenumber.
-    """
-    front = medium(SOLID, 2)
-    damped = high_pass(front.stencil)
-    numbers = np.arange(NODES // 2)
-    squared = np.linalg.eigvalsh(front.stencil.symbol(2 * np.pi * numbers / NODES, 0 * numbers))
-    fast = squared >= 0.8 * damped.lowest
-    between = int(numbers[fast[:, 1] & ~fast[:, 0]][0])  # P waves only
-    both = int(numbers[fast.all(1)][0])
-
-    def share(number, component):
-        return as_fast_as_backward(front, damped, Datum(wave(number, 0), "u", component=component))
-
-    assert share(between, 0) == pytest.approx(1.0) and share(between, 1) < 1e-12
-    assert share(both, 0) == pytest.approx(1.0) == share(both, 1)
-    assert share(between - 1, 0) < 1e-12
-    mixed = wave(between, 0, 0.25) + wave(1, 0)
-    assert as_fast_as_backward(front, damped, Datum(mixed, "u")) == pytest.approx(0.2)  # 0.25 of 1.25
-
-
 def test_the_lowest_backward_wave():
     """By group and phase velocity along both axes, on an independent grid."""
     for model in (SCALAR, SOLID):
@@ -102,11 +73,11 @@ def test_sources_that_change_slowly_send_few():
     damped, u = high_pass(front.stencil), pulse((40, 40), (20.0, 20.0), 2.0)
 
     def share(course):
-        return as_fast_as_backward(front, damped, Datum(u, "source", course))
+        return turned_by_wall(front, damped, Datum(u, "source", course))[0]
 
     steps = np.arange(2000)
     at_once, slowly = np.ones(2000), np.exp(-(((steps - 1000) / 200) ** 2))
-    assert share(at_once) == pytest.approx(as_fast_as_backward(front, damped, Datum(u, "u")), rel=0.05)
+    assert share(at_once) == pytest.approx(turned_by_wall(front, damped, Datum(u, "u"))[0], rel=0.05)
     assert 0 < share(at_once) and share(slowly) < 1e-6 * share(at_once)
     assert share(np.zeros(2000)) == pytest.approx(share(np.ones(1)))
 
@@ -114,31 +85,35 @@ def test_sources_that_change_slowly_send_few():
 def test_more_is_lacking_of_more_waves_until_all_have_come():
     damped, stencil = high_pass(SCALAR.stencil(1.0, 2)), SCALAR.stencil(1.0, 2)
 
-    def lacking(nodes, way, held):
+    def lacking(nodes, way, turned, kept=1.0):
         edges = np.zeros(nodes + 1)
-        return lacking_beside_walls(Layer(edges + 1, edges, edges), damped, stencil, way, held)
+        return lacking_beside_walls(Layer(edges + 1, edges, edges), damped, stencil, way, turned, kept)
 
-    smooth = lacking(20, 1e6, 0.0)
-    assert smooth == lacking(20, 1.0, 0.0) and lacking(40, 1.0, 0.0) < 0.1 * smooth
-    late = lacking(20, 100.0, 0.1) - smooth
-    assert (
-        late == pytest.approx(lacking(20, 1e4, 0.1) - smooth) == pytest.approx(0.1 * (lacking(20, 1e4, 1.0) - smooth))
-    )
-    assert lacking(20, 50.0, 0.1) - smooth == pytest.approx(late / 2**6)
+    smooth = lacking(20, 1e6, (0.0, 0.0))
+    assert smooth == lacking(20, 1.0, (0.0, 0.0)) and lacking(40, 1.0, (0.0, 0.0)) < 0.1 * smooth
+    waves = 0.1, 0.2
+    late = lacking(20, 120.0, waves) - smooth
+    assert late == pytest.approx(lacking(20, 1e4, waves) - smooth)
+    assert late == pytest.approx(0.1 * (lacking(20, 1e4, (1.0, 2.0)) - smooth))
+    assert lacking(20, 60.0, waves) - smooth == pytest.approx(late / 2**6)
+    assert lacking(20, 1e4, waves, 0.99) - smooth == pytest.approx(late * 0.99**120)
+    # waves spread over a distance in proportion to the thickness, but have no larger amplitude than in phase
+    assert lacking(40, 1e4, waves) - lacking(40, 1.0, (0.0, 0.0)) == pytest.approx(late / 2)
+    assert lacking(20, 1e4, (1e-4, 10.0)) - smooth == pytest.approx(0.15e-4)
     neighbours = fh.Wave(fh.Stencil.finite_element(2)).stencil(1.0, 2)
     edges = np.zeros(21)
     layer = Layer(edges + 1, edges, edges)
     of_neighbours = high_pass(neighbours)
-    assert lacking_beside_walls(layer, of_neighbours, neighbours, 1e6, 1.0) == lacking_beside_walls(
-        layer, of_neighbours, neighbours, 1e6, 0.0
+    assert lacking_beside_walls(layer, of_neighbours, neighbours, 1e6, (1.0, 1.0)) == lacking_beside_walls(
+        layer, of_neighbours, neighbours, 1e6, (0.0, 0.0)
     )
 
 
 def test_filters_of_few_neighbours_leave_more_of_solids():
     damped, stencil, edges = high_pass(SOLID.stencil(1.0, 2)), SOLID.stencil(1.0, 2), np.zeros(11)
     brief, long = (Layer(edges + 1, edges, edges, edges[1:] + 1, np.ones(taps)) for taps in (5, 9))
-    assert lacking_beside_walls(brief, damped, stencil, 1.0, 0.0) == pytest.approx(
-        6 * lacking_beside_walls(long, damped, stencil, 1.0, 0.0)
+    assert lacking_beside_walls(brief, damped, stencil, 1.0, (0.0, 0.0)) == pytest.approx(
+        6 * lacking_beside_walls(long, damped, stencil, 1.0, (0.0, 0.0))
     )
 
 
@@ -150,6 +125,6 @@ def test_media_whose_waves_are_damped_themselves_have_no_slowest_backward_wave()
     damped, edges = high_pass(stencil), np.zeros(13)
     layer = Layer(edges + 1, edges, edges)
     assert damped.whole and damped.lowest < 1e-4 * stencil.symbol_maximum
-    assert lacking_beside_walls(layer, damped, stencil, 1e6, 1.0) == lacking_beside_walls(
+    assert lacking_beside_walls(layer, damped, stencil, 1e6, (1.0, 1.0)) == lacking_beside_walls(
         layer, damped, stencil, 1.0, 0.0
     )

@@ -3,17 +3,17 @@
 A wave that has left the near field runs along the continuation of a wall. Where it is reflected there, a part of it
 becomes backward waves of the same frequency and of the same wavenumber along the wall. Their energy travels the other
 way, and into the near field again. A layer that continued the medium exactly would return them; the damping that keeps
-backward waves from growing in the layer absorbs them. What is missing therefore grows with the share of the data in
-waves that have the frequencies of backward waves, appears once these have had the time to cross a part of the layer and
-return, and then does not depend on the number of nodes. Its size is known from trials (docs/limits.md).
+backward waves from growing in the layer absorbs them. What is missing is therefore proportional to the amplitude of
+these waves (`mode_conversion`), appears once they have had the time to cross a part of the layer and return, and then
+does not depend on the number of nodes. The factors are known from trials (docs/limits.md).
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy import fft
 
 from farhorizon.analysis.layers.layer import LatticeMedium
+from farhorizon.analysis.layers.mode_conversion import conversion
 from farhorizon.analysis.layers.short_waves import HighPass
 from farhorizon.analysis.layers.side_data import Datum, briskness
 from farhorizon.engine.engine import Layer
@@ -24,16 +24,19 @@ from farhorizon.medium.stencil import Stencil
 # wavenumber, beyond _STOPPED as the second; for vectors it does not fall any further there.
 _SMOOTH, _STOPPED, _BY_NODES, _BY_STOPPED = 1.8e-5, 1.94, 3.5, (5.5, 14.0)
 _BRIEF, _FEW = 6.0, 4  # factor for vectors where the filter reads at most this number of neighbours
-# Waves count from _AS_FAST times the smallest eigenvalue of the backward waves on. Of these the part _LACKING is
-# missing, times a power of the stencil's reach, once long waves have travelled _DELAY times the thickness of the layer;
-# before that, it grows as a power of the distance they have travelled.
-_AS_FAST, _LACKING, _BY_REACH, _DELAY, _BY_WAY = 0.8, 1e-3, 2.5, 5.0, 6.0
+# Of the waves that a wall turns, the part _IN_PHASE of the largest amplitude that they can have is missing at most. By
+# the time they return they have spread over a distance in proportion to the thickness of the layer: of the amplitude
+# that their energy then has, the part _SPREAD. They need the time in which long waves travel _EARLY times the thickness;
+# before that, the error grows as a power of the distance that these have travelled.
+_IN_PHASE, _SPREAD, _EARLY, _BY_WAY = 0.15, 0.4, 6.0, 6.0
+_AS_FAST = 0.8  # sources count from this part of the smallest eigenvalue of the backward waves on
 _EIGENVALUES = 17  # at which the waves radiated by a source are evaluated
 
 
-def lacking_beside_walls(layer: Layer, damped: HighPass, stencil: Stencil, way: float, held: float) -> float:
-    """Estimate the error of a damped layer next to walls, relative to the largest value; in one of forty trials the
-    error was larger, by up to a factor of three.
+def lacking_beside_walls(
+    layer: Layer, damped: HighPass, stencil: Stencil, way: float, turned: np.ndarray, kept: float = 1.0
+) -> float:
+    """Estimate the error of a damped layer next to walls, relative to the largest value.
 
     Parameters
     ----------
@@ -43,8 +46,11 @@ def lacking_beside_walls(layer: Layer, damped: HighPass, stencil: Stencil, way: 
     stencil : Stencil
     way : float
         Nodes that long waves travel in the run.
-    held : float
-        Share of the data in waves with the frequencies of backward waves, see `as_fast_as_backward`.
+    turned : ndarray, shape (2,)
+        Amplitude and root of the sum of squares of the backward waves that walls make of the data, see
+        `turned_by_wall`.
+    kept : float, optional
+        Part of a wave that the damping of the model leaves while long waves travel from one node to the next.
     """
     vectors, longer = stencil.components > 1, damped.first / _STOPPED
     if vectors:
@@ -55,33 +61,28 @@ def lacking_beside_walls(layer: Layer, damped: HighPass, stencil: Stencil, way: 
     # are slow
     if damped.whole or (not vectors and max(stencil.reach) == 1):
         return float(smooth)
-    turned = min(1.0, _LACKING * max(stencil.reach) ** _BY_REACH)
-    return float(smooth + turned * held * min(1.0, way / (_DELAY * layer.columns)) ** _BY_WAY)
+    returned = min(1.0, _IN_PHASE * turned[0], _SPREAD * turned[1] / layer.columns ** (stencil.dim / 2))
+    early = min(1.0, way / (_EARLY * layer.columns))
+    return float(smooth + returned * early**_BY_WAY * kept ** (_EARLY * layer.columns))
 
 
-def as_fast_as_backward(medium: LatticeMedium, damped: HighPass, datum: Datum) -> float:
-    """Return the share of a datum in waves with the frequencies of backward waves; for a source, of the waves it
-    radiates.
+def turned_by_wall(medium: LatticeMedium, damped: HighPass, datum: Datum) -> np.ndarray:
+    """Backward waves that a wall makes of a datum, or of the waves that a source radiates: their amplitude if all of
+    them meet in phase, and the root of the sum of their squares over all nodes, relative to the largest value.
 
     Parameters
     ----------
     medium : LatticeMedium
-        Scalar, or of vectors in the plane; for vectors in space there is no estimate, and 0 is returned.
+        With the normal of the wall first, and that of the layer second. For vectors in space there is no estimate, and
+        0 is returned.
     damped : HighPass
     datum : Datum
-        With its images behind walls; its values are taken to be periodic.
+        Turned alike, with its images behind walls.
     """
     stencil, values = medium.stencil, datum.values
     if not values.any() or stencil.components > 2:
-        return 0.0
-    symbol = stencil.symbol(*np.ix_(*[2 * np.pi * np.fft.fftfreq(n) for n in values.shape]))
-    spectrum, least = fft.fftn(values), _AS_FAST * damped.lowest
-    if stencil.components == 1:
-        parts = [np.where(symbol >= least, spectrum, 0)]
-    else:  # both components of each branch, separately
-        squared, shapes = np.linalg.eigh(symbol)
-        sent = np.where(squared >= least, shapes[..., datum.component, :].conj() * spectrum[..., None], 0)
-        parts = [shapes[..., c, branch] * sent[..., branch] for branch in range(2) for c in range(2)]
-    share = max(np.abs(fft.ifftn(part).real).max() for part in parts) / np.abs(values).max()
+        return np.zeros(2)
+    least = _AS_FAST * damped.lowest
     eigenvalues = np.linspace(least, max(least, stencil.symbol_maximum), _EIGENVALUES)
-    return float(share * briskness(medium, eigenvalues, datum.time))
+    turned = conversion(stencil).turned(values, datum.component)
+    return np.array(turned) * briskness(medium, eigenvalues, datum.time)
