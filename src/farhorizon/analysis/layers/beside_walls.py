@@ -26,8 +26,8 @@ _SMOOTH, _STOPPED, _BY_NODES, _BY_STOPPED = 1.8e-5, 1.94, 3.5, (5.5, 14.0)
 _BRIEF, _FEW = 6.0, 4  # factor for vectors where the filter reads at most this number of neighbours
 # Of the waves that a wall turns, the part _IN_PHASE of the largest amplitude that they can have is missing at most. By
 # the time they return they have spread over a distance in proportion to the thickness of the layer: of the amplitude
-# that their energy then has, the part _SPREAD. They need the time in which long waves travel _EARLY times the thickness;
-# before that, the error grows as a power of the distance that these have travelled.
+# that their energy then has, the part _SPREAD. Long waves travel _EARLY times the thickness until they return; before
+# that, the error grows as a power of the distance travelled.
 _IN_PHASE, _SPREAD, _EARLY, _BY_WAY = 0.15, 0.4, 6.0, 6.0
 _AS_FAST = 0.8  # sources count from this part of the smallest eigenvalue of the backward waves on
 _EIGENVALUES = 17  # at which the waves radiated by a source are evaluated
