@@ -5,6 +5,7 @@ offset of the stencil.
 import numpy as np
 import pytest
 
+import farhorizon as fh
 from farhorizon.engine.engine import Engine, Layer
 from farhorizon.medium.integrators import Verlet
 
@@ -163,3 +164,22 @@ def test_layers_along_the_last_axis_are_those_along_another_one(components, mirr
         found.append(last[::-1].swapaxes(1, 2) if turned else last)
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=error * np.abs(found[0]).max())
     assert np.abs(found[0][:, :, [0, -1]]).max() > 1e-3
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_threads_wait_for_the_lines_that_drag_continues(periodic, monkeypatch):
+    """No sweep lies between the continued lines of the increments and the sums that read them, as it does for forces:
+    threads must wait for each other there, or drag takes what is left of the step before.
+    """
+    monkeypatch.setattr("farhorizon.engine.engine._PARALLEL_NUMBERS", 0)
+    monkeypatch.setattr("farhorizon.simulation.setup.available_threads", lambda: 3)
+    sides = {"x": fh.Periodic() if periodic else fh.LatticePML(nodes=4), "y": fh.LatticePML(nodes=6)}
+    model = fh.Correspondence(fh.Kernel(2.0), 1.0, 0.3, drag=0.4, stabilisation=0.3)
+    lattice = fh.Lattice(1.0, (-20.0, -20.0), (20.0, 20.0))
+    pulse = "1e-3*exp(-(x**2 + y**2)/20)"
+    runs = [fh.Simulation(lattice, model, sides, {"u": [pulse, pulse]}, threads=n) for n in (1, 3)]
+    assert runs[1].engine.threads == 3
+    for sim in runs:
+        sim.step(60)
+    assert all(sim.engine.tables.neighbours.layers.slots.any() for sim in runs)
+    np.testing.assert_array_equal(*[sim.engine.levels for sim in runs])

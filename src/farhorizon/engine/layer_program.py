@@ -129,7 +129,7 @@ def weigh_bonds(sums, worker, span, node, count):
 
 def continue_band(thread, stage, sums, tables, inputs, step, number):
     """Fill the slots of a band, the number, from a level whose halo is complete: continue the field on all its lines,
-    side by side, and advance the memory.
+    side by side, and advance the memory. What other threads fill is read only after the next barrier, see `meet`.
     """
     layers, work = sums.layers, sums.work_space[thread.number]
     src, components, slots, memory = stage.src, stage.components, layers.slots, layers.memory
@@ -578,8 +578,15 @@ def take_band_cuts(thread, stage, sums, tables, inputs, step, number):
     barrier(thread)
 
 
+def meet(thread, stage, sums, tables, inputs, step, number):
+    """Wait until all slots are filled, in passes in which no sweep follows before they are read."""
+    barrier(thread)
+
+
 def copy_slots(thread, stage, sums, tables, inputs, step, number):
-    """Copy the slots of bands that repeat others, once all are filled; the sweep that follows ends with a barrier."""
+    """Copy the slots of bands that repeat others, once all are filled; the sweep that follows ends with a barrier, see
+    also `meet`.
+    """
     barrier(thread)
     if thread.number == 0:
         layers = sums.layers

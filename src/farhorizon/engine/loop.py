@@ -23,6 +23,7 @@ from farhorizon.engine.operations import (
     FLOW_LAYERS,
     KEEP,
     LINES,
+    NEIGHBOURS,
     PUSHES,
     RELEASE,
     SPRINGS,
@@ -45,6 +46,8 @@ from farhorizon.engine.threads import ALONE, side_by_side
 _FLOWS = 6  # the stage whose sums go into a level of their own, after those of the passes
 # operations on states that take the stage and the sums of the field
 _OF_THE_FIELD = (BREAK, RELEASE, DAMAGED, STRETCH_STATES, STRETCH_FORCES)
+# passes whose plain sums are made elsewhere, so that no sweep, at whose end threads meet, follows their lines
+_UNSWEPT = (TRACES, NEIGHBOURS)
 # passes whose bonds have coefficients
 _OF_BONDS = (SPRINGS, PUSHES, TRACES)
 _COUNTED = ("general_rows", "general_matrix_rows")  # they create arrays
@@ -181,7 +184,8 @@ def _does(
     if operation == LINES:
         bands = [band for band in range(2) if layers.bands[band, COLUMNS]]
         found = [(on_layers.continue_band, which, which, band) for band in bands]
-        return found + [(on_layers.copy_slots, which, which, 0)] * bool(layers.copies.shape[1])
+        found += [(on_layers.copy_slots, which, which, 0)] * bool(layers.copies.shape[1])
+        return found + [(on_layers.meet, which, which, 0)] * (which in _UNSWEPT)
     if operation == STRETCH:
         return [(function, which, which, number) for function in _on_axis(layers, number)]
     program = load_program()
