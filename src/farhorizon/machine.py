@@ -1,4 +1,4 @@
-"""Resources of the machine: threads, memory, garbage collection, and a progress bar."""
+"""Resources of the machine: threads, memory, garbage collection, interrupts, and a progress bar."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import ctypes
 import gc
 import os
 import re
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -70,6 +72,34 @@ def without_collection() -> Iterator[None]:
     finally:
         if before:
             gc.enable()
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Hold Ctrl-C back until the context ends, where it then raises the KeyboardInterrupt. Python raises it as soon as
+    compiled code returns, and thus between a change of a state and the note that it has been made. A second one acts at
+    once.
+
+    Applies where Python handles the signal itself, in the main thread; other handlers do as they were told to.
+    """
+    ours = threading.current_thread() is threading.main_thread()
+    if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    came: list[int] = []
+
+    def hold(number: int, frame: Any) -> None:
+        if came:
+            raise KeyboardInterrupt
+        came.append(number)
+
+    signal.signal(signal.SIGINT, hold)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if came:
+            raise KeyboardInterrupt
 
 
 def available_memory() -> int:

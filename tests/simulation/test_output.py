@@ -1,9 +1,12 @@
 """Results files written from Python contain what the run had."""
 
+import signal
+
 import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.machine import uninterrupted
 
 
 def line(**options):
@@ -60,6 +63,54 @@ def test_a_run_that_is_stopped_leaves_what_it_had(tmp_path):
     results = fh.open_results(tmp_path / "a.h5")
     np.testing.assert_allclose(results.times, [0, 0.5, 1])
     assert not results.finished and len(results.probe_times) == sim.step_count + 1 and len(sim.observers) == 1
+
+
+@pytest.fixture
+def ctrl_c():
+    """Function that has the effect of Ctrl-C in a Python program, also where the tests handle it in another way."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield lambda: signal.raise_signal(signal.SIGINT)
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_an_interrupted_run_continues_as_if_it_had_not_been(threads, ctrl_c, monkeypatch):
+    """Ctrl-C in the compiled loop arrives when it returns, and waits until the run knows what the loop has done."""
+    monkeypatch.setattr("farhorizon.engine.engine._PARALLEL_NUMBERS", 0)
+    monkeypatch.setattr("farhorizon.simulation.setup.available_threads", lambda: threads)
+    whole, parts = line(), line()
+    assert parts.engine.threads == threads
+    for sim in (whole, parts):
+        sim.record([1.0])
+        sim.step(7)
+    loop = parts.engine._own_loop
+
+    def interrupted(*given):
+        loop(*given)
+        ctrl_c()
+
+    monkeypatch.setattr(parts.engine, "_own_loop", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        parts.step(2000)
+    assert 7 < parts.step_count < 2007
+    monkeypatch.setattr(parts.engine, "_own_loop", loop)
+    parts.step(2007 - parts.step_count)
+    whole.step(2000)
+    np.testing.assert_array_equal(parts.engine.levels, whole.engine.levels)
+    np.testing.assert_array_equal(parts.probes.values, whole.probes.values)
+
+
+def test_a_second_interrupt_acts_at_once(ctrl_c):
+    """A function of the run's set-up may never end."""
+    done = []
+    with pytest.raises(KeyboardInterrupt), uninterrupted():
+        ctrl_c()
+        done.append("first")
+        ctrl_c()
+        done.append("second")
+    assert done == ["first"]
+    with pytest.raises(KeyboardInterrupt):  # as before
+        ctrl_c()
 
 
 def test_one_moment_is_written_with_the_fields_asked_for(tmp_path):

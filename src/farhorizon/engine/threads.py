@@ -20,6 +20,7 @@ from numba.extending import intrinsic
 
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.structs import Struct
+from farhorizon.machine import uninterrupted
 
 _LINE = 16  # elements between shared words, so that each has its own cache lines
 _ARRIVED, _ROUND, _CLAIMED = range(0, 3 * _LINE, _LINE)  # the last is for thread 0; those of others follow
@@ -104,15 +105,18 @@ def share(thread, count):
 
 
 def side_by_side(work: Callable[[Struct], None], count: int) -> None:
-    """Call `work`, which must release the interpreter's lock, with every `Thread` at the same time."""
+    """Call `work`, which must release the interpreter's lock, with every `Thread` at the same time. An interrupt waits
+    until all have ended: threads without one of the others would wait for it forever.
+    """
     if count == 1:
         work(ALONE)
         return
     shared = np.zeros(_CLAIMED + count * _LINE, np.int64)
     threads = [Struct(Thread(number, count, shared)) for number in range(count)]
     others = [threading.Thread(target=work, args=(thread,), daemon=True) for thread in threads[1:]]
-    for thread in others:
-        thread.start()
-    work(threads[0])
-    for thread in others:
-        thread.join()
+    with uninterrupted():
+        for thread in others:
+            thread.start()
+        work(threads[0])
+        for thread in others:
+            thread.join()

@@ -23,6 +23,7 @@ from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.pressure import Pressure
 from farhorizon.inputs.specimens import Specimen
 from farhorizon.inputs.thermal_loads import ThermalLoad
+from farhorizon.machine import uninterrupted
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.assembly import assemble, assemble_shared
 from farhorizon.simulation.checkpoint_files import read_state, write_state
@@ -273,25 +274,24 @@ class Simulation(Run):
         UnstableError
             The field became non-finite or grew beyond all bounds.
         """
-        count, march = kinds.integer(count, "count", least=0, most=MOST_STEPS), self._march
-        last = self.step_count + count
+        march, last = self._march, self.step_count + kinds.integer(count, "count", least=0, most=MOST_STEPS)
         while self.step_count < last:
-            march.open_cracks(self.step_count)
-            wanted = self._recording.allow(self.step_count, min(last - self.step_count, self.guard_steps))
-            steps = march.allow(self.step_count, wanted)
-            for made in march.advance(self.step_count, steps):
-                self._recording.add(self.step_count + 1)
-                if self.probes is not None:
-                    self.probes.add(self.step_count + 1, self.dt, self._recording.probed())
-                tick(self, made)
+            with uninterrupted():  # engine, records and clock change together
+                march.open_cracks(self.step_count)
+                wanted = self._recording.allow(self.step_count, min(last - self.step_count, self.guard_steps))
+                steps = march.allow(self.step_count, wanted)
+                for made in march.advance(self.step_count, steps):
+                    self._recording.add(self.step_count + 1)
+                    if self.probes is not None:
+                        self.probes.add(self.step_count + 1, self.dt, self._recording.probed())
+                    tick(self, made)
             origin, values = self.parts.grid.origin, self.engine.core.view(self.engine.current)
             with self.team.agreed():
                 scale = self.team.largest(march.feed.scale)
                 place = origin, self.lattice.spacing, scale, self.step_count, self.time
                 refuse_explosion(values, *place, lambda: likely_cause(self))
             if self.parts.phases is not None and self.setup.specimens and not self.cautions:
-                warning = self.parts.phases.warning(self.team.largest(self.parts.phases.most))
-                if warning is not None:
+                if (warning := self.parts.phases.warning(self.team.largest(self.parts.phases.most))) is not None:
                     say_doubt(self, "supersaturated", warning)
             look_at(self, march.margin, march.every, self.engine.current)
 
