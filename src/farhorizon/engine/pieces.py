@@ -132,6 +132,8 @@ class Assembly:
             return False
         bonds = self._engine.bonds
         alive = bonds.table.alive.copy()
+        # what belongs to no node may be left from a field that was not finite; it is multiplied by zero at most
+        self._engine.memory[...] = self._engine.tables.work_space[...] = 0
         for name, piece in self._pieces.items():
             piece.held[piece.places] = self._values[name]
         if bonds:

@@ -257,4 +257,6 @@ def as_before(engine: Engine) -> Iterator[None]:
     finally:
         for array, values in zip(arrays, kept, strict=True):
             array[...] = values
+        # lanes without nodes take what is left there, which may be infinite
+        tables.work_space[...] = 0
         engine.phase, engine.steps_done = phase, steps

@@ -191,7 +191,9 @@ class Feed:
             elif time is steady:
                 table.append(np.broadcast_to(weights.sum(1), (count, len(weights))))
             else:
-                table.append(np.array([[time(t + s) for s in samples] for t in times], float) @ weights.T)
+                values = np.array([[time(t + s) for s in samples] for t in times], float)
+                # a product of matrices may be rounded in another way if a run makes the same steps in other batches
+                table.append(sum(values[:, i, None] * weights[:, i] for i in range(len(samples))))
         if not table:
             return np.zeros((count, len(weights), 0))
         amplitudes = np.stack(table, axis=-1)
