@@ -4,9 +4,11 @@ Each prints its seed; FARHORIZON_SEED repeats it. For more cases, on more cores,
 """
 
 import os
+import sys
 
 import arguments
 import damage
+import fences
 import fuzz
 import kill
 import machinery
@@ -21,6 +23,15 @@ def test_random_cases_run_or_are_refused(count, tmp_path):
     save time: none in single precision uses kernels that would have to be compiled for it alone.
     """
     counts = fuzz.campaign(count, 40 if count == 12 else machinery.seed_of(), PROCESSES, tmp_path)
+    assert not {name: counts[name] for name in fuzz.BAD if counts[name]}
+    assert counts["accepted"] > 0.4 * count
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="fences are put up by calls of Linux")
+@pytest.mark.parametrize("count", [4, pytest.param(400, marks=pytest.mark.slow)])
+def test_nothing_beside_an_array_is_read_or_written(count, tmp_path):
+    """Some processes have a fence behind each array, the others before it."""
+    counts = fences.campaign(count, 40 if count == 4 else machinery.seed_of(), 2, tmp_path)
     assert not {name: counts[name] for name in fuzz.BAD if counts[name]}
     assert counts["accepted"] > 0.4 * count
 
