@@ -98,6 +98,20 @@ def test_diffusion_between_walls():
     assert np.abs(sim.fields["u"] - line.axes[0] / 20).max() < 1e-3
 
 
+def test_diffusion_comes_to_rest_at_the_same_time_over_any_background():
+    """A field is measured from its background: degrees Celsius and kelvins are the same."""
+    line, ends = fh.Lattice(1.0, 0.0, 20.0), []
+    for background in (0.0, 300.0):
+        pulse = {"u": background + np.exp(-((line.axes[0] - 10.0) ** 2) / 4)}
+        held = fh.Prescribed([4.0], value=lambda t, low=background: low + min(t, 100.0) / 500)
+        sides, model = fh.Fixed(background), fh.Diffusion(fh.Kernel(2.0))
+        sim = fh.Simulation(line, model, sides, pulse, background=background, constraints=[held])
+        sim.run("static", limit=2000.0)
+        ends.append((sim.time, sim.peak, np.abs(sim.fields["u"] - background).max()))
+    assert ends[0] == pytest.approx(ends[1], rel=1e-8)
+    assert ends[0][0] > 100.0
+
+
 def test_a_run_in_two_parts_knows_what_it_has_seen(tmp_path):
     whole, first = (wave(initial={"u": "exp(-(x**2 + y**2)/4)"}) for _ in range(2))
     whole.run("static", tolerance=0.1, limit=200.0)

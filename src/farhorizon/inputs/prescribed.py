@@ -300,9 +300,11 @@ class PrescribedNodes:
         return started
 
     def now(self, t: float) -> list[np.ndarray]:
-        """State at a time: for each prescribed component its value or velocity and 1, or zeros after its release."""
+        """State at a time: for each prescribed component its value less the background, or its velocity, and 1; zeros
+        after its release.
+        """
         return [
-            np.array([_at(held.constraint.course[held.component], t), 1.0])
+            np.array([held.value_over(self.background if held.constraint.velocity is None else 0.0)(t), 1.0])
             if t <= (np.inf if held.constraint.until is None else held.constraint.until)
             else np.zeros(2)
             for held in self._held

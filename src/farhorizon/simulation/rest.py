@@ -40,6 +40,7 @@ class Running(Protocol):
     dt: float
     time: float
     step_count: int
+    background: float
     peak: float
     resting: Resting
     team: Team
@@ -56,8 +57,8 @@ class Rest:
     Nothing that drives the run changes any more. For waves, the kinetic energy has stayed below the squared tolerance
     times its largest value, that is, velocities below the tolerance times theirs, for as long as the slowest wave takes
     to cross the near field. Diffusion has no such time, because it comes to rest as a power of time: instead, at its
-    present rate, the field would change by less than the tolerance times its largest value in a time as long as has
-    passed since the loads became constant.
+    present rate, the field would change by less than the tolerance times its largest difference from the background in a
+    time as long as has passed since the loads became constant.
 
     Attributes
     ----------
@@ -129,7 +130,7 @@ class Rest:
         if kinetic is not None:
             run.peak = max(run.peak, kinetic)
             return kinetic <= self.tolerance**2 * run.peak
-        now, before = run.fields["u"], self._before
+        now, before = run.fields["u"] - run.background, self._before
         self._before = now
         run.peak = max(run.peak, run.team.largest(_size(now)))
         if before is None:

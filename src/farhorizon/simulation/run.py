@@ -57,6 +57,7 @@ class Run(ABC):
         Number of nodes that are computed beyond each side.
     dt, time : float
     step_count : int
+    background : float
     observers : list of callable
         Called with the run as argument at regular intervals, see `run`.
     recorders : list of Recorder
@@ -66,7 +67,8 @@ class Run(ABC):
     probes : Probes or None
         The probes that `record` has created.
     peak : float
-        The largest kinetic energy, for diffusion the largest value, that occurred in a run to its static state.
+        The largest kinetic energy, for diffusion the largest difference from the background, that occurred in a run to
+        its static state.
     resting : Resting
         Determines whether the run has come to rest.
     team : Team
@@ -86,6 +88,7 @@ class Run(ABC):
     given: dict[str, Any]
     stencil: Stencil
     dt: float
+    background: float
     probes: Probes | None = None
     output: RunResults | None = None
     resting: Resting
