@@ -214,6 +214,27 @@ def test_static_decay_of_a_line_source():
     assert np.abs(sim.fields["u"] - exact).max() < 1e-5 * exact.max()  # the target of layers by default
 
 
+@pytest.mark.parametrize("varies", ["speed", "density"])
+def test_strength_does_not_depend_on_which_medium_fills_more_of_the_lattice(varies):
+    """The reaction of a stencil is in units of its bonds, of which there would be two; that of a model is not, but
+    it needs one density.
+    """
+    parts, stencil = np.where(np.arange(17) < 8, 1.0, 2.0), fh.Stencil.finite_difference(1).with_reaction(0.25)
+    with pytest.raises(fh.InputError, match=rf"no definite strength.*{'density' if varies == 'density' else 'stiff'}"):
+        fh.Simulation(box(8), fh.Wave(stencil, **{varies: parts}), fh.Free(), {"u": 1.0})
+    model = fh.Wave(fh.Stencil.finite_difference(1), **{varies: parts})
+    model.reaction = 0.25
+    if varies == "density":
+        with pytest.raises(fh.InputError, match=r"no definite strength.*density"):
+            fh.Simulation(box(8), model, fh.Free(), {"u": 1.0})
+        return
+    sim = fh.Simulation(box(8), model, fh.Free(), {"u": 1.0})
+    sim.step(3)
+    assert np.ptp(sim.fields["u"]) < 1e-14  # the same at all nodes
+    uniform = fh.Wave(stencil, speed=np.full(17, 2.0))
+    assert fh.Simulation(box(8), uniform, fh.Free()).engine.reaction == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize("side", [fh.Fixed(), fh.Free(), fh.Periodic()])
 @pytest.mark.parametrize("dim", [1, 2])
 def test_energy_of_a_closed_box(side, dim):

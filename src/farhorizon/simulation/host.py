@@ -5,7 +5,7 @@ In a run on several processes, each evaluates a box of the lattice, and they exc
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -95,7 +95,7 @@ def looked_at(setup: Setup, team: Team) -> tuple[Host, Variation]:
     Raises
     ------
     InputError
-        Constants that are not positive, or of the wrong shape.
+        Constants that are not positive, or of the wrong shape; a reaction without a definite strength.
     """
     boxes = decompose(setup.lattice.shape, team.size, (1,) * setup.lattice.dim, {}, frozenset())
     part = replace(setup, lattice=setup.lattice.part(boxes.ranges(team.number))) if team else setup
@@ -112,7 +112,25 @@ def looked_at(setup: Setup, team: Team) -> tuple[Host, Variation]:
     host = Host(setup.model.with_constants(constants) if values else setup.model, outside, ())
     varies = {name for every in team.gather(_unlike_one(host.varying(values))) for name in every}
     host = replace(host, even=tuple(name for name in _EVEN if name not in varies))
+    _check_reaction(host.model, lattice, varies)
     return host, host.varying(values)
+
+
+def _check_reaction(model: LatticeModel, lattice: Lattice, varies: Collection[str]) -> None:
+    """Refuse a reaction where its strength at a node would depend on which medium is in the middle of all: that of a
+    stencil, in units of its bonds, where they vary; any, per mass, where the density does.
+    """
+    if not varies:
+        return
+    of_bonds = bool(np.any(model.stencil(lattice.spacing, lattice.dim).reaction))
+    if of_bonds or ("density" in varies and model.medium(lattice.spacing, lattice.dim).strongest_reaction):
+        raise InputError(
+            "a reaction has no definite strength in a medium that varies",
+            value="varying " + " and ".join(sorted(varies)),
+            limit="one density, and for the reaction of a stencil one stiffness",
+            key="model",
+            remedy="bonds of unequal strength by a `coefficient`, which does not apply to the reaction",
+        )
 
 
 def constants_of(setup: Setup) -> dict[str, np.ndarray]:
