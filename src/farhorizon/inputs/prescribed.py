@@ -333,6 +333,10 @@ class PrescribedNodes:
         """Places in the field that are still held after a step."""
         return np.concatenate([np.zeros(0, np.int64), *(held.places for held in self._active(step))])
 
+    def holding(self, step: int) -> list[int]:
+        """Numbers of the constraints, among these, that still hold after a step."""
+        return [i for i, constraint in enumerate(self.constraints) if step < constraint.last_step(self.dt)]
+
     def table(self, step: int, count: int) -> np.ndarray:
         """Values of the held places after each of `count` steps from `step` on, less the background; shape (count,
         places).

@@ -10,6 +10,7 @@ import numpy as np
 from farhorizon.boundaries import ExactEnds
 from farhorizon.engine.settings import record_flows
 from farhorizon.errors import InputError
+from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.integrators import stage_effects
 from farhorizon.simulation.feed import Batch, Feed
 from farhorizon.simulation.grid import Grid
@@ -20,7 +21,7 @@ from farhorizon.simulation.team import ALONE, Team
 
 
 class FlowBalance:
-    """Accounts of the flow into the free nodes, those that no condition prescribes: one for each condition, one for
+    """Accounts of the flow into the free nodes, those whose values nothing prescribes: one for each condition, one for
     each side that the field flows through, one for the fixed edge of a body, and one for what a reaction consumes.
 
     Parameters
@@ -78,6 +79,8 @@ class FlowBalance:
         self._outer = [side_name(*key) for key in sides if side_name(*key) in every]
         self._owners = [f"source[{i}]" for i in range(sources)]
         self._owners += [f"constraint[{i}]" for i, _ in near.conditions.sources]
+        self._prescribing = [i for i, one in enumerate(setup.constraints) if isinstance(one, Prescribed)]
+        self._holding = near.prescribed.holding(0)
         self._open()
         self.powers = np.zeros(len(feed.drives))
         self.first = team.total(self._amounts())
@@ -87,6 +90,18 @@ class FlowBalance:
         so_far = self.grid.engine.flows
         self._open()
         self.grid.engine.flows[...] = so_far
+
+    def hold(self, step: int) -> None:
+        """Count nodes that follow a prescribed value no longer, from a step on, among the free ones; what they have
+        then is no gain.
+        """
+        holding = self.near.prescribed.holding(step)
+        if holding == self._holding:
+            return
+        before, self._holding = self._team.total(self._amounts()), holding
+        self.reopen()
+        after = self._team.total(self._amounts())
+        self.first = {name: first + after[name] - before[name] for name, first in self.first.items()}
 
     def _places(self) -> tuple[list[str], np.ndarray, np.ndarray]:
         """Return the names of the accounts, the number of the account of each place of a level (from 1; 0 for free
@@ -107,6 +122,8 @@ class FlowBalance:
             core[tuple(strip if a == lead + axis else slice(None) for a in range(3))] = number
         inner = core[grid.near].reshape(lattice.shape)
         inner.flat[near.conditions.nodes] = near.conditions.owner + 1  # also if it is not contiguous
+        for i in self._holding:
+            inner.flat[near.prescribed.nodes[i]] = self._prescribing[i] + 1
         if lattice.mask is not None and (lattice.body is not None or near.closed is not None):
             number = -1  # bonds to the free edge of a body are absent and need no account
             if rim == "fixed" or near.closed is not None:

@@ -234,7 +234,13 @@ class March:
         if self.parts.near.prescribed.constraints:
             if self.parts.near.model.order == 2:
                 self._release(step + steps)
-            self.feed.hold(step + steps)
+            self._hold(step + steps)
+
+    def _hold(self, step: int) -> None:
+        """Tell the engine and the balance which nodes follow a prescribed value from a step on."""
+        self.feed.hold(step)
+        if self.flow_balance is not None:
+            self.flow_balance.hold(step)
 
     def _release(self, step: int) -> None:
         """Release nodes whose constraint ends at a step; the change of energy when they become free counts as work."""
@@ -306,7 +312,7 @@ class March:
         if self.heating is not None:
             self.heating.take(arrays, meta)
         self._warm(step)
-        self.feed.hold(step)
+        self._hold(step)
         self.open_cracks(step)
         if not made.put():
             return False
