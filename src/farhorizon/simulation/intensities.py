@@ -151,8 +151,10 @@ class StressIntensity(RowRecorder):
         if len(rows):
             steps = np.arange(step, step + len(heard.nodes))[kept]
             loads = np.array([[time(self._dt * n) for time in self._times] for n in steps]).reshape(len(steps), -1)
-            found = np.einsum("tknc,snc->stk", self._table, rows)
-            self._keep(steps, {"rows": found + np.einsum("tjk,sj->stk", self._faces, loads)})
+            # step by step: the rounding of a sum over all depends on how many are added at once
+            found = [np.einsum("tknc,nc->tk", self._table, row) for row in rows]
+            faces = [np.einsum("tjk,j->tk", self._faces, load) for load in loads]
+            self._keep(steps, {"rows": np.add(found, faces)})
 
 
 def _shares(domain: InteractionDomain, parts: Parts, loads: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:

@@ -187,7 +187,9 @@ class PowerThrough(RowRecorder):
         if self.frequencies.size:
             self._sums.add(step, rows[2:])
         now, twice = rows[1:-1], rows[2:] - rows[:-2]
-        powers = [-np.einsum("ti,ti->t", now, (form @ twice.T).T) / (4 * self._dt) for form in self._forms]
+        # row by row in the same order, however many steps are added at once: a run that is resumed has the same rows
+        pulls = (np.ascontiguousarray((form @ twice.T).T) for form in self._forms)
+        powers = [-(now * pull).sum(1) / (4 * self._dt) for pull in pulls]
         self._keep(np.arange(len(now)) + step - 1, {"power": np.stack(powers, axis=-1)})
 
     def state(self) -> Arrays:
