@@ -412,3 +412,39 @@ def test_another_model_has_a_step_and_layers_of_its_own():
     made.run(20.0, progress=False)
     new.run(20.0, progress=False)
     np.testing.assert_allclose(made.fields["u"], new.fields["u"], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("material", ["bond-based", "state-based", "correspondence"])
+@pytest.mark.parametrize("across", [fh.Fixed(), {"y-": fh.Free(), "y+": fh.Fixed()}])
+def test_energy_of_a_periodic_strip_beside_a_fixed_side(material, across):
+    """Nodes beyond the fixed side have states, also where the strip repeats itself."""
+    rng = np.random.default_rng(3)
+    shape = 14, 13
+    start = {name: 0.01 * rng.standard_normal((2, *shape)) for name in ("u", "v")}
+    ratio = {} if material == "bond-based" else {"poisson": 0.3}
+    model = fh.Elastic(fh.Kernel(2.0, 1), young=rng.uniform(1.0, 1.5, shape), material=material, plane="stress", **ratio)
+    sides = {"x": fh.Periodic(), **(across if isinstance(across, dict) else {"y": across})}
+    cracks = [[(3.2, 4.1), (8.3, 7.2)]]
+    sim = fh.Simulation(fh.Lattice(1.0, (0, 0), (13, 12)), model, sides, start, cracks=cracks, balance=True)
+    sim.step(61)
+    found = sim.balance()
+    assert abs(found["lost"]) < 1e-12 * found["kinetic"]
+
+
+@pytest.mark.parametrize("dim", [1, 2])
+@pytest.mark.parametrize("side", [fh.Free(), fh.Periodic()])
+def test_energy_beside_a_fixed_rim(dim, side):
+    """Bonds to the outside of a body, where the field is fixed, count in full, as those to fixed sides do."""
+    rng = np.random.default_rng(4)
+    shape = (19,) * dim
+    hole = np.ones(shape, bool)
+    hole[(slice(6, 9),) * dim] = False
+    hole[0] = False  # also where the lattice repeats itself
+    lattice = fh.Lattice(1.0, (0.0,) * dim, (18.0,) * dim, body=hole)
+    start = {"u": rng.standard_normal(shape), "v": rng.standard_normal(shape)}
+    model = fh.Wave(fh.Kernel(2.0), speed=rng.uniform(1.0, 1.5, shape), density=rng.uniform(1.0, 1.5, shape))
+    sim = fh.Simulation(lattice, model, side, start, rim="fixed")
+    sim.step(1)
+    first = sim.energy()
+    sim.step(100)
+    assert sim.energy() == pytest.approx(first, rel=1e-12)

@@ -40,9 +40,11 @@ def energies(
     breaking: Breaking | None,
     work: bool,
     cold: bool = False,
+    rim_held: bool = False,
 ) -> dict[str, float]:
     """Return the energies by name, see `farhorizon.Simulation.energies`; `work` says whether the work of the sources is
-    recorded. If `cold`, the strain energy is that of the total strains, thermal strains not subtracted.
+    recorded. If `cold`, the strain energy is that of the total strains, thermal strains not subtracted. `rim_held` says
+    whether the field outside a body is fixed.
     """
     engine, lattice = grid.engine, near.lattice
     if near.model.order == 1:
@@ -65,7 +67,7 @@ def energies(
     if ends is not None:
         ends.fill(u, old)
     rate = (_shown(near, grid, u) - _shown(near, grid, old)) / near.dt
-    strain = _shown(near, grid, _strain(near, sides, grid, u, old))
+    strain = _shown(near, grid, _strain(near, sides, grid, u, old, rim_held))
     if engine.tables.heat.warmth.size and not cold:  # the mixed and the purely thermal terms
         forces, resisted = engine.forces_of_heat()
         strain = strain - 2 * _shown(near, grid, forces * (u + old))
@@ -78,7 +80,9 @@ def energies(
     return found | own | ({"work": mass * engine.work} if work else {})
 
 
-def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.ndarray) -> np.ndarray:
+def _strain(
+    near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.ndarray, rim_held: bool
+) -> np.ndarray:
     """Four times the strain energy per unit of mass at each place of a level."""
     engine = grid.engine
 
@@ -90,9 +94,11 @@ def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.nd
     for number, total in enumerate(strain.reshape(each.shape)):  # component by component: sum_b L_ab (u_a old_b)
         total += apply((each[number] * ago).ravel()).reshape(each.shape)[number]
     at_rest = grid.keyed({key: 0.0 for key, b in sides.items() if b.held == near.background})
-    if at_rest:  # the other half of the bonds to sides where u is zero
-        there = engine.spread(np.ones(engine.core.nodes), at_rest) * engine.absent.exists
-        there[grid.walls] = 0
+    if at_rest or rim_held:  # the other half of the bonds to sides, and to the outside of a body, where u is zero
+        inside = near.lattice.mask if rim_held else None
+        core = np.ones(engine.core.nodes) if inside is None else grid.grown(inside.astype(float))
+        there = engine.spread(core, at_rest, jointly=inside is not None) * engine.absent.exists
+        grid.clear_walls(there)
         for unit, now in zip(
             np.eye(engine.components), each, strict=True
         ):  # sum_b (L there)_ba u_a old_b: L is symmetric

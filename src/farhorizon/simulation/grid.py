@@ -59,6 +59,15 @@ class Grid:
             beyond[tuple(last if a == self.lead + axis else slice(None) for a in range(3))] = True
         return nodes[beyond]
 
+    def clear_walls(self, values: np.ndarray) -> None:
+        """Set values at places of a level to zero at the `walls`, and where the halo repeats them."""
+        layout = self.engine.layout
+        every = layout.box.all(values)
+        for axis, side in self.walled:
+            margin = self.margins[axis, side] + layout.reach[self.lead + axis]
+            last = slice(None, margin) if side < 0 else slice(-margin, None)
+            every[tuple(last if a == self.lead + axis else slice(None) for a in range(3))] = 0
+
     @property
     def lead(self) -> int:
         """Number of the engine's three axes that precede those of the lattice."""

@@ -138,7 +138,8 @@ class March:
         """Return the energies of the near field by name, see `farhorizon.Simulation.energies`."""
         parts = self.parts
         cold, lasting = self.heating is not None and self.heating.coupled, self.setup.lasting
-        found = energies(parts.near, parts.around.sides, parts.grid, parts.ends, parts.breaking, lasting, cold)
+        held = self.setup.rim == "fixed"
+        found = energies(parts.near, parts.around.sides, parts.grid, parts.ends, parts.breaking, lasting, cold, held)
         return self.team.total(found if self.heating is None else found | self.heating.energies())
 
     @property
