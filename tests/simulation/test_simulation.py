@@ -422,7 +422,9 @@ def test_energy_of_a_periodic_strip_beside_a_fixed_side(material, across):
     shape = 14, 13
     start = {name: 0.01 * rng.standard_normal((2, *shape)) for name in ("u", "v")}
     ratio = {} if material == "bond-based" else {"poisson": 0.3}
-    model = fh.Elastic(fh.Kernel(2.0, 1), young=rng.uniform(1.0, 1.5, shape), material=material, plane="stress", **ratio)
+    model = fh.Elastic(
+        fh.Kernel(2.0, 1), young=rng.uniform(1.0, 1.5, shape), material=material, plane="stress", **ratio
+    )
     sides = {"x": fh.Periodic(), **(across if isinstance(across, dict) else {"y": across})}
     cracks = [[(3.2, 4.1), (8.3, 7.2)]]
     sim = fh.Simulation(fh.Lattice(1.0, (0, 0), (13, 12)), model, sides, start, cracks=cracks, balance=True)

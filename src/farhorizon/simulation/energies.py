@@ -80,9 +80,7 @@ def energies(
     return found | own | ({"work": mass * engine.work} if work else {})
 
 
-def _strain(
-    near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.ndarray, rim_held: bool
-) -> np.ndarray:
+def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.ndarray, rim_held: bool) -> np.ndarray:
     """Four times the strain energy per unit of mass at each place of a level."""
     engine = grid.engine
 

@@ -57,8 +57,8 @@ class Rest:
     Nothing that drives the run changes any more. For waves, the kinetic energy has stayed below the squared tolerance
     times its largest value, that is, velocities below the tolerance times theirs, for as long as the slowest wave takes
     to cross the near field. Diffusion has no such time, because it comes to rest as a power of time: instead, at its
-    present rate, the field would change by less than the tolerance times its largest difference from the background in a
-    time as long as has passed since the loads became constant.
+    present rate, the field would change by less than the tolerance times its largest difference from the background, in
+    a time as long as has passed since the loads became constant.
 
     Attributes
     ----------

@@ -310,8 +310,7 @@ class Simulation(Run):
         return present(self.energies())
 
     def energies(self) -> dict[str, float]:
-        """Energies of the near field; bonds across its edge count half, those to sides fixed at the background, and to
-        the fixed rim of a body, in full.
+        """Energies of the near field; bonds across its edge count half, those to fixed sides and rims in full.
 
         Waves: "kinetic" and "strain", half a step ago, ``1/2 v . v`` and ``1/4 sum_k (u_k - u) . w_k (u_k^- - u^-)``
         times the density of an elastic medium, and, with a reaction r, "reaction", ``1/2 r u . u^-``; the undamped
