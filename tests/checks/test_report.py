@@ -8,6 +8,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.analysis.layers.spectrum import faded
+from farhorizon.checks.price import two_digits
 from farhorizon.checks.report import Report, content
 from farhorizon.cli import main
 from farhorizon.engine.rows import notice
@@ -105,6 +106,24 @@ def test_speeds_have_the_units_of_the_case(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("a.toml").write_text(CASE + 'units = { length = "mm", time = "us" }\n')
     assert "long waves 2 mm/us" in "\n".join(told(capsys))
+
+
+def test_lengths_have_the_units_of_the_case(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("a.toml").write_text(CASE + 'units = { length = "mm", time = "us" }\n')
+    page = "\n".join(told(capsys))
+    assert re.search(r"spacing [\d.]+ mm$", page, re.MULTILINE)
+    assert re.search(r"to [\d.]+ mm, half of the energy below [\d.]+ mm = ", page)
+
+
+def test_the_number_of_steps_is_that_of_the_run():
+    """The quotient of end and time step may be a whole number only to rounding, as in 1.05 / 0.15."""
+    sim = fh.Simulation(fh.Lattice(0.25, (-3,), (3,)), fh.Wave(fh.Kernel(0.75)), initial={"v": "exp(-9*x**2)"}, dt=0.15)
+    assert 1.05 / sim.dt > 7 and sim.check(1.05, budget=0.0).numbers["steps"] == sim.prepare(1.05) == 7
+
+
+def test_large_factors_have_no_exponent():
+    assert [two_digits(value) for value in (0.123, 1.26, 118.0, 3.2e7)] == ["0.12", "1.3", "120", "3.2e+07"]
 
 
 def test_prescribed_nodes_send_waves_as_long_as_their_course():

@@ -13,7 +13,7 @@ from farhorizon.boundaries import Side
 from farhorizon.checks.examined import Examined
 from farhorizon.engine.engine import Layer
 from farhorizon.geometry.lattice import AXES
-from farhorizon.pictures.style import speed_text
+from farhorizon.pictures.style import length_text, speed_text
 
 Rows = list[tuple[str, str]]
 
@@ -33,7 +33,7 @@ def lattice_rows(sim: Examined) -> Rows:
     shape, reach = (" x ".join(map(str, numbers)) for numbers in (lattice.shape, stencil.reach))
     limit = f"{sim.dt / sim.step_limit:.3g} of the stable limit {sim.step_limit:.6g}"
     return [
-        ("near field", f"{shape} nodes, {lattice.nodes} shown, spacing {lattice.spacing:g}"),
+        ("near field", f"{shape} nodes, {lattice.nodes} shown, spacing {length_text(lattice.spacing, 6)}"),
         ("stencil", f"{len(stencil.weights)} neighbours, reach {reach} nodes"),
         ("time step", f"{sim.dt:.6g}, {limit} ({sim.model.integrator.name})"),
     ]
@@ -47,8 +47,9 @@ def wave_rows(sim: Examined, waves: Band | None) -> Rows:
         speeds = ", ".join(f"{wave} {speed_text(c)}" for wave, c in sim.model.speeds.items())
         found.append(("wave speeds", speeds + of))
     if waves is not None:
-        half = f"half of the energy below {waves.typical:.3g} = {waves.typical / sim.lattice.spacing:.3g} nodes"
-        found.append(("wavelengths", f"{waves.shortest:.3g} to {waves.longest:.3g}, {half}"))
+        nodes = f"{waves.typical / sim.lattice.spacing:.3g} nodes"
+        half = f"half of the energy below {length_text(waves.typical)} = {nodes}"
+        found.append(("wavelengths", f"{waves.shortest:.3g} to {length_text(waves.longest)}, {half}"))
     return found
 
 
@@ -122,7 +123,7 @@ def metal_rows(sim: Examined) -> Rows:
         speed = dissolution.speed(sim.lattice.spacing, sim.lattice.dim, whole, sim.background)
         control = f"under activation control{' (limited by saturation)' if dissolution.limited else ''}"
         other = f"for another speed v: interface = {dissolution.interface / speed:.4g} v"
-        found.append(("front", f"speed {speed:.4g} {control}; {other}"))
+        found.append(("front", f"speed {speed_text(speed)} {control}; {other}"))
     return found
 
 

@@ -38,8 +38,13 @@ class Price:
     def over(self, other: Price) -> str:
         """Time and memory relative to another price, in words."""
         time, memory = self.seconds / max(other.seconds, 1e-300), self.memory / max(other.memory, 1.0)
-        words = f"{time:.2g} times" if time >= 1 else f"only {time:.2g} of"
-        return f"{words} the time, {memory:.2g} times the memory"
+        words = f"{two_digits(time)} times" if time >= 1 else f"only {time:.2g} of"
+        return f"{words} the time, {two_digits(memory)} times the memory"
+
+
+def two_digits(value: float) -> str:
+    """Text of a number with two digits, without an exponent where it is below a million: 120 rather than 1.2e+02."""
+    return f"{float(f'{value:.2g}'):g}"
 
 
 def price(sim: Examined, seconds: float | None = None) -> Price:

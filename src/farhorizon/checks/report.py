@@ -29,7 +29,7 @@ from farhorizon.checks.facts import (
     size_rows,
     wave_rows,
 )
-from farhorizon.checks.price import Price, extended_price, layered, price
+from farhorizon.checks.price import Price, extended_price, layered, price, two_digits
 from farhorizon.checks.side_modes import Strip
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
@@ -38,6 +38,7 @@ from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.signals import Signal
 from farhorizon.machine import one_blas_thread
 from farhorizon.medium.stencil import BackwardWaves
+from farhorizon.pictures.style import frequency_text
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
 _FINE = tuple(np.linspace(0, 85, 35).tolist())  # angles of the picture
@@ -48,6 +49,7 @@ _STEEP = 60.0  # degrees: waves at larger angles are few, and layers absorb them
 _EXACT = 1e-14  # reflection below this is rounding error
 _MUCH = 1e-3  # amplitude that a layer of given thickness may reflect without a warning
 _MUCH_OF_SPONGE = 0.05  # the same for a sponge, which needs many wavelengths
+_FITS = 1e-6  # of a step, by which the end of a run may lie after the last one
 _WORTH = 1.0  # savings in seconds that are worth a note
 _MORE = "farhorizon check CASE.toml --details, in Python print(report.details)"
 _SHORT = (
@@ -348,7 +350,7 @@ class Report:
         rate = sim.model.coefficient * sim.weakest / sim.lattice.spacing**2
         found = resolution(sim.stencil.beside(sim.weakest), rate, sim.dt, highest)
         nodes = f"{found.nodes:.3g} nodes" if found.nodes else "shorter than the lattice carries"
-        self._say("shortest wave", f"{nodes}, at {highest:.4g} cycles per time; a thousandth of {key} lies above")
+        self._say("shortest wave", f"{nodes}, at {frequency_text(highest)}; a thousandth of {key} lies above")
         self.numbers |= {"shortest_wave_nodes": found.nodes, "resolving_spacing": found.scale * sim.lattice.spacing}
         if found.nodes < ENOUGH:
             self.warnings.append(
@@ -368,7 +370,7 @@ class Report:
 
     def _estimate(self, sim: Examined, until: float) -> None:
         """Estimate the time of the run, and of one on a domain so large that nothing returns."""
-        steps = int(np.ceil(until / sim.dt))
+        steps = int(np.ceil(until / sim.dt - _FITS))
         mine = price(sim, self.estimate(sim, steps, until) / steps)
         if any(b.extended for b in sim.sides.values()):
             self._compare_with_layer(sim, mine, until, steps)
@@ -410,7 +412,7 @@ class Report:
         """Say which sides that keep the target are cheapest, and note savings that are worth it."""
         share, saved = other.seconds / mine.seconds, (mine.seconds - other.seconds) * steps
         if share >= 1:
-            self._say("cheapest sides", f"as given; {theirs} would take {share:.2g} times as long")
+            self._say("cheapest sides", f"as given; {theirs} would take {two_digits(share)} times as long")
             return
         self._say("cheapest sides", f'type = "{theirs}", {share:.2g} of the time of the steps{when}')
         if saved > _WORTH:
@@ -688,5 +690,5 @@ def seconds(duration: float) -> str:
     """A duration in words."""
     for unit, length in (("years", 31557600.0), ("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
         if duration >= 2 * length:
-            return f"{duration / length:.2g} {unit}"
-    return f"{duration:.2g} s"
+            return f"{two_digits(duration / length)} {unit}"
+    return f"{two_digits(duration)} s"

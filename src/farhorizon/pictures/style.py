@@ -131,9 +131,14 @@ def speed_text(value: float) -> str:
     return f"{value:.4g}" + (f" {both[0]}/{both[1]}" if all(both) else "")
 
 
-def length_text(value: float) -> str:
-    """Text of a length with three digits and its unit."""
-    return f"{value:.3g} {_unit_of('length')}".rstrip()
+def length_text(value: float, digits: int = 3) -> str:
+    """Text of a length with its unit."""
+    return f"{value:.{digits}g} {_unit_of('length')}".rstrip()
+
+
+def frequency_text(value: float) -> str:
+    """Text of a frequency in cycles per unit of time."""
+    return f"{value:.4g} cycles per {_unit_of('time') or 'time'}"
 
 
 def number_text(value: float, scale: float) -> str:
