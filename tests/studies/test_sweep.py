@@ -106,6 +106,7 @@ def test_the_command(case):
 
 def test_refused_before_any_work(case):
     Path("foreign.csv").write_text("a,b\n1,2\n")
+    Path("more.csv").write_text("model.speed,crack[0].points,energy,failed,case\n1,0.5,2,,c\n")
     Path("damaged.csv").write_text("model.speed,energy,failed,case\n1,x,,c\n")
     Path("binary.csv").write_bytes(bytes(range(256)))
     for changes, more, message in (
@@ -120,9 +121,28 @@ def test_refused_before_any_work(case):
         ({"model.speed": [1.0]}, {"jobs": 0}, "jobs"),
         ({"model.speed": [1.0]}, {"jobs": 2, "executor": ThreadPoolExecutor(1)}, "jobs of its own"),
         ({"model.speed": [1.0]}, {"table": "foreign.csv"}, "not the table of such a sweep"),
+        ({"model.speed": [1.0]}, {"table": "more.csv"}, "not the table of such a sweep"),
         ({"model.speed": [1.0]}, {"table": "damaged.csv"}, "is damaged, or no table"),
         ({"model.speed": [1.0]}, {"table": "binary.csv"}, "is damaged, or no table"),
     ):
         with pytest.raises(fh.InputError, match=message):
             fh.sweep(case, changes, **more)
     assert main(["sweep", "case.toml", "model.speed"]) == 2
+
+
+def test_a_table_of_more_keys_is_another_one(case):
+    """Their values were once listed as quantities."""
+    keys = {"model.speed": [1.0], "model.kernel.horizon": [0.5, 1.0]}
+    fh.sweep(case, keys, table="a.csv")
+    with pytest.raises(fh.InputError, match="not the table of such a sweep"):
+        fh.sweep(case, {"model.speed": [1.0]}, table="a.csv")
+    energy = {"at.end": lambda run: run.energy()}  # a quantity may have such a name
+    one = fh.sweep(case, {"model.speed": [1.0]}, energy, table="b.csv")
+    assert fh.sweep(case, {"model.speed": [1.0]}, energy, table="b.csv").figures == one.figures
+
+
+def test_a_key_is_given_once(case, capsys):
+    """The values given first would not be computed."""
+    assert main(["sweep", "case.toml", "model.speed=1.0,2.0", "model.speed=3.0"]) == 2
+    assert "a key is given twice; value: model.speed" in capsys.readouterr().err
+    assert not Path("case-sweep.csv").exists()

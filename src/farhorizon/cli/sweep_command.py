@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import tomllib
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from farhorizon.cli.common import FAILED, GOOD, INTERRUPTED, case_of, check_folder, made_folder, write_json
@@ -18,7 +19,7 @@ def sweep_command(options: argparse.Namespace) -> int:
 
     check_folder(options.out)
     case = case_of(options)
-    changes = dict(map(_values, options.changes))
+    changes = _changes(options.changes)
     path = made_folder(options.out) / f"{case.name}-sweep.csv"
     if options.force:
         path.unlink(missing_ok=True)
@@ -38,6 +39,19 @@ def sweep_command(options: argparse.Namespace) -> int:
     }
     write_json(options.json, figures)
     return FAILED if found.failed else GOOD
+
+
+def _changes(texts: Sequence[str]) -> dict[str, list[Any]]:
+    """Values by key."""
+    from farhorizon.errors import InputError
+
+    changes: dict[str, list[Any]] = {}
+    for key, values in map(_values, texts):
+        if key in changes:
+            remedy = f"all values after one equals sign: {key}=VALUE,VALUE"
+            raise InputError("a key is given twice", value=key, key="KEY=VALUES", remedy=remedy)
+        changes[key] = values
+    return changes
 
 
 def _values(text: str) -> tuple[str, list[Any]]:

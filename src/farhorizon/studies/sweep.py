@@ -7,7 +7,8 @@ import hashlib
 import itertools
 import json
 import multiprocessing
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     import xarray
 
 _FAILED, _CASE = "failed", "case"  # columns after those of the keys and the quantities
+_DOTTED = re.compile(r"[A-Za-z_]\w*(\.\w+|\[\d+\])+")  # a key below a table, which is no quantity
 
 Quantities = Mapping[str, Callable[[Any], float]]
 Outcome = tuple[dict[str, float], str]  # quantities, and the reason of a failure
@@ -183,7 +185,7 @@ def sweep(
     names = [_name(one, asked) for one in cases]
     figures: list[dict[str, float]] = [{} for _ in whole]
     failed: dict[int, str] = {}
-    with _Table.opened(table, list(whole[0])) as kept:
+    with _Table.opened(table, list(whole[0]), asked or ()) as kept:
         known = [i for i, name in enumerate(names) if name in kept.figures]
         for i in known:
             figures[i] = kept.figures[names[i]]
@@ -289,8 +291,8 @@ class _Table:
         Quantities of the cases that did not fail, by the name of the case.
     """
 
-    def __init__(self, path: Path | None, keys: list[str]) -> None:
-        self._path, self._keys = path, keys
+    def __init__(self, path: Path | None, keys: list[str], asked: Collection[str]) -> None:
+        self._path, self._keys, self._asked = path, keys, asked
         self._rows: dict[str, dict[str, str]] = {}
         self.figures: dict[str, dict[str, float]] = {}
         if path is not None and path.exists():
@@ -305,27 +307,29 @@ class _Table:
 
     @classmethod
     @contextmanager
-    def opened(cls, path: str | Path | None, keys: list[str]) -> Iterator[_Table]:
+    def opened(cls, path: str | Path | None, keys: list[str], asked: Collection[str]) -> Iterator[_Table]:
         """Open the table at a path, locked against other writers; with None it is kept in no file."""
         if path is None:
-            yield cls(None, keys)
+            yield cls(None, keys, asked)
             return
         place = kinds.path(path, "table")
         if place.is_dir() or not place.parent.is_dir():
             raise InputError("no file can be written there", value=place, key="table", remedy="a file in a folder")
         with locked(place.with_name(f".{place.name}.lock")):
-            yield cls(place, keys)
+            yield cls(place, keys, asked)
 
     def _read(self, path: Path) -> None:
         with path.open(newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)
             columns = list(reader.fieldnames or ())
-            if columns[: len(self._keys)] != self._keys or columns[-2:] != [_FAILED, _CASE]:
+            more = columns[len(self._keys) :]
+            others = [name for name in more if _DOTTED.fullmatch(name) and name not in self._asked]
+            if columns[: len(self._keys)] != self._keys or more[-2:] != [_FAILED, _CASE] or others:
                 raise FileFormatError(
                     f"{path} is not the table of such a sweep",
                     value=columns,
                     limit=[*self._keys, "...", _FAILED, _CASE],
-                    remedy="choose another file",
+                    remedy="choose another file, on the command line another folder by --out",
                 )
             for row in reader:
                 self._rows[row[_CASE]] = row
