@@ -43,17 +43,22 @@ def test_half_a_change_is_refused(text):
 
 def test_changes_reach_tables_entries_of_lists_and_what_is_not_there():
     data = {"model": {"kernel": {"horizon": 1.0}}, "crack": [{"factor": 0.0}, {}]}
-    found = changed(data, {"model.kernel.horizon": 2.0, "crack[1].opens": 3.0, "crack.0.factor": 1.0, 'a."x-".b': 4})
+    found = changed(
+        data, {"model.kernel.horizon": 2.0, "crack[1].opens": 3.0, "crack.0.factor": 1.0, 'a."x-".b': 4, "c": 5}
+    )
     assert found == {
         "model": {"kernel": {"horizon": 2.0}},
         "crack": [{"factor": 1.0}, {"opens": 3.0}],
         "a": {"x-": {"b": 4}},
+        "c": 5,
     }
     assert data["model"]["kernel"]["horizon"] == 1.0 and data["crack"][1] == {}
     with pytest.raises(fh.InputError, match=r"model.kernel.horizon.x: .*not a table; value: 1"):
         changed(data, {"model.kernel.horizon.x": 2.0})
     with pytest.raises(fh.InputError, match=r"crack\[2\].factor: .*no such entry; value: 2; limit: 0 to 1"):
         changed(data, {"crack[2].factor": 2.0})
+    with pytest.raises(fh.InputError, match=r"load\[0\].value: .*no such entry; value: 0; limit: none: it is empty"):
+        changed(data, {"load[0].value": 2.0})
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)

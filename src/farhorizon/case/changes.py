@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import tomllib
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 from farhorizon.errors import InputError
@@ -45,16 +46,17 @@ def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
     """
     whole: dict[str, Any] = copy.deepcopy(dict(data))
     for key, value in changes.items():
-        *way, last = steps(key)
+        names = steps(key)
         place: Any = whole
-        for step in way:
-            place = (
-                place[_entry(place, step, key)] if isinstance(place, list) else _table(place, key).setdefault(step, {})
-            )
+        for step, following in pairwise(names):
+            if isinstance(place, list):
+                place = place[_entry(place, step, key)]
+            else:  # a missing list has no entries
+                place = _table(place, key).setdefault(step, [] if following.isdecimal() else {})
         if isinstance(place, list):
-            place[_entry(place, last, key)] = value
+            place[_entry(place, names[-1], key)] = value
         else:
-            _table(place, key)[last] = value
+            _table(place, key)[names[-1]] = value
     return whole
 
 
