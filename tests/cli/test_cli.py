@@ -397,7 +397,8 @@ def test_finished_results_are_overwritten_by_force_alone(small, capsys):
     """Unfinished ones are overwritten without it; --resume continues finished ones whose checkpoint was kept."""
     assert main(["run", "small.toml", "--keep-checkpoint", "--set", "output.dtype=float32"]) == 0
     said, results = capsys.readouterr().out, open_results("small.h5")
-    assert f"reached, {results.steps[-1]} steps and their files in" in said
+    reached = results.steps[-1]
+    assert f"reached, {reached} steps and their files in" in said
     assert results.provenance["command"] == "farhorizon run small.toml --keep-checkpoint --set output.dtype=float32"
     assert results.field("u", 0).dtype == np.float32 and "machine" in results.provenance
     before = Path("small.h5").read_bytes()
@@ -406,6 +407,8 @@ def test_finished_results_are_overwritten_by_force_alone(small, capsys):
     assert "--force" in message and "--resume --until T" in message and Path("small.h5").read_bytes() == before
     words = ["--set", "output.dtype=float32"]
     assert main(["run", "small.toml", "--until", "3", "--resume", *words]) == 0
+    more = open_results("small.h5").steps[-1] - reached
+    assert f"reached, {more} steps and their files in" in capsys.readouterr().out
     assert open_results("small.h5").times[-1] >= 3 and open_results("small.h5").finished
     assert not Path("small.ckpt").exists() and "go on with it" not in Path("small/report.html").read_text()
     assert main(["run", "small.toml", "--until", "4", "--resume", *words]) == 2
@@ -437,7 +440,13 @@ def test_left_temporary_files_are_removed(small):
 
 @pytest.mark.parametrize(
     ("change", "table"),
-    [("initial.u='exp(-2*x**2)'", "initial"), ("output.probes=[[1.0]]", "output.probes"), ("output.compress=true", "")],
+    [
+        ("initial.u='exp(-2*x**2)'", "initial"),
+        ("output.probes=[[1.0]]", "output.probes"),
+        ("output.fields=['u', 'v']", "output.fields"),
+        ("output.dtype=float32", "output.dtype"),
+        ("output.compress=true", ""),
+    ],
 )
 def test_a_changed_case_does_not_go_on(small, capsys, change, table):
     """Its results would be attributed to the first case; the way in which they are written may change."""

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 CHECKPOINT_SECONDS = 30.0
 _FREE = {"run", "output"}  # tables of a case that may change in an interrupted run
+_WRITTEN = {"probes": [], "fields": None, "dtype": None}  # keys of the output that may not, with their defaults
 
 
 class RunFiles(NamedTuple):
@@ -48,9 +49,9 @@ class RunFiles(NamedTuple):
 
 def march(
     options: argparse.Namespace, case: Any, sim: Any, files: RunFiles, until: float, last: int
-) -> tuple[RunResults, int]:
+) -> tuple[RunResults, int, int]:
     """Begin or resume the files of a run and advance it to its last step, or until a signal arrives; returns its
-    results and the exit code.
+    results, the number of steps taken and the exit code.
     """
     with _stopping(sim) as came:
         output = _taken_up(case, sim, files) if options.resume else _begun(options, case, sim, files)
@@ -70,7 +71,9 @@ def march(
             record.append()
             record.keep()
         sim.observers.append(record.observe)
-        return output, _advance(options, case, sim, until, record, came)
+        before = sim.step_count
+        code = _advance(options, case, sim, until, record, came)
+        return output, sim.step_count - before, code
 
 
 def _advance(options: argparse.Namespace, case: Any, sim: Any, until: float, record: _Record, came: list[int]) -> int:
@@ -126,7 +129,7 @@ def _check_unchanged(case: Any, path: Path) -> None:
 
     before, now = (tomllib.loads(text) for text in (open_results(path).case, case.text))
     for one in (before, now):
-        one["output.probes"] = one.get("output", {}).get("probes", [])
+        one |= {f"output.{name}": one.get("output", {}).get(name, usual) for name, usual in _WRITTEN.items()}
     changed = sorted(name for name in {*before, *now} - _FREE if before.get(name) != now.get(name))
     if changed:
         raise FileFormatError(

@@ -49,8 +49,8 @@ def run_command(options: argparse.Namespace) -> int:
     certificate = sim.examine(until, options.allow_unstable)
     with ExitStack() as held:
         team.by_first(lambda: held.enter_context(_lock(options, files)))
-        began, before = time.perf_counter(), sim.step_count
-        output, code = march(options, case, sim, files, until, last)
+        began = time.perf_counter()
+        output, steps, code = march(options, case, sim, files, until, last)
         if code == GOOD:
             taken, energy = time.perf_counter() - began, sim.energy()
             broken = sim.broken_bonds if "damage" in sim.fields else None
@@ -58,7 +58,7 @@ def run_command(options: argparse.Namespace) -> int:
             kept = options.keep_checkpoint or until < case.end
 
             def tell() -> None:
-                _sum_up(case, sim, sim.step_count - before, taken, broken)
+                _sum_up(case, sim, steps, taken, broken)
                 _tell(options, case, sim, certificate, until, files, kept, taken, energy)
 
             team.by_first(tell)
