@@ -350,6 +350,7 @@ HOLE = fh.Box((-12.0, -12.0), (12.0, 12.0)) - fh.Disc(2.0)
     [
         (fh.PointForce((13.0, 0.0), (1, 0)), r"source\.at: the point lies outside the near field; .*remedy: move it"),
         (fh.PointForce((11.3, 0.0), (1, 0)), r"source\.at: .* close to the edge.*limit: 8 nodes.*remedy: .*linear"),
+        (fh.MomentTensor((11.0, 0.0), 1.0), r"limit: 8 nodes .*axis of a derivative; .*also on a node"),
         (fh.PointForce((0.0, 0.0, 0.0), (1, 0)), r"source\.at: has another shape"),
         (fh.PointForce((0.0, 0.0), (1, 0, 0)), r"source\.force: .*another field; value: 3 components; limit: 2"),
         (fh.PointSource((0.0, 0.0), 1.0), r"source\.strength: .*another field; value: one number; .*PointForce"),

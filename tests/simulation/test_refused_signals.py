@@ -143,6 +143,12 @@ _REFUSED: dict[str, tuple[str, Callable[[], dict[str, object]], str, str]] = {
     "receiver in a hole": ("hole", _receivers([(5.0, 5.0)]), _receivers_table(_IN_HOLE), "has no node"),
     "receiver by a hole": ("hole", _receivers([(5.1, 1.1)]), _receivers_table(_BY_HOLE), "so close to the edge"),
     "receiver by the edge": ("wave", _receivers([(9.3, 0.1)]), _receivers_table(_BY_EDGE), "so close to the edge"),
+    "gradient by the edge": (
+        "wave",
+        _receivers([(9.0, 0.0)], record=["gradient"]),
+        _receivers_table("[[9.0, 0.0]]", 'record = ["gradient"]\n'),
+        "so close to the edge(?=.*because derivatives use neighbours)",
+    ),
     "receiver by a crack": (
         "crack",
         _receivers([(0.3, 0.1)]),

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 CHECKPOINT_SECONDS = 30.0
 _FREE = {"run", "output"}  # tables of a case that may change in an interrupted run
-_WRITTEN = {"probes": [], "fields": None, "dtype": None}  # keys of the output that may not, with their defaults
+_WRITTEN: dict[str, Any] = {"probes": [], "fields": None, "dtype": None}  # keys of the output that may not: defaults
 
 
 class RunFiles(NamedTuple):

@@ -128,7 +128,7 @@ def interpolation_blocks(
     found = [_along(place[:, a], n, kernels, derivative == a) for a, n in enumerate(lattice.shape)]
     weights = tuple(along / lattice.spacing if derivative == a else along for a, (_, along) in enumerate(found))
     blocks = Blocks(np.stack([first for first, _ in found], axis=1), weights, lattice.shape)
-    _check_whole(lattice, points, blocks, method, key)
+    _check_whole(lattice, points, blocks, method, derivative is not None, key)
     return blocks
 
 
@@ -211,7 +211,7 @@ def _check_inside(lattice: Lattice, points: np.ndarray, place: np.ndarray, key: 
         )
 
 
-def _check_whole(lattice: Lattice, points: np.ndarray, blocks: Blocks, method: str, key: str) -> None:
+def _check_whole(lattice: Lattice, points: np.ndarray, blocks: Blocks, method: str, derived: bool, key: str) -> None:
     """Raise an InputError for a point whose sum includes nodes that do not exist."""
     lacking = np.zeros(len(points), bool)
     for along in blocks.weights:
@@ -220,15 +220,24 @@ def _check_whole(lattice: Lattice, points: np.ndarray, blocks: Blocks, method: s
         nodes, weights = blocks.entries()
         lacking |= ((weights != 0) & ~lattice.mask.ravel()[nodes]).any(axis=1)
     if lacking.any():
-        remedy = "interpolation = 'linear', or a point on a node" if method == "sinc" else "a point on a node"
+        kernels, where = _KERNELS[method], "along each axis along which it is between nodes"
+        half, more = (kernels.slope_half, ", and along the axis of a derivative") if derived else (kernels.half, "")
         raise InputError(
             f"the point is so close to the edge of the near field, or of a body or window, that some of the nodes "
             f"that interpolation = {method!r} needs are not there",
             value=points[lacking][0],
-            limit=f"{_KERNELS[method].half} nodes to either side along each axis along which it is between nodes",
+            limit=f"{half} nodes to either side {where}{more}",
             key=key,
-            remedy=remedy,
+            remedy=another_point(method, derived),
         )
+
+
+def another_point(method: str, derived: bool) -> str:
+    """What to do about a point whose sum is not possible: on a node, only derivatives use other nodes."""
+    found = (
+        "a point farther away, because derivatives use neighbours also on a node" if derived else "a point on a node"
+    )
+    return f"interpolation = 'linear', or {found}" if method == "sinc" else found
 
 
 def _inside(distance: np.ndarray) -> np.ndarray:

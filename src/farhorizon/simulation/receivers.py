@@ -12,6 +12,7 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.interpolation import (
     INTERPOLATIONS,
     Blocks,
+    another_point,
     as_points,
     interpolation_blocks,
     points_on_grid,
@@ -154,8 +155,8 @@ class Receivers(RowRecorder):
         axes = [None, *range(lattice.dim)] if derived else [None]
         options = self.points, self.interpolation
         blocks = [interpolation_blocks(lattice, *options, axis, "receivers.points") for axis in axes]
-        for one in blocks:
-            check_blocks(setup, parts, self.points, one, self.interpolation, "receivers.points")
+        for axis, one in zip(axes, blocks, strict=True):
+            check_blocks(setup, parts, self.points, one, self.interpolation, axis is not None, "receivers.points")
         self._medium, self._background, self._dt = moduli_at(parts, self.points), near.background, near.dt
         self.doubts = self._aliased(near)
         self._moving = any(QUANTITIES[name].moving for name in self.record)  # these need the previous step as well
@@ -227,7 +228,9 @@ def moduli_at(parts: Parts, points: np.ndarray) -> LocalModuli:
     return LocalModuli(*parts.at(parts.near.lame, np.ravel_multi_index(tuple(nearest.T), lattice.shape)))
 
 
-def check_blocks(setup: Setup, parts: Parts, points: np.ndarray, blocks: Blocks, method: str, key: str) -> None:
+def check_blocks(
+    setup: Setup, parts: Parts, points: np.ndarray, blocks: Blocks, method: str, derived: bool, key: str
+) -> None:
     """Refuse interpolations that use nodes whose values do not belong to the field around the point.
 
     Raises
@@ -235,7 +238,7 @@ def check_blocks(setup: Setup, parts: Parts, points: np.ndarray, blocks: Blocks,
     InputError
         Nodes lie beyond a wall, where they are images of those inside, or beyond a crack, where the field jumps.
     """
-    remedy = "interpolation = 'linear', or a point on a node" if method == "sinc" else "a point on a node"
+    remedy = another_point(method, derived)
     nodes, weights = blocks.entries()
     wrong = ((weights != 0) & parts.hides(nodes)).any(axis=1)
     if wrong.any():

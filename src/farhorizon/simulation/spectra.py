@@ -170,8 +170,8 @@ class Spectra(Recorder):
         blocks = [
             interpolation_blocks(lattice, self.points, self.interpolation, axis, "spectra.where") for axis in axes
         ]
-        for one in blocks:
-            check_blocks(setup, parts, self.points, one, self.interpolation, "spectra.where")
+        for axis, one in zip(axes, blocks, strict=True):
+            check_blocks(setup, parts, self.points, one, self.interpolation, axis is not None, "spectra.where")
         return Wanted(np.zeros(0, np.int64), tuple(blocks), self.every, heat=self._warm)
 
     def start(self, step: int, heard: Heard) -> None:
