@@ -137,3 +137,21 @@ def test_a_browser_shows_it(there, tmp_path, capsys):
         assert browser.errors  # missing resources are reported
     finally:
         browser.close()
+
+
+def test_what_is_measured_has_its_name_and_its_unit(tmp_path, monkeypatch, capsys):
+    """The sum that is recorded of a temperature is no energy."""
+    monkeypatch.chdir(tmp_path)
+    heat = CASE.replace('"wave"', '"heat"').replace("x < 9, 1", "x < 9, 20") + 'units = { length = "mm", time = "s" }\n'
+    Path("a.toml").write_text(heat)
+    assert main(["run", "a.toml", "--threads", "1"]) == 0
+    said, text = capsys.readouterr().out, Path("a/report.html").read_text(encoding="utf-8")
+    cells = Page(text).texts["td"] + Page(text).texts["th"]
+    assert "energy" not in cells and "half the integral of (u - background)^2" in cells
+    assert any("spacing 0.25 mm" in cell for cell in cells) and any(cell.startswith("t = 2 s: ") for cell in cells)
+    assert "outputs every 0.05 s = " in said
+
+
+def test_one_step_is_a_step(there, capsys):
+    assert main(["run", "a case.toml", "--set", "run.dt=0.1", "--set", "output.every=0.1", "--threads", "1"]) == 0
+    assert "outputs every 0.1 = 1 step;" in capsys.readouterr().out

@@ -167,13 +167,11 @@ class Case:
 
     def schedule(self, dt: float) -> str:
         """When outputs and probes are recorded, in words."""
-        every = self.every(dt)
-        said = f"every {every:.6g} = {whole_steps(every, dt)} steps"
+        time = "" if self.units is None else self.units.name("s")
+        said = _interval(self.every(dt), dt, time)
         if self.parts.output.probes:
             between = self.parts.output.probe_every
-            said += "; probes " + (
-                "every step" if between is None else f"every {between:.6g} = {whole_steps(between, dt)} steps"
-            )
+            said += f"; probes {'every step' if between is None else _interval(between, dt, time)}"
         return said
 
     @property
@@ -367,6 +365,12 @@ class Case:
                 self.lattice.index(point)
             except InputError as error:
                 raise error.at("output.probes") from None
+
+
+def _interval(time: float, dt: float, unit: str) -> str:
+    """An interval of time and its number of steps."""
+    steps = whole_steps(time, dt)
+    return f"every {f'{time:.6g} {unit}'.strip()} = {steps} step{'s' * (steps != 1)}"
 
 
 def _has_readable_units(data: Mapping[str, Any]) -> bool:

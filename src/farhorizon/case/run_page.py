@@ -93,9 +93,13 @@ def _summary(case: Case, run: Run, results: Results) -> list[tuple[str, str]]:
     """Rows that summarise what was computed."""
     nodes = " x ".join(map(str, run.lattice.whole.shape))
     shared = f", on {run.team.size} processes" if run.team else ""
+    length, time = (f" {results.units[what]}" if what in results.units else "" for what in ("length", "time"))
     rows = [
-        ("near field", f"{nodes} nodes, spacing {run.lattice.spacing:g}{shared}"),
-        ("time", f"t = {run.time:g}: {run.step_count} steps of {run.dt:.6g}; outputs {case.schedule(run.dt)}"),
+        ("near field", f"{nodes} nodes, spacing {run.lattice.spacing:g}{length}{shared}"),
+        (
+            "time",
+            f"t = {run.time:g}{time}: {run.step_count} steps of {run.dt:.6g}{time}; outputs {case.schedule(run.dt)}",
+        ),
     ]
     for name in results.field_names if results.times.size else ():
         values = np.abs(results.field(name, -1))
@@ -105,7 +109,8 @@ def _summary(case: Case, run: Run, results: Results) -> list[tuple[str, str]]:
         rows.append(("materials", str(Regions(results.regions, results.region_names))))
     energy = results.energy[np.isfinite(results.energy)]
     if energy.size:
-        rows.append(("energy", f"{energy[0]:.6g} at the start, {energy[-1]:.6g} at the end"))
+        what = "energy" if case.model.order == 2 else "half the integral of (u - background)^2"
+        rows.append((what, f"{energy[0]:.6g} at the start, {energy[-1]:.6g} at the end"))
     return rows
 
 
