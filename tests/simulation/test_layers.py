@@ -13,6 +13,7 @@ from farhorizon.engine.engine import Layer
 from farhorizon.engine.state import State
 from farhorizon.simulation import layers
 from farhorizon.simulation.layers import with_one_filter
+from farhorizon.studies.compare import compare
 
 SEED = int(os.environ.get("FARHORIZON_SEED", 20261127))
 GENTLE, STRONG = ((np.array([0.0, share]), taps) for share, taps in ((0.02, [0.5, 0.25]), (0.5, [0.5, 0.25, 0.1])))
@@ -262,6 +263,26 @@ def test_scattered_waves_keep_the_target(number, target):
         error = max(error, np.nanmax(np.abs(near.fields["u"] - large.fields["u"][inside])))
         largest = max(largest, np.nanmax(np.abs(large.fields["u"])))
     assert error < target * largest
+
+
+@pytest.mark.parametrize("where", ["denser", "faster", "crack", "held"])
+def test_waves_that_run_away_from_a_side_are_scattered_back_to_it(where):
+    """The data send almost nothing to the lower end; what the interface, the crack or the held nodes send back missed
+    the target by a factor of 388, 216, 8 and 15.
+    """
+    beyond = {"denser": {"density": "where(x > 1.01, 4, 1)"}, "faster": {"speed": "where(x > 1.01, 2, 1)"}}
+    pulse = "exp(-((x + 1)/0.2)**2)"
+    given = {
+        "lattice": fh.Lattice(0.02, -4.0, 6.0),
+        "model": fh.Wave(fh.Kernel(0.04, influence="linear"), **beyond.get(where, {})),
+        "boundary": fh.LatticePML(target=1e-6, until=12.0),
+        "initial": {"u": pulse, "v": f"2*(x + 1)/0.04*{pulse}"},
+        "cracks": [fh.Crack(fh.PointCut(1.01), factor=0.1)] if where == "crack" else [],
+        "constraints": [fh.Prescribed(fh.Box((1.0,), (1.06,)), value=0.0)] if where == "held" else [],
+    }
+    found = compare(given, 12.0, beside=False)
+    (curve,) = found.curves.values()
+    assert curve["error_max_over_run"] < 1e-6 * found.initial
 
 
 def test_a_source_that_is_silent_at_first_counts_in_diffusion():

@@ -118,7 +118,9 @@ class Driven:
         return [Datum(part, kind, time, i) for i, part in enumerate(parts) if part.any()]
 
     def scatterers(self) -> np.ndarray:
-        """Return the nodes that scatter waves: around cracks, outside a body, and where the medium changes."""
+        """Return the nodes that scatter waves: around cracks, outside a body, where the medium changes, and those that
+        are held.
+        """
         lattice = self.near.lattice
         found = np.zeros(lattice.shape, bool)
         for crack in self.setup.cracks:
@@ -131,6 +133,8 @@ class Driven:
             if values is not None:
                 for axis in range(lattice.dim):
                     found |= np.abs(np.gradient(values, axis=axis)) > 0
+        for nodes in self.near.prescribed.nodes:
+            found.ravel()[nodes] = True
         return found
 
     def causes(self, until: float, sides: Sides) -> Iterator[Cause]:

@@ -114,8 +114,18 @@ class WaveField:
         for medium in self.media(axis, side):
             data = self.turned(axis, side, medium)
             vectors = self.stencil.components > 1 and self._every(medium, data, wanted)
-            found.append((medium, self._as_vectors(data, axis, side) if vectors else data, vectors))
+            whole = self._as_vectors(data, axis, side) if vectors else data
+            found += [(medium, one, vectors) for one in (whole, *self._sent_back(whole))]
         return found
+
+    def _sent_back(self, data: Sequence[Datum]) -> list[list[Datum]]:
+        """Return the data with reversed velocities, if they have initial values as well and there are scatterers: waves
+        that run away from a side, of which the data may contain nothing else, are scattered back to it.
+        """
+        scattered = self.scatterers is not None and self.scatterers.any()
+        if not scattered or not {"u", "v"} <= {datum.kind for datum in data}:
+            return []
+        return [[replace(datum, values=-datum.values) if datum.kind == "v" else datum for datum in data]]
 
     def _alike(
         self, axis: int, side: int, until: float, wanted: float, seen: Sequence[tuple[LatticeMedium, list[Datum], bool]]
