@@ -376,7 +376,8 @@ class ConstraintPart(Part):
     value: str | Number | None = None
     """Temperature, flux into the body or, for convection, ambient temperature; may depend on the coordinates and t."""
     kind: str | None = None
-    """For a side: node, volume or mirror (temperature), source, layer or mirror (flux), layer or mirror (insulated)."""
+    """For a side: node, volume or mirror (temperature), source, layer or mirror (flux), layer or mirror (insulated).
+    With volume, layer and mirror, the outermost nodes, as many as the stencil reaches, lie beyond the wall."""
     transfer: Number | None = None
     """Heat transfer coefficient of convection, power / (area temperature)."""
     within: RegionPart | None = None
