@@ -499,7 +499,7 @@ def test_an_output_that_cannot_be_written_is_told_in_one_line(small, arguments):
 def test_a_picture_folder_that_cannot_be_made_is_refused_before_the_run(small, capsys):
     Path("small").write_text("a file")
     assert main(["run", "small.toml"]) == 2
-    assert "small" in capsys.readouterr().err and not Path("small.h5").exists()
+    assert "small is a file: choose another folder" in capsys.readouterr().err and not Path("small.h5").exists()
 
 
 @pytest.mark.sampled(2)

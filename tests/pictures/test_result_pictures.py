@@ -423,8 +423,8 @@ def test_the_lengths_that_colour_a_deformed_lattice_have_a_unit(tmp_path, monkey
 
 def test_pictures_of_chosen_times_may_have_names_of_their_own(tmp_path):
     results = axes_and_fields(tmp_path / "a.h5")
-    view = {"times": [1.0], "suffix": "-t=1", "fields": ["v"]}
-    assert [path.name for path in drawing.plot_results(results, tmp_path, View(**view))] == ["v-t=1.png"]
+    view = {"times": [1.0], "suffix": "-t=1"}
+    assert [path.name for path in drawing.plot_results(results, tmp_path, View(**view, fields=["v"]))] == ["v-t=1.png"]
     assert [path.name for path in drawing.plot_results(results, tmp_path, View(**view, deformed=1.0))] == [
         "deformed-t=1.png"
     ]

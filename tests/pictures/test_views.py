@@ -40,6 +40,12 @@ def test_one_kind_of_picture_is_drawn_at_a_time(asked):
         View(**asked)
 
 
+@pytest.mark.parametrize("other", [{"fields": ["u_curl"]}, {"limits": (-1.0, 1.0)}, {"decibels": True}])
+def test_a_deformed_shape_has_colours_of_its_own(other):
+    with pytest.raises(InputError, match="colours of a deformed shape"):
+        View(deformed=0.0, **other)
+
+
 def test_only_space_is_sliced(tmp_path):
     with pytest.raises(InputError, match="--slice: only a 3D lattice"):
         View(planes=[("x", 0.0)]).slices(results(tmp_path / "a.h5"))

@@ -52,11 +52,12 @@ def check_folder(name: str) -> None:
 
     there = next(p for p in (Path(name).resolve(), *Path(name).resolve().parents) if p.exists())
     if not (there.is_dir() and os.access(there, os.W_OK)):
+        taken = "a file: choose another folder, or another name for the case, such as case.toml"
         raise InputError(
             "cannot make the folder",
             value=name,
             key="--out",
-            remedy=f"{there} is not a writable folder: choose another",
+            remedy=f"{there} is {taken if there.is_file() else 'not a writable folder: choose another'}",
         )
 
 

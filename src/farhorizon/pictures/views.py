@@ -56,7 +56,7 @@ class View:
     ------
     InputError
         Times, a factor, levels or a range are not finite; the range is empty; the format is unknown; or more than one
-        of deformed shape, isosurfaces and film is requested.
+        of deformed shape, isosurfaces and film is requested, or fields, a range or decibels with a deformed shape.
     """
 
     times: Sequence[float] | None = None
@@ -82,6 +82,14 @@ class View:
         asked = {"--deformed": self.deformed, "--isosurfaces": self.isosurfaces, "--movie": self.movie or None}
         if len(kinds := [option for option, one in asked.items() if one is not None]) > 1:
             raise InputError("one of these is drawn at a time", value=" ".join(kinds), remedy="plot once for each")
+        own = {"--field": self.fields, "--range": self.limits, "--db": self.decibels or None}
+        if self.deformed is not None and (given := [option for option, one in own.items() if one is not None]):
+            raise InputError(
+                "colours of a deformed shape show the damage, or the displacements where there is none",
+                value=" ".join(given),
+                key="--deformed",
+                remedy="plot fields without it",
+            )
         if not np.isfinite(self.isosurfaces or ()).all():
             raise InputError("levels are finite numbers", value=self.isosurfaces, key="--isosurfaces")
         if self.format not in FORMATS:
