@@ -11,7 +11,7 @@ from scipy.ndimage import affine_transform
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.arrivals import arrivals, round_a_point
-from farhorizon.analysis.layers.beside_walls import turned_by_wall
+from farhorizon.analysis.layers.beside_walls import Turned, turned_by_wall
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.returned import Arrivals
 from farhorizon.analysis.layers.samples import Sample
@@ -85,7 +85,7 @@ class WaveField:
     # by the key of equivalent sides
     _sent: dict[tuple[object, ...], tuple[list[Arrivals], float]] = field(default_factory=dict)
     _samples: dict[tuple[Stencil, float, int, int], Sample] = field(default_factory=dict)
-    _turned: dict[int, np.ndarray] = field(default_factory=dict)  # by axis
+    _turned: dict[int, Turned] = field(default_factory=dict)  # by axis
 
     def alike(self, axis: int, side: int, until: float, wanted: float) -> tuple[object, ...]:
         """Return a key that is the same for equivalent sides."""
@@ -388,17 +388,18 @@ class WaveField:
             fields = [np.concatenate([field, -field], place) for field in fields]
         return fields, near, fields[0].shape[place] if above and below else 0
 
-    def turned_by_walls(self, axis: int) -> np.ndarray:
-        """Return the backward waves that the walls beside the layers of an axis make of the data: their amplitude and
-        the root of the sum of their squares, see `analysis.layers.beside_walls.turned_by_wall`.
-        """
+    def turned_by_walls(self, axis: int) -> Turned:
+        """Return the backward waves that the walls beside the layers of an axis make of the data."""
         if axis not in self._turned:
-            walls = [other for other in range(len(self.shape)) for s in (-1, 1) if self.sides[other, s].image]
-            self._turned[axis] = sum((self._turned_by(wall, axis) for wall in walls if wall != axis), np.zeros(2))
+            walls = {a: [s for s in (-1, 1) if self.sides[a, s].image] for a in range(len(self.shape)) if a != axis}
+            found = [self._turned_by(wall, axis) for wall, ends in walls.items() for _ in ends]
+            between = [self.shape[wall] for wall, ends in walls.items() if len(ends) == 2]
+            amplitudes, roots = (sum(getattr(one, name) for one in found) for name in ("amplitude", "root"))
+            self._turned[axis] = Turned(amplitudes, roots, min(between, default=0))
         return self._turned[axis]
 
-    def _turned_by(self, wall: int, axis: int) -> np.ndarray:
-        """Return the same for a wall across an axis."""
+    def _turned_by(self, wall: int, axis: int) -> Turned:
+        """Return the waves that a wall across an axis makes of the data."""
         order = [wall, axis, *(other for other in range(len(self.shape)) if other not in (wall, axis))]
         damped, stencil = high_pass(self.stencil), self.stencil.along(axis).along(1 + wall - (wall > axis))
         assert damped is not None
@@ -410,5 +411,5 @@ class WaveField:
                 fields = self._unfold(fields, along, along)[0]
             component = order.index(datum.component) if self.stencil.components > 1 else 0
             turned = replace(datum, values=fields[0].transpose(order), component=component)
-            found += turned_by_wall(medium, damped, turned) * _size(datum) / (largest[datum.kind] or 1.0)
-        return found
+            found += np.array(turned_by_wall(medium, damped, turned)[:2]) * _size(datum) / (largest[datum.kind] or 1.0)
+        return Turned(*found)

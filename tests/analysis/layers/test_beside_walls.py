@@ -9,7 +9,7 @@ import pytest
 from test_returned import medium, pulse
 
 import farhorizon as fh
-from farhorizon.analysis.layers.beside_walls import lacking_beside_walls, turned_by_wall
+from farhorizon.analysis.layers.beside_walls import Turned, lacking_beside_walls, turned_by_wall
 from farhorizon.analysis.layers.short_waves import high_pass
 from farhorizon.analysis.layers.side_data import Datum
 from farhorizon.engine.engine import Layer
@@ -73,11 +73,11 @@ def test_sources_that_change_slowly_send_few():
     damped, u = high_pass(front.stencil), pulse((40, 40), (20.0, 20.0), 2.0)
 
     def share(course):
-        return turned_by_wall(front, damped, Datum(u, "source", course))[0]
+        return turned_by_wall(front, damped, Datum(u, "source", course)).amplitude
 
     steps = np.arange(2000)
     at_once, slowly = np.ones(2000), np.exp(-(((steps - 1000) / 200) ** 2))
-    assert share(at_once) == pytest.approx(turned_by_wall(front, damped, Datum(u, "u"))[0], rel=0.05)
+    assert share(at_once) == pytest.approx(turned_by_wall(front, damped, Datum(u, "u")).amplitude, rel=0.05)
     assert 0 < share(at_once) and share(slowly) < 1e-6 * share(at_once)
     assert share(np.zeros(2000)) == pytest.approx(share(np.ones(1)))
 
@@ -87,7 +87,7 @@ def test_more_is_lacking_of_more_waves_until_all_have_come():
 
     def lacking(nodes, way, turned, kept=1.0):
         edges = np.zeros(nodes + 1)
-        return lacking_beside_walls(Layer(edges + 1, edges, edges), damped, stencil, way, turned, kept)
+        return lacking_beside_walls(Layer(edges + 1, edges, edges), damped, stencil, way, Turned(*turned), kept)
 
     smooth = lacking(20, 1e6, (0.0, 0.0))
     assert smooth == lacking(20, 1.0, (0.0, 0.0)) and lacking(40, 1.0, (0.0, 0.0)) < 0.1 * smooth
@@ -100,20 +100,23 @@ def test_more_is_lacking_of_more_waves_until_all_have_come():
     # waves spread over a distance in proportion to the thickness, but have no larger amplitude than in phase
     assert lacking(40, 1e4, waves) - lacking(40, 1.0, (0.0, 0.0)) == pytest.approx(late / 2)
     assert lacking(20, 1e4, (1e-4, 10.0)) - smooth == pytest.approx(0.15e-4)
+    # between two walls they are turned again and again, and spread along them only
+    assert lacking(20, 1e4, (1.0, 0.2, 30)) - smooth == pytest.approx(0.2 * np.sqrt(1e4 / 30 / (30 * 20)))
+    assert lacking(20, 1e4, (1e-4, 0.2, 30)) - smooth == pytest.approx(1.5e-4)
     neighbours = fh.Wave(fh.Stencil.finite_element(2)).stencil(1.0, 2)
     edges = np.zeros(21)
     layer = Layer(edges + 1, edges, edges)
     of_neighbours = high_pass(neighbours)
-    assert lacking_beside_walls(layer, of_neighbours, neighbours, 1e6, (1.0, 1.0)) == lacking_beside_walls(
-        layer, of_neighbours, neighbours, 1e6, (0.0, 0.0)
+    assert lacking_beside_walls(layer, of_neighbours, neighbours, 1e6, Turned(1.0, 1.0)) == lacking_beside_walls(
+        layer, of_neighbours, neighbours, 1e6, Turned()
     )
 
 
 def test_filters_of_few_neighbours_leave_more_of_solids():
     damped, stencil, edges = high_pass(SOLID.stencil(1.0, 2)), SOLID.stencil(1.0, 2), np.zeros(11)
     brief, long = (Layer(edges + 1, edges, edges, edges[1:] + 1, np.ones(taps)) for taps in (5, 9))
-    assert lacking_beside_walls(brief, damped, stencil, 1.0, (0.0, 0.0)) == pytest.approx(
-        6 * lacking_beside_walls(long, damped, stencil, 1.0, (0.0, 0.0))
+    assert lacking_beside_walls(brief, damped, stencil, 1.0, Turned()) == pytest.approx(
+        6 * lacking_beside_walls(long, damped, stencil, 1.0, Turned())
     )
 
 
@@ -125,6 +128,6 @@ def test_media_whose_waves_are_damped_themselves_have_no_slowest_backward_wave()
     damped, edges = high_pass(stencil), np.zeros(13)
     layer = Layer(edges + 1, edges, edges)
     assert damped.whole and damped.lowest < 1e-4 * stencil.symbol_maximum
-    assert lacking_beside_walls(layer, damped, stencil, 1e6, (1.0, 1.0)) == lacking_beside_walls(
+    assert lacking_beside_walls(layer, damped, stencil, 1e6, Turned(1.0, 1.0)) == lacking_beside_walls(
         layer, damped, stencil, 1.0, 0.0
     )
