@@ -68,6 +68,7 @@ def test_as_many_waves_are_followed_as_a_verdict_takes(nodes, monkeypatch):
     every = arrived.returned(layer)
     monkeypatch.setattr(returned_waves, "_FIRST_EACH", 200)
     monkeypatch.setattr(returned_waves, "_SURE_EACH", 400)
+    monkeypatch.setattr(returned_waves, "_TRIED", 20)  # of the others, twice
     asked = {}
     for limit in (0.1, 0.7, 1.4, 10.0, np.inf):
         exact.clear()
@@ -75,7 +76,26 @@ def test_as_many_waves_are_followed_as_a_verdict_takes(nodes, monkeypatch):
         asked[limit] = sum(exact)
         assert (found <= limit) == (limit > 1)
     assert found == pytest.approx(1.0, rel=0.1)
-    assert asked[10.0] == 400 and max(asked.values()) < len(arrived.amplitude)
+    assert 400 <= asked[10.0] <= 440 and max(asked.values()) < len(arrived.amplitude)
+
+
+def test_waves_that_the_sample_misjudges_count(monkeypatch):
+    """A layer turned P waves of a solid into backward ones, of which the waves that represent them did not tell: what
+    21000 waves returned was ten times what the loudest 8000 did. Here all but the loudest 100 are taken to return a
+    thousandth; without a few of them that are followed the value was half of the right one.
+    """
+    arrived, front = elastic_arrivals(80, 80)
+    layer = fh.LatticePML(nodes=6).make_layer(2, front.stencil, front.coefficient, 1.0, 0.0)
+    every, sizes = arrived.returned(layer), returned_waves.Arrivals._sizes
+
+    def misjudged(self, layer, some):
+        right = sizes(self, layer, slice(None))
+        return np.where(right < np.sort(right)[-100], 1e-3 * right, right)[some]
+
+    monkeypatch.setattr(returned_waves, "_FIRST_EACH", 50)
+    monkeypatch.setattr(returned_waves, "_SURE_EACH", 100)
+    monkeypatch.setattr(returned_waves.Arrivals, "_sizes", misjudged)
+    assert arrived.returned(layer, 0.8 * every) > 0.8 * every
 
 
 @pytest.mark.slow

@@ -37,6 +37,7 @@ _EACH = 1500  # largest number of waves on a line that are followed individually
 # their energy suggests; and how many are followed at most. Part of these that the others may add where there is no
 # limit
 _FIRST_EACH, _SURE_EACH, _MOST_EACH, _LITTLE = 1000, 8000, 64000, 0.1
+_TRIED = 500  # of the other waves, those that are followed to see how much they reflect
 _PEAK = 5.0  # largest value, over all places and times, of a sum of waves of random phases over its root mean square
 # ratio of the closed form to `enough` above which nothing else is computed: it does not include the damping of short
 # waves
@@ -175,13 +176,23 @@ class Arrivals:
             back = back + self.amplitude * self._exact(layer, heard[first:last])
             followed = max(self._over_the_field(one[0], one[1:]) for one in back)
             rest = np.zeros_like(loud)
-            rest[heard[last:]] = loud[heard[last:]]
-            others = self._by_energy(rest)
+            rest[heard[last:]] = loud[heard[last:]] * self._misjudged(layer, heard[last:], loud)
+            # relative to the energy of all times, waves that come late have grown most
+            others = max(self._by_energy(rest), self._noise(rest))
             little = others <= _LITTLE * followed if enough == np.inf else followed + others <= enough
             decided = (little and last >= _SURE_EACH) or followed > enough + self._noise(rest)
             if decided or last >= min(len(heard), _MOST_EACH):
                 return followed + others
             first, last = last, max(2 * last, _SURE_EACH)
+
+    def _misjudged(self, layer: Layer, some: np.ndarray, sizes: np.ndarray) -> float:
+        """Ratio of the reflected amplitudes of some waves, of which a few are followed, to the given approximate ones;
+        at least 1. A layer turns waves into others, such as P waves into backward S waves, of which the waves of the
+        sample need not tell.
+        """
+        tried = some[:: 1 + len(some) // _TRIED]
+        followed = np.abs(self._exact(layer, tried)[:, 0, tried]).max(0, initial=0.0) * np.abs(self.amplitude[tried])
+        return max(1.0, float(np.linalg.norm(followed) / max(float(np.linalg.norm(sizes[tried])), 1e-300)))
 
     def _noise(self, amplitude: np.ndarray) -> float:
         """Largest value of a sum of waves of random phases with given amplitudes, at the time of largest growth."""
