@@ -162,7 +162,7 @@ class Arrivals:
 
     def _each(self, layer: Layer, enough: float) -> float:
         """Largest value of the reflections of waves that are followed individually, the loudest first: of all, or of so
-        many that the others, by their energy, do not change whether the value is at most `enough`.
+        many that the others, by their energy or as noise, do not change whether the value is at most `enough`.
 
         They are ranked by the closed form of each as well as by the waves of the sample that represent them. Of long
         waves that are slightly slower a layer may reflect ten times as much, and with the sample alone the sum of the
