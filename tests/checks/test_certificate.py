@@ -456,10 +456,10 @@ def test_a_run_that_is_no_longer_than_its_noise_is_not_remarked():
     first = sim.examine(40.0)
     assert first.verdict == "undecided" and first.quiet == 40.0 and not sim.notes and not first.remark(40.0)
     assert "--budget" in first.remark(41.0) and "\n" not in first.remark(41.0)
-    assert first.in_words(40.0) == "white noise does not grow in a run of this length"
+    assert first.in_words(40.0) == "white noise in a copy of 7 x 7 nodes does not grow for t = 40"
     assert first.in_words(41.0) == "stability undecided"
     assert first.in_full(40.0).startswith(first.in_words(40.0)) and "undecided" not in first.in_full(40.0)
-    assert str(first) == first.in_full(np.inf) and str(first).startswith("undecided: white noise does not grow")
+    assert str(first) == first.in_full(np.inf) and str(first).startswith("undecided: white noise in a copy")
     assert sim.examine(30.0) is first
     assert sim.certificate(60.0, until=5000.0).verdict == "certified"
 

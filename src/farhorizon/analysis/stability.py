@@ -5,13 +5,15 @@ A map is stable if no eigenvalue lies outside the unit circle by more than `TOLE
 the crossing time of the set-up (`Run.crossing`), so that a verdict does not depend on units of measurement; ``dt`` is
 the step in it. Every number comes with a bound on what rounding and unfinished iterations may hide: where that bound
 reaches across the tolerance, nothing is claimed.
+
+How much is examined is limited by an `Allowance` of operations, never by the clock: the same set-up gets the same
+verdict on a busy machine and on an idle one.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import linalg
@@ -26,15 +28,50 @@ _LEAST = 12
 _RAISE = 8  # factor from one power of the map to the next
 _POWERS = 2  # number of powers that are tried
 _CLEAR = 1e-6  # a factor this far inside the unit circle is doubtful only with a condition number of a thousand million
-_RISES = 2.0  # rise over the last third of a short run, above that of what grows in proportion to time
+_RISES = 2.0  # rise over the last third of a run shorter than `SHORT`, above that of what grows in proportion to time
 _VECTORS = 16  # largest number of vectors of a Krylov space
 # largest error over rate of growth that a short run reports: the error is of first order, and larger for modes that
 # nearly coincide
 _SURE = 0.5
 DENSE = 700  # largest size of a state for which all eigenvalues are computed, which takes a second
 _EXPLODED = 1e6  # growth of white noise over a run that cannot be a transient
-_SLOWS = 0.9  # part of the rise in the previous third: exponential growth rises by as much, or by more and more
-_UNWATCHED = 1000  # steps of noise between two checks of the time
+_PIECE = 1000  # steps of noise between which an interrupt takes effect
+
+
+class Allowance:
+    """Operations that an examination may still perform, in seconds of a typical core.
+
+    Parameters
+    ----------
+    seconds : float
+
+    Attributes
+    ----------
+    left, used : float
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self.left, self.used = seconds, 0.0
+
+    def take(self, seconds: float) -> bool:
+        """Use some of it, if that much is left; return whether it was."""
+        if seconds > self.left:
+            return False
+        self.left -= seconds
+        self.used += seconds
+        return True
+
+
+def step_seconds(products: float) -> float:
+    """Seconds that a step takes on a typical core, by the products of weights and values that it sums: some 3e9 a
+    second, and a microsecond to begin with (measured, fields in the cache).
+    """
+    return products / 3e9 + 1e-6
+
+
+def eigenvalue_seconds(size: int) -> float:
+    """Seconds that all eigenvalues of a matrix take on a typical core."""
+    return float((size / DENSE) ** 3)
 
 
 @dataclass(frozen=True)
@@ -131,7 +168,8 @@ def krylov_growth(
     size: int,
     dt: float,
     crossing: int,
-    budget: float,
+    cost: float,
+    allowance: Allowance,
     seed: int = 0,
     subspace: int = _VECTORS,
 ) -> Growth:
@@ -153,8 +191,10 @@ def krylov_growth(
     crossing : int
         Number of steps in which the fastest wave, or a substantial part of a diffusing field, crosses the whole domain
         of the map, layers included.
-    budget : float
-        Seconds after which it gives up.
+    cost : float
+        Seconds that a step takes on a typical core.
+    allowance : Allowance
+        Where it is used up, the examination ends.
     seed : int
         Of the noise.
     subspace : int
@@ -164,18 +204,18 @@ def krylov_growth(
     -------
     Growth
         Its error is that of the eigenvalue problem's residual, 0 with `hidden` set where a long run decides, and
-        infinite if time ran out.
+        infinite if the allowance was used up.
     """
-    begin = time.monotonic()
-    end, unknown = begin + budget, Growth(0.0, np.inf, 1.0, np.zeros(0))
-    noise = _Noise(advance, size, dt, crossing, seed)
-    if not noise.run(_NOISE, end):
+    unknown = Growth(0.0, np.inf, 1.0, np.zeros(0))
+    noise = _Noise(advance, size, dt, crossing, cost, seed)
+    if not noise.run(_NOISE, allowance):
         return noise.explosion() or unknown
-    pace = (time.monotonic() - begin) / _NOISE
-    power, x = crossing, noise.state
+    power, x, long = crossing, noise.state, (_LONG - _NOISE) * crossing * cost
     for _ in range(_POWERS):
-        left, spaces, long = end - time.monotonic(), subspace * power / crossing * pace, (_LONG - _NOISE) * pace
-        if spaces > left or spaces + long > left >= long:  # the long run must follow, where there is time for it
+        spaces = subspace * power * cost
+        if spaces + long > allowance.left >= long:  # the long run must follow, where it is allowed
+            break
+        if not allowance.take(spaces):
             break
         least = max(4, _LEAST * crossing // power)
         found, x = _arnoldi(lambda v: advance(v, power), x, power, dt, least, min(subspace, size))  # noqa: B023
@@ -183,7 +223,7 @@ def krylov_growth(
             return found
         power *= _RAISE
     until = _LONG
-    while noise.run(until, end):
+    while noise.run(until, allowance):
         found = noise.decay()
         if found.stable is not None:
             return found
@@ -196,40 +236,39 @@ def noise_growth(
     size: int,
     dt: float,
     crossing: int,
-    budget: float,
+    cost: float,
+    allowance: Allowance,
+    short: Allowance,
     crossings: float = np.inf,
     seed: int = 0,
-    longest: float = np.inf,
 ) -> tuple[Growth | None, float]:
     """Growth seen in a short run from white noise, of a map that can only be applied: a cheap test, before anything
     else is examined.
 
     Parameters
     ----------
-    advance, size, dt, crossing, budget, seed
+    advance, size, dt, crossing, cost, seed
         As for `krylov_growth`.
+    allowance : Allowance
+        For what follows where noise rises.
+    short : Allowance
+        For the short run itself.
     crossings : float
         Length of the run in question, in crossing times of the domain of the map; noise runs for as long, but at most
-        ten crossing times. If it is finite, this is not limited by the budget, since it takes less time than the run
-        itself, and the budget is for what follows where noise rises.
-    longest : float
-        Limit in seconds in that case.
+        ten crossing times.
 
     Returns
     -------
     Growth or None
         Noise that rises over the last third of the run is continued, and a Krylov space of the map distinguishes growth
-        from a transient. A state that is still twice as large at the end as at two thirds when time is up counts as
-        growth, unless its rise slows down, as that of a power of time does. None if no growth is seen.
+        from a transient. None if no growth is seen, or if the allowance was used up before it was certain.
     float
-        Crossing times for which noise ran: fewer than requested if there was no time.
+        Crossing times for which noise ran without growth; 0 if it still rose when the allowance was used up.
     """
-    begin, asked = time.monotonic(), bool(np.isfinite(crossings))
     share = min(crossings / SHORT, 1.0)
     piece = max(1, int(np.ceil(crossing * share)))  # a shorter run is sampled as often
-    noise = _Noise(advance, size, dt, piece, seed)
-    whole = noise.run(SHORT, begin + (longest if asked else budget))
-    end = budget + (time.monotonic() if asked else begin)
+    noise = _Noise(advance, size, dt, piece, cost, seed)
+    whole = noise.run(SHORT, short)
     if noise.explosion() is not None:
         return noise.explosion(), 0.0
     length = len(noise.sizes) - 1
@@ -240,35 +279,39 @@ def noise_growth(
         found = dense_growth(np.stack([advance(unit, 1) for unit in np.eye(size)], axis=1), dt)
         if found.stable is not None:
             return (None if found.stable else found), length * share
-    while noise.rise() > least and time.monotonic() < end:
+    while noise.rise() > least and allowance.take(_VECTORS * crossing * cost):
         found, _ = _arnoldi(lambda v: advance(v, crossing), noise.state, crossing, dt, 4, min(_VECTORS, size))
         if found.stable is False and found.error < _SURE * found.rate:
             return found, length * share
         length *= 2
-        if not noise.run(length, end):
-            break
-    grows = noise.rise() > _RISES and not noise.slows()
-    growth = noise.explosion() or (replace(noise.decay(), error=0.0) if grows else None)
-    return growth, length * share
+        if not noise.run(length, allowance):
+            return noise.explosion(), 0.0
+    return None, length * share if noise.rise() <= least else 0.0
 
 
 class _Noise:
     """A run from white noise, with the size of its state after each crossing time."""
 
     def __init__(
-        self, advance: Callable[[np.ndarray, int], np.ndarray], size: int, dt: float, crossing: int, seed: int
+        self,
+        advance: Callable[[np.ndarray, int], np.ndarray],
+        size: int,
+        dt: float,
+        crossing: int,
+        cost: float,
+        seed: int,
     ) -> None:
-        self.advance, self.dt, self.crossing = advance, dt, crossing
+        self.advance, self.dt, self.crossing, self.cost = advance, dt, crossing, cost
         self.state = np.random.default_rng(seed).standard_normal(size)
         self.sizes = [float(np.linalg.norm(self.state))]
 
-    def run(self, until: int, end: float) -> bool:
-        """Continue to a number of crossing times; return False if the state exploded or time ran out before."""
+    def run(self, until: int, allowance: Allowance) -> bool:
+        """Continue to a number of crossing times; return False if the state exploded or the allowance ended before."""
         while len(self.sizes) <= until:
-            for done in range(0, self.crossing, _UNWATCHED):  # steps may be so short that one crossing takes days
-                self.state = self.advance(self.state, min(_UNWATCHED, self.crossing - done))
-                if time.monotonic() > end:
-                    return False
+            if not allowance.take(self.crossing * self.cost):
+                return False
+            for done in range(0, self.crossing, _PIECE):
+                self.state = self.advance(self.state, min(_PIECE, self.crossing - done))
             self.sizes.append(float(np.linalg.norm(self.state)))
             if not self.sizes[-1] < _EXPLODED * self.sizes[0]:
                 return False
@@ -292,12 +335,6 @@ class _Noise:
     def rise(self) -> float:
         """Size of the state over its size at two thirds of the run."""
         return self.sizes[-1] / max(self.sizes[-1 - (len(self.sizes) - 1) // 3], 1e-300)
-
-    def slows(self) -> bool:
-        """Whether the state rose less in the last third of the run than in the previous one."""
-        third = (len(self.sizes) - 1) // 3
-        before = self.sizes[-1 - third] / max(self.sizes[-1 - 2 * third], 1e-300)
-        return self.rise() < _SLOWS * before
 
     def decay(self) -> Growth:
         """Growth or decay over the last third of the run."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +18,16 @@ from typing_extensions import TypedDict
 
 from farhorizon import kinds
 from farhorizon.analysis import stability
-from farhorizon.analysis.stability import DENSE, Growth, dense_growth, fastest, krylov_growth, noise_growth
+from farhorizon.analysis.stability import (
+    DENSE,
+    Allowance,
+    Growth,
+    dense_growth,
+    fastest,
+    krylov_growth,
+    noise_growth,
+    step_seconds,
+)
 from farhorizon.boundaries import Fixed
 from farhorizon.boundaries.plane_wave import largest_update
 from farhorizon.checks import side_modes as strips
@@ -41,18 +50,20 @@ from farhorizon.files.html import table
 from farhorizon.geometry.lattice import AXES
 from farhorizon.machine import one_blas_thread, progress
 
+#: What is examined, and what examines it within an allowance: the result, and what was left out.
+Examination = tuple[str, Callable[[Allowance], tuple["ExaminedPart", list[str]]]]
 Verdict = Literal["certified", "not certified", "undecided"]
 CERTIFIED: Verdict = "certified"
 NOT_CERTIFIED: Verdict = "not certified"
 UNDECIDED: Verdict = "undecided"
-BUDGET = 30.0  # seconds that a certificate may take
+BUDGET = 30.0  # seconds that a certificate may take on a typical core
 _WIDE = 1500  # numbers in the state of a strip on a line, or of one widened where a mode grows, at most
 _CROSSINGS = 200_000  # longest run from noise whose map is known as a matrix
-PATIENCE = 2.0  # seconds for which rising noise may be followed before a run
+PATIENCE = 2.0  # seconds for which rising noise may be followed before a run, on a typical core
+_WHOLE = 10.0  # seconds up to which noise runs in a medium that varies as it is, not in a shortened copy
 _MATTERS = 10.0  # a run is refused if something grows by this factor within it
 _ALIKE = 4  # noise runs in the set-up itself if it has at most this many times the nodes of the small copy
 _ESCAPES = 0.5  # growth per crossing below which sides along a strip may absorb a mode before it has grown
-_QUIET = "white noise does not grow in a run of this length"
 _MARGIN = 1 - 1e-9  # at the step limit itself the shortest wave grows linearly
 
 
@@ -142,6 +153,9 @@ class Certificate:
     quiet : float
         Time over which white noise did not grow in an initial run; 0 if there was none, as for proofs and for
         eigenvalues of the complete update.
+    work : float
+        Operations that were performed, in seconds of a typical core: they, not the clock, are limited by the budget, so
+        that a verdict depends on neither the machine nor its load.
 
     Examples
     --------
@@ -160,6 +174,7 @@ class Certificate:
     skipped: tuple[str, ...] = ()
     seconds: float = 0.0
     quiet: float = 0.0
+    work: float = 0.0
 
     @property
     def rate_per_crossing(self) -> float:
@@ -189,11 +204,11 @@ class Certificate:
 
     def in_words(self, until: float) -> str:
         """Summary, in a few words, of what is known about a run of the given length."""
-        return _QUIET if self._enough(until) else f"stability {self.verdict}"
+        return self.reason if self._enough(until) else f"stability {self.verdict}"
 
     def in_full(self, until: float) -> str:
         """What is known about a run of the given length, how it was determined, and what was not examined."""
-        known = f"{_QUIET if self._enough(until) else self.verdict}: {self.reason}"
+        known = self.reason if self._enough(until) else f"{self.verdict}: {self.reason}"
         return known + "".join(f"; not examined: {part}" for part in self.skipped)
 
     def _enough(self, until: float) -> bool:
@@ -210,14 +225,10 @@ class Certificate:
             )
             return f"not stable, {so}: {self.reason}"
         if self.verdict == UNDECIDED and not self._enough(until):
-            seen = (
-                f"white noise did not grow for t = {self.quiet:.3g}, but the run is longer"
-                if self.quiet
-                else "nothing is known yet"
-            )
+            longer = ", but the run is longer" if self.quiet else ""
             return (
-                f"stability is undecided, {seen}: farhorizon check --budget 60 (certificate(60.0) in Python) "
-                "examines it"
+                f"stability is undecided, {self.reason}{longer}: farhorizon check --budget 60 (certificate(60.0) in "
+                "Python) examines it further"
             )
         return ""
 
@@ -259,7 +270,9 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf, brief:
     times of a small copy of the near field, and what grows there is refused. Then each pair of absorbing sides is
     examined by itself, with a medium between them that extends indefinitely along the other axes: its map is a chain
     for each tangential wavenumber, and all eigenvalues of that chain are computed. Corners, edges and faces that run
-    into a layer are examined on a small copy of the near field by Krylov spaces of powers of the map. Where there are
+    into a layer are examined on a small copy of the near field by Krylov spaces of powers of the map. A medium that
+    varies is examined as it is, or, for noise that would take too long in it, in a copy that contains all pairs of
+    adjoining media; a uniform medium says nothing about it. Where there are
     layers on all sides and both sides of an axis are the same, that copy keeps one of them and the other side is held
     fixed, because all corners are alike. A mode between two sides that grows so slowly that the other sides may absorb
     it first (as they do long surface waves) is examined on the near field as it is.
@@ -268,12 +281,13 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf, brief:
     ----------
     sim : Examined
     budget : float
-        Seconds; what would take longer is skipped, and the certificate says so.
+        Seconds of a typical core, by number of operations; what would take longer is skipped, and the certificate says
+        so.
     until : float
         Length of the run for which stability is examined. Where it is shorter than the run from noise, the noise runs
         only for this long.
     brief : bool
-        Whether a run is about to begin: noise then takes the time it needs, and if it ran for as long as the run, or
+        Whether a run is about to begin: noise then takes as long as it needs, and if it ran for as long as the run, or
         grew, no modes are examined. If false, noise takes at most half of `budget`, and modes are examined afterwards.
 
     Returns
@@ -316,41 +330,47 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf, brief:
     if known is not None:
         return known
     with progress(bar_format="stability: {desc}") as bar:
-        found, whole = _examined(sim, budget, until, brief, begin, bar.set_description_str)
+        found, whole, work = _examined(sim, budget, until, brief, bar.set_description_str)
+    found = replace(found, seconds=time.monotonic() - begin, work=work)
     if whole:
         _keep(path, found)
     return found
 
 
 def _examined(
-    sim: Examined, budget: float, until: float, brief: bool, begin: float, tell: Callable[[str], None]
-) -> tuple[Certificate, bool]:
-    """The certificate, and whether nothing was left out; `tell` is called with what is being examined."""
+    sim: Examined, budget: float, until: float, brief: bool, tell: Callable[[str], None]
+) -> tuple[Certificate, bool, float]:
+    """The certificate, whether nothing was left out, and the operations; `tell` is called with what is examined."""
     parts: list[ExaminedPart] = []
     slow: list[ExaminedPart] = []
     skipped: list[str] = []
     tell("a run from white noise")
-    seconds, longest = budget / 3 if np.isinf(until) else PATIENCE, np.inf if brief else budget / 2
-    grown, quiet = _noise_part(sim, seconds, until, longest)
-    if brief and grown is not None and np.isfinite(until):
-        return judge([grown], [], sim.crossing, time.monotonic() - begin), False
+    follows = brief and bool(np.isfinite(until))
+    short, further = Allowance(np.inf if follows else budget / 2), Allowance(PATIENCE if follows else budget / 3)
+    grown, quiet, where = _noise_part(sim, short, further, until)
+    allowance = Allowance(budget if follows else budget - short.used - further.used)
+
+    def work() -> float:
+        return short.used + further.used + allowance.used
+
+    if follows and grown is not None:
+        return judge([grown], [], sim.crossing), False, work()
     if brief and until <= quiet:
-        return judge([], ["modes, as the run is no longer"], sim.crossing, time.monotonic() - begin, quiet), False
+        return judge([], ["modes, as the run is no longer"], sim.crossing, quiet, where), False, work()
     try:
         for name, examine in _examinations(sim):
-            left = budget - (time.monotonic() - begin)
-            if left <= 0:
-                skipped.append(f"{name} (no time left of {budget:.3g} s)")
+            if allowance.left <= 0:
+                skipped.append(f"{name} (nothing left of a budget of {budget:.3g})")
                 continue
-            tell(f"{name}, at most {left:.0f} s")
+            tell(f"{name}, about {allowance.left:.0f} s at most")
             try:
-                part, left_out = examine(left)
+                part, left_out = examine(allowance)
             except TimeoutError:
-                skipped.append(f"{name} (needs more than {budget:.3g} s)")
+                skipped.append(f"{name} (needs a budget of more than {budget:.3g})")
                 continue
             skipped += left_out
             if part.growth.rate == 0 and np.isinf(part.growth.error):
-                skipped.append(f"{name} (not settled within {budget:.3g} s)")
+                skipped.append(f"{name} (not settled with a budget of {budget:.3g})")
                 continue
             if part.growth.stable is False and _escapes(sim, part):
                 slow.append(part)
@@ -360,14 +380,14 @@ def _examined(
                 break
         else:
             if slow:
-                parts, skipped = _with_whole(sim, slow, parts, skipped, budget - (time.monotonic() - begin))
-    except InputError as error:
-        skipped.append(f"a smaller copy, which is refused ({error.message})")
-    found = judge(parts, skipped, sim.crossing, time.monotonic() - begin, quiet)
+                parts, skipped = _with_whole(sim, slow, parts, skipped, allowance)
+    except InputError:  # such as a window that a smaller copy does not have
+        skipped.append("pairs of sides and corners, of which no smaller copy can be made")
+    found = judge(parts, skipped, sim.crossing, quiet, where)
     examined = found.verdict == CERTIFIED and bool(slow)  # the complete set-up, which says more than a copy
     if grown is not None and found.verdict != NOT_CERTIFIED and not examined:
-        found = judge([*parts, grown], skipped, sim.crossing, time.monotonic() - begin)
-    return _short_lived(sim, found), not skipped
+        found = judge([*parts, grown], skipped, sim.crossing)
+    return _short_lived(sim, found), not skipped, work()
 
 
 def told(rate: float, crossing: float) -> str:
@@ -376,7 +396,7 @@ def told(rate: float, crossing: float) -> str:
 
 
 def judge(
-    parts: list[ExaminedPart], skipped: list[str], crossing: float, seconds: float, quiet: float = 0.0
+    parts: list[ExaminedPart], skipped: list[str], crossing: float, quiet: float = 0.0, where: str = ""
 ) -> Certificate:
     """Verdict that follows from the parts that were computed and those that were not.
 
@@ -386,14 +406,15 @@ def judge(
     skipped : list of str
     crossing : float
         Crossing time.
-    seconds : float
-        Computing time of the parts.
     quiet : float
         Time over which white noise did not grow.
+    where : str
+        What it ran in.
     """
+    noise = f"white noise in {where} does not grow for t = {quiet:.3g}" if quiet else ""
     if not parts:
-        reason = f"white noise does not grow for t = {quiet:.3g}" if quiet else "nothing could be examined"
-        return Certificate(UNDECIDED, reason, crossing=crossing, skipped=tuple(skipped), seconds=seconds, quiet=quiet)
+        reason = noise or "nothing could be examined"
+        return Certificate(UNDECIDED, reason, crossing=crossing, skipped=tuple(skipped), quiet=quiet)
     growths = [p.growth for p in parts]
     growth = fastest(growths) if any(g.stable is not True for g in growths) else max(growths, key=lambda g: g.rate)
     part = next(p for p in parts if p.growth is growth)
@@ -403,7 +424,7 @@ def judge(
         crossing,
         tuple(parts),
         tuple(skipped),
-        seconds,
+        0.0,
         quiet,
     )
     if growth.stable is False:
@@ -414,9 +435,8 @@ def judge(
         return Certificate(NOT_CERTIFIED, part.name if part.drifts else how, *found)
     unclear = [p.name for p in parts if p.growth.stable is None]
     if unclear:
-        return Certificate(
-            UNDECIDED, f"the fastest mode could not be distinguished from a growing one ({', '.join(unclear)})", *found
-        )
+        doubt = f"the fastest mode could not be distinguished from a growing one ({', '.join(unclear)})"
+        return Certificate(UNDECIDED, "; ".join(filter(None, [noise, doubt])), *found)
     looked = ", ".join(p.name for p in parts)
     noisy = [p for p in parts if p.growth.hidden]
     if noisy and not skipped:
@@ -430,7 +450,8 @@ def judge(
             *found,
         )
     if skipped:
-        return Certificate(UNDECIDED, f"nothing grows as far as was examined ({looked})", *found)
+        looked = f"nothing grows as far as was examined ({looked})"
+        return Certificate(UNDECIDED, "; ".join(filter(None, [noise, looked])), *found)
     return Certificate(
         CERTIFIED,
         f"the slowest mode decays by {told(-growth.rate, crossing)} ({looked})"
@@ -495,6 +516,7 @@ def _recall(path: Path) -> Certificate | None:
         (),
         words["seconds"],
         words["quiet"],
+        words["work"],
     )
 
 
@@ -520,6 +542,7 @@ def _keep(path: Path, found: Certificate) -> None:
         "crossing": found.crossing,
         "quiet": found.quiet,
         "seconds": found.seconds,
+        "work": found.work,
         "parts": rows,
     }
     keep(path, words=json.dumps(words), **{f"field{i}": p.field for i, p in enumerate(found.parts)})
@@ -605,7 +628,7 @@ def _escapes(sim: Examined, part: ExaminedPart) -> bool:
 
 
 def _with_whole(
-    sim: Examined, slow: list[ExaminedPart], parts: list[ExaminedPart], skipped: list[str], left: float
+    sim: Examined, slow: list[ExaminedPart], parts: list[ExaminedPart], skipped: list[str], allowance: Allowance
 ) -> tuple[list[ExaminedPart], list[str]]:
     """Examined and skipped parts, with the complete update in place of modes that grow slowly between two sides."""
     worst = max(slow, key=lambda p: p.growth.rate)
@@ -613,22 +636,34 @@ def _with_whole(
         "the complete update, because with infinitely long sides a mode would grow by "
         f"{told(worst.growth.rate, sim.crossing)} ({worst.name})"
     )
-    if left > 0:
-        whole = _krylov_part(name, plain_twin(sim), sim.crossing, left)
-        if not (whole.growth.rate == 0 and np.isinf(whole.growth.error)):
-            return [*parts, whole], skipped
-    return parts, [*skipped, f"{name} (no time left)"]
+    whole = _krylov_part(name, plain_twin(sim), sim.crossing, allowance)
+    if not (whole.growth.rate == 0 and np.isinf(whole.growth.error)):
+        return [*parts, whole], skipped
+    return parts, [*skipped, f"{name} (the budget is used up)"]
 
 
 # --- what is examined ------------------------------------------------------------------------------------------
 
 
-def _examinations(sim: Examined) -> Iterator[tuple[str, Callable[[float], tuple[ExaminedPart, list[str]]]]]:
-    """What must be stable for the set-up to be stable, cheapest first; each is called with the seconds it may take."""
+def _cost(sim: Examined) -> float:
+    """Seconds of a round of steps on a typical core."""
+    nodes = float(np.prod(sim.engine.layout.box.nodes))
+    return sim.engine.tables.filter.every * step_seconds(nodes * sim.stencil.weights.size)
+
+
+def _examinations(sim: Examined) -> Iterator[Examination]:
+    """What must be stable for the set-up to be stable, cheapest first; each is called with what it may use."""
     if sim.exact_ends is not None and not sim.exact_ends.steps:
         raise InputError("the kernel of the exact ends is computed when the run begins")
     if int(np.prod(sim.engine.layout.box.nodes)) <= DENSE and State(sim.engine).size <= DENSE:
         yield "the complete update", lambda _: (_dense_part("the complete update", plain_twin(sim)), [])
+        return
+    whole: Examination = (
+        "the complete update",
+        lambda allowance: (_krylov_part("the complete update", plain_twin(sim), sim.crossing, allowance), []),
+    )
+    if sim.varied:  # what grows at the sides of a uniform medium says nothing about one that varies
+        yield whole
         return
     layered = [axis for axis in range(sim.lattice.dim) if any(sim.sides[axis, s].stretched for s in (-1, 1))]
     examined: list[int] = []
@@ -642,42 +677,54 @@ def _examinations(sim: Examined) -> Iterator[tuple[str, Callable[[float], tuple[
         return
     # whether the condition along an outline grows depends on the course of the outline
     if sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None:
-        yield (
-            "the complete update",
-            lambda left: (_krylov_part("the complete update", plain_twin(sim), sim.crossing, left), []),
-        )
+        yield whole
         return
     small = small_lattice(sim)
-    kind = f"{'corners' if len(layered) > 1 else 'faces'} on a copy of {' x '.join(map(str, small.shape))} nodes"
-    yield kind, lambda left: (_krylov_part(kind, plain_twin(sim, small, one_corner(sim)), sim.crossing, left), [])
+    kind = f"{'corners' if len(layered) > 1 else 'faces'} on a copy of {_by(small.shape)} nodes"
+    corners = one_corner(sim)
+    yield (kind, lambda allowance: (_krylov_part(kind, plain_twin(sim, small, corners), sim.crossing, allowance), []))
 
 
-def _noise_part(sim: Examined, budget: float, until: float, longest: float) -> tuple[ExaminedPart | None, float]:
-    """What grows in a short run from white noise, None if nothing does; and the time for which noise ran.
-
-    The noise runs in the set-up itself if that is small, or if cracks, conditions or an outline would make a copy a
-    different problem; otherwise in a small copy.
-    """
+def _noise_part(
+    sim: Examined, short: Allowance, further: Allowance, until: float
+) -> tuple[ExaminedPart | None, float, str]:
+    """What grows in a short run from white noise, None if nothing does; the time for which noise ran, and in what."""
     ends = sim.exact_ends
     if ends is not None and (ends.convolved or not ends.steps):
-        return None, 0.0  # a history that is kept in full is not a finite state
-    small = small_lattice(sim)
-    special = sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None
-    whole = special or np.prod(sim.lattice.shape) <= _ALIKE * np.prod(small.shape)
-    twin = plain_twin(sim) if whole else plain_twin(sim, small)
+        return None, 0.0, ""  # a history that is kept in full is not a finite state
+    twin, where = _noisy(sim, until)
     state, crossing = State(twin.engine), crossing_rounds(twin)
     pace = state.every * twin.dt
     asked = until / (crossing * pace)
     growth, crossings = noise_growth(
-        state.after_rounds, state.size, pace / sim.crossing, crossing, budget, asked, longest=longest
+        state.after_rounds, state.size, pace / sim.crossing, crossing, _cost(twin), further, short, asked
     )
     quiet = float(until if asked <= crossings * (1 + 1e-9) else crossings * crossing * pace)
     if growth is None:
-        return None, quiet
-    where = "the complete update" if whole else f"a copy of {' x '.join(map(str, small.shape))} nodes"
-    return ExaminedPart(
-        f"white noise, {where}", growth, state.portrait(growth.mode) if growth.mode.size else np.zeros(0)
-    ), quiet
+        return None, quiet, where
+    mode = state.portrait(growth.mode) if growth.mode.size else np.zeros(0)
+    return ExaminedPart(f"white noise, {where}", growth, mode), quiet, where
+
+
+def _noisy(sim: Examined, until: float) -> tuple[Examined, str]:
+    """The set-up without sources if it is small, if it varies, or if conditions or an outline would make a copy a
+    different problem; otherwise a small copy. Of a large medium that varies, a copy with shorter stretches of equal
+    planes. And its name.
+    """
+    small = small_lattice(sim)
+    special = sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None
+    if sim.varied:
+        rounds = min(until / sim.dt, stability.SHORT * crossing_rounds(sim)) / sim.engine.tables.filter.every
+        shorter = None if special or rounds * _cost(sim) <= _WHOLE else sim.shortened()
+        if shorter is not None:
+            return plain_twin(shorter), f"a copy with shorter strata, of {_by(shorter.lattice.shape)} nodes,"
+    elif not special and np.prod(sim.lattice.shape) > _ALIKE * np.prod(small.shape):
+        return plain_twin(sim, small), f"a copy of {_by(small.shape)} nodes"
+    return plain_twin(sim), "this set-up"
+
+
+def _by(shape: Sequence[int]) -> str:
+    return " x ".join(map(str, shape))
 
 
 def _dense_part(name: str, sim: Examined) -> ExaminedPart:
@@ -715,11 +762,13 @@ def _with_noise(growth: Growth, matrix: np.ndarray, crossing: int, dt: float) ->
     return replace(growth, error=np.inf), f"white noise does not decay within {_CROSSINGS} crossing times"
 
 
-def _krylov_part(name: str, sim: Examined, crossing: float, budget: float) -> ExaminedPart:
+def _krylov_part(name: str, sim: Examined, crossing: float, allowance: Allowance) -> ExaminedPart:
     """The fastest-growing mode of a set-up; `crossing` is the unit of time of its growth."""
     complete = State(sim.engine)
     pace = complete.every * sim.dt
-    growth = krylov_growth(complete.after_rounds, complete.size, pace / crossing, crossing_rounds(sim), budget)
+    growth = krylov_growth(
+        complete.after_rounds, complete.size, pace / crossing, crossing_rounds(sim), _cost(sim), allowance
+    )
     if growth.hidden and any((layer.sigma[layer.alpha == 0] > 0).any() for layer in sim.engine.layers.values()):
         # static fields do not decay in such a layer: a double eigenvalue 1, slower than any run shows
         growth = replace(growth, error=np.inf)
@@ -727,31 +776,27 @@ def _krylov_part(name: str, sim: Examined, crossing: float, budget: float) -> Ex
     return ExaminedPart(name, growth, complete.portrait(growth.mode) if growth.mode.size else np.zeros(0))
 
 
-def _side_part(sim: Examined, axis: int, budget: float) -> tuple[ExaminedPart, list[str]]:
-    """The worst mode between two sides over all tangential wavenumbers; and what there was no time for."""
-    end = time.monotonic() + budget
+def _side_part(sim: Examined, axis: int, allowance: Allowance) -> tuple[ExaminedPart, list[str]]:
+    """The worst mode between two sides over all tangential wavenumbers; and what the allowance did not suffice for."""
     real = sim.lattice.shape[axis]
-    strip = Strip(sim, axis, min(real, max(NARROW, 2 * sim.stencil.reach[axis] + 1)), budget=budget)
+    strip = Strip(sim, axis, min(real, max(NARROW, 2 * sim.stencil.reach[axis] + 1)), allowance=allowance)
     name = f"sides {AXES[axis]}, near field of {strip.width} nodes"
     if sim.lattice.dim == 1 and strip.size > _WIDE:
-        return _krylov_part(name, strip.sim, sim.crossing, budget), []
+        return _krylov_part(name, strip.sim, sim.crossing, allowance), []
     found: dict[tuple[float, ...], Growth] = {}
     sample = list(strip.sample())
-    longest = 0.0
     for angles in sample:
-        begin = time.monotonic()
-        found[angles] = strip.growth(*angles)
-        longest = max(longest, time.monotonic() - begin)
-        if time.monotonic() + longest > end:  # the next one would not finish in time
+        if found and not allowance.take(strip.seconds):
             break
+        found[angles] = strip.growth(*angles)
     missed = (
         [f"sides {AXES[axis]} at {len(sample) - len(found)} of {len(sample)} tangential wavenumbers"]
         if len(found) < len(sample)
         else []
     )
     for angles in sorted(found, key=lambda a: -found[a].rate)[:2]:
-        if found[angles].stable and time.monotonic() < end:
-            _climb(strip, angles, found, end)
+        if found[angles].stable:
+            _climb(strip, angles, found, allowance)
     worst = fastest(list(found.values()))
     # a wider near field can be stable where a narrow one is not
     if worst.stable is False and strip.width < real and strip.size < _WIDE:
@@ -769,11 +814,13 @@ def _side_part(sim: Examined, axis: int, budget: float) -> tuple[ExaminedPart, l
     return ExaminedPart(name, worst, strip.profile(worst.mode) if worst.stable is False else np.zeros(0)), missed
 
 
-def _climb(strip: Strip, angles: tuple[float, ...], found: dict[tuple[float, ...], Growth], end: float) -> None:
+def _climb(
+    strip: Strip, angles: tuple[float, ...], found: dict[tuple[float, ...], Growth], allowance: Allowance
+) -> None:
     """Climb from a tangential wavenumber to a nearby maximum of the growth rate, axis by axis."""
     for number in range(len(angles)):
         step = np.pi / strip.coarse / 2
-        while step > np.pi / strip.coarse / 10 and time.monotonic() < end:
+        while step > np.pi / strip.coarse / 10:
             here = angles
             for shift in (-step, step):
                 moved = (
@@ -782,6 +829,8 @@ def _climb(strip: Strip, angles: tuple[float, ...], found: dict[tuple[float, ...
                     *here[number + 1 :],
                 )
                 if moved not in found:
+                    if not allowance.take(strip.seconds):
+                        return
                     found[moved] = strip.growth(*moved)
                 if found[moved].rate > found[angles].rate:
                     angles = moved

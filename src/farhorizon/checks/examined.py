@@ -140,5 +140,8 @@ class Examined(Timed, Protocol):
     def extents_for(self, wanted: Mapping[tuple[int, int], float], until: float) -> dict[tuple[int, int], Extent]:
         """How far the medium must be computed beyond the given sides so that nothing returns during a run."""
 
+    def shortened(self) -> Examined | None:
+        """The same set-up with shorter stretches of equal planes; None if that is not much smaller."""
+
     def remade(self, **changes: Any) -> Examined:
         """The same set-up at its start, with some arguments of `Simulation` changed."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +15,7 @@ from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.layer import LatticeMedium, LayerSide
 from farhorizon.analysis.layers.spectrum import Band, band, faded, gain_of_spectrum, gain_of_time
 from farhorizon.analysis.resolution import ENOUGH, resolution
+from farhorizon.analysis.stability import Allowance, step_seconds
 from farhorizon.boundaries import Fixed, Side
 from farhorizon.checks.certificate import BUDGET, NOT_CERTIFIED, Certificate, CertificateFacts, certify, told
 from farhorizon.checks.examined import Examined, Timed
@@ -43,7 +43,7 @@ from farhorizon.pictures.style import frequency_text
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
 _FINE = tuple(np.linspace(0, 85, 35).tolist())  # angles of the picture
 LEAST = 5.0  # seconds that an examination may always take, however short the run
-_SHARE, _MINIMUM = 0.4, 0.1  # of the time: until when reflection is predicted, and least for the certificate
+_SHARE = 0.4  # of the budget for predictions of reflection; the certificate has the rest
 _HARDLY = 20.0  # a signal that lasts longer than this many runs has hardly begun by the end
 _STEEP = 60.0  # degrees: waves at larger angles are few, and layers absorb them worst
 _EXACT = 1e-14  # reflection below this is rounding error
@@ -129,6 +129,12 @@ class Reflections:
             ):
                 for wavelength in sorted(self.tables, reverse=True):
                     yield pair, wavelength, self.tables[wavelength][number]
+
+
+def _nominal(sim: Examined, until: float) -> float:
+    """Seconds of the steps of a run on a typical core."""
+    nodes = float(np.prod(sim.engine.layout.box.nodes))
+    return until / sim.dt * step_seconds(nodes * sim.stencil.weights.size)
 
 
 class ReflectionFacts(TypedDict):
@@ -236,13 +242,11 @@ class Report:
         if until is not None:
             report._cut_short(sim, until)
             report._estimate(sim, until)
-        begin = time.monotonic()  # from here on, so that preparing the time loop costs no verdict
-        whole = min(BUDGET, max(LEAST, report.numbers.get("seconds", BUDGET)))
+        whole = BUDGET if until is None else min(BUDGET, max(LEAST, _nominal(sim, until)))
         if wavelengths := _wavelengths(sim, waves, until):
-            report._predict(sim, wavelengths, begin + _SHARE * whole if budget is None else np.inf)
+            report._predict(sim, wavelengths, Allowance(_SHARE * whole if budget is None else np.inf))
         backward = report._backward(sim)
-        left = max(whole - (time.monotonic() - begin), _MINIMUM * whole)
-        report._certify(sim, backward, left if budget is None else budget)
+        report._certify(sim, backward, (1 - _SHARE) * whole if budget is None else budget)
         if any(b.held is not None for b in sim.sides.values()) and sim.engine.layers:
             report.warnings.append("a Fixed side reflects")
         report.rows += more
@@ -298,14 +302,15 @@ class Report:
         ]
         return None if not amplitudes[1].size else (amplitudes[0].max(initial=0.0), amplitudes[1].max())
 
-    def _predict(self, sim: Examined, wavelengths: tuple[float, ...], end: float) -> None:
+    def _predict(self, sim: Examined, wavelengths: tuple[float, ...], allowance: Allowance) -> None:
         """Predict the reflection by each kind of absorbing side, the typical wave first; note what was omitted."""
         for names, side in _sides(sim):
             found = Reflections(names, side)
             for wavelength in wavelengths:
-                if found.tables and time.monotonic() > end:
+                if not allowance.take(len(found.angles) * side.seconds) and found.tables:
                     self.omitted.append(
-                        f"no time to predict the reflection of waves of length {wavelength:.3g} by {names}"
+                        f"the reflection of waves of length {wavelength:.3g} by {names} is not predicted: a larger "
+                        "budget (--budget) includes it"
                     )
                 else:
                     found.tables[wavelength] = found.amplitudes(wavelength, found.angles)

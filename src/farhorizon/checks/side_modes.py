@@ -5,7 +5,6 @@ by itself.
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
 from typing import Any
@@ -15,7 +14,7 @@ import numpy as np
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.reflection import by_type, reflection, types_of
-from farhorizon.analysis.stability import Growth, dense_growth, fastest
+from farhorizon.analysis.stability import Allowance, Growth, dense_growth, eigenvalue_seconds, fastest, step_seconds
 from farhorizon.boundaries import Fixed, LatticePML, Periodic, Side
 from farhorizon.checks.examined import Examined
 from farhorizon.engine.engine import Layer
@@ -25,7 +24,6 @@ from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Ball, Disc
 from farhorizon.machine import one_blas_thread
 
-_TIMED = 8  # responses from which the time for all is extrapolated
 _SPREADS = 8  # diffusion has spread over much of the box after R^2/D divided by this
 NARROW = 8  # nodes of the near field between two layers that are examined, or more where the stencil reaches farther
 
@@ -132,13 +130,13 @@ class Strip:
         Nodes of the near field between the sides.
     sides : tuple of Side, optional
         Sides to use at the low and the high end instead of those of `sim`.
-    budget : float
-        Seconds allowed for the responses of the engine, from which all matrices are assembled.
+    allowance : Allowance, optional
+        For the responses of the engine, from which all matrices are assembled.
 
     Raises
     ------
     TimeoutError
-        The responses would take longer.
+        The responses would take more.
 
     Attributes
     ----------
@@ -152,10 +150,17 @@ class Strip:
         The smallest of these wavenumbers: 0 where the other sides admit waves that are uniform along them.
     pace : float
         Time step in crossings of the near field.
+    seconds : float
+        Time of the eigenvalues at one tangential wavenumber on a typical core.
     """
 
     def __init__(
-        self, sim: Examined, axis: int, width: int, sides: tuple[Side, Side] | None = None, budget: float = np.inf
+        self,
+        sim: Examined,
+        axis: int,
+        width: int,
+        sides: tuple[Side, Side] | None = None,
+        allowance: Allowance | None = None,
     ) -> None:
         dim, spacing = sim.lattice.dim, sim.lattice.spacing
         order = [axis, *(a for a in range(dim) if a != axis)]
@@ -197,13 +202,11 @@ class Strip:
         endless = all(b.periodic or not b.bonded for (a, _), b in sim.sides.items() if a != axis)
         self.longest = 0.0 if endless else 0.01
         # first index: the entry set to 1, so that each write is contiguous
+        products = float(np.prod(self.sim.engine.layout.box.nodes)) * sim.stencil.weights.size
+        if allowance is not None and not allowance.take(self.size * step_seconds(products)):
+            raise TimeoutError
         responses = np.empty((self.size, *self.place.shape))
-        begin = time.monotonic()
         for number in range(self.size):
-            if number == 1:  # the first response includes start-up time
-                begin = time.monotonic()
-            elif number > _TIMED and (time.monotonic() - begin) * self.size / number > budget:
-                raise TimeoutError
             unit = np.zeros(self.state.size)
             unit[self.place[number, 0]] = 1
             responses[number] = self.state.after(unit)[self.place]
@@ -217,6 +220,9 @@ class Strip:
                 > 1e-14 * np.abs(some).max()
             ):
                 self._images = None
+        # even and odd modes apart are two matrices of half the size; complex ones take four times as long
+        halves = 1 if self._images is None else 4
+        self.seconds = (4 if self.sim.stencil.components > 1 else 1) * eigenvalue_seconds(self.size) / halves
 
     def matrix(self, *angles: float) -> np.ndarray:
         """The map of one step, filters included, for waves of given tangential wavenumbers times spacing."""

@@ -419,6 +419,13 @@ class Elastic(LatticeModel):
             return replace(found, strength=next(iter(over.values()), None))
         return replace(found, strength=over.get("critical_stretch"), toughness=over.get("fracture_energy"))
 
+    def of_ratio(self, lame: float) -> Elastic:
+        """The same material of unit P modulus, `lame` of which is Lame's constant."""
+        model = copy.copy(self)
+        model._given_moduli, model.density = {}, 1.0
+        model.lame, model.shear = lame, (1 - lame) / 2
+        return model
+
     @property
     def moduli(self) -> tuple[float, float]:
         """Lame's constants; raises InputError where moduli or density vary."""

@@ -258,6 +258,10 @@ class LatticeModel:
         """Variation of the medium relative to this model, which is uniform; see `ordered`."""
         return Variation()
 
+    def of_ratio(self, lame: float) -> LatticeModel:
+        """The same solid with another ratio of Lame's constant to the P modulus; for other models the model itself."""
+        return self
+
     @property
     def title(self) -> str:
         """Name of the model in messages."""

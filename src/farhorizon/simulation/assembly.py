@@ -18,7 +18,6 @@ from farhorizon.inputs.incidence import Incidence
 from farhorizon.inputs.outside import Beyond, changes
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.medium.force_states import ForceStates
-from farhorizon.medium.stencil import Stencil
 from farhorizon.medium.variation import Variation
 from farhorizon.simulation.breaking import Breaking
 from farhorizon.simulation.closing import close, exact_ends_of
@@ -437,11 +436,10 @@ def _choose_sides(
 
 
 def _with_layers(setup: Setup, near: NearField, sides: Sides, sources: Sequence[Any]) -> Surroundings:
-    stencil: Stencil = near.stencil
-    around = with_light_dampers(near, by_target(setup, sides, stencil, near.pace.sides))
+    around = with_light_dampers(near, by_target(setup, sides, near.continued, near.pace.sides))
     found = choose_layers(setup, near, around, sources)
     if found.thickness:
-        check_memory(setup, stencil, found)
+        check_memory(setup, near.stencil, found)
     return found
 
 

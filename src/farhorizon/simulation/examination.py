@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from farhorizon.analysis.stability import step_seconds
 from farhorizon.checks.certificate import UNDECIDED, Certificate
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.medium.stencil import Stencil
 
-_LEAST = 2.0  # smallest budget, in seconds, for the modes of a run
-_LONG = 100_000_000  # bonds times steps above which the time of a run is measured to set the budget
+_LEAST = 2.0  # smallest budget for the modes of a run
 
 
 class Examinable(Protocol):
@@ -20,9 +20,6 @@ class Examinable(Protocol):
     stencil: Stencil
     dt: float
     step_count: int
-
-    def seconds_per_step(self) -> float:
-        """Time of a step on this machine at present."""
 
     def certificate(self, budget: float, until: float) -> Certificate:
         """Determine whether the complete update is stable, in at most `budget` seconds."""
@@ -59,7 +56,8 @@ class Examination:
 
 
 def modes_budget(run: Examinable, until: float) -> float:
-    """Return the time in seconds that the examination of the modes may take for a run to a time."""
+    """Return what the examination of the modes may take for a run to a time, half of the run's own operations, in
+    seconds of a typical core.
+    """
     steps = until / run.dt - run.step_count
-    work = steps * run.lattice.nodes * len(run.stencil.weights)
-    return max(_LEAST, 0.5 * run.seconds_per_step() * steps if work > _LONG else 0.0)
+    return max(_LEAST, 0.5 * steps * step_seconds(run.lattice.nodes * run.stencil.weights.size))

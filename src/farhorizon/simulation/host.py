@@ -73,6 +73,8 @@ class Pace(NamedTuple):
         Largest squared speed within one reach of each side: a layer is made for the fastest waves that it meets.
     closing : float
         Largest contribution of closing bonds to the largest value of the symbol, for materials with states.
+    lame : float or None
+        Largest ratio of Lame's constant to the P modulus at the sides with layers; None where it does not vary.
     """
 
     strongest: float
@@ -80,6 +82,7 @@ class Pace(NamedTuple):
     fastest: float
     sides: dict[Key, float]
     closing: float
+    lame: float | None = None
 
 
 def varied(setup: Setup) -> tuple[Setup, Variation]:
@@ -207,9 +210,21 @@ def pace_in(setup: Setup, boxes: Decomposition, stencil: Stencil, variation: Var
             closing *= team.largest(lightest_bond(stiff, heavy, stencil.offsets, "arithmetic"))
     else:
         closing *= strongest
-    beside = {key: team.largest(_fastest_at(speeds, lattice, stencil.reach, *key)) for key in keys}
+    beside = {key: team.largest(_largest_at(speeds, lattice, stencil.reach, *key)) for key in keys}
     sides = {key: found or strongest or 1.0 for key, found in beside.items()}
-    return Pace(strongest, weakest, fastest, sides, closing)
+    return Pace(strongest, weakest, fastest, sides, closing, _lame_beside_layers(setup, variation, stencil.reach, team))
+
+
+def _lame_beside_layers(setup: Setup, variation: Variation, reach: Sequence[int], team: Team) -> float | None:
+    """Return the largest ratio of Lame's constant to the P modulus within one reach of the sides with layers: the
+    nearer a solid is to a fluid, the longer and stronger are its backward waves, which its layers must damp.
+    """
+    if variation.lame is None:
+        return None
+    ratio = variation.lame[0] / (variation.lame[0] + 2 * variation.lame[1])
+    layered = [key for key, side in setup.sides.items() if side.stretched or side.undecided]
+    beside = [team.largest(_largest_at(ratio, setup.lattice, reach, *key, initial=-1.0)) for key in layered]
+    return max(beside, default=None)
 
 
 def _softest(variation: Variation, team: Team) -> float:
@@ -219,14 +234,14 @@ def _softest(variation: Variation, team: Team) -> float:
     return -team.largest(-float((variation.springs / variation.stiffness).min()))
 
 
-def _fastest_at(speeds: np.ndarray, part: Lattice, reach: Sequence[int], axis: int, side: int) -> float:
-    """Return the largest squared speed within one reach of a side of the whole lattice; 0 if this part has no such
-    node.
-    """
+def _largest_at(
+    values: np.ndarray, part: Lattice, reach: Sequence[int], axis: int, side: int, initial: float = 0.0
+) -> float:
+    """Return the largest value within one reach of a side of the whole lattice, but at least `initial`."""
     first, last = part.first[axis], part.first[axis] + part.shape[axis]
     low, high = (0, reach[axis] + 1) if side < 0 else (part.whole.shape[axis] - reach[axis] - 1, last)
     there = slice(max(low - first, 0), max(min(high, last) - first, 0))
-    return float(np.moveaxis(speeds, axis, 0)[there].max(initial=0))
+    return float(np.moveaxis(values, axis, 0)[there].max(initial=initial))
 
 
 def _grown(values: np.ndarray, boxes: Decomposition, reach: Sequence[int], team: Team) -> np.ndarray:

@@ -289,7 +289,7 @@ class _Choice:
         least = min(b.wanted(model.target) for b in layers.values())
         waves = WaveField(
             near.lattice.shape,
-            near.stencil,
+            near.continued,
             model.coefficient,
             self.around.coefficients,
             near.lattice.spacing,
@@ -337,7 +337,7 @@ class _Choice:
             say = "which a step so close to its limit hardly damps, and which layers for diffusion do not absorb"
             remedy = f"dt <= {0.6 * near.step_limit:.3g} or smoother data"
         else:
-            damped = high_pass(near.stencil)
+            damped = high_pass(near.continued)
             first = None if damped is None or weak(damped) else damped.first
             say = "some of which run backward in this medium, which predictions do not include"
             remedy = "smoother data, another influence or Extended"

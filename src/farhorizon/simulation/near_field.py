@@ -82,6 +82,17 @@ class NearField:
     pace: Pace
     coupling: Coupling | None = None
 
+    @cached_property
+    def continued(self) -> Stencil:
+        """Stencil for which layers are made: that of the medium; where Poisson's ratio varies, that with the largest
+        ratio at their sides, whose backward waves are the longest and grow fastest.
+        """
+        return (
+            self.stencil
+            if self.pace.lame is None
+            else self.model.of_ratio(self.pace.lame).medium(self.lattice.spacing, self.lattice.dim)
+        )
+
     @property
     def extremes(self) -> Extremes:
         """Quantities that a part of the near field cannot determine on its own."""

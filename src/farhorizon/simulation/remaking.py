@@ -6,8 +6,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
+from farhorizon.geometry.lattice import Lattice
 from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.host import constants_of
 from farhorizon.simulation.setup import Setup, check_names
+
+_LEAST = 5  # planes that remain of a stretch of equal ones, or as many as a node interacts with
 
 
 def remade_setup(setup: Setup, settled: Setup, parts: Parts, changes: Mapping[str, Any]) -> Setup:
@@ -28,3 +34,42 @@ def remade_setup(setup: Setup, settled: Setup, parts: Parts, changes: Mapping[st
     if near.squared_speed is not None and near.strongest > 0:
         changes["model"] = changes["model"].scaled(near.strongest)
     return replace(settled, **changes)
+
+
+def shortened_setup(setup: Setup, settled: Setup, parts: Parts) -> Setup | None:
+    """Return a set-up at rest in which stretches of equal planes of a medium that varies are shortened to what a node
+    interacts with, so that every pair of adjoining media remains; None where this saves less than half of the nodes, or
+    where there are bodies, cracks or conditions.
+    """
+    near = parts.near
+    special = setup.cracks or setup.constraints or setup.specimens or near.lattice.mask is not None
+    properties = [*near.variation.of_waves, *(() if near.coefficient is None else [near.coefficient])]
+    if special or not properties:
+        return None
+    stacked = np.stack(properties)
+    kept = [
+        _shortened(np.moveaxis(stacked, 1 + axis, 0), max(_LEAST, 2 * reach + 1))
+        for axis, reach in enumerate(near.stencil.reach)
+    ]
+    shape = np.array([len(planes) for planes in kept])
+    if 2 * np.prod(shape) > near.lattice.nodes:
+        return None
+    chosen, lattice = np.ix_(*kept), near.lattice
+    constants = {name: values[chosen] for name, values in constants_of(setup).items()}
+    return replace(
+        settled,
+        lattice=Lattice(lattice.spacing, lattice.lower, lattice.lower + lattice.spacing * (shape - 1)),
+        model=setup.model.with_constants(constants),
+        coefficient=None if near.coefficient is None else near.coefficient[chosen],
+        initial={},
+        sources=(),
+        loads=(),
+        balance=False,
+    )
+
+
+def _shortened(planes: np.ndarray, most: int) -> np.ndarray:
+    """Return the numbers of the planes (first axis) that remain if at most some of a stretch of equal ones do."""
+    changes = 1 + np.flatnonzero((planes[1:] != planes[:-1]).reshape(len(planes) - 1, -1).any(1))
+    stretches = np.split(np.arange(len(planes)), changes)
+    return np.concatenate([stretch[:most] for stretch in stretches])

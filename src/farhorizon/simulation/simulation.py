@@ -36,7 +36,7 @@ from farhorizon.simulation.march import March
 from farhorizon.simulation.overstretch import look_at
 from farhorizon.simulation.recorder import Observer
 from farhorizon.simulation.recording import Recording
-from farhorizon.simulation.remaking import remade_setup
+from farhorizon.simulation.remaking import remade_setup, shortened_setup
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.running_cracks import with_energy_factor
 from farhorizon.simulation.sent import rows_on_processes
@@ -438,6 +438,13 @@ class Simulation(Run):
         """
         return Simulation.of(remade_setup(self.setup, self.settled, self.parts, changes))
 
+    def shortened(self) -> Simulation | None:
+        """The same set-up at rest, with shorter stretches of equal planes of a medium that varies; None where this is
+        not much smaller.
+        """
+        setup = shortened_setup(self.setup, self.settled, self.parts)
+        return None if setup is None else Simulation.of(setup)
+
     def certificate(self, budget: float = BUDGET, until: float = np.inf) -> Certificate:
         """Determine whether the complete update, that is, the near field with all memory of the boundaries, is stable;
         see `farhorizon.checks.certificate`.
@@ -445,7 +452,8 @@ class Simulation(Run):
         Parameters
         ----------
         budget : float
-            Seconds that this may take; whatever is not examined in that time is named.
+            Seconds that this may take on a typical core. Operations are counted, so that the verdict depends on neither
+            the machine nor its load; whatever is not examined is named.
         until : float
             Length of the run: white noise is followed for as long as this, up to ten crossing times.
         """

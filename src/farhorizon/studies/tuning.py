@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
@@ -155,15 +154,15 @@ def tuned(
         except InputError:  # a cloud without neighbours, or no wave of the band
             continue
     ranked.sort(key=lambda found: found[0])
-    begin = time.monotonic()
+    left = budget
     for refused, (amplitude, candidate) in enumerate(ranked):
-        left = budget - (time.monotonic() - begin)
         if left <= 0:
             break
         try:
             certificate = sim.remade(boundary=candidate, initial={}).certificate(min(left, _SHARE * budget))
         except InputError:  # applicable to a flat side, but not to this outline
             continue
+        left -= certificate.work
         if certificate.verdict == CERTIFIED:
             return Tuning(candidate, amplitude, angle, certificate, refused)
     raise InputError(

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
@@ -376,6 +377,8 @@ class LayerSide:
     medium: LatticeMedium
     layer: Layer
     diffusive: bool = False
+    #: Time of one angle on a typical core.
+    seconds: ClassVar[float] = 0.005
 
     @property
     def types(self) -> tuple[str, ...]:
